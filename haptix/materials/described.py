@@ -11,7 +11,7 @@ import re
 from math import floor, log10
 from typing import Any
 
-from haptix.texture.material import Material
+from haptix.kinds import Kind
 
 UNITS = {
     "_mm_per_s": "mm/s", "_mm_s": "mm/s", "_deg_s": "°/s", "_deg": "°", "_mm": "mm", "_kg": "kg",
@@ -27,9 +27,9 @@ _STEPS = {"mm": 0.1, "°": 5.0, "°/s": 5.0, "mm/s": 5.0, "N": 0.05}
 _FIELD = re.compile(r"^([a-z_, ]+?) :.*\n((?:    .*\n?)+)", re.MULTILINE)
 
 
-def describe(model: type[Material], definition: dict[str, Any]) -> None:
+def describe(model: type[Kind], definition: dict[str, Any]) -> None:
     """Add to a kind's definition in the JSON Schema what a panel shows."""
-    told = _told(model)
+    help_texts = _help_of(model)
     doc = inspect.cleandoc(model.__doc__ or "")
     definition["title"] = str(model.model_fields["kind"].default).replace("-", " ").capitalize()
     definition["description"] = " ".join(doc.split("\n\n")[0].split())
@@ -39,8 +39,8 @@ def describe(model: type[Material], definition: dict[str, Any]) -> None:
         unit = next((unit for end, unit in UNITS.items() if name.endswith(end)), None)
         words = name.removesuffix(next((end for end in UNITS if name.endswith(end)), ""))
         field["title"] = words.replace("_", " ").capitalize()
-        if name in told:
-            field["description"] = told[name]
+        if name in help_texts:
+            field["description"] = help_texts[name]
         if unit is not None:
             field["x-unit"] = unit
         number = _number(field)
@@ -51,16 +51,16 @@ def describe(model: type[Material], definition: dict[str, Any]) -> None:
             field["x-step"] = 1 if is_whole else _STEPS.get(unit or "", _step(low, high))
 
 
-def _told(model: type[Material]) -> dict[str, str]:
+def _help_of(model: type[Kind]) -> dict[str, str]:
     """Help for fields, from the docstrings of a kind and its bases."""
-    found: dict[str, str] = {}
-    for one in reversed(model.__mro__):
-        text = inspect.cleandoc(one.__doc__ or "") if issubclass(one, Material) else ""
+    help_texts: dict[str, str] = {}
+    for base in reversed(model.__mro__):
+        text = inspect.cleandoc(base.__doc__ or "") if issubclass(base, Kind) else ""
         _, _, fields = text.partition("Parameters\n----------\n")
         for names, help_text in _FIELD.findall(fields):
             for name in names.split(", "):
-                found[name] = " ".join(help_text.split())
-    return found
+                help_texts[name] = " ".join(help_text.split())
+    return help_texts
 
 
 def _number(field: dict[str, Any]) -> dict[str, Any] | None:
@@ -91,7 +91,7 @@ def _step(low: float, high: float) -> float:
     return float(f"{max(part for part in (1, 2, 5) if part * power <= rough * 1.0001) * power:g}")
 
 
-def steps_of(model: type[Material]) -> dict[str, float]:
+def steps_of(model: type[Kind]) -> dict[str, float]:
     """Steps of a kind's numeric fields, by their names."""
     definition = model.model_json_schema()
     describe(model, definition)

@@ -1,13 +1,16 @@
-"""All kinds together, and the JSON Schema of their documents."""
+"""All kinds together, and the JSON Schema of their documents and of the signals within them."""
 
 from __future__ import annotations
 
+from math import inf
 from typing import Any
 
 from pydantic.json_schema import models_json_schema
 
-from haptix.kinds import AnyAsset
+from haptix.kinds import AnyAsset, Kind
 from haptix.materials.described import describe
+from haptix.signals.signal import ANY_SIGNAL
+from haptix.signals.signal import KINDS as SIGNALS
 from haptix.texture.material import (
     ANY_KIND,
     KINDS,
@@ -17,6 +20,9 @@ from haptix.texture.material import (
     load,
     material_of,
 )
+
+_FAMILIES = {"material": KINDS, "signal": SIGNALS}
+_REFERENCES = {ANY_KIND: "#/$defs/material", ANY_SIGNAL: "#/$defs/signal"}
 
 __all__ = [
     "KINDS",
@@ -33,22 +39,26 @@ __all__ = [
 def schema() -> dict[str, Any]:
     """JSON Schema of a document of any kind in `KINDS`, discriminated by ``kind``.
 
-    Fields have titles, help, and for panels ``x-unit``, ``x-step`` and ``x-range``.
+    Fields have titles, help, and for panels ``x-unit``, ``x-step`` and ``x-range``. Signals stand
+    beside the materials, as ``#/$defs/signal``.
     """
-    models: list[tuple[type[Material], Any]] = [(one, "validation") for one in KINDS.values()]
-    _, found = models_json_schema(models)
-    definitions = _with_references(found["$defs"])
-    name_of = {kind: model.__name__ for kind, model in KINDS.items()}
-    for kind, name in name_of.items():
-        definitions[name]["properties"]["kind"] = {"const": kind}
-        definitions[name]["required"] = sorted({"kind", *definitions[name].get("required", [])})
-        definitions[name]["properties"]["schema_version"] = {"const": 1}
-        describe(KINDS[kind], definitions[name])
-    refs = {kind: f"#/$defs/{name}" for kind, name in sorted(name_of.items())}
-    definitions["material"] = {
-        "oneOf": [{"$ref": ref} for ref in refs.values()],
-        "discriminator": {"propertyName": "kind", "mapping": refs},
-    }
+    models: list[tuple[type[Kind], Any]] = [
+        (model, "validation") for kinds in _FAMILIES.values() for model in kinds.values()
+    ]
+    _, generated = models_json_schema(models)
+    definitions = _with_references(generated["$defs"])
+    for family, kinds in _FAMILIES.items():
+        for kind, model in kinds.items():
+            definition = definitions[model.__name__]
+            definition["properties"]["kind"] = {"const": kind}
+            definition["required"] = sorted({"kind", *definition.get("required", [])})
+            definition["properties"]["schema_version"] = {"const": 1}
+            describe(model, definition)
+        refs = {kind: f"#/$defs/{model.__name__}" for kind, model in kinds.items()}
+        definitions[family] = {
+            "oneOf": [{"$ref": ref} for ref in refs.values()],
+            "discriminator": {"propertyName": "kind", "mapping": refs},
+        }
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "A haptix material",
@@ -62,6 +72,6 @@ def _with_references(part: Any) -> Any:
         return [_with_references(item) for item in part]
     if not isinstance(part, dict):
         return part
-    if part.get("title") == ANY_KIND:
-        return {"$ref": "#/$defs/material"}
-    return {key: _with_references(item) for key, item in part.items()}
+    if part.get("title") in _REFERENCES:
+        return {"$ref": _REFERENCES[part["title"]]}
+    return {key: "forever" if item == inf else _with_references(item) for key, item in part.items()}

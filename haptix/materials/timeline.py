@@ -12,7 +12,7 @@ from pydantic import PlainSerializer, PlainValidator, WithJsonSchema
 from haptix.checks import Array
 from haptix.errors import InputError
 from haptix.motion import Facts, Motion
-from haptix.signals.signal import Signal, signal_from
+from haptix.signals.signal import ANY_SIGNAL, Signal, signal_from
 
 RATE_HZ = 12_000.0
 """Rate of the tables: that of the renderer's control points."""
@@ -45,9 +45,7 @@ AnyCurve = Annotated[
     Signal,
     PlainValidator(_signal),
     PlainSerializer(lambda one: one.describe()),
-    WithJsonSchema(
-        {"type": "object", "properties": {"kind": {"type": "string"}}, "required": ["kind"]}
-    ),
+    WithJsonSchema({"title": ANY_SIGNAL}),
 ]
 """A signal as stimuli have them: sine, pulse, chirp, points, recorded, sums, products, ..."""
 

@@ -56,6 +56,12 @@ class DocumentWork:
         self.reach(_FORCE_N)
         return {}
 
+    def schema(self) -> dict[str, Any]:
+        """JSON Schema of all kinds of material and signal."""
+        from haptix.materials import schema
+
+        return schema()
+
     def picture(
         self,
         material: dict[str, Any],

@@ -351,7 +351,7 @@ class EngineServer:
         """Open the device, and load or build the surface that its finger and screen need."""
         from haptix.devices import open_device
         from haptix.finger import Finger
-        from haptix.materials import KINDS, schema
+        from haptix.materials import KINDS
         from haptix.profiles import profiles_for
         from haptix.render.core import carrier_hz
         from haptix.screen import Screen
@@ -372,7 +372,6 @@ class EngineServer:
             "profiles": profiles_of(*used, {"finger": finger, "screen": screen}),
             "carrier_hz": carrier_hz(self._surface),
             "kinds": sorted(KINDS),
-            "schema": schema(),
         }
 
     def _do_layout_set(self, session: int, document: dict[str, Any]) -> dict[str, Any]:

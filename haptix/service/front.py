@@ -270,11 +270,6 @@ def application(
         """A file by its SHA-256."""
         return FileResponse(assets.path(digest), media_type="application/octet-stream")
 
-    @app.get("/v1/kinds", dependencies=[Depends(token)])
-    async def kinds() -> dict[str, Any]:
-        """JSON Schema of all kinds of material."""
-        return hub.material_schema
-
     @app.get("/v1/schemas/session", dependencies=[Depends(token)])
     async def schema() -> dict[str, Any]:
         """JSON Schema of the session's messages."""

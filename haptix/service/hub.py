@@ -59,7 +59,6 @@ class Hub:
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
         self.access, self.engine, self.inventory = access, engine, inventory
-        self.material_schema: dict[str, Any] = {}
         self.profiles: dict[str, Any] = {}
         self.decode: Callable[[str, dict[str, Any]], Awaitable[None]] | None = None  # pictures
         self.full_drive: dict[str, Any] | None = None  # carrier and amplitude, once armed

@@ -287,7 +287,7 @@ class Pool:
                 if owned.process is None or owned.process.pid is None:
                     self._make_room(owned)
                     owned.process = await self._take()
-                if do != "decode":  # which needs little; all else needs torch
+                if do not in ("decode", "schema"):  # which need little; all else needs the surface
                     await owned.process.ask("load")
             limit_s = self._longest_s
             async with asyncio.timeout(limit_s):

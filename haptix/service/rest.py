@@ -149,6 +149,11 @@ def documents_router(pool: Pool, layouts: Path) -> APIRouter:
             for preset in presets()
         )
 
+    @router.get("/kinds")
+    async def kinds(request: Request) -> dict[str, Any]:
+        """JSON Schema of all kinds of material, and of the signals within them."""
+        return await pool.ask(request.state.owner, "schema")
+
     @router.get("/layouts")
     async def names() -> tuple[str, ...]:
         """Names of the layouts that are kept."""

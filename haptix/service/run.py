@@ -109,7 +109,7 @@ def serve(
                 failure.append(problem)
                 server.should_exit = True
                 return
-            hub.inventory, hub.material_schema = _inventory(device, opened), opened["schema"]
+            hub.inventory = _inventory(device, opened)
             hub.profiles = opened["profiles"]
             used = {key: opened[key] for key in ("finger", "screen")}
             pool.opening = {**used, "surface": opening["surface"], "assets": opening["assets"]}

@@ -22,6 +22,7 @@ from pydantic import (
     PlainSerializer,
     PlainValidator,
     ValidatorFunctionWrapHandler,
+    WithJsonSchema,
     WrapValidator,
     model_validator,
 )
@@ -64,7 +65,13 @@ _AS_HELD = PlainSerializer(lambda value: "forever" if value == inf else value)
 Number = Annotated[float, Field(strict=True), _AS_GIVEN, _AS_HELD]
 Positive = Annotated[float, Field(strict=True, gt=0), _AS_GIVEN, _AS_HELD]
 NotNegative = Annotated[float, Field(strict=True, ge=0), _AS_GIVEN, _AS_HELD]
-Length = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=True), _AS_GIVEN, _AS_HELD]
+Length = Annotated[
+    float,
+    Field(strict=True, gt=0, allow_inf_nan=True),
+    _AS_GIVEN,
+    _AS_HELD,
+    WithJsonSchema({"anyOf": [{"type": "number", "exclusiveMinimum": 0}, {"const": "forever"}]}),
+]
 """A number above 0 that may be infinite: "forever" in files."""
 
 
@@ -214,8 +221,14 @@ def signal_from(table: Any, place: str = "") -> Signal:
         raise InputError(f"{place}: {error}" if place else str(error)) from None
 
 
+ANY_SIGNAL = "a signal of any kind"
+"""Stands in schemas for all kinds: pydantic knows no reference to what is registered later."""
+
 AnySignal = Annotated[
-    Signal, PlainValidator(signal_from), PlainSerializer(lambda one: one.describe())
+    Signal,
+    PlainValidator(signal_from),
+    PlainSerializer(lambda signal: signal.describe()),
+    WithJsonSchema({"title": ANY_SIGNAL}),
 ]
 """A field that holds any signal: itself, its table, or a number, which is a constant."""
 

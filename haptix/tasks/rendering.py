@@ -460,7 +460,7 @@ def _told(summary: Mapping[str, Any], errors: Evaluation) -> list[dict[str, str]
         f"{surface['error_max_mu']:.1g}",
         "target friction": f"{low:.3f} to {high:.3f}",
         "error": ", ".join(f"{heading} {cell}" for heading, cell in row(errors).items()),
-        "": errors.counts,
+        "samples": errors.counts,
         "out of reach": f"{shares['share_below']:.1%} too low, {shares['share_above']:.1%} too "
         f"high, {shares['share_outside_surface']:.1%} outside the surface",
         "past breakdown": f"{summary['pull_past_breakdown']:.0%} of the attraction at its "

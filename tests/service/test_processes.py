@@ -25,6 +25,7 @@ import haptix.client
 from firmware_io import MockDriver
 from firmware_io.serve import DriverServer
 from haptix.errors import DeviceError
+from haptix.gallery import ASSETS
 from tests.waiting import PATIENCE_S, wait_for
 
 pytestmark = pytest.mark.slow  # each starts the whole service
@@ -280,6 +281,41 @@ def test_the_engine_is_killed_or_hangs(running, how):
             wait_for(running.is_live)
         else:
             os.kill(engine, signal.SIGCONT)
+        sliding.stop()
+
+
+def test_workers_are_killed_under_a_finger_that_slides(running):
+    """The virtual finger feels again, the voltage goes on, and no other session notices."""
+    photograph = next(ASSETS.glob("*.*")).stem
+    region = {"name": "wall", "width_mm": 60.0, "height_mm": 40.0}
+    material = {"kind": "photograph", "file": f"sha256:{photograph}", "width_mm": 60.0}
+    with running.connect() as client, running.connect("another") as another:
+        frames, outputs, others = [], [], []
+        client.on("frame", frames.append)
+        client.on("output", outputs.append)
+        for kind in ("lost", "warning", "error", "lease"):
+            another.on(kind, others.append)
+        before = another.layout_set(LAYOUT).revision
+        client.ask("subscribe", streams={"felt": 100.0})
+        sliding = felt(running, client)
+        wait_for(lambda: frames)
+        others.clear()
+        engine, *workers = running.helpers
+        assert len(workers) > 1  # the virtual finger's, and one that is nobody's yet
+        for worker in workers:
+            os.kill(worker, signal.SIGKILL)
+        wait_for(lambda: not {*workers} & {*running.helpers})
+        frames.clear()
+        # A new worker decodes the other session's photograph.
+        op = {"op": "add", **region, "material": material}
+        assert another.layout_change(op).revision == before + 1
+        wait_for(lambda: frames)
+        wait_for(running.is_live)
+        assert running.engine == engine
+        assert not others and not [output for output in outputs if output.state == "failed"]
+        assert np.abs(running.driver.output_v).max() <= 200.0
+        with running.at_0_v_within(0.05):
+            client.stop()
         sliding.stop()
 
 

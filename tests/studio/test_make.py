@@ -9,7 +9,6 @@ import pytest
 from skimage import data
 from skimage.io import imsave
 
-from haptix import materials
 from haptix.errors import HaptixError
 from haptix.gallery import ASSETS
 from haptix.service.assets import AssetStore
@@ -43,7 +42,6 @@ def served(tmp_path_factory):
     folder = tmp_path_factory.mktemp("service")
     routes = documents_router(PoolHere(folder / "assets"), folder / "kept")
     with a_front(folder, routes) as service:
-        service.hub.material_schema = materials.schema()
         yield service
 
 

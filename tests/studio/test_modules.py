@@ -26,7 +26,7 @@ def module(tmp_path_factory, browser):
 def test_undo_and_redo_lead_back_whatever_was_changed(module):
     """Each undo of random changes gives the document before, each redo the one after."""
     found = module(
-        "history.js",
+        "document.js",
         """
         let seed = argument;
         const random = (n) => (seed = (seed * 48271) % 2147483647) % n;
@@ -66,7 +66,7 @@ def test_undo_and_redo_lead_back_whatever_was_changed(module):
 
 def test_a_drag_is_one_step(module):
     assert module(
-        "history.js",
+        "document.js",
         """
         const history = new m.History({x: 0});
         const move = (x, drag) => history.change("Move", (draft) => { draft.x = x; }, drag);
@@ -110,7 +110,7 @@ def test_changes_are_few_operations(module, after, ops):
     """None: the layout is set anew, where the order or what is no longer said cannot be changed."""
     before = [{"name": "a", "x_mm": 0, "material": 1}, {"name": "b", "x_mm": 0, "material": 2}]
     found = module(
-        "sync.js", "return m.changes(...argument)", [{"regions": before}, {"regions": after}]
+        "document.js", "return m.changes(...argument)", [{"regions": before}, {"regions": after}]
     )
     assert (found and [f"{op['op']} {op['name']}" for op in found]) == ops if ops else found == ops
 
@@ -119,7 +119,7 @@ def test_the_spectrum_is_that_of_numpy(module):
     random = np.random.default_rng(1)
     t = np.arange(512) / 1000
     signal = 0.3 + 0.02 * np.sin(2 * np.pi * 62.5 * t) + 0.01 * random.standard_normal(512)
-    found = np.array(module("spectrum.js", "return [...m.amplitudes(argument)]", signal.tolist()))
+    found = np.array(module("plots.js", "return [...m.amplitudes(argument)]", signal.tolist()))
     window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(512) / 512)
     expected = np.abs(np.fft.rfft((signal - signal.mean()) * window))[:256] / 128
     np.testing.assert_allclose(found, expected, atol=1e-12)  # both in 64 bits
@@ -160,7 +160,7 @@ def test_felt_rows_find_their_friction(module):
 def test_what_moves_is_drawn_as_it_is_now(module):
     """Each time has the picture of its moment; what looks the same for long is not asked again."""
     found = module(
-        "films.js",
+        "pictures.js",
         """
         const asked = [];
         // A picture of one place, whose level is its time in steps of the film; or that stands.
@@ -211,6 +211,29 @@ def test_what_moves_is_drawn_as_it_is_now(module):
     # Looked at from afar, then second by second, the next one before it is needed.
     assert moving[1:] == [(3, 1 / 24), (4, 1 / 24)] and moving[0][1] > 0.4
     assert sum(kind == "stands" for _, kind, *_ in asked) == 1
+
+
+@pytest.mark.parametrize(("code", "asked", "drawn"), [("device", 3, 1), ("document", 1, 0)])
+def test_a_picture_is_asked_for_again_unless_it_is_refused_for_good(module, code, asked, drawn):
+    found = module(
+        "pictures.js",
+        """
+        const { Refused } = await import("/client/haptix.js");
+        let [asked, drawn] = [0, 0];
+        const rest = async () => {
+            asked += 1;
+            if (asked < 3) throw new Refused({ code: argument, sentence: "not now" });
+            return { json: async () => ({ columns: 1, rows: 1, levels: btoa("H") }) };
+        };
+        m.picturesFrom({ rest });
+        const region = { name: argument, material: { kind: argument }, width_mm: 1, height_mm: 1 };
+        m.pictureOf(region, () => (drawn += 1));
+        await new Promise((resolve) => setTimeout(resolve, 2500));
+        return [asked, drawn];
+        """,
+        code,
+    )
+    assert found == [asked, drawn]
 
 
 HEAR = """

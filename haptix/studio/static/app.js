@@ -1,17 +1,15 @@
 /** The frame of the pages: header, state, STOP, pairing, messages, and which page is shown. */
 
+import { History, Layout, START } from "./document.js";
 import { el, fill } from "./dom.js";
-import { History } from "./history.js";
-import { PAGES } from "./pages.js";
 import { picturesFrom } from "./pictures.js";
 import { sentence, Service } from "./service.js";
-import { START } from "./start-document.js";
-import { Layout } from "./sync.js";
 import { texts } from "./texts.js";
 import { choose, view } from "./view.js";
 
 /** @import { Notice } from "./service.js" */
 /** @import * as m from "../../../clients/typescript/types/messages.js" */
+
 /**
  * What a page gets.
  * @typedef {object} App
@@ -20,6 +18,17 @@ import { choose, view } from "./view.js";
  * @property {Layout} layout what the service has of it
  */
 
+/** @typedef {{mount: (root: HTMLElement, app: App) => (() => void)}} Page `mount` returns what ends it */
+/** @typedef {{path: string, load: () => Promise<Page>}} Entry */
+
+/** @type {Entry[]} the first one opens at a bare start; its title is `texts.pages[path]` */
+const PAGES = [
+  { path: "play", load: () => import("./pages/play.js") },
+  { path: "make", load: () => import("./pages/make.js") },
+  { path: "screens", load: () => import("./pages/screens.js") },
+  { path: "calibrate", load: () => import("./pages/calibrate.js") },
+  { path: "sit", load: () => import("./pages/sit.js") },
+];
 const NOTICE_MS = 8000;
 const service = new Service();
 const history = new History(START);
@@ -102,7 +111,7 @@ function output() {
   };
   const { state, isArming, lease, inventory } = service;
   for (const value of [state, service.output, isArming, lease, inventory]) {
-    /** @type {import("./value.js").Value<any>} */ (value).on(draw);
+    /** @type {import("./dom.js").Value<any>} */ (value).on(draw);
   }
   return whole;
 }
@@ -115,12 +124,12 @@ function trouble() {
     const { phase } = service.state.get();
     const out = service.output.get();
     const failed = phase === "open" && service.isReal && out?.state === "failed" && !service.isArming.get();
-    const said = phase === "lost" ? texts.trouble.lost : failed ? texts.trouble.failed(out.reason) : "";
-    whole.hidden = !said;
-    if (text.textContent !== said) text.textContent = said;
+    const trouble_text = phase === "lost" ? texts.trouble.lost : failed ? texts.trouble.failed(out.reason) : "";
+    whole.hidden = !trouble_text;
+    if (text.textContent !== trouble_text) text.textContent = trouble_text;
   };
   for (const value of [service.state, service.output, service.isArming]) {
-    /** @type {import("./value.js").Value<any>} */ (value).on(draw);
+    /** @type {import("./dom.js").Value<any>} */ (value).on(draw);
   }
   return whole;
 }
@@ -153,15 +162,15 @@ function pairing() {
     id: "code", autocomplete: "off", spellcheck: false, maxLength: 9, size: 10, required: true,
     autocapitalize: "characters",
   });
-  const told = el("p.told", { role: "alert" });
+  const problem = el("p.told", { role: "alert" });
   const show = el("button", {
     type: "button",
     onclick: async () => {
       try {
         await service.showCode();
-        told.textContent = texts.pair.shown;
+        problem.textContent = texts.pair.shown;
       } catch (error) {
-        told.textContent = sentence(error);
+        problem.textContent = sentence(error);
       }
       code.focus();
     },
@@ -176,7 +185,7 @@ function pairing() {
           await service.pair(code.value);
           code.value = "";
         } catch (error) {
-          told.textContent = sentence(error);
+          problem.textContent = sentence(error);
           code.select();
         }
       },
@@ -187,13 +196,13 @@ function pairing() {
     el("div.row", {}, code, el("button.main", {}, texts.pair.enter)),
     el("p.quiet", {}, texts.pair.hint),
     show,
-    told,
+    problem,
   );
   const dialog = el("dialog.pair", { "aria-labelledby": "who" }, form);
   dialog.addEventListener("cancel", (event) => event.preventDefault());
   service.state.on(({ phase, reason }) => {
     if (phase === "pair" && !dialog.open) {
-      told.textContent = reason;
+      problem.textContent = reason;
       // Not modal: STOP beside it must stay in reach.
       dialog.show();
       code.focus();

@@ -74,6 +74,13 @@ export class Board {
     this.#observer.disconnect();
   }
 
+  /** Return the style of an element that lies over a region. @param {m.Region} region */
+  styleOf(region) {
+    const { x, y, width, height, turn } = placeOf(region);
+    const [left, top, wide, high] = [x - this.box.left, y - this.box.top, width, height].map((mm) => `${mm * this.px_per_mm}px`);
+    return { left, top, width: wide, height: high, transform: `rotate(${turn}rad)` };
+  }
+
   /** Take the room that there is. */
   fit() {
     const { clientWidth: width, clientHeight: height } = this.element;

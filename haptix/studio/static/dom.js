@@ -1,4 +1,4 @@
-/** Elements in one expression. */
+/** What all pages are built with: elements in one expression, and values that tell of changes. */
 
 /** @typedef {Node | string | number | null | undefined | false} Child */
 
@@ -43,4 +43,65 @@ function isShown(child) {
 /** @param {Node | string | number} child */
 function shown(child) {
   return child instanceof Node ? child : String(child);
+}
+
+/** A value that tells who listens when it changes. @template T */
+export class Value {
+  #value;
+  /** @type {Set<(value: T) => void>} */
+  #handlers = new Set();
+
+  /** @param {T} value */
+  constructor(value) {
+    this.#value = value;
+  }
+
+  get() {
+    return this.#value;
+  }
+
+  /** @param {T} value */
+  set(value) {
+    if (Object.is(value, this.#value)) return;
+    this.#value = value;
+    for (const handler of [...this.#handlers]) handler(value);
+  }
+
+  /**
+   * Call a handler now and after each change; return what ends that.
+   * @param {(value: T) => void} handler
+   * @returns {() => void}
+   */
+  on(handler) {
+    this.#handlers.add(handler);
+    handler(this.#value);
+    return () => void this.#handlers.delete(handler);
+  }
+}
+
+/** A text with the mark of its curve's colour. @param {string} color of CSS @param {string} text */
+export function keyed(color, text) {
+  return [el("i.key", { "aria-hidden": "true", style: { background: color } }), text];
+}
+
+/** Names and values, for a list of facts. @param {[string, Child][]} rows */
+export function facts(rows) {
+  return rows.map(([name, value]) => el("div", {}, el("dt", {}, name), el("dd", {}, value)));
+}
+
+/** @param {string[]} items */
+export function bullets(items) {
+  return el("ul", {}, items.map((item) => el("li", {}, item)));
+}
+
+/** Let the browser save a file. @param {Blob} content @param {string} download its name */
+export function save(content, download) {
+  const href = URL.createObjectURL(content);
+  el("a", { href, download }).click();
+  setTimeout(() => URL.revokeObjectURL(href));
+}
+
+/** @param {number} ms @returns {Promise<void>} */
+export function pause(ms) {
+  return new Promise((resolve) => setTimeout(resolve, ms));
 }

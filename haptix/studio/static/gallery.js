@@ -43,11 +43,11 @@ export class Gallery {
         input.value = "";
       },
     });
-    this.told = el("p.told", { role: "alert" });
+    this.problem = el("p.told", { role: "alert" });
     this.busy = el("p.told.busy", { role: "status" });
     this.element = el("section.gallery.sheet", { "aria-label": t.gallery },
       el("label.drop", { for: "file" }, el("b", {}, t.drop), el("small", {}, t.dropHelp), input),
-      this.busy, this.told, this.#find, this.#list);
+      this.busy, this.problem, this.#find, this.#list);
   }
 
   /** Read what the service has. */
@@ -60,7 +60,7 @@ export class Gallery {
   async take(files) {
     let wrong = "";
     for (const file of files) {
-      this.told.textContent = "";
+      this.problem.textContent = "";
       this.busy.textContent = t.sending(file.name);
       try {
         this.add(await this.start(file));
@@ -69,7 +69,7 @@ export class Gallery {
       }
     }
     this.busy.textContent = "";
-    this.told.textContent = wrong;
+    this.problem.textContent = wrong;
   }
 
   /**
@@ -93,29 +93,29 @@ export class Gallery {
 
   #show() {
     const words = this.#find.value.trim().toLowerCase().split(/\s+/);
-    const fits = (/** @type {Preset} */ one) => {
-      const text = `${one.title} ${one.family} ${one.help} ${one.document.kind}`.toLowerCase();
+    const fits = (/** @type {Preset} */ preset) => {
+      const text = `${preset.title} ${preset.family} ${preset.help} ${preset.document.kind}`.toLowerCase();
       return words.every((word) => text.includes(word));
     };
-    const found = this.presets.filter(fits);
-    const families = [...new Set(found.map(({ family }) => family))];
+    const matching = this.presets.filter(fits);
+    const families = [...new Set(matching.map(({ family }) => family))];
     fill(this.#list,
       families.map((family) => el("section", {},
         el("h2", {}, t.families[/** @type {keyof typeof t.families} */ (family)] ?? family),
-        el("div.thumbs", {}, found.filter((one) => one.family === family).map((one) => this.#thumb(one))))),
-      found.length ? null : el("p.quiet", {}, t.none));
+        el("div.thumbs", {}, matching.filter((preset) => preset.family === family).map((preset) => this.#thumb(preset))))),
+      matching.length ? null : el("p.quiet", {}, t.none));
   }
 
-  /** @param {Preset} one */
-  #thumb(one) {
+  /** @param {Preset} preset */
+  #thumb(preset) {
     return el("button.thumb", {
-      type: "button", draggable: true, title: one.help, "aria-label": `${one.title}. ${one.help}`,
+      type: "button", draggable: true, title: preset.help, "aria-label": `${preset.title}. ${preset.help}`,
       onclick: () => {
-        this.chosen = one;
-        this.add(one);
+        this.chosen = preset;
+        this.add(preset);
       },
-      ondragstart: (/** @type {DragEvent} */ event) => event.dataTransfer?.setData("text/haptix-preset", one.name),
-    }, el("img", { src: one.thumbnail, alt: "" }), el("span", {}, one.title));
+      ondragstart: (/** @type {DragEvent} */ event) => event.dataTransfer?.setData("text/haptix-preset", preset.name),
+    }, el("img", { src: preset.thumbnail, alt: "" }), el("span", {}, preset.title));
   }
 }
 

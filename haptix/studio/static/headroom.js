@@ -1,9 +1,9 @@
 /** Where a layout asks for what the screen cannot give, over the board. */
 
 import { placeOf } from "./board.js";
-import { el } from "./dom.js";
+import { el, Value } from "./dom.js";
+import { bytesOf, painted } from "./pictures.js";
 import { texts } from "./texts.js";
-import { Value } from "./value.js";
 
 /** @import { Board } from "./board.js" */
 /** @import { Service } from "./service.js" */
@@ -11,7 +11,6 @@ import { Value } from "./value.js";
 /** @typedef {{columns: number, rows: number, levels: string, below: number, above: number}} Map_ */
 
 const COLUMNS = 160;
-const LEVELS = 127.5; // (share + 0.5) * LEVELS is the byte of a place
 const WITHIN = 0.01;
 const BELOW = [0, 114, 178], ABOVE = [213, 94, 0]; // of Okabe and Ito
 const SETTLED_MS = 200;
@@ -20,7 +19,7 @@ const t = texts.make;
 export class Headroom {
   is_shown = false;
   /** @type {Value<string>} in a sentence */
-  told = new Value("");
+  summary = new Value("");
   #layer = el("div.headroom", { hidden: true, "aria-hidden": "true" });
   /** @type {Map<m.Region, HTMLCanvasElement>} */
   #drawn = new Map();
@@ -50,14 +49,7 @@ export class Headroom {
 
   /** Put the maps where their regions are on the board. */
   place() {
-    const { box, px_per_mm } = this.board;
-    for (const [region, canvas] of this.#drawn) {
-      const { x, y, width, height, turn } = placeOf(region);
-      Object.assign(canvas.style, {
-        left: `${(x - box.left) * px_per_mm}px`, top: `${(y - box.top) * px_per_mm}px`,
-        width: `${width * px_per_mm}px`, height: `${height * px_per_mm}px`, transform: `rotate(${turn}rad)`,
-      });
-    }
+    for (const [region, canvas] of this.#drawn) Object.assign(canvas.style, this.board.styleOf(region));
   }
 
   /** @param {m.LayoutDocument} document */
@@ -68,9 +60,9 @@ export class Headroom {
     const parts = [];
     for (const region of document.regions) {
       const { width, height } = placeOf(region);
-      const asked = { material: region.material, width_mm: width, height_mm: height, columns: COLUMNS };
+      const body = { material: region.material, width_mm: width, height_mm: height, columns: COLUMNS };
       try {
-        const map = await (await this.service.rest("POST", "/v1/pictures", asked)).json();
+        const map = await (await this.service.rest("POST", "/v1/pictures", body)).json();
         drawn.set(region, mask(map));
         if (map.below + map.above > WITHIN / 2) parts.push(t.outside(region.name, map.below, map.above));
       } catch {
@@ -81,23 +73,15 @@ export class Headroom {
     this.#drawn = drawn;
     this.#layer.replaceChildren(...drawn.values());
     this.place();
-    this.told.set(parts.length ? parts.join(" ") : t.allWithin);
+    this.summary.set(parts.length ? parts.join(" ") : t.allWithin);
   }
 }
 
 /** Return stripes where a map is out of reach. @param {Map_} map */
 function mask({ columns, rows, levels }) {
-  const bytes = Uint8Array.from(atob(levels), (char) => char.charCodeAt(0));
-  const canvas = el("canvas", { width: columns, height: rows });
-  const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
-  const image = context.createImageData(columns, rows);
-  bytes.forEach((level, at) => {
-    const share = level / LEVELS - 0.5;
+  return painted(columns, rows, bytesOf(levels), (share, at) => {
     const color = share < -WITHIN ? BELOW : share > 1 + WITHIN ? ABOVE : null;
     const [x, y] = [at % columns, Math.floor(at / columns)];
-    if (color) image.data.set([...color, (x + y) % 4 < 2 ? 255 : 150], 4 * at);
-    else image.data.set([255, 255, 255, 60], 4 * at);
+    return color ? [...color, (x + y) % 4 < 2 ? 255 : 150] : [255, 255, 255, 60];
   });
-  context.putImageData(image, 0, 0);
-  return canvas;
 }

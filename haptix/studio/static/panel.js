@@ -10,7 +10,7 @@ import { texts } from "./texts.js";
 const t = texts.make;
 const LAST = ["low", "high", "target"]; // how high: after what it is
 const FILES = ["file", "heights", "normals"];
-const MATERIAL = "#/$defs/material";
+const FAMILIES = ["material", "signal"];
 /** Kinds that change another material. */
 const WRAPS = /** @type {Record<string, (of: Table) => Table>} */ ({
   moving: (of) => ({ kind: "moving", velocity_mm_s: [20, 0], of }),
@@ -22,9 +22,10 @@ const WRAPS = /** @type {Record<string, (of: Table) => Table>} */ ({
   }),
 });
 
-/** Return the definition of a kind. @param {Schema} schema @param {string} kind @returns {Schema | undefined} */
-export function definitionOf(schema, kind) {
-  const ref = schema.$defs?.material?.discriminator?.mapping?.[kind];
+/** Return the definition of a kind.
+ * @param {Schema} schema @param {string} kind @param {string} [family] @returns {Schema | undefined} */
+function definitionOf(schema, kind, family = "material") {
+  const ref = schema.$defs?.[family]?.discriminator?.mapping?.[kind];
   return ref && schema.$defs[ref.slice(ref.lastIndexOf("/") + 1)];
 }
 
@@ -64,16 +65,16 @@ export class Panel {
     }
   }
 
-  /** @param {Table} material @param {(string | number)[]} path @returns {HTMLElement} */
-  #fields(material, path) {
-    const definition = definitionOf(this.#schema, material.kind);
+  /** @param {Table} material @param {(string | number)[]} path @param {string} [family] @returns {HTMLElement} */
+  #fields(material, path, family = "material") {
+    const definition = definitionOf(this.#schema, material.kind, family);
     const title = definition?.title ?? material.kind;
     if (!definition) return el("fieldset", {}, el("legend", {}, title), this.#json(material, path, title));
     const names = Object.keys(definition.properties).filter((name) => !["kind", "schema_version"].includes(name));
     names.sort((a, b) => LAST.indexOf(a) - LAST.indexOf(b));
     return el("fieldset", {},
       el("legend", {}, title), el("p.quiet", {}, plain(definition.description)),
-      this.#wrapping(material, path),
+      family === "material" ? this.#wrapping(material, path) : this.#json(material, path, title),
       names.map((name) => this.#field(definition.properties[name], material, [...path, name])));
   }
 
@@ -115,9 +116,10 @@ export class Panel {
     const value = material[name] ?? field.default;
     const [id, help] = [`p-${path.join("-")}`, plain(field.description)];
     const ways = [field, ...(field.anyOf ?? [])];
-    if (ways.some((way) => way.$ref === MATERIAL)) {
-      if (value && typeof value === "object") return this.#fields(value, path);
-      if (!ways.some((way) => way.type === "number")) return el("p.quiet", {}, `${field.title}: ${t.noMaterial}`);
+    const family = FAMILIES.find((each) => ways.some((way) => way.$ref === `#/$defs/${each}`));
+    if (family) {
+      if (value && typeof value === "object") return this.#fields(value, path, family);
+      if (family === "material" && !ways.some((way) => way.type === "number")) return el("p.quiet", {}, `${field.title}: ${t.noMaterial}`);
     }
     const effect = path.length === 1 ? el("small.effect") : null;
     if (effect) this.#effects.set(name, effect);
@@ -133,7 +135,7 @@ export class Panel {
     const choices = field.enum ?? ways.find((way) => way.enum)?.enum;
     if (choices) {
       const select = el("select", { id, onchange: () => change(select.value) },
-        choices.map((/** @type {string} */ one) => el("option", { value: one, selected: one === value }, one)));
+        choices.map((/** @type {string} */ choice) => el("option", { value: choice, selected: choice === value }, choice)));
       return select;
     }
     if (typeof value === "boolean") {
@@ -144,7 +146,7 @@ export class Panel {
     if (field["x-range"] && (typeof value === "number" || value === undefined)) {
       return this.#number(field, value, change, id);
     }
-    const is_row = Array.isArray(value) && value.every((one) => typeof one === "number");
+    const is_row = Array.isArray(value) && value.every((item) => typeof item === "number");
     if (is_row) {
       const input = el("input.row-of", {
         id, type: "text", value: value.join(", "),
@@ -207,6 +209,7 @@ export class Panel {
       const control = /** @type {any} */ (this.element.querySelector(`[id="p-${[...path, name].join("-")}"]`));
       if (!control || control === document.activeElement) continue;
       if (control.type === "checkbox") control.checked = value;
+      else if (control.tagName === "TEXTAREA") control.value = JSON.stringify(value, null, 1);
       else if (Array.isArray(value) && control.type === "text") control.value = value.join(", ");
       else if (typeof value !== "object" && control.tagName !== "OUTPUT") {
         control.value = String(value);
@@ -220,10 +223,10 @@ export class Panel {
 /** What decides which controls there are: the kinds and the names and types of the fields.
  * @param {any} value @returns {any} */
 function shapeOf(value) {
-  if (Array.isArray(value)) return value.every((one) => typeof one === "number") ? "row" : value;
+  if (Array.isArray(value)) return value.every((item) => typeof item === "number") ? "row" : value;
   if (!value || typeof value !== "object") return typeof value;
-  const entries = Object.entries(value).map(([key, one]) => [key, key === "kind" ? one : shapeOf(one)]);
-  return Object.fromEntries(entries.filter(([key, one]) => key === "kind" || key === "of" || one === "row" || typeof one === "object"));
+  const entries = Object.entries(value).map(([key, part]) => [key, key === "kind" ? part : shapeOf(part)]);
+  return Object.fromEntries(entries.filter(([key, part]) => key === "kind" || key === "of" || part === "row" || typeof part === "object"));
 }
 
 /** Take the marks of Python's documentation out of a text. @param {string | undefined} text */

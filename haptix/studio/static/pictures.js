@@ -1,24 +1,33 @@
 /** Pictures of regions: friction as brightness, drawn here until the service's own has come. */
 
-import { el } from "./dom.js";
+import { now, Refused } from "/client/haptix.js";
+import { el, pause } from "./dom.js";
 
+/** @import { Service } from "./service.js" */
+/** @import { Telemetry } from "./telemetry.js" */
 /** @import * as m from "../../../clients/typescript/types/messages.js" */
 
 const PX_PER_MM = 6;
 const MOST_PX = 900;
-const MOST_KEPT = 200;
+const MOST_CACHED = 200;
 const COLUMNS = 320;
 const LEVELS = 127.5; // (share + 0.5) * LEVELS is the byte of a place
 const SETTLED_MS = 150; // a region that is drawn larger asks for one picture at its end
+const LONGEST_WAIT_MS = 20_000;
+const REFUSALS = ["message", "document", "unknown"]; // what the same picture would get again
+const FILM_COLUMNS = 120;
+const RATE_HZ = 24;
+const SEEN_S = 11; // over which a material is looked at for whether it moves
+const AHEAD_S = 0.6; // a second is asked for so long before it begins
 const VIRIDIS = [
   [68, 1, 84], [71, 45, 123], [59, 82, 139], [44, 114, 142], [33, 145, 140],
   [40, 174, 128], [94, 201, 98], [173, 220, 48], [253, 231, 37],
 ];
 
-/** @type {((region: m.Region) => Promise<CanvasImageSource | null>) | null} */
+/** @type {((region: m.Region) => Promise<CanvasImageSource>) | null} */
 let source = null;
 /** @type {Map<string, CanvasImageSource>} */
-const kept = new Map();
+const cache = new Map();
 /** @type {Map<string, string>} what each region was last drawn with */
 const newest = new Map();
 
@@ -26,18 +35,11 @@ const newest = new Map();
  * @param {import("./service.js").Service} service */
 export function picturesFrom(service) {
   source = async ({ material, width_mm, height_mm }) => {
-    const asked = { material, width_mm, height_mm, columns: COLUMNS };
-    return drawn(await (await service.rest("POST", "/v1/pictures", asked)).json());
+    const body = { material, width_mm, height_mm, columns: COLUMNS };
+    const { columns, rows, levels } = await (await service.rest("POST", "/v1/pictures", body)).json();
+    return painted(columns, rows, bytesOf(levels));
   };
-  kept.clear();
-}
-
-/**
- * Return a picture of a map of friction, as `POST /v1/pictures` gives it.
- * @param {{columns: number, rows: number, levels: string}} map
- */
-export function drawn({ columns, rows, levels }) {
-  return drawnBytes(columns, rows, bytesOf(levels));
+  cache.clear();
 }
 
 /** Return the levels of a map as bytes. @param {string} levels in base64 */
@@ -45,15 +47,16 @@ export function bytesOf(levels) {
   return Uint8Array.from(atob(levels), (char) => char.charCodeAt(0));
 }
 
-/** @param {number} columns @param {number} rows @param {Uint8Array} bytes */
-export function drawnBytes(columns, rows, bytes) {
+/**
+ * Return a picture of a map of friction, whose places have colours by their shares.
+ * @param {number} columns @param {number} rows @param {Uint8Array} bytes
+ * @param {(share: number, at: number) => number[]} [colorOf] red, green, blue, alpha
+ */
+export function painted(columns, rows, bytes, colorOf = (share) => [...shade(share), 255]) {
   const canvas = el("canvas", { width: columns, height: rows });
   const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
   const image = context.createImageData(columns, rows);
-  bytes.forEach((level, at) => {
-    const [r, g, b] = shade(level / LEVELS - 0.5);
-    image.data.set([r, g, b, 255], 4 * at);
-  });
+  bytes.forEach((level, at) => image.data.set(colorOf(level / LEVELS - 0.5, at), 4 * at));
   context.putImageData(image, 0, 0);
   return canvas;
 }
@@ -75,24 +78,35 @@ export function shade(share) {
 export function pictureOf(region, again) {
   const { material, width_mm, height_mm, scale } = region;
   const key = JSON.stringify([material, width_mm, height_mm, scale]);
-  const found = kept.get(key);
-  if (found) return found;
+  const cached = cache.get(key);
+  if (cached) return cached;
   const first = draft(region);
-  kept.set(key, first);
-  for (const old of kept.keys()) {
-    if (kept.size <= MOST_KEPT) break;
-    kept.delete(old);
+  cache.set(key, first);
+  for (const old of cache.keys()) {
+    if (cache.size <= MOST_CACHED) break;
+    cache.delete(old);
   }
   newest.set(region.name, key);
-  const ask = source;
-  setTimeout(async () => {
-    if (!ask || newest.get(region.name) !== key) return;
-    const picture = await ask(region).catch(() => null); // the draft stays
-    if (!picture) return;
-    kept.set(key, picture);
-    again();
-  }, SETTLED_MS);
+  void improve(region, key, again);
   return first;
+}
+
+/**
+ * Replace a draft by the service's picture. A service that is busy or starts again is asked
+ * again, after longer and longer pauses; of what it refuses, the draft stays.
+ * @param {m.Region} region @param {string} key @param {() => void} again
+ */
+async function improve(region, key, again) {
+  for (let wait_ms = SETTLED_MS; wait_ms < LONGEST_WAIT_MS; wait_ms *= 3) {
+    await pause(wait_ms);
+    if (!source || newest.get(region.name) !== key) return;
+    try {
+      cache.set(key, await source(region));
+      return again();
+    } catch (error) {
+      if (error instanceof Refused && REFUSALS.includes(error.code)) return;
+    }
+  }
 }
 
 /** A quick picture of a material's character, not of its numbers. @param {m.Region} region */
@@ -114,4 +128,91 @@ function draft({ material, width_mm, height_mm }) {
     }
   }
   return canvas;
+}
+
+/**
+ * Pictures of a second, by the second; none where nothing was seen to move.
+ * @typedef {{seconds: Map<number, CanvasImageSource[]>, asked: number, stands: boolean}} Film
+ */
+
+/** Regions that move, drawn as they are at the time that is rendered now. */
+export class Films {
+  /** @type {Map<string, Film>} by what is drawn */
+  #films = new Map();
+  #drawn_ms = 0;
+  #shows = false;
+
+  /** @param {Service} service @param {Telemetry} telemetry */
+  constructor(service, telemetry) {
+    this.service = service;
+    this.telemetry = telemetry;
+  }
+
+  /** Time of the scene now [s]; NaN where nothing is rendered. */
+  get scene_s() {
+    const { stats, stats_s } = this.telemetry;
+    const { session } = this.service;
+    const output = this.service.output.get();
+    if (!session || output?.state !== "armed" || !(stats.scene_s >= 0)) return NaN;
+    return output.paused ? stats.scene_s : stats.scene_s + now() - session.clientTime(stats_s);
+  }
+
+  /** Whether it is time to draw what moves anew. @param {number} at_ms */
+  isDue(at_ms) {
+    if (at_ms - this.#drawn_ms < 950 / RATE_HZ) return false;
+    this.#drawn_ms = at_ms;
+    const due = this.#shows;
+    this.#shows = false; // until a region is asked for that moves
+    return due || Number.isNaN(this.#last) !== Number.isNaN(this.scene_s);
+  }
+  #last = NaN;
+
+  /** Return a region's picture of now; null where it stands still, or is not known yet.
+   * @param {m.Region} region */
+  at(region) {
+    const scene_s = (this.#last = this.scene_s);
+    if (Number.isNaN(scene_s)) return null;
+    const { material, width_mm, height_mm } = region;
+    const key = JSON.stringify([material, width_mm, height_mm]);
+    let film = this.#films.get(key);
+    if (!film) {
+      film = { seconds: new Map(), asked: -1, stands: false };
+      this.#films.set(key, film);
+      if (this.#films.size > 20) this.#films.delete([...this.#films.keys()][0]);
+    }
+    if (film.stands) return null;
+    this.#shows = true;
+    const second = Math.floor(scene_s);
+    const wanted = film.asked < second ? second : Math.floor(scene_s + AHEAD_S);
+    if (wanted > film.asked) void this.#ask(film, region, wanted);
+    for (const old of film.seconds.keys()) if (old < second) film.seconds.delete(old);
+    const frames = film.seconds.get(second);
+    return frames?.[Math.floor((scene_s - second) * frames.length)] ?? null;
+  }
+
+  /** @param {Film} film @param {m.Region} region @param {number} second */
+  async #ask(film, region, second) {
+    const is_first = film.asked < 0;
+    film.asked = second;
+    try {
+      // Much that asks for the time, such as a button's click, stands still for all that is seen.
+      if (is_first) {
+        const seen = await this.#frames(region, second, SEEN_S / RATE_HZ);
+        film.stands = seen.every((frame) => frame.bytes.every((level, at) => level === seen[0].bytes[at]));
+      }
+      if (film.stands) return;
+      const frames = await this.#frames(region, second, 1 / RATE_HZ);
+      film.seconds.set(second, frames.map(({ columns, rows, bytes }) => painted(columns, rows, bytes)));
+    } catch {
+      film.stands = true; // the picture of its start is still there
+    }
+  }
+
+  /** @param {m.Region} region @param {number} t_s @param {number} frame_s */
+  async #frames({ material, width_mm, height_mm }, t_s, frame_s) {
+    const body = { material, width_mm, height_mm, columns: FILM_COLUMNS, t_s, frames: RATE_HZ, frame_s };
+    const { columns, rows, levels } = await (await this.service.rest("POST", "/v1/pictures", body)).json();
+    const [bytes, size] = [bytesOf(levels), columns * rows];
+    return Array.from({ length: RATE_HZ }, (_, at) => ({ columns, rows, bytes: bytes.subarray(at * size, (at + 1) * size) }));
+  }
 }

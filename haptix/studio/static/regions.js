@@ -5,7 +5,7 @@ import { el, fill } from "./dom.js";
 import { texts } from "./texts.js";
 
 /** @import { Board } from "./board.js" */
-/** @import { History } from "./history.js" */
+/** @import { History } from "./document.js" */
 /** @import * as m from "../../../clients/typescript/types/messages.js" */
 /** @typedef {{x_mm: number, y_mm: number, width_mm: number, height_mm: number}} Rectangle */
 
@@ -71,16 +71,11 @@ export class Regions {
 
   /** Put the boxes where their regions are. */
   place() {
-    const { box, px_per_mm } = this.board;
     for (const region of this.history.current.regions) {
       const element = this.#boxes.get(region.name);
       if (!element) continue;
-      const { x, y, width, height, turn } = placeOf(region);
-      Object.assign(element.style, {
-        left: `${(x - box.left) * px_per_mm}px`, top: `${(y - box.top) * px_per_mm}px`,
-        width: `${width * px_per_mm}px`, height: `${height * px_per_mm}px`, transform: `rotate(${turn}rad)`,
-        zIndex: String(10 + Math.round(region.z ?? 0)),
-      });
+      const { x, y, width, height } = placeOf(region);
+      Object.assign(element.style, this.board.styleOf(region), { zIndex: String(10 + Math.round(region.z ?? 0)) });
       element.setAttribute("aria-label", t.region(region.name, width, height, x, y));
     }
   }
@@ -170,14 +165,10 @@ export class Regions {
       return { x_mm: x, y_mm: y, width_mm: Math.round(Math.abs(to.x_mm - from.x_mm)), height_mm: Math.round(Math.abs(to.y_mm - from.y_mm)) };
     };
     element.addEventListener("pointermove", (moved) => {
-      const { x_mm, y_mm, width_mm, height_mm } = rectangle(moved);
-      const { box, px_per_mm } = this.board;
+      const drawn = rectangle(moved);
       this.#drawing.hidden = false;
-      Object.assign(this.#drawing.style, {
-        left: `${(x_mm - box.left) * px_per_mm}px`, top: `${(y_mm - box.top) * px_per_mm}px`,
-        width: `${width_mm * px_per_mm}px`, height: `${height_mm * px_per_mm}px`,
-      });
-      fill(this.#drawing, `${width_mm} × ${height_mm} mm`);
+      Object.assign(this.#drawing.style, this.board.styleOf({ name: "", material: {}, ...drawn }));
+      fill(this.#drawing, `${drawn.width_mm} × ${drawn.height_mm} mm`);
     }, { signal: end.signal });
     element.addEventListener("pointerup", (up) => {
       end.abort();

@@ -1,11 +1,11 @@
 /** The session with the service: pairing, the lease, the output, and REST. */
 
 import { connect, pair, Refused } from "/client/haptix.js";
+import { pause, Value } from "./dom.js";
 import { texts } from "./texts.js";
-import { Value } from "./value.js";
 
-/** @import { Session } from "/client/haptix.js" */
 /** @import { Frame } from "/client/batches.js" */
+/** @import { Session } from "/client/haptix.js" */
 /** @import * as m from "../../../clients/typescript/types/messages.js" */
 /**
  * @typedef {object} State
@@ -16,7 +16,7 @@ import { Value } from "./value.js";
 
 const KEY = "haptix.token";
 const URL_HERE = `${location.origin.replace(/^http/, "ws")}/v1/session`;
-const AGAIN_MS = 1000;
+const RETRY_MS = 1000;
 const ATTEMPTS = 4;
 const MOST_NOTICES = 20;
 
@@ -140,9 +140,9 @@ export class Service {
     }
     const answer = await fetch(path, { method, headers: sent, body: content });
     if (!answer.ok) {
-      const told = await answer.json().catch(() => ({}));
-      const { code = "internal", sentence: why = `${method} ${path}: ${answer.status}` } = told;
-      throw new Refused({ code, sentence: why, path: told.path });
+      const refusal = await answer.json().catch(() => ({}));
+      const { code = "internal", sentence: why = `${method} ${path}: ${answer.status}` } = refusal;
+      throw new Refused({ code, sentence: why, path: refusal.path });
     }
     return answer;
   }
@@ -213,7 +213,7 @@ export class Service {
     } catch (error) {
       if (error instanceof Refused) return this.#refused(error.message);
       this.#lost(sentence(error));
-      setTimeout(() => void this.#open(), AGAIN_MS);
+      setTimeout(() => void this.#open(), RETRY_MS);
     }
   }
 
@@ -240,7 +240,7 @@ export class Service {
         return await this.arm(takeover);
       } catch (error) {
         if (left === 1 || !this.session) return this.notify("error", sentence(error));
-        await new Promise((resolve) => setTimeout(resolve, AGAIN_MS));
+        await pause(RETRY_MS);
       }
     }
   }
@@ -250,7 +250,7 @@ export class Service {
     if (!this.isReal) this.notify("warning", reason); // a real driver's is said until it is mended
     // A virtual finger cannot be hurt: a busy machine is no reason to make a person arm again.
     const arm = () => this.output.get()?.state === "failed" && this.#armVirtual(false);
-    if (!this.isReal && this.lease.get()?.is_mine) setTimeout(arm, AGAIN_MS);
+    if (!this.isReal && this.lease.get()?.is_mine) setTimeout(arm, RETRY_MS);
   }
 
   /** @param {string} reason */
@@ -271,9 +271,9 @@ export class Service {
   /** @param {Record<string, number>} streams */
   async #subscribe(streams) {
     for (const [name, rate] of Object.entries(streams)) {
-      const asked = /** @type {any} */ ({ [name]: rate });
+      const stream = /** @type {any} */ ({ [name]: rate });
       // An older service knows fewer streams; what shows them stays empty.
-      await this.session?.subscribe(asked).catch(() => {});
+      await this.session?.subscribe(stream).catch(() => {});
     }
   }
 }

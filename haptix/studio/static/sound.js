@@ -48,8 +48,8 @@ export class Sound {
    * @param {Track} track @param {number} from @param {number} to */
   add(track, from, to) {
     if (!this.#node || this.#context?.state !== "running" || to - from < 2) return;
-    const heard = heardOf(track, from, to);
-    this.#node.port.postMessage(heard, [heard.rows.buffer]);
+    const felt_rows = heardOf(track, from, to);
+    this.#node.port.postMessage(felt_rows, [felt_rows.rows.buffer]);
   }
 }
 

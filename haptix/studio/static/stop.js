@@ -3,11 +3,11 @@
 const form = /** @type {HTMLFormElement} */ (document.querySelector("form"));
 const state = /** @type {HTMLElement} */ (document.querySelector("small"));
 const SHOWN_MS = 4000;
-let asked = 0;
+let presses = 0;
 
 form.addEventListener("submit", async (event) => {
   event.preventDefault();
-  const number = ++asked;
+  const number = ++presses;
   try {
     const answer = await fetch("/stop", { method: "POST", keepalive: true });
     state.textContent = answer.ok ? "stopped" : `refused: ${answer.status}`;
@@ -16,6 +16,6 @@ form.addEventListener("submit", async (event) => {
     return; // stays
   }
   setTimeout(() => {
-    if (number === asked) state.textContent = "0 V, for all";
+    if (number === presses) state.textContent = "0 V, for all";
   }, SHOWN_MS);
 });

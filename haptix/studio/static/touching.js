@@ -36,7 +36,7 @@ export class Touching {
   onPoint = new Set();
   /** @type {{x: number, y: number} | null} the keyboard's finger */
   #key = null;
-  #held = new Set();
+  #pressed = new Set();
   #timer = 0;
   #numbers = /** @type {Map<number, number>} */ (new Map());
   #end = new AbortController();
@@ -122,7 +122,7 @@ export class Touching {
   #keyDown(event) {
     if (!(event.key in ARROWS) || event.ctrlKey || event.metaKey || event.altKey) return;
     event.preventDefault();
-    this.#held.add(event.key);
+    this.#pressed.add(event.key);
     if (this.#timer) return;
     const { box } = this.board;
     this.#key ??= { x: box.left + box.width / 2, y: box.top + box.height / 2 };
@@ -130,7 +130,7 @@ export class Touching {
     let before_s = now();
     this.#timer = setInterval(() => {
       const s = now();
-      const directions = [...this.#held].map((key) => ARROWS[key]);
+      const directions = [...this.#pressed].map((key) => ARROWS[key]);
       const [dx, dy] = [0, 1].map((axis) => directions.reduce((sum, each) => sum + each[axis], 0));
       const step_mm = (KEY_SPEED_MM_S * (s - before_s)) / (Math.hypot(dx, dy) || 1);
       before_s = s;
@@ -143,12 +143,12 @@ export class Touching {
 
   /** @param {KeyboardEvent} event */
   #keyUp(event) {
-    this.#held.delete(event.key);
-    if (!this.#held.size) this.#release();
+    this.#pressed.delete(event.key);
+    if (!this.#pressed.size) this.#release();
   }
 
   #release() {
-    this.#held.clear();
+    this.#pressed.clear();
     if (!this.#timer) return;
     clearInterval(this.#timer);
     this.#timer = 0;

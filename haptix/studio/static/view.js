@@ -1,6 +1,6 @@
 /** What a person has chosen for the pages: kept in this browser, no part of a document. */
 
-import { Value } from "./value.js";
+import { Value } from "./dom.js";
 
 const KEY = "haptix.view";
 

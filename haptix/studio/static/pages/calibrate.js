@@ -1,15 +1,15 @@
 /** Calibrate a screen: a guided page over the service's job, which asks before each step. */
 
-import { el, fill } from "../dom.js";
+import { bullets, el, facts, fill, save } from "../dom.js";
+import { isOver, Jobs } from "../jobs.js";
+import { StrokePlots } from "../plots.js";
 import { sentence } from "../service.js";
-import { StrokePlots } from "../stroke-plots.js";
 import { texts } from "../texts.js";
 
 /** @import { App } from "../app.js" */
 /** @import * as m from "../../../../clients/typescript/types/messages.js" */
 
 const t = texts.calibrate;
-const ENDED = ["done", "failed", "cancelled"];
 const NAME = "[A-Za-z0-9][A-Za-z0-9_\\-]{0,79}";
 
 /** @param {HTMLElement} root @param {App} app */
@@ -20,42 +20,41 @@ export function mount(root, app) {
   const plots = new StrokePlots();
   const name = el("input", { id: "name", type: "text", required: true, pattern: NAME, value: t.practice });
   const minutes = el("input", { id: "minutes", type: "number", min: "2", max: "60", value: "3" });
-  const told = el("p.told", { role: "alert" });
+  const problem = el("p.told", { role: "alert" });
   const bar = el("progress", { max: 1, value: 0, "aria-label": t.progress });
   const steps = el("ol.steps", { "aria-label": t.stepsName });
   const now = el("section.sheet.set-up", { hidden: true, "aria-live": "polite" });
-  const found = el("section.sheet.set-up", { hidden: true });
+  const result_sheet = el("section.sheet.set-up", { hidden: true });
   const form = el("form.sheet.set-up", {
     onsubmit: async (/** @type {SubmitEvent} */ event) => {
       event.preventDefault();
-      told.textContent = "";
+      problem.textContent = "";
       try {
-        const asked = { name: name.value, minutes: Number(minutes.value) };
-        await follow(await (await service.rest("POST", "/v1/calibrations", asked)).json());
+        await follow(await jobs.begin({ name: name.value, minutes: Number(minutes.value) }));
       } catch (error) {
-        told.textContent = sentence(error);
+        problem.textContent = sentence(error);
       }
     },
   },
   el("h2", {}, t.title), el("p", {}, t.help),
   el("div.field-of", {}, el("label", { for: "name" }, t.name), name, el("small", {}, t.nameHelp)),
   el("div.field-of", {}, el("label", { for: "minutes" }, t.minutes), minutes),
-  told, el("div.row", {}, el("button.main", {}, t.begin)));
-  root.append(now, found, plots.element, form);
+  problem, el("div.row", {}, el("button.main", {}, t.begin)));
+  root.append(now, result_sheet, plots.element, form);
 
   /** @param {m.Job} job */
   async function follow(job) {
     shown = job.job;
-    found.hidden = true;
+    result_sheet.hidden = true;
     take(job);
-    take(await service.session?.watch(job.job));
+    await jobs.watch(job);
   }
 
-  /** @param {m.Job | undefined} job */
+  /** @param {m.Job} job */
   function take(job) {
-    if (!job || job.job !== shown) return;
+    if (job.job !== shown) return;
     if (job.trace) return plots.add(job.trace);
-    const is_over = ENDED.includes(job.state);
+    const is_over = isOver(job);
     form.hidden = !is_over; // what is to be done, and the curves of it, fit one screen
     now.hidden = false;
     bar.value = job.share ?? 0;
@@ -68,53 +67,43 @@ export function mount(root, app) {
       job.state === "running" ? el("p.large", {}, t.working[job.step ?? ""]) : null,
       job.state === "asking" ? asks(job) : null,
       job.sentence ? el("p.told", { role: "alert" }, job.sentence) : null,
-      is_over || job.choices?.length ? null : el("div.row", {}, el("button", { type: "button", onclick: () => void service.attempt(() => service.rest("DELETE", `/v1/jobs/${job.job}`)) }, t.end)));
+      is_over || job.choices?.length ? null : el("div.row", {}, el("button", { type: "button", onclick: () => jobs.cancel(job) }, t.end)));
     /** @type {HTMLElement | null} */ (now.querySelector("input, button.main"))?.focus();
     const { result } = job;
     if (result) {
-      found.hidden = false;
-      fill(found, ...report(result, () => void service.attempt(() => save(String(result.name)))));
+      result_sheet.hidden = false;
+      fill(result_sheet, ...report(result, () => void service.attempt(() => saveReport(String(result.name)))));
     }
   }
 
   /** @param {m.Job} job */
-  function asks({ job, prompt, choices = [] }) {
-    const answer = (/** @type {string} */ text) =>
-      void service.attempt(() => service.rest("POST", `/v1/jobs/${job}/answer`, { text }));
+  function asks(job) {
+    const { prompt, choices = [] } = job;
     if (choices.length) {
       return el("div.field-of", {}, el("p.large", {}, prompt),
-        el("div.row", {}, choices.map((choice, at) => el(at ? "button" : "button.main", { type: "button", onclick: () => answer(choice) }, t.choices[choice] ?? choice))));
+        el("div.row", {}, choices.map((choice, at) => el(at ? "button" : "button.main", { type: "button", onclick: () => jobs.answer(job, choice) }, t.choices[choice] ?? choice))));
     }
     const text = el("input", { id: "answer", type: "text" });
     return el("form.field-of", { onsubmit: (/** @type {Event} */ event) => {
       event.preventDefault();
-      answer(text.value);
+      jobs.answer(job, text.value);
     } }, el("label", { for: "answer" }, prompt), el("div.row", {}, text, el("button.main", {}, t.answer)));
   }
 
   /** @param {string} of */
-  async function save(of) {
+  async function saveReport(of) {
     const answer = await service.rest("GET", `/v1/calibrations/${of}/report`);
-    const href = URL.createObjectURL(await answer.blob());
-    el("a", { href, download: `${of}.html` }).click();
-    setTimeout(() => URL.revokeObjectURL(href));
+    save(await answer.blob(), `${of}.html`);
   }
 
-  let unheard = () => {};
-  const end = service.state.on(({ phase }) => {
-    if (phase !== "open") return;
-    unheard(); // of the session before
-    unheard = service.session?.on("job", take) ?? unheard;
+  const jobs = new Jobs(service, "calibration", take);
+  jobs.open(async () => {
     // One that runs, perhaps begun by another page, is gone on with.
-    void service.attempt(async () => {
-      const jobs = /** @type {m.Job[]} */ (await (await service.rest("GET", "/v1/jobs")).json());
-      const runs = jobs.find((job) => job.kind === "calibration" && !ENDED.includes(job.state));
-      if (runs) await follow(runs);
-    });
+    const running = (await jobs.all()).find((job) => !isOver(job));
+    if (running) await follow(running);
   });
   return () => {
-    end();
-    unheard();
+    jobs.close();
     plots.close();
   };
 }
@@ -124,7 +113,6 @@ function report(result, save) {
   const { verdict, still_open = [], practice, failures = [], untested = [] } = result;
   const heading = el("h2", {}, t.report);
   if (still_open.length) return [heading, el("p", {}, t.open(still_open.length))];
-  const list = (/** @type {string[]} */ items) => el("ul", {}, items.map((item) => el("li", {}, item)));
   /** @type {[string, string | Node][]} */
   const rows = [
     [t.verdict, el("b", { className: verdict }, t.verdicts[verdict] ?? verdict)],
@@ -136,12 +124,12 @@ function report(result, save) {
     rows.push([t.truth, t.off(practice.true_h0_nm, practice.h0_error)]);
     rows.push([t.frictionOff, t.frictionErrors(practice.friction_error_median_jnd, practice.friction_error_worst_jnd)]);
   }
-  if (failures.length) rows.push([t.failures, list(failures)]);
-  if (untested.length) rows.push([t.untested, list(untested)]);
+  if (failures.length) rows.push([t.failures, bullets(failures)]);
+  if (untested.length) rows.push([t.untested, bullets(untested)]);
   rows.push([t.installed, result.installed_for ? t.installedFor(result.installed_for) : t.notInstalled]);
   return [
     heading,
-    el("dl.facts", {}, rows.map(([key, value]) => el("div", {}, el("dt", {}, key), el("dd", {}, value)))),
+    el("dl.facts", {}, facts(rows)),
     el("div.row", {}, el("button", { type: "button", onclick: save }, t.save)),
   ];
 }

@@ -1,10 +1,10 @@
 /** Make a layout: the gallery, regions on the board, the parameters of each, and files to take away. */
 
 import { Board, boxOf, PLACE, placeOf } from "../board.js";
-import { el, fill } from "../dom.js";
+import { SavedLayout } from "../document.js";
+import { el, fill, save } from "../dom.js";
 import { Gallery } from "../gallery.js";
 import { Headroom } from "../headroom.js";
-import { Kept } from "../kept.js";
 import { Panel } from "../panel.js";
 import { Regions } from "../regions.js";
 import { sentence } from "../service.js";
@@ -22,7 +22,7 @@ const FORMS = /** @type {const} */ (["document", "friction-map", "wav", "ahap", 
 /** @param {HTMLElement} root @param {App} app */
 export function mount(root, app) {
   const { service, history } = app;
-  const kept = new Kept(app);
+  const saved = new SavedLayout(app);
   const board = new Board({ "aria-label": t.board, role: "group" });
   const headroom = new Headroom(board, service);
   const gallery = new Gallery(service, (start) => add(start));
@@ -48,11 +48,11 @@ export function mount(root, app) {
     },
   }, t.headroom);
   const reach = el("p.reach", { hidden: true, role: "status" });
-  headroom.told.on((text) => void (reach.textContent = text));
+  headroom.summary.on((text) => void (reach.textContent = text));
   const state = el("span.quiet", { role: "status" });
   const list = el("ol.order", { "aria-label": t.order });
   const parameters = el("section.sheet.parameters", { "aria-label": t.parameters });
-  const told = el("p.told", { role: "alert" });
+  const problem = el("p.told", { role: "alert" });
   const range = el("p.range");
   root.append(
     gallery.element,
@@ -107,8 +107,8 @@ export function mount(root, app) {
     }
     if (parameters.dataset.of !== region.name || !panel.element.isConnected) {
       parameters.dataset.of = region.name;
-      fill(parameters, el("h2", {}, t.parametersOf(region.name)), range, told, panel.element, placing(region));
-      told.textContent = range.textContent = "";
+      fill(parameters, el("h2", {}, t.parametersOf(region.name)), range, problem, panel.element, placing(region));
+      problem.textContent = range.textContent = "";
       parameters.scrollTop = 0;
     }
     panel.show(region.material);
@@ -124,13 +124,13 @@ export function mount(root, app) {
     const number = ++checked;
     try {
       const answer = await service.rest("POST", "/v1/materials/check", { material: region.material });
-      const found = await answer.json();
+      const limits = await answer.json();
       if (number !== checked || ended) return;
-      told.textContent = "";
-      range.textContent = t.range(found.lowest_mu, found.highest_mu, found.range_jnd);
-      panel?.tell(found.effects_jnd);
+      problem.textContent = "";
+      range.textContent = t.range(limits.lowest_mu, limits.highest_mu, limits.range_jnd);
+      panel?.tell(limits.effects_jnd);
     } catch (error) {
-      if (number === checked) told.textContent = sentence(error);
+      if (number === checked) problem.textContent = sentence(error);
     }
   }
 
@@ -153,7 +153,7 @@ export function mount(root, app) {
       return el("div.field", {}, el("label", { for: input.id }, t.place[key]), input, t.unit[key] ? el("span.unit", {}, t.unit[key]) : null);
     });
     const shape = el("select", { id: "r-shape", onchange: () => change(name, "shape", shape.value) },
-      ["rectangle", "ellipse"].map((one) => el("option", { value: one, selected: history.current.regions.find((each) => each.name === name)?.shape === one }, one)));
+      ["rectangle", "ellipse"].map((kind) => el("option", { value: kind, selected: history.current.regions.find((each) => each.name === name)?.shape === kind }, kind)));
     return el("details.placing", { open: true }, el("summary", {}, t.placing), fields,
       el("div.field", {}, el("label", { for: "r-shape" }, t.shape), shape));
   }
@@ -184,19 +184,19 @@ export function mount(root, app) {
   }
 
   function naming() {
-    const input = el("input.title", { type: "text", value: kept.name, maxLength: 60, pattern: "[A-Za-z0-9][A-Za-z0-9 _.\\-]*", "aria-label": t.name, title: t.nameHelp,
+    const input = el("input.title", { type: "text", value: saved.name, maxLength: 60, pattern: "[A-Za-z0-9][A-Za-z0-9 _.\\-]*", "aria-label": t.name, title: t.nameHelp,
       onchange: () => {
-        if (input.reportValidity()) void kept.rename(input.value);
+        if (input.reportValidity()) void saved.rename(input.value);
       } });
     const menu = el("div.menu");
     const others = el("details.drop-down", {
       ontoggle: async () => {
         if (!others.open) return;
-        const names = (await service.attempt(() => kept.names())) ?? [];
+        const names = (await service.attempt(() => saved.names())) ?? [];
         fill(menu, names.map((name) => el("button", { type: "button", onclick: () => {
           others.open = false;
           void service.attempt(async () => {
-            await kept.open(name);
+            await saved.open(name);
             input.value = name;
           });
         } }, name)), names.length ? null : el("p.quiet", {}, t.noneKept));
@@ -224,10 +224,7 @@ export function mount(root, app) {
     const { y, height } = placeOf(region);
     state.textContent = t.exporting;
     const answer = await service.rest("POST", "/v1/exports", { document, form, y_mm: y + height / 2 });
-    const href = URL.createObjectURL(await answer.blob());
-    const link = el("a", { href, download: `${kept.name.replaceAll(" ", "-")}-${form}.zip` });
-    link.click();
-    setTimeout(() => URL.revokeObjectURL(href));
+    save(await answer.blob(), `${saved.name.replaceAll(" ", "-")}-${form}.zip`);
     state.textContent = t.exported(t.forms[form][0]);
   }
 
@@ -235,7 +232,7 @@ export function mount(root, app) {
   board.element.addEventListener("drop", (event) => {
     event.preventDefault();
     const name = event.dataTransfer?.getData("text/haptix-preset");
-    const preset = gallery.presets.find((one) => one.name === name);
+    const preset = gallery.presets.find((preset) => preset.name === name);
     const { x_mm, y_mm } = board.place(event);
     if (preset) add(preset, { x_mm: Math.round(x_mm), y_mm: Math.round(y_mm) });
     else void gallery.take([...(event.dataTransfer?.files ?? [])]);
@@ -261,7 +258,7 @@ export function mount(root, app) {
       undo.title = back && t.undoes(back);
       redo.title = again && t.redoes(again);
     }),
-    kept.state.on((text) => void (state.textContent = text)),
+    saved.state.on((text) => void (state.textContent = text)),
     service.state.on(({ phase }) => {
       if (phase !== "open" || panel) return;
       void service.attempt(async () => {
@@ -276,7 +273,7 @@ export function mount(root, app) {
     ended = true;
     removeEventListener("keydown", keys);
     for (const end of ends) end();
-    kept.close();
+    saved.close();
     board.close();
   };
 }
@@ -293,10 +290,10 @@ function freePlace(document, width, height) {
   const whole = boxOf(document);
   const xs = [0, ...boxes.map((box) => box.x + box.width + GAP_MM)];
   const ys = [0, ...boxes.map((box) => box.y + box.height + GAP_MM)];
-  const found = ys.flatMap((y) => xs.map((x) => ({ x, y }))).filter(({ x, y }) => is_free(x, y));
+  const places_left = ys.flatMap((y) => xs.map((x) => ({ x, y }))).filter(({ x, y }) => is_free(x, y));
   // The one that makes the plane grow least.
   const grows = (/** @type {{x: number, y: number}} */ { x, y }) =>
     Math.max(x + width, whole.left + whole.width) * Math.max(y + height, whole.top + whole.height) + 1e-3 * (x + y);
-  found.sort((a, b) => grows(a) - grows(b));
-  return { x_mm: Math.round(found[0].x), y_mm: Math.round(found[0].y) };
+  places_left.sort((a, b) => grows(a) - grows(b));
+  return { x_mm: Math.round(places_left[0].x), y_mm: Math.round(places_left[0].y) };
 }

@@ -1,18 +1,16 @@
 /** Feel the layout: the board, and beside it what a finger feels of it. */
 
 import { Board } from "../board.js";
-import { Comparison } from "../compare.js";
-import { el } from "../dom.js";
-import { Readings } from "../readings.js";
+import { el, keyed, save } from "../dom.js";
+import { Films } from "../pictures.js";
+import { FrictionPlot, KEYS, loadPlots, SpectrumPlot } from "../plots.js";
 import { sentence } from "../service.js";
 import { DELAY_S, Sound } from "../sound.js";
-import { replay, StrokeRecorder, toCsv } from "../strokes.js";
-import { Telemetry } from "../telemetry.js";
+import { Comparison, replay, StrokeRecorder, toCsv } from "../strokes.js";
+import { Readings, Telemetry } from "../telemetry.js";
 import { texts } from "../texts.js";
 import { Touching } from "../touching.js";
 import { nameOf, SCALE, Trail, UNREACHABLE } from "../trail.js";
-import { Films } from "../films.js";
-import { FrictionPlot, loadPlots, SpectrumPlot } from "../traces.js";
 import { choose, view } from "../view.js";
 
 /** @import { App } from "../app.js" */
@@ -49,7 +47,7 @@ export function mount(root, app) {
     el("div.tools.sheet", {}, forceTools(), soundTools(sound), strokes.element, comparison.element),
     el("section.live", {},
       el("div.sheet", {}, readings.element),
-      el("div.sheet", {}, el("h2", {}, key("wanted", t.wanted), key("felt", t.felt), key("band", t.band)), friction),
+      el("div.sheet", {}, el("h2", {}, KEYS.wanted(t.wanted), KEYS.felt(t.felt), KEYS.band(t.band)), friction),
       el("div.sheet", {}, el("h2", {}, t.spectrum), spectrum),
       el("div.sheet", {}, el("h2", {}, t.error), readings.errors)),
     said,
@@ -134,23 +132,11 @@ export function mount(root, app) {
   };
 }
 
-/** @param {string} name @param {string} text */
-function key(name, text) {
-  const mark = el("i.key", { "aria-hidden": "true" });
-  mark.style.background = `var(--${name})`;
-  return el("span.keyed", {}, mark, text);
-}
-
 function legend() {
-  const mark = (/** @type {string} */ color, /** @type {string} */ text) => {
-    const dot = el("i.key", { "aria-hidden": "true" });
-    dot.style.background = color;
-    return el("li", {}, dot, text);
-  };
   return el("ul", { "aria-label": t.legend },
     el("li.quiet", {}, t.legend),
-    SCALE.map(({ color }, index) => mark(color, nameOf(index))),
-    mark(UNREACHABLE, t.outOfReach));
+    SCALE.map(({ color }, index) => el("li", {}, keyed(color, nameOf(index)))),
+    el("li", {}, keyed(UNREACHABLE, t.outOfReach)));
 }
 
 function forceTools() {
@@ -222,15 +208,15 @@ function strokeTools(app, recorder, telemetry, touching) {
   const record = el("button", { type: "button" }, t.record);
   const play = el("button", { type: "button", disabled: true }, t.replay);
   const keep = el("button", { type: "button", disabled: true }, t.keep);
-  const told = el("small", { role: "status" }, t.strokeHelp);
+  const status = el("small", { role: "status" }, t.strokeHelp);
   const show = () => {
     record.setAttribute("aria-pressed", String(is_recording));
     record.textContent = is_recording ? t.recordEnd : t.record;
     play.textContent = playing ? t.replayEnd : t.replay;
     play.disabled = keep.disabled = is_recording || !recorder.isWhole;
     const last = recorder.points.at(-1);
-    if (is_recording) told.textContent = t.recording;
-    else if (last) told.textContent = t.recorded(last.t_s, recorder.points.length);
+    if (is_recording) status.textContent = t.recording;
+    else if (last) status.textContent = t.recorded(last.t_s, recorder.points.length);
   };
   record.onclick = () => {
     is_recording = !is_recording;
@@ -249,13 +235,11 @@ function strokeTools(app, recorder, telemetry, touching) {
   };
   keep.onclick = () => {
     const csv = toCsv(recorder.points, view.get().force_n);
-    const link = el("a", { href: URL.createObjectURL(new Blob([csv], { type: "text/csv" })), download: "stroke.csv" });
-    link.click();
-    setTimeout(() => URL.revokeObjectURL(link.href));
+    save(new Blob([csv], { type: "text/csv" }), "stroke.csv");
   };
   show();
   return {
-    element: el("div.tool", {}, el("span.label", {}, t.stroke), el("div.row", {}, record, play, keep), told),
+    element: el("div.tool", {}, el("span.label", {}, t.stroke), el("div.row", {}, record, play, keep), status),
     /** @param {number} t_s @param {Omit<import("../strokes.js").Point, "t_s">} point */
     took(t_s, point) {
       if (!is_recording || playing) return;

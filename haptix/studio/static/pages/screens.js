@@ -1,10 +1,12 @@
 /** Which driver, screen and finger; what they rest on; what the output does; STOP. */
 
-import { el, fill } from "../dom.js";
+import { bullets, el, facts, fill } from "../dom.js";
 import { Telemetry } from "../telemetry.js";
 import { texts } from "../texts.js";
 
+/** @import { Session } from "/client/haptix.js" */
 /** @import { App } from "../app.js" */
+/** @import * as m from "../../../../clients/typescript/types/messages.js" */
 /**
  * @typedef {object} Profile as `GET /v1/profiles/{kind}` gives it
  * @property {string} name
@@ -66,7 +68,7 @@ export function mount(root, app) {
       show();
       if (output?.state !== "armed" || drive) return;
       // Without it, shares are shown alone.
-      void service.rest("GET", "/v1/drive").then((found) => found.json()).then((found) => (drive = found), () => {});
+      void service.rest("GET", "/v1/drive").then((answer) => answer.json()).then((known) => (drive = known), () => {});
     }),
     service.state.on(({ phase }) => {
       if (phase !== "open") return;
@@ -99,25 +101,16 @@ export function mount(root, app) {
 
 /** @param {App} app */
 function controls({ service }) {
+  const set = (/** @type {(session: Session) => Promise<m.Output>} */ change) => void service.attempt(async () => {
+    if (service.session) service.output.set(await change(service.session));
+  });
   const slider = el("input", {
     id: "intensity", type: "range", min: "0", max: "1", step: "0.05",
-    onchange: () => void service.attempt(async () => {
-      if (service.session) service.output.set(await service.session.intensity(Number(slider.value)));
-    }),
+    onchange: () => set((session) => session.intensity(Number(slider.value))),
   });
   const value = el("output");
-  const mute = el("input", {
-    type: "checkbox",
-    onchange: () => void service.attempt(async () => {
-      if (service.session) service.output.set(await service.session.mute(mute.checked));
-    }),
-  });
-  const pause = el("input", {
-    type: "checkbox",
-    onchange: () => void service.attempt(async () => {
-      if (service.session) service.output.set(await service.session.pause(pause.checked));
-    }),
-  });
+  const mute = el("input", { type: "checkbox", onchange: () => set((session) => session.mute(mute.checked)) });
+  const pause = el("input", { type: "checkbox", onchange: () => set((session) => session.pause(pause.checked)) });
   const show = () => {
     const output = service.output.get();
     for (const input of [slider, mute, pause]) input.disabled = !service.lease.get()?.is_mine;
@@ -134,24 +127,18 @@ function controls({ service }) {
   return { element, ends };
 }
 
-/** @param {[string, string | number | Node][]} rows */
-function facts(rows) {
-  return rows.map(([name, value]) => el("div", {}, el("dt", {}, name), el("dd", {}, value)));
-}
-
 /** @param {Profile} profile */
 function described({ name, source, calibrated, age_days, verdict, rests_on, spread, warnings, document }) {
-  const list = (/** @type {string[]} */ items) => el("ul", {}, items.map((item) => el("li", {}, item)));
   /** @type {[string, string | Node][]} */
   const rows = [
     [t.source, source === "preset" ? `${name} (preset)` : `${name}, ${source}`],
     [t.calibrated, calibrated ? t.age(calibrated, age_days ?? 0) : t.never],
-    [t.warnings, warnings.length ? list(warnings) : calibrated ? t.trusted : t.preset],
+    [t.warnings, warnings.length ? bullets(warnings) : calibrated ? t.trusted : t.preset],
   ];
   if (verdict) rows.push([t.verdict, verdict]);
-  if (rests_on.length) rows.push([t.rests, list(rests_on)]);
-  const found = Object.entries(spread);
-  if (found.length) rows.push([t.spread, list(found.map(([key, sd]) => `${key}: ${(100 * sd).toFixed(1)} %`))]);
+  if (rests_on.length) rows.push([t.rests, bullets(rests_on)]);
+  const deviations = Object.entries(spread);
+  if (deviations.length) rows.push([t.spread, bullets(deviations.map(([key, sd]) => `${key}: ${(100 * sd).toFixed(1)} %`))]);
   return [
     el("dl.facts", {}, facts(rows)),
     el("details", {}, el("summary", {}, t.numbers), el("pre", { tabIndex: 0 }, JSON.stringify(document, null, 2))),
@@ -161,7 +148,7 @@ function described({ name, source, calibrated, age_days, verdict, rests_on, spre
 /** Amplitude of the current of full drive at a force, linear between those that are known.
  * @param {Drive} drive @param {number} force_n */
 function between({ normal_force_n: forces, current_a: currents }, force_n) {
-  const after = Math.max(1, forces.findIndex((one) => one >= force_n));
+  const after = Math.max(1, forces.findIndex((force) => force >= force_n));
   const at = force_n > forces[forces.length - 1] ? forces.length - 1 : after;
   const part = (force_n - forces[at - 1]) / (forces[at] - forces[at - 1]);
   return currents[at - 1] + part * (currents[at] - currents[at - 1]);

@@ -2,20 +2,17 @@
 
 import { el, fill } from "../dom.js";
 import { EXPERIMENTS, practiceOf } from "../experiments.js";
+import { isOver, Jobs } from "../jobs.js";
 import { sentence } from "../service.js";
 import { texts } from "../texts.js";
 
 /** @import { App } from "../app.js" */
 /** @import { Recipe } from "../experiments.js" */
-/**
- * @typedef {{job: string, kind: string, state: string, share: number, prompt: string,
- *   choices: string[], sentence: string, step: string, result: Record<string, any> | null}} Job
- */
+/** @import { Job } from "../../../../clients/typescript/types/messages.js" */
 
 const t = texts.sit;
 const REST_EVERY = 20; // where the recipe says nothing of it
 const CONTINUE = "continue"; // the one answer to a rest
-const ENDED = ["done", "failed", "cancelled"];
 const LOG = "[A-Za-z0-9][A-Za-z0-9_\\-]{0,60}";
 
 /** @param {HTMLElement} root @param {App} app */
@@ -23,7 +20,7 @@ export function mount(root, app) {
   const { service } = app;
   let ended = false;
   /** @type {Job | null} the job that this page began */
-  let own = null;
+  let job_here = null;
   /** @type {((job: Job, goes_on: boolean) => void) | null} */
   let follow = null;
   /** @type {Map<string, {job: Job, trials: number, at_ms: number}>} what the second page shows */
@@ -31,7 +28,7 @@ export function mount(root, app) {
   const keys = new AbortController();
   const stage = el("div.stage", { hidden: true, role: "region", "aria-label": t.participant });
   const looking = el("div.looking");
-  const told = el("p.told", { role: "alert" });
+  const problem = el("p.told", { role: "alert" });
   root.append(setUp(), el("section.sheet", {}, el("h2", {}, t.running), looking), stage);
 
   function setUp() {
@@ -39,31 +36,31 @@ export function mount(root, app) {
       Object.keys(EXPERIMENTS).map((name) => el("option", { value: name }, t.experiments[name] ?? name)),
       el("option", { value: "" }, t.ownRecipe));
     const file = el("input", { id: "recipe", type: "file", accept: ".json" });
-    const own_recipe = el("div.field-of", { hidden: true }, el("label", { for: "recipe" }, t.recipe), file, el("small", {}, t.recipeHelp));
-    which.onchange = () => void (own_recipe.hidden = which.value !== "");
+    const recipe_field = el("div.field-of", { hidden: true }, el("label", { for: "recipe" }, t.recipe), file, el("small", {}, t.recipeHelp));
+    which.onchange = () => void (recipe_field.hidden = which.value !== "");
     const log = el("input", { id: "log", type: "text", required: true, pattern: LOG, value: `participant-${new Date().toISOString().slice(0, 10)}` });
     const number = el("input", { id: "participant", type: "number", min: "1", max: "10000", required: true, value: "1" });
     const practice = el("input", { id: "practice", type: "checkbox", checked: true });
     return el("form.sheet.set-up", {
       onsubmit: async (/** @type {SubmitEvent} */ event) => {
         event.preventDefault();
-        told.textContent = "";
+        problem.textContent = "";
         try {
           const recipe = which.value ? EXPERIMENTS[which.value] : JSON.parse(await (file.files?.[0]?.text() ?? Promise.reject(new TypeError(t.noRecipe))));
           await document.documentElement.requestFullscreen?.().catch(() => {}); // as large as it can be
           await participant(recipe, log.value, Number(number.value), practice.checked && !recipe.practice);
         } catch (error) {
-          told.textContent = sentence(error);
+          problem.textContent = sentence(error);
           leave();
         }
       },
     },
     el("h2", {}, t.title), el("p", {}, t.help),
-    el("div.field-of", {}, el("label", { for: "which" }, t.experiment), which), own_recipe,
+    el("div.field-of", {}, el("label", { for: "which" }, t.experiment), which), recipe_field,
     el("div.field-of", {}, el("label", { for: "log" }, t.log), log, el("small", {}, t.logHelp)),
     el("div.field-of", {}, el("label", { for: "participant" }, t.participantNumber), number, el("small", {}, t.participantHelp)),
     el("label.check", {}, practice, t.practice),
-    told, el("div.row", {}, el("button.main", {}, t.begin), el("a", { href: "#/sit", target: "_blank" }, t.second)));
+    problem, el("div.row", {}, el("button.main", {}, t.begin), el("a", { href: "#/sit", target: "_blank" }, t.second)));
   }
 
   /** @param {Recipe} recipe @param {string} log @param {number} number @param {boolean} practises */
@@ -75,7 +72,7 @@ export function mount(root, app) {
       await screen([t.practised], t.ready);
     }
     const result = await run(recipe, log, number);
-    await screen([t.thanks, t.trials(result?.trials ?? 0)], t.finish);
+    await screen([t.thanks, t.trials(Number(result?.trials ?? 0))], t.finish);
     leave();
   }
 
@@ -83,7 +80,7 @@ export function mount(root, app) {
     stage.hidden = true;
     fill(stage);
     follow = null;
-    own = null;
+    job_here = null;
     if (document.fullscreenElement) void document.exitFullscreen();
   }
 
@@ -100,16 +97,16 @@ export function mount(root, app) {
    * @param {Recipe} recipe @param {string} log @param {number} number @returns {Promise<Job["result"]>} */
   async function run(recipe, log, number) {
     fill(stage, el("div.card", {}, el("p", { role: "status" }, t.prepares)));
-    const begun = await (await service.rest("POST", "/v1/experiments", { recipe, log, participant: number })).json();
+    const begun = await jobs.begin({ recipe, log, participant: number });
     let trials = 0;
     return new Promise((resolve, reject) => {
       follow = async (job, goes_on) => {
-        own = job;
+        job_here = job;
         if (job.state === "asking") {
-          const rests = job.choices[0] === CONTINUE;
+          const rests = job.choices?.[0] === CONTINUE;
           const tires = !recipe.break_every && trials && trials % REST_EVERY === 0;
           if (rests || tires) await screen([t.rest(trials)], t.goOn);
-          if (rests) return give(job, CONTINUE);
+          if (rests) return jobs.answer(job, CONTINUE);
           trials += 1;
           ask(job, recipe.task ?? "2ifc", trials);
         } else if (job.state === "running") {
@@ -117,23 +114,19 @@ export function mount(root, app) {
           const told_so = goes_on ? { right: t.right, wrong: t.wrong }[job.step ?? ""] : null;
           fill(stage, el("div.card", {}, told_so ? el("p", { role: "status" }, told_so) : null, el("p.large", { role: "status" }, t.feel), el("p.quiet", {}, t.feelHelp)));
         } else if (job.state === "done") resolve(job.result);
-        else if (ENDED.includes(job.state)) reject(new Error(job.sentence || t.stopped));
+        else if (isOver(job)) reject(new Error(job.sentence || t.stopped));
       };
-      own = begun;
-      void watch(begun);
+      job_here = begun;
+      void service.attempt(() => jobs.watch(begun));
     });
-  }
-
-  /** @param {Job} job @param {string} text */
-  function give({ job }, text) {
-    void service.attempt(() => service.rest("POST", `/v1/jobs/${job}/answer`, { text }));
   }
 
   /** @param {Job} job @param {string} task @param {number} trial */
   function ask(job, task, trial) {
-    const answer = (/** @type {string} */ text) => give(job, text);
+    const answer = (/** @type {string} */ text) => jobs.answer(job, text);
+    const { choices = [] } = job;
     const question = el("p.large", { role: "status" }, t.tasks[task][1]);
-    if (!job.choices.length) {
+    if (!choices.length) {
       const number = el("input.large", { type: "number", min: "1e-6", step: "any", required: true, "aria-label": t.number });
       const form = el("form.card", { onsubmit: (/** @type {Event} */ event) => {
         event.preventDefault();
@@ -143,7 +136,7 @@ export function mount(root, app) {
       number.focus();
       return;
     }
-    const buttons = job.choices.map((choice) =>
+    const buttons = choices.map((choice) =>
       el("button.choice", { type: "button", "data-key": choice, onclick: () => answer(choice) },
         el("b", {}, choice), t.choices[choice] ?? ""));
     const card = el("div.card", { tabIndex: -1 }, question,
@@ -152,40 +145,31 @@ export function mount(root, app) {
     card.focus(); // on neither: a space bar that is pressed by habit is no answer
   }
 
-  /** @param {Job} begun */
-  async function watch(begun) {
-    await service.attempt(async () => {
-      take(await /** @type {any} */ (service.session)?.ask("watch", { job: begun.job }));
-    });
-  }
-
-  /** @param {Job | undefined} job */
+  /** @param {Job} job */
   function take(job) {
-    if (!job?.job || ended) return;
+    if (ended) return;
     const before = seen.get(job.job);
-    const is_new = job.state === "asking" && before?.job.state !== "asking" && job.choices[0] !== CONTINUE;
+    const is_new = job.state === "asking" && before?.job.state !== "asking" && job.choices?.[0] !== CONTINUE;
     seen.set(job.job, { job, trials: (before?.trials ?? 0) + (is_new ? 1 : 0), at_ms: performance.now() });
-    if (own?.job === job.job && (before?.job.state !== job.state || job.state === "running")) {
+    if (job_here?.job === job.job && (before?.job.state !== job.state || job.state === "running")) {
       void follow?.(job, before?.job.state === job.state);
     }
     look();
   }
 
   function look() {
-    const rows = [...seen.values()].filter(({ job }) => job.kind === "experiment").map(({ job, trials }) =>
+    const rows = [...seen.values()].map(({ job, trials }) =>
       el("tr", {}, el("td", {}, t.states[job.state] ?? job.state), el("td", {}, String(job.result?.trials ?? trials)),
-        el("td", {}, job.sentence || found(job)),
-        el("td", {}, ENDED.includes(job.state) ? null : el("button.small", {
-          type: "button", onclick: () => void service.attempt(() => service.rest("DELETE", `/v1/jobs/${job.job}`)),
-        }, t.end))));
+        el("td", {}, job.sentence || thresholdOf(job)),
+        el("td", {}, isOver(job) ? null : el("button.small", { type: "button", onclick: () => jobs.cancel(job) }, t.end))));
     if (!rows.length) fill(looking, el("p.quiet", {}, t.none));
     else fill(looking, el("table", {}, el("thead", {}, el("tr", {}, t.columns.map((name) => el("th", { scope: "col" }, name)))), el("tbody", {}, rows)));
   }
 
   /** @param {Job} job */
-  function found({ result }) {
+  function thresholdOf({ result }) {
     if (!result || result.threshold_db === null || result.threshold_db === undefined) return "";
-    return t.threshold(result.threshold_db, result.spread_db);
+    return t.threshold(Number(result.threshold_db), Number(result.spread_db));
   }
 
   addEventListener("keydown", (event) => {
@@ -196,17 +180,11 @@ export function mount(root, app) {
 
   /** Jobs that others began are looked at, too. */
   async function findJobs() {
-    const jobs = /** @type {Job[]} */ (await (await service.rest("GET", "/v1/jobs")).json());
-    for (const job of jobs) if (job.kind === "experiment" && !seen.has(job.job)) await watch(job);
+    for (const job of await jobs.all()) if (!seen.has(job.job)) await jobs.watch(job);
     look();
   }
-  let unheard = () => {};
-  const end = service.state.on(({ phase }) => {
-    if (phase !== "open") return;
-    unheard(); // of the session before
-    unheard = /** @type {any} */ (service.session)?.on("job", take);
-    void service.attempt(findJobs);
-  });
+  const jobs = new Jobs(service, "experiment", take);
+  jobs.open(findJobs);
   const timer = setInterval(() => {
     if (service.state.get().phase === "open" && stage.hidden) void findJobs().catch(() => {});
   }, 2000);
@@ -215,8 +193,7 @@ export function mount(root, app) {
     ended = true;
     clearInterval(timer);
     keys.abort();
-    end();
-    unheard();
-    if (own && !ENDED.includes(own.state)) void service.rest("DELETE", `/v1/jobs/${own.job}`).catch(() => {});
+    jobs.close();
+    if (job_here && !isOver(job_here)) void service.rest("DELETE", `/v1/jobs/${job_here.job}`).catch(() => {});
   };
 }

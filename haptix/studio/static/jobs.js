@@ -1,0 +1,71 @@
+/** Jobs of one kind on the service: begun, watched, answered and ended, whoever began them. */
+
+/** @import { Service } from "./service.js" */
+/** @import * as m from "../../../clients/typescript/types/messages.js" */
+
+const ENDED = ["done", "failed", "cancelled"];
+
+/** @param {m.Job} job */
+export function isOver(job) {
+  return ENDED.includes(job.state);
+}
+
+export class Jobs {
+  #end = () => {};
+  #unsubscribe = () => {};
+
+  /**
+   * @param {Service} service
+   * @param {string} kind
+   * @param {(job: m.Job) => void} take called with each change of a watched job
+   */
+  constructor(service, kind, take) {
+    this.service = service;
+    this.kind = kind;
+    this.take = take;
+  }
+
+  /** Hear of jobs from now on. @param {() => Promise<void>} onSession called with each session */
+  open(onSession) {
+    const { service } = this;
+    this.#end = service.state.on(({ phase }) => {
+      if (phase !== "open") return;
+      this.#unsubscribe(); // from the session before
+      const take = (/** @type {m.Job} */ job) => void (job.kind === this.kind && this.take(job));
+      this.#unsubscribe = service.session?.on("job", take) ?? (() => {});
+      void service.attempt(onSession);
+    });
+  }
+
+  /** Begin a job; it is to be watched. @param {Record<string, any>} body @returns {Promise<m.Job>} */
+  async begin(body) {
+    return (await this.service.rest("POST", `/v1/${this.kind}s`, body)).json();
+  }
+
+  /** All that are known of this kind. @returns {Promise<m.Job[]>} */
+  async all() {
+    const jobs = /** @type {m.Job[]} */ (await (await this.service.rest("GET", "/v1/jobs")).json());
+    return jobs.filter((job) => job.kind === this.kind);
+  }
+
+  /** Be told of a job from now on. @param {m.Job} job */
+  async watch(job) {
+    const known = await this.service.session?.watch(job.job);
+    if (known) this.take(known);
+  }
+
+  /** @param {m.Job} job @param {string} text */
+  answer(job, text) {
+    void this.service.attempt(() => this.service.rest("POST", `/v1/jobs/${job.job}/answer`, { text }));
+  }
+
+  /** @param {m.Job} job */
+  cancel(job) {
+    void this.service.attempt(() => this.service.rest("DELETE", `/v1/jobs/${job.job}`));
+  }
+
+  close() {
+    this.#end();
+    this.#unsubscribe();
+  }
+}
