@@ -22,7 +22,8 @@ from haptix.texture.material import (
 )
 
 _FAMILIES = {"material": KINDS, "signal": SIGNALS}
-_REFERENCES = {ANY_KIND: "#/$defs/material", ANY_SIGNAL: "#/$defs/signal"}
+_MATERIAL, _SIGNAL = {"$ref": "#/$defs/material"}, {"$ref": "#/$defs/signal"}
+_REFERENCES = {ANY_KIND: _MATERIAL, ANY_SIGNAL: {"anyOf": [_SIGNAL, {"type": "number"}]}}
 
 __all__ = [
     "KINDS",
@@ -73,5 +74,5 @@ def _with_references(part: Any) -> Any:
     if not isinstance(part, dict):
         return part
     if part.get("title") in _REFERENCES:
-        return {"$ref": _REFERENCES[part["title"]]}
+        return dict(_REFERENCES[part["title"]])
     return {key: "forever" if item == inf else _with_references(item) for key, item in part.items()}

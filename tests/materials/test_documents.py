@@ -1,5 +1,6 @@
 """Documents of materials: read, written and refused, and what they answer."""
 
+import json
 import re
 from hashlib import sha256
 from pathlib import Path
@@ -15,6 +16,7 @@ from haptix.errors import FileFormatError, InputError
 from haptix.kinds import in_folder
 from haptix.materials import KINDS, Material, material_of
 from haptix.motion import Depends, Motion
+from haptix.signals.signal import KINDS as SIGNALS
 from haptix.texture import (
     Grating,
     Noise,
@@ -205,6 +207,18 @@ def test_the_schema_accepts_and_refuses_what_the_models_do(folder):
     for bad in ({"kind": "gratin"}, {"kind": "grating"}, {**GRATING, "width": 2}, nested):
         assert not check.is_valid(bad)
     assert set(schema["$defs"]["material"]["discriminator"]["mapping"]) == set(KINDS)
+
+
+def test_signals_stand_in_the_schema_like_materials():
+    schema = materials.schema()
+    assert set(schema["$defs"]["signal"]["discriminator"]["mapping"]) == set(SIGNALS)
+    json.dumps(schema, allow_nan=False)  # a signal without end is "forever"
+    check = jsonschema.Draft202012Validator(schema)
+    sine = {"kind": "sine", "amplitude": 0.1, "frequency_hz": 50, "length_s": 1}
+    for curve in (sine, {"kind": "sum", "parts": [0.2, {**sine, "length_s": "forever"}]}):
+        check.validate({"kind": "transient", "curve": curve})
+    for curve in ({"kind": "sin"}, {"kind": "sine"}, {**sine, "wide": 2}, "sine"):
+        assert not check.is_valid({"kind": "transient", "curve": curve})
 
 
 @pytest.mark.parametrize("name", ["bricks.png", "../bricks.png", "/etc/passwd"])
