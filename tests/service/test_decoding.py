@@ -67,14 +67,14 @@ def test_a_bomb_is_refused_by_each_route(store, side, number):
     region = {"name": "bomb", "material": material, "x_mm": 0, "y_mm": 0}
     region |= {"width_mm": 40, "height_mm": 40}
     context = {"finger": "semi-wet", "screen": "3m-sct3250", "assets": str(store.folder)}
-    work = JobWork(context, lambda **_: None, iter(()))
+    jobs = JobWork(context, lambda **_: None, iter(()))
     routes = {
         "decode": lambda: work.decode(digest),
         "pictures": lambda: work.picture(material, 10, 10, 8, 0.0, 0.5),
         "check": lambda: work.check(material, 0.5),
         "export": lambda: work.export({"kind": "layout", "regions": [region]}, "hjif", 5.0),
         "layout": lambda: SessionLayout(store.folder).set({"regions": [region]}),
-        "jobs": lambda: work.headroom(material=material, width_mm=10.0, height_mm=10.0),
+        "jobs": lambda: jobs.headroom(material=material, width_mm=10.0, height_mm=10.0),
     }
     for route, ask in routes.items():
         with pytest.raises(haptix.HaptixError, match=r"pixels|too large|image"):

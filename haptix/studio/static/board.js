@@ -106,10 +106,12 @@ export class Board {
   /** Return the place of a pointer on the plane [mm]. @param {{clientX: number, clientY: number}} event */
   place(event) {
     const { left, top } = this.element.getBoundingClientRect();
-    return {
-      x_mm: this.box.left + (event.clientX - left) / this.px_per_mm,
-      y_mm: this.box.top + (event.clientY - top) / this.px_per_mm,
-    };
+    return this.placeAt(event.clientX - left, event.clientY - top);
+  }
+
+  /** Return a place on the plane [mm]. @param {number} x_px @param {number} y_px from the board's corner */
+  placeAt(x_px, y_px) {
+    return { x_mm: this.box.left + x_px / this.px_per_mm, y_mm: this.box.top + y_px / this.px_per_mm };
   }
 
   /** Take a picture, or the trail, away. @param {CanvasRenderingContext2D} context */

@@ -1,6 +1,7 @@
 /** Fingers on the board: pointers and keys become touches, and what is drawn under them. */
 
 import { now } from "/client/haptix.js";
+import { Pointers } from "/client/pointers.js";
 import { view } from "./view.js";
 
 /** @import { Board } from "./board.js" */
@@ -10,7 +11,7 @@ import { view } from "./view.js";
 
 const KEY_SPEED_MM_S = 60;
 const KEY_STEP_MS = 8;
-const KEY_TOUCH = 9; // no pointer gets it before nine others
+const [FINGERS, KEY_TOUCH] = [9, 9]; // pointers have numbers below that of the keyboard
 const LEAST_N = 0.05;
 const ARROWS = /** @type {Record<string, [number, number]>} */ ({
   ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1],
@@ -38,7 +39,7 @@ export class Touching {
   #key = null;
   #pressed = new Set();
   #timer = 0;
-  #numbers = /** @type {Map<number, number>} */ (new Map());
+  #pointers = new Pointers(FINGERS);
   #end = new AbortController();
 
   /** @param {Board} board @param {Service} service */
@@ -55,6 +56,15 @@ export class Touching {
     element.addEventListener("blur", () => this.#release(), { signal });
     element.addEventListener("contextmenu", (event) => event.preventDefault(), { signal });
     board.onFit = () => void this.geometry();
+  }
+
+  /** Begin with a session, perhaps another one: to it, the next move of each finger is a down. */
+  begin() {
+    this.#pointers.clear();
+    for (const { touch_id, x_mm, y_mm } of [...this.cursors.values()]) {
+      this.took(now(), { touch_id, kind: "up", x_mm, y_mm, normal_force_n: undefined });
+    }
+    void this.geometry();
   }
 
   /** Say where the board lies, so that pixels become millimetres. */
@@ -82,40 +92,22 @@ export class Touching {
   /** @param {PointerEvent} event */
   #pointer(event) {
     const { element } = this.board;
-    const down = event.type === "pointerdown";
-    if (down) {
-      if (event.pointerType === "mouse" && event.button !== 0) return;
+    if (event.pointerType === "mouse" && event.buttons > 1 && event.buttons % 2 === 0) return; // others than the first
+    if (event.type === "pointerdown") {
       element.setPointerCapture(event.pointerId);
       element.focus({ preventScroll: true });
     }
-    const normal_force_n = forceOf(event);
-    this.service.session?.pointer(event, { element, normal_force_n });
-    const known = this.#numbers.get(event.pointerId);
-    const ends = event.type !== "pointerdown" && (event.type !== "pointermove" || event.buttons === 0);
-    if (known === undefined && !down) return;
-    const touch_id = known ?? this.#free();
-    if (ends) {
-      this.#numbers.delete(event.pointerId);
-      this.took(event.timeStamp / 1e3, { ...this.board.place(event), touch_id, kind: "up", normal_force_n });
-      return;
-    }
-    this.#numbers.set(event.pointerId, touch_id);
-    const several = down ? [] : (event.getCoalescedEvents?.() ?? []);
-    for (const each of several.length ? several : [event]) {
-      const kind = down ? "down" : "move";
-      this.took(each.timeStamp / 1e3, { ...this.board.place(each), touch_id, kind, normal_force_n: forceOf(each) });
+    const touches = this.#pointers.touches(event, element, now(), forceOf(event));
+    this.service.session?.touches(touches);
+    for (const { t_s, touch_id = 0, kind = "move", x_px, y_px, normal_force_n } of touches) {
+      const place = this.board.placeAt(Number(x_px), Number(y_px));
+      this.took(t_s, { ...place, touch_id, kind, normal_force_n: normal_force_n ?? undefined });
     }
     // A frame takes time to be seen: the ring is drawn where the finger will be, the trail where it was.
-    const ahead = down ? null : event.getPredictedEvents?.().at(-1);
-    const cursor = this.cursors.get(touch_id);
-    if (ahead && cursor) this.cursors.set(touch_id, { ...cursor, ...this.board.place(ahead) });
-  }
-
-  #free() {
-    const taken = new Set(this.#numbers.values());
-    let id = 0;
-    while (taken.has(id)) id += 1;
-    return id;
+    const last = touches.at(-1);
+    const ahead = last?.kind === "move" ? event.getPredictedEvents?.().at(-1) : null;
+    const cursor = this.cursors.get(last?.touch_id ?? -1);
+    if (ahead && cursor) this.cursors.set(cursor.touch_id, { ...cursor, ...this.board.place(ahead) });
   }
 
   /** @param {KeyboardEvent} event */

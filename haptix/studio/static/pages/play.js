@@ -86,7 +86,7 @@ export function mount(root, app) {
         : [...over].join(", ");
     }),
     history.document.on((document) => board.show(document)),
-    service.state.on(({ phase }) => void (phase === "open" && touching.geometry())),
+    service.state.on(({ phase }) => void (phase === "open" && touching.begin())),
     // The colours of canvas and plots are read when they are drawn.
     view.on(() => requestAnimationFrame(() => board.draw())),
   ];
