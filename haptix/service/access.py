@@ -1,9 +1,9 @@
 """Who may reach the service, and where: address, TLS, host names, origins, pairing codes, tokens.
 
 Any page in a browser can open a socket to this machine, and any name can be made to point here.
-So the Host is checked against rebinding, the Origin against foreign pages, and only who holds a
-token may open a session. A page gets one for the code that the terminal shows; a program of this
-user reads one from the file ``service.json``. Both are bound to where they were given.
+So the Host is checked against rebinding and the Origin against foreign pages, and a session needs a
+token. A page gets one for the code that the terminal shows; a program of this user reads one from
+the file ``service.json``. A token is bound to the origin that it was given to.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ class Access:
         self.native = secrets.token_urlsafe(32)
         """Token of the programs of this user."""
         self.on_show: Callable[[str], None] = lambda code: None
-        """Shows a code to who sits at the terminal."""
+        """Shows a code on the terminal."""
         self._write("service.json", _json({"port": port, "token": self.native}))
 
     def close(self) -> None:
@@ -199,7 +199,7 @@ class Access:
             self._save()
 
     def lets_in(self, token: str, origin: str | None) -> bool:
-        """Whether the token was given to this origin, or to the programs of this user.
+        """Whether a token was given to this origin, or to the programs of this user.
 
         A browser names no origin when one of the service's own pages reads by GET; those of other
         origins it names.

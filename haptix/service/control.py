@@ -25,7 +25,7 @@ _LOG = logging.getLogger("haptix.service")
 
 
 class Engine(Protocol):
-    """What renders, in a process of its own."""
+    """The process that renders, as the front speaks to it."""
 
     async def ask(self, do: str, **fields: Any) -> dict[str, Any]:
         """Return the answer to a question; raises `Problem`."""
@@ -55,7 +55,7 @@ class OutputControl:
     device : str
         Address of the driver.
     welcome : callable
-        Returns the sessions that are told of changes.
+        Returns the sessions that changes are sent to.
     """
 
     def __init__(
@@ -116,7 +116,7 @@ class OutputControl:
             self.set(state="off", reason=reason)
 
     def resumes(self, session: ServiceSession, resume: str) -> bool:
-        """Give what was kept back to who knows its word; return whether there was something."""
+        """Give a kept lease back to the client that knows its word; return whether one was kept."""
         kept = self._kept
         if kept is None or not hmac.compare_digest(resume.encode(), kept.resume.encode()):
             return False
@@ -163,7 +163,7 @@ class OutputControl:
         return self.output.model_copy(update={"id": number})
 
     def lease_of(self, session: ServiceSession, reason: str, number: int = 0) -> m.Lease:
-        """Return who holds the output, as a session is told."""
+        """Return who holds the output, as a message to a session."""
         holder = self.holder
         return m.Lease(
             id=number,

@@ -1,9 +1,13 @@
 """``python -m haptix.service.engine``: the process that owns the surface, renderer and device.
 
-It reads frames from its standard input and answers on its standard output. Its main thread obeys
-at once what must not wait: touches, stop, sleep. A worker does what takes time: opening, arming.
-Another one makes layouts. One more watches: without a tick for 100 ms the output sleeps, for 2 s it
-stops, and at the end of the input the process ends at 0 V. The driver's own watchdog stands below.
+It reads frames from its standard input and answers on its standard output. Four threads:
+
+- The main thread handles at once what must not wait: touches, stop, sleep.
+- A worker does what takes time: opening, arming.
+- Another worker builds layouts.
+- A watch looks for the front's ticks: without one for 100 ms the output sleeps, for 2 s it stops.
+
+At the end of the input the process ends at 0 V. Below all, the driver has a watchdog of its own.
 """
 
 from __future__ import annotations
@@ -36,6 +40,7 @@ from haptix.service.wire import (
     FrameReader,
     Outbox,
     amplitude_frame,
+    answer_of,
     frame,
     frame_output,
     touches_of,
@@ -58,6 +63,7 @@ _LOOK_S = 0.02
 _MOST_TOUCH_INTERVAL_S = 0.02  # two of a touchscreen of 100 Hz
 _LAYOUTS = ("layout_set", "layout_change", "layout_restore", "forget")
 """What is done beside all else: one session's large pictures hold nobody else up."""
+_OF_DEVICE = ("arm", "disarm", "open", "lend", "take_back")
 _RENDERS = (
     "haptix.devices",
     "haptix.friction.model",
@@ -172,7 +178,7 @@ class EngineServer:
         self._telemetry = Telemetry(self._outbox.tell, _LOOK_S)
 
     def run(self, source: FrameReader) -> None:
-        """Obey until the input ends; then end at 0 V."""
+        """Handle frames until the input ends; then end at 0 V."""
         for name, target in (
             ("worker", partial(self._works, self._work)),
             ("layouts", partial(self._works, self._layout_work)),
@@ -189,7 +195,7 @@ class EngineServer:
                     elif kind == JSON:
                         self._put(touches)
                         touches = []
-                        self._obey(data)
+                        self._dispatch(data)
                 self._put(touches)
         finally:
             self._ended.set()
@@ -200,7 +206,7 @@ class EngineServer:
 
     # --- at once ---------------------------------------------------------------------------------
 
-    def _obey(self, data: bytes) -> None:
+    def _dispatch(self, data: bytes) -> None:
         message = parse_json(data)
         do = message["do"]
         if do == "tick":
@@ -321,24 +327,14 @@ class EngineServer:
         while True:
             message = work.get()
             number = message.pop("n", None)
-            do = message.pop("do")
-            try:
-                answer = getattr(self, f"_do_{do}")(**message) or {}
-            except HaptixError as error:
-                code = (
-                    "device" if do in ("arm", "disarm", "open", "lend", "take_back") else "document"
-                )
-                wrong = {"code": code, "sentence": str(error), "path": getattr(error, "path", "")}
-                answer = {"problem": wrong}
-            except MemoryError:
-                wrong = {"code": "limit", "sentence": f"{do}: takes too much memory"}
-                answer = {"problem": wrong}
-            except Exception as error:  # a fault of ours ends no session
-                sys.excepthook(type(error), error, error.__traceback__)
-                wrong = {"code": "internal", "sentence": f"{do}: {type(error).__name__}: {error}"}
-                answer = {"problem": wrong}
+            answer = self._answer(message)
             if number is not None:
                 self._outbox.say(n=number, **answer)
+
+    def _answer(self, message: dict[str, Any]) -> dict[str, Any]:
+        do = message.pop("do")
+        code = "device" if do in _OF_DEVICE else "document"
+        return answer_of(do, lambda: getattr(self, f"_do_{do}")(**message), code)
 
     def _do_open(
         self,
@@ -383,7 +379,7 @@ class EngineServer:
     def _do_layout_restore(
         self, session: int, document: dict[str, Any], values: dict[str, float], revision: int
     ) -> None:
-        """Take what the engine before this one had."""
+        """Take the layout of a session that the engine before this one had."""
         self._changed(session, "set", document)
         ops = [{"op": "value", "name": name, "value": value} for name, value in values.items()]
         self._changed(session, "change", ops)

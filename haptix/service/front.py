@@ -147,7 +147,7 @@ def _with_headers(send: Send, origin: str | None, access: Access) -> Send:
 
 
 class Server(BaseModel):
-    """Who answers."""
+    """Name and version of the service."""
 
     name: str
     version: str
@@ -241,7 +241,7 @@ def application(
 
     @app.get("/v1/server", dependencies=[Depends(token)])
     async def server() -> Server:
-        """Who answers, in which version."""
+        """Name, version and protocol of the service."""
         return Server(name="haptix", version=__version__, protocol="{}.{}".format(*m.PROTOCOL))
 
     @app.post("/v1/pair")
@@ -321,7 +321,7 @@ async def _ticks(hub: Hub) -> None:
 
 
 class HttpServer(uvicorn.Server):
-    """Goes to 0 V before it lets its clients go.
+    """Ends at 0 V before it closes its clients' connections.
 
     Parameters
     ----------

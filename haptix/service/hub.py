@@ -1,7 +1,8 @@
-"""The sessions, the lease on the output, and what becomes of a client that falls silent.
+"""All sessions: who may connect, what each message does at once, and who has fallen silent.
 
-One session at a time holds the lease: only it arms, touches and changes what is felt. Anyone may
-stop. A lease is never taken without 0 V first, and nobody who gets one is armed by that.
+One session at a time holds the lease (`OutputControl`): only it arms, touches and changes what is
+felt. Any session may stop. Before the lease goes to another session, the output is at 0 V; the new
+holder must arm it.
 """
 
 from __future__ import annotations
@@ -39,11 +40,11 @@ class Hub:
     Parameters
     ----------
     access : Access
-        Whose tokens are good.
+        Checks tokens and origins.
     engine : Engine
-        What renders.
+        Renders.
     inventory : Inventory
-        What there is.
+        Devices, finger, screen and kinds of material.
     device : str
         Address of the driver.
     now_s : callable
@@ -97,7 +98,7 @@ class Hub:
             self.tell_streams()
 
     def tick(self) -> None:
-        """Look after pings and silences; every `TICK_S`."""
+        """Ping the sessions and act on those that are silent; called every `TICK_S`."""
         now_s, keep, control = self.now_s(), self.keep_alive, self.control
         self.stalls.look(now_s)
         self.engine.tell("tick")
@@ -125,8 +126,8 @@ class Hub:
     def receive(self, session: ServiceSession, data: str | bytes) -> float:
         """Take what a client sent; return how long not to read from it [s].
 
-        Pongs and stop are obeyed at once; touches in bytes wait for `pass_touches`, which comes
-        before the next message, and the others for `session_socket`.
+        Pongs and stop take effect at once. Touches in bytes wait for `pass_touches`, which is
+        called before the next message. Other messages wait for `session_socket.answer_in_turn`.
         """
         if session.closing is not None:
             return 0.0
@@ -275,7 +276,7 @@ class Hub:
         session.send(m.Done(id=number))
 
     def stop(self, reason: str) -> None:
-        """End at 0 V, for all. What was asked before it and is not done is refused."""
+        """End at 0 V, for all sessions, and refuse all requests that wait."""
         self.engine.tell("stop", reason=reason)
         self.jobs.end_playing()  # the engine has lent them the device
         for session in self.welcome():

@@ -1,4 +1,4 @@
-"""Jobs: work that takes long or asks a person, each in a worker of its own that can be ended.
+"""Jobs: work that takes long or asks a person, each in a worker of its own that can be killed.
 
 queued ---> running <---> asking        a person answers each prompt
    |           |             |
@@ -36,9 +36,9 @@ class Job(Process):
     Parameters
     ----------
     owner : str
-        Whose it is; nobody else is told of it.
+        Who began it; nobody else hears of it.
     message : JobMessage
-        What is told of it.
+        Its state, for its owner.
     fields : dict
         Parameters of the task.
     tell : callable

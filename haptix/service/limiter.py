@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 
 class Limiter:
-    """So many a second; who takes more is slowed down (`wait_s`) or refused (`takes`).
+    """Allows so many a second: more are delayed (`wait_s`) or refused (`takes`).
 
     Parameters
     ----------
@@ -15,7 +15,7 @@ class Limiter:
     now_s : callable
         The clock.
     at_once : float, optional
-        What may be taken at once after a rest; by default a second's worth.
+        How many may be taken at once after a rest; by default as many as in a second.
     """
 
     def __init__(

@@ -1,14 +1,16 @@
-"""The service's processes as its front sees them, and the pool of those that work for clients.
+"""The service's processes as its front sees them, and the worker pool.
 
-The engine and the workers are spawned, spoken to by frames, and end when their input does. A
-worker (``haptix.service.worker``) works for one owner in its life: a session whose files it looks
-at, who holds a token and asks for pictures, a job, or the virtual finger. So a file that takes a
-decoder over finds nothing of anybody else, and one that holds it up holds up its sender alone.
+The front spawns the engine and the workers, and exchanges frames with them; they end when their
+input ends. A worker (``haptix.service.worker``) works for one owner in its life: a session whose
+files it decodes, the holder of a token who asks for pictures, a job, or the virtual finger. So a
+file that takes over a decoder finds no data of another owner, and a file that blocks it delays its
+sender alone.
 
     nobody's --a question--> an owner's --an answer--> idle --IDLE_S, or its room is needed--> ended
                                  +--no answer in time--> ended
 
-At rest one worker of the pool lives, nobody's, so that a first picture does not wait for its start.
+At rest the pool has one worker without an owner, so that a first picture does not wait for its
+start.
 """
 
 from __future__ import annotations
@@ -39,16 +41,16 @@ _FULL_BYTES = 256 * 1024  # waiting for a process that does not read
 
 
 class Process:
-    """Starts a module of the service, asks it, and hears it.
+    """A process that runs a module of the service, and the questions that wait for its answers.
 
     Parameters
     ----------
     name : str
-        What people call it, and the name of its module in ``haptix.service``.
+        Its name in messages, and the name of its module in ``haptix.service``.
     full_s : float
         A process that does not read for so long, with much waiting, is killed.
     nice : int
-        How far it stands back for others; a worker takes it as its argument.
+        Its niceness; a worker takes it as its argument.
     """
 
     def __init__(self, name: str = "worker", full_s: float = 1.0, nice: int = 0) -> None:
@@ -125,7 +127,7 @@ class Process:
             self._pending.pop(number, None)
 
     def tell(self, do: str, **fields: Any) -> None:
-        """Say something that has no answer."""
+        """Send a message that has no answer."""
         self.write(json_frame({"do": do, **fields}))
 
     def write(self, data: bytes) -> bool:
@@ -145,7 +147,7 @@ class Process:
         return True
 
     def on_message(self, message: dict[str, Any]) -> None:
-        """Take what the process says unasked."""
+        """Take a message that answers no question."""
 
     def on_frame(self, kind: int, data: bytes) -> None:
         """Take a frame that is no message."""

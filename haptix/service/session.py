@@ -40,9 +40,7 @@ class ServiceSession:
 
     def __init__(self, number: int, origin: str | None, now_s: Callable[[], float]) -> None:
         self.number, self.origin = number, origin
-        self.layout = (
-            number  # by which the engine knows its layout; a client that returns has its own
-        )
+        self.layout = number  # of its layout in the engine; a client that returns keeps the old one
         self.name = self.owner = ""
         self.resume = secrets.token_urlsafe(16)
         self.clock = ClientClock()
@@ -67,7 +65,7 @@ class ServiceSession:
         self.batches = Limiter(limits.batches_per_s, now_s)
         self.touches = Limiter(limits.touches_per_s, now_s)
         self._touch_errors = Limiter(_TOUCH_ERRORS_PER_S, now_s)
-        self._left_out = 0  # touches whose refusal was not told
+        self._left_out = 0  # touches that were refused without an error message
         self.inbox = TouchInbox()
         self._warned_s = float("-inf")
 
@@ -104,7 +102,7 @@ class ServiceSession:
         return jumped
 
     def send(self, message: m.Message) -> None:
-        """Queue a message; a client that reads none is shown out."""
+        """Queue a message; close the session of a client that does not read its messages."""
         if self.closing is None:
             self.waiting.append(message.model_dump_json())
             if len(self.waiting) > _MOST_WAITING:
@@ -120,7 +118,7 @@ class ServiceSession:
         )
 
     def refuse_touches(self, left_out: int, first: m.Problem | None) -> None:
-        """Tell the first of touches that were left out, ten times a second at most."""
+        """Refuse the first of the touches that were left out, at most ten times a second."""
         self._left_out += left_out
         if first is not None and self._touch_errors.takes():
             more = f" ({self._left_out - 1} more were left out)" if self._left_out > 1 else ""
@@ -128,7 +126,7 @@ class ServiceSession:
             self._left_out = 0
 
     def warn_of_dropped(self, now_s: float) -> None:
-        """Tell how many touches were left out because the service was late, now and then."""
+        """Warn of touches that were left out because the service was late, every ten seconds."""
         if self.inbox.dropped and now_s - self._warned_s > _DROPPED_S:
             sentence = (
                 f"this machine was busy: {self.inbox.dropped} touches came late to the service, "
@@ -139,9 +137,9 @@ class ServiceSession:
             self.inbox.dropped, self._warned_s = 0, now_s
 
     def send_frame(self, frame: TelemetryFrame) -> None:
-        """Queue the rows that the asked rate leaves; the newest replace those that were not read.
+        """Queue rows at no more than the rate that was asked for; new frames replace unread ones.
 
-        Of rows at even times every second, third, ... is sent.
+        Rows come at even times: every second, third, ... of them is sent.
         """
         rate_hz = self.streams.get(frame.stream, 0.0)
         if not rate_hz:
@@ -175,7 +173,7 @@ class ServiceSession:
         return frame
 
     def close(self, code: int, reason: str) -> None:
-        """End it, after what waits."""
+        """Close the session, after the messages that wait are sent."""
         if self.closing is None:
             if self.is_welcome and code != 4409:
                 self.waiting.append(m.Bye(reason=reason).model_dump_json())

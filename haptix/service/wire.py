@@ -10,7 +10,9 @@ import json
 import os
 import queue
 import struct
+import sys
 import threading
+from collections.abc import Callable
 from contextlib import suppress
 from math import isnan, nan
 from typing import Any, BinaryIO
@@ -18,6 +20,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from haptix.checks import Array
+from haptix.errors import HaptixError
 from haptix.touch.events import KINDS, TouchEvent
 
 HEADER = struct.Struct("<IB")
@@ -141,8 +144,22 @@ def _exactly(stream: BinaryIO, count: int) -> bytes | None:
 _MOST_WAITING = 64  # frames of telemetry that the other side has not taken
 
 
+def answer_of(do: str, call: Callable[[], dict[str, Any] | None], code: str) -> dict[str, Any]:
+    """Return a call's answer to the front, or its problem; `code` is that of a `HaptixError`."""
+    try:
+        return call() or {}
+    except HaptixError as error:
+        problem = {"code": code, "sentence": str(error), "path": getattr(error, "path", "")}
+    except MemoryError:
+        problem = {"code": "limit", "sentence": f"{do}: needs more memory than it may have"}
+    except Exception as error:  # a fault of ours ends no process
+        sys.excepthook(type(error), error, error.__traceback__)
+        problem = {"code": "internal", "sentence": f"{do}: {type(error).__name__}: {error}"}
+    return {"problem": problem}
+
+
 class Outbox:
-    """Writes frames in a thread of its own: who sends never waits for the one who reads.
+    """Writes frames in a thread of its own: the sender never waits for the reader.
 
     Parameters
     ----------

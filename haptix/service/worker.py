@@ -1,9 +1,9 @@
 """``python -m haptix.service.worker NICE``: a process that works for one owner, and ends.
 
-It decodes files, draws, checks and exports materials, does a job, or feels as a virtual finger, so
+It decodes files, draws, checks and exports materials, does a job, or runs the virtual finger, so
 that neither the front nor the engine waits for that. It answers one question after the other; the
-front ends it where one takes too long. A front that is killed closes the input: a thread reads it,
-and ends the process whatever it computes then.
+front ends it when an answer takes too long. When the front is killed, the input closes: the thread
+that reads it ends the process, whatever it computes then.
 """
 
 from __future__ import annotations
@@ -19,9 +19,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from haptix.errors import HaptixError
 from haptix.files import parse_json
-from haptix.service.wire import JSON, Outbox, frame_output, read_frame
+from haptix.service.wire import JSON, Outbox, answer_of, frame_output, read_frame
 
 if TYPE_CHECKING:
     from haptix.service.document_work import DocumentWork
@@ -63,7 +62,7 @@ def limit_memory(most_bytes: int = MOST_MEMORY_BYTES) -> None:
 
 
 class Worker:
-    """What the process does, by the names of what it is asked.
+    """Answers the questions of the front, by their names.
 
     Parameters
     ----------
@@ -91,23 +90,14 @@ class Worker:
 
     def _answer(self, message: dict[str, Any]) -> dict[str, Any]:
         do = message.pop("do")
-        try:
-            if do in ("open", "job", "feel"):
-                answer: dict[str, Any] = getattr(self, f"_do_{do}")(**message)
-            else:
-                answer = getattr(self._documents, do)(**message)
+        is_of_worker = do in ("open", "job", "feel")
+
+        def call() -> dict[str, Any]:
+            method = getattr(self, f"_do_{do}") if is_of_worker else getattr(self._documents, do)
+            answer: dict[str, Any] = method(**message)
             return answer
-        except HaptixError as error:
-            path = getattr(error, "path", "")
-            return {"problem": {"code": "document", "sentence": str(error), "path": path}}
-        except MemoryError:
-            what = message.get("kind", do)
-            sentence = f"{what}: needs more than {MOST_MEMORY_BYTES / 2**30:g} GiB of memory"
-            return {"problem": {"code": "limit", "sentence": sentence}}
-        except Exception as error:  # a fault of ours is told as one
-            sys.excepthook(type(error), error, error.__traceback__)
-            sentence = f"{do}: {type(error).__name__}: {error}"
-            return {"problem": {"code": "internal", "sentence": sentence}}
+
+        return answer_of(message.get("kind", do), call, "document")
 
     def _do_open(self, assets: str, **opening: Any) -> dict[str, Any]:
         """Get ready for questions about files and materials."""

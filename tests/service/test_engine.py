@@ -117,8 +117,8 @@ def test_who_arms_after_a_silent_holder_is_felt(monkeypatch):
     server = EngineServer(io.BytesIO())
     server._device, server._layouts[2] = object(), SimpleNamespace(layout=None)
     server._renderer = FakeRenderer()
-    server._obey(b'{"do": "sleep"}')
+    server._dispatch(b'{"do": "sleep"}')
     assert server._renderer.is_muted
-    server._obey(b'{"do": "stop", "reason": "the lease is free"}')
+    server._dispatch(b'{"do": "stop", "reason": "the lease is free"}')
     server._do_arm(2)
     assert not renderer.is_muted and not server._sleeps
