@@ -23,7 +23,10 @@ from haptix.texture.material import (
 
 _FAMILIES = {"material": KINDS, "signal": SIGNALS}
 _MATERIAL, _SIGNAL = {"$ref": "#/$defs/material"}, {"$ref": "#/$defs/signal"}
-_REFERENCES = {ANY_KIND: _MATERIAL, ANY_SIGNAL: {"anyOf": [_SIGNAL, {"type": "number"}]}}
+_REFERENCES: dict[str, dict[str, Any]] = {
+    ANY_KIND: _MATERIAL,
+    ANY_SIGNAL: {"anyOf": [_SIGNAL, {"type": "number"}]},
+}
 
 __all__ = [
     "KINDS",

@@ -10,7 +10,7 @@ import haptix
 from haptix import cli, desk, task_list
 from haptix.campaign.kinds import load_campaign
 from haptix.campaign.run import run_campaign
-from haptix.service.job_work import Work
+from haptix.service.job_work import JobWork
 from haptix.service.rest import jobs_router
 from tests.command_line import run_haptix
 
@@ -97,7 +97,7 @@ def test_its_route_has_a_schema_for_a_form_and_names_no_files(charge):
 
 def test_its_job_runs(charge):
     said = []
-    work = Work({"assets": str(charge)}, lambda **fields: said.append(fields), iter(()))
+    work = JobWork({"assets": str(charge)}, lambda **fields: said.append(fields), iter(()))
     assert work.charge(voltage_v=[2.0])["last_c"] == pytest.approx(2e-10)
 
 

@@ -217,8 +217,8 @@ def test_signals_stand_in_the_schema_like_materials():
     sine = {"kind": "sine", "amplitude": 0.1, "frequency_hz": 50, "length_s": 1}
     for curve in (sine, {"kind": "sum", "parts": [0.2, {**sine, "length_s": "forever"}]}):
         check.validate({"kind": "transient", "curve": curve})
-    for curve in ({"kind": "sin"}, {"kind": "sine"}, {**sine, "wide": 2}, "sine"):
-        assert not check.is_valid({"kind": "transient", "curve": curve})
+    for wrong in ({"kind": "sin"}, {"kind": "sine"}, {**sine, "wide": 2}, "sine"):
+        assert not check.is_valid({"kind": "transient", "curve": wrong})
 
 
 @pytest.mark.parametrize("name", ["bricks.png", "../bricks.png", "/etc/passwd"])
