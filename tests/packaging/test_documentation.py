@@ -62,6 +62,17 @@ def test_the_ten_lines_run(capsys):
     assert re.search(r"\d{4,} samples, at most \d+ V", capsys.readouterr().out)
 
 
+def test_files_that_the_architecture_names_are_there():
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    whole = re.findall(r"`((?:haptix|firmware_io|calibration)/[\w/.]+)`", text)
+    assert len(whole) > 30
+    assert not [name for name in whole if not (ROOT / name).exists()]
+    files = {path.name for room in ("haptix", "firmware_io", "calibration", "benchmarks")
+             for path in (ROOT / room).rglob("*")}  # fmt: skip
+    assert not [name for name in re.findall(r"`([\w/]+\.(?:py|c))`", text)
+                if Path(name).name not in files]  # fmt: skip
+
+
 STARTS = [*sorted((ROOT / "docs").glob("start-*.md")), ROOT / "README.md"]
 BLOCK = re.compile(
     r"^(?:Save this as `(?P<file>[^`]+)`:\n+)?```(?P<kind>\w+)\n(?P<text>.*?)^```", re.M | re.S
