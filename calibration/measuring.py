@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from collections.abc import Callable
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import NamedTuple
 
 import numpy as np
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from calibration.parameters import Array
 from calibration.protocol import Protocol, Stroke
@@ -22,6 +20,7 @@ from calibration.session import Session
 from calibration.sources import ForceSource, Live, StrokeDrive
 from firmware_io import Device
 from haptix.checks import whole
+from haptix.desk import Context
 from haptix.errors import HaptixError, InputError
 
 _LOG = logging.getLogger("calibration")
@@ -50,43 +49,6 @@ class Watcher:
     prompt: Callable[[Stroke, int], None] = lambda stroke, tries: None
     live: Callable[[Stroke, float, Live], None] = lambda stroke, t_s, now: None
     done: Callable[[Stroke, list[Finding]], None] = lambda stroke, findings: None
-
-
-@contextmanager
-def terminal_watcher(strokes: int, ask: bool) -> Iterator[Watcher]:
-    """Show a progress bar with force and speed; with `ask`, wait for Enter before each stroke."""
-    console = Console(stderr=True)
-    bars = Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        console=console,
-        disable=not console.is_terminal,
-    )
-    task = bars.add_task("calibrate", total=strokes)
-
-    def prompt(stroke: Stroke, tries: int) -> None:
-        if ask:
-            bars.stop()
-            again = f" (attempt {tries + 1})" if tries else ""
-            console.input(f"{stroke.label}{again}: press Enter, wait a moment, then slide ")
-            bars.start()
-
-    def live(stroke: Stroke, t_s: float, now: Live) -> None:
-        text = (
-            f"stroke {stroke.number}: {now.normal_force_n:5.2f} of {stroke.normal_force_n:.2f} N, "
-            f"{now.speed_mm_per_s:5.1f} of {stroke.speed_mm_per_s:.0f} mm/s"
-        )
-        bars.update(task, description=text)
-
-    def done(stroke: Stroke, findings: list[Finding]) -> None:
-        for one in findings:
-            console.print(f"stroke {stroke.number}: {one}", markup=False, highlight=False)
-        if not any(one.is_fatal for one in findings):
-            bars.advance(task)
-
-    with bars:
-        yield Watcher(prompt, live, done)
 
 
 class SessionOutcome(NamedTuple):
@@ -193,6 +155,109 @@ def measure(
             rejected += 1
     still_open = session.open_strokes
     return SessionOutcome(len(protocol.strokes) - len(still_open), rejected, still_open)
+
+
+GO, AGAIN, STOP = "go", "repeat the last one", "stop"
+_TOLD_S = 0.1  # between two traces of a stroke that is made in real time
+
+
+class _StoppedError(Exception):
+    """The person wants no more strokes."""
+
+
+class _AgainError(Exception):
+    """The person wants to make the last stroke once more."""
+
+
+class _Guide:
+    """Guides a person from stroke to stroke, by the context of a task."""
+
+    def __init__(self, session: Session, context: Context, asks: bool) -> None:
+        self._session, self._context, self._asks = session, context, asks
+        self.watcher = Watcher(self._prompt, self._live, self._done)
+        self.last: Stroke | None = None
+        """A stroke that was just accepted, and may be repeated."""
+        self.rejected = 0
+        self._why = ""
+        self._rows: list[tuple[float, ...]] = []
+        self._tries, self._told_s = 0, 0.0
+
+    def _prompt(self, stroke: Stroke, tries: int) -> None:
+        self._tries = tries
+        if not self._asks:
+            return
+        ways = "there and back" if stroke.there_and_back else "one way"
+        prompt = (
+            f"{self._why}Stroke {stroke.number} of {len(self._session.protocol.strokes)}: press "
+            f"with {stroke.normal_force_n:g} N and slide {stroke.length_mm:g} mm {ways} at "
+            f"{stroke.speed_mm_per_s:g} mm/s."
+        )
+        can_repeat = self.last is not None and tries == 0
+        answer = self._context.ask(prompt, (GO, AGAIN, STOP) if can_repeat else (GO, STOP))
+        if answer == AGAIN:
+            raise _AgainError
+        if answer == STOP:
+            raise _StoppedError
+
+    def _live(self, stroke: Stroke, t_s: float, now: Live) -> None:
+        self._rows.append((t_s, now.normal_force_n, now.tangential_force_n, now.speed_mm_per_s))
+        if time.monotonic() - self._told_s > _TOLD_S:
+            self._tell_trace(stroke)
+
+    def _done(self, stroke: Stroke, findings: list[Finding]) -> None:
+        self._tell_trace(stroke)
+        fatal = [str(one) for one in findings if one.is_fatal]
+        self.rejected += bool(fatal)
+        self.last = None if fatal else stroke
+        self._why = f"Once more, please. {'; '.join(fatal)}. " if fatal else ""
+        for finding in findings:
+            self._context.tell(step=f"stroke {stroke.number}: {finding}")
+        count = len(self._session.protocol.strokes)
+        self._context.progress("measure", 1 - len(self._session.open_strokes) / count)
+
+    def _tell_trace(self, stroke: Stroke) -> None:
+        if not self._rows:
+            return
+        names = ("t_s", "normal_force_n", "tangential_force_n", "speed_mm_per_s")
+        columns = zip(names, zip(*self._rows, strict=True), strict=True)
+        trace = {
+            "stroke": stroke.number,
+            "tries": self._tries,
+            "asked_normal_force_n": stroke.normal_force_n,
+            "asked_speed_mm_per_s": stroke.speed_mm_per_s,
+            **{name: [round(value, 4) for value in column] for name, column in columns},
+        }
+        self._rows, self._told_s = [], time.monotonic()
+        self._context.tell(trace=trace)
+
+
+def measure_guided(
+    session: Session,
+    source: ForceSource,
+    device: Device | None,
+    context: Context,
+    asks: bool = True,
+    conditions: Conditions | None = None,
+    most_tries: int = 5,
+) -> SessionOutcome:
+    """Measure what is open with a person, who goes on, repeats the last stroke, or stops.
+
+    Without `asks` nothing waits. For the other parameters see `measure`.
+    """
+    guide = _Guide(session, context, asks)
+    while True:
+        try:
+            measure(session, source, device, guide.watcher, conditions, most_tries)
+        except _AgainError:
+            assert guide.last is not None
+            session.open_again(guide.last)
+            guide.last = None
+            continue
+        except _StoppedError:
+            pass
+        still_open = session.open_strokes
+        accepted = len(session.protocol.strokes) - len(still_open)
+        return SessionOutcome(accepted, guide.rejected, still_open)
 
 
 def _check_voltages(session: Session, device: Device | None) -> None:

@@ -56,7 +56,7 @@ class Result:
     document : dict or list
         For programs: plain values for JSON.
     tables : sequence of (str, sequence)
-        For people: titles and rows, each a mapping or a result with its `Heading`.
+        For people: titles and rows, which are mappings, results with headings, or lines.
     lines : sequence of str
         What stands below the tables.
     files : mapping
@@ -160,6 +160,8 @@ class Task(BaseModel, ABC):
     """Of its jobs."""
     plays: ClassVar[bool] = False
     """Whether it plays on the device in use."""
+    keeps: ClassVar[str] = ""
+    """Folder of the service for what it writes; none where it is empty."""
     stages: ClassVar[tuple[str, ...]] = ()
     """What it says it does, in order, each for as long."""
 
@@ -171,10 +173,16 @@ class Task(BaseModel, ABC):
             raise InputError(f"{place}: {why}" if place else why) from None
 
     def __init_subclass__(
-        cls, command: str = "", route: str = "", kind: str = "", plays: bool = False, **more: Any
+        cls,
+        command: str = "",
+        route: str = "",
+        kind: str = "",
+        plays: bool = False,
+        keeps: str = "",
+        **more: Any,
     ) -> None:
         super().__init_subclass__(**more)
-        cls.command, cls.route, cls.plays = command, route, plays
+        cls.command, cls.route, cls.plays, cls.keeps = command, route, plays, keeps
         cls.kind = kind or command
 
     @abstractmethod

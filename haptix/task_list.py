@@ -12,6 +12,9 @@ MODULES = [
     "haptix.tasks.scenes",
     "haptix.tasks.materials",
     "haptix.tasks.campaigns",
+    "haptix.tasks.stimuli",
+    "calibration.tasks",
+    "calibration.result_tasks",
 ]
 """Modules of tasks, in the order in which help lists them."""
 

@@ -34,7 +34,10 @@ def run(app: Callable[[], object], name: str) -> None:
 
 
 def show(title: str, results: Sequence[Any], as_json: bool) -> None:
-    """Print results, or mappings with the same keys, as a table or as JSON."""
+    """Print results, or mappings with the same keys, as a table or as JSON; lines as lines."""
+    if not as_json and results and isinstance(results[0], str):
+        sys.stdout.writelines(f"{title}: {line}\n" for line in results)
+        return
     if as_json:
         plain = [one if isinstance(one, Mapping) else record(one) for one in results]
         sys.stdout.write(json.dumps(plain, indent=2, allow_nan=False) + "\n")
@@ -135,38 +138,59 @@ def warning_note(warnings: Sequence[str]) -> str:
     return f"; beyond what was validated: {'; '.join(warnings)}" if warnings else ""
 
 
-@contextmanager
-def progress_bar(
-    stages: Mapping[str, str] | None = None,
-) -> Iterator[Callable[[str, float], None]]:
-    """Show a bar for each stage once it starts; yields ``update(stage, share)``.
+class ProgressBar:
+    """A bar for each stage once it starts, on the standard error where that is a terminal.
 
-    `stages` are what is shown for each; without it, that is the stage itself.
+    Parameters
+    ----------
+    stages : mapping, optional
+        What is shown for each stage; without it, that is the stage itself.
     """
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
 
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TimeRemainingColumn(),
-        TimeElapsedColumn(),
-    )
-    console = Console(stderr=True)
-    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
-        tasks: dict[str, Any] = {}
+    def __init__(self, stages: Mapping[str, str] | None = None) -> None:
+        from rich.console import Console
+        from rich.progress import (
+            BarColumn,
+            Progress,
+            TextColumn,
+            TimeElapsedColumn,
+            TimeRemainingColumn,
+        )
 
-        def update(stage: str, share: float) -> None:
-            if stage not in tasks:
-                for earlier in tasks.values():
-                    progress.update(earlier, completed=1.0)
-                tasks[stage] = progress.add_task((stages or {}).get(stage, stage), total=1.0)
-            progress.update(tasks[stage], completed=share)
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TimeRemainingColumn(),
+            TimeElapsedColumn(),
+        )
+        console = Console(stderr=True)
+        self._bars = Progress(*columns, console=console, disable=not console.is_terminal)
+        self._stages, self._tasks = stages or {}, dict[str, Any]()
 
-        yield update
+    def __call__(self, stage: str, share: float) -> None:
+        """Show which share of a stage is done."""
+        self._bars.start()
+        if stage not in self._tasks:
+            for earlier in self._tasks.values():
+                self._bars.update(earlier, completed=1.0)
+            self._tasks[stage] = self._bars.add_task(self._stages.get(stage, stage), total=1.0)
+        self._bars.update(self._tasks[stage], completed=share)
+
+    def note(self, line: str) -> None:
+        """Show a line beside the bar of the present stage."""
+        for stage in [*self._tasks][-1:]:
+            self._bars.update(self._tasks[stage], description=f"{stage}: {line}")
+
+    def pause(self) -> None:
+        """Leave the terminal to a person; the next call shows the bars again."""
+        self._bars.stop()
+
+
+@contextmanager
+def progress_bar(stages: Mapping[str, str] | None = None) -> Iterator[ProgressBar]:
+    """Show progress within a block."""
+    bar = ProgressBar(stages)
+    try:
+        yield bar
+    finally:
+        bar.pause()

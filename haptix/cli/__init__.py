@@ -26,14 +26,6 @@ COMMANDS = {
         "haptix.cli.service:studio",
         "Open the studio in a browser: feel textures by mouse, pen or touch, make and test them.",
     ),
-    "stimuli": (
-        "haptix.cli.stimuli:app",
-        "Stimuli for perception experiments: make sets, look at them, run and analyse trials.",
-    ),
-    "calibrate": (
-        "calibration.app:app",
-        "Calibrate a screen: plan, measure, reduce, fit, verify; each step can be repeated.",
-    ),
     "devices": (
         "haptix.cli.hardware:devices",
         "List what can be opened, and what the buses show: USB, HID, serial, audio, NI outputs.",

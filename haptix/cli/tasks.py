@@ -16,7 +16,7 @@ from haptix.desk import Context, Task, inner, read, task_at, typed
 from haptix.errors import InputError
 from haptix.fields import Typed
 from haptix.task_list import MODULES, tasks_of
-from haptix.terminal import AsJson, progress_bar, show
+from haptix.terminal import AsJson, ProgressBar, progress_bar, show
 from haptix.units import unit_of
 
 _UNDERSTOOD = "haptix.understood"
@@ -71,7 +71,7 @@ def group_of(word: str, about: str) -> typer.Typer:
 class _Terminal(Context):
     """Progress on the standard error; a person answers on the standard input."""
 
-    def __init__(self, update: Callable[[str, float], None]) -> None:
+    def __init__(self, update: ProgressBar) -> None:
         super().__init__(Path())
         self._update = update
 
@@ -82,11 +82,24 @@ class _Terminal(Context):
     def tell(self, **what: Any) -> None:
         if "step" in what:
             sys.stderr.write(f"haptix: {what['step']}\n")
+        if "trace" in what:
+            latest = {k: v[-1] if isinstance(v, list) else v for k, v in what["trace"].items()}
+            shown = (f"{name.replace('_', ' ')} {value:.3g}" for name, value in latest.items())
+            self._update.note(", ".join(shown))
 
     def ask(self, prompt: str, choices: Sequence[str] = ()) -> str:
-        sys.stderr.write(f"{prompt} {'/'.join(choices)} ")
-        sys.stderr.flush()
-        return sys.stdin.readline().strip()
+        """Ask until the answer is one of the choices; Enter alone takes the first."""
+        self._update.pause()
+        while True:
+            sys.stderr.write(f"{prompt.rstrip()} {'/'.join(choices)} ".replace("  ", " "))
+            sys.stderr.flush()
+            if not (line := sys.stdin.readline()):
+                raise InputError(f"the input ended before an answer to: {prompt.rstrip()}")
+            answer = line.strip()
+            if not choices or answer in choices:
+                return answer
+            if not answer:
+                return choices[0]
 
 
 def _is_typed(context: typer.Context, name: str) -> bool:

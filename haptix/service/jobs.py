@@ -13,8 +13,10 @@ import secrets
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
+from functools import cache
 from typing import Any
 
+from haptix.desk import all_tasks
 from haptix.service.control import Engine
 from haptix.service.messages import JobMessage, Problem, StrokeTrace
 from haptix.service.pool import NICE, Process
@@ -26,8 +28,11 @@ _MOST_ENDED = 50  # jobs that have ended
 _SHARE = 0.01  # of a job: smaller steps are not told
 _ENDED = ("done", "failed", "cancelled")
 
-ON_DEVICE = ("experiment", "calibration")
-"""Kinds that play: the engine gives them the device meanwhile."""
+
+@cache
+def plays(kind: str) -> bool:
+    """Whether a kind of job plays: the engine gives it the device meanwhile."""
+    return any(task.plays and task.kind == kind for task in all_tasks())
 
 
 class Job(Process):
@@ -198,7 +203,7 @@ class JobBoard:
     def end_playing(self) -> None:
         """End all jobs that play or wait to; the driver's watchdog ends at 0 V."""
         for job in list(self._jobs.values()):
-            if job.message.kind in ON_DEVICE:
+            if plays(job.message.kind):
                 self.cancel(job)
 
     async def stop(self) -> None:
@@ -211,15 +216,15 @@ class JobBoard:
     async def _runs(self) -> None:
         while self._queue:
             job = self._queue.popleft()
-            plays = job.message.kind in ON_DEVICE
+            on_device = plays(job.message.kind)
             try:
-                if plays:
+                if on_device:
                     self._disarm("a job has the device")
                     await self._engine.ask("lend")
                 await job.run()
             except Problem as problem:
                 job.change(state="failed", sentence=problem.sentence)
             finally:
-                if plays:
+                if on_device:
                     with suppress(Problem):  # an engine that has died opens it anew
                         await self._engine.ask("take_back")

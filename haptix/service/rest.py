@@ -20,6 +20,7 @@ from fastapi.responses import FileResponse, JSONResponse
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from haptix.desk import Task, all_tasks
+from haptix.fields import FOLDER_NAME
 from haptix.files import write_whole
 from haptix.gallery import FOLDER, presets
 from haptix.service import messages as m
@@ -240,30 +241,6 @@ def _data_url(path: Path) -> str:
 
 
 JobName = Annotated[str, PathParameter(pattern=r"^[0-9a-f]{1,32}$")]
-_FOLDER = r"^[A-Za-z0-9][A-Za-z0-9_-]{0,79}$"
-FolderName = Annotated[str, Field(pattern=_FOLDER)]
-
-
-class ExperimentRequest(BaseModel):
-    """What `POST /v1/experiments` takes."""
-
-    model_config = ConfigDict(extra="forbid")
-    recipe: dict[str, Any]
-    """As the file of `haptix stimuli run`; without volts."""
-    log: FolderName
-    """Name of the table of trials. One that exists is continued."""
-    participant: Annotated[int, Field(ge=1, le=10_000)] = 1
-    """Number from 1, which decides the order of a recipe's blocks."""
-
-
-class CalibrationRequest(BaseModel):
-    """What `POST /v1/calibrations` takes."""
-
-    model_config = ConfigDict(extra="forbid")
-    name: FolderName
-    """Of its folder: one that was planned on this machine is continued, another is a practice."""
-    minutes: Annotated[float, Field(ge=2, le=60)] = 3.0
-    """Of a practice's strokes."""
 
 
 class Answer(BaseModel):
@@ -286,18 +263,8 @@ def jobs_router(board: JobBoard) -> APIRouter:
         """Surfaces that were asked for, with their progress."""
         return tuple(job for job in board.all(request.state.owner) if job.kind == "surface")
 
-    @router.post("/experiments", status_code=202)
-    async def experiment(request: Request, body: ExperimentRequest) -> JobMessage:
-        """Run an adaptive experiment on the device; each trial asks."""
-        return board.begin("experiment", request.state.owner, **body.model_dump())
-
-    @router.post("/calibrations", status_code=202)
-    async def calibration(request: Request, body: CalibrationRequest) -> JobMessage:
-        """Measure a screen stroke by stroke, and verify; each stroke asks."""
-        return board.begin("calibration", request.state.owner, **body.model_dump())
-
     @router.get("/calibrations/{name}/report", response_class=FileResponse)
-    async def report(name: Annotated[str, PathParameter(pattern=_FOLDER)]) -> FileResponse:
+    async def report(name: Annotated[str, PathParameter(pattern=FOLDER_NAME)]) -> FileResponse:
         """The report of a calibration: a page to keep, with its pictures inside."""
         folder = board.context.get("calibrations")  # none before the engine is there
         path = Path(folder or "") / name / "report.html"

@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import Field, PositiveFloat, PositiveInt, model_validator
 
 from haptix.checks import choice
+from haptix.devices import Device
 from haptix.documents import Document, Part
 from haptix.errors import InputError
 from haptix.finger import Finger
@@ -27,6 +28,7 @@ from haptix.stimuli.adaptive import (
     METHODS,
     Catch,
     Exclude,
+    Experiment,
     Method,
     MethodsByCondition,
     Practice,
@@ -34,6 +36,7 @@ from haptix.stimuli.adaptive import (
     SessionPlan,
     StopRules,
 )
+from haptix.stimuli.adaptive.observer import AnswerTo
 from haptix.stimuli.adaptive.session import BlockOrder, order_for, task_named
 from haptix.stimuli.apparatus import Apparatus
 from haptix.stimuli.designs import Design, equal_friction, put
@@ -249,6 +252,33 @@ class ExperimentRecipe(Document):
             return MethodsByCondition(found, seed=self.seed if seed is None else seed)
         names = order_for(list(found), participant, self.order, self.seed)
         return MethodsByCondition({name: found[name] for name in names}, interleaved=False)
+
+    def experiment(
+        self,
+        device: Device,
+        answer: AnswerTo,
+        log_file: str | Path,
+        participant: int = 1,
+        seed: int | None = None,
+        **around: Any,
+    ) -> Experiment:
+        """Return the experiment on a device; `around` are other parameters of `Experiment`.
+
+        `participant` and `seed` are those of `make_method`.
+        """
+        return Experiment(
+            self.make_method(participant, seed),
+            self.presentations(device.capabilities.sample_rate_hz),
+            device,
+            answer,
+            log_file,
+            self.task,
+            self.seed if seed is None else seed,
+            self.ceiling_v,
+            self.pause_s,
+            plan=self.session_plan(),
+            **around,
+        )
 
     def presentation(self, sample_rate_hz: float) -> Presentation:
         """Build the surface, and return the presentation that turns a level into volts."""

@@ -9,13 +9,15 @@ from typer.testing import CliRunner
 
 import haptix
 from calibration import Fit, Protocol, Session
-from calibration.app import app
 from calibration.rig import RIG, RigCheck
 from calibration.steps import RESTS_ON, fit_folder, reduce_folder, verify_folder
 from haptix.campaign import run_campaign
 from haptix.campaign.plans import CalibrationFits
 from haptix.cli.application import app as whole
+from haptix.cli.tasks import group_of
 from haptix.errors import InputError
+
+app = group_of("calibrate", "Calibrate a screen.")
 
 run = CliRunner()
 

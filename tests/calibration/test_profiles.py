@@ -11,14 +11,16 @@ from typer.testing import CliRunner
 import firmware_io
 import haptix
 from calibration import Parameters, StrokePredictor, full_protocol
-from calibration.app import app
 from calibration.practice import TRUTH, compare_with_truth, draw_truth
 from calibration.profile import match_profiles
 from calibration.reduction import Reduced
 from calibration.verification import Drift, check_profile
 from firmware_io import Device, MockDriver, MockLink
+from haptix.cli.tasks import group_of
 from haptix.profiles import install_profile, installed_profile, profile_of, profiles_for
 from haptix.screen import Calibration, CalibrationWarning
+
+app = group_of("calibrate", "Calibrate a screen.")
 
 
 @pytest.fixture(autouse=True)

@@ -9,8 +9,10 @@ from scipy.signal import lti
 from typer.testing import CliRunner
 
 import haptix
-from calibration.app import app
 from calibration.rig import RigCheck, measure_rig, tap_response
+from haptix.cli.tasks import group_of
+
+app = group_of("calibrate", "Calibrate a screen.")
 
 RATE_HZ = 10_000.0
 

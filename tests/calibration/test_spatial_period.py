@@ -10,8 +10,10 @@ from typer.testing import CliRunner
 
 import haptix
 from calibration import ColumnMap
-from calibration.app import app
 from calibration.spatial_period import spatial_period
+from haptix.cli.tasks import group_of
+
+app = group_of("calibrate", "Calibrate a screen.")
 
 CHANNELS = [f"channel{index}" for index in range(1, 17)]
 DATA = Path(__file__).parents[3] / "shared" / "data" / "fabricslide"

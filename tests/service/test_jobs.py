@@ -13,11 +13,13 @@ import numpy as np
 import pytest
 
 import haptix
+from haptix.desk import Context
 from haptix.motion import Trajectory
 from haptix.render import LiveSettings
 from haptix.service.job_work import JobWork
 from haptix.service.messages import asyncapi
 from haptix.simulation import Setting, simulate
+from haptix.tasks.stimuli import judgement
 from haptix.virtual_finger import TouchPanel
 from tests.service.service_under_test import Service
 from tests.service.test_sessions import Client
@@ -177,16 +179,21 @@ def test_a_recipe_of_the_network_names_no_files_and_no_volts(tmp_path, change, w
     context |= {"assets": str(tmp_path), "logs": str(tmp_path)}
     work = JobWork(context, lambda **_: None, None)
     with pytest.raises(haptix.InputError, match=words):
-        work.experiment({**RECIPE, **change}, "log")
+        work.experiment(recipe={**RECIPE, **change}, log="log")
 
 
 @pytest.mark.slow  # builds a surface, and renders twice
 def test_a_magnitude_is_asked_for_until_a_number_above_zero_comes():
     said, answers = [], iter(("strong", "-1", "nan", "inf", "3.5", "2"))
-    work = JobWork({}, lambda **fields: said.append(fields), answers)
-    assert work._judged(()) == "3.5"
-    assert len(said) == 5 and all(one["choices"] == () for one in said)
-    assert work._judged(("1", "2")) == "2"
+
+    class Person(Context):
+        def ask(self, prompt, choices=()):
+            said.append(choices)
+            return next(answers)
+
+    assert judgement(Person(), ()) == "3.5"
+    assert said == [()] * 5
+    assert judgement(Person(), ("1", "2")) == "2"
 
 
 def test_a_rendering_has_the_numbers_of_haptix_render(tmp_path, model, monkeypatch):
@@ -214,9 +221,9 @@ def test_a_calibration_asks_before_each_stroke_and_is_continued(tmp_path):
     context["calibrations"] = str(tmp_path)
     said, answers = [], iter(("go", "stop", "stop"))
     work = JobWork(context, lambda **fields: said.append(fields), answers)
-    first = work.calibration("panel-7", 2.0)
+    first = work.calibration(name="panel-7", minutes=2.0)
     assert first["verdict"] is None
-    second = work.calibration("panel-7", 2.0)  # goes on where it was stopped
+    second = work.calibration(name="panel-7", minutes=2.0)  # goes on where it was stopped
     prompts = [one["prompt"] for one in said if "prompt" in one]
     assert len(prompts) == 3 and prompts[1] == prompts[2] != prompts[0]
     assert second["still_open"] == first["still_open"]

@@ -6,11 +6,11 @@ it is planned, with the jobs.
 
 import pytest
 
+from calibration.tasks import begin_practice
 from firmware_io import open_device
 from haptix.finger import Finger
 from haptix.profiles import profile_of
 from haptix.screen import Screen
-from haptix.service.calibration_job import begin_practice
 from tests.studio.conftest import a_page, address, keep
 
 LONG_MS = 600_000  # of a busy machine: the fit takes half a minute of a free one

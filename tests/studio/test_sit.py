@@ -10,11 +10,11 @@ from typing import Any
 
 import pytest
 
-from haptix.service.job_work import _refuse_files_and_volts
 from haptix.service.jobs import Job
 from haptix.service.messages import JobMessage
 from haptix.stimuli.adaptive.session import TASKS
 from haptix.stimuli.recipe import ExperimentRecipe
+from haptix.tasks.stimuli import refuse_files_and_volts
 from tests.studio.conftest import ROOT, address, keep, violations
 
 
@@ -258,5 +258,5 @@ def test_the_page_s_recipes_are_those_of_the_command():
         ["node", "--input-type=module", "-e", script], capture_output=True, text=True, check=True
     )
     for recipe in json.loads(done.stdout):
-        _refuse_files_and_volts(recipe)
+        refuse_files_and_volts(recipe)
         assert ExperimentRecipe(**recipe).make_method().level <= 0

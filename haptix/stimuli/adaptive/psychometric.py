@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from math import isnan, nan
+from math import isfinite, isnan, nan
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +25,12 @@ class Estimate:
     """Slope and other estimated parameters."""
     warnings: tuple[str, ...] = ()
     """Why there is no threshold, or why it may be wrong."""
+
+    def record(self) -> dict[str, Any]:
+        """Return plain values for JSON; what is unknown is None."""
+        numbers = {"threshold_db": self.threshold, "spread_db": self.spread, **self.others}
+        known = {name: value if isfinite(value) else None for name, value in numbers.items()}
+        return {**known, "warnings": list(self.warnings)}
 
 
 Psychometric = Callable[..., Array]

@@ -1,0 +1,337 @@
+"""Tasks on what was measured: reduce, fit, verify; compare, install; and the spatial period."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from pydantic import AfterValidator, Field
+
+from haptix.desk import Context, Result, Task
+from haptix.errors import InputError
+from haptix.fields import (
+    Address,
+    Argument,
+    FileThere,
+    FingerName,
+    FolderThere,
+    Positive,
+    TermName,
+    Text,
+    Typed,
+)
+from haptix.report import record, row
+
+if TYPE_CHECKING:
+    from calibration.parameters import Array
+    from haptix.finger import Finger
+    from haptix.screen import Screen
+
+SessionThere = Annotated[FolderThere, Argument]
+
+
+def _numbers(text: str, form: str) -> tuple[str, tuple[float, ...]]:
+    """Read a text such as ``h0_m=1.2e-7,0.1``, with as many numbers as `form` has."""
+    name, _, values = text.partition("=")
+    try:
+        numbers = tuple(float(value) for value in values.split(","))
+    except ValueError:
+        numbers = ()
+    is_whole = len(numbers) == form.count(",") + 1 and all(map(isfinite, numbers))
+    if not (is_whole and name.strip()):
+        raise ValueError(f"expected {form}, such as h0_m=1.2e-7, got {text!r:.80}")
+    return name.strip(), numbers
+
+
+def _of_form(form: str) -> AfterValidator:
+    """Return the check of a text by `_numbers`."""
+
+    def check(text: str) -> str:
+        _numbers(text, form)
+        return text
+
+    return AfterValidator(check)
+
+
+class Reduce(Task, command="calibrate reduce"):
+    """Compute mu(F_N, V0, f) from the raw forces, and name the strokes that cannot be used."""
+
+    folder: SessionThere = Field(description="Folder of the session.")
+
+    def run(self, context: Context) -> Result:
+        """Reduce."""
+        from calibration.steps import REDUCED, reduce_folder
+
+        reduced = reduce_folder(self.folder)
+        rows = [{"stroke": point.number, **record(point)} for point in reduced.points]
+        title = (
+            f"{self.folder / REDUCED}: {len(reduced.used)} strokes to fit, "
+            f"{len(reduced.held_out)} held out, {len(reduced.outliers)} not used"
+        )
+        return Result(rows, [(title, reduced.points)])
+
+
+class FitSession(Task, command="calibrate fit"):
+    """Fit screen and finger, and report what the strokes determine.
+
+    A parameter that they do not determine has no value, but the experiment that would give one.
+    """
+
+    folder: SessionThere = Field(description="Folder of the session.")
+    fix: tuple[Annotated[str, _of_form("NAME=VALUE")], ...] = Field(
+        (), description="Hold a parameter: NAME=VALUE; may be repeated."
+    )
+    prior: tuple[Annotated[str, _of_form("NAME=VALUE,SPREAD")], ...] = Field(
+        (), description="Prior: NAME=VALUE,SPREAD (0.1 for 10 %); may be repeated."
+    )
+    finger: FileThere | None = Field(
+        None, description="fit.json of the same finger on another screen."
+    )
+    leaky_gap: bool = Field(False, description="Fit the resistivity of the gap.")
+    with_terms: Annotated[tuple[TermName, ...], Typed("--with")] = Field(
+        (), description="Switch a term on."
+    )
+    without_terms: Annotated[tuple[TermName, ...], Typed("--without")] = Field(
+        (), description="Switch a term off."
+    )
+    compare: bool = Field(True, description="Find which terms the strokes need.")
+
+    def run(self, context: Context) -> Result:
+        """Fit."""
+        from calibration.steps import FIT, fit_folder
+
+        terms = dict.fromkeys(self.with_terms, True) | dict.fromkeys(self.without_terms, False)
+        fixed = {name: value for name, (value,) in (_numbers(t, "NAME=VALUE") for t in self.fix)}
+        priors: dict[str, tuple[float | None, float]] = {}
+        for text in self.prior:
+            name, (value, spread) = _numbers(text, "NAME=VALUE,SPREAD")
+            priors[name] = value, spread
+        fit, needs = fit_folder(
+            self.folder, fixed, priors, self.finger, self.leaky_gap, terms or None, self.compare
+        )
+        shown = ("name", "value", "low", "high", "spread", "verdict")
+        document = {
+            "estimates": [record(estimate, shown) for estimate in fit.estimates],
+            "advice": [estimate.refusal() for estimate in fit.undetermined],
+            **record(fit, ("left_out", "theory", "repeatability", "forms")),
+            "terms": record(needs),
+        }
+        title = (
+            f"{self.folder / FIT}: {len(fit.strokes)} strokes, which repeat within "
+            f"{fit.repeatability.log_mu:.1%}; theory {fit.theory}"
+        )
+        return Result(document, [(title, ()), *fit.parts(needs)])
+
+
+class Verify(Task, command="calibrate verify"):
+    """Verify the fit by strokes kept out of it; write profiles, report and archive.
+
+    Exit code 1 if it fails.
+    """
+
+    folder: SessionThere = Field(description="Folder of the session.")
+    tolerance_jnd: Positive = Field(
+        0.5, description="Largest error, in just-noticeable differences (JND)."
+    )
+
+    def run(self, context: Context) -> Result:
+        """Verify."""
+        from calibration.profile import SCREEN
+        from calibration.steps import REPORT, verify_folder
+
+        verification, screen = verify_folder(self.folder, self.tolerance_jnd)
+        written = "no profile" if screen is None else self.folder / SCREEN
+        title = f"{verification.verdict}: {written}, {self.folder / REPORT}"
+        tables = [(title, ()), *verification.parts]
+        return Result(record(verification), tables, failed=bool(verification.failures))
+
+
+class Check(Task, command="calibrate check"):
+    """Compare new strokes with an existing profile: the drift since then, in JND.
+
+    Passes if the mean change of friction, with its uncertainty, is within half a JND. Exit code 1
+    if not.
+    """
+
+    folder: SessionThere = Field(description="Folder of a session with new strokes.")
+    profile: FileThere = Field(description="screen.toml of an earlier calibration.")
+    finger: FingerName | None = Field(
+        None, description="Finger: a preset or a file. [default: finger.toml beside the profile]"
+    )
+
+    def run(self, context: Context) -> Result:
+        """Compare."""
+        from calibration.predict import StrokePredictor
+        from calibration.steps import reduce_folder
+        from calibration.verification import check_profile
+        from haptix.friction import ContactModel
+
+        screen, finger = _profiles(self.profile, self.finger)
+        predictor = StrokePredictor(ContactModel(finger, screen))
+        checked = check_profile(reduce_folder(self.folder), predictor)
+        days = _days_between(screen, self.folder)
+        document = {
+            "verdict": checked.verdict,
+            "days": days,
+            "drift": record(checked.drifts),
+            "strokes": record(checked.strokes),
+        }
+        since = "" if days is None else f", {days} days after its calibration"
+        rows = [{"": name.replace("_", " "), **row(one)} for name, one in checked.drifts.items()]
+        title = f"{checked.verdict}: {screen.name}{since}; drift in JND"
+        return Result(document, [(title, rows)], failed=not checked.passed)
+
+
+class Match(Task, command="calibrate match"):
+    """Find the friction that two screens can both give, and the voltages for it.
+
+    difference: of the friction at equal voltages, B minus A; uncertainty: 90 %, of equal friction.
+    """
+
+    a: Annotated[FileThere, Argument] = Field(description="screen.toml of the first screen.")
+    b: Annotated[FileThere, Argument] = Field(description="screen.toml of the second one.")
+    normal_force_n: tuple[Positive, ...] = Field(
+        (0.2, 0.5, 0.8), description="Normal forces; may be repeated."
+    )
+    frequency_hz: Positive = Field(4000.0, description="Of the drive.")
+    levels: Annotated[int, Field(ge=2, le=1000)] = Field(
+        5, description="Frictions in the common range."
+    )
+    finger: FingerName | None = Field(
+        None, description="Finger: a preset or a file. [default: finger.toml beside the profile]"
+    )
+
+    def run(self, context: Context) -> Result:
+        """Match them."""
+        from calibration.profile import match_profiles
+
+        profiles = _profiles(self.a, self.finger), _profiles(self.b, self.finger)
+        matches = match_profiles(*profiles, self.normal_force_n, self.frequency_hz, self.levels)
+        tables = [
+            (f"at {one.normal_force_n:g} N and {self.frequency_hz:g} Hz: {one.text}", one.levels)
+            for one in matches
+        ]
+        return Result(record(matches), tables)
+
+
+class Install(Task, command="calibrate install"):
+    """Install a profile for a driver, by whose serial number `haptix render` and `play` find it."""
+
+    profile: Annotated[FileThere, Argument] = Field(
+        description="screen.toml of a calibration that passed."
+    )
+    serial: Text | None = Field(None, description="Serial number of the driver.")
+    device: Address | None = Field(None, description="The driver itself, such as usb:.")
+    finger: FileThere | None = Field(
+        None, description="Finger. [default: finger.toml beside the profile]"
+    )
+
+    def run(self, context: Context) -> Result:
+        """Install it."""
+        from firmware_io import open_device
+        from haptix.profiles import install_profile
+        from haptix.screen import Screen
+
+        if (self.serial is None) == (self.device is None):
+            raise InputError("expected --serial or --device, one of the two")
+        serial = self.serial
+        if self.device is not None:
+            with closing(open_device(self.device)) as opened:
+                serial = opened.capabilities.serial
+        finger = self.finger or self.profile.with_name("finger.toml")
+        installed = install_profile(serial or "", self.profile, finger)
+        shown = {
+            "serial": serial,
+            "calibration_id": Screen.load(installed.screen).calibration_id,
+            "screen": str(installed.screen),
+            "finger": str(installed.finger),
+        }
+        return Result([shown], [("installed", [shown])])
+
+
+class Period(Task, command="calibrate period"):
+    """Find the spatial period of what was touched, with its significance and its harmonic.
+
+    Every mapped column but time, place, normal force and drive is a signal; of a session's stroke
+    it is the tangential force. Exit code 1 if a file shows no significant period.
+    """
+
+    files: Annotated[tuple[FileThere, ...], Field(min_length=1), Argument] = Field(
+        description="Recordings: CSV files, or a session's stroke-001.h5."
+    )
+    columns: FileThere | None = Field(None, description="For CSV: column map, as TOML.")
+    speed_mm_per_s: Positive | None = Field(
+        None, description="Of the slide, in place of that in the column map."
+    )
+    shortest_mm: Positive = Field(1.0, description="Shortest period.")
+    longest_mm: Positive = Field(6.0, description="Longest period.")
+
+    def run(self, context: Context) -> Result:
+        """Find it."""
+        from calibration.spatial_period import spatial_period
+
+        periods = [
+            spatial_period(*self.signals(file), self.shortest_mm, self.longest_mm)
+            for file in self.files
+        ]
+        names = [{"file": file.name} for file in self.files]
+        rows = [name | record(one) for name, one in zip(names, periods, strict=True)]
+        shown = [name | row(one, ("summary",)) for name, one in zip(names, periods, strict=True)]
+        is_sure = all(one.is_significant for one in periods)
+        return Result(rows, [("spatial period", shown)], failed=not is_sure)
+
+    def signals(self, file: Path) -> tuple[Array, Array, Array]:
+        """Return times, places and signals of a recording."""
+        import numpy as np
+
+        if file.suffix == ".h5":
+            from calibration.recording import StrokeRecording
+
+            stroke = StrokeRecording.load(file)
+            return stroke.t_s, stroke.x_mm, stroke.tangential_force_n
+        from calibration.sources import ColumnMap, CsvColumn
+
+        if self.columns is None:
+            raise InputError(f"--columns: expected a column map, to read {file}")
+        columns = ColumnMap.load(self.columns)
+        if self.speed_mm_per_s is not None:
+            x_mm = CsvColumn(speed_mm_per_s=self.speed_mm_per_s)
+            columns = columns.replace(columns={**columns.columns, "x_mm": x_mm})
+        if "x_mm" not in columns.columns:
+            raise InputError("--speed-mm-per-s: expected a speed, or x_mm in the column map")
+        read = columns.read(file)
+        known = ("t_s", "x_mm", "normal_force_n", "drive_v")
+        signals = [column for name, column in read.items() if name not in known]
+        if not signals:
+            raise InputError(f"{self.columns}: expected a signal beside time and place")
+        return read["t_s"], read["x_mm"], np.stack(signals, axis=-1)
+
+
+def _profiles(path: Path, finger: str | None) -> tuple[Screen, Finger]:
+    from haptix.finger import Finger
+    from haptix.profiles import check_measured_with
+    from haptix.screen import Screen
+
+    beside = path.with_name("finger.toml")
+    if finger is None and not beside.exists():
+        raise InputError(f"--finger: expected a finger, since there is no {beside}")
+    screen = Screen.load(path)
+    if finger is not None:
+        return screen, Finger.named(finger)
+    measured_with = Finger.load(beside)
+    check_measured_with(screen, measured_with, beside)
+    return screen, measured_with
+
+
+def _days_between(screen: Screen, folder: Path) -> int | None:
+    """Days from a calibration to the strokes of a session."""
+    from datetime import date
+
+    from calibration.session import Session
+
+    started = min((one.conditions.started for one in Session.open(folder).recordings), default="")
+    if screen.calibration is None or not started:
+        return None
+    return (date.fromisoformat(started[:10]) - screen.calibration.date).days

@@ -1,0 +1,510 @@
+"""Calibrate a screen: plan, measure, reduce, fit, verify; each step can be repeated."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, closing
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+
+from pydantic import Field
+
+from haptix.desk import Context, Result, Task
+from haptix.errors import InputError
+from haptix.fields import (
+    Address,
+    Argument,
+    FileThere,
+    FingerName,
+    Folder,
+    FolderName,
+    Local,
+    NewFile,
+    NotNegative,
+    Positive,
+    ScreenName,
+    Text,
+    Typed,
+)
+from haptix.report import record
+
+if TYPE_CHECKING:
+    from calibration.measuring import SessionOutcome
+    from calibration.practice import PracticeResult
+    from calibration.rig import RigCheck
+    from calibration.session import Session
+    from calibration.sources import ForceSource
+    from calibration.steps import PlannedSession
+    from haptix.finger import Finger
+    from haptix.screen import Screen
+
+INPUTS = "inputs.toml"
+"""Instruments of a rig, in the folder of its calibration: a client names no files."""
+_INSTALL, _LEAVE = "install it", "leave it"
+_NO_NAME = '--name: expected a name of this panel alone, such as "panel 7"'
+
+Seed = Annotated[int, Field(ge=0, le=2**63 - 1)]
+SessionFolder = Annotated[Folder, Argument]
+PanelName = Annotated[Text | None, Field(description="Name of this screen alone; required.")]
+Percent = Annotated[float, Field(ge=0, le=100)]
+
+
+class Planned(Task):
+    """What a protocol is planned from."""
+
+    protocol: Literal["paper", "full", "short"] = Field(
+        "short", description="paper: its 25 strokes; full: and a frequency sweep; short."
+    )
+    minutes: Annotated[float, Field(gt=0, le=1000)] = Field(
+        3.0, description="Time for a short one."
+    )
+    max_voltage_v: Positive | None = Field(
+        None, description="Highest amplitude [V]. [default: the screen's limit]"
+    )
+    finger: FingerName = Field(
+        "semi-wet", description="Finger: a preset (semi-wet, wet) or a TOML file."
+    )
+    screen: ScreenName = Field("3m-sct3250", description="Assumed screen: a preset or a TOML file.")
+
+    def plan(self, name: str | None = None) -> tuple[Finger, Screen, PlannedSession]:
+        """Return finger, screen, which gets a name, and the plan."""
+        from calibration.steps import plan_strokes
+        from haptix.finger import Finger
+        from haptix.screen import Screen
+
+        finger, screen = Finger.named(self.finger), Screen.named(self.screen)
+        planned = plan_strokes(self.protocol, finger, screen, self.minutes, self.max_voltage_v)
+        return finger, screen if name is None else screen.replace(name=name), planned
+
+
+class Plan(Planned, command="calibrate plan"):
+    """Write the protocol, that is which strokes to make, and print the errors to expect."""
+
+    out: Annotated[NewFile, Argument] = Field(description="File to write: TOML, or JSON.")
+
+    def run(self, context: Context) -> Result:
+        """Plan."""
+        from calibration.fitting import reported_within
+
+        finger, screen, planned = self.plan()
+        planned.protocol.save(self.out)
+        rows = [
+            {
+                "name": name,
+                "expected_spread": record(sd),
+                "is_reported": sd <= reported_within(name),
+            }
+            for name, sd in planned.expected_spread.items()
+        ]
+        if planned.past_light_contact:
+            context.tell(
+                step=f"{planned.past_light_contact} strokes are past the light contact of "
+                f"{finger.name!r} on {screen.name!r} and will not be used: lower --max-voltage-v"
+            )
+        title = (
+            f"{self.out}: {planned.protocol.name}, {len(planned.protocol.strokes)} strokes, some "
+            f"{planned.protocol.duration_s / 60:.1f} minutes; expected errors"
+        )
+        return Result(rows, [(title, rows)])
+
+
+class Measuring(Task):
+    """A session, and where its forces come from."""
+
+    folder: SessionFolder = Field(description="Folder of the session.")
+    name: PanelName = None
+    source: Literal["virtual", "csv", "inputs"] = Field(
+        "inputs", description="Of the forces: virtual, csv or inputs."
+    )
+    device: Address | None = Field(
+        None, description="Driver, such as usb: or mock:; by default, nothing plays."
+    )
+    inputs: FileThere | None = Field(None, description="For inputs: channels, as TOML.")
+    csv: Folder | None = Field(None, description="For csv: folder of stroke-001.csv ...")
+    columns: FileThere | None = Field(None, description="For csv: column map, as TOML.")
+    operator: str = Field("", description="Who measures.")
+    yes: bool = Field(False, description="Do not wait before each stroke.")
+    seed: Seed | None = Field(None, description="Of a virtual finger. [default: 0, or a new one]")
+
+    def opening(self) -> Callable[[Session], ForceSource]:
+        """Return what opens the source of the forces; what it could not open is refused at once."""
+        if self.source == "virtual":
+            from calibration.practice import virtual_source
+
+            return lambda session: virtual_source(session, self.seed or 0)
+        from calibration.sources import ColumnMap, CsvSource, Inputs, open_inputs
+
+        if self.source == "csv":
+            if self.csv is None or self.columns is None:
+                raise InputError("--source csv: expected --csv FOLDER and --columns MAP.toml")
+            files = CsvSource(self.csv, ColumnMap.load(self.columns))
+            return lambda session: files
+        inputs = self.inputs
+        if inputs is None:
+            raise InputError("--source inputs: expected --inputs FILE.toml, the analog channels")
+        Inputs.load(inputs)
+        return lambda session: open_inputs(inputs)
+
+
+class Measure(Measuring, command="calibrate measure"):
+    """Play the protocol stroke by stroke. A stroke with a fault is repeated, a good one is kept.
+
+    Exit code 1 if strokes are still open at the end.
+    """
+
+    protocol: Annotated[FileThere, Typed("--plan")] | None = Field(
+        None, description="Protocol. [default: that of a resumed session]"
+    )
+    screen: ScreenName | None = Field(
+        None, description="Assumed screen: a preset or a file. [default: 3m-sct3250]"
+    )
+    finger: FingerName | None = Field(
+        None, description="Finger: a preset or a file. [default: semi-wet]"
+    )
+    crosstalk: Annotated[float, Field(ge=-1, le=1)] = Field(
+        0.0, description="Share of the normal force on the tangential axis."
+    )
+    temperature_c: Annotated[float, Field(ge=-50, le=100)] | None = Field(
+        None, description="Of the room."
+    )
+    humidity_percent: Percent | None = Field(None, description="Of the room.")
+    resume: bool = Field(False, description="Continue a session.")
+    quiet: bool = Field(False, description="Print no table.")
+
+    def run(self, context: Context) -> Result:
+        """Measure what is open."""
+        from calibration.protocol import Protocol
+
+        plan = None if self.protocol is None else Protocol.load(self.protocol)
+        if plan is None and not self.resume:
+            raise InputError("--plan: expected a protocol; write one with `haptix calibrate plan`")
+        source_of = self.opening()
+        outcome = self.measured(self.session(plan), source_of, context)
+        numbers = [stroke.number for stroke in outcome.still_open]
+        count = outcome.accepted + len(numbers)
+        title = f"{self.folder}: {outcome.accepted} of {count} strokes on disk"
+        rows = [{"accepted": outcome.accepted, "rejected": outcome.rejected, "still_open": numbers}]
+        is_shown = numbers or not self.quiet
+        return Result(rows, [(title, rows)] if is_shown else [], failed=bool(numbers))
+
+    def session(self, plan: Any) -> Session:
+        """Begin a session, or open the one that is continued."""
+        from calibration.profile import check_name
+        from calibration.session import Session, SessionInfo
+        from haptix.finger import Finger
+        from haptix.screen import Screen
+
+        if self.resume and (plan is None or (self.folder / "session.json").exists()):
+            before = Session.open(self.folder)
+            screen = before.info.screen if self.screen is None else Screen.named(self.screen)
+            info = before.info.replace(
+                screen=screen.replace(name=self.name or before.info.screen.name),
+                finger=before.info.finger if self.finger is None else Finger.named(self.finger),
+            )
+            return Session.begin(self.folder, plan or before.protocol, info, self.resume)
+        screen = Screen.named(self.screen or "3m-sct3250")
+        if self.name is None and (screen.name in Screen.presets or self.screen is None):
+            raise InputError(_NO_NAME)
+        screen = screen if self.name is None else screen.replace(name=self.name)
+        check_name(screen)
+        finger = Finger.named(self.finger or "semi-wet")
+        info = SessionInfo(
+            screen=screen, finger=finger, operator=self.operator, crosstalk=self.crosstalk
+        )
+        return Session.begin(self.folder, plan, info)
+
+    def measured(
+        self, session: Session, source_of: Callable[[Session], ForceSource], context: Context
+    ) -> SessionOutcome:
+        """Make the open strokes."""
+        from calibration.measuring import measure_guided
+        from calibration.recording import Conditions
+        from firmware_io import open_device
+
+        source = source_of(session)
+        room = Conditions({}, self.temperature_c, self.humidity_percent, self.operator)
+        with ExitStack() as stack:
+            device = None
+            if self.device is not None:
+                device = stack.enter_context(closing(open_device(self.device)))
+            asks = self.source == "inputs" and not self.yes
+            most_tries = 1 if self.source == "csv" else 5
+            return measure_guided(session, source, device, context, asks, room, most_tries)
+
+
+class Run(Planned, Measuring, command="calibrate run"):
+    """Check the rig, plan, measure, reduce, fit, verify. The same command again continues it.
+
+    Exit code 1 if strokes are still open, or the verification fails.
+    """
+
+    weight_n: Positive | None = Field(
+        None, description="Known weight [N]: the rig is checked before the strokes."
+    )
+    practice: bool = Field(False, description="On a virtual finger and screen, drawn at random.")
+
+    def run(self, context: Context) -> Result:
+        """Do all steps that are left."""
+        from calibration.practice import TRUTH, draw_practice
+        from calibration.profile import SCREEN
+        from calibration.rig import RIG
+        from calibration.steps import REPORT, fit_folder, reduce_folder, verify_folder
+
+        folder, practice = self.folder, self.practice
+        source: Any = "virtual" if practice else self.source
+        self.model_copy(update={"source": source}).opening()
+        name = "practice" if practice and self.name is None else self.name
+        is_new = not (folder / "session.json").exists()
+        if not is_new and practice != (folder / TRUTH).exists():
+            kind = "a measured one" if practice else "a practice"
+            raise InputError(
+                f"{folder} is {kind}: choose another folder, or continue it as it began"
+            )
+        if is_new:
+            if name is None:
+                raise InputError(_NO_NAME)
+            finger, screen, planned = self.plan(name)
+            if practice:
+                draw_practice(folder, finger, screen, planned.protocol, self.seed)
+            planned.protocol.save(folder / "plan.toml")
+        if self.weight_n is not None and not practice and not (folder / RIG).exists():
+            if self.inputs is None:
+                raise InputError("--weight-n: expected --inputs, which read the weight")
+            checked = _recorded(self.inputs, self.device, self.weight_n, context)
+            if faults := checked.faults():
+                raise InputError(f"the rig is not right: {'; '.join(faults)}")
+            checked.save(folder / RIG)
+        begins: dict[str, Any] = {"resume": True, "name": self.name}
+        if is_new:  # what is not given again is that of the session
+            begins = {"protocol": folder / "plan.toml", "name": name}
+            begins |= {"screen": self.screen, "finger": self.finger}
+        measured = Measure(
+            folder=folder,
+            source=source,
+            device=self.device or ("mock:" if practice else None),
+            inputs=self.inputs,
+            csv=self.csv,
+            columns=self.columns,
+            operator=self.operator,
+            yes=self.yes,
+            **begins,
+        ).run(context)
+        if measured.failed:
+            return measured
+        reduce_folder(folder)
+        fit, _ = fit_folder(folder)
+        verification, panel = verify_folder(folder)
+        document: dict[str, object] = {
+            **record(verification),
+            "strokes_used": len(fit.strokes),
+            "h0_m": None if panel is None else panel.h0_m,
+            "screen": None if panel is None else str(folder / SCREEN),
+            "report": str(folder / REPORT),
+            "practice": None,
+        }
+        tables = [(f"{verification.verdict}: {folder / REPORT}", ()), *verification.parts]
+        if practice and panel is not None:
+            off = _compared(folder)
+            document["practice"] = record(off)
+            tables.append(("how far the practice was off", [off]))
+        return Result(document, tables, failed=bool(verification.failures))
+
+
+class CheckRig(Task, command="calibrate rig"):
+    """Check gain, sign and unit of both forces, the sensor's bandwidth, and the volts.
+
+    Writes rig.toml, which `fit` and `verify` use: without it a verdict is provisional. Exit code 1
+    if the rig has a fault.
+    """
+
+    folder: SessionFolder = Field(description="Folder of the session, or a new one.")
+    weight_n: Positive = Field(description="Force of a known weight [N]: m x 9.81.")
+    inputs: FileThere | None = Field(
+        None, description="Channels, as TOML: the readings are recorded."
+    )
+    device: Address | None = Field(
+        None, description="Driver, such as usb:, that plays for a voltmeter."
+    )
+    normal_reading_n: float | None = Field(
+        None, description="Without --inputs: the weight on the screen, less zero."
+    )
+    tangential_reading_n: float | None = Field(
+        None, description="The weight that pulls towards growing x, less zero."
+    )
+    monitor_v: Positive | None = Field(
+        None, description="Amplitude that the recordings show or the driver plays."
+    )
+    voltmeter_v: NotNegative | None = Field(
+        None, description="Amplitude on the screen by another instrument."
+    )
+    tap: FileThere | None = Field(
+        None, description="CSV file of a tap: columns t_s, tangential_force_n."
+    )
+
+    def run(self, context: Context) -> Result:
+        """Check it."""
+        from calibration.rig import RIG
+
+        if self.inputs is None:
+            checked = self.stated()
+        else:
+            checked = _recorded(self.inputs, self.device, self.weight_n, context)
+        self.folder.mkdir(parents=True, exist_ok=True)
+        checked.save(self.folder / RIG)
+        names = (
+            "normal_gain", "tangential_gain", "voltage_gain", "pole_hz", "resonance_hz", "quality"
+        )  # fmt: skip
+        faults = checked.faults()
+        for fault in faults:
+            context.tell(step=fault)
+        rows = [record(checked, names)]
+        return Result(rows, [(str(self.folder / RIG), rows)], failed=bool(faults))
+
+    def stated(self) -> RigCheck:
+        """Check a rig by readings that a person has written down."""
+        from calibration.rig import RigCheck, tap_response, today
+        from haptix.files import read_csv
+
+        names = "normal_reading_n", "tangential_reading_n", "monitor_v", "voltmeter_v"
+        readings = {name: getattr(self, name) for name in names}
+        if missing := [name for name, reading in readings.items() if reading is None]:
+            options = ", ".join(f"--{name.replace('_', '-')}" for name in missing)
+            raise InputError(f"expected --inputs, or {options} as well")
+        normal, tangential, monitor, voltmeter = readings.values()
+        bandwidth: dict[str, float] = {}
+        if self.tap is not None:
+            import numpy as np
+
+            columns = ["t_s", "tangential_force_n"]
+            lines = read_csv(self.tap, columns)
+            try:
+                samples = [[float(line.cells[name]) for name in columns] for line in lines]
+            except ValueError as error:
+                raise InputError(f"{self.tap}: expected numbers, got {error}") from None
+            bandwidth = tap_response(*np.array(samples).T)._asdict()
+        return RigCheck(
+            normal_gain=normal / self.weight_n,
+            tangential_gain=tangential / self.weight_n,
+            voltage_gain=voltmeter / monitor,
+            **bandwidth,
+            instruments=(f"weight: {self.weight_n:g} N", "voltmeter"),
+            measured_on=today(),
+        )
+
+
+class Calibrate(Task, route="calibrations", kind="calibration", plays=True, keeps="calibrations"):
+    """Measure a screen stroke by stroke, and verify; each stroke asks."""
+
+    stages: ClassVar[tuple[str, ...]] = ("measure", "fit", "verify")
+
+    name: FolderName = Field(
+        description="Of its folder: one that was planned on this machine is continued, another is "
+        "a practice."
+    )
+    minutes: Annotated[float, Field(ge=2, le=60)] = Field(
+        3.0, description="Of a practice's strokes."
+    )
+    finger: Annotated[FingerName, Local()] = "semi-wet"
+    screen: Annotated[ScreenName, Local()] = "3m-sct3250"
+    device: Address = "mock:"
+
+    def run(self, context: Context) -> Result:
+        """Measure what is open, verify, and install; a session that is stopped is continued.
+
+        A practice plays on a mock, and is installed for that alone.
+        """
+        from calibration.measuring import measure_guided
+        from calibration.practice import TRUTH, virtual_source
+        from calibration.profile import FINGER, SCREEN
+        from calibration.session import Session
+        from calibration.sources import open_inputs
+        from calibration.steps import fit_folder, reduce_folder, verify_folder
+        from haptix.devices import open_device
+        from haptix.profiles import install_profile
+
+        assert context.folder is not None
+        folder = context.folder / self.name
+        if not (folder / "session.json").exists():
+            begin_practice(folder, self.finger, self.screen, self.minutes)
+        session, inputs = Session.open(folder), folder / INPUTS
+        practises = (folder / TRUTH).exists()
+        if not practises and not inputs.exists():
+            raise InputError(
+                f"{self.name}: expected {INPUTS} in its folder, with the rig's instruments"
+            )
+        context.tell(step="measure")
+        with closing(open_device("mock:" if practises else self.device)) as device:
+            source = virtual_source(session) if practises else open_inputs(inputs)
+            still_open = measure_guided(session, source, device, context).still_open
+            serial = device.capabilities.serial
+        numbers = [stroke.number for stroke in still_open]
+        result: dict[str, Any] = {"name": self.name, "still_open": numbers, "verdict": None}
+        if numbers:
+            return Result(result)
+        context.tell(step="fit")
+        context.progress("fit", 0.0)
+        reduce_folder(folder)
+        fit, _ = fit_folder(folder)
+        context.tell(step="verify")
+        context.progress("verify", 0.0)
+        verification, screen = verify_folder(folder)
+        result |= {
+            "verdict": verification.verdict,
+            "failures": list(verification.failures),
+            "untested": list(verification.untested),
+            "worst_jnd": verification.worst_jnd,
+            "strokes_used": len(fit.strokes),
+            "h0_nm": None if screen is None else 1e9 * screen.h0_m,
+            "installed_for": None,
+        }
+        if practises and screen is not None:
+            off = _compared(folder)
+            result["practice"] = {
+                "true_h0_nm": 1e9 * off.true_h0_m,
+                "h0_error": off.h0_error,
+                "friction_error_median_jnd": off.friction_error_median_jnd,
+                "friction_error_worst_jnd": off.friction_error_worst_jnd,
+            }
+        if screen is not None and not screen.warnings() and serial:
+            context.tell(step="install")
+            prompt = (
+                f"The calibration of {self.name} passed. Install its profile for driver {serial}?"
+            )
+            if context.ask(prompt, (_INSTALL, _LEAVE)) == _INSTALL:
+                install_profile(serial, folder / SCREEN, folder / FINGER)
+                result["installed_for"] = serial
+        return Result(result)
+
+
+def begin_practice(
+    folder: Path, finger: str, screen: str, minutes: float, seed: int | None = None
+) -> None:
+    """Plan a calibration of a screen that is drawn at random, with a virtual finger."""
+    from calibration.practice import draw_practice
+    from calibration.session import Session, SessionInfo
+
+    task = Run(folder=folder, finger=finger, screen=screen, minutes=minutes)
+    person, panel, planned = task.plan(folder.name)
+    folder.mkdir(parents=True, exist_ok=True)
+    draw_practice(folder, person, panel, planned.protocol, seed)
+    Session.begin(folder, planned.protocol, SessionInfo(screen=panel, finger=person))
+
+
+def _recorded(inputs: Path, device: str | None, weight_n: float, context: Context) -> RigCheck:
+    """Check a rig with its own instruments, a person and a weight."""
+    from calibration.rig import measure_rig
+    from calibration.sources import open_inputs
+    from firmware_io import open_device
+
+    with ExitStack() as stack:
+        driver = None if device is None else stack.enter_context(closing(open_device(device)))
+        return measure_rig(open_inputs(inputs), weight_n, context.ask, driver)
+
+
+def _compared(folder: Path) -> PracticeResult:
+    """Compare a practice with its truth, up to the highest voltage of its strokes."""
+    from calibration.practice import compare_with_truth
+    from calibration.session import Session
+
+    strokes: Sequence[Any] = Session.open(folder).protocol.strokes
+    return compare_with_truth(folder, max(stroke.voltage_v for stroke in strokes))

@@ -1,0 +1,488 @@
+"""Stimuli for perception experiments: make sets, look at them, run and analyse trials."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack, closing, suppress
+from functools import partial
+from math import inf
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, Field
+
+from haptix.desk import Context, Result, Task
+from haptix.errors import InputError
+from haptix.fields import (
+    Address,
+    Argument,
+    FileOrFolder,
+    FileThere,
+    FingerName,
+    Folder,
+    FolderName,
+    ForClients,
+    Label,
+    Local,
+    NewFile,
+    NotNegative,
+    Positive,
+    ScreenName,
+    refuse_input,
+)
+from haptix.presets import FINGERS, SCREENS
+from haptix.terminal import breakdown_note
+
+_STAGES = {
+    "surface": "build the friction surfaces",
+    "render": "render and check",
+    "write": "publish, draw the sheet",
+}
+_LABELS = ("session", "task", "condition")
+_WIDE = (
+    "experiment", "share_right", "catch_trials", "hits", "false_alarms", "criterion", "warnings",
+    "between", "p", "spread_within",
+)  # fmt: skip
+"""Columns that are in the files, and too many for a terminal."""
+
+
+def _number_of(participant: str) -> int:
+    """Return the number at the end of a pseudonym."""
+    match = re.fullmatch(r"[A-Za-z0-9]*?([0-9]+)", participant)
+    if match is None or len(participant) > 64 or not 1 <= int(match[1]) < 2**31:
+        raise ValueError(
+            "expected letters and digits with a number from 1 at the end, such as 07 or p07, got "
+            f"{participant!r:.80}"
+        )
+    return int(match[1])
+
+
+def _pseudonym(value: str) -> str:
+    _number_of(value)
+    return value
+
+
+Pseudonym = Annotated[str, AfterValidator(_pseudonym)]
+Processes = Annotated[int, Field(ge=1, le=256)]
+
+
+class MakeSet(Task, command="stimuli make"):
+    """Render a set: drive files with sidecars, trial table, contact sheet, manifest.
+
+    Nothing is published unless all stimuli are within the limits and the reachable range. A run
+    that was stopped continues where it ended.
+    """
+
+    recipe: Annotated[FileThere, Argument] = Field(description="Set of stimuli: a TOML file.")
+    out: Folder | None = Field(None, description="Folder. [default: the set's name]")
+    threads: Processes = Field(2, description="Threads; the bytes do not depend on it.")
+    workers: Processes = Field(
+        1, description="Processes that make files, for sets of hundreds; the bytes do not depend "
+        "on it.",
+    )  # fmt: skip
+
+    def run(self, context: Context) -> Result:
+        """Make it."""
+        context.progress(_STAGES["surface"], 0.0)
+        from haptix.campaign.processes import Processes
+        from haptix.files import file_name
+        from haptix.stimuli.recipe import Recipe
+
+        def update(stage: str, share: float) -> None:
+            context.progress(_STAGES[stage], share)
+
+        stimuli = Recipe.load(self.recipe).stimulus_set()
+        folder = self.out or Path(file_name("name", stimuli.name))
+        if self.workers == 1:
+            made = stimuli.make(folder, self.threads, update)
+        else:
+            with Processes(self.workers) as executor:
+                made = stimuli.make(folder, 1, update, executor)
+        again = f", {made.reused} of them from an earlier run" if made.reused else ""
+        title = f"{len(made.sidecars)} stimuli in {made.folder}{again}"
+        return Result([*made.sidecars], [(title, [*map(_row, made.sidecars)])])
+
+
+class MakeAgain(Task, command="stimuli again"):
+    """Make a drive file again from its sidecar and profiles.json; every byte must be the same."""
+
+    sidecar: Annotated[FileThere, Argument] = Field(
+        description="Sidecar of a drive file (NAME.json)."
+    )
+    out: NewFile = Field(description="Drive file to write.")
+
+    def run(self, context: Context) -> Result:
+        """Make it."""
+        from haptix.stimuli.stimulus_set import make_again
+
+        made = make_again(self.sidecar, self.out)
+        return Result([{"file": str(made)}], lines=[f"{made}: the same, byte for byte"])
+
+
+class ShowStimulus(Task, command="stimuli show"):
+    """Draw a stimulus (waveform, spectrum, friction, thresholds, audibility), or check a set."""
+
+    what: Annotated[FileOrFolder, Argument] = Field(description="Drive file, or folder of a set.")
+    out: NewFile | None = Field(
+        None, description="Picture of a drive file. [default: its name + .png]"
+    )
+
+    def run(self, context: Context) -> Result:
+        """Check a set, or draw a stimulus."""
+        from haptix.files import read_json, reading, write_whole
+
+        what = self.what
+        if what.is_dir():
+            from haptix.stimuli.stimulus_set import check_manifest, read_manifest
+
+            wrong = check_manifest(what)
+            if wrong:
+                raise InputError(
+                    f"{what}: {len(wrong)} files are missing or differ from the manifest: "
+                    f"{', '.join(wrong[:5])}; make the set again"
+                )
+            manifest = read_manifest(what)
+            title, place = f"{manifest['set']}: all files are whole; sheet: {what}/sheet.png", what
+            files = [name for name in manifest["files"] if name.endswith((".wav", ".flac"))]
+            sidecars = [(what / name).with_suffix(".json") for name in files]
+        else:
+            from haptix.stimuli.drawing import draw_stimulus
+
+            sidecars = [place := what.with_suffix(".json")]
+            picture = self.out or what.with_suffix(".png")
+            refuse_input(picture, what, place)
+            write_whole(picture, draw_stimulus(what))
+            title = f"picture: {picture}"
+        with reading(place, "stimuli with their sidecars"):
+            tables = [read_json(path) for path in sidecars]
+            # Sidecars of earlier versions have neither of both.
+            past = max((float(one.get("pull_past_breakdown", 0.0)) for one in tables), default=0.0)
+            title += _current([one["current"] for one in tables if "current" in one])
+            return Result(tables, [(title + breakdown_note(past), [*map(_row, tables)])])
+
+
+class RunExperiment(Task, command="stimuli run"):
+    """Run an adaptive experiment on a device; keys answer, as the task says (1/2, l/r, y/n, s/d).
+
+    Into a log, or with --study into a study: the same command continues a session that was stopped,
+    and nothing of another is replaced. With --simulate-db a simulated observer answers and nothing
+    waits.
+    """
+
+    recipe: Annotated[FileThere, Argument] = Field(description="Experiment: a TOML file.")
+    log: NewFile | None = Field(None, description="Table of the trials; continued if it exists.")
+    study: Folder | None = Field(
+        None, description="Folder of a study, which gets the log and its BIDS files."
+    )
+    device: Address = Field("mock:", description="Address of the device.")
+    simulate_db: float | None = Field(
+        None, description="Simulate an observer of this threshold [dB]."
+    )
+    participant: Pseudonym | None = Field(
+        None, description="Pseudonym: letters and digits. The number at its end decides the order "
+        "of blocks. [default, for a log: 1]",
+    )  # fmt: skip
+    session: Label = Field("01", description="Label of the session in a study.")
+    task: Label | None = Field(
+        None, description="Label of the task in a study. [default: the recipe's name]"
+    )
+    another_program: bool = Field(
+        False, description="Continue a log that another version of haptix began."
+    )
+    lsl: bool = Field(False, description="Send drive, touches and markers to Lab Streaming Layer.")
+
+    def run(self, context: Context) -> Result:
+        """Run it: keys of the terminal answer, one by one, so that no Enter is needed."""
+        if (self.log is None) == (self.study is None):
+            raise InputError("run: expected either --log FILE or --study FOLDER")
+        if self.study is not None and self.participant is None:
+            raise InputError("--participant: a study needs one, such as 07")
+        who = self.participant or "1"
+        from haptix.devices import open_device
+        from haptix.stimuli.adaptive import TASKS, Keys, SimulatedObserver
+        from haptix.stimuli.adaptive.session import seed_of
+        from haptix.stimuli.recipe import ExperimentRecipe
+
+        plan = ExperimentRecipe.load(self.recipe)
+        labels = who, self.session, self.task or re.sub("[^A-Za-z0-9]", "", plan.name)
+        seed, table = None, self.log
+        if self.study is not None:
+            from haptix.stimuli.study import keep_recipe, session_log
+
+            table = session_log(self.study, *labels)
+            seed = seed_of(plan.seed, who, self.session)
+            keep_recipe(self.recipe, table)
+        assert table is not None
+        keys = Keys()
+        answer: Any = keys
+        around: dict[str, Any] = {"rest": keys.rest, "tell": keys.tell}
+        if self.simulate_db is not None:
+            guess = TASKS[plan.task].guess or 0.05
+            drawn = plan.seed if seed is None else seed
+            answer = SimulatedObserver(self.simulate_db, guess=guess, seed=drawn)
+            around = {"wait": lambda seconds: None}
+        with ExitStack() as stack:
+            device = stack.enter_context(closing(open_device(self.device)))
+            if self.lsl:
+                from haptix.render.lab_streams import LabOutlets
+
+                around["outlets"] = stack.enter_context(closing(LabOutlets(device)))
+            around["another_program"] = self.another_program
+            experiment = plan.experiment(device, answer, table, _number_of(who), seed, **around)
+            try:
+                experiment.run()
+            finally:
+                if self.study is not None and experiment.log.rows:
+                    from haptix.stimuli.study import export
+
+                    export(table, self.study, *labels)
+        rows, warnings = [], []
+        for name, estimate in experiment.estimates().items():
+            row = {"condition": name} if name else {}
+            row |= {"trials": experiment.trials, **estimate.record(), **experiment.summary()}
+            warnings += [f"{name}: {line}" if name else line for line in estimate.warnings]
+            rows.append(row)
+        title = "; warning: ".join((f"{plan.name}: trials in {table}", *warnings))
+        shown = [{k: value for k, value in row.items() if k != "warnings"} for row in rows]
+        return Result(rows, [(title, shown)])
+
+
+class Sit(Task, route="experiments", kind="experiment", plays=True, keeps="logs"):
+    """Run an adaptive experiment on the device; each trial asks."""
+
+    recipe: Annotated[dict[str, Any], ForClients()] = Field(
+        description="As the file of `haptix stimuli run`; without volts."
+    )
+    log: FolderName = Field(
+        description="Name of the table of trials. One that exists is continued."
+    )
+    participant: Annotated[int, Field(ge=1, le=10_000)] = Field(
+        1, description="Number from 1, which decides the order of a recipe's blocks."
+    )
+    finger: Annotated[FingerName | None, Local()] = None
+    screen: Annotated[ScreenName | None, Local()] = None
+    device: Address = "mock:"
+
+    def run(self, context: Context) -> Result:
+        """Run it; a person answers each trial."""
+        recipe = {**self.recipe}
+        refuse_files_and_volts(recipe)
+        for kind, presets in (("finger", FINGERS), ("screen", SCREENS)):
+            used = getattr(self, kind)
+            name = recipe.get(kind) or used or next(iter(presets))
+            if name != used and name not in presets:
+                words = ", ".join(presets)
+                raise InputError(f"{kind}: expected {used} or one of {words}, got {name!r:.80}")
+            recipe[kind] = name
+        from haptix.devices import open_device
+        from haptix.stimuli.recipe import ExperimentRecipe
+        from haptix.units import with_numbers
+
+        plan = ExperimentRecipe(**with_numbers("recipe", recipe))
+        assert context.folder is not None
+        context.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        with closing(open_device(self.device)) as device:
+            experiment = plan.experiment(
+                device,
+                lambda question: judgement(context, question.choices),
+                context.folder / f"{self.log}.csv",
+                self.participant,
+                rest=partial(_rest, context),
+                tell=lambda is_right: context.tell(step="right" if is_right else "wrong"),
+            )
+            experiment.run()
+        records = {name: one.record() for name, one in experiment.estimates().items()}
+        conditions = records if len(records) > 1 else next(iter(records.values()))
+        return Result({"trials": experiment.trials, **experiment.summary(), **conditions})
+
+
+class Simulate(Task, command="stimuli simulate"):
+    """Simulate a plan before anybody sits: what its thresholds are worth, and its power.
+
+    Rows: bias, scatter, the spread that is stated, and how often there is no threshold or a
+    warning, for observers of each threshold, slope and lapse rate. With --participants: how often a
+    paired t-test finds a difference between two conditions.
+    """
+
+    recipe: Annotated[FileThere, Argument] = Field(description="Experiment: a TOML file.")
+    threshold_db: tuple[float, ...] = Field(description="Thresholds of the observers [dB].")
+    slope: tuple[Positive, ...] = Field((1.5, 3.5), description="Slopes of the observers.")
+    lapse: tuple[NotNegative, ...] = Field(
+        (0.02, 0.08), description="Lapse rates of the observers."
+    )
+    runs: Annotated[int, Field(ge=10, le=100_000)] = Field(
+        200, description="Runs of each observer."
+    )
+    participants: tuple[Annotated[int, Field(ge=2)], ...] | None = Field(
+        None, description="Sample sizes whose power is asked for, such as 8,12,16."
+    )
+    difference_db: float = Field(2.0, description="Difference of two conditions [dB].")
+    between_db: NotNegative = Field(3.0, description="Spread of thresholds between people [dB].")
+    workers: Processes = Field(1, description="Processes that simulate.")
+
+    def run(self, context: Context) -> Result:
+        """Simulate."""
+        from haptix.campaign.processes import Processes
+        from haptix.executors import Here, finished
+        from haptix.stimuli.power import simulated, simulations
+        from haptix.stimuli.recipe import ExperimentRecipe
+
+        plan = ExperimentRecipe.load(self.recipe)
+        observers = self.threshold_db, self.slope, self.lapse
+        title, comparison = f"{plan.name}: {self.runs} runs of each observer", None
+        if self.participants is not None:
+            comparison = {
+                "participants": [*self.participants],
+                "difference": self.difference_db,
+                "between": self.between_db,
+            }
+            observers = self.threshold_db[:1], self.slope[-1:], self.lapse[:1]
+            title = (
+                f"{plan.name}: power of a paired t-test at 0.05, of {self.runs} simulated "
+                "participants"
+            )
+        texts = [json.dumps(one) for one in simulations(plan, *observers, self.runs, comparison)]
+        with Here() if self.workers == 1 else Processes(self.workers) as executor:
+            ended = {text: future.result() for text, future in finished(executor, simulated, texts)}
+        rows = [row for text in texts for row in json.loads(ended[text])]
+        shown = [
+            {
+                name: round(cell, 3) if isinstance(cell, float) else cell
+                for name, cell in row.items()
+            }
+            for row in rows
+        ]
+        return Result(rows, [(title, shown)])
+
+
+class NewStudy(Task, command="stimuli new"):
+    """Begin a study: code/experiment.toml to change, and the frame of a BIDS data set."""
+
+    study: Annotated[Folder, Argument] = Field(description="Folder that is not there yet.")
+
+    def run(self, context: Context) -> Result:
+        """Write it."""
+        from haptix.stimuli.study import begin
+
+        rows = [{"file": str(path)} for path in begin(self.study, self.study.absolute().name)]
+        title = f"{self.study}: change code/experiment.toml, then simulate and run it"
+        return Result(rows, [(title, rows)])
+
+
+class ExportBids(Task, command="stimuli bids"):
+    """Write a log into a study in the Brain Imaging Data Structure (BIDS).
+
+    Behaviour of every attempt, the stimulus against time, and where the panel reports touches the
+    finger's path and force; the log itself goes to sourcedata.
+    """
+
+    log: Annotated[FileThere, Argument] = Field(description="Log of `haptix stimuli run`.")
+    study: Folder = Field(description="Folder of the data set.")
+    participant: Label = Field(description="Pseudonym: letters and digits.")
+    session: Label = Field("01", description="Label of the session.")
+    task: Label = Field("detection", description="Label of the task.")
+
+    def run(self, context: Context) -> Result:
+        """Write it."""
+        from haptix.stimuli.study import export
+
+        files = export(self.log, self.study, self.participant, self.session, self.task)
+        rows = [{"file": str(path)} for path in files]
+        return Result(
+            rows, [(f"{len(rows)} files of sub-{self.participant} in {self.study}", rows)]
+        )
+
+
+class Analyse(Task, command="stimuli analyse"):
+    """Analyse sessions: thresholds of each participant and condition, and over participants.
+
+    Thresholds are those of the method that ran, or none with the reason. Pairwise comparisons get a
+    Bradley-Terry scale, magnitudes geometric means and their exponent. Writes tables (TSV) and
+    report.html with a picture of each run.
+    """
+
+    source: Annotated[FileOrFolder, Argument] = Field(
+        description="Log of `haptix stimuli run`, folder of logs, or a study."
+    )
+    out: Folder | None = Field(
+        None, description="Folder of tables and report. [default: derivatives/haptix of a study; "
+        "of a log its name + _analysis]",
+    )  # fmt: skip
+
+    def run(self, context: Context) -> Result:
+        """Analyse, and write tables and report."""
+        from haptix.stimuli.analysis import analyse, write_analysis
+
+        source, analysis = self.source, analyse(self.source)
+        is_study = (source / "dataset_description.json").exists()
+        beside = source / "derivatives" / "haptix" if is_study else source / "analysis"
+        if not source.is_dir():
+            beside = source.with_name(f"{source.stem}_analysis")
+        files = write_analysis(analysis, self.out or beside, source.resolve().stem, is_study)
+        tables = []
+        for name, rows in analysis.tables.items():
+            same = {key for key in _LABELS if len({row.get(key) for row in rows}) == 1}
+            hidden = {*_WIDE, *same}
+            shown = [{k: cell for k, cell in row.items() if k not in hidden} for row in rows]
+            tables.append((name, shown))
+        said = "; ".join((f"report: {files[-1]}", *analysis.notes))
+        return Result([{**analysis.tables, "notes": [*analysis.notes]}], tables, [said])
+
+
+def judgement(context: Context, choices: tuple[str, ...]) -> str:
+    """Ask for one of the choices; without them for a number above 0, until one comes."""
+    if choices:
+        return context.ask("Which one?", choices)
+    while True:
+        number = context.ask("How strong was it? Give a number above 0.")
+        with suppress(ValueError):
+            if 0 < float(number) < inf:
+                return number
+
+
+def _rest(context: Context, trials: int) -> None:
+    context.ask(f"Rest a moment: {trials} trials are done.", ("continue",))
+
+
+def refuse_files_and_volts(recipe: Mapping[str, Any]) -> None:
+    """Refuse what a client of the network may not say."""
+    if "folder" in recipe or recipe.get("ceiling_v") is not None:
+        raise InputError("recipe: expected no folder and no ceiling_v: no volts come in")
+    values = [recipe.get(name) for name in ("stimulus", "pedestal", "method", "conditions")]
+    while values:
+        value = values.pop()
+        if isinstance(value, dict):
+            values += value.values()
+        elif isinstance(value, list):
+            values += value
+        elif isinstance(value, str) and (value == "volts" or set(value) & set("./\\")):
+            raise InputError(f"recipe: expected neither volts nor files, got {value!r:.40}")
+
+
+def _current(currents: Sequence[Mapping[str, float]]) -> str:
+    """Say the largest current that is expected beside its limits."""
+    if not currents:
+        return ""
+    peak, rms = (
+        f"{max(one[f'expected_{kind}_a'] for one in currents) * 1e3:.2g} mA "
+        f"(limit {currents[0][f'limit_{kind}_a'] * 1e3:g})"
+        for kind in ("peak", "rms")
+    )
+    return f"; current at most {peak}, {rms} rms"
+
+
+def _row(sidecar: Mapping[str, Any]) -> dict[str, Any]:
+    prediction, felt = sidecar["predicted"], sidecar["felt"]
+    return {
+        "file": sidecar["file"],
+        "s": f"{sidecar['length_s']:.3g}",
+        "peak V": f"{sidecar['peak_v']:.1f}",
+        "mu": f"{prediction['mu_low']:.3f}-{prediction['mu_high']:.3f}",
+        "dB SL": "-" if felt is None else f"{felt['sensation_db']:+.1f}"
+        + ("*" if felt["threshold_is_placeholder"] else ""),
+        "past %": f"{100 * sidecar.get('pull_past_breakdown', 0.0):.0f}",
+        "audible": "yes" if sidecar["audibility"]["audible"] else "no",
+        "placeholders": "yes" if sidecar["is_placeholder"] else "no",
+    }  # fmt: skip
