@@ -1,38 +1,628 @@
-"""Perception: detection thresholds and JND with their sources, and how far a stimulus is above."""
+"""Perception: detection thresholds and JND with their sources, and how far a stimulus is above.
 
-from haptix.perception.detection import (
-    Component,
-    Components,
-    Detection,
-    components_of_pull,
-    detection,
-)
-from haptix.perception.in_time import SensationInTime
-from haptix.perception.thresholds import (
-    DEFAULT_FILE,
-    WEBER_FRACTION,
-    AmplitudeStep,
-    Audibility,
-    Channel,
-    Difference,
-    Perception,
-)
-from haptix.perception.weighting import WeightedError, weighted_error
+The rule of two channels: skin feels the attraction, not the drive. A sine of amplitude V at f
+attracts with ``V^2 / 4`` at ``2 f`` (in units of ``eps0 I``). Each component of the attraction is
+measured by the sine drive that alone would cause it, and compared with the detection threshold of
+that drive. Energies add within a channel, and not between channels. The channel furthest above its
+detection threshold mediates detection. Two stimuli have equal intensity when their sensation levels
+there are equal (Vardar, Guclu, Basdogan, IEEE Trans. Haptics 10, 488 (2017)). For the independence
+of the channels see Bolanowski et al., J. Acoust. Soc. Am. 84, 1680 (1988).
 
-__all__ = [
-    "DEFAULT_FILE",
-    "WEBER_FRACTION",
-    "AmplitudeStep",
-    "Audibility",
-    "Channel",
-    "Component",
-    "Components",
-    "Detection",
-    "Difference",
-    "Perception",
-    "SensationInTime",
-    "WeightedError",
-    "components_of_pull",
-    "detection",
-    "weighted_error",
-]
+An error of friction by frequency is weighed by the same thresholds: friction changes with the
+attraction, so that a change of friction counts by ``(V_least / V(f))^2``, 1 at the frequency of the
+least detection threshold and less at others. Beyond the thresholds' data no weight is known: what
+lies there is told beside it, unweighted.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from itertools import pairwise
+from math import ceil, inf, log10
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field, PositiveFloat, model_validator
+
+from haptix import checks
+from haptix.checks import Array, positive
+from haptix.documents import Document, Part
+from haptix.errors import InputError
+
+DEFAULT_FILE = Path(__file__).with_name("thresholds.toml")
+"""Default file of detection thresholds and JND."""
+
+CHOICE = "HAPTIX_PERCEPTION"
+"""Variable of the environment with the name of a JND in `DEFAULT_FILE`, or the path of a file:
+tolerances, plans, evaluations, verdicts and calibrations of the process then count in it."""
+
+Direction = Literal["rising", "falling", "either"]
+
+
+class Channel(Part):
+    """One channel of touch and its detection threshold.
+
+    Parameters
+    ----------
+    name : str
+        Name of the channel.
+    felt_hz, threshold_db : tuple of float
+        Frequencies of the attraction [Hz], increasing, and the amplitude of a sine drive that is
+        just felt there [dB re 1 V]. Linear in between over the logarithm of frequency; no value
+        beyond.
+    source : str
+        Where the numbers come from.
+    condition, insulator : str
+        How they were measured, and on what.
+    read_from : str
+        Page, table or figure of the source that they were read from.
+    reading_error_db, between_people_db : float, optional
+        How surely they were read, and the standard deviation between people; None is not known.
+    percent_correct : float, optional
+        Of the answers at the detection threshold.
+    summation_s : float, optional
+        Time constant over which the channel sums energy; without it, none.
+    summation_source : str
+        Where that comes from.
+    summation_is_placeholder, is_placeholder : bool
+        Whether the numbers were not measured.
+    """
+
+    name: str
+    felt_hz: Annotated[tuple[PositiveFloat, ...], Field(min_length=2)]
+    threshold_db: tuple[float, ...]
+    source: str = ""
+    condition: str = ""
+    insulator: str = ""
+    read_from: str = ""
+    reading_error_db: PositiveFloat | None = None
+    between_people_db: PositiveFloat | None = None
+    percent_correct: PositiveFloat | None = None
+    summation_s: PositiveFloat | None = None
+    summation_source: str = ""
+    summation_is_placeholder: bool = False
+    is_placeholder: bool = False
+
+    @model_validator(mode="after")
+    def _is_a_curve(self) -> Self:
+        if len(self.felt_hz) != len(self.threshold_db):
+            raise ValueError(
+                f"channel {self.name!r}: expected as many felt_hz as threshold_db, got "
+                f"{len(self.felt_hz)} and {len(self.threshold_db)}"
+            )
+        if any(b <= a for a, b in pairwise(self.felt_hz)):
+            raise ValueError(f"channel {self.name!r}: felt_hz must increase")
+        return self
+
+    def threshold(self, felt_hz: float) -> float:
+        """Threshold [dB re 1 V] at a felt frequency; infinite outside the channel's data."""
+        return float(self.thresholds(np.array([felt_hz]))[0])
+
+    def thresholds(self, felt_hz: Array) -> Array:
+        """Thresholds [dB re 1 V] at felt frequencies [Hz]; infinite outside the channel's data."""
+        at = np.log(np.maximum(felt_hz, 1e-9))
+        nodes = np.log(self.felt_hz)
+        found = np.interp(at, nodes, self.threshold_db)
+        # The same numbers decide what is inside, whose logarithms may round.
+        inside = (felt_hz >= self.felt_hz[0]) & (felt_hz <= self.felt_hz[-1])
+        return np.where(inside, found, inf)
+
+
+class Audibility(Part):
+    """When a drive may be heard: frequencies [Hz] and the least current [A rms] that counts."""
+
+    low_hz: PositiveFloat
+    high_hz: PositiveFloat
+    current_a: PositiveFloat
+    source: str = ""
+
+    @model_validator(mode="after")
+    def _is_a_band(self) -> Self:
+        if not self.low_hz < self.high_hz:
+            raise ValueError("expected low_hz below high_hz")
+        return self
+
+    def __call__(self, frequency_hz: float, current_a: float) -> bool:
+        """Whether a component of this frequency at this current [A rms] counts as audible."""
+        return self.low_hz <= frequency_hz <= self.high_hz and current_a >= self.current_a
+
+
+class Difference(Part):
+    """Just-noticeable difference (JND) of friction, relative to the friction.
+
+    Parameters
+    ----------
+    name : str
+        By which it is chosen, as in a tolerance of ``"0.05 JND of samur-2009"``.
+    weber_fraction : float
+        JND over the friction.
+    direction : {"rising", "falling", "either"}
+        Of the change that was noticed.
+    condition, source, read_from : str
+        How it was measured, where it was published, and what of that was read.
+    reading_error : float, optional
+        How surely it was read; None is not known.
+    """
+
+    name: str = "own"
+    weber_fraction: PositiveFloat
+    direction: Direction = "either"
+    condition: str = ""
+    source: str = ""
+    read_from: str = ""
+    reading_error: PositiveFloat | None = None
+
+    def of(self, mu: Any) -> Any:
+        """JND in friction coefficient at a friction coefficient: a number, array or tensor."""
+        return self.weber_fraction * mu
+
+
+class AmplitudeStep(Part):
+    """Just-noticeable difference of a sine drive's amplitude [dB]."""
+
+    step_db: PositiveFloat
+    source: str = ""
+
+
+class Perception(Document):
+    """Detection thresholds and JND of touch, as the tables of ``thresholds.toml``.
+
+    Parameters
+    ----------
+    difference : Difference
+        Just-noticeable difference of friction.
+    alternatives : tuple of Difference
+        Others, to choose by their names.
+    amplitude : AmplitudeStep
+        Just-noticeable difference of a drive's amplitude.
+    audibility : Audibility
+        When a drive may be heard.
+    channels : tuple of Channel
+        Detection thresholds.
+    """
+
+    difference: Difference
+    alternatives: tuple[Difference, ...] = ()
+    amplitude: AmplitudeStep
+    audibility: Audibility
+    channels: Annotated[tuple[Channel, ...], Field(min_length=1)]
+
+    @classmethod
+    @cache
+    def default(cls) -> Self:
+        """Return the data in force: the package's own, or what `CHOICE` names.
+
+        Raises
+        ------
+        HaptixError
+            If it names no alternative and no file.
+        """
+        chosen = os.environ.get(CHOICE, "")
+        if chosen.endswith((".toml", ".json")):
+            return cls.load(chosen)
+        known = cls.load(DEFAULT_FILE)
+        try:
+            return known.replace(difference=known.jnd(chosen)) if chosen else known
+        except InputError as error:
+            raise InputError(f"{CHOICE}: {error}, or the path of a .toml file") from None
+
+    def jnd(self, name: str | None = None) -> Difference:
+        """Return the JND of friction, or the alternative of a name.
+
+        Raises
+        ------
+        InputError
+            If there is none of that name.
+        """
+        known = {one.name: one for one in (*self.alternatives, self.difference)}
+        if name is None:
+            return self.difference
+        if name not in known:
+            raise InputError(f"JND: expected one of {', '.join(known)}, got {name!r:.40}")
+        return known[name]
+
+    @property
+    def weber_fraction(self) -> float:
+        """Just-noticeable difference of friction, relative to the friction."""
+        return self.difference.weber_fraction
+
+    def channel_at(self, felt_hz: float) -> Channel:
+        """Return the most sensitive channel at a felt frequency.
+
+        Raises
+        ------
+        InputError
+            If no channel has data there.
+        """
+        best = min(self.channels, key=lambda channel: channel.threshold(felt_hz))
+        if best.threshold(felt_hz) == inf:
+            spans = ", ".join(
+                f"{c.name} {c.felt_hz[0]:g} to {c.felt_hz[-1]:g} Hz" for c in self.channels
+            )
+            raise InputError(
+                f"felt frequency {felt_hz:g} Hz: no detection threshold there (data: {spans}); "
+                "choose another frequency or load your own thresholds"
+            )
+        return best
+
+    def difference_mu(self, mu: float) -> float:
+        """Just-noticeable difference of friction at a friction coefficient."""
+        return self.weber_fraction * mu
+
+
+WEBER_FRACTION: float = Perception.default().weber_fraction
+"""Just-noticeable difference of friction over the friction, by `Perception.default`."""
+
+
+@dataclass(frozen=True)
+class Component:
+    """One component of the attraction: its frequency, and the sine drive [V] that makes it."""
+
+    felt_hz: float
+    drive_v: float
+
+
+@dataclass(frozen=True, eq=False)
+class Components:
+    """Components of an attraction, as arrays of shape (components,)."""
+
+    felt_hz: Array
+    drive_v: Array
+
+    def __len__(self) -> int:
+        return len(self.felt_hz)
+
+    def __iter__(self) -> Iterator[Component]:
+        return map(Component, self.felt_hz.tolist(), self.drive_v.tolist())
+
+
+@dataclass(frozen=True)
+class Detection:
+    """Channel that detects an attraction, and the sensation level there."""
+
+    channel: str
+    """Name of the channel that mediates detection."""
+    sensation_db: float
+    """Level above the detection threshold of that channel [dB]; felt where above 0."""
+    is_placeholder: bool
+    """Whether that channel's thresholds were not measured."""
+
+
+def components_of_pull(
+    drive_v: npt.ArrayLike, sample_rate_hz: float, least_v: float = 0.1
+) -> Components:
+    """Components of the attraction of a periodic drive, given whole periods of it.
+
+    Parameters
+    ----------
+    drive_v : array_like, shape (samples,)
+        Voltage; the dispersion of the insulators is left out.
+    sample_rate_hz : float
+        Samples per second.
+    least_v : float
+        Components of smaller drives are left out.
+    """
+    drive = np.asarray(drive_v, dtype=float)
+    checks.positive("sample_rate_hz", sample_rate_hz)
+    if drive.ndim != 1 or len(drive) < 2:
+        raise InputError(f"drive_v: expected 2 samples or more in a row, got shape {drive.shape}")
+    # v^2 / 2 is the attraction whose component at 2 f is V^2 / 4 for a sine of amplitude V.
+    attraction = np.abs(np.fft.rfft(drive**2 / 2)) * 2 / len(drive)
+    frequency: Array = np.fft.rfftfreq(len(drive), 1 / sample_rate_hz).astype(np.float64)
+    alike: Array = np.sqrt(4 * attraction).astype(np.float64)
+    kept = (alike >= least_v) & (frequency > 0)
+    return Components(frequency[kept], alike[kept])
+
+
+def detection(
+    components: Components | Sequence[Component], perception: Perception | None = None
+) -> Detection:
+    """Apply the rule to the components of an attraction.
+
+    Raises
+    ------
+    InputError
+        If no component lies where a channel has data.
+    """
+    known = Perception.default() if perception is None else perception
+    found = components
+    if not isinstance(found, Components):
+        found = Components(
+            np.array([one.felt_hz for one in found]), np.array([one.drive_v for one in found])
+        )
+    # The energy of an attraction is proportional to the fourth power of the drive.
+    energies = [
+        float(np.sum((found.drive_v / 10 ** (channel.thresholds(found.felt_hz) / 20)) ** 4))
+        for channel in known.channels
+    ]
+    energy, channel = max(zip(energies, known.channels, strict=True), key=lambda pair: pair[0])
+    if energy == 0:
+        raise InputError(
+            "no component of the attraction lies within the thresholds' data; "
+            "load thresholds that cover it"
+        )
+    return Detection(channel.name, 5 * log10(energy), channel.is_placeholder)
+
+
+_SKIRT_HZ = 8.0  # half of the transition of the filters, which lies outside a channel's data
+_FILTER_S = 2 / _SKIRT_HZ  # a Hann window of this length has that transition
+_OVERSAMPLED = 3.0  # rate at which energies are summed, over the highest frequency
+_ROUNDING = 1e-20  # of the energy
+_LONGEST = 300.0  # time constants whose exponential a float64 holds
+
+
+@dataclass(frozen=True)
+class Loudest:
+    """Highest sensation level of a stimulus.
+
+    Attributes
+    ----------
+    channel : str or None
+        Channel that mediates detection; None if nothing lies within the thresholds' data.
+    sensation_db : float or None
+        Its level above the detection threshold [dB]; felt where above 0.
+    at_s : float or None
+        When it is highest [s].
+    is_placeholder : bool
+        Whether the thresholds or the time constant of that channel were not measured.
+    outside_share : float
+        Share of the energy of the attraction's changes whose frequencies have no thresholds. What
+        it adds is not known.
+    """
+
+    channel: str | None
+    sensation_db: float | None
+    at_s: float | None
+    is_placeholder: bool
+    outside_share: float
+
+
+class SensationInTime:
+    """Sensation level of an attraction that comes in blocks, by the rule of two channels.
+
+    In each channel the attraction is filtered by the inverse of its detection thresholds, squared,
+    and summed with the channel's time constant T: ``E' = (e - E) / T``. A tone that lasts has the
+    level of `haptix.perception`; one of duration d has ``1 - exp(-d / T)`` of its energy
+    (the form of Zwislocki, J. Acoust. Soc. Am. 32, 1046 (1960)). The highest level counts.
+
+    Parameters
+    ----------
+    perception : Perception
+        Detection thresholds.
+    sample_rate_hz : float
+        Samples per second.
+    """
+
+    def __init__(self, perception: Perception, sample_rate_hz: float) -> None:
+        self._channels, self._rate = perception.channels, sample_rate_hz
+        self._design = _design(perception.channels, sample_rate_hz)
+        self._before = np.zeros(self._design.taps - 1)
+        self._energy = np.zeros(len(self._channels))
+        self._best = np.zeros(len(self._channels))
+        self._best_at = np.zeros(len(self._channels))
+        self._taken = 0
+        self._known = self._changes = 0.0
+        self._waiting = np.zeros(0)
+        self.changes = np.zeros(0)
+        """Power spectrum of the changes of the last samples, in a Hann window."""
+
+    def take(self, attraction: Array) -> None:
+        """Take the next samples of ``v^2 / 2``, shape (samples,), for a drive v in volts."""
+        if not len(attraction):
+            return
+        self._count_known(attraction)
+        if len(self._waiting):
+            self._sum_up(self._waiting)
+            self._taken += len(self._waiting)
+        self._waiting = attraction
+
+    def finish(self) -> Loudest:
+        """Return the highest level; the attraction ends with the last sample that was taken."""
+        self._sum_up(np.concatenate([self._waiting, np.zeros(self._design.taps - 1)]))
+        outside = 0.0
+        if self._changes > 0:
+            outside = max(0.0, 1.0 - self._known / self._changes)
+        best = int(np.argmax(self._best))
+        if self._best[best] <= 1e-12:  # 60 dB below threshold
+            return Loudest(None, None, None, False, outside)
+        channel = self._channels[best]
+        guessed = channel.is_placeholder or channel.summation_is_placeholder
+        level = 5 * log10(float(self._best[best]))
+        return Loudest(channel.name, level, float(self._best_at[best]), guessed, outside)
+
+    def _count_known(self, attraction: Array) -> None:
+        """Add the energy of the changes, and of those within the data of a channel."""
+        taper, inside = self._design.taper(len(attraction))
+        spectrum = np.fft.rfft((attraction - attraction.mean()) * taper)
+        self.changes = energy = spectrum.real**2 + spectrum.imag**2
+        total = float(energy.sum())
+        if total > _ROUNDING * float(np.sum(attraction * attraction)) * len(attraction):
+            self._changes += total
+            self._known += float(energy[inside].sum())
+
+    def _sum_up(self, attraction: Array) -> None:
+        """Filter the next samples, and sum their energies."""
+        values = np.concatenate([self._before, attraction])
+        self._before = values[len(attraction) :]
+        each, taps = self._design.each, self._design.taps
+        # A spectrum cut short is that of fewer samples per second. What a circular convolution
+        # mixes are the first samples, which were taken before.
+        few = _next_fast(ceil(len(values) / each))
+        spectrum = np.fft.rfft(values, few * each)[: few // 2 + 1]
+        at = np.arange(ceil((taps - 1) / each), ceil(len(values) / each))
+        for index, response in enumerate(self._design.responses(few)):
+            shares = np.fft.irfft(spectrum * response, few)[at] / each
+            # Twice the square has a mean of 1 for a sine at its threshold.
+            self._summed(index, 2 * shares * shares, at * each)
+
+    def _summed(self, index: int, energy: Array, at: npt.NDArray[np.intp]) -> None:
+        channel = self._channels[index]
+        step = self._design.each / self._rate
+        # Without summation, over one period of the lowest frequency.
+        time_s = channel.summation_s or 1 / channel.felt_hz[0]
+        piece = max(1, int(_LONGEST * time_s / step))
+        for first in range(0, len(energy), piece):
+            part = energy[first : first + piece]
+            fall = np.exp(-step / time_s * np.arange(1, len(part) + 1))
+            new = -np.expm1(-step / time_s) * np.cumsum(part / fall)
+            summed = fall * (self._energy[index] + new)
+            self._energy[index] = summed[-1]
+            best = int(np.argmax(summed))
+            if summed[best] > self._best[index]:
+                self._best[index] = summed[best]
+                sample = self._taken - (self._design.taps - 1) * 3 // 2 + at[first + best]
+                self._best_at[index] = max(0.0, sample / self._rate)
+
+
+class _Design:
+    """Filters of some channels at a sample rate."""
+
+    def __init__(self, channels: tuple[Channel, ...], rate_hz: float) -> None:
+        self._channels, self._rate = channels, rate_hz
+        highest = max(one.felt_hz[-1] for one in channels) + _SKIRT_HZ
+        self.each = max(1, int(rate_hz / (_OVERSAMPLED * highest)))
+        """Samples for each at which energies are summed."""
+        self.taps = round(_FILTER_S * rate_hz) | 1
+        """Length of a filter in samples."""
+        self._filters = [self._filter(one) for one in channels]
+        self.taper = lru_cache(maxsize=8)(self._taper)
+        self.responses = lru_cache(maxsize=8)(self._responses)
+
+    def _filter(self, channel: Channel) -> Array:
+        """Impulse response, which turns the attraction into shares of its detection threshold."""
+        size = 1 << (4 * self.taps).bit_length()
+        felt = np.fft.rfftfreq(size, 1 / self._rate)
+        low, high = channel.felt_hz[0], channel.felt_hz[-1]
+        inside = (felt >= low - _SKIRT_HZ) & (felt <= high + _SKIRT_HZ)
+        threshold_v = 10 ** (channel.thresholds(felt.clip(low, high)) / 20)
+        # A sine drive of amplitude V attracts with V^2 / 4.
+        response = np.fft.irfft(np.where(inside, 4 / threshold_v**2, 0.0))
+        return np.roll(response, self.taps // 2)[: self.taps] * np.hanning(self.taps + 2)[1:-1]
+
+    def _responses(self, few: int) -> list[npt.NDArray[np.complex128]]:
+        """Frequency responses for transforms of `few` times `each` samples."""
+        return [np.fft.rfft(one, few * self.each)[: few // 2 + 1] for one in self._filters]
+
+    def _taper(self, size: int) -> tuple[Array, npt.NDArray[np.bool_]]:
+        """Hann window of a length, and which lines of its spectrum have thresholds."""
+        felt = np.fft.rfftfreq(size, 1 / self._rate)
+        inside = np.zeros(len(felt), bool)
+        for one in self._channels:
+            inside |= (felt >= one.felt_hz[0] - _SKIRT_HZ) & (felt <= one.felt_hz[-1] + _SKIRT_HZ)
+        return np.hanning(size + 2)[1:-1], inside
+
+
+_design = lru_cache(maxsize=4)(_Design)
+
+
+def _next_fast(size: int) -> int:
+    """Next even size that has only the factors 2, 3 and 5, as fast transforms want it."""
+    size += size % 2
+    while True:
+        rest = size
+        for factor in (2, 3, 5):
+            while rest % factor == 0:
+                rest //= factor
+        if rest == 1:
+            return size
+        size += 2
+
+
+_SEGMENT_S = 0.1  # resolves 20 Hz in a Hann window
+
+
+@dataclass(frozen=True)
+class WeightedError:
+    """Root mean square of an error in JND, by felt frequency; NaN where no segment was whole.
+
+    Attributes
+    ----------
+    rms_jnd : float
+        Of what lies within the thresholds' data, weighted: as of a change at the frequency of the
+        least detection threshold.
+    below_rms_jnd, above_rms_jnd : float
+        Of what lies below and above the data, unweighted: no weight is known there. The mean of
+        the error is below.
+    low_hz, high_hz : float
+        Ends of the data.
+    share : float
+        Samples in segments of 0.1 s that could be evaluated, over all that could.
+    is_placeholder : bool
+        Whether a detection threshold was not measured.
+    """
+
+    rms_jnd: float
+    below_rms_jnd: float
+    above_rms_jnd: float
+    low_hz: float
+    high_hz: float
+    share: float
+    is_placeholder: bool
+
+
+def weighted_error(
+    error_jnd: npt.ArrayLike,
+    usable: npt.ArrayLike,
+    sample_rate_hz: float,
+    perception: Perception | None = None,
+) -> WeightedError:
+    """Return the error of friction by frequency.
+
+    Power spectra of half-overlapping segments in Hann windows are averaged, of stretches in which
+    every sample is usable (Welch, IEEE Trans. Audio Electroacoust. 15, 70 (1967)).
+
+    Parameters
+    ----------
+    error_jnd : array_like, shape (samples,)
+        Felt friction minus target, over the JND there.
+    usable : array_like of bool, shape (samples,)
+        Where the error is known.
+    sample_rate_hz : float
+        Samples per second.
+    perception : Perception, optional
+        Detection thresholds; default: those in force.
+    """
+    known = Perception.default() if perception is None else perception
+    positive("sample_rate_hz", sample_rate_hz)
+    where = np.asarray(usable, dtype=bool)
+    error = np.where(where, np.asarray(error_jnd, dtype=float), 0.0)
+    size = max(2, round(_SEGMENT_S * sample_rate_hz))
+    starts = np.arange(0, max(error.size - size + 1, 0), max(1, size // 2))
+    counted = np.concatenate([[0], np.cumsum(where)])
+    starts = starts[counted[starts + size] - counted[starts] == size]
+    low = min(one.felt_hz[0] for one in known.channels)
+    high = max(one.felt_hz[-1] for one in known.channels)
+    guessed = any(one.is_placeholder for one in known.channels)
+    if not starts.size:
+        return WeightedError(np.nan, np.nan, np.nan, low, high, 0.0, guessed)
+    taper, felt, weight = _window(size, sample_rate_hz, known)
+    power = np.zeros(felt.size)
+    for start in starts:
+        spectrum = np.fft.rfft(error[start : start + size] * taper)
+        power += spectrum.real**2 + spectrum.imag**2
+    # One side of the spectrum stands for both.
+    power[1 : (size + 1) // 2] *= 2
+    power /= starts.size * size * float(np.sum(taper**2))
+    inside = weight > 0
+    bands = power[inside] * weight[inside] ** 2, power[felt < low], power[felt > high]
+    covered = np.zeros(error.size + 1, np.int64)
+    np.add.at(covered, starts, 1)
+    np.add.at(covered, starts + size, -1)
+    share = np.count_nonzero(np.cumsum(covered)[:-1]) / np.count_nonzero(where)
+    rms = [float(np.sqrt(np.sum(band))) for band in bands]
+    return WeightedError(rms[0], rms[1], rms[2], low, high, float(share), guessed)
+
+
+@lru_cache(maxsize=4)
+def _window(size: int, rate_hz: float, known: Perception) -> tuple[Array, Array, Array]:
+    """Hann window, the frequencies of its spectrum, and the weight of a change at each."""
+    felt: Array = np.fft.rfftfreq(size, 1 / rate_hz).astype(np.float64)
+    thresholds_db = np.min([one.thresholds(felt) for one in known.channels], axis=0)
+    least_db = min(min(one.threshold_db) for one in known.channels)
+    # 10^(-dB / 20) is the ratio of drives, whose square is that of attractions.
+    return np.hanning(size + 2)[1:-1], felt, 10 ** ((least_db - thresholds_db) / 10)

@@ -1,8 +1,16 @@
 """The virtual finger: what was played, felt through the contact model itself."""
 
-from haptix.virtual_finger.evaluation import FELT_WITHIN_S, Evaluation, evaluate
 from haptix.virtual_finger.finger import VirtualFinger
-from haptix.virtual_finger.sensing import Felt, SensedForce, SensedTouch, SensorModel, TouchPanel
+from haptix.virtual_finger.sensing import (
+    FELT_WITHIN_S,
+    Evaluation,
+    Felt,
+    SensedForce,
+    SensedTouch,
+    SensorModel,
+    TouchPanel,
+    evaluate,
+)
 
 __all__ = [
     "FELT_WITHIN_S",
