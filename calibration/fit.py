@@ -311,10 +311,10 @@ class Fit(Document):
         InputError
             If the strokes do not determine it; the message says which experiment would.
         """
-        one = self[name]
-        if one.value is None:
-            raise InputError(one.refusal())
-        return one.value
+        estimate = self[name]
+        if estimate.value is None:
+            raise InputError(estimate.refusal())
+        return estimate.value
 
     def best(self, name: str) -> float:
         """Value with which the model predicts, determined or not."""

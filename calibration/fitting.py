@@ -239,10 +239,11 @@ def fit_strokes(
         points = tuple(point for point in points if point.number not in left_out)
         fitted = dict(zip(parameters.free, np.exp(free).tolist(), strict=True))
         residuals, free = fit_residuals(predictor, parameters.restarted_at(fitted), points)
-    own = np.asarray(np.linalg.inv(residuals.information(free)))
-    measured = np.diag(own @ residuals.data_information(free) @ own) / np.diag(own)
+    covariance = np.asarray(np.linalg.inv(residuals.information(free)))
+    by_strokes = residuals.data_information(free)
+    measured = np.diag(covariance @ by_strokes @ covariance) / np.diag(covariance)
     if bootstraps:
-        own = _larger(own, _bootstrap(residuals, free, seed, bootstraps))
+        covariance = _larger(covariance, _bootstrap(residuals, free, seed, bootstraps))
     exchanged = _exchanged(residuals, free)
     components = [] if exchanged is None else [exchanged]
     compared: list[FormFit] = []
@@ -259,7 +260,7 @@ def fit_strokes(
         ]
     posterior = Posterior(
         free,
-        own,
+        covariance,
         measured,
         max(residuals.data_rows - residuals.parameters_used(free), _LEAST_FREEDOM),
         np.array([at for at, _ in components]).reshape(len(components), len(free)),

@@ -98,8 +98,8 @@ class ResultStore:
     def read_table(self, name: str) -> dict[str, Any] | None:
         """Return a JSON file, or None where there is none or it is damaged."""
         with suppress(ValueError):
-            found = parse_json(self.read(name) or b"null")
-            return found if isinstance(found, dict) else None
+            table = parse_json(self.read(name) or b"null")
+            return table if isinstance(table, dict) else None
         return None
 
     def write_table(self, name: str, table: Mapping[str, Any]) -> None:
@@ -166,10 +166,10 @@ class ResultStore:
     def kept(self) -> set[str]:
         """Keys of all results, whole or not."""
         try:
-            found = map(PurePosixPath, self._system.find(self._at("results")))
+            files = map(PurePosixPath, self._system.find(self._at("results")))
         except FileNotFoundError:
             return set()
-        return {path.parent.name for path in found if path.name == MANIFEST}
+        return {path.parent.name for path in files if path.name == MANIFEST}
 
     @contextmanager
     def held(self) -> Iterator[None]:
@@ -204,8 +204,8 @@ def _bytes_of(name: str, content: Content) -> bytes:
 
 def _signed(manifest: Mapping[str, Any]) -> bytes:
     """Return a manifest as bytes, with the hash of its other fields."""
-    own = hashlib.sha256(json_text(manifest).encode()).hexdigest()
-    return json_text({**manifest, "sha256": own}).encode()
+    sha256 = hashlib.sha256(json_text(manifest).encode()).hexdigest()
+    return json_text({**manifest, "sha256": sha256}).encode()
 
 
 def _is_own(manifest: dict[str, Any], data: bytes, key: str) -> bool:

@@ -107,10 +107,10 @@ class Channel(Part):
         """Thresholds [dB re 1 V] at felt frequencies [Hz]; infinite outside the channel's data."""
         at = np.log(np.maximum(felt_hz, 1e-9))
         nodes = np.log(self.felt_hz)
-        found = np.interp(at, nodes, self.threshold_db)
+        threshold_db = np.interp(at, nodes, self.threshold_db)
         # The same numbers decide what is inside, whose logarithms may round.
         inside = (felt_hz >= self.felt_hz[0]) & (felt_hz <= self.felt_hz[-1])
-        return np.where(inside, found, inf)
+        return np.where(inside, threshold_db, inf)
 
 
 class Audibility(Part):
@@ -330,14 +330,14 @@ def detection(
         If no component lies where a channel has data.
     """
     known = Perception.default() if perception is None else perception
-    found = components
-    if not isinstance(found, Components):
-        found = Components(
-            np.array([one.felt_hz for one in found]), np.array([one.drive_v for one in found])
+    parts = components
+    if not isinstance(parts, Components):
+        parts = Components(
+            np.array([one.felt_hz for one in parts]), np.array([one.drive_v for one in parts])
         )
     # The energy of an attraction is proportional to the fourth power of the drive.
     energies = [
-        float(np.sum((found.drive_v / 10 ** (channel.thresholds(found.felt_hz) / 20)) ** 4))
+        float(np.sum((parts.drive_v / 10 ** (channel.thresholds(parts.felt_hz) / 20)) ** 4))
         for channel in known.channels
     ]
     energy, channel = max(zip(energies, known.channels, strict=True), key=lambda pair: pair[0])

@@ -117,8 +117,8 @@ def speed_from(table: Any) -> SpeedProfile:
             "a speed profile"
         )
     if isinstance(table, Mapping):
-        found: SpeedProfile = SPEEDS.read("speed", table)
-        return found
+        profile: SpeedProfile = SPEEDS.read("speed", table)
+        return profile
     number = plain(table)
     return SteadySpeed(table if number is None else number)
 

@@ -43,7 +43,7 @@ class RunOfMethod:
     experiment: str
     """Hash of what was asked: task, stimulus and method, but not finger, screen and order."""
     method: Method
-    found: Estimate
+    estimate: Estimate
     rows: tuple[Mapping[str, str], ...]
     """Trials that the method has heard of."""
     summary: Mapping[str, Any]
@@ -51,8 +51,9 @@ class RunOfMethod:
     @property
     def place(self) -> dict[str, Any]:
         """Columns that say whose it is."""
-        one = self.session
-        place = {"participant": one.participant, "session": one.session, "task": one.task}
+        session = self.session
+        names = ("participant", "session", "task")
+        place = {name: getattr(session, name) for name in names}
         return {**place, "condition": self.condition, "experiment": self.experiment}
 
 
@@ -68,7 +69,7 @@ def runs_of(session: LoggedSession) -> Iterator[RunOfMethod]:
         described = session.settings["method"]
         tables = described["methods"] if described["method"] == "conditions" else {"": described}
         methods = {name: method_of(table) for name, table in tables.items()}
-        own: dict[str, list[Mapping[str, str]]] = {name: [] for name in methods}
+        heard: dict[str, list[Mapping[str, str]]] = {name: [] for name in methods}
         for row in session.rows:
             if row["accepted"] != "true" or row["kind"] not in ("trial", "n/a"):
                 continue
@@ -81,21 +82,23 @@ def runs_of(session: LoggedSession) -> Iterator[RunOfMethod]:
             is_number = row["is_right"] == "n/a"
             value = float(row["answer"]) if is_number else row["is_right"] == "true"
             methods[condition].update(value, float(row["level"]))
-            own[condition].append(row)
+            heard[condition].append(row)
         task, plan = session.settings["task"], SessionPlan(**session.settings.get("plan", {}))
-        found = {
+        estimates = {
             name: found_by_chance(method.estimate(), session.rows, task, name)
             for name, method in methods.items()
         }
-        if unfinished := _unfinished(plan, methods.values(), found.values()):
-            found = {
+        if unfinished := _unfinished(plan, methods.values(), estimates.values()):
+            estimates = {
                 name: replace(one, warnings=(unfinished, *one.warnings))
-                for name, one in found.items()
+                for name, one in estimates.items()
             }
         said = summary(session.rows, task, plan.exclude)
         for name, method in methods.items():
-            asked = _hash(session.settings, name, tables[name])
-            yield RunOfMethod(session, name, asked, method, found[name], (*own[name],), said)
+            experiment = _hash(session.settings, name, tables[name])
+            yield RunOfMethod(
+                session, name, experiment, method, estimates[name], (*heard[name],), said
+            )
 
 
 def method_of(table: Mapping[str, Any]) -> Method:
@@ -147,21 +150,21 @@ def means(rows: Sequence[Row], column: str, spread: str) -> list[Row]:
     column, spread : str
         What is averaged, and its own spread within a session.
     """
-    found = []
+    means_of_groups = []
     for group, members in _rows_by_condition(rows).items():
-        own = _by_participant(members, column)
+        averages = _by_participant(members, column)
         everybody = {row["participant"] for row in members}
         within = [row[spread] for row in members if row[spread] is not None and _counts(row)]
-        found.append(
+        means_of_groups.append(
             {
                 **dict(zip(_GROUP, group, strict=True)),
-                "participants": len(own),
-                "without": len(everybody) - len(own),
-                **_mean(np.array([*own.values()]), column.removesuffix("_db")),
+                "participants": len(averages),
+                "without": len(everybody) - len(averages),
+                **_mean(np.array([*averages.values()]), column.removesuffix("_db")),
                 "spread_within": float(np.sqrt(np.mean(np.square(within)))) if within else None,
             }
         )
-    return found
+    return means_of_groups
 
 
 def exponents_of_all(rows: Sequence[Row]) -> list[Row]:
@@ -180,7 +183,7 @@ def differences(rows: Sequence[Row]) -> list[Row]:
     by_task: dict[str, dict[tuple[Any, ...], dict[str, float]]] = {}
     for group, members in _rows_by_condition(rows).items():
         by_task.setdefault(group[0], {})[group] = _by_participant(members, "threshold_db")
-    found: list[Row] = []
+    differences_of_all: list[Row] = []
     for task, conditions in by_task.items():
         of_task: list[Row] = []
         for (first, own), (second, others) in combinations(conditions.items(), 2):
@@ -206,8 +209,8 @@ def differences(rows: Sequence[Row]) -> list[Row]:
         for place, row in enumerate(known):
             highest = max(highest, min(1.0, row["p"] * (len(known) - place)))
             row["p_holm"] = highest
-        found += of_task
-    return found
+        differences_of_all += of_task
+    return differences_of_all
 
 
 def _mean(values: Array, name: str) -> Row:
@@ -236,11 +239,11 @@ def _rows_by_condition(rows: Sequence[Row]) -> dict[tuple[Any, ...], list[Row]]:
 
 
 def _by_participant(rows: Sequence[Row], column: str) -> dict[str, float]:
-    own: dict[str, list[float]] = {}
+    by_name: dict[str, list[float]] = {}
     for row in rows:
         if row[column] is not None and _counts(row):
-            own.setdefault(row["participant"], []).append(row[column])
-    return {name: float(np.mean(values)) for name, values in own.items()}
+            by_name.setdefault(row["participant"], []).append(row[column])
+    return {name: float(np.mean(values)) for name, values in by_name.items()}
 
 
 ALL = "all"
@@ -271,10 +274,10 @@ def scale_rows(runs: Sequence[RunOfMethod]) -> list[Row]:
                 bradley_terry(several[draw.integers(len(wins), size=len(wins))].sum(0))[0]
                 for _ in range(_DRAWS)
             ]
-            found = (value, np.std(drawn, axis=0, ddof=1), fit_p)
+            fitted = (value, np.std(drawn, axis=0, ddof=1), fit_p)
             first = members[0]
             assert isinstance(first.method, Pairs)
-            rows += _scale(first, first.method.levels, several.sum(0), found, of_all=True)
+            rows += _scale(first, first.method.levels, several.sum(0), fitted, of_all=True)
     return rows
 
 
@@ -314,13 +317,13 @@ def magnitude_rows(runs: Sequence[RunOfMethod]) -> list[Row]:
         for run in members:
             assert isinstance(run.method, Magnitudes)
             levels, numbers = np.array(run.method.answers).reshape(-1, 2).T
-            own = {}
+            log_means = {}
             for level in np.unique(levels).tolist():
-                given = np.log(numbers[levels == level])
-                own[level] = float(given.mean())
-                rows.append(_magnitude(run.place, level, given))
-            if own and "excluded" not in run.summary:
-                logs.append(own)
+                logs_there = np.log(numbers[levels == level])
+                log_means[level] = float(logs_there.mean())
+                rows.append(_magnitude(run.place, level, logs_there))
+            if log_means and "excluded" not in run.summary:
+                logs.append(log_means)
         if len(logs) > 1:
             shared = sorted(set.intersection(*map(set, logs)))
             table = np.array([[one[level] for level in shared] for one in logs])
@@ -400,24 +403,17 @@ def analyse(source: str | Path) -> Analysis:
 
 
 def _threshold_row(run: RunOfMethod) -> Row:
-    found = run.found
-    others = {name: value for name, value in found.others.items() if name != "guess"}
-    return {
-        **run.place,
-        "trials": len(run.rows),
-        "threshold_db": _known(found.threshold),
-        "spread_db": _known(found.spread),
-        **{name: _known(value) for name, value in others.items()},
-        **run.summary,
-        "warnings": "; ".join(found.warnings),
-    }
+    estimate = run.estimate.record()
+    estimate.pop("guess", None)
+    warnings = "; ".join(estimate.pop("warnings"))
+    return {**run.place, "trials": len(run.rows), **estimate, **run.summary, "warnings": warnings}
 
 
 def _exponent_row(run: RunOfMethod) -> Row:
     assert isinstance(run.method, Magnitudes)
-    others = run.found.others
+    others = run.estimate.others
     values = {name: _known(others.get(name)) for name in ("exponent", "exponent_spread")}
-    warnings = {"warnings": "; ".join(run.found.warnings)}
+    warnings = {"warnings": "; ".join(run.estimate.warnings)}
     return {**run.place, "trials": len(run.rows), **values, **run.summary, **warnings}
 
 
@@ -432,10 +428,10 @@ def _filled(rows: Iterable[Row]) -> list[Row]:
 
 def _notes(runs: Sequence[RunOfMethod]) -> tuple[str, ...]:
     notes = []
-    asked: dict[tuple[str, str], Counter[str]] = {}
+    experiments: dict[tuple[str, str], Counter[str]] = {}
     for run in runs:
-        asked.setdefault((run.session.task, run.condition), Counter())[run.experiment] += 1
-    for (task, condition), counts in asked.items():
+        experiments.setdefault((run.session.task, run.condition), Counter())[run.experiment] += 1
+    for (task, condition), counts in experiments.items():
         if len(counts) > 1:
             what = " ".join(filter(None, (task, condition))) or "the logs"
             parts = ", ".join(f"{count} of {name}" for name, count in counts.items())
@@ -443,7 +439,7 @@ def _notes(runs: Sequence[RunOfMethod]) -> tuple[str, ...]:
                 f"{what}: the sessions are of different experiments, whose means stay apart: "
                 f"{parts}"
             )
-    without = [run for run in runs if isnan(run.found.threshold) and _has_threshold(run)]
+    without = [run for run in runs if isnan(run.estimate.threshold) and _has_threshold(run)]
     if without:
         notes.append(f"{len(without)} of {len(runs)} runs have no threshold; their rows say why")
     excluded = dict.fromkeys(run.session.name for run in runs if "excluded" in run.summary)
@@ -536,15 +532,15 @@ def _of_groups(analysis: Analysis) -> Iterator[tuple[str, Figure]]:
     rows = analysis.tables.get("thresholds", [])
     for group in analysis.tables.get("group", []):
         keys = ("task", "condition", "experiment")
-        own = [row for row in rows if all(row[key] == group[key] for key in keys)]
-        own = [row for row in own if row["threshold_db"] is not None]
-        if len(own) < 2:
+        members = [row for row in rows if all(row[key] == group[key] for key in keys)]
+        members = [row for row in members if row["threshold_db"] is not None]
+        if len(members) < 2:
             continue
         figure, (axes,) = _axes(1, "")
-        names = [row["participant"] for row in own]
+        names = [row["participant"] for row in members]
         axes.errorbar(
-            [row["threshold_db"] for row in own], names,
-            xerr=[row["spread_db"] or 0.0 for row in own], fmt="o", capsize=3,
+            [row["threshold_db"] for row in members], names,
+            xerr=[row["spread_db"] or 0.0 for row in members], fmt="o", capsize=3,
         )  # fmt: skip
         if group["low"] is not None:
             axes.axvspan(group["low"], group["high"], alpha=0.2)
@@ -555,9 +551,9 @@ def _of_groups(analysis: Analysis) -> Iterator[tuple[str, Figure]]:
         listed = analysis.tables.get(name, [])
         for condition in dict.fromkeys((row["condition"], row["experiment"]) for row in listed):
             figure, (axes,) = _axes(1, "")
-            own = [row for row in listed if (row["condition"], row["experiment"]) == condition]
-            for who in dict.fromkeys((row["participant"], row["session"]) for row in own):
-                line = [row for row in own if (row["participant"], row["session"]) == who]
+            members = [row for row in listed if (row["condition"], row["experiment"]) == condition]
+            for who in dict.fromkeys((row["participant"], row["session"]) for row in members):
+                line = [row for row in members if (row["participant"], row["session"]) == who]
                 axes.plot(
                     [row["level_db"] for row in line], [row[column] for row in line],
                     "o-", linewidth=3 if who[0] == ALL else 1, label=who[0],
@@ -605,20 +601,20 @@ def _draw_shares(axes: Any, run: RunOfMethod, answers: list[tuple[float, bool]])
     bounds = np.clip([share - low, high - share], 0, None)
     axes.errorbar(at, share, bounds, fmt="none", color="0.6")
     axes.scatter(at, share, 10 + 4 * total)
-    found, method = run.found, run.method
-    if not isnan(found.threshold):
-        if not isnan(found.spread):
-            ends = found.threshold - found.spread, found.threshold + found.spread
+    estimate, method = run.estimate, run.method
+    if not isnan(estimate.threshold):
+        if not isnan(estimate.spread):
+            ends = estimate.threshold - estimate.spread, estimate.threshold + estimate.spread
             axes.axvspan(*ends, alpha=0.2, lw=0)
-        axes.axvline(found.threshold)
+        axes.axvline(estimate.threshold)
         if isinstance(method, UpDown):
             axes.axhline(method.target, linestyle=":")
-        elif "slope" in found.others:
+        elif "slope" in estimate.others:
             fixed = {
-                name: found.others.get(name, getattr(method, name, 0.0))
+                name: estimate.others.get(name, getattr(method, name, 0.0))
                 for name in ("guess", "lapse")
             }
             x = np.linspace(at.min(), at.max(), 200)
             curve = function_named(getattr(method, "function", "weibull"))
-            axes.plot(x, curve(x, found.threshold, found.others["slope"], **fixed))
+            axes.plot(x, curve(x, estimate.threshold, estimate.others["slope"], **fixed))
     axes.set(xlabel="level [dB]", ylabel="share right", ylim=(-0.05, 1.05))

@@ -146,8 +146,8 @@ class Apparatus:
                 for surface, one in zip(self.surfaces, ripple, strict=True)
             )
             self._known[key] = Column.median(each), each
-        found: tuple[Column, tuple[Column, ...]] = self._known[key]
-        return found
+        columns: tuple[Column, tuple[Column, ...]] = self._known[key]
+        return columns
 
     def contact(self, stimulus: Stimulus) -> ContactTable:
         """Contact of the first finger at a stimulus's force and drive, up to the ceiling."""
@@ -164,8 +164,8 @@ class Apparatus:
                 np.asarray(state.pull_past_breakdown),
                 float(state.x.max()),
             )
-        found: ContactTable = self._known[key]
-        return found
+        table: ContactTable = self._known[key]
+        return table
 
     def placeholders(self) -> list[str]:
         """Names of the placeholders that the predictions use."""

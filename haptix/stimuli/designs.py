@@ -41,11 +41,11 @@ def full_factorial(
         raise InputError(f"factors: expected at most {_MOST_STIMULI} combinations, got {count}")
     combinations = list(product(*factors.values()))
     digits = max(2, len(str(len(combinations))))
-    found = []
+    stimuli = []
     for index, values in enumerate(combinations, 1):
         chosen = dict(zip(factors, values, strict=True))
-        found.append(_with_conditions(make(f"{name}-{index:0{digits}d}", **chosen), chosen))
-    return found
+        stimuli.append(_with_conditions(make(f"{name}-{index:0{digits}d}", **chosen), chosen))
+    return stimuli
 
 
 def constant_stimuli(
@@ -61,13 +61,13 @@ def constant_stimuli(
     positive("threshold", threshold)
     if not len(steps_db):
         raise InputError("steps_db: expected one level or more")
-    found = []
+    stimuli = []
     for index, step in enumerate(steps_db, 1):
         number("steps_db", step)
         amplitude = float(threshold * 10 ** (step / 20))
-        one = make(f"{name}-{index:02d}", amplitude)
-        found.append(_with_conditions(one, {"level_db": step, "amplitude": amplitude}))
-    return found
+        stimulus = make(f"{name}-{index:02d}", amplitude)
+        stimuli.append(_with_conditions(stimulus, {"level_db": step, "amplitude": amplitude}))
+    return stimuli
 
 
 def matched_intensity(
@@ -120,7 +120,7 @@ def matched_intensity(
             f"sensation_db: {sensation_db:g} dB is not possible; at most {highest_db:.1f} dB is, "
             f"limited by the tone felt at {at_hz:g} Hz: lower the level, or leave that tone out"
         )
-    found = []
+    stimuli = []
     for felt in felt_hz:
         positive("felt_hz", felt)
         channel = known.channel_at(felt)
@@ -130,7 +130,7 @@ def matched_intensity(
         else:
             # The square of this amplitude is V^2 (1 + sin 2 pi f t) / 2: a raised sine.
             tone = Sine(sqrt(2) * volts, felt / 2, phase_rad=pi / 4)
-        one = Stimulus(
+        stimulus = Stimulus(
             f"{name}-{felt:g}Hz",
             tone.lasting(length_s).window(fade_s),
             "volts",
@@ -144,8 +144,8 @@ def matched_intensity(
             "channel": channel.name,
             "threshold_is_placeholder": channel.is_placeholder,
         }
-        found.append(_with_conditions(one, conditions))
-    return found
+        stimuli.append(_with_conditions(stimulus, conditions))
+    return stimuli
 
 
 def highest_level(
@@ -191,7 +191,7 @@ def equal_mean(
             "equal mean friction: expected stimuli of one force, and of one quantity that is "
             "friction: mu, contrast or share"
         )
-    found = []
+    shifted_stimuli = []
     for one in stimuli:
         count = one.signal.samples(sample_rate_hz) or 0
         total = sum(
@@ -200,8 +200,8 @@ def equal_mean(
         )
         shift = float(mean - total / max(count, 1))
         shifted = replace(one, signal=(one.signal + shift).lasting(one.length_s))
-        found.append(_with_conditions(shifted, {"shift": shift}))
-    return found
+        shifted_stimuli.append(_with_conditions(shifted, {"shift": shift}))
+    return shifted_stimuli
 
 
 def equal_friction(
@@ -241,15 +241,15 @@ def variants_of(stimuli: Sequence[Stimulus], count: int) -> list[Stimulus]:
         raise InputError(
             f"variants: expected at most {_MOST_STIMULI} stimuli, got {len(stimuli) * count}"
         )
-    found = []
+    variants = []
     for one in stimuli:
         if not one.signal.seeds:
             raise InputError(f"{one.name}: variants: nothing in it is random; leave them out")
         for number_ in range(1, count + 1):
             table = _reseeded(one.signal.describe(), number_)
             named = replace(one, name=f"{one.name}-v{number_}", signal=signal_from(table))
-            found.append(_with_conditions(named, {"variant": number_}))
-    return found
+            variants.append(_with_conditions(named, {"variant": number_}))
+    return variants
 
 
 def _reseeded(table: Any, variant: int) -> Any:
@@ -326,11 +326,11 @@ class FactorialDesign(Part):
         """Make the stimuli; without factors only the base, under the design's name."""
         if self.factors:
             make = stimulus_maker(self.base, f"{self.name}.factors")
-            found = full_factorial(self.name, make, **self.factors)
+            stimuli = full_factorial(self.name, make, **self.factors)
         else:
-            found = [stimulus_from(self.name, self.base)]
-        found = variants_of(found, self.variants) if self.variants > 1 else found
-        return found if self.mean is None else equal_mean(found, self.mean)
+            stimuli = [stimulus_from(self.name, self.base)]
+        stimuli = variants_of(stimuli, self.variants) if self.variants > 1 else stimuli
+        return stimuli if self.mean is None else equal_mean(stimuli, self.mean)
 
 
 class ConstantStimuliDesign(Part):
@@ -366,8 +366,8 @@ class MatchedIntensityDesign(Part):
 
     def stimuli(self, known: Perception, limits: DriveLimits) -> list[Stimulus]:
         """Make the stimuli of the design."""
-        given = self.model_dump(exclude={"kind"})
-        return matched_intensity(**given, perception=known, limits=limits)
+        fields = self.model_dump(exclude={"kind"})
+        return matched_intensity(**fields, perception=known, limits=limits)
 
 
 Design = Annotated[

@@ -220,8 +220,8 @@ def _thresholds(axes: Axes, drawn: Drawn, known: Perception) -> None:
         pull_v = drawn.amplitude_v / np.sqrt(2)
         if len(drawn.amplitude_t_s) > 1:
             rate = 1 / float(np.mean(np.diff(drawn.amplitude_t_s)))
-    found = components_of_pull(pull_v, rate, least_v=0.5)
-    axes.plot([c.felt_hz for c in found], [20 * np.log10(c.drive_v) for c in found], ".",
+    components = components_of_pull(pull_v, rate, least_v=0.5)
+    axes.plot([c.felt_hz for c in components], [20 * np.log10(c.drive_v) for c in components], ".",
               color="tab:purple", ms=4, label="components of the attraction")  # fmt: skip
     for channel, color in zip(known.channels, ("tab:green", "tab:olive", "0.5"), strict=False):
         label = f"threshold, {channel.name}{' (placeholder)' if channel.is_placeholder else ''}"

@@ -77,12 +77,12 @@ def accuracy(
     off, spreads, trials, warned = [], [], [], 0
     for k in range(runs):
         method, count = one_run(make, observer, seed + k, ceiling)
-        found = method.estimate()
+        estimate = method.estimate()
         trials.append(count)
-        warned += bool(found.warnings)
-        if not isnan(found.threshold):
-            off.append(found.threshold - observer.settles_at(method))
-            spreads.append(found.spread)
+        warned += bool(estimate.warnings)
+        if not isnan(estimate.threshold):
+            off.append(estimate.threshold - observer.settles_at(method))
+            spreads.append(estimate.spread)
     known = len(off) > 1
     return {
         "threshold": observer.threshold,
@@ -141,20 +141,22 @@ def paired_power(
     positive("alpha", alpha)
     for count in participants:
         whole("participants", count, 2)
-    draw, found = np.random.default_rng([seed, runs]), []
+    draw, differences_db = np.random.default_rng([seed, runs]), []
     for k in range(whole("runs", runs, 10)):
-        own = observer.threshold + between * draw.standard_normal()
+        usual = observer.threshold + between * draw.standard_normal()
         pair = []
         for condition in (0, 1):
-            at = own + condition * difference + between / 3 * draw.standard_normal()
-            one = Observer(at, observer.slope, observer.lapse, observer.guess, observer.function)
-            method, _ = one_run(make, one, seed + 2 * k + condition, ceiling)
+            at = usual + condition * difference + between / 3 * draw.standard_normal()
+            participant = Observer(
+                at, observer.slope, observer.lapse, observer.guess, observer.function
+            )
+            method, _ = one_run(make, participant, seed + 2 * k + condition, ceiling)
             pair.append(method.estimate().threshold)
         if not any(map(isnan, pair)):
-            found.append(pair[1] - pair[0])
-    if len(found) < 10:
+            differences_db.append(pair[1] - pair[0])
+    if len(differences_db) < 10:
         raise InputError("simulate: fewer than ten participants gave thresholds; change the levels")
-    differences = np.array(found)
+    differences = np.array(differences_db)
     for count in participants:
         sample = draw.choice(differences, (_DRAWS, count))
         error = sample.std(1, ddof=1) / np.sqrt(count)
@@ -164,7 +166,7 @@ def paired_power(
             "participants": count,
             "difference": difference,
             "power": float(np.mean(np.abs(t) > limit)),
-            "excluded": 1 - len(found) / runs,
+            "excluded": 1 - len(differences_db) / runs,
         }
 
 
@@ -229,9 +231,9 @@ def simulated(text: str) -> str:
     str
         JSON: a list with the row of `accuracy`, or those of `paired_power`.
     """
-    given = json.loads(text)
-    recipe, observer = ExperimentRecipe(**given["experiment"]), Observer(**given["observer"])
+    document = json.loads(text)
+    recipe, observer = ExperimentRecipe(**document["experiment"]), Observer(**document["observer"])
     how = recipe.make_method, observer
-    if (asked := given.get("comparison")) is None:
-        return json.dumps([accuracy(*how, given["runs"], recipe.seed)])
-    return json.dumps([*paired_power(*how, **asked, runs=given["runs"], seed=recipe.seed)])
+    if (comparison := document.get("comparison")) is None:
+        return json.dumps([accuracy(*how, document["runs"], recipe.seed)])
+    return json.dumps([*paired_power(*how, **comparison, runs=document["runs"], seed=recipe.seed)])

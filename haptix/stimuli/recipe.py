@@ -128,21 +128,21 @@ class Recipe(Document):
             known = Perception.load(self.folder / self.perception)
         screens = tuple(Screen.named(name, self.folder) for name in self.screens)
         with in_folder(self.folder):
-            found = self._found(known, screens)
-        one = Finger.named(self.finger, self.folder)
-        finger: Finger | Population = one
+            stimuli = self._found(known, screens)
+        median = Finger.named(self.finger, self.folder)
+        finger: Finger | Population = median
         if self.population is not None:
-            finger = Population.around(one, **self.population.model_dump())
+            finger = Population.around(median, **self.population.model_dump())
         order = None if self.trials.in_order else self.trials.seed
         return StimulusSet(
-            self.name, tuple(found), finger, screens, self.sample_rate_hz, self.format,
+            self.name, tuple(stimuli), finger, screens, self.sample_rate_hz, self.format,
             self.encoding, self.full_scale_v, self.ceiling_v, self.trigger, self.unreachable,
             TrialPlan(self.trials.repeats, self.trials.gap_s, order), known,
         )  # fmt: skip
 
     def _found(self, known: Perception, screens: tuple[Screen, ...]) -> list[Stimulus]:
         """Make all stimuli."""
-        found = [stimulus_from(name, table) for name, table in self.stimuli.items()]
+        stimuli = [stimulus_from(name, table) for name, table in self.stimuli.items()]
         limits = drive_limits(screens, self.ceiling_v)
         for design in self.designs:
             try:
@@ -151,8 +151,8 @@ class Recipe(Document):
                 raise InputError(f"design {design.name!r}: {error}") from None
             if design.kind == "equal-friction":
                 equal_friction(made, screens)
-            found += made
-        return found
+            stimuli += made
+        return stimuli
 
 
 TaskName = Literal["2ifc", "2afc", "3afc", "yes-no", "same-different", "pairs", "magnitude"]
@@ -247,11 +247,11 @@ class ExperimentRecipe(Document):
         """
         if not self.conditions:
             return self._method(self._tables(None), seed)
-        found = {one.name: self._method(self._tables(one), seed) for one in self.conditions}
+        methods = {one.name: self._method(self._tables(one), seed) for one in self.conditions}
         if self.order == "interleaved":
-            return MethodsByCondition(found, seed=self.seed if seed is None else seed)
-        names = order_for(list(found), participant, self.order, self.seed)
-        return MethodsByCondition({name: found[name] for name in names}, interleaved=False)
+            return MethodsByCondition(methods, seed=self.seed if seed is None else seed)
+        names = order_for(list(methods), participant, self.order, self.seed)
+        return MethodsByCondition({name: methods[name] for name in names}, interleaved=False)
 
     def experiment(
         self,
@@ -312,8 +312,10 @@ class ExperimentRecipe(Document):
         if seed is not None and table.get("kind") in _SEEDED:
             table.setdefault("seed", seed)
         kind = choice("method.kind", table.pop("kind", None), METHODS)
-        given = {name: tuple(one) if isinstance(one, list) else one for name, one in table.items()}
-        return call(f"method {kind}", METHODS[kind], given)
+        settings = {
+            name: tuple(one) if isinstance(one, list) else one for name, one in table.items()
+        }
+        return call(f"method {kind}", METHODS[kind], settings)
 
     def _presentation(self, tables: Mapping[str, Any], sample_rate_hz: float) -> Presentation:
         with in_folder(self.folder):
@@ -325,15 +327,15 @@ class ExperimentRecipe(Document):
         apparatus = Apparatus.build(finger, screen, [stimulus], self.ceiling_v)
         response, _ = apparatus.responses(stimulus)
         made = presentation_of(stimulus, response, sample_rate_hz, pedestal)
-        found = {
+        hashes = {
             "finger": finger.content_hash(),
             "screen": screen.content_hash(),
             "recipe": digest(self.model_dump(mode="json", exclude_defaults=True)),
         }
         return replace(
             made,
-            identity={**made.identity, **found},
-            profile=f"{finger.name} on {screen.name} {digest(found)[:12]}",
+            identity={**made.identity, **hashes},
+            profile=f"{finger.name} on {screen.name} {digest(hashes)[:12]}",
         )
 
 
@@ -388,8 +390,8 @@ def presentation_of(
         "pedestal": None if pedestal is None else pedestal.describe(),
         "sample_rate_hz": rate,
     }
-    asked = digest(_by_content(described))
-    return Presentation(target, reference, peak, {"stimulus": asked})
+    identity = digest(_by_content(described))
+    return Presentation(target, reference, peak, {"stimulus": identity})
 
 
 def _by_content(value: Any) -> Any:

@@ -127,9 +127,9 @@ class Rendering:
 @lru_cache(maxsize=2)
 def _first_carrier(first: int, count: int, frequency_hz: float, sample_rate_hz: float) -> Array:
     """Carrier of a first block: a set has many of one length."""
-    found = sine(first, count, frequency_hz, sample_rate_hz)
-    found.flags.writeable = False
-    return found
+    carrier = sine(first, count, frequency_hz, sample_rate_hz)
+    carrier.flags.writeable = False
+    return carrier
 
 
 def over_period(drive_v: Array, period: int) -> Array:

@@ -69,17 +69,17 @@ def events(
 
     `files` are those of the stimuli, in the same order.
     """
-    names = sorted({name for one in stimuli for name in one.conditions})
+    names = sorted({name for stimulus in stimuli for name in stimulus.conditions})
     rows = [["onset", "duration", "trial_type", "stim_file", "trigger", *names]]
     onset = 0.0
     for index in plan.order(len(stimuli)):
-        one = stimuli[index]
-        values = [_cell(one.conditions.get(name)) for name in names]
+        stimulus = stimuli[index]
+        values = [_cell(stimulus.conditions.get(name)) for name in names]
         rows.append(
-            [f"{onset:.6f}", f"{one.length_s:.6f}", one.name, files[index],
+            [f"{onset:.6f}", f"{stimulus.length_s:.6f}", stimulus.name, files[index],
              str(index + 1), *values]
         )  # fmt: skip
-        onset += one.length_s + plan.gap_s
+        onset += stimulus.length_s + plan.gap_s
     table = "\n".join("\t".join(row) for row in rows) + "\n"
     columns: dict[str, Any] = {
         "onset": {"Description": "Planned start of the stimulus", "Units": "s"},

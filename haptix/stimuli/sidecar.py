@@ -29,7 +29,7 @@ def predicted(tally: Tally, response: Column, each: Sequence[Column]) -> dict[st
     ends = np.array([tally.lowest_amplitude_v, tally.highest_amplitude_v])
     low, high = response.mu(ends)
     amplitude = response.end_v * np.linspace(0, 1, _NODES)
-    found: dict[str, Any] = {
+    prediction: dict[str, Any] = {
         "mu_low": float(low),
         "mu_high": float(high),
         "mu_without_voltage": response.lowest_mu,
@@ -42,7 +42,7 @@ def predicted(tally: Tally, response: Column, each: Sequence[Column]) -> dict[st
     if len(each) > 1:
         mu = np.array([one.mu(ends) for one in each])
         contrast = mu / np.array([[one.lowest_mu] for one in each]) - 1
-        found["over_fingers"] = {
+        prediction["over_fingers"] = {
             "percentiles": list(_BAND),
             "mu_low": np.percentile(mu[:, 0], _BAND).tolist(),
             "mu_high": np.percentile(mu[:, 1], _BAND).tolist(),
@@ -50,21 +50,23 @@ def predicted(tally: Tally, response: Column, each: Sequence[Column]) -> dict[st
         }
         all_mu = np.array([one.mu(amplitude) for one in each])
         edges = np.percentile(all_mu, (_BAND[0], _BAND[-1]), axis=0)
-        found["against_amplitude"]["mu_p5"], found["against_amplitude"]["mu_p95"] = edges.tolist()
-    return found
+        prediction["against_amplitude"] |= dict(
+            zip(("mu_p5", "mu_p95"), edges.tolist(), strict=True)
+        )
+    return prediction
 
 
 def felt(tally: Tally) -> dict[str, Any] | None:
     """Highest sensation level of a stimulus; None outside the thresholds' data."""
-    found = tally.sensation.finish()
-    if found.sensation_db is None:
+    loudest = tally.sensation.finish()
+    if loudest.sensation_db is None:
         return None
     return {
-        "channel": found.channel,
-        "sensation_db": found.sensation_db,
-        "at_s": found.at_s,
-        "share_without_threshold": found.outside_share,
-        "threshold_is_placeholder": found.is_placeholder,
+        "channel": loudest.channel,
+        "sensation_db": loudest.sensation_db,
+        "at_s": loudest.at_s,
+        "share_without_threshold": loudest.outside_share,
+        "threshold_is_placeholder": loudest.is_placeholder,
     }
 
 

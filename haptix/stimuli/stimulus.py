@@ -77,10 +77,10 @@ class Stimulus:
         for part in self.signal.walk():
             if isinstance(part, MaterialSignal):
                 self._check(part)
-        found = {part for part in self.signal.walk() if isinstance(part, SpeedProfile)}
-        if self.speed is None and len(found) == 1:
-            object.__setattr__(self, "speed", found.pop())
-        elif found - {self.speed}:
+        speeds = {part for part in self.signal.walk() if isinstance(part, SpeedProfile)}
+        if self.speed is None and len(speeds) == 1:
+            object.__setattr__(self, "speed", speeds.pop())
+        elif speeds - {self.speed}:
             raise InputError(
                 f"{self.name}: speed: its parts are made for different speeds; give "
                 "one speed to all of them"
@@ -149,20 +149,22 @@ def stimulus_from(name: str, table: Mapping[str, Any]) -> Stimulus:
         )
     if "signal" not in table:
         raise InputError(f"{name}.signal: missing; a stimulus needs one")
-    given = dict(table)
-    if "drive_hz" in given:
-        given.setdefault("carrier_hz", None)  # played as it is
+    values = dict(table)
+    if "drive_hz" in values:
+        values.setdefault("carrier_hz", None)  # played as it is
     shared = ("speed", "normal_force_n")
     try:
-        if given.get("speed") is not None:
-            given["speed"] = speed_from(given["speed"])
-        of_all = {key: given[key] for key in shared if given.get(key) is not None}
-        signal = signal_from(_with_shared(given["signal"], of_all))
+        if values.get("speed") is not None:
+            values["speed"] = speed_from(values["speed"])
+        of_all = {key: values[key] for key in shared if values.get(key) is not None}
+        signal = signal_from(_with_shared(values["signal"], of_all))
         targets = [one.target for one in signal.walk() if isinstance(one, MaterialSignal)]
         if targets:
-            given.setdefault("quantity", targets[0])
-        given["signal"] = signal.lasting(given.pop("length_s")) if "length_s" in given else signal
-        return Stimulus(name, **given)
+            values.setdefault("quantity", targets[0])
+        values["signal"] = (
+            signal.lasting(values.pop("length_s")) if "length_s" in values else signal
+        )
+        return Stimulus(name, **values)
     except InputError as error:
         raise InputError(f"{name}: {error}") from None
 

@@ -328,13 +328,13 @@ class MakingJob:
 
     def _tables(self) -> dict[str, bytes]:
         """Trial tables and their descriptions, by their names."""
-        parts, found = self.parts, {}
+        parts, files_by_name = self.parts, {}
         for screen in parts.screens:
             files = [parts.file_name(one, screen) for one in parts.stimuli]
             table, columns = events(parts.stimuli, files, parts.trials)
-            found[f"events{parts.suffix(screen)}.tsv"] = table.encode()
-            found[f"events{parts.suffix(screen)}.json"] = json_text(columns).encode()
-        return found
+            files_by_name[f"events{parts.suffix(screen)}.tsv"] = table.encode()
+            files_by_name[f"events{parts.suffix(screen)}.json"] = json_text(columns).encode()
+        return files_by_name
 
     def _check_tables(self, tables: dict[str, bytes]) -> None:
         """Refuse to replace a trial table that somebody has added to.
@@ -375,16 +375,16 @@ class MakingJob:
         size = min(_LARGEST_BATCH, max(1, count // _BATCHES))
         batches = (files.batch(first, first + size) for first in range(0, count, size))
         work = partial(make_batch, threads=self.threads)
-        found: dict[int, list[Made]] = {}
+        made_by_first: dict[int, list[Made]] = {}
         so_far = done
         # A batch that has begun writes drafts: the call ends only after it.
         ends = finished(executor_of(self.executor), work, batches, until_idle=True)
         with closing(ends):
             for batch, future in ends:
-                found[batch.first] = future.result()
-                so_far += len(found[batch.first])
+                made_by_first[batch.first] = future.result()
+                so_far += len(made_by_first[batch.first])
                 self.on_progress("render", so_far / total)
-        return [one for first in sorted(found) for one in found[first]]
+        return [one for first in sorted(made_by_first) for one in made_by_first[first]]
 
     def _publish(
         self,

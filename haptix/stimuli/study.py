@@ -238,8 +238,8 @@ def export(
     """
     log, study = Path(log), Path(study)
     copy = session_log(study, participant, session, task)
-    given = read_log(log)
-    rows = given.rows
+    logged = read_log(log)
+    rows = logged.rows
     touches = TouchLog(log)
     kept = {(row["session"], row["trial"], row["attempt"]) for row in rows}
     samples = [
@@ -247,7 +247,7 @@ def export(
     ]
     base = copy.name.removesuffix("_log.tsv")
     place = study / f"sub-{participant}" / f"ses-{session}"
-    files = _beh(place / "beh" / base, rows, task, given.settings)
+    files = _beh(place / "beh" / base, rows, task, logged.settings)
     if samples:
         files |= _motion(place / "motion" / base, samples, rows, task)
         files |= _force(place / "beh" / base, samples)
@@ -388,14 +388,14 @@ def _force(base: Path, samples: Sequence[Mapping[str, str]]) -> dict[Path, bytes
     force = np.array([float(known[k]["normal_force_n"]) for k in first])
     start = float(t_s[0])
     at = start + np.arange(round((t_s[-1] - start) * RATE_HZ) + 1) / RATE_HZ
-    found = np.interp(at, t_s, force)
+    force_n = np.interp(at, t_s, force)
     after = np.searchsorted(t_s, at).clip(1, max(1, len(t_s) - 1))
     if len(t_s) > 1:
-        found[t_s[after] - t_s[after - 1] > _GAP_S] = np.nan
+        force_n[t_s[after] - t_s[after - 1] > _GAP_S] = np.nan
     nearest = np.rint((t_s - start) * RATE_HZ).astype(int)
-    is_alone = np.isnan(found[nearest])
-    found[nearest[is_alone]] = force[is_alone]
-    return _continuous(base, "physio", found, start, "normal_force", "Normal force", "N")
+    is_alone = np.isnan(force_n[nearest])
+    force_n[nearest[is_alone]] = force[is_alone]
+    return _continuous(base, "physio", force_n, start, "normal_force", "Normal force", "N")
 
 
 def _continuous(

@@ -237,10 +237,10 @@ class VirtualFinger:
             status[slides] = np.where(stable, reported[slides], int(Status.PULL_IN))
         friction_force_n = np.where(slides, mu * force, 0.0)
         ends = np.cumsum([len(part.t_s) for part in parts])[:-1]
-        found = (np.split(column, ends) for column in (mu, friction_force_n, status))
+        parted = (np.split(column, ends) for column in (mu, friction_force_n, status))
         return [
             Felt(one.t_s, one.x_mm, one.y_mm, one.speed_mm_per_s, one.normal_force_n, *columns)
-            for one, columns in zip(parts, zip(*found, strict=True), strict=True)
+            for one, columns in zip(parts, zip(*parted, strict=True), strict=True)
         ]
 
     def _played(
@@ -303,14 +303,14 @@ class VirtualFinger:
         # By the insulators' own length: the drive has many frequencies, the circuit one division.
         reference = edges.new_tensor(field.reference_m)
         limit = self.model.solver.terms.field_limit()
-        mu, found = self.model.solver.solve_in_blocks(
+        mu, solution = self.model.solver.solve_in_blocks(
             force,
             lambda at: replace(
                 Pull.of_squares(edges, weight[at], of_gap, field.reference_m, limit),
                 circuit=Circuit.of_one(reference, torch.ones_like(reference), len(weight[at])),
             ),
         )
-        return mu.detach().cpu().numpy(), found.is_stable.cpu().numpy()
+        return mu.detach().cpu().numpy(), solution.is_stable.cpu().numpy()
 
     def _status(self, excerpt: Excerpt, t_s: Array) -> npt.NDArray[np.int64]:
         """Status between times, one fewer of them, by the field alone."""

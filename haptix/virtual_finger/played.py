@@ -138,9 +138,9 @@ class GapField:
         exact = 1 / (1 + excess * (self.reference_m / (gap + self.reference_m))) ** 2
         lack = np.abs((1 / (1 + excess * self.share) ** 2) @ self.basis_of_gaps(gap) / exact - 1)
         h0 = thickness_m[:, None]
-        there = attraction[:, None] * np.abs(h0 / (gap + h0)) ** 2
+        power = attraction[:, None] * np.abs(h0 / (gap + h0)) ** 2
         # A weak frequency attracts by its product with a strong one: its amplitude counts.
-        return float((np.sqrt(there / there.sum(axis=0)) * lack).max())
+        return float((np.sqrt(power / power.sum(axis=0)) * lack).max())
 
 
 def _by_band(frequency: Array, attraction: Array) -> tuple[npt.NDArray[np.int64], Array]:
@@ -241,19 +241,19 @@ class Spectrum:
 
         Band-limited for `output_rate_hz`, see `FLAT_SHARE`.
         """
-        found = np.zeros((field.points, len(t_s)))
+        squares = np.zeros((field.points, len(t_s)))
         if not self.spectrum.any():
-            return found
+            return squares
         turn = rfftfreq(self.samples, 1 / self.rate_hz) / output_rate_hz - FLAT_SHARE
         turn = np.clip(turn / (CLOSED_SHARE - FLAT_SHARE), 0.0, 1.0)
         window = (1 + np.cos(np.pi * turn)) / 2
         excess = self.thickness_m / field.reference_m - 1
         t = self.start_s + np.arange(self.samples) / self.rate_hz
-        for row, share in zip(found, field.share, strict=True):
+        for row, share in zip(squares, field.share, strict=True):
             square = irfft(rfft(self._read(1 + excess * share) ** 2) * window, self.samples)
             # The edge of a band swings a little below zero, a square cannot.
             row[:] = np.maximum(np.interp(t_s, t, square), 0.0)
-        return found
+        return squares
 
     def highest_field(self, gap_m: float, t_s: Array) -> Array:
         """Largest magnitude of the field [V/m] in a gap, between times [s]: one fewer of them."""

@@ -353,16 +353,18 @@ class Experiment:
         }
 
     def _present(self) -> dict[str, str]:
-        one = next_trial(self.method, self._task, self.plan, self.seed, self.trials, self._attempt)
-        made = self._made(one.condition)
-        level, other = self.allowed(one.level, made), one.other_level
+        planned = next_trial(
+            self.method, self._task, self.plan, self.seed, self.trials, self._attempt
+        )
+        made = self._made(planned.condition)
+        level, other = self.allowed(planned.level, made), planned.other_level
         target = self._drive(made, level)
         reference = made.reference
         if other is not None:
             other = self.allowed(other, made)
             reference = self._drive(made, other)
         self._check(reference, level)
-        parts = [target if has_target else reference for has_target in one.has_target]
+        parts = [target if has_target else reference for has_target in planned.has_target]
         if self._task.in_one_stroke:
             parts = [np.concatenate(parts)]
         onsets, samples = [], list[TouchSample]()
@@ -382,13 +384,14 @@ class Experiment:
         why = self._objection(felt)
         asked_s = self.clock()
         choices = self._task.choices
-        is_empty = not any(one.has_target)
-        given = self.answer(Question(self.trials, choices, level, one.right, other, is_empty))
+        is_empty = not any(planned.has_target)
+        question = Question(self.trials, choices, level, planned.right, other, is_empty)
+        answer = self.answer(question)
         answered_s = self.clock()
         is_right: bool | None = None
         if choices:
-            is_right = checks.choice("answer", given, choices) == one.right
-        value = is_right if is_right is not None else _magnitude(given)
+            is_right = checks.choice("answer", answer, choices) == planned.right
+        value = is_right if is_right is not None else _magnitude(answer)
         samples = [replace(at, t_s=round(at.t_s - self._start, 5)) for at in samples]
         self.touches.append(self._session, self.trials, self._attempt, samples)
         self.log.append(
@@ -396,11 +399,11 @@ class Experiment:
                 "trial": self.trials,
                 "attempt": self._attempt,
                 "time_s": round(answered_s - self._start, 3),
-                "level_asked": one.level,
+                "level_asked": planned.level,
                 "level": level,
-                "lowered_to_ceiling": level < one.level,
-                "right": one.right,
-                "answer": given,
+                "lowered_to_ceiling": level < planned.level,
+                "right": planned.right,
+                "answer": answer,
                 "is_right": is_right,
                 "normal_force_n": None if felt is None else felt.normal_force_n,
                 "speed_mm_per_s": None if felt is None else felt.speed_mm_per_s,
@@ -413,8 +416,8 @@ class Experiment:
                 "version": program(),
                 "device": name_of(self.device),
                 "profile": made.profile,
-                "kind": one.kind,
-                "condition": one.condition,
+                "kind": planned.kind,
+                "condition": planned.condition,
                 "other_level": other,
             }
         )
@@ -426,8 +429,8 @@ class Experiment:
                     f"{why}; practise the stroke, or correct the sensor"
                 )
         else:
-            self._accept(one.kind, value, level)
-            self._after(one.kind, is_right)
+            self._accept(planned.kind, value, level)
+            self._after(planned.kind, is_right)
         return self.log.rows[-1]
 
     def _accept(self, kind: str, value: float, level: float) -> None:
@@ -473,10 +476,11 @@ class Experiment:
             return ""
         if felt is None:
             return "no touch"
+        most = self.tolerance * (1 + _CLOSE)
         for name in ("normal_force_n", "speed_mm_per_s"):
-            asked, was = getattr(self, name), getattr(felt, name)
-            if asked is not None and not abs(was - asked) <= self.tolerance * asked * (1 + _CLOSE):
-                return f"{name} was {was:g}, not {asked:g} within {self.tolerance:.0%}"
+            expected, was = getattr(self, name), getattr(felt, name)
+            if expected is not None and not abs(was - expected) <= most * expected:
+                return f"{name} was {was:g}, not {expected:g} within {self.tolerance:.0%}"
         return ""
 
 

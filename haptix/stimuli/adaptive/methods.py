@@ -54,10 +54,10 @@ class Method:
 
     def describe(self) -> dict[str, Any]:
         """Everything that determines what it does, as plain values; no limit is None."""
-        given = {one.name: getattr(self, one.name) for one in fields(self) if one.init}
+        settings = {one.name: getattr(self, one.name) for one in fields(self) if one.init}
         return {"method": self.kind} | {
             name: None if isinstance(value, float) and isinf(value) else value
-            for name, value in given.items()
+            for name, value in settings.items()
         }
 
 
@@ -147,8 +147,8 @@ class MethodsByCondition(Method):
         return Estimate(nan, nan, {})
 
     def describe(self) -> dict[str, Any]:
-        found = {name: one.describe() for name, one in self.methods.items()}
-        return super().describe() | {"methods": found, "order": list(self.methods)}
+        described = {name: one.describe() for name, one in self.methods.items()}
+        return super().describe() | {"methods": described, "order": list(self.methods)}
 
 
 @dataclass(eq=False)
@@ -233,12 +233,12 @@ class Magnitudes(FixedOrder):
             return Estimate(nan, nan, {})
         from scipy.stats import linregress
 
-        found = linregress(levels / 20 * log(10), np.log(numbers))
+        line_fit = linregress(levels / 20 * log(10), np.log(numbers))
         means = {
             f"mean_at_{level:g}": float(np.exp(np.log(numbers[levels == level]).mean()))
             for level in sorted(set(levels.tolist()))
         }
-        line = {"exponent": float(found.slope), "exponent_spread": float(found.stderr)}
+        line = {"exponent": float(line_fit.slope), "exponent_spread": float(line_fit.stderr)}
         return Estimate(nan, nan, line | means)
 
 

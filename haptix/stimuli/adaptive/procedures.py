@@ -156,18 +156,19 @@ class UpDown(Method):
         used = self._used
         if not used:
             return Estimate(nan, nan, {}, ("no threshold: no reversals at the last size of step",))
-        found = Estimate(float(np.mean(used)), nan, {"share_right": self.target})
-        held = sum(level in self._ends for level, _ in self.answers)
-        if held > _MOST_HELD * len(self.answers):
-            why = f"{held} of {len(self.answers)} trials were at the end of what can be presented"
-            found = without(found, f"no threshold: {why}")
-        found = unless_by_chance(found, self.answers, self._guess)
-        if isnan(found.threshold):
-            return found
+        estimate = Estimate(float(np.mean(used)), nan, {"share_right": self.target})
+        at_end = sum(level in self._ends for level, _ in self.answers)
+        if at_end > _MOST_HELD * len(self.answers):
+            why = f"{at_end} of {len(self.answers)} trials were at the end of what can be presented"
+            estimate = without(estimate, f"no threshold: {why}")
+        estimate = unless_by_chance(estimate, self.answers, self._guess)
+        if isnan(estimate.threshold):
+            return estimate
+        warnings = estimate.warnings
         if not self.is_done or len(self.reversals) < self._before_last_size + self.stop_after:
-            found = replace(found, warnings=("it is not over: fewer reversals than asked for",))
-        found = replace(found, warnings=(*found.warnings, *self._unsettled(found.threshold)))
-        return replace(found, spread=self._spread())
+            warnings = ("it is not over: fewer reversals than asked for",)
+        warnings = (*warnings, *self._unsettled(estimate.threshold))
+        return replace(estimate, spread=self._spread(), warnings=warnings)
 
     def _unsettled(self, threshold: float) -> Iterator[str]:
         """Say what hints at a walk that lapses or a shallow function have kept from settling."""
@@ -209,11 +210,11 @@ class UpDown(Method):
 
     def _walk(self, threshold: float, width: float, draw: Random) -> float:
         """Mean reversal of the walk of one observer."""
-        one = replace(self)
-        while not one.is_done:
-            p = 0.5 * erfc((threshold - one.level) / (width * sqrt(2)))
-            one.update(draw.random() < self._guess + (1 - self._guess - _LAPSE) * p)
-        return float(np.mean(one._used)) if one._used else nan
+        walk = replace(self)
+        while not walk.is_done:
+            p = 0.5 * erfc((threshold - walk.level) / (width * sqrt(2)))
+            walk.update(draw.random() < self._guess + (1 - self._guess - _LAPSE) * p)
+        return float(np.mean(walk._used)) if walk._used else nan
 
     def describe(self) -> dict[str, Any]:
         return super().describe() | {"target": self.target}
@@ -352,20 +353,20 @@ class Quest(Method):
         end of the grid; before the tenth answer nothing is said of that. A misfit of the function
         is warned of.
         """
-        found = self._of_posterior()
+        estimate = self._of_posterior()
         if self.asked < min(_LEAST_ANSWERS, self.trials):
-            return found
+            return estimate
         low, high = (float(self._marginal("threshold")[at]) for at in (0, -1))
         grid = self.grids["threshold"]
         if len(grid) > 2 and max(low, high) > _MOST_AT_END:
             end, beyond = (grid[0], "below") if low > high else (grid[-1], "above")
-            found = without(found, f"no threshold: it lies at {end:g} or {beyond}, where the "
+            estimate = without(estimate, f"no threshold: it lies at {end:g} or {beyond}, where the "
                                    "grid ends")  # fmt: skip
-        found = unless_by_chance(found, self.answers, self._guess())
-        if isnan(found.threshold) or self.function == "symmetric-normal":
-            return found
-        held = [self.grids[name].tolist() for name in _NAMES[1:]]
-        return replace(found, warnings=misfit(self.answers, self.function, *held))
+        estimate = unless_by_chance(estimate, self.answers, self._guess())
+        if isnan(estimate.threshold) or self.function == "symmetric-normal":
+            return estimate
+        assumed = [self.grids[name].tolist() for name in _NAMES[1:]]
+        return replace(estimate, warnings=misfit(self.answers, self.function, *assumed))
 
     def _guess(self) -> float:
         """Share right of one who guesses; two equal answers have none of their own."""
@@ -377,7 +378,7 @@ class Quest(Method):
 
     def _of_posterior(self) -> Estimate:
         table = self.posterior.reshape(self._shape)
-        found: dict[str, float] = {}
+        values: dict[str, float] = {}
         spread = 0.0
         best = np.unravel_index(int(table.argmax()), self._shape)
         for axis, (name, grid) in enumerate(self.grids.items()):
@@ -385,8 +386,8 @@ class Quest(Method):
             mean = float(marginal @ grid)
             if name == "threshold":
                 spread = sqrt(max(0.0, float(marginal @ (grid - mean) ** 2)))
-            found[name] = mean if self.estimate_by == "mean" else float(grid[best[axis]])
-        return Estimate(found.pop("threshold"), spread, found)
+            values[name] = mean if self.estimate_by == "mean" else float(grid[best[axis]])
+        return Estimate(values.pop("threshold"), spread, values)
 
     def describe(self) -> dict[str, Any]:
         grids = {"levels": self._levels, **self.grids}

@@ -113,14 +113,14 @@ def without(found: Estimate, why: str) -> Estimate:
     return Estimate(nan, nan, found.others, (why, *found.warnings))
 
 
-def unless_by_chance(found: Estimate, answers: Answers, guess: float) -> Estimate:
+def unless_by_chance(estimate: Estimate, answers: Answers, guess: float) -> Estimate:
     """Return an estimate, without a threshold where the answers are as those of a guesser."""
     p = chance_p(answers, guess)
     if p <= CHANCE_P:
-        return found
+        return estimate
     right = sum(is_right for _, is_right in answers)
     return without(
-        found,
+        estimate,
         f"no threshold: {right} of {len(answers)} answers were right, as guessing gives them "
         f"(p = {p:.2g})",
     )
@@ -177,23 +177,23 @@ def misfit(
     any_slope = np.geomspace(1.0, 8.0, 9)
     if function != "weibull":
         any_slope = np.geomspace(0.03, 2.0, 9) * span
-    held = np.asarray(any_slope if slopes is None else slopes)
+    assumed = np.asarray(any_slope if slopes is None else slopes)
     # What lies between the assumed values is assumed as well.
-    slope = np.union1d(any_slope, np.linspace(held.min(), held.max(), 5))
+    slope = np.union1d(any_slope, np.linspace(assumed.min(), assumed.max(), 5))
     lapse = np.union1d(_LAPSES, np.linspace(min(lapses), max(lapses), 3))
     threshold = np.linspace(levels[0] - span, levels[-1] + span, _THRESHOLDS)
     axes = np.meshgrid(threshold, slope, np.asarray(guess), lapse, indexing="ij")
     t, b, g, d = (one.ravel() for one in axes)
     log_right, log_wrong = log_shares(levels, function, t, b, g, d)
     likelihood = right @ log_right + wrong @ log_wrong
-    is_held = (b >= held.min()) & (b <= held.max()) & (d >= min(lapses)) & (d <= max(lapses))
-    found, spread = _moments(t[is_held], likelihood[is_held])
+    is_held = (b >= assumed.min()) & (b <= assumed.max()) & (d >= min(lapses)) & (d <= max(lapses))
+    middle, spread = _moments(t[is_held], likelihood[is_held])
     free, free_spread = _moments(t, likelihood)
     warnings = []
-    if abs(free - found) > MOST_SHIFT * spread:
+    if abs(free - middle) > MOST_SHIFT * spread:
         warnings.append(
             "the threshold hangs on the slope or the lapse rate that were assumed: over all of "
-            f"them it is {free:.1f} +- {free_spread:.1f}, over the assumed ones {found:.1f} +- "
+            f"them it is {free:.1f} +- {free_spread:.1f}, over the assumed ones {middle:.1f} +- "
             f"{spread:.1f}; allow for several, and present levels that are surely felt"
         )
     best = int(likelihood.argmax())
@@ -273,13 +273,13 @@ def fit(
     bend = _curvature(cost, best.x, np.array([1e-3 * width, 1e-2]))
     well = bool(np.all(np.linalg.eigvalsh(bend) > 0))
     spread = float(np.sqrt(np.linalg.inv(bend)[0, 0])) if well else nan
-    found = Estimate(float(best.x[0]), spread, {"slope": float(np.exp(best.x[1]))})
-    if not x.min() <= found.threshold <= x.max():
+    estimate = Estimate(float(best.x[0]), spread, {"slope": float(np.exp(best.x[1]))})
+    if not x.min() <= estimate.threshold <= x.max():
         why = f"none lies within the levels, {x.min():g} to {x.max():g}"
-        found = without(found, f"no threshold: {why}")
-    if isnan(found.threshold) or not is_guessed:
-        return found
-    return replace(found, warnings=misfit(pairs, function, None, (guess,), (lapse,)))
+        estimate = without(estimate, f"no threshold: {why}")
+    if isnan(estimate.threshold) or not is_guessed:
+        return estimate
+    return replace(estimate, warnings=misfit(pairs, function, None, (guess,), (lapse,)))
 
 
 def _curvature(cost: Callable[[Array], float], at: Array, step: Array) -> Array:

@@ -263,13 +263,13 @@ def summary(
     Catch trials right; of tasks that detect also the shares of hits and false alarms, d' and the
     criterion; and by which rules the session is excluded.
     """
-    rules, found = exclude or Exclude(), dict[str, Any]()
+    rules, values = exclude or Exclude(), dict[str, Any]()
     why = []
     counted = [row for row in rows if row["accepted"] == "true"]
     caught = [row for row in counted if row["kind"] == "catch"]
     if caught:
         right = sum(row["is_right"] == "true" for row in caught)
-        found["catch_trials"], found["catch_right"] = len(caught), right / len(caught)
+        values["catch_trials"], values["catch_right"] = len(caught), right / len(caught)
         if rules.catch_right is not None and right / len(caught) < rules.catch_right:
             why.append(f"{right} of {len(caught)} catch trials were right")
     if rows and rules.off_touch is not None:
@@ -278,21 +278,21 @@ def summary(
             why.append(f"the touch was off in {off:.0%} of the attempts")
     if task_named(task).detects and caught:
         shown = [row for row in counted if row["kind"] == "trial"]
-        found |= detection(
+        values |= detection(
             sum(row["is_right"] == "true" for row in shown), len(shown),
             sum(row["is_right"] != "true" for row in caught), len(caught), task,
         )  # fmt: skip
     if why:
-        found["excluded"] = "; ".join(why)
-    return found
+        values["excluded"] = "; ".join(why)
+    return values
 
 
 def found_by_chance(
-    found: Estimate, rows: Sequence[Mapping[str, str]], task: str, condition: str = ""
+    estimate: Estimate, rows: Sequence[Mapping[str, str]], task: str, condition: str = ""
 ) -> Estimate:
     """Return an estimate, without a threshold if targets were found where none was as often."""
-    if not task_named(task).detects or isnan(found.threshold):
-        return found
+    if not task_named(task).detects or isnan(estimate.threshold):
+        return estimate
     from scipy.stats import fisher_exact
 
     table = [[0, 0], [0, 0]]
@@ -305,9 +305,9 @@ def found_by_chance(
                 table[is_empty][not was_found] += 1
     p = float(fisher_exact(table, alternative="greater").pvalue)
     if p <= CHANCE_P:
-        return found
+        return estimate
     return without(
-        found,
+        estimate,
         f"no threshold: a target was found in {table[0][0]} of {sum(table[0])} trials with one, "
         f"and in {table[1][0]} of {sum(table[1])} without (p = {p:.2g})",
     )
@@ -324,10 +324,10 @@ def detection(
     """
     hit = (hits + 0.5) / (shown + 1)
     false = (false_alarms + 0.5) / (empty + 1)
-    found = {"hits": hit, "false_alarms": false}
+    shares = {"hits": hit, "false_alarms": false}
     if task != "same-different":
         z_hit, z_false = _NORMAL.inv_cdf(hit), _NORMAL.inv_cdf(false)
-        return found | {"d_prime": z_hit - z_false, "criterion": -(z_hit + z_false) / 2}
+        return shares | {"d_prime": z_hit - z_false, "criterion": -(z_hit + z_false) / 2}
     limit = -sqrt(2) * _NORMAL.inv_cdf(false / 2)
 
     def hits_at(d: float) -> float:
@@ -338,4 +338,4 @@ def detection(
     for _ in range(60):  # hits rise with d'
         middle = (low + high) / 2
         low, high = (middle, high) if hits_at(middle) < hit else (low, middle)
-    return found | {"d_prime": low, "criterion": limit}
+    return shares | {"d_prime": low, "criterion": limit}

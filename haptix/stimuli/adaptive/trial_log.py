@@ -238,11 +238,11 @@ def _changed(path: Path) -> InputError:
 
 def _flat(table: Mapping[str, Any], before: str = "") -> dict[str, Any]:
     """Values by dotted names."""
-    found: dict[str, Any] = {}
+    flat: dict[str, Any] = {}
     for name, value in table.items():
         inner = isinstance(value, dict) and value
-        found |= _flat(value, f"{before}{name}.") if inner else {f"{before}{name}": value}
-    return found
+        flat |= _flat(value, f"{before}{name}.") if inner else {f"{before}{name}": value}
+    return flat
 
 
 def _cell(value: Any) -> str:
@@ -384,14 +384,14 @@ def read_sessions(source: str | Path) -> list[LoggedSession]:
     if not source.is_dir():
         return [read_log(source)]
     if (source / "dataset_description.json").exists():
-        found: dict[tuple[str, ...], LoggedSession] = {}
+        by_labels: dict[tuple[str, ...], LoggedSession] = {}
         for path in sorted(source.glob("sub-*/**/*_beh.tsv")):
-            one = _read_beh(path)
-            found[one.participant, one.session, one.task] = one
+            session = _read_beh(path)
+            by_labels[session.participant, session.session, session.task] = session
         for path in sorted(source.glob("sourcedata/sub-*/**/*_log.tsv")):
-            one = read_log(path)
-            found[one.participant, one.session, one.task] = one
-        sessions = [found[key] for key in sorted(found)]
+            session = read_log(path)
+            by_labels[session.participant, session.session, session.task] = session
+        sessions = [by_labels[key] for key in sorted(by_labels)]
     else:
         logs = (path for path in sorted(source.rglob("*.tsv")) if is_log(path))
         sessions = [read_log(path) for path in logs]
@@ -447,5 +447,5 @@ def _read_beh(path: Path) -> LoggedSession:
 
 
 def _labels(path: Path) -> tuple[str, str, str]:
-    found = _NAME.fullmatch(path.name)
-    return (found[1], found[2], found[3]) if found else (path.stem, "", "")
+    match = _NAME.fullmatch(path.name)
+    return (match[1], match[2], match[3]) if match else (path.stem, "", "")
