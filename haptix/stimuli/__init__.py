@@ -25,8 +25,7 @@ from haptix.stimuli.along_path import (
     grating,
     relief,
 )
-from haptix.stimuli.apparatus import Apparatus
-from haptix.stimuli.rendering import Rendering
+from haptix.stimuli.rendering import Apparatus, Rendering
 from haptix.stimuli.set_plan import TrialPlan
 from haptix.stimuli.stimulus import Stimulus
 from haptix.stimuli.stimulus_set import SetResult, StimulusSet, check_manifest

@@ -38,9 +38,8 @@ from haptix.stimuli.adaptive import (
 )
 from haptix.stimuli.adaptive.observer import AnswerTo
 from haptix.stimuli.adaptive.session import BlockOrder, order_for, task_named
-from haptix.stimuli.apparatus import Apparatus
 from haptix.stimuli.designs import Design, equal_friction, put
-from haptix.stimuli.rendering import Rendering
+from haptix.stimuli.rendering import Apparatus, Rendering
 from haptix.stimuli.set_plan import TrialPlan, drive_limits
 from haptix.stimuli.stimulus import Stimulus, stimulus_from
 from haptix.stimuli.stimulus_set import StimulusSet

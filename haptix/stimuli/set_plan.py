@@ -19,7 +19,7 @@ from haptix.perception import Perception
 from haptix.population import Population
 from haptix.screen import Screen
 from haptix.signals.audio import Container, Encoding, check_format
-from haptix.stimuli.apparatus import Apparatus
+from haptix.stimuli.rendering import Apparatus
 from haptix.stimuli.stimulus import Stimulus
 
 END_CODE = 255

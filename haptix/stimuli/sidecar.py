@@ -14,8 +14,7 @@ from haptix.checks import Array
 from haptix.devices import MAX_PEAK_A, MAX_RMS_A, series_capacitance_f
 from haptix.perception import Audibility, Perception
 from haptix.status import Status
-from haptix.stimuli.apparatus import Apparatus
-from haptix.stimuli.rendering import Block, Rendering, Tally
+from haptix.stimuli.rendering import Apparatus, Block, Rendering, Tally
 from haptix.surface import Column
 
 _LOOK_S = 2.0  # length of the middle of a stimulus whose spectra are taken

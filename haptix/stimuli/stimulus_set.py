@@ -24,8 +24,7 @@ from haptix.perception import SensationInTime
 from haptix.population import Population
 from haptix.screen import Screen
 from haptix.signals.audio import AudioWriter, file_hash, step_v
-from haptix.stimuli.apparatus import TOLERANCE, Apparatus
-from haptix.stimuli.rendering import Rendering, Tally
+from haptix.stimuli.rendering import TOLERANCE, Apparatus, Rendering, Tally
 from haptix.stimuli.set_plan import SetPlan, Trigger, events, pulses
 from haptix.stimuli.sidecar import reach, sidecar
 from haptix.stimuli.stimulus import Stimulus, stimulus_from

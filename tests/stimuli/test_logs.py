@@ -83,7 +83,7 @@ def test_another_drive_does_not_continue_a_log(device, tmp_path):
 def test_a_log_is_of_one_stimulus_finger_screen_and_recipe(what, tmp_path, monkeypatch, surface):
     """Whatever else is the same: each has its hash in the head."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("haptix.stimuli.apparatus.cached_surface", lambda *given: (surface, True))
+    monkeypatch.setattr("haptix.stimuli.rendering.cached_surface", lambda *given: (surface, True))
     shutil.copy(KEPT / "session" / "finger.toml", "finger.toml")
     Path("screen.toml").write_text('name = "one"\ninsulator_thickness_m = "1.4 um"')
     recipe = {
