@@ -8,7 +8,6 @@ from datetime import datetime
 from html import escape
 from itertools import cycle
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -23,7 +22,7 @@ from calibration.verification import Verification
 from haptix.errors import from_extra
 from haptix.files import write_whole
 from haptix.perception import WEBER_FRACTION
-from haptix.report import listed, page, paragraph, picture, table
+from haptix.report import listed, page, paragraph, part, picture
 from haptix.screen import Screen
 
 with from_extra("calibration"):
@@ -64,7 +63,7 @@ def write_report(
     parts = [
         paragraph(about),
         "" if profile_is_written else "<p class=failed>No profile was written.</p>",
-        *(_part(title, rows) for title, rows in verification.parts),
+        *(part(title, rows) for title, rows in verification.parts),
         paragraph(
             f"Residuals in just-noticeable differences (JND, {WEBER_FRACTION:.0%} of mu). Each "
             "group's mean, with its 90 % uncertainty, is to lie within "
@@ -76,7 +75,7 @@ def write_report(
             _residuals_over_causes(fit, reduced, predictor, minutes),
         ),
         _ripples(fit, reduced, predictor),
-        *(_part(title, rows) for title, rows in fit.parts(needs)),
+        *(part(title, rows) for title, rows in fit.parts(needs)),
         listed("Rests on", rests_on),
         _raw_traces(recordings, farthest_stroke(fit, reduced, predictor)),
         paragraph(
@@ -86,10 +85,6 @@ def write_report(
         ),
     ]
     write_whole(path, page(f"Calibration of {screen.name}", parts, verdict))
-
-
-def _part(title: str, rows: Sequence[Any]) -> str:
-    return listed(title, rows) if rows and isinstance(rows[0], str) else table(title, rows)
 
 
 def _crosstalk(reduced: Reduced) -> str:

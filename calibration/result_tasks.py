@@ -184,7 +184,7 @@ class Check(Task, command="calibrate check"):
         return Result(document, [(title, rows)], failed=not checked.passed)
 
 
-class Match(Task, command="calibrate match"):
+class MatchScreens(Task, command="calibrate match"):
     """Find the friction that two screens can both give, and the voltages for it.
 
     difference: of the friction at equal voltages, B minus A; uncertainty: 90 %, of equal friction.

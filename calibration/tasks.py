@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import ExitStack, closing
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
@@ -29,12 +30,13 @@ from haptix.fields import (
 from haptix.report import record
 
 if TYPE_CHECKING:
-    from calibration.measuring import SessionOutcome
+    from calibration.fit import Fit
     from calibration.practice import PracticeResult
     from calibration.rig import RigCheck
     from calibration.session import Session
     from calibration.sources import ForceSource
     from calibration.steps import PlannedSession
+    from calibration.verification import Verification
     from haptix.finger import Finger
     from haptix.screen import Screen
 
@@ -77,7 +79,7 @@ class Planned(Task):
         return finger, screen if name is None else screen.replace(name=name), planned
 
 
-class Plan(Planned, command="calibrate plan"):
+class PlanStrokes(Planned, command="calibrate plan"):
     """Write the protocol, that is which strokes to make, and print the errors to expect."""
 
     out: Annotated[NewFile, Argument] = Field(description="File to write: TOML, or JSON.")
@@ -145,6 +147,33 @@ class Measuring(Task):
         Inputs.load(inputs)
         return lambda session: open_inputs(inputs)
 
+    def measured(
+        self,
+        session: Session,
+        context: Context,
+        temperature_c: float | None = None,
+        humidity_percent: float | None = None,
+    ) -> Result:
+        """Make the open strokes; where some stay open it has failed."""
+        from calibration.measuring import measure_guided
+        from calibration.recording import Conditions
+        from firmware_io import open_device
+
+        source = self.opening()(session)
+        room = Conditions({}, temperature_c, humidity_percent, self.operator)
+        with ExitStack() as stack:
+            device = None
+            if self.device is not None:
+                device = stack.enter_context(closing(open_device(self.device)))
+            asks = self.source == "inputs" and not self.yes
+            most_tries = 1 if self.source == "csv" else 5
+            outcome = measure_guided(session, source, device, context, asks, room, most_tries)
+        numbers = [stroke.number for stroke in outcome.still_open]
+        count = outcome.accepted + len(numbers)
+        title = f"{self.folder}: {outcome.accepted} of {count} strokes on disk"
+        rows = [{"accepted": outcome.accepted, "rejected": outcome.rejected, "still_open": numbers}]
+        return Result(rows, [(title, rows)], failed=bool(numbers))
+
 
 class Measure(Measuring, command="calibrate measure"):
     """Play the protocol stroke by stroke. A stroke with a fault is repeated, a good one is kept.
@@ -178,14 +207,10 @@ class Measure(Measuring, command="calibrate measure"):
         plan = None if self.protocol is None else Protocol.load(self.protocol)
         if plan is None and not self.resume:
             raise InputError("--plan: expected a protocol; write one with `haptix calibrate plan`")
-        source_of = self.opening()
-        outcome = self.measured(self.session(plan), source_of, context)
-        numbers = [stroke.number for stroke in outcome.still_open]
-        count = outcome.accepted + len(numbers)
-        title = f"{self.folder}: {outcome.accepted} of {count} strokes on disk"
-        rows = [{"accepted": outcome.accepted, "rejected": outcome.rejected, "still_open": numbers}]
-        is_shown = numbers or not self.quiet
-        return Result(rows, [(title, rows)] if is_shown else [], failed=bool(numbers))
+        self.opening()
+        session = self.session(plan)
+        result = self.measured(session, context, self.temperature_c, self.humidity_percent)
+        return replace(result, tables=()) if self.quiet and not result.failed else result
 
     def session(self, plan: Any) -> Session:
         """Begin a session, or open the one that is continued."""
@@ -213,26 +238,8 @@ class Measure(Measuring, command="calibrate measure"):
         )
         return Session.begin(self.folder, plan, info)
 
-    def measured(
-        self, session: Session, source_of: Callable[[Session], ForceSource], context: Context
-    ) -> SessionOutcome:
-        """Make the open strokes."""
-        from calibration.measuring import measure_guided
-        from calibration.recording import Conditions
-        from firmware_io import open_device
 
-        source = source_of(session)
-        room = Conditions({}, self.temperature_c, self.humidity_percent, self.operator)
-        with ExitStack() as stack:
-            device = None
-            if self.device is not None:
-                device = stack.enter_context(closing(open_device(self.device)))
-            asks = self.source == "inputs" and not self.yes
-            most_tries = 1 if self.source == "csv" else 5
-            return measure_guided(session, source, device, context, asks, room, most_tries)
-
-
-class Run(Planned, Measuring, command="calibrate run"):
+class RunCalibration(Planned, Measuring, command="calibrate run"):
     """Check the rig, plan, measure, reduce, fit, verify. The same command again continues it.
 
     Exit code 1 if strokes are still open, or the verification fails.
@@ -245,69 +252,69 @@ class Run(Planned, Measuring, command="calibrate run"):
 
     def run(self, context: Context) -> Result:
         """Do all steps that are left."""
-        from calibration.practice import TRUTH, draw_practice
+        from calibration.practice import TRUTH
         from calibration.profile import SCREEN
         from calibration.rig import RIG
-        from calibration.steps import REPORT, fit_folder, reduce_folder, verify_folder
+        from calibration.session import Session
+        from calibration.steps import REPORT
 
-        folder, practice = self.folder, self.practice
-        source: Any = "virtual" if practice else self.source
-        self.model_copy(update={"source": source}).opening()
-        name = "practice" if practice and self.name is None else self.name
-        is_new = not (folder / "session.json").exists()
-        if not is_new and practice != (folder / TRUTH).exists():
-            kind = "a measured one" if practice else "a practice"
+        if self.practice:
+            virtual = {"source": "virtual", "device": self.device or "mock:"}
+            virtual["name"] = self.name or "practice"
+            self = self.model_copy(update=virtual)
+        folder = self.folder
+        self.opening()
+        if not (folder / "session.json").exists():
+            session = self.begin()
+        elif self.practice != (folder / TRUTH).exists():
+            kind = "a measured one" if self.practice else "a practice"
             raise InputError(
                 f"{folder} is {kind}: choose another folder, or continue it as it began"
             )
-        if is_new:
-            if name is None:
-                raise InputError(_NO_NAME)
-            finger, screen, planned = self.plan(name)
-            if practice:
-                draw_practice(folder, finger, screen, planned.protocol, self.seed)
-            planned.protocol.save(folder / "plan.toml")
-        if self.weight_n is not None and not practice and not (folder / RIG).exists():
+        else:
+            session = Session.open(folder)
+            if self.name not in (None, "practice"):  # what is not given again is the session's
+                info = session.info.replace(screen=session.info.screen.replace(name=self.name))
+                Session.begin(folder, session.protocol, info, resume=True)
+        if self.weight_n is not None and not (folder / RIG).exists():
             if self.inputs is None:
                 raise InputError("--weight-n: expected --inputs, which read the weight")
             checked = _recorded(self.inputs, self.device, self.weight_n, context)
             if faults := checked.faults():
                 raise InputError(f"the rig is not right: {'; '.join(faults)}")
             checked.save(folder / RIG)
-        begins: dict[str, Any] = {"resume": True, "name": self.name}
-        if is_new:  # what is not given again is that of the session
-            begins = {"protocol": folder / "plan.toml", "name": name}
-            begins |= {"screen": self.screen, "finger": self.finger}
-        measured = Measure(
-            folder=folder,
-            source=source,
-            device=self.device or ("mock:" if practice else None),
-            inputs=self.inputs,
-            csv=self.csv,
-            columns=self.columns,
-            operator=self.operator,
-            yes=self.yes,
-            **begins,
-        ).run(context)
+        measured = self.measured(session, context)
         if measured.failed:
             return measured
-        reduce_folder(folder)
-        fit, _ = fit_folder(folder)
-        verification, panel = verify_folder(folder)
+        fit, verification, panel, off = _verified(folder, context)
         document: dict[str, object] = {
             **record(verification),
             "strokes_used": len(fit.strokes),
             "h0_m": None if panel is None else panel.h0_m,
             "screen": None if panel is None else str(folder / SCREEN),
             "report": str(folder / REPORT),
-            "practice": None,
+            "practice": None if off is None else record(off),
         }
         tables = [(f"{verification.verdict}: {folder / REPORT}", ()), *verification.parts]
-        if practice and panel is not None:
-            off = _compared(folder)
-            document["practice"] = record(off)
+        if off is not None:
             tables.append(("how far the practice was off", [off]))
         return Result(document, tables, failed=bool(verification.failures))
+
+    def begin(self) -> Session:
+        """Plan, and begin the session; a practice draws a truth."""
+        from calibration.practice import draw_practice
+        from calibration.profile import check_name
+        from calibration.session import Session, SessionInfo
+
+        if self.name is None:
+            raise InputError(_NO_NAME)
+        finger, screen, planned = self.plan(self.name)
+        check_name(screen)
+        if self.practice:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            draw_practice(self.folder, finger, screen, planned.protocol, self.seed)
+        info = SessionInfo(screen=screen, finger=finger, operator=self.operator)
+        return Session.begin(self.folder, planned.protocol, info)
 
 
 class CheckRig(Task, command="calibrate rig"):
@@ -418,14 +425,18 @@ class Calibrate(Task, route="calibrations", kind="calibration", plays=True, keep
         from calibration.profile import FINGER, SCREEN
         from calibration.session import Session
         from calibration.sources import open_inputs
-        from calibration.steps import fit_folder, reduce_folder, verify_folder
         from haptix.devices import open_device
         from haptix.profiles import install_profile
 
         assert context.folder is not None
         folder = context.folder / self.name
         if not (folder / "session.json").exists():
-            begin_practice(folder, self.finger, self.screen, self.minutes)
+            profiles: dict[str, Any] = {
+                "finger": self.finger,
+                "screen": self.screen,
+                "minutes": self.minutes,
+            }
+            RunCalibration(folder=folder, name=self.name, practice=True, **profiles).begin()
         session, inputs = Session.open(folder), folder / INPUTS
         practises = (folder / TRUTH).exists()
         if not practises and not inputs.exists():
@@ -441,13 +452,7 @@ class Calibrate(Task, route="calibrations", kind="calibration", plays=True, keep
         result: dict[str, Any] = {"name": self.name, "still_open": numbers, "verdict": None}
         if numbers:
             return Result(result)
-        context.tell(step="fit")
-        context.progress("fit", 0.0)
-        reduce_folder(folder)
-        fit, _ = fit_folder(folder)
-        context.tell(step="verify")
-        context.progress("verify", 0.0)
-        verification, screen = verify_folder(folder)
+        fit, verification, screen, off = _verified(folder, context)
         result |= {
             "verdict": verification.verdict,
             "failures": list(verification.failures),
@@ -457,14 +462,11 @@ class Calibrate(Task, route="calibrations", kind="calibration", plays=True, keep
             "h0_nm": None if screen is None else 1e9 * screen.h0_m,
             "installed_for": None,
         }
-        if practises and screen is not None:
-            off = _compared(folder)
-            result["practice"] = {
-                "true_h0_nm": 1e9 * off.true_h0_m,
-                "h0_error": off.h0_error,
-                "friction_error_median_jnd": off.friction_error_median_jnd,
-                "friction_error_worst_jnd": off.friction_error_worst_jnd,
-            }
+        if off is not None:
+            plain = record(off)
+            names = ("h0_error", "friction_error_median_jnd", "friction_error_worst_jnd")
+            result["practice"] = {"true_h0_nm": 1e9 * off.true_h0_m}
+            result["practice"] |= {name: plain[name] for name in names}
         if screen is not None and not screen.warnings() and serial:
             context.tell(step="install")
             prompt = (
@@ -474,20 +476,6 @@ class Calibrate(Task, route="calibrations", kind="calibration", plays=True, keep
                 install_profile(serial, folder / SCREEN, folder / FINGER)
                 result["installed_for"] = serial
         return Result(result)
-
-
-def begin_practice(
-    folder: Path, finger: str, screen: str, minutes: float, seed: int | None = None
-) -> None:
-    """Plan a calibration of a screen that is drawn at random, with a virtual finger."""
-    from calibration.practice import draw_practice
-    from calibration.session import Session, SessionInfo
-
-    task = Run(folder=folder, finger=finger, screen=screen, minutes=minutes)
-    person, panel, planned = task.plan(folder.name)
-    folder.mkdir(parents=True, exist_ok=True)
-    draw_practice(folder, person, panel, planned.protocol, seed)
-    Session.begin(folder, planned.protocol, SessionInfo(screen=panel, finger=person))
 
 
 def _recorded(inputs: Path, device: str | None, weight_n: float, context: Context) -> RigCheck:
@@ -501,10 +489,21 @@ def _recorded(inputs: Path, device: str | None, weight_n: float, context: Contex
         return measure_rig(open_inputs(inputs), weight_n, context.ask, driver)
 
 
-def _compared(folder: Path) -> PracticeResult:
-    """Compare a practice with its truth, up to the highest voltage of its strokes."""
-    from calibration.practice import compare_with_truth
+def _verified(
+    folder: Path, context: Context
+) -> tuple[Fit, Verification, Screen | None, PracticeResult | None]:
+    """Reduce, fit, verify, and compare a practice with its truth."""
+    from calibration.practice import TRUTH, compare_with_truth
     from calibration.session import Session
+    from calibration.steps import fit_folder, reduce_folder, verify_folder
 
-    strokes: Sequence[Any] = Session.open(folder).protocol.strokes
-    return compare_with_truth(folder, max(stroke.voltage_v for stroke in strokes))
+    context.progress("fit", 0.0)
+    reduce_folder(folder)
+    fit, _ = fit_folder(folder)
+    context.progress("verify", 0.0)
+    verification, screen = verify_folder(folder)
+    off = None
+    if screen is not None and (folder / TRUTH).exists():
+        strokes = Session.open(folder).protocol.strokes
+        off = compare_with_truth(folder, max(stroke.voltage_v for stroke in strokes))
+    return fit, verification, screen, off

@@ -148,6 +148,11 @@ def table(title: str, rows: Sequence[Any]) -> str:
     return f"{_headline(title)}<table><tr>{head}</tr>{body}</table>"
 
 
+def part(title: str, rows: Sequence[Any]) -> str:
+    """Return results as a table, or lines as a list, under a title; "" without."""
+    return listed(title, rows) if rows and isinstance(rows[0], str) else table(title, rows)
+
+
 def listed(title: str, lines: Iterable[str]) -> str:
     """Return lines as a list under its title; "" without."""
     items = "".join(f"<li>{escape(line)}</li>" for line in lines)

@@ -90,11 +90,12 @@ class _Terminal(Context):
     def ask(self, prompt: str, choices: Sequence[str] = ()) -> str:
         """Ask until the answer is one of the choices; Enter alone takes the first."""
         self._update.pause()
+        words = [prompt.rstrip(), *(["/".join(choices)] if choices else []), ""]
         while True:
-            sys.stderr.write(f"{prompt.rstrip()} {'/'.join(choices)} ".replace("  ", " "))
+            sys.stderr.write(" ".join(words))
             sys.stderr.flush()
             if not (line := sys.stdin.readline()):
-                raise InputError(f"the input ended before an answer to: {prompt.rstrip()}")
+                raise InputError(f"the input ended before an answer to: {words[0]}")
             answer = line.strip()
             if not choices or answer in choices:
                 return answer

@@ -240,7 +240,7 @@ class RunExperiment(Task, command="stimuli run"):
                     export(table, self.study, *labels)
         rows, warnings = [], []
         for name, estimate in experiment.estimates().items():
-            row = {"condition": name} if name else {}
+            row: dict[str, Any] = {"condition": name} if name else {}
             row |= {"trials": experiment.trials, **estimate.record(), **experiment.summary()}
             warnings += [f"{name}: {line}" if name else line for line in estimate.warnings]
             rows.append(row)

@@ -116,8 +116,6 @@ def wrong_values(words, option):
         return NOT_MADE
     if (words, option) == ("calibrate install", "--finger"):
         return NOT_READ
-    if (words, option) == ("calibrate match", "--normal-force-n"):
-        return NOT_A_NUMBER
     if (words, option) == ("build", "what"):
         return (*NOT_WRITTEN, "missing.toml")
     if (words, option) == ("calibrate fit", "--finger"):

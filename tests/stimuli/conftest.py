@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from haptix import ContactModel, FrictionSurface
-from haptix.stimuli import apparatus
+from haptix.stimuli import rendering
 
 
 @pytest.fixture(scope="session")
@@ -34,7 +34,7 @@ def own_cache(tmp_path_factory, monkeypatch):
             _models[key] = ContactModel(finger, screen)
         return _models[key]
 
-    monkeypatch.setattr(apparatus, "ContactModel", once)
+    monkeypatch.setattr(rendering, "ContactModel", once)
     return root
 
 

@@ -6,7 +6,7 @@ it is planned, with the jobs.
 
 import pytest
 
-from calibration.tasks import begin_practice
+from calibration.tasks import RunCalibration
 from firmware_io import open_device
 from haptix.finger import Finger
 from haptix.profiles import profile_of
@@ -24,7 +24,7 @@ def test_from_the_page_by_every_stroke_to_an_installed_profile(
     monkeypatch.setenv("HAPTIX_CACHE", str(tmp_path / "cache"))
     folder = tmp_path / "calibrations" / "panel-7"
     # A screen that is known to the test; the page continues what was planned under this name.
-    begin_practice(folder, "semi-wet", "3m-sct3250", 2.0, seed=6)
+    RunCalibration(folder=folder, name="panel-7", practice=True, minutes=2.0, seed=6).begin()
     front.hub.jobs.context = {"device": "mock:", "calibrations": str(folder.parent)}
     with a_page(browser) as page:
         page.set_default_timeout(LONG_MS)

@@ -43,7 +43,7 @@ COLUMNS = (
 _COLUMNS_OF_1 = COLUMNS[:13]
 
 _FORMAT = 2
-_OUTSIDE = ("cli", "client", "service", "studio")  # rooms that no trial depends on
+_OUTSIDE = ("cli", "client", "service", "studio", "tasks")  # rooms that no trial depends on
 
 
 @cache
