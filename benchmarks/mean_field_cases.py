@@ -22,8 +22,8 @@ from haptix.contact import THEORIES, HalfSpace, Layered, MeanField, RoughnessSpe
 from haptix.contact.boundary_elements import BoundaryElements, Surfaces
 from haptix.contact.elasticity import ElasticSolid
 from haptix.electro import VACUUM_PERMITTIVITY, Pull
-from haptix.equilibrium import LIGHT_CONTACT_LIMIT
 from haptix.fidelity import Balance, Contact, Load, MeanFieldBalance
+from haptix.fidelity.balance import LIGHT_CONTACT_LIMIT
 
 FOLDER = Path(__file__).parents[1] / "tests" / "data" / "boundary-elements-own"
 SURFACES, SEED = 4, 7

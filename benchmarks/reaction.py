@@ -30,7 +30,7 @@ from firmware_io.links.tcp import TcpLink
 from haptix.motion import Trajectory
 from haptix.render import LiveSettings
 from haptix.simulation import Played, Setting, evaluate_live
-from haptix.simulation.played import play_live
+from haptix.simulation.simulation import play_live
 from haptix.touch import TouchEvent
 from haptix.virtual_finger import SensedTouch, TouchPanel
 

@@ -231,7 +231,7 @@ class Install(Task, command="calibrate install"):
     def run(self, context: Context) -> Result:
         """Install it."""
         from firmware_io import open_device
-        from haptix.profiles import install_profile
+        from haptix.devices import install_profile
         from haptix.screen import Screen
 
         if (self.serial is None) == (self.device is None):
@@ -310,8 +310,8 @@ class Period(Task, command="calibrate period"):
 
 
 def _profiles(path: Path, finger: str | None) -> tuple[Screen, Finger]:
+    from haptix.devices import check_measured_with
     from haptix.finger import Finger
-    from haptix.profiles import check_measured_with
     from haptix.screen import Screen
 
     beside = path.with_name("finger.toml")

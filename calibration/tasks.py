@@ -425,8 +425,7 @@ class Calibrate(Task, route="calibrations", kind="calibration", plays=True, keep
         from calibration.profile import FINGER, SCREEN
         from calibration.session import Session
         from calibration.sources import open_inputs
-        from haptix.devices import open_device
-        from haptix.profiles import install_profile
+        from haptix.devices import install_profile, open_device
 
         assert context.folder is not None
         folder = context.folder / self.name

@@ -33,16 +33,16 @@ def number(
 
     An array or a tensor of one value is a number, a bool is not.
     """
-    found = plain(value)
-    good = found is not None and found >= least and (found > above or above == -inf)
-    if found is None or not good or isnan(found) or not (open_end or isfinite(found)):
+    real = plain(value)
+    good = real is not None and real >= least and (real > above or above == -inf)
+    if real is None or not good or isnan(real) or not (open_end or isfinite(real)):
         bound = f" above {above:g}" if above > -inf else f" of at least {least:g}"
         raise InputError(
             f"{name}: expected a {'' if open_end else 'finite '}number"
             f"{bound if max(above, least) > -inf else ''}, "
-            f"got {f'{value!r:.80}' if found is None else f'{found:g}'}"
+            f"got {f'{value!r:.80}' if real is None else f'{real:g}'}"
         )
-    return found
+    return real
 
 
 def plain(value: Any) -> float | None:
@@ -128,28 +128,28 @@ def choice(name: str, value: Choice, known: Iterable[Choice]) -> Choice:
 def row(name: str, values: Any, least_count: int = 1) -> Array:
     """Return finite numbers as an array of shape (count,), with `least_count` of them or more."""
     try:
-        found = np.asarray(values, dtype=np.float64)
+        array = np.asarray(values, dtype=np.float64)
     except (OverflowError, TypeError, ValueError):
         raise InputError(f"{name}: expected numbers, got {values!r:.80}") from None
-    if found.ndim != 1 or len(found) < least_count:
+    if array.ndim != 1 or len(array) < least_count:
         raise InputError(
-            f"{name}: expected a row of at least {least_count} numbers, got shape {found.shape}"
+            f"{name}: expected a row of at least {least_count} numbers, got shape {array.shape}"
         )
-    bad = ~np.isfinite(found)
+    bad = ~np.isfinite(array)
     if bad.any():
         at = int(bad.argmax())
-        raise InputError(f"{name}: expected finite numbers, but number {at + 1} is {found[at]:g}")
-    return found
+        raise InputError(f"{name}: expected finite numbers, but number {at + 1} is {array[at]:g}")
+    return array
 
 
 def increasing(name: str, values: Any, least_count: int = 1) -> Array:
     """Return a `row` in which every number exceeds the one before."""
-    found = row(name, values, least_count)
-    late = np.diff(found) <= 0
+    array = row(name, values, least_count)
+    late = np.diff(array) <= 0
     if late.any():
         at = int(late.argmax())
         raise InputError(
-            f"{name}: expected increasing numbers, but number {at + 2} is {found[at + 1]:g} after "
-            f"{found[at]:g}"
+            f"{name}: expected increasing numbers, but number {at + 2} is {array[at + 1]:g} after "
+            f"{array[at]:g}"
         )
-    return found
+    return array

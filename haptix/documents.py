@@ -131,9 +131,9 @@ class Document(Part):
 
 def first_error(name: str, error: ValidationError) -> str:
     """Return one sentence about the first error of a table called `name`."""
-    found = error.errors()
+    errors = error.errors()
     # A name that is not known is why another is missing, as where one is mistyped.
-    first = next((one for one in found if one["type"] == "extra_forbidden"), found[0])
+    first = next((one for one in errors if one["type"] == "extra_forbidden"), errors[0])
     # Tags of a union, such as "self-affine", are not keys in the file.
     keys = [part for part in first["loc"] if isinstance(part, int) or part.isidentifier()]
     field = ".".join((name, *map(str, keys)))

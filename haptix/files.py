@@ -98,8 +98,9 @@ def write_failure(error: OSError, path: Path) -> str:
     why = error.strerror or str(error)
     if error.errno not in (errno.ENOSPC, getattr(errno, "EDQUOT", None)):  # no quota on Windows
         return why
-    there = next(above for above in (path.absolute(), *path.absolute().parents) if above.exists())
-    disk = next(above for above in (there, *there.parents) if os.path.ismount(above))
+    whole = path.absolute()
+    existing = next(above for above in (whole, *whole.parents) if above.exists())
+    disk = next(above for above in (existing, *existing.parents) if os.path.ismount(above))
     free_mb = shutil.disk_usage(disk).free / 1e6
     return (
         f"{why}: the disk at {disk} has {free_mb:.3g} MB free; make room there, or name a place on "
@@ -170,9 +171,9 @@ def _sync_folders(files: Iterable[Path]) -> None:
 
 def check_folder(folder: Path, names: Iterable[str]) -> None:
     """Raise `InputError`, before the work, if `names` cannot be written into a folder."""
-    there = next(above for above in (folder, *folder.parents) if above.exists())
-    if not there.is_dir():
-        raise InputError(f"--out: {there} is a file; name a folder")
+    existing = next(above for above in (folder, *folder.parents) if above.exists())
+    if not existing.is_dir():
+        raise InputError(f"--out: {existing} is a file; name a folder")
     for name in names:
         if (folder / name).is_dir():
             raise InputError(f"--out: {folder / name} is a folder; name another --out")

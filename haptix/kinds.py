@@ -211,8 +211,8 @@ class Kind(Part):
 
     def replace(self, **fields: Any) -> Self:
         """Return a copy with some fields changed, validated like a new one."""
-        own = {name: getattr(self, name) for name in type(self).model_fields}
-        return type(self)(**{**own, **fields})
+        known = {name: getattr(self, name) for name in type(self).model_fields}
+        return type(self)(**{**known, **fields})
 
 
 def _no_such(kind: str, known: Iterable[str]) -> str:
@@ -291,10 +291,10 @@ class Asset:
         path = self.path
         content = sha256(path.read_bytes()).hexdigest() if path.is_file() else str(path)
         key = json.dumps([content, parameters], sort_keys=True)
-        found: Made | None = _SHARED.get(key)
-        if found is None:
-            found = _SHARED[key] = make(path)
-        return found
+        made: Made | None = _SHARED.get(key)
+        if made is None:
+            made = _SHARED[key] = make(path)
+        return made
 
 
 def asset_of(value: Any) -> Asset:

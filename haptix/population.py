@@ -49,9 +49,9 @@ def states_of(document: Mapping[str, Any]) -> dict[str, list[Any]]:
         warnings.simplefilter("ignore")  # of the box: it is what the plan asks for
         finger, screen = Finger(**document["finger"]), Screen(**document["screen"])
         state = ContactModel(finger, screen, **how).solve(**at)
-    found = {name: values.tolist() for name, values in at.items()}
-    found |= {name: getattr(state, name).double().tolist() for name in _FOUND}
-    return {**found, "status": [Status(int(one)).name for one in state.status]}
+    columns = {name: values.tolist() for name, values in at.items()}
+    columns |= {name: getattr(state, name).double().tolist() for name in _FOUND}
+    return {**columns, "status": [Status(int(one)).name for one in state.status]}
 
 
 class DrawnPeople(Part):
@@ -165,11 +165,11 @@ class Population:
             _get(finger, name)
         generator = np.random.default_rng(seed)
         for _ in range(size):
-            one, ratios = finger, {}
+            drawn, ratios = finger, {}
             for name, width in spread.items():
                 ratios[name] = float(np.exp(width * generator.standard_normal()))
-                one = _scaled(one, name, ratios[name])
-            yield one, ratios
+                drawn = _scaled(drawn, name, ratios[name])
+            yield drawn, ratios
 
 
 def _get(finger: Finger, name: str) -> float:

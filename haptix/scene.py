@@ -24,7 +24,7 @@ from haptix.fidelity import FIDELITIES, FidelityName
 from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.kinds import in_folder
-from haptix.materials.kinds import material_of
+from haptix.materials.panels import material_of
 from haptix.screen import Screen
 from haptix.surface.axes import AXES
 from haptix.surface.request import low_and_high
@@ -196,18 +196,18 @@ class Scene(Document):
     def _look_names_up(cls, fields: Any) -> Any:
         if not isinstance(fields, dict):
             return fields
-        found = dict(fields)
+        read = dict(fields)
         if isinstance(materials := fields.get("materials"), list | tuple):
             with in_folder(Path(fields.get("folder", "."))):
-                found["materials"] = [material_of(one) for one in materials]
+                read["materials"] = [material_of(one) for one in materials]
         kinds: Mapping[str, type[Finger | Screen]] = {"finger": Finger, "screen": Screen}
         for key, kind in kinds.items():
             match fields.get(key):
                 case dict() as table:
-                    found[key] = kind(**table)
+                    read[key] = kind(**table)
                 case str() as name:
-                    found[key] = kind.named(name, Path(fields.get("folder", ".")))
-        return found
+                    read[key] = kind.named(name, Path(fields.get("folder", ".")))
+        return read
 
     @model_validator(mode="after")
     def _within_the_limit(self) -> Self:

@@ -123,22 +123,22 @@ class Screen(Document):
 
     def warnings(self) -> list[str]:
         """Reasons not to trust the profile, as outputs quote them; none for presets."""
-        found = ["a placeholder, not calibrated"] if self.is_placeholder else []
+        reasons = ["a placeholder, not calibrated"] if self.is_placeholder else []
         if (made := self.calibration) is not None:
             if made.verdict == "failed":
-                found.append("its calibration failed verification")
+                reasons.append("its calibration failed verification")
             if made.verdict == "provisional":
-                found.append(
+                reasons.append(
                     "its calibration is provisional: add `haptix calibrate rig`, and held-out "
                     "strokes at the carrier, and verify again"
                 )
             if (datetime.now(UTC).date() - made.date).days > CALIBRATION_VALID_DAYS:
-                found.append(
+                reasons.append(
                     f"its calibration of {made.date} is more than {CALIBRATION_VALID_DAYS} days old"
                 )
             if made.content_hash != self.content_hash():
-                found.append("its profile was changed after the calibration")
-        return [f"screen {self.name!r} ({reason})" for reason in found]
+                reasons.append("its profile was changed after the calibration")
+        return [f"screen {self.name!r} ({reason})" for reason in reasons]
 
     def content_hash(self) -> str:
         """SHA-256 of everything in the profile but the hash itself."""

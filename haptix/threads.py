@@ -1,4 +1,4 @@
-"""Keep torch to one thread where its arrays are small.
+"""How torch uses the machine: one thread where its arrays are small, and memory that is kept.
 
 The contact model works on arrays of some 10^4 values, where two threads gain nothing. Torch's
 threads wait for each other by spinning: on a machine with busy cores, a solve on two threads took
@@ -7,12 +7,18 @@ threads wait for each other by spinning: on a machine with busy cores, a solve o
 
 from __future__ import annotations
 
+import ctypes
+import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 
 import torch
 from torch import Tensor
+
+_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # from glibc's malloc.h
+_MMAP_ABOVE = 32 << 20  # the largest value that glibc takes
+_TRIM_ABOVE = 256 << 20
 
 _given: ContextVar[int | None] = ContextVar("threads given", default=None)
 
@@ -32,8 +38,8 @@ def one_thread() -> Iterator[None]:
 
 def given_threads() -> int:
     """Return the number of threads outside of `one_thread`, for code that starts its own."""
-    given = _given.get()
-    return torch.get_num_threads() if given is None else given
+    threads = _given.get()
+    return torch.get_num_threads() if threads is None else threads
 
 
 def backward_on_one_thread(tensor: Tensor) -> Tensor:
@@ -66,3 +72,17 @@ class _Restored:
 
     def __del__(self) -> None:
         torch.set_num_threads(self._threads)
+
+
+def keep_freed_memory() -> None:
+    """Keep freed array memory in the process instead of giving it back to the kernel each time.
+
+    Tables take thousands of operations on arrays of a few 100 kB. glibc returns each temporary to
+    the kernel and faults the next one in again. On virtual machines those page faults cost 10 to 50
+    times the arithmetic. Two raised thresholds of glibc's malloc keep the memory.
+    """
+    if sys.platform.startswith("linux"):
+        with suppress(AttributeError):  # another C library
+            mallopt = ctypes.CDLL(None).mallopt
+            mallopt(_M_MMAP_THRESHOLD, _MMAP_ABOVE)
+            mallopt(_M_TRIM_THRESHOLD, _TRIM_ABOVE)

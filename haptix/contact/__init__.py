@@ -1,17 +1,19 @@
 """Area and gaps of a rough contact against pressure: roughness, elasticity, mean field."""
 
-from haptix.allocator import keep_freed_memory
 from haptix.contact.area import AreaLaw
 from haptix.contact.elasticity import ElasticSolid, HalfSpace, Layered
-from haptix.contact.meanfield import ContactSpots, GapDistribution, MeanField
-from haptix.contact.roughness import RoughnessSpectrum
-from haptix.contact.theory import (
+from haptix.contact.meanfield import (
     THEORIES,
+    ContactSpots,
+    GapDistribution,
+    MeanField,
     Theory,
     TheoryName,
     beyond_validation,
     shown_accuracy,
 )
+from haptix.contact.roughness import RoughnessSpectrum
+from haptix.threads import keep_freed_memory
 
 __all__ = [
     "THEORIES",

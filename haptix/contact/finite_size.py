@@ -24,7 +24,7 @@ import torch
 from torch import Tensor
 
 from haptix.contact.roughness import RoughnessSpectrum
-from haptix.interpolation import UniformCubic
+from haptix.contact.tables import UniformCubic
 
 SizeLaw = Literal["capped", "smooth"]
 

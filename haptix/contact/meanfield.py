@@ -8,6 +8,7 @@ waves, where a light contact breaks up within 1e-4 of q0, and the last ones, whe
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from math import ceil, inf, log, pi, sqrt
@@ -28,16 +29,16 @@ from haptix.contact.finite_size import (
     peaks_per_area,
     touching_log_pressure,
 )
-from haptix.contact.gaps import GapHistogram
 from haptix.contact.roughness import RoughnessSpectrum
-from haptix.contact.separation import Y_MAX, SeparationIntegral
+from haptix.contact.tables import Y_MAX, PiecewiseLinear, SeparationIntegral, UniformCubic
 from haptix.errors import InputError
-from haptix.interpolation import PiecewiseLinear, UniformCubic
 from haptix.threads import one_thread
 
 GapDistribution = Literal["plain", "combined"]
 ContactSpots = Literal["excluded", "included"]
+TheoryName = Literal["corrected", "open-gaps", "as-published"]
 
+_NARROW = 0.05  # below, what five terms of the series leave out is t^10/11 < 1e-14
 _WAVE_NODES = 4096  # nodes of T(q); T is integrated to 1e-12, q(T) interpolated to 1e-6
 _WAVE_RANGE = log(1e16)  # they reach from q1 down to where q/q0 - 1 is this much smaller
 _STRIPS = 512  # strips in magnification
@@ -71,6 +72,46 @@ class Strips:
     """u1, its mean gap; zero where it is closed to double precision."""
     variance_m2: Tensor
     """s^2, the variance of the gap about u1."""
+
+
+@dataclass(frozen=True)
+class GapHistogram:
+    """Share of the nominal area whose gap lies in each bin, open gaps only."""
+
+    edges_m: Tensor
+    """Bin edges [m], shape (bins + 1,), from 0 up; the last bin also holds everything above."""
+    mass: Tensor
+    """Shares, shape (..., bins); they sum to ``1 - A/A0``. Under the "combined" distribution the
+    strips that are closed to double precision have no width and are left out: 1.2 % of A in light
+    contact, but most of what is still open near complete contact, where "plain" is better."""
+
+    def inverse_square(self, h0_m: Tensor) -> Tensor:
+        """``sum over gaps of 1/|u + h0|^2`` [1/m^2]; `h0_m` broadcasts with the batch of masses."""
+        kernel = bin_inverse_square(self.edges_m, h0_m)
+        return (self.mass * kernel).sum(-1)
+
+
+def bin_inverse_square(edges_m: Tensor, h0_m: Tensor) -> Tensor:
+    """Mean of ``1/|u + h0|^2`` over each bin, for every h0: shape ``h0.shape + (bins,)``.
+
+    With h0 = a + i b the integral is an arctangent; written as ``atan(t)/t / D`` with
+    ``D = b^2 + (u_low + a)(u_high + a)`` it covers real and complex h0 without cancellation.
+    """
+    h0 = h0_m[..., None]
+    real = h0.real if h0.is_complex() else h0
+    imaginary = h0.imag if h0.is_complex() else torch.zeros_like(real)
+    low, high = edges_m[:-1] + real, edges_m[1:] + real
+    # |u + h0|^2 itself at the lower edge for the open-ended last bin: what lies there is noise.
+    divisor = imaginary**2 + low * high
+    t = (high - low) * imaginary.abs() / divisor
+    # Nearly all bins are narrow against their gaps, where a series gives atan(t)/t.
+    square = t * t
+    if float(square.detach().max()) < _NARROW**2:
+        ratio = 1 - square * (1 / 3 - square * (1 / 5 - square * (1 / 7 - square / 9)))
+    else:
+        safe = torch.where(t < 1e-3, torch.ones_like(t), t)
+        ratio = torch.where(t < 1e-3, 1 - square / 3, torch.atan(safe) / safe)
+    return ratio / divisor
 
 
 class MeanField:
@@ -232,7 +273,7 @@ class MeanField:
 
     def equals(self, other: MeanField) -> bool:
         """Whether another has the same numbers, and so the same gaps at every pressure."""
-        own, theirs = (
+        mine, theirs = (
             (
                 *(field.gamma, field.gap_distribution, field.area, field.device),
                 *(field._separation_integral.power, field.reach),
@@ -244,7 +285,7 @@ class MeanField:
             (self.spectrum.density, other.spectrum.density),
             (self._log_waves.slope, other._log_waves.slope),
         )
-        return own == theirs and all(torch.equal(one, two) for one, two in pairs)
+        return mine == theirs and all(torch.equal(one, two) for one, two in pairs)
 
     @property
     def stress_rms_pa(self) -> Tensor:
@@ -283,8 +324,8 @@ class MeanField:
         The table of `log_mean_gap` may be given as well, where it is needed often.
         """
         table = log_mean_gap or self.log_mean_gap()
-        found = once_for_equals(partial(touching_log_pressure, table), torch.log(height_m))
-        return Touching(found, self.size)
+        log_pressure = once_for_equals(partial(touching_log_pressure, table), torch.log(height_m))
+        return Touching(log_pressure, self.size)
 
     @one_thread()
     def log_mean_gap(self) -> UniformCubic:
@@ -407,17 +448,9 @@ class MeanField:
             low = torch.log(((1 + torch.exp(low)) / self.reach - 1).clamp(min=_LEAST_EXCESS))
             whole = torch.where(open_, rest, torch.ones_like(rest))
             low = torch.maximum(low, self._log_excess_at(variance.clamp(min=_TINY), whole))
-        least = 0.5 * start  # rounding must not take tau below where the integral starts
-        total = torch.zeros_like(rest)
-        # Loops over panels and points, not over the batch, keep every array within the cache.
-        for end, rule in self._panels:
-            high = low.clamp(min=end)
-            for point, weight in rule:
-                log_wave = self._log_waves(low + (high - low) * ((1 + point) / 2))
-                tau = torch.maximum(torch.exp(log_wave[..., 0]) - variance, least).sqrt()
-                opening = (high - low) * torch.exp(log_wave[..., 1]) / tau
-                total = total + weight * opening * self._separation_integral(pressure / tau)
-            low = high
+        total = self._separation_integral.over_waves(
+            pressure, variance, low, self._log_waves, self._panels
+        )
         return torch.where(open_, total / sqrt(pi), torch.zeros_like(total))
 
     def _log_excess_at(self, variance: Tensor, rest: Tensor) -> Tensor:
@@ -449,3 +482,111 @@ def check_contact_spots(contact_spots: str) -> None:
     """Raise `InputError` unless `contact_spots` is "excluded" or "included"."""
     if contact_spots not in get_args(ContactSpots):
         raise InputError(f'contact_spots: expected "excluded" or "included", got {contact_spots!r}')
+
+
+@dataclass(frozen=True)
+class Theory:
+    """One form of the mean field: choices that belong together, under one name."""
+
+    area: AreaLaw
+    """Law of the real contact area."""
+    gamma: float
+    """Factor of the elastic energy in the separation."""
+    gap_distribution: GapDistribution
+    """Variance of the gaps."""
+    contact_spots: ContactSpots
+    """Whether the attraction inside the contact spots presses on the contact."""
+    source: str
+    """Where the choices come from."""
+    power: float = 3.0
+    """Power of the area in the rest of the elastic energy."""
+    reach: float = 1.0
+    """How many times shorter the waves are that a wave's own energy follows."""
+    size: SizeLaw = "capped"
+    """How a contact of finite size leaves that of infinite size."""
+    usual_terms: frozenset[str] = frozenset()
+    """Terms on request that this form has on by default."""
+
+    def mean_field(
+        self,
+        spectrum: RoughnessSpectrum,
+        modulus: ElasticSolid,
+        gamma: float | None = None,
+        gap_distribution: GapDistribution | None = None,
+        device: torch.device | str = "cpu",
+    ) -> MeanField:
+        """Contact of a rough solid in this form, unless gamma or the gaps are given."""
+        return MeanField(
+            spectrum,
+            modulus,
+            gamma=self.gamma if gamma is None else gamma,
+            gap_distribution=gap_distribution or self.gap_distribution,
+            device=device,
+            area=self.area,
+            power=self.power,
+            reach=self.reach,
+            size=self.size,
+        )
+
+
+THEORIES: Mapping[str, Theory] = {
+    "as-published": Theory(
+        AreaLaw(),
+        0.45,
+        "plain",
+        "included",
+        "Ayyildiz et al., PNAS 115, 12668 (2018), Eq. 1-3",
+    ),
+    "open-gaps": Theory(
+        AreaLaw(),
+        0.45,
+        "plain",
+        "excluded",
+        "the same, without the attraction inside the contact spots (physics page, section 1)",
+    ),
+    "corrected": Theory(
+        AreaLaw(0.48, tips=0.022),
+        0.315,
+        "combined",
+        "excluded",
+        "area after Xu (2024); gamma, reach, power, tips by boundary elements (docs/mean-field.md)",
+        power=2.0,
+        reach=1.3,
+        size="smooth",
+        usual_terms=frozenset({"finite-size"}),
+    ),
+}
+"""Forms of the mean field by name."""
+
+VALIDATED_X = 5e-5
+"""Lowest ``x = p0/(E* slope)`` of boundary elements that the corrected theory was tested on without
+having been fitted to them (docs/mean-field.md)."""
+
+VALIDATED_WAVES = 4.0
+"""Fewest waves of the roll-off, ``A0 (q_r/2 pi)^2``, under a contact of that comparison."""
+
+SHOWN_ERRORS = ((5e-4, 3, 9, 8), (VALIDATED_X, 5, 28, 5))
+"""Lowest x, and what was shown from there to the x before: median and largest error of the area,
+largest error of the mean gap, in per cent of boundary elements, without voltage."""
+
+
+def beyond_validation(x: float, rolloff_waves: float) -> list[str]:
+    """Say what of a contact lies below what was validated; lowest values are given."""
+    limits = []
+    if x < VALIDATED_X:
+        limits.append(f"x = p0/(E* slope) from {x:.2g}: validated from {VALIDATED_X:g}")
+    if rolloff_waves < VALIDATED_WAVES:
+        limits.append(
+            f"{rolloff_waves:.3g} waves of the roll-off: validated from {VALIDATED_WAVES:g}"
+        )
+    return limits
+
+
+def shown_accuracy(theory: TheoryName, x: float) -> str:
+    """Say which errors a theory was shown to have at a lowest x; empty where nothing was shown."""
+    if theory != "corrected":
+        return ""
+    for least, median, worst, gap in SHOWN_ERRORS:
+        if x >= least:
+            return f"area within {worst} % ({median} % in the median), mean gap within {gap} %"
+    return ""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from itertools import pairwise
 from types import MappingProxyType
 from typing import Annotated, Any, Self
@@ -20,7 +21,6 @@ from pydantic import (
 from torch import Tensor
 
 from haptix.documents import Part
-from haptix.interpolation import MonotoneCubic
 
 VACUUM_PERMITTIVITY = 8.8541878128e-12
 """eps0 [F/m], CODATA 2018."""
@@ -29,6 +29,44 @@ _NOISE = 1.05  # a measured column may rise by this factor from row to row
 
 # Left out where it is 1: a skin without it is written and hashed as it was before there was one.
 _Scale = Annotated[PositiveFloat, Field(exclude_if=lambda scale: scale == 1)]
+
+
+@dataclass(frozen=True)
+class MonotoneCubic:
+    """A C1 cubic that rises and falls only where its values do, and holds its ends beyond them.
+
+    Source of the slopes: Fritsch & Butland, SIAM J. Sci. Stat. Comput. 5, 300 (1984); 0 at the
+    ends, so that nothing has a corner there either.
+    """
+
+    nodes: Tensor
+    values: Tensor
+    slopes: Tensor
+
+    @classmethod
+    def through(cls, nodes: Tensor, values: Tensor) -> MonotoneCubic:
+        """Connect `values`, shape (nodes, columns), at increasing `nodes`."""
+        width = nodes.diff()[:, None]
+        rise = values.diff(dim=0) / width
+        before, after = width[:-1] + 2 * width[1:], 2 * width[:-1] + width[1:]
+        turns = rise[:-1] * rise[1:] <= 0
+        left, right = (r.masked_fill(turns, 1.0) for r in (rise[:-1], rise[1:]))
+        inner = ((before + after) / (after / left + before / right)).masked_fill(turns, 0.0)
+        end = torch.zeros_like(values[:1])
+        return cls(nodes, values, torch.cat([end, inner, end])[: len(nodes)])
+
+    def __call__(self, x: Tensor) -> Tensor:
+        """Values at `x` of any shape, with the columns as the last axis."""
+        if len(self.nodes) == 1:
+            return self.values[0].expand(*x.shape, -1)
+        x = x.clamp(self.nodes[0], self.nodes[-1])
+        cell = torch.searchsorted(self.nodes[1:-1], x.detach().contiguous(), right=True)
+        width = self.nodes.diff()[cell][..., None]
+        t = (x[..., None] - self.nodes[cell][..., None]) / width
+        low, high = self.values[cell], self.values[cell + 1]
+        rise = high - low
+        a, b = self.slopes[cell] * width - rise, rise - self.slopes[cell + 1] * width
+        return low + t * (rise + (1 - t) * (a * (1 - t) + b * t))
 
 
 class SkinDielectric(Part):

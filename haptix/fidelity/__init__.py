@@ -6,8 +6,7 @@ from typing import Literal
 from haptix.fidelity.balance import Ability, Balance, Contact, Fidelity, Load
 from haptix.fidelity.boundary_element import BoundaryElementBalance, Scatter, UnsettledWarning
 from haptix.fidelity.box import BoundaryElementBox, BoxedFinger
-from haptix.fidelity.closed_form import ClosedForm
-from haptix.fidelity.mean_field import MeanFieldBalance
+from haptix.fidelity.mean_field import ClosedForm, MeanFieldBalance
 
 FidelityName = Literal["closed-form", "mean-field", "boundary-element"]
 

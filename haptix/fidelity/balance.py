@@ -12,10 +12,13 @@ import torch
 from torch import Tensor
 
 from haptix.contact import ContactSpots, MeanField
-from haptix.contact.plasticity import elastoplastic_area
+from haptix.contact.area import elastoplastic_area
 from haptix.electro import Pull, VoltageShare
 from haptix.fidelity.box import BoxedFinger
 from haptix.terms import Stage
+
+LIGHT_CONTACT_LIMIT = 31.0
+"""Largest p/p0 that counts as light contact: the bound of the reference solver (section 5)."""
 
 
 class Ability(StrEnum):

@@ -11,11 +11,10 @@ import torch
 from torch import Tensor
 
 from haptix.contact.boundary_elements import BoundaryElements, ContactSolution, ResolutionWarning
-from haptix.contact.boundary_elements.kernel import PeriodicSolid
-from haptix.contact.boundary_elements.memory import check_memory
-from haptix.equilibrium import LIGHT_CONTACT_LIMIT
+from haptix.contact.boundary_elements.bounded import PeriodicSolid
+from haptix.contact.boundary_elements.ensemble import check_memory
 from haptix.errors import InputError
-from haptix.fidelity.balance import Ability, Balance, Contact, Fidelity, Load
+from haptix.fidelity.balance import LIGHT_CONTACT_LIMIT, Ability, Balance, Contact, Fidelity, Load
 from haptix.status import Status
 from haptix.terms import Stage
 from haptix.threads import given_threads
@@ -49,7 +48,7 @@ class BoundaryElementBalance(Fidelity):
     The attraction acts on every point; in a contact spot the spot's own pressure balances it, which
     the mean field calls spots "excluded": ``pressure_pa`` is ``p0`` and the attraction of the gaps.
     A state has pulled in where half of its surfaces have snapped in, or are attracted so much by
-    their gaps that the contact is no longer light (`haptix.equilibrium.LIGHT_CONTACT_LIMIT`).
+    their gaps that the contact is no longer light (`LIGHT_CONTACT_LIMIT`).
     """
 
     name = "boundary-element"
@@ -79,9 +78,9 @@ class BoundaryElementBalance(Fidelity):
 
     def solve(self, load: Load) -> Balance:
         """Return the mean equilibrium of every state on the lowest branch."""
-        found = self.scatter(load)
-        mean = {one.name: getattr(found, one.name).double().mean(-1) for one in fields(Balance)}
-        mean["strength_at_end"] = found.strength_at_end.median(-1).values
+        scattered = self.scatter(load)
+        mean = {one.name: getattr(scattered, one.name).double().mean(-1) for one in fields(Balance)}
+        mean["strength_at_end"] = scattered.strength_at_end.median(-1).values
         mean["is_stable"] = mean["is_stable"] > 0.5
         return Balance(**mean)
 
@@ -134,8 +133,8 @@ class BoundaryElementBalance(Fidelity):
     def _thickness(load: Load) -> list[complex]:
         thickness = load.pull.thickness_m
         assert thickness is not None  # without the ability to solve instants: a sine's mean
-        given = (load.applied_pa, load.pull.strength, thickness)
-        if any(tensor.requires_grad for tensor in given):
+        tensors = (load.applied_pa, load.pull.strength, thickness)
+        if any(tensor.requires_grad for tensor in tensors):
             raise InputError(
                 "expected values that need no gradient: boundary elements have none, got one that "
                 'requires grad; detach it, or use fidelity "mean-field"'
@@ -161,19 +160,19 @@ class BoundaryElementBalance(Fidelity):
         def per_strength(gap: Tensor) -> Tensor:  # 1/|u + h0|^2
             return ((gap + thickness.real) ** 2 + thickness.imag**2).reciprocal()
 
-        found = self._elements.solve_attracted(
+        solution = self._elements.solve_attracted(
             [applied], per_strength, strengths, light_limit=LIGHT_CONTACT_LIMIT
         )
-        lost = int((~found.converged & (found.status == int(Status.OK))).sum())
+        lost = int((~solution.converged & (solution.status == int(Status.OK))).sum())
         if lost:
             warnings.warn(
-                f"{lost} of {found.converged.numel()} states of single surfaces at {applied:.4g} "
-                "Pa were not solved to the tolerance: few pixels close and open in turn; take more "
-                "points",
+                f"{lost} of {solution.converged.numel()} states of single surfaces at "
+                f"{applied:.4g} Pa were not solved to the tolerance: few pixels close and open in "
+                "turn; take more points",
                 UnsettledWarning,
                 stacklevel=2,
             )
-        pixels = float(found.area_fraction_raw[0, 0].mean()) * self.boxed.box.points**2
+        pixels = float(solution.area_fraction_raw[0, 0].mean()) * self.boxed.box.points**2
         if pixels < _FEW_PIXELS:
             warnings.warn(
                 f"{pixels:.2g} pixels of a surface are in contact at {applied:.4g} Pa: their area "
@@ -181,7 +180,7 @@ class BoundaryElementBalance(Fidelity):
                 ResolutionWarning,
                 stacklevel=2,
             )
-        rows = [_row(found, number) for number in range(len(strengths))]
+        rows = [_row(solution, number) for number in range(len(strengths))]
         self._known.setdefault(place, {}).update(zip(strengths, rows, strict=True))
 
 

@@ -72,8 +72,8 @@ class BoxedFinger:
     """Grid and band of the surfaces that are drawn."""
 
     def __post_init__(self) -> None:
-        given = [value for part in (self.finger, self.finger.roughness) for _, value in part]
-        if any(isinstance(value, Tensor) and value.requires_grad for value in given):
+        values = [value for part in (self.finger, self.finger.roughness) for _, value in part]
+        if any(isinstance(value, Tensor) and value.requires_grad for value in values):
             raise InputError(
                 "finger: expected values that need no gradient: boundary elements have none, got a "
                 'tensor that requires grad; detach it, or use fidelity "mean-field"'

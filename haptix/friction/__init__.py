@@ -1,7 +1,6 @@
 """Friction of a finger on a screen: a solver of loads, and the contact model around it."""
 
-from haptix.friction.carry_over import in_theory
-from haptix.friction.model import HIGHEST_FORCE_N, LOWEST_FORCE_N, ContactModel
+from haptix.friction.model import HIGHEST_FORCE_N, LOWEST_FORCE_N, ContactModel, in_theory
 from haptix.friction.placeholders import placeholder_spread
 from haptix.friction.solver import FrictionSolver
 

@@ -12,13 +12,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from haptix.checks import instance
+from haptix.checks import choice, instance
 from haptix.contact import THEORIES, ContactSpots, GapDistribution, TheoryName
 from haptix.contact.meanfield import check_contact_spots
 from haptix.electro import Pull, drive_voltage
+from haptix.electro.attraction import Circuit, field_in_time
 from haptix.electro.breakdown import breakdown_voltage, peak_field
-from haptix.electro.circuit import Circuit
-from haptix.electro.waveform import field_in_time
 from haptix.errors import InputError, LimitError
 from haptix.fidelity import (
     FIDELITIES,
@@ -28,15 +27,13 @@ from haptix.fidelity import (
     BoxedFinger,
     Contact,
     FidelityName,
+    MeanFieldBalance,
     Scatter,
 )
 from haptix.finger import Finger
-from haptix.friction.carry_over import REFERENCE_FORCE_N, in_theory
-from haptix.friction.gap_sums import sum_gaps
 from haptix.friction.solver import FrictionSolver
-from haptix.inputs import broadcast_shape, checked
 from haptix.screen import Screen
-from haptix.states import ContactState, PeriodState
+from haptix.states import ContactState, PeriodState, broadcast_shape, checked
 from haptix.status import Status
 from haptix.terms import TERMS, ActiveTerms, Properties, Stage, chosen_terms
 from haptix.threads import backward_on_one_thread, one_thread
@@ -45,10 +42,13 @@ from haptix.waves import Waveform
 LOWEST_FORCE_N, HIGHEST_FORCE_N = 1e-9, 1e6
 """Forces that are solved: far beyond any finger, and far from the ends of double precision."""
 
+REFERENCE_FORCE_N = 0.5
+"""Where friction without voltage is kept: the middle of the paper's 0.1 to 0.9 N, and the force of
+its Fig. 4."""
+
 _FAINT_V = 1e-9  # in place of 0 V: attraction is tabulated by its logarithm
 _COSINE = Waveform(shift_turns=0.25)  # the drive of the paper
 _BEYOND = 2.0  # times the screen's limit: past it, the end of light contact is of no use
-_BLOCK = 1024  # states whose gaps are summed together: bounds the memory
 
 
 class ContactModel:
@@ -204,10 +204,10 @@ class ContactModel:
 
     def placeholders(self) -> list[str]:
         """Names of the unmeasured values that the model's numbers rest on."""
-        found = []
+        names = []
         if self.finger.roughness.is_placeholder:
-            found.append("roughness spectrum of the finger")
-        return found + self.solver.terms.placeholders() + self.screen.warnings()
+            names.append("roughness spectrum of the finger")
+        return names + self.solver.terms.placeholders() + self.screen.warnings()
 
     @one_thread()
     def solve(
@@ -291,30 +291,30 @@ class ContactModel:
         self, voltage: Tensor, force: Tensor, frequency_hz: Tensor | None, h0: Tensor
     ) -> ContactState:
         force, voltage, circuit, shape = self._flat(voltage, force, frequency_hz, h0)
-        mu, found = self.solver.solve_in_blocks(
+        mu, balance = self.solver.solve_in_blocks(
             force, lambda at: self._pull(voltage[at], circuit.part(at))
         )
-        own = circuit.thickness_m[circuit.column]
-        at_contact = voltage * found.voltage_share
+        thickness = circuit.thickness_m[circuit.column]
+        at_contact = voltage * balance.voltage_share
         breakdown = breakdown_voltage(
-            own, self.screen.insulator_permittivity, self.screen.insulator_strength_v_per_m
+            thickness, self.screen.insulator_permittivity, self.screen.insulator_strength_v_per_m
         )
         area = self.solver.terms.apparent_area_m2(force)
         solved = {
             "mu": mu,
             "x": force / area / (sqrt(2) * self.contact.stress_rms_pa),
             "rolloff_waves": area * (self.contact.spectrum.q_rolloff / (2 * pi)) ** 2,
-            "area_fraction": found.area_fraction,
-            "pressure_pa": found.pressure_pa,
-            "gap_attraction_pa": found.gap_attraction_pa,
-            "spot_attraction_pa": found.spot_attraction_pa,
-            "mean_gap_m": found.mean_gap_m,
-            "pull_in_voltage_v": drive_voltage(found.strength_at_end),
-            "peak_field_v_per_m": peak_field(at_contact, own),
-            "breakdown_voltage_v": breakdown / found.voltage_share,
+            "area_fraction": balance.area_fraction,
+            "pressure_pa": balance.pressure_pa,
+            "gap_attraction_pa": balance.gap_attraction_pa,
+            "spot_attraction_pa": balance.spot_attraction_pa,
+            "mean_gap_m": balance.mean_gap_m,
+            "pull_in_voltage_v": drive_voltage(balance.strength_at_end),
+            "peak_field_v_per_m": peak_field(at_contact, thickness),
+            "breakdown_voltage_v": breakdown / balance.voltage_share,
         }
         status = self.solver.terms.status(
-            found.is_stable, lambda gap: at_contact / (gap + own).abs()
+            balance.is_stable, lambda gap: at_contact / (gap + thickness).abs()
         )
         solved = {
             name: backward_on_one_thread(value.to(self.dtype).reshape(shape))
@@ -324,15 +324,13 @@ class ContactModel:
             **solved,
             status=status.reshape(shape),
             sum_gaps=partial(
-                sum_gaps,
-                self.solver,
-                self.screen,
+                self.solver.sum_gaps,
                 force,
                 at_contact,
                 None if frequency_hz is None else frequency_hz.expand(shape).reshape(-1),
                 circuit,
                 self._pull,
-                found,
+                balance,
                 solved["mu"],
             ),
         )
@@ -341,8 +339,8 @@ class ContactModel:
         self, voltage: Tensor, force: Tensor, frequency_hz: Tensor | None, h0: Tensor
     ) -> tuple[Tensor, Tensor, Circuit, torch.Size]:
         """Force, voltage and circuit of every state, and the states' shape."""
-        given = [force, voltage, h0] + ([] if frequency_hz is None else [frequency_hz])
-        shape = broadcast_shape(*given)
+        inputs = [force, voltage, h0] + ([] if frequency_hz is None else [frequency_hz])
+        shape = broadcast_shape(*inputs)
         thickness = self.solver.terms.thickness(h0, frequency_hz)
         column = torch.arange(thickness.numel(), device=thickness.device).reshape(thickness.shape)
         force, voltage, column = (t.expand(shape).reshape(-1) for t in (force, voltage, column))
@@ -373,8 +371,8 @@ class ContactModel:
         voltage = self._voltage(voltage_v)
         places = self._places(normal_force_n, frequency_hz, h0_m)
         force, voltage, circuit, shape = self._flat(voltage, *places)
-        found = fidelity.scatter(self.solver.load(force, self._pull(voltage, circuit)))
-        return Scatter(*(column.reshape(*shape, -1) for column in vars(found).values()))
+        scattered = fidelity.scatter(self.solver.load(force, self._pull(voltage, circuit)))
+        return Scatter(*(column.reshape(*shape, -1) for column in vars(scattered).values()))
 
     @one_thread()
     def over_period(
@@ -432,18 +430,18 @@ class ContactModel:
             Pull.of_field(self.contact.gap_edges_m, field, self.solver.terms.field_limit()),
             circuit=Circuit.of_one(thickness, medium, samples),
         )
-        mu, found = self.solver.solve(force, pull)
+        mu, balance = self.solver.solve(force, pull)
         status = self.solver.terms.status(
-            found.is_stable,
-            lambda gap_m: field(h0.new_tensor([gap_m])).abs()[:, 0] * found.voltage_share,
+            balance.is_stable,
+            lambda gap_m: field(h0.new_tensor([gap_m])).abs()[:, 0] * balance.voltage_share,
         )
         return PeriodState(
             t_s=(phase / (2 * torch.pi * frequency)).to(self.dtype),
             drive_v=(voltage * torch.from_numpy(waveform.at(turns)).to(phase.device)).to(
                 self.dtype
             ),
-            attraction_pa=(found.gap_attraction_pa + found.spot_attraction_pa).to(self.dtype),
-            pressure_pa=found.pressure_pa.to(self.dtype),
+            attraction_pa=(balance.gap_attraction_pa + balance.spot_attraction_pa).to(self.dtype),
+            pressure_pa=balance.pressure_pa.to(self.dtype),
             mu=mu.to(self.dtype),
             status=status,
         )
@@ -466,3 +464,42 @@ class ContactModel:
 def _able(ability: Ability) -> str:
     """Names of the fidelities that have an ability."""
     return " or ".join(f'"{name}"' for name, how in FIDELITIES.items() if ability in how.can)
+
+
+def in_theory(finger: Finger, theory: TheoryName) -> Finger:
+    """Return the finger with a tau_f that fits a form of the mean field.
+
+    tau_f is fitted, and mu is tau_f times the area: each form has an area of its own, so that the
+    same measured friction gives each its own tau_f. Friction at 0.5 N without voltage stays.
+
+    Parameters
+    ----------
+    finger : Finger
+        A finger with the tau_f of its own `theory`.
+    theory : {"corrected", "open-gaps", "as-published"}
+        The form to carry it over to.
+
+    Raises
+    ------
+    InputError
+        If there is no such form.
+    """
+    choice("theory", theory, THEORIES)
+    if theory == finger.theory:
+        return finger
+    ratio = _area_at_rest(finger, finger.theory) / _area_at_rest(finger, theory)
+    stress = finger.frictional_shear_stress_pa * ratio
+    kept = stress if stress.requires_grad else float(stress)
+    return finger.replace(theory=theory, frictional_shear_stress_pa=kept)
+
+
+def _area_at_rest(finger: Finger, theory: TheoryName) -> Tensor:
+    """A/A0 at the reference force without voltage; no screen changes it."""
+    screen, form = Screen(), THEORIES[theory]
+    terms = chosen_terms(None, finger, screen, MeanFieldBalance)
+    active = ActiveTerms(Properties(finger, screen), terms)
+    field = form.mean_field(finger.roughness.spectrum(), active.solid())
+    force = torch.tensor(REFERENCE_FORCE_N, dtype=torch.float64)
+    applied = force / active.apparent_area_m2(force)
+    contact = Contact(field, form.contact_spots, active.hardness_pa(), float(applied))
+    return contact.area_fraction(applied)

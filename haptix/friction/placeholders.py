@@ -45,23 +45,23 @@ def placeholder_spread(
         largest ``|ln(mu_other / mu)| / 0.11``, of the broadcast shape of the inputs.
     """
     at = (normal_force_n, voltage_v, frequency_hz, h0_m)
-    own = _with_finger(model, model.finger)
-    mu = own.solve(*at).mu
-    found: dict[str, Tensor] = {}
+    unchanged = _with_finger(model, model.finger)
+    mu = unchanged.solve(*at).mu
+    largest: dict[str, Tensor] = {}
     for name, finger in _others(model, has_frequency=frequency_hz is not None):
         other = _with_finger(model, finger)
-        other.solver.fidelity.borrow(own.solver.fidelity)
+        other.solver.fidelity.borrow(unchanged.solver.fidelity)
         spread = (other.solve(*at).mu / mu).log().abs() / WEBER_FRACTION
-        found[name] = torch.maximum(found[name], spread) if name in found else spread
-    return found
+        largest[name] = torch.maximum(largest[name], spread) if name in largest else spread
+    return largest
 
 
 def largest_spread(
     model: ContactModel, places: Mapping[str, Any], voltage_v: Any
 ) -> dict[str, float]:
     """Largest `placeholder_spread` [JND] over places, by name of the axis, and voltages."""
-    found = placeholder_spread(model, **{"voltage_v": voltage_v, **places})
-    return {name: float(spread.max()) for name, spread in found.items()}
+    spreads = placeholder_spread(model, **{"voltage_v": voltage_v, **places})
+    return {name: float(spread.max()) for name, spread in spreads.items()}
 
 
 def _others(model: ContactModel, has_frequency: bool) -> Iterator[tuple[str, Finger]]:
@@ -81,7 +81,7 @@ def alike(roughness: Roughness) -> list[Roughness]:
     from scipy.optimize import brentq  # half a second of every start
 
     slope = _slope(roughness)
-    found = []
+    spectra = []
     for q1 in sorted({*_SHORTEST_WAVES} - {roughness.q1_per_m}):
         ends = roughness.model_copy(update={"q1_per_m": q1})
 
@@ -91,8 +91,8 @@ def alike(roughness: Roughness) -> list[Roughness]:
         low, high = roughness.q0_per_m, q1 / 3
         if low < high and excess(low) < 0 < excess(high):
             rolloff = brentq(excess, low, high, rtol=1e-9)
-            found.append(ends.model_copy(update={"q_rolloff_per_m": rolloff}))
-    return found
+            spectra.append(ends.model_copy(update={"q_rolloff_per_m": rolloff}))
+    return spectra
 
 
 def _slope(roughness: Roughness) -> float:

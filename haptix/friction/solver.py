@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
+from math import pi
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from haptix.electro import Pull
+from haptix.electro import Circuit, Pull
+from haptix.electro.attraction import bin_inverse
+from haptix.electro.breakdown import bearable_field, share_past
 from haptix.fidelity import Balance, Fidelity, Load
+from haptix.states import GapSums
 from haptix.terms import ActiveTerms, Stage
+from haptix.threads import one_thread
 
 _BLOCK = 4096  # states solved together: bounds the memory, and fits the cache
+_BLOCK_OF_SUMS = 1024  # states whose gaps are summed together: bounds the memory
 
 
 class _AtRest(NamedTuple):
@@ -42,9 +48,9 @@ class FrictionSolver:
         return self._solve(self.load(normal_force_n, pull))
 
     def _solve(self, load: Load) -> tuple[Tensor, Balance]:
-        given, found = self.terms.given, self.fidelity.solve(load)
-        shear = given.finger.frictional_shear_stress_pa
-        return shear * found.area_fraction / (load.applied_pa * given.unit_pa), found
+        properties, balance = self.terms.given, self.fidelity.solve(load)
+        shear = properties.finger.frictional_shear_stress_pa
+        return shear * balance.area_fraction / (load.applied_pa * properties.unit_pa), balance
 
     def load(self, normal_force_n: Tensor, pull: Pull) -> Load:
         """Return what the fidelity is given for these states."""
@@ -69,24 +75,72 @@ class FrictionSolver:
             solved = [self._solve(self._load(pull_of(at), at_rest.part(at))) for at in blocks]
         finally:
             self.fidelity.release()
-        mu, found = zip(*solved, strict=True)
-        return torch.cat(mu), Balance.joined(found)
+        mu, balances = zip(*solved, strict=True)
+        return torch.cat(mu), Balance.joined(balances)
 
     def prepare(self, normal_force_n: Tensor) -> None:
         """Make what all states of these normal forces [N] share, such as tables."""
         at_rest = self._at_rest(normal_force_n)
         self.fidelity.prepare(at_rest.applied_pa, at_rest.widest_gap_m)
 
-    def gap_masses(self, normal_force_n: Tensor, found: Balance, block: int) -> Iterator[Tensor]:
-        """Share of the area in each bin of gaps of solved states, (block, bins) at a time."""
+    @one_thread()
+    def sum_gaps(
+        self,
+        normal_force_n: Tensor,
+        voltage_v: Tensor,
+        frequency_hz: Tensor | None,
+        circuit: Circuit,
+        pull_of: Callable[[Tensor, Circuit], Pull],
+        balance: Balance,
+        like: Tensor,
+    ) -> GapSums:
+        """Sum over the gaps of solved states, which most callers do without.
+
+        Parameters
+        ----------
+        normal_force_n, voltage_v, frequency_hz : Tensor, shape (states,)
+            Normal force [N], amplitude on the contact [V], and frequency [Hz] or None.
+        circuit, balance : Circuit, Balance
+            Of all states.
+        pull_of : callable
+            Attraction of states at amplitudes [V] with their part of the circuit.
+        like : Tensor
+            Gives shape and precision of the results.
+        """
+        edges, screen = self.fidelity.contact.field.gap_edges_m, self.terms.given.screen
+        bearable = bearable_field(
+            edges, screen.insulator_permittivity, screen.insulator_strength_v_per_m
+        )
+        shares, capacitances = [], []
         self.prepare(normal_force_n)
-        parts = zip(normal_force_n.split(block), found.pressure_pa.split(block), strict=True)
         try:
-            for force, pressure in parts:
-                at_rest = self._at_rest(force)
-                yield self.fidelity.gap_mass(at_rest.applied_pa, at_rest.widest_gap_m, pressure)
+            states = torch.arange(len(normal_force_n), device=edges.device)
+            for at in states.split(_BLOCK_OF_SUMS):
+                at_rest = self._at_rest(normal_force_n[at])
+                mass = self.fidelity.gap_mass(
+                    at_rest.applied_pa, at_rest.widest_gap_m, balance.pressure_pa[at]
+                )
+                part, volts = circuit.part(at), voltage_v[at]
+                thickness = part.thickness_m[part.column]
+                pull = pull_of(volts, part)
+                pull = pull.held(pull.strength)
+                field = volts[:, None] / (edges + thickness[:, None]).abs()
+                attraction = mass * pull.kernel[pull.own_column][:, 0]
+                shares.append(share_past(attraction, field, bearable))
+                gaps = (mass * bin_inverse(edges, thickness)).sum(-1)
+                capacitances.append(
+                    part.capacitance_f(gaps, balance.area_fraction[at], at_rest.area_m2)
+                )
         finally:
             self.fidelity.release()
+        capacitance = torch.cat(capacitances) + 0j
+        angular = torch.zeros_like(voltage_v) if frequency_hz is None else 2 * pi * frequency_hz
+        current = angular * voltage_v * capacitance.abs()
+        share, farads, siemens, amperes = (
+            value.to(like.dtype).reshape(like.shape)
+            for value in (torch.cat(shares), capacitance.real, angular * capacitance.imag, current)
+        )
+        return GapSums(share, farads, siemens, None if frequency_hz is None else amperes)
 
     def _at_rest(self, normal_force_n: Tensor) -> _AtRest:
         area = self.terms.apparent_area_m2(normal_force_n)

@@ -1,8 +1,8 @@
-from .events import LayoutEvent as LayoutEvent
-from .events import LayoutEventKind as LayoutEventKind
-from .events import Listeners as Listeners
 from .geometry import ScreenGeometry as ScreenGeometry
 from .layout import Layout as Layout
-from .outlines import Outline as Outline
-from .patch import Patch as Patch
+from .layout import LayoutEvent as LayoutEvent
+from .layout import LayoutEventKind as LayoutEventKind
+from .layout import Listeners as Listeners
+from .layout import Patch as Patch
+from .region_state import Outline as Outline
 from .regions import Region as Region

@@ -1,23 +1,199 @@
-"""A layout: regions that are added, moved, changed and removed while it is felt."""
+"""A layout: regions that are added, moved, changed and removed while it is felt.
+
+`Patch` is a region as an app holds it; `Controls` know what value each control has; `Listeners`
+tell the app, in its own thread, what fingers do.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from math import nan, sqrt
-from typing import Any
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
-from haptix.checks import Array, number
+from haptix.checks import Array, choice, number
 from haptix.errors import InputError
-from haptix.layout.controls import Controls
-from haptix.layout.patch import Patch
-from haptix.layout.region import LayoutFacts, RegionState, blended
-from haptix.layout.regions import Region, Regions
+from haptix.layout.region_state import Control, LayoutFacts, RegionState, blended
+from haptix.layout.regions import GLIDE_S, Region, Regions, control_of
 from haptix.motion import FARTHEST_MM, Depends, Facts, Motion, Report
+from haptix.region import Place
 from haptix.texture import Evaluator, Feelable, TargetKind, as_mu, check_feelable
 from haptix.texture.field import check_target
+
+LayoutEventKind = Literal["enter", "leave", "press", "release", "detent"]
+
+
+class _FingerOn(NamedTuple):
+    touch_id: int
+    x_mm: float
+    y_mm: float
+
+
+class Controls:
+    """Values of the controls on a layout. Any thread may ask and push."""
+
+    def __init__(self, regions: Regions) -> None:
+        self._regions = regions
+        self._values: dict[int, float] = {}
+        self._fingers: dict[int, _FingerOn] = {}  # by the control: the last that was on it
+
+    def heard(self, touch_id: int, report: Report) -> None:
+        """Take a real report of a finger, on the clock of samples."""
+        regions = self._regions
+        for region in regions.shown.controls:
+            key, control = region.key, region.control
+            if control is None or region.opacity.after[0] == 0.0:
+                continue
+            finger = self._fingers.get(key)
+            is_its_own = finger is not None and finger.touch_id == touch_id
+            if not (is_its_own or region.is_near(report)):
+                continue
+            local, on = region.on_outline(report)
+            with regions.lock:
+                if on:
+                    self._fingers[key] = _FingerOn(touch_id, local.x_mm, local.y_mm)
+                    inner = region.within(local)
+                    self._values[key] = control.value(inner.x_mm, inner.y_mm)
+                elif is_its_own:
+                    del self._fingers[key]
+                    if region.inner is not None:
+                        regions.show(key, None)
+
+    def forget(self) -> None:
+        """Forget all fingers; a renderer starts anew."""
+        self._fingers.clear()
+
+    def value(self, key: int) -> float:
+        """Value of a control; 0 before a finger or the app has set it.
+
+        Raises
+        ------
+        InputError
+            If the region is no control.
+        """
+        self._control(key)
+        return self._values.get(key, 0.0)
+
+    def push(self, key: int, value: float) -> None:
+        """Set the value of a control; a finger on it has that value from then on."""
+        control = self._control(key)
+        value = number("value", value, 0.0)
+        if value > 1:
+            raise InputError(f"value: expected 0 to 1, got {value:g}")
+        with self._regions.lock:
+            self._values[key] = value
+            finger = self._fingers.get(key)
+            if finger is not None:
+                frame = control.frame_at(value, finger.x_mm, finger.y_mm)
+                self._regions.show(key, frame)
+
+    def _control(self, key: int) -> Control:
+        control = control_of(self._regions.given(key).material)
+        if control is None:
+            raise InputError(
+                "value: expected a control, such as haptix.materials.Slider; this material has "
+                "no value"
+            )
+        return control
+
+
+class Patch:
+    """A region on a layout; any thread may change it, at any time."""
+
+    def __init__(self, regions: Regions, controls: Controls, key: int, material: Feelable) -> None:
+        self._regions = regions
+        self._controls = controls
+        self.key = key
+        self.material = material
+
+    def move(
+        self,
+        x_mm: float | None = None,
+        y_mm: float | None = None,
+        *,
+        over_s: float = GLIDE_S,
+        **place: float | None,
+    ) -> None:
+        """Move along a line, from where it is; what is left out stays.
+
+        Parameters
+        ----------
+        x_mm, y_mm : float, optional
+            New corner, before it is turned.
+        over_s : float
+            Time that it takes; at 0 it jumps.
+        **place
+            The rotation and `scale`, see `haptix.region.RegionFields`.
+        """
+        choices = Place.model_fields.keys() | {"scale"}
+        values = {choice("move", name, choices): one for name, one in place.items()}
+        fields = {"x_mm": x_mm, "y_mm": y_mm, **values}
+        changed = {name: one for name, one in fields.items() if one is not None}
+        self._regions.move(self.key, changed, number("over_s", over_s, 0.0))
+
+    def set(self, **changes: Any) -> None:
+        """Change the material, or anything else that `Layout.add` takes, in a cross-fade.
+
+        With `value`, set that of a control: a slider, toggle or dial. A finger that is on it is at
+        this value from then on: detents move with the value, and none counts as crossed. Once that
+        finger has left, they lie where they were.
+        """
+        value = changes.pop("value", None)
+        with self._regions.change():
+            if changes:
+                self._regions.set(self.key, changes)
+                self.material = changes.get("material", self.material)
+            if value is not None:
+                self._controls.push(self.key, value)
+
+    def remove(self) -> None:
+        """Take it off the layout; it fades out. Nothing happens if it is gone."""
+        self._regions.remove(self.key)
+
+    @property
+    def value(self) -> float:
+        """Value of a control, 0 to 1: of the finger that was on it last, or what was set."""
+        return self._controls.value(self.key)
+
+    @property
+    def is_there(self) -> bool:
+        """Whether it is on the layout."""
+        return self._regions.has(self.key)
+
+    @property
+    def region(self) -> Region:
+        """Its fields; where a move goes."""
+        return self._regions.given(self.key)
+
+    @property
+    def x_mm(self) -> float:
+        """Corner, before it is turned; where a move goes."""
+        return self.region.x_mm or 0.0
+
+    @property
+    def y_mm(self) -> float:
+        """See `x_mm`."""
+        return self.region.y_mm or 0.0
+
+    @property
+    def scale(self) -> float:
+        """Millimetres on the screen for one of the material's; where a move goes."""
+        return self.region.scale or 1.0
+
+    @property
+    def width_mm(self) -> float:
+        """Width on the screen, before it is turned."""
+        return self.region.size_mm[0] * self.scale
+
+    @property
+    def height_mm(self) -> float:
+        """Height on the screen, before it is turned."""
+        return self.region.size_mm[1] * self.scale
+
+    def __repr__(self) -> str:
+        return f"Patch({self.key}, {self.material!r:.60})"
 
 
 class Layout:
@@ -145,11 +321,11 @@ class Layout:
     def depends_on(self) -> Depends:
         """What the answers depend on, as the regions are now."""
         below = self._background
-        found = Depends.PLACE if isinstance(below, float) else below.depends_on
+        depends_on_all = Depends.PLACE if isinstance(below, float) else below.depends_on
         now_s = self._regions.now()
         for region in self._regions.shown.regions:
-            found |= region.depends_on(now_s)
-        return found
+            depends_on_all |= region.depends_on(now_s)
+        return depends_on_all
 
     @property
     def drives_at_rest(self) -> bool:
@@ -165,8 +341,8 @@ class Layout:
         top, bottom = float(y[y.argmin()]), float(y[y.argmax()])
         if not (max(-left, right, -top, bottom) <= FARTHEST_MM and left == left and top == top):
             far = ~((np.abs(x) <= FARTHEST_MM) & (np.abs(y) <= FARTHEST_MM))
-            found = self.wanted(motion.at_places(np.where(far, 0.0, x), np.where(far, 0.0, y)))
-            return np.where(far, self.outside, found)
+            brought_in = motion.at_places(np.where(far, 0.0, x), np.where(far, 0.0, y))
+            return np.where(far, self.outside, self.wanted(brought_in))
         shown = self._regions.shown  # read once
         if shown.multiplies:
             motion = motion.with_footprint(2 * motion.footprint_mm)
@@ -226,29 +402,29 @@ class Layout:
         of: dict[int, Facts] = {}
         states: dict[int, int] = {}
         facts = facts if isinstance(facts, LayoutFacts) else LayoutFacts.newest({}, facts)
-        held, left, shown = facts.of, facts, self._regions.shown
+        of_regions, left, shown = facts.of, facts, self._regions.shown
         near = shown.near(now.x_mm, now.x_mm, now.y_mm, now.y_mm)
-        if held.keys() - {one.key for one in near}:
+        if of_regions.keys() - {one.key for one in near}:
             near = shown.regions
         for region in near:
             if region.opacity.after[0] == 0.0:
                 continue  # it goes
-            known = held.get(region.key)
+            known = of_regions.get(region.key)
             if known is None and not region.is_near(now):
                 continue
             here, on = region.seen(now)
             if not on and known is None:
                 continue
-            there = None if before is None or known is None else region.seen(before)[0]
+            local_before = None if before is None or known is None else region.seen(before)[0]
             if known is not None and facts.states.get(region.key, 0) != region.state:
                 known = known._replace(detent=nan)  # where it is now, without having crossed any
-            found = region.evaluator.react(known or Facts(down_s=now.t_s), there, here)
+            facts_now = region.evaluator.react(known or Facts(down_s=now.t_s), local_before, here)
             if on:
-                of[region.key], states[region.key] = found, region.state
+                of[region.key], states[region.key] = facts_now, region.state
             else:
-                left = LayoutFacts.newest({0: found}, left)
-        is_same = left is facts and states == facts.states and of.keys() == held.keys()
-        if is_same and all(one is held[key] for key, one in of.items()):
+                left = LayoutFacts.newest({0: facts_now}, left)
+        is_same = left is facts and states == facts.states and of.keys() == of_regions.keys()
+        if is_same and all(one is of_regions[key] for key, one in of.items()):
             return facts  # as mostly
         return LayoutFacts.newest(of, left, states)
 
@@ -265,13 +441,13 @@ class Layout:
         shown = self._regions.shown
         if not shown.has_priorities:
             return None
-        found = np.zeros(motion.x_mm.shape)
+        priority = np.zeros(motion.x_mm.shape)
         first_s = float(np.min(motion.start_s))
         for region in reversed(shown.regions):
             on = motion.seen_from(region.axes(motion, first_s))
             inside = region.outline.cover(on.x_mm, on.y_mm, 0.0) >= 0.5
-            found[inside] = region.priority
-        return found
+            priority[inside] = region.priority
+        return priority
 
     def _asked(self, evaluator: Evaluator, motion: Motion, rests: bool) -> Array:
         """Answer of a material, in the target of the layout."""
@@ -296,3 +472,101 @@ class Layout:
 def _sliding(motion: Motion) -> Array:
     """Share that is left of what a finger at rest does not feel: whole from 2 mm/s on."""
     return np.asarray(np.minimum(sqrt(2) * np.hypot(motion.ux, motion.uy), 1.0))
+
+
+class LayoutEvent(NamedTuple):
+    """What a finger did, by a real report of it and never by prediction."""
+
+    kind: LayoutEventKind
+    patch: Patch | None
+    """On which region; None on a material that fills the screen."""
+    touch_id: int
+    t_s: float
+    """Stamp of the report."""
+    x_mm: float
+    y_mm: float
+    detent: float
+    """Number of the detent, for that kind; else NaN."""
+
+
+class _Reported(NamedTuple):
+    facts: Facts
+    report: Report
+
+
+class Listeners:
+    """Callbacks of an app, called while it gives touches."""
+
+    def __init__(self) -> None:
+        self._callbacks: dict[str, list[Callable[[LayoutEvent], None]]] = {}
+        self._fingers: dict[int, _Reported] = {}
+
+    def on(self, kind: LayoutEventKind, callback: Callable[[LayoutEvent], None]) -> None:
+        """Call a function at each event of a kind."""
+        choice("on", kind, get_args(LayoutEventKind))
+        if not callable(callback):
+            raise InputError(f"on: expected a function of the event, got {callback!r:.80}")
+        self._callbacks.setdefault(kind, []).append(callback)
+
+    def forget(self) -> None:
+        """Forget all fingers; a renderer starts anew."""
+        self._fingers.clear()
+
+    def report(self, texture: Feelable, touch_id: int, t_s: float, now: Report) -> None:
+        """Take a real report of a finger; `now` is on the clock of samples, `t_s` its stamp."""
+        if not self._callbacks:
+            return
+        before = self._fingers.pop(touch_id, None)
+        if before is None and not now.is_down:
+            return
+        was = Facts(down_s=now.t_s) if before is None else before.facts
+        facts = texture.evaluator.react(was, None if before is None else before.report, now)
+        if now.is_down:
+            self._fingers[touch_id] = _Reported(facts, now)
+            if facts is was and before is not None:
+                return  # as mostly: nothing has happened
+        place = now if now.is_down or before is None else before.report
+        for kind, patch, detent in _changes(texture, was, facts, now.is_down):
+            event = LayoutEvent(kind, patch, touch_id, t_s, place.x_mm, place.y_mm, detent)
+            for callback in self._callbacks.get(kind, ()):
+                callback(event)
+
+
+def _changes(
+    texture: Feelable, was: Facts, now: Facts, is_down: bool
+) -> list[tuple[LayoutEventKind, Patch | None, float]]:
+    events: list[tuple[LayoutEventKind, Patch | None, float]] = []
+    nan = float("nan")
+    old: dict[int, Facts] = was.of if isinstance(was, LayoutFacts) else {}
+    new: dict[int, Facts] = now.of if isinstance(now, LayoutFacts) else {}
+    patches: dict[int, Patch] = {}
+    if isinstance(layout := texture.evaluator, Layout):
+        patches = layout.patches
+    else:
+        old, new = {0: was}, {0: now}
+    for key, facts in old.items():
+        if key not in new:
+            if _is_pressed(facts):
+                events.append(("release", patches.get(key), nan))
+            events.append(("leave", patches.get(key), nan))
+    for key, facts in new.items():
+        patch, before = patches.get(key), old.get(key)
+        if before is None:
+            events.append(("enter", patch, nan))
+            before = Facts()
+        if _is_later(facts.press_s, before.press_s):
+            events.append(("press", patch, nan))
+        if _is_later(facts.release_s, before.release_s):
+            events.append(("release", patch, nan))
+        if _is_later(facts.detent_s, before.detent_s):
+            events.append(("detent", patch, facts.detent))
+    return events
+
+
+def _is_pressed(facts: Facts) -> bool:
+    # NaN, for what has not happened, compares false.
+    return facts.press_s == facts.press_s and not facts.release_s >= facts.press_s
+
+
+def _is_later(now_s: float, before_s: float) -> bool:
+    return now_s == now_s and not now_s <= before_s

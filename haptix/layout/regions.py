@@ -1,23 +1,22 @@
-"""The regions of a layout, and how they change."""
+"""The regions of a layout, how they change, and how those near a finger are found."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import chain
 from math import inf
-from typing import Any
+from typing import Any, Self
 
+import numpy as np
 from pydantic import ValidationError
 
+from haptix.checks import Array
 from haptix.documents import first_error
 from haptix.errors import InputError
-from haptix.layout.glide import Glide
-from haptix.layout.outlines import Outline
-from haptix.layout.region import Control, RegionState
-from haptix.layout.shown import Shown
+from haptix.layout.region_state import Control, Glide, Outline, RegionState
 from haptix.motion import Depends, LocalFrame
 from haptix.region import RegionFields
 from haptix.texture import (
@@ -30,6 +29,8 @@ from haptix.texture import (
 )
 from haptix.texture.material import AnyMaterial
 
+_LOOPED = 12  # regions up to which asking each is faster than asking numpy for all
+
 FADE_S = 0.005
 """Time in which what comes fades in, and what goes fades out."""
 
@@ -37,6 +38,71 @@ GLIDE_S = 0.02
 """Time in which a region moves: reports of a drag come each 8 to 16 ms."""
 
 _KEPT = 64  # textures, held beyond their edges
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """Regions at one state of a layout; it never changes, a change replaces it.
+
+    Parameters
+    ----------
+    regions : tuple of RegionState
+        The highest first.
+    ways : ndarray, shape (4, regions), optional
+        Of many regions: left, right, top and bottom of the way of each.
+    evaluators : tuple of Evaluator
+        Of all regions, each once.
+    multiplies : bool
+        Whether any region multiplies what is below it.
+    has_priorities : bool
+        Whether any region has a priority.
+    controls : tuple of RegionState
+        Those whose material has a value.
+    """
+
+    regions: tuple[RegionState, ...] = ()
+    ways: Array | None = None
+    evaluators: tuple[Evaluator, ...] = ()
+    multiplies: bool = False
+    has_priorities: bool = False
+    controls: tuple[RegionState, ...] = ()
+
+    @classmethod
+    def of(cls, regions: Sequence[RegionState]) -> Self:
+        """Take regions, the highest first."""
+        return cls(
+            tuple(regions),
+            np.array([one.way for one in regions]).T if len(regions) > _LOOPED else None,
+            tuple({id(one.evaluator): one.evaluator for one in regions}.values()),
+            any(one.blend == "multiply" for one in regions),
+            any(one.priority for one in regions),
+            tuple(one for one in regions if one.control is not None),
+        )
+
+    def moved(self, at: int, region: RegionState) -> Shown:
+        """Return the same with one region in another place."""
+        regions, ways = self.regions, self.ways
+        if ways is not None:
+            ways = ways.copy()
+            ways[:, at] = region.way
+        return Shown(
+            (*regions[:at], region, *regions[at + 1 :]),
+            ways, self.evaluators, self.multiplies, self.has_priorities,
+            tuple(region if one is self.regions[at] else one for one in self.controls),
+        )  # fmt: skip
+
+    def near(self, left: float, right: float, top: float, bottom: float) -> Sequence[RegionState]:
+        """Return at least those whose way meets a box [mm], the highest first; of few, all."""
+        ways = self.ways
+        if ways is None:
+            return self.regions
+        apart = (ways[0] > right) | (ways[1] < left) | (ways[2] > bottom) | (ways[3] < top)
+        return [self.regions[at] for at in np.flatnonzero(~apart).tolist()]
+
+    @property
+    def drives_at_rest(self) -> bool:
+        """Whether any region is felt at rest."""
+        return any(one.drives_at_rest for one in self.evaluators)
 
 
 class Region(RegionFields):
@@ -76,10 +142,10 @@ class Region(RegionFields):
         """Width and height before it is scaled: its own, or those of its material."""
 
         def size(name: str) -> float:
-            own: float | None = getattr(self, name) or _own_size(self.material, name)
-            if own is None:
+            size_mm: float | None = getattr(self, name) or _own_size(self.material, name)
+            if size_mm is None:
                 raise InputError(f"{name}: expected a size, since the material has none")
-            return own
+            return size_mm
 
         return size("width_mm"), size("height_mm")
 
@@ -172,11 +238,12 @@ class Regions:
     def move(self, key: int, values: dict[str, Any], over_s: float) -> None:
         """Move a region along a line, to another corner, rotation or scale."""
         with self.lock:
-            given = self._given[key] = self.given(key).replace(**values)
+            region = self._given[key] = self.given(key).replace(**values)
             draft = self._draft
             if (at := self._find(key)) is not None:
-                one = (self.shown.regions if draft is None else draft)[at]
-                moved = one.moved(one.place.to(given.corner(*given.size_mm), self.now(), over_s))
+                state = (self.shown.regions if draft is None else draft)[at]
+                place = state.place.to(region.corner(*region.size_mm), self.now(), over_s)
+                moved = state.moved(place)
                 if draft is None:
                     self.shown = self.shown.moved(at, moved)
                 else:
@@ -190,8 +257,8 @@ class Regions:
         regions = self.shown.regions if self._draft is None else self._draft
         # Mostly where it was: so a move costs the same among many.
         for at in chain((self._last_at.get(key, 0),), range(len(regions))):
-            one = regions[at] if at < len(regions) else None
-            if one is not None and one.key == key and one.opacity.after[0] > 0.0:
+            state = regions[at] if at < len(regions) else None
+            if state is not None and state.key == key and state.opacity.after[0] > 0.0:
                 self._last_at[key] = at
                 return at
         return None
@@ -201,9 +268,9 @@ class Regions:
         with self.change():
             if "material" in changes:
                 check_feelable("material", changes["material"])
-            given = self.given(key).replace(**changes)
+            region = self.given(key).replace(**changes)
             inner = None if "material" in changes else self._last_of(key)[0]
-            self._replace(key, given, inner)
+            self._replace(key, region, inner)
 
     def show(self, key: int, inner: LocalFrame | None) -> None:
         """Show the material of a region in other axes, in a cross-fade."""
@@ -299,10 +366,10 @@ def _held(field: FrictionField) -> FrictionField:
 
 
 def _own_size(material: Feelable, name: str) -> float | None:
-    found: float | None = getattr(material, name, None)
-    if found is None and not isinstance(material, FrictionField):
-        found = getattr(material.evaluator, name, None)
-    return found
+    size_mm: float | None = getattr(material, name, None)
+    if size_mm is None and not isinstance(material, FrictionField):
+        size_mm = getattr(material.evaluator, name, None)
+    return size_mm
 
 
 def control_of(material: Any) -> Control | None:

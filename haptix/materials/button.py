@@ -107,9 +107,9 @@ class Button(Scaled):
         since_press, since_release = t - facts.press_s, t - facts.release_s
         # NaN, for what has not happened, compares false.
         pressed = (since_press >= 0) & ~(facts.release_s >= facts.press_s)
-        held = np.maximum(_dropped(since_press), _risen(since_press))
+        lasting = np.maximum(_dropped(since_press), _risen(since_press))
         after = np.maximum(_dropped(since_release), by_force * _risen(since_release))
-        return np.where(pressed, held, np.where(since_release >= 0, after, by_force))
+        return np.where(pressed, lasting, np.where(since_release >= 0, after, by_force))
 
 
 def _dropped(since_s: Array) -> Array:

@@ -43,13 +43,13 @@ class _ByCurve(Material):
 
     @model_validator(mode="after")
     def _is_a_curve(self) -> Self:
-        given = [row for row in (self.share, self.mu) if row is not None]
-        if len(given) != 1 or (self.of is not None and self.share is None):
+        rows = [row for row in (self.share, self.mu) if row is not None]
+        if len(rows) != 1 or (self.of is not None and self.share is None):
             raise ValueError("expected share or mu, and share where it multiplies another material")
         corners = increasing(self.corners, getattr(self, self.corners), 2)
-        if len(corners) != len(given[0]):
+        if len(corners) != len(rows[0]):
             raise ValueError(f"expected {self.corners} and values of one length")
-        if min(given[0]) < 0:
+        if min(rows[0]) < 0:
             raise ValueError("expected values of 0 or more")
         return self
 

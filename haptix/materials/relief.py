@@ -43,8 +43,8 @@ class Slopes:
 
     def along(self, motion: Motion) -> Array:
         """Slope along the motion: above 0 uphill, -1 to 1."""
-        found = self.pyramid.sample(motion.x_mm, motion.y_mm, motion.footprint_mm)
-        uphill = found.real * motion.ux + found.imag * motion.uy
+        slope = self.pyramid.sample(motion.x_mm, motion.y_mm, motion.footprint_mm)
+        uphill = slope.real * motion.ux + slope.imag * motion.uy
         return np.asarray(np.clip(uphill, -1.0, 1.0))
 
 

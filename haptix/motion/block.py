@@ -220,9 +220,9 @@ class Motion:
         InputError
             If these are not numbers, or are of shapes that do not broadcast.
         """
-        given = (x_mm, y_mm, t_s, vx_mm_s, vy_mm_s, normal_force_n)
+        columns = (x_mm, y_mm, t_s, vx_mm_s, vy_mm_s, normal_force_n)
         try:
-            rows = np.broadcast_arrays(*(np.asarray(a, dtype=np.float64) for a in given))
+            rows = np.broadcast_arrays(*(np.asarray(a, dtype=np.float64) for a in columns))
         except (TypeError, ValueError):
             raise InputError("motion: expected numbers, or rows of them of one length") from None
         x, y, t, vx, vy, force = (np.atleast_1d(a).ravel() for a in rows)
@@ -328,24 +328,24 @@ class Motion:
 
     def begun_at(self, start_s: float, history: tuple[History, ...]) -> Motion:
         """Return the same motion on a clock that starts at a time, with facts on that clock."""
-        found = self.with_history(history)
-        found.start_s = self.start_s - start_s
-        found._t_s = None if self._t_s is None else self._t_s - start_s
-        return found
+        motion = self.with_history(history)
+        motion.start_s = self.start_s - start_s
+        motion._t_s = None if self._t_s is None else self._t_s - start_s
+        return motion
 
     def changed(
         self, t_s: Array | None, normal_force_n: Array | None, velocity: Velocity | None
     ) -> Motion:
         """Return the same motion at other times, forces or velocities; None keeps them."""
-        found = self._at(
+        motion = self._at(
             self.x_mm, self.y_mm, self.footprint_mm, velocity or (lambda: self._velocities),
             self._history,
         )  # fmt: skip
         if normal_force_n is not None:
-            found.normal_force_n = normal_force_n
+            motion.normal_force_n = normal_force_n
         if t_s is not None:
-            found._t_s, found.start_s = t_s, t_s
-        return found
+            motion._t_s, motion.start_s = t_s, t_s
+        return motion
 
     def with_footprint(self, footprint_mm: float) -> Motion:
         """Return the same motion with another footprint."""
@@ -411,12 +411,12 @@ class Motion:
         velocity: Velocity,
         history: tuple[History, ...],
     ) -> Motion:
-        found = Motion(
+        motion = Motion(
             self.fingers, self.points, x_mm, y_mm, self.normal_force_n, footprint_mm, self.step_s,
             self.start_s, velocity, self.force_known, history, self.reachable,
         )  # fmt: skip
-        found._t_s = self._t_s
-        return found
+        motion._t_s = self._t_s
+        return motion
 
 
 def _turned(x: Array, y: Array, frame: LocalFrame) -> tuple[Array, Array]:
@@ -469,19 +469,19 @@ class Reactions:
         """
         history = self.history
         before = history[-1][1] if history else None
-        found = react(before or Facts(down_s=now.t_s), self._last, now)
+        facts = react(before or Facts(down_s=now.t_s), self._last, now)
         self._last = now
-        if found is before:
+        if facts is before:
             return
         then = before or Facts()
-        new = {n: getattr(found, n) for n in _TIMES if _differ(getattr(found, n), getattr(then, n))}
-        if before is not None and not new and not _differ(found.detent, before.detent):
+        new = {n: getattr(facts, n) for n in _TIMES if _differ(getattr(facts, n), getattr(then, n))}
+        if before is not None and not new and not _differ(facts.detent, before.detent):
             return
         since_s = min((t_s for t_s in new.values() if not isnan(t_s)), default=now.t_s)
         if since_s < from_s:
             since_s = from_s
-            found = found._replace(**{name: max(t_s, from_s) for name, t_s in new.items()})
-        self.history = (*history[self._kept :], (since_s, found))
+            facts = facts._replace(**{name: max(t_s, from_s) for name, t_s in new.items()})
+        self.history = (*history[self._kept :], (since_s, facts))
 
 
 def _differ(one: float, other: float) -> bool:

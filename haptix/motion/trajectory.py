@@ -73,12 +73,12 @@ class Trajectory:
             raise InputError(f"{error}; sort the path by time") from None
         count = len(self.t_s)
         for name in _COLUMNS[1:]:
-            found = row(name, getattr(self, name))
-            if len(found) != count:
+            column = row(name, getattr(self, name))
+            if len(column) != count:
                 raise InputError(
-                    f"{name}: expected one value for each of the {count} times, got {len(found)}"
+                    f"{name}: expected one value for each of the {count} times, got {len(column)}"
                 )
-            object.__setattr__(self, name, found)
+            object.__setattr__(self, name, column)
         for name in ("x_mm", "y_mm"):
             farthest = float(np.abs(getattr(self, name)).max())
             if farthest > FARTHEST_MM:

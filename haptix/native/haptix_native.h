@@ -8,7 +8,7 @@
 #include <stdint.h>
 
 /* cffi: begin */
-/* Cells between increasing nodes; see haptix.surface.cells.Cells. */
+/* Cells between increasing nodes; see haptix.surface.axes.Cells. */
 typedef struct {
     double start, per_width;
     int64_t places, cells, steps;

@@ -227,18 +227,18 @@ class RenderCore:
         if count:
             motion.reachable = self.reachable
             if self._averaged:
-                asked = self._over_the_quarter(evaluator, motion, first_sample)
+                values = self._over_the_quarter(evaluator, motion, first_sample)
                 speed = motion.footprint_mm * self.sample_rate_hz / step
                 cell, part = self._followed(np.float64(speed))
                 less, more = (one.compiled.at for one in self._averaged[cell : cell + 2])
             else:
-                asked = evaluator.wanted(motion)
-            if asked.size != count * points:
+                values = evaluator.wanted(motion)
+            if values.size != count * points:
                 raise InputError(
                     f"texture: expected an answer for each of {count * points} points, got "
-                    f"{asked.size}"
+                    f"{values.size}"
                 )
-            value = _address(DOUBLES, _row(asked, _FLOAT64))
+            value = _address(DOUBLES, _row(values, _FLOAT64))
             share = mix.intensity
             if isinstance(share, np.ndarray) or share != 1.0:
                 intensity = _address(DOUBLES, np.full(points, share, dtype=np.float64))

@@ -124,8 +124,8 @@ class RecordedFingers:
                 track.fade(float(t[i]), float(t[i + 1]), float(track.is_sliding), sliding.fade_s)
         track.force_known, track.react = force_known, react
         # A material that does not react needs no more than the ends.
-        told = touches[:, [0, -1]] if react is unmoved else touches
-        for at_s, x_at, y_at, force in told.T.tolist():
+        turning = touches[:, [0, -1]] if react is unmoved else touches
+        for at_s, x_at, y_at, force in turning.T.tolist():
             report = Report(at_s - start_s, x_at, y_at, force if force_known else None)
             track.reports.append((at_s, report, react))
         self._latest_s = max(self._latest_s, float(t[-1]))

@@ -60,10 +60,10 @@ def play(
         device.write(drive_v)
         first_s: float | None = None
         if hasattr(device, "progress"):  # a stand-in for a device has none
-            found = device.progress(is_fresh=True)
-            if found.is_playing and found.samples_played:
+            progress = device.progress(is_fresh=True)
+            if progress.is_playing and progress.samples_played:
                 rate = device.capabilities.sample_rate_hz
-                first_s = found.reported_s - found.samples_played / rate
+                first_s = progress.reported_s - progress.samples_played / rate
     marked = tuple(device.marked()) if takes_marks else ()
     for one in marked:
         if one.time_s is not None:

@@ -90,9 +90,9 @@ class LabOutlets:
         info = self._lsl.StreamInfo(name, kind, len(channels), rate, form, f"{source}-{kind}")
         described = info.desc().append_child("channels")
         for label, unit in channels:
-            one = described.append_child("channel")
-            one.append_child_value("label", label)
-            one.append_child_value("unit", unit)
+            channel = described.append_child("channel")
+            channel.append_child_value("label", label)
+            channel.append_child_value("unit", unit)
         return self._lsl.StreamOutlet(info)
 
     def lsl_time_s(self, host_s: float) -> float:

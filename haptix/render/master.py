@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from haptix.checks import Array, number, whole
 from haptix.errors import InputError
-from haptix.layout.glide import Glide
+from haptix.layout.region_state import Glide
 from haptix.motion import Facts, Motion
 from haptix.texture import Evaluator, Feelable, check_feelable
 
@@ -67,8 +67,8 @@ class PlayingEffect:
     def added(self, motion: Motion) -> Array:
         """Share of the reachable friction that it adds."""
         begun = Facts(0.0, 0.0, 0.0, 0.0, 0.0)
-        asked = motion.begun_at(self.start_s, ((((-inf, begun),)),) * motion.fingers)
-        value = self.evaluator.wanted(asked)
+        moved = motion.begun_at(self.start_s, ((((-inf, begun),)),) * motion.fingers)
+        value = self.evaluator.wanted(moved)
         if self.fade.after[0] == 1.0:
             return value
         return value * (1 - self.fade.parts(motion.t_s))
@@ -206,16 +206,16 @@ class Master:
         whole("priority", priority, -(10**6))
         now_s = now()
         playing = [one for one in self._effects if one.end_s > now_s]
-        found = PlayingEffect(effect, evaluator, now, length_s, priority, done, self._changed)
+        added = PlayingEffect(effect, evaluator, now, length_s, priority, done, self._changed)
         sounding = [one for one in playing if one.outcome == "played"]
         if len(sounding) >= MOST_EFFECTS:
-            weakest = min([*sounding, found], key=lambda one: (one.priority, one.start_s))
+            weakest = min([*sounding, added], key=lambda one: (one.priority, one.start_s))
             _LOG.info("an effect is dropped: %d play already", MOST_EFFECTS)
             weakest.stop("dropped")
         self._ended += tuple(one for one in self._effects if one.end_s <= now_s)
-        self._effects = (*playing, found)
+        self._effects = (*playing, added)
         self._changed()
-        return found
+        return added
 
     def cut(self, played_s: float, sample_rate_hz: float) -> None:
         """End what still plays, with the session."""
@@ -231,11 +231,11 @@ class Master:
             return []
         self._ended = ()
         self._effects = tuple(one for one in self._effects if one not in over)
-        found = []
+        ends = []
         for one in over:
             sample = round((one.end_s + self._stood_s) * sample_rate_hz)
             played = EffectEnd(one.effect, sample, one.outcome, one.felt_share)
-            found.append(played)
+            ends.append(played)
             if one.done is not None:
                 one.done(played)
-        return found
+        return ends

@@ -151,7 +151,7 @@ class PlayedRecord:
         motion = window.fingers.motion
         shape = (motion.fingers, motion.points)
         columns = (motion.x_mm, motion.y_mm, motion.normal_force_n, window.block.target_mu)
-        found = [column.reshape(shape)[:, points] for column in columns]
+        filled = [column.reshape(shape)[:, points] for column in columns]
         driven = window.fingers.gain.reshape(shape)[:, points] > 0
         speed = motion.footprint_mm / motion.step_s
         for finger, touch_id in enumerate(window.fingers.touch_ids):
@@ -161,22 +161,21 @@ class PlayedRecord:
             row = rows.get(touch_id)
             if row is None:
                 row = rows[touch_id] = np.full((count, len(COLUMNS)), np.nan)
-            for column, values in enumerate(found):
+            for column, values in enumerate(filled):
                 row[at[here], column] = values[finger, here]
             row[at[here], 4] = speed  # until `_derive`
 
     def _derive(self, rows: dict[int, Array], amplitude_v: Array) -> None:
         """Friction reached and reachable, of all fingers at once."""
         table = np.stack(list(rows.values()))
-        there = ~np.isnan(table[..., 2])
-        force, speed = table[there][:, 2], table[there][:, 4]
-        amplitude = np.broadcast_to(amplitude_v, there.shape)[there]
+        present = ~np.isnan(table[..., 2])
+        force, speed = table[present][:, 2], table[present][:, 4]
+        amplitude = np.broadcast_to(amplitude_v, present.shape)[present]
         low, high = self._core.reachable(force, speed)
         reached = self._core.friction(force, speed, amplitude)
-        found = np.column_stack([reached, low, high, amplitude / self._core.highest_v])
-        for row, is_there, part in zip(
-            rows.values(), there, np.split(found, np.cumsum(there.sum(axis=1))[:-1]), strict=True
-        ):
+        derived = np.column_stack([reached, low, high, amplitude / self._core.highest_v])
+        parts = np.split(derived, np.cumsum(present.sum(axis=1))[:-1])
+        for row, is_there, part in zip(rows.values(), present, parts, strict=True):
             row[is_there, 4:] = part
 
 

@@ -51,7 +51,7 @@ class DocumentWork:
 
     def load(self) -> dict[str, Any]:
         """Load what all answers but that of `decode` need."""
-        from haptix.materials import picture, steps  # noqa: F401
+        from haptix.materials import panels, picture  # noqa: F401
 
         self.reach(_FORCE_N)
         return {}
@@ -98,7 +98,7 @@ class DocumentWork:
 
     def check(self, material: dict[str, Any], normal_force_n: float) -> dict[str, Any]:
         """All fields of a document, its range, and what a step of each changes [JND]."""
-        from haptix.materials.steps import effects_of_steps
+        from haptix.materials.panels import effects_of_steps
         from haptix.perception import WEBER_FRACTION
 
         parsed = self.read(material)
@@ -290,7 +290,7 @@ def _line(
     from haptix.finger import Finger
     from haptix.motion import Motion
     from haptix.screen import Screen
-    from haptix.signals.in_time import Points
+    from haptix.signals.shapes import Points
     from haptix.stimuli import StimulusSet
     from haptix.stimuli.along_path import MaterialSignal
     from haptix.stimuli.along_path import Path as Along

@@ -67,8 +67,8 @@ _OF_DEVICE = ("arm", "disarm", "open", "lend", "take_back")
 _RENDERS = (
     "haptix.devices",
     "haptix.friction.model",
-    "haptix.surface.cache",
-    "haptix.materials.kinds",
+    "haptix.surface.surface",
+    "haptix.materials.panels",
     "haptix.render.stream",
     "haptix.service.layouts",
 )
@@ -345,10 +345,9 @@ class EngineServer:
         assets: str,
     ) -> dict[str, Any]:
         """Open the device, and load or build the surface that its finger and screen need."""
-        from haptix.devices import open_device
+        from haptix.devices import open_device, profiles_for
         from haptix.finger import Finger
         from haptix.materials import KINDS
-        from haptix.profiles import profiles_for
         from haptix.render.core import carrier_hz
         from haptix.screen import Screen
         from haptix.service.in_use import profiles_of

@@ -154,8 +154,8 @@ def read_audio(path: str | Path, first: int = 0, count: int = -1) -> tuple[Array
             raise ValueError("it begins otherwise")
         opened.seek(0)
         with soundfile.SoundFile(opened) as file:
-            asked = file.frames - first if count < 0 else min(count, file.frames - first)
-            samples, rate = asked * file.channels, file.samplerate
+            frames = file.frames - first if count < 0 else min(count, file.frames - first)
+            samples, rate = frames * file.channels, file.samplerate
             if samples > MOST_SAMPLES or not 0 < rate <= HIGHEST_RATE_HZ:
                 raise FileFormatError(
                     f"{path}: expected at most {MOST_SAMPLES} samples and "

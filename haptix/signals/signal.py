@@ -38,11 +38,11 @@ KINDS = Kinds(
     {
         "along-path": "haptix.stimuli.along_path",
         "material": "haptix.stimuli.along_path",
-        "morph": "haptix.signals.morph",
-        "time-noise": "haptix.signals.time_noise",
+        "morph": "haptix.signals.shapes",
+        "time-noise": "haptix.signals.shapes",
         **dict.fromkeys(
             ("chirp", "points", "pulse", "ramp", "recorded", "sine", "square", "step"),
-            "haptix.signals.in_time",
+            "haptix.signals.shapes",
         ),
     },
     {"grating": "along-path", "noise": "time-noise", "relief": "along-path"},
@@ -55,8 +55,8 @@ def _number(value: Any, check: ValidatorFunctionWrapHandler) -> Any:
     if not isinstance(value, int | float):
         number = inf if isinstance(value, str) and value == "forever" else plain(value)
         value = value if number is None else number
-    found = check(value)
-    return value if isinstance(value, int) else found
+    checked_value = check(value)
+    return value if isinstance(value, int) else checked_value
 
 
 _AS_GIVEN = WrapValidator(_number)
@@ -77,8 +77,8 @@ Length = Annotated[
 
 def _row(values: Any) -> Any:
     with suppress(ValueError):  # not of one shape
-        found = np.asarray(values)
-        return found.tolist() if found.dtype.kind in "iuf" else values
+        array = np.asarray(values)
+        return array.tolist() if array.dtype.kind in "iuf" else values
     return values
 
 
@@ -151,8 +151,8 @@ class Signal(Described):
     @property
     def seeds(self) -> tuple[int, ...]:
         """Seeds of all noise within."""
-        found = (getattr(one, "seed", None) for one in self.walk() if isinstance(one, Signal))
-        return tuple(seed for seed in found if seed is not None)
+        seeds = (getattr(one, "seed", None) for one in self.walk() if isinstance(one, Signal))
+        return tuple(seed for seed in seeds if seed is not None)
 
     def __add__(self, other: Signal | float) -> Signal:
         return Sum((self, signal_from(other)))
@@ -210,8 +210,8 @@ def signal_from(table: Any, place: str = "") -> Signal:
         return table
     try:
         if isinstance(table, Mapping):
-            found: Signal = KINDS.read("signal", table)
-            return found
+            signal: Signal = KINDS.read("signal", table)
+            return signal
         if isinstance(table, bool) or not isinstance(table, Real):
             raise InputError(
                 f'expected a table with a "kind", a signal or a number, got {table!r:.80}'

@@ -1,9 +1,15 @@
 """Rendering without hardware: a finger on a texture, a simulated driver, and what was felt."""
 
 from haptix.simulation.folder import FILES, errors_of, summary_of, write
-from haptix.simulation.parts import PARTS
-from haptix.simulation.played import FINGER_PATH, Played, Setting
-from haptix.simulation.run import Simulation, evaluate_live, simulate
+from haptix.simulation.simulation import (
+    FINGER_PATH,
+    PARTS,
+    Played,
+    Setting,
+    Simulation,
+    evaluate_live,
+    simulate,
+)
 
 __all__ = [
     "FILES",

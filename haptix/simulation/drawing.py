@@ -8,7 +8,7 @@ import numpy as np
 
 from haptix.errors import from_extra
 from haptix.motion import Motion
-from haptix.simulation.run import Simulation
+from haptix.simulation.simulation import Simulation
 from haptix.texture import Texture
 
 with from_extra("figures"):
@@ -52,8 +52,8 @@ def _texture(axes: Axes, simulation: Simulation) -> None:
     rows = max(2, round((bottom - top) / pixel_mm))
     x, y = np.meshgrid(np.linspace(left, right, _PIXELS), np.linspace(top, bottom, rows))
     to_the_right = Motion.of(x, y, 0.0, _DRAWN_MM_PER_S, 0.0, footprint_mm=pixel_mm)
-    asked = texture.evaluator.wanted(to_the_right).reshape(x.shape)
-    axes.imshow(asked, cmap="gray", extent=(left, right, bottom, top))
+    target = texture.evaluator.wanted(to_the_right).reshape(x.shape)
+    axes.imshow(target, cmap="gray", extent=(left, right, bottom, top))
     points = axes.scatter(felt.x_mm, felt.y_mm, c=felt.t_s - felt.t_s[0], s=4, cmap="autumn")
     start = (float(felt.x_mm[0]), float(felt.y_mm[0]))
     axes.plot(*start, "o", ms=11, mfc="none", mec="tab:blue", mew=2.5)

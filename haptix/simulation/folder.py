@@ -17,8 +17,7 @@ from haptix.errors import MissingExtraError
 from haptix.files import check_folder, csv_text, json_text, write_folder
 from haptix.render import SineCarrier
 from haptix.report import record, row
-from haptix.simulation.parts import PARTS
-from haptix.simulation.run import Simulation
+from haptix.simulation.simulation import PARTS, Simulation
 from haptix.version import __version__
 
 _PERIODS = "of the modulation: mean friction of each period of the drive; the rest is ripple"

@@ -1,8 +1,18 @@
 """Offline stimuli: signals, sets, files, and the methods that choose among them."""
 
 from haptix.population import Population
-from haptix.signals.in_time import Chirp, Points, Pulse, Ramp, Recorded, Sine, Square, Step
-from haptix.signals.morph import Morph
+from haptix.signals.shapes import (
+    Chirp,
+    Morph,
+    Points,
+    Pulse,
+    Ramp,
+    Recorded,
+    Sine,
+    Square,
+    Step,
+    TimeNoise,
+)
 from haptix.signals.signal import (
     Concatenation,
     Constant,
@@ -14,7 +24,6 @@ from haptix.signals.signal import (
     Window,
     signal_from,
 )
-from haptix.signals.time_noise import TimeNoise
 from haptix.stimuli.along_path import (
     AlongPath,
     MaterialSignal,

@@ -18,7 +18,7 @@ from haptix.documents import Part
 from haptix.errors import InputError
 from haptix.perception import Perception
 from haptix.screen import Screen
-from haptix.signals.in_time import Sine
+from haptix.signals.shapes import Sine
 from haptix.signals.signal import signal_from
 from haptix.stimuli.stimulus import DEFAULT_CARRIER_HZ, Stimulus, stimulus_from
 

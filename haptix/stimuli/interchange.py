@@ -41,7 +41,7 @@ from haptix.files import (
     write_folder,
     write_whole,
 )
-from haptix.signals.in_time import Points
+from haptix.signals.shapes import Points
 from haptix.signals.signal import Signal
 from haptix.stimuli.along_path import AlongPath, SpeedProfile, relief
 

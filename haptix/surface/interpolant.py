@@ -13,12 +13,10 @@ import torch
 from torch import Tensor
 
 from haptix.errors import InputError
-from haptix.inputs import broadcast_shape
 from haptix.native import Struct, doubles, ffi, library
+from haptix.states import broadcast_shape
 from haptix.status import Status
-from haptix.surface.axes import SLACK, Axes
-from haptix.surface.cells import Cells
-from haptix.surface.column import PULL_IN_DRIVE
+from haptix.surface.axes import PULL_IN_DRIVE, SLACK, Axes, Cells
 from haptix.threads import one_thread
 
 _BLOCK = 65536  # larger gains nothing; at an eighth of it, calls take half of the time
@@ -131,9 +129,9 @@ class Interpolant:
         return tuple(result.reshape(shape) for result in in_blocks(answer, flat))
 
     def _evaluate(self, voltage: Tensor, *places: Tensor | None) -> tuple[Tensor, Tensor]:
-        given = [self.columns, voltage, *(place for place in places if place is not None)]
+        tensors = [self.columns, voltage, *(place for place in places if place is not None)]
         is_plain = self.columns.dtype == torch.float64 and self.columns.device.type == "cpu"
-        if is_plain and not any(t.requires_grad for t in given):
+        if is_plain and not any(t.requires_grad for t in tensors):
             return self._evaluate_in_c(voltage, places)
         # Of each column two neighbours are used: to blend it whole took twice as long.
         corners, inside = self.axes.corners(places, voltage)
@@ -186,8 +184,8 @@ class Interpolant:
         target = wanted.clamp(min=tiny**0.5).reciprocal().neg()
         # -1/mu rises along a column, and the voltages after it are above 0: the search through the
         # whole row finds the cell.
-        found = torch.searchsorted(column.detach(), target.detach()[:, None], right=True)[:, 0]
-        cell = found.sub_(1).clamp_(0, len(self.drive) - 2)
+        after = torch.searchsorted(column.detach(), target.detach()[:, None], right=True)[:, 0]
+        cell = after.sub_(1).clamp_(0, len(self.drive) - 2)
         low, high = self._pair(column, cell)
         # Per unit of drive; a column that does not rise is left at once.
         slope = (high - low).clamp(min=tiny) * self._drive_cells.scale.index_select(0, cell)
@@ -297,9 +295,9 @@ def in_blocks(answer: Answer, inputs: Sequence[Tensor | None]) -> tuple[Tensor, 
     Inputs are flat tensors of one length, or None; the answer's tensors have that length. Where
     autograd records, or on a GPU, they go in one piece.
     """
-    given = [t for t in inputs if t is not None]
-    count = len(given[0])
-    if any(t.requires_grad or t.is_cuda for t in given):
+    tensors = [t for t in inputs if t is not None]
+    count = len(tensors[0])
+    if any(t.requires_grad or t.is_cuda for t in tensors):
         return answer(*inputs)
     if count <= _BLOCK:
         with one_thread():

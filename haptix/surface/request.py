@@ -29,14 +29,14 @@ def read_ranges(model: ContactModel, scene: Any) -> dict[str, tuple[float, float
     """
     if not isinstance(scene, Mapping) and not hasattr(scene, "ranges"):
         raise InputError(f"scene: expected a scene or ranges by name, got {scene!r}")
-    given = scene if isinstance(scene, Mapping) else scene.ranges()
-    unknown = set(given) - set(_NAMES)
+    named = scene if isinstance(scene, Mapping) else scene.ranges()
+    unknown = set(named) - set(_NAMES)
     if unknown:
         raise InputError(
             f"unknown range {', '.join(sorted(unknown))}: expected any of {', '.join(_NAMES)}"
         )
     screen = model.screen
-    ranges: dict[str, Any] = {"voltage_v": (0.0, screen.max_voltage_v), **given}
+    ranges: dict[str, Any] = {"voltage_v": (0.0, screen.max_voltage_v), **named}
     for axis in AXES:
         if axis.name not in ranges or (axis.is_collapsible and ranges[axis.name] is None):
             ranges[axis.name] = axis.default(screen)
@@ -120,7 +120,7 @@ def _code_digest() -> str:
     code = hashlib.sha256()
     package = Path(__file__).parent.parent
     files = list(package.glob("*.py"))
-    for folder in ("contact", "electro", "terms", "fidelity", "friction", "surface"):
+    for folder in ("contact", "electro", "fidelity", "friction", "surface"):
         files += (package / folder).rglob("*.py")
     for file in sorted(files):
         code.update(file.read_bytes())

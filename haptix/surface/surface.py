@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from math import inf
 from pathlib import Path
@@ -12,20 +13,22 @@ import torch
 from torch import Tensor
 
 from haptix.checks import Array, instance
-from haptix.errors import InputError, RangeError, ToleranceError
-from haptix.files import file_at
+from haptix.errors import FileFormatError, InputError, RangeError, ToleranceError
+from haptix.files import cache_folder, file_at
 from haptix.finger import Finger
 from haptix.friction import ContactModel
+from haptix.results import ResultStore, folder_of
 from haptix.status import Status
 from haptix.surface.axes import AXIS_NAMES, Axis, numbers, within
 from haptix.surface.boundary_elements import MeasuringJob, measured_table
 from haptix.surface.build import build_table
-from haptix.surface.column import Column
 from haptix.surface.file import export_netcdf, load_table, save_table
 from haptix.surface.interpolant import Interpolant, Query
-from haptix.surface.request import LARGEST_BYTES
-from haptix.surface.slice import Slice
+from haptix.surface.request import LARGEST_BYTES, surface_key
+from haptix.surface.slice import Column, Slice
 from haptix.surface.tolerance import Tolerance
+
+_FILE = "friction.surface"
 
 
 @dataclass(frozen=True)
@@ -118,9 +121,9 @@ class FrictionSurface:
         if model.boxed is not None:
             job = MeasuringJob(model, scene or {})
             return cls.measured(job, tolerance, on_progress, largest_bytes, notes)
-        asked = Tolerance.read(tolerance)
-        found = build_table(model, scene or {}, asked, on_progress, largest_bytes, notes)
-        return cls(*found)._within(asked, largest_bytes)
+        largest_error = Tolerance.read(tolerance)
+        table = build_table(model, scene or {}, largest_error, on_progress, largest_bytes, notes)
+        return cls(*table)._within(largest_error, largest_bytes)
 
     @classmethod
     def measured(
@@ -152,9 +155,9 @@ class FrictionSurface:
         FileFormatError
             If the checkpoint is damaged or belongs to something else.
         """
-        asked = Tolerance.read(tolerance)
-        found = measured_table(job, asked, on_progress, largest_bytes, notes, checkpoint)
-        return cls(*found)._within(asked, largest_bytes)
+        largest_error = Tolerance.read(tolerance)
+        table = measured_table(job, largest_error, on_progress, largest_bytes, notes, checkpoint)
+        return cls(*table)._within(largest_error, largest_bytes)
 
     def _within(self, tolerance: Tolerance, largest_bytes: int) -> FrictionSurface:
         if not self.info["tolerance_met"]:
@@ -357,16 +360,16 @@ class FrictionSurface:
             If a value is missing or lies outside the surface.
         """
         columns = Slice.of(self.driven_at(frequency_hz, h0_m).table)
-        found = (columns if attraction is None else columns.averaged(attraction)).column(
+        column = (columns if attraction is None else columns.averaged(attraction)).column(
             normal_force_n
         )
-        if not found.is_inside:
+        if not column.is_inside:
             axis = self.normal_force_n
             raise RangeError(
                 f"normal_force_n: {normal_force_n:g} N is outside the surface's "
                 f"{axis.low:g} to {axis.high:g} N; build one for it"
             )
-        return found
+        return column
 
     def to(self, dtype: torch.dtype, device: torch.device | str = "cpu") -> FrictionSurface:
         """Return a copy in another precision or on another device."""
@@ -394,3 +397,25 @@ class FrictionSurface:
 def _places(*values: Any) -> Query:
     """Values by name of the axis, given in the order of `AXES`."""
     return dict(zip(AXIS_NAMES, values, strict=True))
+
+
+def cached_surface(
+    model: ContactModel,
+    scene: Any,
+    tolerance: Tolerance | float | str,
+    on_progress: Callable[[float], None] | None = None,
+) -> tuple[FrictionSurface, bool]:
+    """Load the surface of these inputs, or build and keep it; also return whether it was found.
+
+    An entry that is not what was written is built again. A cache that cannot be read or written is
+    not used. Neither changes a result.
+    """
+    key = surface_key(model, scene, tolerance)
+    store = ResultStore(cache_folder())
+    with suppress(FileFormatError, OSError):
+        if store.check(key)[0] is not None:
+            return FrictionSurface.load(Path(store.where, folder_of(key), _FILE)), True
+    surface = FrictionSurface.build(model, scene, tolerance, on_progress)
+    with suppress(FileFormatError, OSError):
+        store.publish(key, {_FILE: surface.save}, {"kind": "surface"})
+    return surface, False

@@ -261,9 +261,8 @@ class Render(OfPath, command="render", route="renderings", kind="rendering"):
     def run(self, context: Context) -> Result:
         """Build, play, feel; write where there is a place."""
         context.progress("build the surface", 0.0)
-        from haptix.devices import open_device
+        from haptix.devices import open_device, profiles_for
         from haptix.files import check_folder
-        from haptix.profiles import profiles_for
         from haptix.render import LiveSettings
         from haptix.simulation import FILES, errors_of, simulate, write
         from haptix.simulation.folder import summary_of
@@ -319,8 +318,7 @@ class Play(OfPath, command="play"):
     def run(self, context: Context) -> Result:
         """Play it."""
         context.progress("build the surface", 0.0)
-        from haptix.devices import open_device
-        from haptix.profiles import profiles_for
+        from haptix.devices import open_device, profiles_for
         from haptix.render import LiveRenderer, LiveSettings
         from haptix.touch import events_of, paced
 

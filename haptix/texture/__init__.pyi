@@ -5,7 +5,7 @@ from .field import TargetKind as TargetKind
 from .field import as_mu as as_mu
 from .field import check_feelable as check_feelable
 from .grating import Grating as Grating
-from .headroom import Headroom as Headroom
+from .headroom import HeadroomMap as HeadroomMap
 from .headroom import headroom as headroom
 from .noise import Noise as Noise
 from .noise import power_law as power_law

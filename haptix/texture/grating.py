@@ -154,10 +154,10 @@ def _blend_levels(depth: float | Array, last: int, read: Callable[[int, Any], Ar
     value = np.empty(0)
     for one in np.unique(level).tolist():
         mine = level == one
-        found = read(one, mine)
+        values = read(one, mine)
         if last > 0:
-            found += (depth[mine] - one) * (read(one + 1, mine) - found)
+            values += (depth[mine] - one) * (read(one + 1, mine) - values)
         if not value.size:
-            value = np.empty(depth.shape, dtype=found.dtype)
-        value[mine] = found
+            value = np.empty(depth.shape, dtype=values.dtype)
+        value[mine] = values
     return value

@@ -30,7 +30,7 @@ _DPI = 110
 
 
 @dataclass(frozen=True)
-class Headroom:
+class HeadroomMap:
     """Target friction at each place, and the reachable range at one force."""
 
     x_mm: Array
@@ -144,7 +144,7 @@ def headroom(
     height_mm: float | None = None,
     columns: int = 300,
     footprint_mm: float = 0.0,
-) -> Headroom:
+) -> HeadroomMap:
     """Compare the targets of a field with the reachable range, on a grid from the origin.
 
     Parameters
@@ -193,4 +193,4 @@ def headroom(
     values = evaluator.wanted(motion).reshape(len(y), len(x))
     target = np.asarray(as_mu(evaluator.target, values, low, high))
     _, status = column.voltage(target)
-    return Headroom(x, y, target, status, float(normal_force_n), low, high)
+    return HeadroomMap(x, y, target, status, float(normal_force_n), low, high)

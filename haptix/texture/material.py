@@ -34,14 +34,14 @@ KINDS = Kinds(
         "by-force": "haptix.materials.by_curve",
         "by-speed": "haptix.materials.by_curve",
         "dial": "haptix.materials.detents",
-        "effect": "haptix.materials.in_time",
-        "envelope": "haptix.materials.in_time",
-        "layout": "haptix.materials.regions",
+        "effect": "haptix.materials.timeline",
+        "envelope": "haptix.materials.timeline",
+        "layout": "haptix.materials.layout_material",
         "moving": "haptix.materials.moving",
         "relief": "haptix.materials.relief",
         "slider": "haptix.materials.detents",
         "toggle": "haptix.materials.detents",
-        "transient": "haptix.materials.in_time",
+        "transient": "haptix.materials.timeline",
     },
     {"composition": "layout"},
 )
@@ -167,8 +167,8 @@ def material_of(table: Any, version: int = 1) -> Material:
         # First the class, whose property is not asked: it may make much.
         if not (hasattr(type(table), "evaluator") or hasattr(table, "evaluator")):
             raise InputError(f'material: expected a table with a "kind", got {table!r:.80}')
-        found: Material = table
-        return found
+        made_before: Material = table
+        return made_before
     made: Material = KINDS.read("material", table, version)
     return made
 

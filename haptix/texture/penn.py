@@ -130,9 +130,9 @@ def _lsf(model: ET.Element, kind: str, order: int) -> Array:
     """Line spectral frequencies as the file gives them, or from the coefficients."""
     if order == 0:
         return np.empty(0)
-    given = model.find(f"{kind}lsf")
-    if given is not None and len(_numbers(given)):
-        lsf = _numbers(given)
+    element = model.find(f"{kind}lsf")
+    if element is not None and len(_numbers(element)):
+        lsf = _numbers(element)
     else:
         lsf = lsf_of_polynomial(_numbers(model.find(f"{kind}coeff")))
     if len(lsf) != order:
@@ -319,8 +319,8 @@ class PennModel:
         points = np.column_stack([self.contents.speed_mm_per_s, self.contents.normal_force_n])
         scale = np.ptp(points, axis=0)  # nearness must not depend on the units
         points, place = points / scale, place / scale
-        found = [(one, _closest_weights(points[one], place)) for one in self.contents.triangles]
-        return min(found, key=lambda one: float(np.linalg.norm(one[1] @ points[one[0]] - place)))
+        weighted = [(one, _closest_weights(points[one], place)) for one in self.contents.triangles]
+        return min(weighted, key=lambda one: float(np.linalg.norm(one[1] @ points[one[0]] - place)))
 
     def texture(
         self,

@@ -189,19 +189,19 @@ def _in_srgb(picture: Image.Image) -> Image.Image:
     """Apply the profile of a picture's colours, as viewers do; without one inks are ideal."""
     mode = "RGBA" if picture.mode == "RGBA" else "RGB"
     data = picture.info.get("icc_profile")
-    found: Image.Image | None = None
+    converted: Image.Image | None = None
     if picture.mode == "LAB":
         of, to = ImageCms.createProfile("LAB"), ImageCms.createProfile("sRGB")
-        found = ImageCms.profileToProfile(picture, of, to, outputMode=mode)
+        converted = ImageCms.profileToProfile(picture, of, to, outputMode=mode)
     elif data:
         try:
             profile = ImageCms.ImageCmsProfile(io.BytesIO(data))
             if "srgb" not in ImageCms.getProfileDescription(profile).lower():
                 to = ImageCms.createProfile("sRGB")
-                found = ImageCms.profileToProfile(picture, profile, to, outputMode=mode)
+                converted = ImageCms.profileToProfile(picture, profile, to, outputMode=mode)
         except (ImageCms.PyCMSError, OSError):  # a damaged profile says nothing
             pass
-    return picture if found is None else found
+    return picture if converted is None else converted
 
 
 def _of_tiff(tiff: tifffile.TiffFile) -> tuple[npt.NDArray[Any], bool]:

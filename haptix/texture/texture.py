@@ -170,8 +170,8 @@ class Texture(FrictionField):
         number("width_mm of a pixel", self.pixel_mm, least=1e-9)
         choice("beyond", self.beyond, ("outside", "hold"))
         if len(self._ranges) > 1:
-            given = " and ".join(f"{kind}_range" for kind in self._ranges)
-            raise InputError(f"expected one range, got {given}")
+            ranges = " and ".join(f"{kind}_range" for kind in self._ranges)
+            raise InputError(f"expected one range, got {ranges}")
         name = f"{self.target}_range"
         try:
             low, high = self.value_range

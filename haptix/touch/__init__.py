@@ -9,10 +9,14 @@ from haptix.touch.filters import (
     SingerKalman,
 )
 from haptix.touch.force import AreaProxy, ForceEstimate, ForceModel
-from haptix.touch.settings import TouchSettings
-from haptix.touch.slots import AxisRange, ScreenAxes, SlotDecoder
-from haptix.touch.touches import PathSegment, Touches, TouchState, TouchTracker
-from haptix.touch.touchscreen import Touchscreen, find_touchscreens
+from haptix.touch.touches import PathSegment, Touches, TouchSettings, TouchState, TouchTracker
+from haptix.touch.touchscreen import (
+    AxisRange,
+    ScreenAxes,
+    SlotDecoder,
+    Touchscreen,
+    find_touchscreens,
+)
 
 __all__ = [
     "AppClock",

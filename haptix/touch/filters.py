@@ -246,9 +246,9 @@ class SingerKalman(PlaceFilter):
         recent = (*before, *report)
         if len(recent) < _WITHIN:
             return variance, reports, recent
-        if self.noise_reports and (found := _noise(recent)) is not None:
+        if self.noise_reports and (newest := _noise(recent)) is not None:
             reports = min(reports + 1.0, self.noise_reports)
-            variance = max(variance + (found - variance) / reports, _LEAST_NOISE_MM**2)
+            variance = max(variance + (newest - variance) / reports, _LEAST_NOISE_MM**2)
         return variance, reports, recent[3:]
 
     def _moved(
@@ -332,9 +332,9 @@ class InteractingSinger(SingerKalman):
 
     def start(self, t_s: float, x_mm: float, y_mm: float) -> FilterState:
         """State after the first report."""
-        one = super().start(t_s, x_mm, y_mm)
-        still = (*one[1:12], (self.gentle * self.acceleration_mm_s2) ** 2)
-        return (*one[:15], 0.5, *still, *one[1:13], *one[15:])
+        singer = super().start(t_s, x_mm, y_mm)
+        still = (*singer[1:12], (self.gentle * self.acceleration_mm_s2) ** 2)
+        return (*singer[:15], 0.5, *still, *singer[1:13], *singer[15:])
 
     def step(self, state: FilterState, t_s: float, x_mm: float, y_mm: float) -> FilterState:
         """State after a report at `t_s`, which is not before that of `state`."""

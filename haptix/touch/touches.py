@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import logging
 from collections import deque
+from dataclasses import dataclass, field
 from math import exp, hypot, nan
 from typing import Any, NamedTuple
 
 from haptix import checks
+from haptix.checks import NotNegative, Positive, check_fields, instance
 from haptix.errors import InputError
 from haptix.touch.events import (
     LARGEST_S,
@@ -18,12 +20,10 @@ from haptix.touch.events import (
     misplaced,
     problem_of,
 )
-from haptix.touch.filters import Course, FilterState
-from haptix.touch.force import ForceEstimate, ForceSource
-from haptix.touch.settings import TouchSettings
+from haptix.touch.filters import Course, FilterState, InteractingSinger, PlaceFilter
+from haptix.touch.force import ForceEstimate, ForceModel, ForceSource
 
 _LOG = logging.getLogger("haptix.touch")
-
 # Events are kept for `reorder_s` at `least_interval_s` apart; with other settings this bounds them.
 _KEPT = 64
 # Reports closer than this count as simultaneous: their speed would be noise over nothing.
@@ -34,6 +34,72 @@ _NO_GAP_S = 1e-6
 _LATE_IN_A_ROW = 3
 # Ended touches that are remembered, so that their late events do not start them again.
 _REMEMBERED = 32
+# What the renderer reads: time of the last report, the filter after it, the force, sliding or not.
+_Now = tuple[float, FilterState, ForceEstimate, bool]
+
+
+@dataclass(frozen=True)
+class TouchSettings:
+    """Settings of a tracker; times in seconds.
+
+    Parameters
+    ----------
+    filter : PlaceFilter
+        `InteractingSinger`, `SingerKalman`, `ConstantVelocityKalman` or `OneEuroFilter`.
+    latency_s : float
+        How far ahead places are predicted, beyond the age of the last report. It is the time from
+        the finger being at a place to the report's time stamp, plus the time from a sample being
+        rendered to the finger feeling it. Measure it end to end.
+    lost_after_s : float
+        A touch without a report for this long is lost. It is held where it was expected then, and
+        does not slide. The next report starts it again, as if the finger had just come down.
+    blend_s : float
+        Time constant with which a path follows the correction of a new report.
+    slide_above_mm_s, rest_below_mm_s : float
+        A finger starts to slide above the first and comes to rest below the second.
+    turn_above_mm_s, turn_s : float
+        A finger whose velocity averages to less, since it turns, still slides for `turn_s` at most
+        while its averaged speed is above the first.
+    slide_smoothing_s : float
+        Time constant over which velocity, as a vector, and speed are averaged for that decision.
+    reorder_s : float
+        An event that is late by at most this is put in its place. Later ones are dropped.
+    clock_uncertainty_s : float
+        Known uncertainty of the stamps' clock, see `AppClock`.
+    least_interval_s : float
+        Reports that follow each other faster than this replace each other.
+    force : ForceModel
+        Where the normal force comes from.
+    """
+
+    filter: PlaceFilter = field(default_factory=InteractingSinger)
+    latency_s: NotNegative = 0.0
+    lost_after_s: Positive = 0.08
+    blend_s: Positive = 0.003
+    slide_above_mm_s: NotNegative = 8.0
+    rest_below_mm_s: NotNegative = 4.0
+    turn_above_mm_s: Positive = 8.0
+    turn_s: NotNegative = 0.1
+    slide_smoothing_s: Positive = 0.05
+    reorder_s: NotNegative = 0.02
+    clock_uncertainty_s: NotNegative = 0.0
+    least_interval_s: Positive = 0.001
+    force: ForceModel = field(default_factory=ForceModel)
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        instance("filter", self.filter, PlaceFilter, "such as haptix.touch.SingerKalman()")
+        instance("force", self.force, ForceModel)
+        if self.latency_s > 0.5:
+            raise InputError(
+                f"latency_s: expected 0.5 s at most, got {self.latency_s:g}; is it in ms? No "
+                "finger can be predicted over more"
+            )
+        if self.rest_below_mm_s > self.slide_above_mm_s:
+            raise InputError(
+                "expected rest_below_mm_s <= slide_above_mm_s, got "
+                f"{self.rest_below_mm_s:g} and {self.slide_above_mm_s:g}"
+            )
 
 
 class TouchState(NamedTuple):
@@ -94,10 +160,6 @@ class _Entry(NamedTuple):
     is_sliding: bool
     moved_s: float
     """Time of the last report whose averaged velocity was that of a sliding finger."""
-
-
-# What the renderer reads: time of the last report, the filter after it, the force, sliding or not.
-_Now = tuple[float, FilterState, ForceEstimate, bool]
 
 
 class _End(NamedTuple):
@@ -363,9 +425,9 @@ class TouchTracker:
         return self._late >= _LATE_IN_A_ROW
 
     def _take_force(self, normal_force_n: float | None, contact_area_m2: float | None) -> None:
-        found = self.settings.force.estimate(normal_force_n, contact_area_m2)
-        if found is not None:
-            self._force = found
+        estimate = self.settings.force.estimate(normal_force_n, contact_area_m2)
+        if estimate is not None:
+            self._force = estimate
         elif normal_force_n is not None or self.settings.force.area_proxy is not None:
             self.counts.bad_force += 1
 
@@ -487,14 +549,14 @@ class Touches:
         """Count an event whose stamp cannot be, and say so; what is no event is found later."""
         clock = (arrival_s, self.settings.lost_after_s, self.settings.clock_uncertainty_s)
         try:
-            found = None if event.kind == "up" else misplaced(event.t_s, *clock)
+            error = None if event.kind == "up" else misplaced(event.t_s, *clock)
         except (AttributeError, TypeError, ValueError):
             return None
-        if found is None:
+        if error is None:
             return None
-        setattr(self.counts, found, getattr(self.counts, found) + 1)
+        setattr(self.counts, error, getattr(self.counts, error) + 1)
         if not self.strict:
-            return found  # nobody reads the sentence, and a late app sends many such
+            return error  # nobody reads the sentence, and a late app sends many such
         return f"touch {event.touch_id}: {about_clock(event.t_s, *clock)}"
 
     def _begin(self, event: TouchEvent) -> bool:

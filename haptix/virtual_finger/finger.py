@@ -13,7 +13,7 @@ import torch
 from haptix import checks
 from haptix.checks import Array
 from haptix.electro import Circuit
-from haptix.electro.pull import Pull, representative_gaps
+from haptix.electro.attraction import Pull, representative_gaps
 from haptix.errors import InputError, LimitError
 from haptix.fidelity import Ability
 from haptix.finger_response import FingerResponse

@@ -17,7 +17,7 @@ from calibration.reduction import Reduced
 from calibration.verification import Drift, check_profile
 from firmware_io import Device, MockDriver, MockLink
 from haptix.cli.tasks import group_of
-from haptix.profiles import install_profile, installed_profile, profile_of, profiles_for
+from haptix.devices import install_profile, installed_profile, profile_of, profiles_for
 from haptix.screen import Calibration, CalibrationWarning
 
 app = group_of("calibrate", "Calibrate a screen.")

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from haptix.contact import HalfSpace, RoughnessSpectrum
-from haptix.contact.boundary_elements import BoundaryElements, Surfaces, estimated_bytes, memory
+from haptix.contact.boundary_elements import BoundaryElements, Surfaces, ensemble, estimated_bytes
 from haptix.contact.boundary_elements.bounded import BoundedProblem
 from haptix.errors import FileFormatError, InputError
 
@@ -286,7 +286,7 @@ def test_impossible_settings(surfaces: Surfaces) -> None:
 def test_too_little_memory_is_said_before_the_work(
     solver: BoundaryElements, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(memory, "free_bytes", lambda device: estimated_bytes(96, 1) - 1)
+    monkeypatch.setattr(ensemble, "free_bytes", lambda device: estimated_bytes(96, 1) - 1)
     with pytest.raises(InputError, match=r"GiB free on cpu.*fewer points"):
         solver.solve(0.3)
     with pytest.raises(InputError, match="GiB"):

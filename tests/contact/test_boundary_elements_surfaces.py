@@ -8,7 +8,7 @@ import torch
 
 from haptix.contact import RoughnessSpectrum
 from haptix.contact.boundary_elements import ResolutionWarning, Surfaces
-from haptix.contact.boundary_elements.results import corrected_area
+from haptix.contact.boundary_elements.elements import corrected_area
 from haptix.errors import InputError
 
 WAVE = 2 * pi

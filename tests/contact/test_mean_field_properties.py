@@ -12,7 +12,7 @@ from scipy import special
 from scipy.integrate import quad
 
 from haptix.contact import HalfSpace, Layered, MeanField, RoughnessSpectrum
-from haptix.contact.separation import SeparationIntegral
+from haptix.contact.tables import SeparationIntegral
 from haptix.errors import InputError
 
 

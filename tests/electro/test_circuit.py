@@ -7,7 +7,7 @@ import torch
 
 from haptix import ContactModel, Finger, Screen
 from haptix.electro import VACUUM_PERMITTIVITY
-from haptix.electro.circuit import Circuit, bin_inverse
+from haptix.electro.attraction import Circuit, bin_inverse
 from haptix.finger import Roughness
 
 SCREEN = Screen(max_voltage_v=1000.0)

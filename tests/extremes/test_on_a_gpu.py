@@ -12,7 +12,7 @@ import torch
 
 from haptix import ContactModel, Finger, FrictionSurface, Screen
 from haptix.fidelity import BoundaryElementBox
-from haptix.simulation.parts import exact_amplitude
+from haptix.simulation.simulation import exact_amplitude
 from haptix.stimuli import Constant, Rendering, Stimulus
 from haptix.texture import Grating, headroom
 from haptix.virtual_finger import VirtualFinger

@@ -10,8 +10,8 @@ import torch
 from torch import Tensor
 
 from haptix import ContactModel, Finger, InputError, Screen, Status
+from haptix.contact.area import elastoplastic_area
 from haptix.contact.finite_size import highest_asperity
-from haptix.contact.plasticity import elastoplastic_area
 from haptix.electro import drive_strength
 from haptix.terms import TERMS
 

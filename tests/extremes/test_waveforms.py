@@ -9,9 +9,9 @@ from torch import Tensor
 
 from haptix import ContactModel, Finger, Screen, Status
 from haptix.contact import HalfSpace, MeanField, RoughnessSpectrum
-from haptix.contact.gaps import GapHistogram
+from haptix.contact.meanfield import GapHistogram
 from haptix.electro import Pull, SkinDielectric
-from haptix.electro.waveform import field_in_time
+from haptix.electro.attraction import field_in_time
 from haptix.errors import InputError
 from haptix.terms import ActiveTerms, Properties
 from haptix.waves import Waveform

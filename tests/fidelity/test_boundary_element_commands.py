@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from haptix import FrictionSurface
-from haptix.contact.boundary_elements import memory
+from haptix.contact.boundary_elements import ensemble
 from haptix.fidelity import BoundaryElementBalance
 from tests.command_line import CommandLine, CommandResult
 
@@ -79,7 +79,7 @@ def test_a_damaged_checkpoint_is_one_sentence(
 def test_too_little_memory_is_said_before_the_work(
     haptix_cli: CommandLine, gel: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(memory, "free_bytes", lambda device: 10**6)
+    monkeypatch.setattr(ensemble, "free_bytes", lambda device: 10**6)
     done = haptix_cli("build", tmp_path / "a.surface", *EXACT, *gel, *LOADS)
     assert done.code == 2
     assert len(done.err.splitlines()) == 1

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from haptix import ContactModel, Finger, InputError, LimitError, Screen, Status
 from haptix.contact import RoughnessSpectrum
-from haptix.contact.boundary_elements import BoundaryElements, ResolutionWarning, memory
+from haptix.contact.boundary_elements import BoundaryElements, ResolutionWarning, ensemble
 from haptix.fidelity import BoundaryElementBalance, BoundaryElementBox, UnsettledWarning
 from haptix.finger import MeasuredRoughness
 from haptix.terms import chosen_terms
@@ -185,6 +185,6 @@ def test_what_cannot_be_is_refused(model: ContactModel, monkeypatch: pytest.Monk
         BoundaryElementBox(points=64.0)
     with pytest.raises(InputError, match=r"waves: expected a finite number above 0"):
         BoundaryElementBox(waves=math.nan)
-    monkeypatch.setattr(memory, "free_bytes", lambda device: 10**6)
+    monkeypatch.setattr(ensemble, "free_bytes", lambda device: 10**6)
     with pytest.raises(InputError, match=r"fits into the .* GiB free"):
         exact()

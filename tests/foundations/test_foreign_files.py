@@ -36,7 +36,7 @@ from haptix.perception import Perception
 from haptix.scene import Scene
 from haptix.screen import Screen
 from haptix.signals.audio import read_drive
-from haptix.signals.in_time import Recorded
+from haptix.signals.shapes import Recorded
 from haptix.stimuli.adaptive.trial_log import TrialLog
 from haptix.stimuli.drawing import draw_stimulus, read_for_drawing
 from haptix.stimuli.interchange import FrictionMap, read_ahap, read_hjif

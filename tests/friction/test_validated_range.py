@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from haptix import ContactModel, Finger, Screen
-from haptix.contact.theory import (
+from haptix.contact.meanfield import (
     VALIDATED_WAVES,
     VALIDATED_X,
     beyond_validation,

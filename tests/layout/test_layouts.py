@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptix import InputError, Layout, Screen, Texture
-from haptix.layout import ScreenGeometry, shown
+from haptix.layout import ScreenGeometry, regions
 from haptix.layout.regions import FADE_S, GLIDE_S
 from haptix.motion import Depends, Facts, Motion, Report
 from haptix.texture import Grating
@@ -294,7 +294,7 @@ def test_many_regions_answer_as_if_each_were_asked(monkeypatch, seed):
             yield layout.under(now), facts, facts.of
 
     many = list(answers(made()))
-    monkeypatch.setattr(shown, "_LOOPED", 100)
+    monkeypatch.setattr(regions, "_LOOPED", 100)
     for found, wanted in zip(many, answers(made()), strict=True):
         for a, b in zip(found, wanted, strict=True):
             np.testing.assert_equal(a, b)

@@ -106,7 +106,7 @@ def demo(tmp_path_factory, haptix_cli):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("HAPTIX_CACHE", str(cache))
-        patch.setattr("haptix.simulation.played.open_device", opening)
+        patch.setattr("haptix.simulation.simulation.open_device", opening)
         done = DemoRun(inputs, folder, {}, None, cache, haptix_cli).again(folder)
     assert (done.code, done.err) == (0, "")
     (device,), (summary,) = devices, json.loads(done.out)

@@ -128,7 +128,7 @@ def test_a_direct_sine_gives_each_period_its_mean_and_leaves_ripple(model, path,
 
 def test_only_a_mock_can_be_felt(setting, surface, monkeypatch):
     opened = []
-    monkeypatch.setattr("haptix.simulation.played.open_device", opened.append)
+    monkeypatch.setattr("haptix.simulation.simulation.open_device", opened.append)
     with pytest.raises(haptix.InputError, match=r"mock device.*usb:"):
         simulate(setting, surface, address="usb:")
     assert not opened

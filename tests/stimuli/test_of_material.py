@@ -11,7 +11,7 @@ import haptix
 from haptix.errors import InputError
 from haptix.materials import KINDS, Slider, Transient, load
 from haptix.materials.timeline import Timeline
-from haptix.signals.in_time import Pulse
+from haptix.signals.shapes import Pulse
 from haptix.stimuli import MaterialSignal, Rendering, SteadySpeed, Strokes
 from haptix.stimuli.recipe import Recipe
 from haptix.stimuli.stimulus import stimulus_from

@@ -8,8 +8,8 @@ import pytest
 
 from calibration.tasks import RunCalibration
 from firmware_io import open_device
+from haptix.devices import profile_of
 from haptix.finger import Finger
-from haptix.profiles import profile_of
 from haptix.screen import Screen
 from tests.studio.conftest import a_page, address, keep
 

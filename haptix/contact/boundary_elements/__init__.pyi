@@ -1,7 +1,7 @@
 from .bounded import BoundedSolution as BoundedSolution
 from .coupled import LocalAttraction as LocalAttraction
-from .memory import estimated_bytes as estimated_bytes
-from .model import BoundaryElements as BoundaryElements
-from .resolution import ResolutionWarning as ResolutionWarning
-from .results import ContactSolution as ContactSolution
+from .elements import BoundaryElements as BoundaryElements
+from .elements import ContactSolution as ContactSolution
+from .ensemble import estimated_bytes as estimated_bytes
+from .surfaces import ResolutionWarning as ResolutionWarning
 from .surfaces import Surfaces as Surfaces

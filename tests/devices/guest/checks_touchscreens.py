@@ -7,7 +7,7 @@ from typing import Any
 
 from haptix.errors import DeviceError, InputError
 from haptix.touch import Touches, Touchscreen, find_touchscreens
-from haptix.touch import slots as codes
+from haptix.touch import touchscreen as codes
 from tests.devices.guest.ways import check, error_of, require
 
 _NAME = "haptix test touchscreen"

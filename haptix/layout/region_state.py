@@ -1,24 +1,119 @@
-"""One region at one state of a layout: what its material answers, and how much of it counts."""
+"""One region at one state of a layout: where it is, what its material answers, how much counts."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from math import cos, sin
+from math import cos, hypot, inf, sin
 from typing import Any, Protocol
 
 import numpy as np
 
 from haptix.checks import Array
-from haptix.layout.glide import Glide
-from haptix.layout.outlines import Outline
 from haptix.motion import Depends, Facts, History, LocalFrame, Motion, Report
-from haptix.region import Blend
+from haptix.region import Blend, Shape
 from haptix.texture import Evaluator
+
+Row = tuple[float, ...]
 
 Box = tuple[float, float, float, float]
 """Left, right, top and bottom [mm]."""
 
 _RULES = {"add": np.add, "multiply": np.multiply, "max": np.maximum, "min": np.minimum}
+
+
+@dataclass(frozen=True, slots=True)
+class Glide:
+    """A row of numbers: `before` until `start_s`, `after` from `end_s` on, a line in between."""
+
+    before: Row
+    after: Row
+    start_s: float = -inf
+    end_s: float = -inf
+
+    @classmethod
+    def resting(cls, *values: float) -> Glide:
+        """Numbers that stay."""
+        return cls(values, values)
+
+    def to(self, values: Row, from_s: float, over_s: float) -> Glide:
+        """Glide to other numbers, from what these are then."""
+        return Glide(self.at(from_s), values, from_s, from_s + over_s)
+
+    def at(self, t_s: float) -> Row:
+        """Numbers at a time."""
+        if t_s >= self.end_s:
+            return self.after
+        if t_s <= self.start_s:
+            return self.before
+        part = (t_s - self.start_s) / (self.end_s - self.start_s)
+        return tuple(a + part * (b - a) for a, b in zip(self.before, self.after, strict=True))
+
+    def parts(self, t_s: Array) -> Array:
+        """Share of the way gone at times."""
+        if not self.end_s > self.start_s:
+            return (t_s >= self.end_s).astype(np.float64)
+        return np.asarray(np.clip((t_s - self.start_s) / (self.end_s - self.start_s), 0.0, 1.0))
+
+
+@dataclass(frozen=True)
+class Outline:
+    """A shape in a rectangle whose corner is the origin.
+
+    Parameters
+    ----------
+    width_mm, height_mm : float
+        Size of the rectangle.
+    shape : {"rectangle", "ellipse"} or sequence of (x_mm, y_mm)
+        The shape; a polygon need not be convex, and its edges may not cross.
+    """
+
+    width_mm: float
+    height_mm: float
+    shape: Shape = "rectangle"
+
+    def cover(self, x_mm: Array, y_mm: Array, ramp_mm: float) -> Array:
+        """Share of each place that is inside, 0 to 1: a ramp across the edge, or a step at 0."""
+        ramp = max(ramp_mm, 1e-9)
+        width, height = self.width_mm, self.height_mm
+        if self.shape == "rectangle":
+            # A step less the next one is right for regions narrower than the ramps, too.
+            inside = _step(x_mm, ramp) - _step(x_mm - width, ramp)
+            inside *= _step(y_mm, ramp) - _step(y_mm - height, ramp)
+            return inside
+        if self.shape == "ellipse":
+            a, b = width / 2, height / 2
+            away = np.hypot(x_mm / a - 1, y_mm / b - 1)
+            return _step((1 - away) * min(a, b), ramp)
+        return _step(_depth_in(self.shape, x_mm, y_mm), ramp)
+
+    def contains(self, x_mm: float, y_mm: float) -> bool:
+        """Whether a place is inside."""
+        if self.shape == "rectangle":
+            return 0.0 <= x_mm <= self.width_mm and 0.0 <= y_mm <= self.height_mm
+        if self.shape == "ellipse":
+            return hypot(2 * x_mm / self.width_mm - 1, 2 * y_mm / self.height_mm - 1) <= 1.0
+        return bool(self.cover(np.array([x_mm]), np.array([y_mm]), 0.0)[0] >= 0.5)
+
+
+def _step(depth_mm: Array, ramp_mm: float) -> Array:
+    """Return a step from 0 to 1, as a ramp around a depth of 0."""
+    return np.asarray(np.clip(0.5 + depth_mm / ramp_mm, 0.0, 1.0))
+
+
+def _depth_in(corners: Any, x_mm: Array, y_mm: Array) -> Array:
+    """Distance to a polygon's nearest edge, negative outside."""
+    nearest = np.full(x_mm.shape, np.inf)
+    inside = np.zeros(x_mm.shape, dtype=bool)
+    x0, y0 = corners[-1]
+    for x1, y1 in corners:
+        dx, dy = x1 - x0, y1 - y0
+        along = ((x_mm - x0) * dx + (y_mm - y0) * dy) / max(dx * dx + dy * dy, 1e-300)
+        along = np.clip(along, 0.0, 1.0)
+        np.minimum(nearest, np.hypot(x_mm - x0 - along * dx, y_mm - y0 - along * dy), out=nearest)
+        if dy:  # a ray to the right crosses this edge
+            inside ^= ((y0 > y_mm) != (y1 > y_mm)) & (x_mm < x0 + (y_mm - y0) * dx / dy)
+        x0, y0 = x1, y1
+    return np.where(inside, nearest, -nearest)
 
 
 class Control(Protocol):
@@ -48,11 +143,12 @@ class LayoutFacts(Facts):
 
         def latest(name: str) -> Facts:
             # NaN compares false: what has not happened is never the latest.
-            found = every[0]
-            for one in every[1:]:
-                there, here = getattr(one, name), getattr(found, name)
-                found = one if there == there and not here >= there else found
-            return found
+            newest_facts = every[0]
+            for facts in every[1:]:
+                this_s, newest_s = getattr(facts, name), getattr(newest_facts, name)
+                if this_s == this_s and not newest_s >= this_s:
+                    newest_facts = facts
+            return newest_facts
 
         crossed = latest("detent_s")
         times = [getattr(latest(name), name) for name in ("down_s", "press_s", "release_s")]
@@ -139,10 +235,10 @@ class RegionState:
     def depends_on(self, now_s: float) -> Depends:
         """What the region's part of an answer depends on, from a time on."""
         changes = max(self.place.end_s, self.opacity.end_s) > now_s
-        found = Depends.PLACE | self.evaluator.depends_on
+        flags = Depends.PLACE | self.evaluator.depends_on
         if self.mask is not None:
-            found |= self.mask.depends_on
-        return found | Depends.TIME if changes else found
+            flags |= self.mask.depends_on
+        return flags | Depends.TIME if changes else flags
 
     def moved(self, place: Glide) -> RegionState:
         """Return the same region on its way to another place."""
@@ -216,8 +312,8 @@ class RegionState:
 
     def seen(self, report: Report) -> tuple[Report, bool]:
         """Return a report in the axes of the region's material, and whether it is on the region."""
-        there, on = self.on_outline(report)
-        return self.within(there), on
+        local, on = self.on_outline(report)
+        return self.within(local), on
 
     def on_outline(self, report: Report) -> tuple[Report, bool]:
         """Return a report in the region's axes, and whether it is on the region."""

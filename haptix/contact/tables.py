@@ -1,16 +1,28 @@
-"""One-dimensional tables for torch, batched and differentiable: linear and cubic.
+"""Tables for torch, batched and differentiable, that a contact looks up millions of times.
 
-The contact model looks up the same smooth tables (the waves against their stress, the separation
-integral, the attraction against pressure) millions of times.
+The waves against their stress, the attraction against pressure, and the separation integral J(y) of
+Persson's theory, which is tabulated once per gamma.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import log
 
+import numpy as np
 import torch
 from torch import Tensor
+
+from haptix.contact.area import AreaLaw
+from haptix.errors import InputError
+
+# J falls as exp(-y^2); beyond this it is below 1e-15 of its values at y ~ 1 and is set to zero.
+# A strip so deep in contact has a theoretical gap of some 1e-23 m: it is closed.
+Y_MAX = 5.6
+_Y_MIN = 1e-6
+_NODES = 2048
 
 
 @dataclass(frozen=True)
@@ -34,44 +46,6 @@ class PiecewiseLinear:
         cell = torch.searchsorted(inner, x.detach().contiguous(), right=True)
         x = x if self.slope.ndim == 1 else x[..., None]
         return self.intercept[cell] + self.slope[cell] * x
-
-
-@dataclass(frozen=True)
-class MonotoneCubic:
-    """A C1 cubic that rises and falls only where its values do, and holds its ends beyond them.
-
-    Source of the slopes: Fritsch & Butland, SIAM J. Sci. Stat. Comput. 5, 300 (1984); 0 at the
-    ends, so that nothing has a corner there either.
-    """
-
-    nodes: Tensor
-    values: Tensor
-    slopes: Tensor
-
-    @classmethod
-    def through(cls, nodes: Tensor, values: Tensor) -> MonotoneCubic:
-        """Connect `values`, shape (nodes, columns), at increasing `nodes`."""
-        width = nodes.diff()[:, None]
-        rise = values.diff(dim=0) / width
-        before, after = width[:-1] + 2 * width[1:], 2 * width[:-1] + width[1:]
-        turns = rise[:-1] * rise[1:] <= 0
-        one, two = (r.masked_fill(turns, 1.0) for r in (rise[:-1], rise[1:]))
-        inner = ((before + after) / (after / one + before / two)).masked_fill(turns, 0.0)
-        end = torch.zeros_like(values[:1])
-        return cls(nodes, values, torch.cat([end, inner, end])[: len(nodes)])
-
-    def __call__(self, x: Tensor) -> Tensor:
-        """Values at `x` of any shape, with the columns as the last axis."""
-        if len(self.nodes) == 1:
-            return self.values[0].expand(*x.shape, -1)
-        x = x.clamp(self.nodes[0], self.nodes[-1])
-        cell = torch.searchsorted(self.nodes[1:-1], x.detach().contiguous(), right=True)
-        width = self.nodes.diff()[cell][..., None]
-        t = (x[..., None] - self.nodes[cell][..., None]) / width
-        low, high = self.values[cell], self.values[cell + 1]
-        rise = high - low
-        a, b = self.slopes[cell] * width - rise, rise - self.slopes[cell + 1] * width
-        return low + t * (rise + (1 - t) * (a * (1 - t) + b * t))
 
 
 @dataclass(frozen=True)
@@ -126,8 +100,8 @@ class UniformCubic:
         shape, cell = cell.shape, cell.reshape(-1)
         of_column = 0 if column is None else column.reshape(-1)
         if self.stencil is None or not torch.is_grad_enabled():
-            found = self._cubics.index_select(1, cell * columns + of_column)
-            return found.view(4, *shape).unbind()
+            cubics = self._cubics.index_select(1, cell * columns + of_column)
+            return cubics.view(4, *shape).unbind()
         # Both stencils lie within six nodes, which are gathered at once.
         count, values = self.values.shape[0], self.values.reshape(-1)
         first = (cell - 2).clamp(0, max(count - 6, 0))
@@ -140,15 +114,15 @@ class UniformCubic:
     def __call__(self, x: Tensor, column: Tensor | None = None) -> Tensor:
         """Value at `x` (any shape; `column` of the same shape picks each point's function)."""
         cell, t = self._cell(x)
-        one, t1, t2, t3 = self._coefficients(cell, column)
-        return one + t * (t1 + t * (t2 + t * t3))
+        t0, t1, t2, t3 = self._coefficients(cell, column)
+        return t0 + t * (t1 + t * (t2 + t * t3))
 
     def with_slope(self, x: Tensor, column: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """Value and derivative at `x`; outside the nodes the end cubic goes on."""
         cell, t = self._cell(x)
-        one, t1, t2, t3 = self._coefficients(cell, column)
+        t0, t1, t2, t3 = self._coefficients(cell, column)
         bend = t * t3
-        value = one + t * (t1 + t * (t2 + bend))
+        value = t0 + t * (t1 + t * (t2 + bend))
         return value, (t1 + t * (2 * t2 + 3 * bend)) / self.step
 
 
@@ -167,3 +141,98 @@ def _differences(values: Tensor) -> Tensor:
     last = 1.5 * values[-1] - 2 * values[-2] + 0.5 * values[-3]
     ends = [end[None] for end in (first, second, second_last, last)]
     return torch.cat([*ends[:2], inner, *ends[2:]])
+
+
+class SeparationIntegral:
+    """``J(y) = int_y^inf dx/x [gamma + n (1 - gamma) erf(t)^(n-1)] exp(-t^2) dt/dx``.
+
+    Source: Yang & Persson, J. Phys.: Condens. Matter 20, 215214 (2008); physics page, section 2.
+    The elastic energy depends on the area A as ``gamma A + (1 - gamma) A^n``; Persson has n = 3 and
+    t = x. With another law of the area than erf(x) it follows that one.
+
+    Parameters
+    ----------
+    gamma : float
+        Share of the elastic energy that is proportional to the area, in (0, 1]; about 0.45.
+    device : str
+        Device of the table.
+    area : AreaLaw
+        Gives t at x.
+    power : float
+        n, above 1.
+    """
+
+    def __init__(
+        self,
+        gamma: float,
+        device: torch.device | str = "cpu",
+        area: AreaLaw | None = None,
+        power: float = 3.0,
+    ) -> None:
+        self._area = area or AreaLaw()
+        if not 0 < gamma <= 1:
+            raise InputError(f"gamma: expected a number in (0, 1], got {gamma:g}")
+        if not power > 1:
+            raise InputError(f"power: expected a number above 1, got {power:g}")
+        self.gamma, self.power = gamma, power
+        self._growth = gamma * self._area.light
+        log_y = torch.linspace(log(_Y_MIN), log(Y_MAX), _NODES, dtype=torch.float64)
+        # Six-point Gauss in every cell, summed from the far end so that small J keep their digits;
+        # the tail from Y_MAX on is summed the same way on an extension of the grid.
+        step = float(log_y[1] - log_y[0])
+        beyond = log_y[-1] + step * torch.arange(1, 400, dtype=torch.float64)
+        edges = torch.cat([log_y, beyond])
+        points, weights = (torch.from_numpy(a) for a in np.polynomial.legendre.leggauss(6))
+        at = torch.exp(edges[:-1, None] + step * (points + 1) / 2)
+        cells = (self._integrand(at) * weights).sum(-1) * step / 2
+        total = cells.flip(0).cumsum(0).flip(0)[:_NODES]
+        slope = -self._integrand(torch.exp(log_y)) / total
+        self._log_j = UniformCubic(log(_Y_MIN), step, torch.log(total).to(device), slope.to(device))
+
+    def _integrand(self, x: Tensor) -> Tensor:
+        t = self._area.argument(x)
+        rest = self.power * (1 - self.gamma)
+        energy = self.gamma + rest * torch.erf(t) ** (self.power - 1)
+        return energy * torch.exp(-t * t) * self._area.growth(x)
+
+    def __call__(self, y: Tensor) -> Tensor:
+        """J(y) for y > 0 of any shape; exactly zero beyond `Y_MAX`."""
+        log_y = torch.log(y)
+        inside = torch.exp(self._log_j(log_y.clamp(log(_Y_MIN), log(Y_MAX))))
+        # For small y the bracket is gamma, and J grows as gamma ln(1/y) dt/dy.
+        small = self._growth * torch.clamp(log(_Y_MIN) - log_y, min=0.0)
+        return torch.where(y < Y_MAX, inside + small, torch.zeros_like(y))
+
+    def over_waves(
+        self,
+        pressure: Tensor,
+        variance: Tensor,
+        low: Tensor,
+        waves: PiecewiseLinear,
+        panels: Sequence[tuple[float, Tensor]],
+    ) -> Tensor:
+        """Return ``2 int J(p/tau) dtau/(q E*)`` over the waves from ``w = ln(q/q0 - 1) = low`` on.
+
+        Parameters
+        ----------
+        pressure, variance, low : Tensor
+            Pressure [Pa], T up to which tau is 0, and w; they broadcast.
+        waves : PiecewiseLinear
+            ln T and ``ln(dT/dw / (2 q E*))`` against w.
+        panels : sequence of (float, Tensor)
+            Ends of the panels in w, with the points and weights of each, shape (points, 2).
+        """
+        # Rounding must not take tau below where the integral starts.
+        least = 0.5 * (pressure / Y_MAX) ** 2
+        total = torch.zeros_like(low)
+        # Loops over panels and points, not over the batch, keep every array within the cache. All
+        # of it is in this file: it is the inner loop of every solve.
+        for end, rule in panels:
+            high = low.clamp(min=end)
+            for point, weight in rule:
+                wave = waves(low + (high - low) * ((1 + point) / 2))
+                tau = torch.maximum(torch.exp(wave[..., 0]) - variance, least).sqrt()
+                opening = (high - low) * torch.exp(wave[..., 1]) / tau
+                total = total + weight * opening * self(pressure / tau)
+            low = high
+        return total

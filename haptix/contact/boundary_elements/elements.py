@@ -6,7 +6,7 @@ import hashlib
 import os
 from dataclasses import dataclass
 from functools import cached_property
-from math import inf, nan
+from math import inf, log, nan, pi
 from typing import Any
 
 import torch
@@ -14,16 +14,30 @@ from torch import Tensor
 
 from haptix import checks
 from haptix.contact.boundary_elements.bounded import BoundedProblem, BoundedSolution
-from haptix.contact.boundary_elements.branch import lowest_branch
-from haptix.contact.boundary_elements.coupled import AttractedContact, LocalAttraction
-from haptix.contact.boundary_elements.ensemble import Progress, Row, run_ensemble
-from haptix.contact.boundary_elements.memory import check_memory, surfaces_that_fit
-from haptix.contact.boundary_elements.results import ContactSolution, corrected_area, open_quantiles
+from haptix.contact.boundary_elements.coupled import (
+    AttractedContact,
+    LocalAttraction,
+    lowest_branch,
+)
+from haptix.contact.boundary_elements.ensemble import (
+    Progress,
+    Row,
+    check_memory,
+    run_ensemble,
+    surfaces_that_fit,
+)
 from haptix.contact.boundary_elements.surfaces import Surfaces
 from haptix.contact.elasticity import ElasticSolid
 from haptix.errors import InputError
 from haptix.status import Status
 from haptix.threads import given_threads
+
+# Of the perimeter: how far the pixels in contact reach beyond the contact, on average over the
+# directions of its border (Yastrebov, Anciaux, Molinari, J. Mech. Phys. Solids 107 (2017), eq. 20).
+_PERIMETER_SHARE = (pi - 1 + log(2)) / 24
+
+GAP_LEVELS = (torch.arange(32, dtype=torch.float64) + 0.5) / 32
+"""Shares at which the gap's distribution is given: the middles of 32 equal classes."""
 
 # Of the strength reported past the limit of light contact, with the attraction of the gaps: steep
 # enough that a hundredth of it is a tenth of the strength, and no step is spent beyond.
@@ -31,6 +45,71 @@ _FALL = -8.0
 # Of p0, at most, to start a branch with: a rough contact gives way by some h_rms/2 where its
 # pressure grows by e, and only an attraction of about p0 answers that with as much again.
 _FIRST_PULL = 0.3
+
+
+@dataclass(frozen=True)
+class ContactSolution:
+    """Solved states, all of shape (loads, surfaces) or (loads, strengths, surfaces)."""
+
+    pressure_pa: Tensor
+    """Applied nominal pressure p0 [Pa]."""
+    strength: Tensor
+    """Factor on the attraction, 0 without one."""
+    area_fraction_raw: Tensor
+    """Pixels with pressure, A/A0."""
+    area_fraction: Tensor
+    """The same, corrected for the pixels that stand over the contact's border: use this one."""
+    plastic_fraction: Tensor
+    """Share of the nominal area at the hardness."""
+    mean_gap_m: Tensor
+    """Mean gap over the nominal area [m]."""
+    gap_quantiles_m: Tensor
+    """Quantiles of the open gaps [m] at `GAP_LEVELS`, shape (..., levels); NaN without any."""
+    attraction_gaps_pa: Tensor
+    attraction_spots_pa: Tensor
+    """Mean attraction [Pa] over the nominal area, of the open gaps and of the spots."""
+    residual: Tensor
+    """Largest violation of the contact conditions, over h_rms."""
+    iterations: Tensor
+    """Steps on the finest grid, all together."""
+    converged: Tensor
+    """Whether the residual is within the tolerance."""
+    status: Tensor
+    """`Status`: OK, or PULL_IN past the end of the lowest branch; values are those at its end."""
+    snap_in_strength: Tensor
+    """Strengths between which the lowest branch ends, shape (..., 2); NaN where it was not met."""
+
+    @property
+    def attraction_pa(self) -> Tensor:
+        """Mean attraction [Pa], gaps and spots."""
+        return self.attraction_gaps_pa + self.attraction_spots_pa
+
+
+def corrected_area(contact: Tensor) -> Tensor:
+    """Contact share of periodic masks, shape (..., n, n), corrected for its pixels.
+
+    A pixel counts as contact or not, so that the contact's border is drawn out: the area is too
+    large by ``(pi - 1 + ln 2)/24`` times the perimeter counted in pixel sides, times the side
+    (Yastrebov, Anciaux, Molinari, J. Mech. Phys. Solids 107, 469 (2017)).
+    """
+    perimeter = sum(
+        (contact ^ contact.roll(1, axis)).to(torch.float64).mean((-2, -1)) for axis in (-2, -1)
+    )
+    raw = contact.to(torch.float64).mean((-2, -1))
+    # Of a few lone pixels the correction would leave less than a disc in each; never below 0.
+    return (raw - _PERIMETER_SHARE * perimeter).clamp(min=0.0)
+
+
+def open_quantiles(gap_m: Tensor, contact: Tensor) -> Tensor:
+    """Quantiles of the open gaps of one surface, linear between neighbours; NaN without any."""
+    rising = gap_m[~contact].sort().values
+    levels = GAP_LEVELS.to(rising.device)
+    if len(rising) == 0:
+        return torch.full_like(levels, float("nan"))
+    at = levels * (len(rising) - 1)
+    below = at.floor().long()
+    above = (below + 1).clamp(max=len(rising) - 1)
+    return torch.lerp(rising[below], rising[above], at - below)
 
 
 @dataclass(frozen=True)
@@ -123,14 +202,14 @@ class BoundaryElements:
 
         name = self._fingerprint(pressure, batches)
         rows = run_ensemble(len(batches), work, name, self._workers, checkpoint, progress)
-        found = {key: torch.cat([row[key] for row in rows], 1) for key in rows[0]}
-        shape = found["residual"].shape
+        columns = {key: torch.cat([row[key] for row in rows], 1) for key in rows[0]}
+        shape = columns["residual"].shape
         return ContactSolution(
             pressure_pa=pressure[:, None].expand(shape),
             strength=torch.zeros(shape, dtype=torch.float64),
             status=torch.full(shape, int(Status.OK)),
             snap_in_strength=torch.full((*shape, 2), nan, dtype=torch.float64),
-            **found,
+            **columns,
         )
 
     def solve_attracted(
@@ -196,12 +275,12 @@ class BoundaryElements:
             torch.cat([pressure, strengths, probe]), len(pressure), light_limit
         )
         rows = run_ensemble(len(heights), work, name, self._workers, checkpoint, progress)
-        found = {key: torch.stack([row[key] for row in rows], 2) for key in rows[0]}
-        shape = found["residual"].shape
+        columns = {key: torch.stack([row[key] for row in rows], 2) for key in rows[0]}
+        shape = columns["residual"].shape
         return ContactSolution(
             pressure_pa=pressure[:, None, None].expand(shape),
             strength=strengths[:, None].expand(shape),
-            **found,
+            **columns,
         )
 
     def fields(self, pressure_pa: float) -> BoundedSolution:
@@ -307,10 +386,10 @@ class BoundaryElements:
                 first = min(first, _FIRST_PULL * (self.hardness_pa - pressure))
 
             def strength_at(attraction_pa: float) -> float:
-                found = contact.strength(attraction_pa)
+                strength = contact.strength(attraction_pa)
                 # Falls with the gaps' attraction past the limit: the branch ends there.
                 share = contact.gaps_share * contact.attraction_pa / ((light_limit - 1) * pressure)
-                return found if share <= 1 else found * share**_FALL
+                return strength if share <= 1 else strength * share**_FALL
 
             bracket = lowest_branch(wanted, first, strength_at, record) or bracket
         while len(reached) < len(strengths):

@@ -1,0 +1,474 @@
+"""The terms of the contact model: effects that can be switched on and off by name.
+
+A term is a class of this file, and nothing else: its methods change stages between a load and its
+friction. `ActiveTerms` applies those that are on, stage by stage.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import partial, reduce
+from math import inf
+from operator import attrgetter
+from typing import ClassVar, Protocol
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from haptix.contact import ElasticSolid, HalfSpace, MeanField
+from haptix.electro import VACUUM_PERMITTIVITY, FieldLimit
+from haptix.electro.breakdown import bearable_field, breaks_down
+from haptix.errors import InputError
+from haptix.finger import Finger
+from haptix.screen import Screen
+from haptix.states import ContactState
+from haptix.status import Status
+
+PNAS_2018 = "Ayyildiz, Scaraggi, Sirin, Basdogan, Persson, PNAS 115, 12668 (2018)"
+
+FieldInGap = Callable[[float], Tensor]
+"""Magnitude of the field [V/m] in a gap of given width [m]; 0 is the edge of a contact spot."""
+
+
+class Stage(StrEnum):
+    """A stage between a load and its friction, named as the method by which a term changes it."""
+
+    SOLID = "solid"
+    SIZE = "size"
+    INSULATORS = "insulators"
+    PULL = "pull"
+    GAPS = "gaps"
+    HARDNESS = "hardness"
+    SUPPLY = "supply"
+    STATUS = "status"
+
+
+@dataclass(frozen=True)
+class Properties:
+    """Finger and screen, as terms read them."""
+
+    finger: Finger
+    screen: Screen
+    """Their fields are numbers, or tensors with one value per state."""
+    unit_pa: float | Tensor = 1.0
+    """Pressure that counts as 1 Pa in the fidelity's tables: a fit scales one to many moduli."""
+
+
+class Term:
+    """An effect that the contact model can leave out.
+
+    A term overrides the methods of the stages that it changes. Each method gets the value of its
+    stage so far and returns the changed one; terms act in the order of `haptix.terms.TERMS`.
+    """
+
+    name: ClassVar[str]
+    summary: ClassVar[str]  # part of a surface's model hash: another wording is another model
+    source: ClassVar[str]
+    uses: ClassVar[tuple[str, ...]]
+    """Fields that it reads, such as "finger.hardness_pa"; it is possible where all have a value."""
+    needs_frequency: ClassVar[bool] = False
+    """Whether a drive of unknown frequency is an error, or just leaves the term out."""
+    on_request: ClassVar[bool] = False
+    """Whether it is off unless requested. Others are on wherever they are possible."""
+    left_to_scene: ClassVar[bool] = False
+    """Whether planning measures what it does, and has it on only where the scene asks for it."""
+    work: ClassVar[float] = 0.1
+    """Share of a surface's build time that leaving it out saves, at most; planning weighs effects
+    with it. Most save next to nothing, and get some credit for a simpler model."""
+    reports: ClassVar[Status | None] = None
+    """The status that it gives, if it gives one."""
+
+    @property
+    def stages(self) -> frozenset[Stage]:
+        """Stages that it changes."""
+        return frozenset(s for s in Stage if getattr(type(self), s) is not getattr(Term, s))
+
+    @property
+    def changes_friction(self) -> bool:
+        """False where it gives a status and nothing else."""
+        return self.stages != {Stage.STATUS}
+
+    def parameters(self, finger: Finger, screen: Screen) -> dict[str, object]:
+        """Values of the fields that it uses, by name."""
+        properties = Properties(finger, screen)
+        return {name: attrgetter(name)(properties) for name in self.uses}
+
+    def missing(self, finger: Finger, screen: Screen) -> list[str]:
+        """Fields that it uses and that the profiles do not have."""
+        return [name for name, value in self.parameters(finger, screen).items() if value is None]
+
+    def solid(self, solid: ElasticSolid, given: Properties) -> ElasticSolid:
+        """Elasticity of the finger; from a half-space of the stratum corneum."""
+        return solid
+
+    def size(self, area_m2: Tensor, normal_force_n: Tensor, given: Properties) -> Tensor:
+        """Apparent contact area [m^2] at normal forces [N]; from that at 1 N."""
+        return area_m2
+
+    def insulators(self, h0_m: Tensor, frequency_hz: Tensor, given: Properties) -> Tensor:
+        """Complex effective thickness [m] at frequencies [Hz]; from that of the screen's film."""
+        return h0_m
+
+    def pull(self, limit: FieldLimit | None, given: Properties) -> FieldLimit | None:
+        """Field [V/m] at which gaps are held; from None, for no limit."""
+        return limit
+
+    def gap_permittivity(self, frequency_hz: Tensor, given: Properties) -> Tensor | float:
+        """Complex eps_g of what fills the gap, at frequencies [Hz]; 1 for dry air.
+
+        It is for the current, and belongs to `insulators`, where it acts on the field.
+        """
+        return 1.0
+
+    def gaps(self, widest_m: Tensor | None, area_m2: Tensor, contact: MeanField) -> Tensor | None:
+        """Largest mean gap [m] of an apparent area [m^2]; from None, for no limit."""
+        return widest_m
+
+    def hardness(
+        self, hardness_pa: float | Tensor | None, given: Properties
+    ) -> float | Tensor | None:
+        """Stress [Pa] at which the skin yields; from None, for elastic skin."""
+        return hardness_pa
+
+    def supply(self, share: Tensor, capacitance_f: Tensor, given: Properties) -> Tensor:
+        """Complex share of the drive's voltage that a contact has; from all of it.
+
+        The contact's own complex capacitance is given [F], see `haptix.electro.Circuit`.
+        """
+        return share
+
+    def status(self, status: Tensor, field: FieldInGap, given: Properties) -> Tensor:
+        """`haptix.Status` of states; from OK, or PULL_IN where the light contact has ended."""
+        return status
+
+    def voltage_limit(self, state: ContactState) -> Tensor:
+        """Amplitude [V] from which it reports its status; infinite without a status."""
+        return torch.full_like(state.mu, inf)
+
+    def placeholders(self, given: Properties) -> list[str]:
+        """Names of the unmeasured values that it rests on."""
+        return []
+
+
+class LayeredSkin(Term):
+    """``E*(q)`` of a layer bonded to a half-space: long waves feel the tissue below."""
+
+    name = "layered-skin"
+    summary = "stratum corneum bonded to soft tissue; off: a half-space of the stratum corneum"
+    source = f"{PNAS_2018}, SI; physics page, section 3"
+    uses = ("finger.layer_thickness_m", "finger.bulk_modulus_pa", "finger.bulk_poisson_ratio")
+
+    def solid(self, solid: ElasticSolid, given: Properties) -> ElasticSolid:
+        return given.finger.solid()
+
+
+class ApparentArea(Term):
+    """``A0 = A0(1 N) (F_N / 1 N)^m``: a fingertip flattens as it presses."""
+
+    name = "apparent-area"
+    summary = "apparent contact area grows with force, A0 ~ F_N^m; off: its value at 1 N"
+    source = f"{PNAS_2018}: 3 kPa at 0.1 N, 20 kPa at 0.9 N"
+    uses = ("finger.apparent_area_at_1n_m2", "finger.apparent_area_exponent")
+
+    def size(self, area_m2: Tensor, normal_force_n: Tensor, given: Properties) -> Tensor:
+        return given.finger.apparent_area_m2(normal_force_n)
+
+
+class FiniteSize(Term):
+    """The mean gap is at most the highest asperity, by the law that the theory has for it."""
+
+    name = "finite-size"
+    summary = "the mean gap cannot exceed the highest asperity of the apparent contact"
+    source = "physics page, section 2: h_rms sqrt(2 ln N)"
+    uses = ("finger.roughness", "finger.apparent_area_at_1n_m2")
+    on_request = True  # but for theories that have it among their usual terms
+    work = 0.35  # 20,000 states took 0.158 s with it and 0.101 s without, on one core
+
+    def gaps(self, widest_m: Tensor | None, area_m2: Tensor, contact: MeanField) -> Tensor | None:
+        height = contact.highest_asperity(area_m2)
+        return height if widest_m is None else torch.minimum(widest_m, height)
+
+
+class Plasticity(Term):
+    """The stress distribution is cut off at the hardness, see `haptix.contact.area`."""
+
+    name = "plasticity"
+    summary = "contact stress is cut off at the hardness, and the area that yields is added"
+    source = "Persson, Phys. Rev. Lett. 87, 116101 (2001)"
+    uses = ("finger.hardness_pa",)
+    work = 0.2  # 20,000 states of a dry finger took 0.101 s with it and 0.080 s without
+
+    def hardness(
+        self, hardness_pa: float | Tensor | None, given: Properties
+    ) -> float | Tensor | None:
+        return given.finger.hardness_pa
+
+
+class SkinInsulation(Term):
+    """``h0 = d1/eps1 + d2/eps2(f)``. Without a frequency the skin counts as a conductor."""
+
+    name = "skin-dielectric"
+    summary = "the stratum corneum's d2/eps2(f) adds to h0, where a frequency is given"
+    source = f"{PNAS_2018}, Eq. 4"
+    uses = ("finger.layer_thickness_m", "finger.dielectric")
+
+    def insulators(self, h0_m: Tensor, frequency_hz: Tensor, given: Properties) -> Tensor:
+        skin = given.finger.dielectric
+        return h0_m + given.finger.layer_thickness_m / skin.relative_permittivity(frequency_hz)
+
+    def placeholders(self, given: Properties) -> list[str]:
+        return ["dielectric of the skin"] if given.finger.dielectric.is_placeholder else []
+
+
+class LeakyGap(Term):
+    """The gap conducts: ``eps_g = 1 + i/(w eps0 rho_g)`` multiplies h0.
+
+    By continuity of the current ``E_gap = V / (u + eps_g h0)``.
+    """
+
+    name = "leaky-gap"
+    summary = "the gap conducts: eps_g = 1 + i/(w eps0 rho_g) multiplies h0"
+    source = f"{PNAS_2018}, Fig. 4; physics page, section 3"
+    uses = ("screen.gap_resistivity_ohm_m",)
+    needs_frequency = True
+
+    def insulators(self, h0_m: Tensor, frequency_hz: Tensor, given: Properties) -> Tensor:
+        return h0_m * self.gap_permittivity(frequency_hz, given)
+
+    def gap_permittivity(self, frequency_hz: Tensor, given: Properties) -> Tensor:
+        resistivity = given.screen.gap_resistivity_ohm_m
+        assert resistivity is not None  # the term is not possible without
+        leak = 1 / (2 * torch.pi * frequency_hz * VACUUM_PERMITTIVITY * resistivity)
+        return torch.complex(torch.ones_like(leak), leak)
+
+
+class FieldLimited(Term):
+    """Each gap's amplitude is held at what it bears: discharge leaks the rest.
+
+    The attraction of a gap is then ``eps0/4 min(V0^2/|u + h0|^2, E_b(u)^2)``, with E_b of
+    `haptix.electro.breakdown.bearable_field`. Contact spots have no gap and keep theirs.
+    """
+
+    name = "field-limit"
+    summary = "the field of each gap is held at what the gap bears, since discharge leaks the rest"
+    source = "physics page, sections 3 and 9; arXiv 2409.18725"
+    uses = ("screen.insulator_permittivity", "screen.insulator_strength_v_per_m")
+    on_request = True
+    left_to_scene = True
+
+    def pull(self, limit: FieldLimit | None, given: Properties) -> FieldLimit:
+        screen = given.screen
+        return partial(
+            bearable_field,
+            insulator_permittivity=screen.insulator_permittivity,
+            insulator_strength_v_per_m=screen.insulator_strength_v_per_m,
+        )
+
+
+class BodyReturn(Term):
+    """``C_b / (C_b + n C_c)`` of the voltage is left for each of n alike contacts.
+
+    They stand side by side on one electrode, in series with the body's capacitance to earth.
+    """
+
+    name = "body-return"
+    summary = "the body's capacitance to earth takes a share of the voltage from all contacts"
+    source = "series circuit; body of 100 pF (ANSI/ESDA/JEDEC JS-001) to 150 pF (IEC 61000-4-2)"
+    uses = ("screen.body_capacitance_f", "finger.fingers_on_screen")
+    on_request = True
+    left_to_scene = True
+
+    def supply(self, share: Tensor, capacitance_f: Tensor, given: Properties) -> Tensor:
+        body = given.screen.body_capacitance_f
+        return share * (body / (body + given.finger.fingers_on_screen * capacitance_f))
+
+
+class Breakdown(Term):
+    """Reports `Status.BREAKDOWN`; friction does not change.
+
+    The model's breakdown is a spark at the edge of a contact spot. Laboratories use such voltages
+    every day, the paper's own 200 V on 1 um of SiO2 among them, so it is off unless requested.
+    """
+
+    name = "breakdown"
+    summary = "report states whose field exceeds what air or the insulator bears"
+    source = "physics page, section 3"
+    uses = (
+        "screen.insulator_thickness_m",
+        "screen.insulator_permittivity",
+        "screen.insulator_strength_v_per_m",
+    )
+    on_request = True
+    reports = Status.BREAKDOWN
+
+    def status(self, status: Tensor, field: FieldInGap, given: Properties) -> Tensor:
+        screen = given.screen
+        broken = breaks_down(
+            field, screen.insulator_permittivity, screen.insulator_strength_v_per_m
+        )
+        return torch.where((status == Status.OK) & broken, int(Status.BREAKDOWN), status)
+
+    def voltage_limit(self, state: ContactState) -> Tensor:
+        return state.breakdown_voltage_v
+
+
+TERMS: dict[str, Term] = {kind.name: kind() for kind in Term.__subclasses__()}
+"""All terms by name. They act in the order in which this file has them."""
+
+
+class Honouring(Protocol):
+    """Attributes of a fidelity, class or object, that terms need."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def assumes(self) -> str: ...
+    @property
+    def honours(self) -> frozenset[Stage]: ...
+
+
+def possible_terms(finger: Finger, screen: Screen, fidelity: Honouring) -> frozenset[str]:
+    """Names of all terms that the profiles have the values for and the fidelity can honour."""
+    return frozenset(
+        name
+        for name, term in TERMS.items()
+        if term.stages <= fidelity.honours and not term.missing(finger, screen)
+    )
+
+
+def chosen_terms(
+    terms: Iterable[str] | Mapping[str, bool] | None,
+    finger: Finger,
+    screen: Screen,
+    fidelity: Honouring,
+    of_theory: frozenset[str] = frozenset(),
+) -> frozenset[str]:
+    """Return the names of the terms that are on.
+
+    Parameters
+    ----------
+    terms : iterable of str, mapping, or None
+        Names of all that are on; or a mapping that switches single ones, name to bool; or None for
+        all possible ones that need no request.
+    of_theory : frozenset of str
+        Names that count as needing none in the theory of the contact.
+
+    Raises
+    ------
+    InputError
+        If a name is unknown, or a term lacks a value or contradicts the fidelity.
+    """
+    possible = possible_terms(finger, screen, fidelity)
+    usual = {name for name in possible if not TERMS[name].on_request or name in of_theory}
+    if terms is None:
+        return frozenset(usual)
+    if isinstance(terms, str):
+        raise InputError(f"terms: expected a set of names, such as {{{terms!r}}}, got a string")
+    unknown = set(terms) - set(TERMS)
+    if unknown:
+        raise InputError(
+            f"terms: unknown {', '.join(map(repr, sorted(unknown)))}; expected any of "
+            f"{', '.join(TERMS)}"
+        )
+    if isinstance(terms, Mapping):
+        on = {name for name in TERMS if terms.get(name, name in usual)}
+    else:
+        on = set(terms)
+    for name in sorted(on - possible):
+        missing = TERMS[name].missing(finger, screen)
+        if missing:
+            raise InputError(
+                f'terms: "{name}" needs {missing[0]}, which is None; set it or switch it off'
+            )
+        raise InputError(
+            f'terms: "{name}" contradicts fidelity "{fidelity.name}", which {fidelity.assumes}; '
+            "switch it off, or use another fidelity"
+        )
+    return frozenset(on)
+
+
+_STEADY_HZ = 1e-9  # of a steady voltage: a period of 30 years, in which all that leaks conducts
+
+
+class ActiveTerms:
+    """Properties of finger and screen with the terms that are on."""
+
+    def __init__(self, given: Properties, names: Iterable[str]) -> None:
+        on = set(names)
+        self.given = given
+        self.all = tuple(term for name, term in TERMS.items() if name in on)
+        self.stages = frozenset[Stage]().union(*(term.stages for term in self.all))
+
+    def solid(self) -> ElasticSolid:
+        """The elastic solid, from a half-space of the stratum corneum."""
+        finger = self.given.finger
+        base: ElasticSolid = HalfSpace(finger.youngs_modulus_pa, finger.poisson_ratio)
+        return reduce(lambda solid, term: term.solid(solid, self.given), self.all, base)
+
+    def hardness_pa(self) -> float | Tensor | None:
+        """Stress [Pa] at which the skin yields; None for elastic skin."""
+        none: float | Tensor | None = None
+        return reduce(lambda hardness, term: term.hardness(hardness, self.given), self.all, none)
+
+    def apparent_area_m2(self, normal_force_n: Tensor) -> Tensor:
+        """A0 [m^2] at normal forces [N] of any shape, from that at 1 N."""
+        at_1n = self.given.finger.apparent_area_m2(torch.ones_like(normal_force_n))
+        return reduce(
+            lambda area, term: term.size(area, normal_force_n, self.given), self.all, at_1n
+        )
+
+    def widest_gap_m(self, area_m2: Tensor, contact: MeanField) -> Tensor | None:
+        """Largest mean gap [m] at apparent areas [m^2]; None for no limit."""
+        none: Tensor | None = None
+        return reduce(lambda widest, term: term.gaps(widest, area_m2, contact), self.all, none)
+
+    def thickness(self, h0_m: Tensor, frequency_hz: Tensor | None) -> Tensor:
+        """Complex effective thickness [m] of everything that insulates, from that of the film.
+
+        Frequencies [Hz] broadcast with `h0_m`; 0 is a steady voltage. Without one the skin counts
+        as a conductor, and `h0_m` is returned unchanged, unless a term needs a frequency: that is
+        an `InputError`.
+        """
+        if frequency_hz is None:
+            if needing := [term.name for term in self.all if term.needs_frequency]:
+                raise InputError(
+                    f'frequency_hz: expected one, since the term "{needing[0]}" depends on it; '
+                    "give one or switch the term off"
+                )
+            return h0_m
+        frequency = frequency_hz.clamp(min=_STEADY_HZ)
+        thickness = torch.complex(h0_m, torch.zeros_like(h0_m))
+        for term in self.all:
+            thickness = term.insulators(thickness, frequency, self.given)
+        return thickness.expand(np.broadcast_shapes(h0_m.shape, frequency.shape))
+
+    def field_limit(self) -> FieldLimit | None:
+        """Field [V/m] at which gaps are held; None for no limit."""
+        none: FieldLimit | None = None
+        return reduce(lambda limit, term: term.pull(limit, self.given), self.all, none)
+
+    def gap_permittivity(self, frequency_hz: Tensor) -> Tensor | float:
+        """Complex eps_g of what fills the gap, at frequencies [Hz]."""
+        permittivity: Tensor | float = 1.0  # of dry air
+        for term in self.all:
+            permittivity = permittivity * term.gap_permittivity(frequency_hz, self.given)
+        return permittivity
+
+    def voltage_share(self, capacitance_f: Tensor) -> Tensor:
+        """Complex share of the drive's voltage that contacts of a capacitance [F] have."""
+        whole = torch.ones_like(capacitance_f)
+        return reduce(
+            lambda share, term: term.supply(share, capacitance_f, self.given), self.all, whole
+        )
+
+    def status(self, is_stable: Tensor, field: FieldInGap) -> Tensor:
+        """`haptix.Status` of states whose light contact holds or not, given their field."""
+        light = torch.where(is_stable, int(Status.OK), int(Status.PULL_IN))
+        return reduce(lambda status, term: term.status(status, field, self.given), self.all, light)
+
+    def placeholders(self) -> list[str]:
+        """Names of the unmeasured values that the terms rest on."""
+        return [name for term in self.all for name in term.placeholders(self.given)]
