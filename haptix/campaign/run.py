@@ -10,22 +10,25 @@ import json
 import logging
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from haptix.campaign.kinds import Campaign, Value
-from haptix.campaign.report import report_html
 from haptix.campaign.worker import as_seen_here, differences, do, identity, record_of
-from haptix.errors import HaptixError, InputError
+from haptix.errors import HaptixError, InputError, MissingExtraError, from_extra
 from haptix.executors import Here, executor_of, finished
 from haptix.files import csv_text
+from haptix.report import page, paragraph, picture, table
 from haptix.results import ResultStore, folder_of
 from haptix.version import __version__
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _LOG = logging.getLogger("haptix.campaign")
 
@@ -34,6 +37,7 @@ PILOTS = 2
 
 _MOST_LOST = 6  # workers in a row that may end before they begin a task
 _SHORT_CALL_S, _LARGEST_CALL = 0.2, 64  # of tasks that are done by one call
+_MOST_FAILURES = 50  # that the report lists
 _LAST = ("status", "seconds", "cpu_seconds", "peak_bytes", "bytes", "worker", "deaths", "error")
 
 
@@ -298,11 +302,11 @@ def _ends(
 
 def _conclude(store: ResultStore, campaign: Campaign, tasks: CampaignResult) -> None:
     """Write the table and the report."""
-    table = tasks.rows
-    names = table[0] if table else ("status",)
+    rows = tasks.rows
+    names = rows[0] if rows else ("status",)
     with _writing(store):
-        store.write("table.csv", csv_text(names, (row.values() for row in table)).encode())
-        store.write("report.html", report_html(campaign, table).encode())
+        store.write("table.csv", csv_text(names, (row.values() for row in rows)).encode())
+        store.write("report.html", report_html(campaign, rows).encode())
 
 
 def estimate(
@@ -321,10 +325,10 @@ def estimate(
     if not tasks.counts["done"]:
         run_campaign(campaign, where, executor, most=PILOTS)
         tasks = CampaignResult.of(ResultStore(where), campaign)
-    table = tasks.rows
-    done = [row for row in table if row["status"] == "done" and row["seconds"] is not None]
+    rows = tasks.rows
+    done = [row for row in rows if row["status"] == "done" and row["seconds"] is not None]
     if not done:
-        reason = next((row["error"] for row in table if row["error"]), "there are none")
+        reason = next((row["error"] for row in rows if row["error"]), "there are none")
         raise HaptixError(f"{campaign.name}: no task could be measured: {reason}")
     waiting = tasks.counts["waiting"]
     seconds, cpu_seconds, size = (
@@ -333,13 +337,68 @@ def estimate(
     )
     at_once = getattr(executor, "workers", 1)
     row = {
-        "tasks": len(table),
+        "tasks": len(rows),
         "done": tasks.counts["done"],
         "seconds_each": seconds,
         "hours_left": waiting * seconds / at_once / 3600,
         "cpu_hours_left": waiting * cpu_seconds / 3600,  # whatever else the machine did
         "at_once": at_once,
         "bytes_left": round(waiting * size),
-        "bytes_in_all": round(len(table) * size),
+        "bytes_in_all": round(len(rows) * size),
     }
     return f"{campaign.name}: from the costs of {len(done)} tasks, kept in {where}", [row]
+
+
+def report_html(campaign: Campaign, rows: Sequence[dict[str, Any]]) -> str:
+    """Return the page of a campaign, which says what is drawn, and its table."""
+    done = [row for row in rows if row["status"] == "done"]
+    counts = Counter(row["status"] for row in rows)
+    facts = {"kind": campaign.kind, "haptix": __version__, "tasks": len(rows), **counts}
+    for name, text in (("cpu_seconds", "processor time [h]"), ("seconds", "time of tasks [h]")):
+        facts[text] = f"{sum(_numbers(done, name)) / 3600:.4g}"
+    facts["results [MB]"] = f"{sum(_numbers(done, 'bytes')) / 1e6:.4g}"
+    if peaks := _numbers(done, "peak_bytes"):
+        facts["largest memory of a worker [MB]"] = f"{max(peaks) / 1e6:.4g}"
+    parts = [table("", [{"": name, "value": value} for name, value in facts.items()])]
+    try:
+        parts += [picture(title, figure) for title, figure in _pictures(campaign, done)]
+    except MissingExtraError as error:
+        parts.append(paragraph(f"Without pictures: {error}"))
+    if wrong := [row for row in rows if row["status"] in ("failed", "set aside")]:
+        kept = ("key", "status", "worker", "error")
+        listed = [{name: row[name] for name in kept} for row in wrong[:_MOST_FAILURES]]
+        parts.append(table(f"{len(wrong)} without results", listed))
+    return page(campaign.name, parts)
+
+
+def _pictures(campaign: Campaign, done: Sequence[dict[str, Any]]) -> Iterator[tuple[str, Figure]]:
+    with from_extra("figures"):
+        from matplotlib.figure import Figure
+
+    shown = [(name, "tasks") for name in (*campaign.shown, "cpu_seconds")]
+    for x, y in (*shown, *campaign.maps):
+        names = (x,) if y == "tasks" else (x, y)
+        rows = [row for row in done if all(_is_number(row.get(name)) for name in names)]
+        if len(rows) < 2:
+            continue
+        figure = Figure(figsize=(6.4, 3.6), layout="constrained")
+        axes = figure.add_subplot()
+        axes.set(xlabel=x, ylabel=y)
+        values = _numbers(rows, x)
+        if y == "tasks":
+            axes.hist(values, bins="auto" if len(set(values)) > 1 else 1)
+            yield f"{x}: {min(values):.4g} to {max(values):.4g}", figure
+            continue
+        axes.plot(values, _numbers(rows, y), ".")
+        for axis, column in (("x", values), ("y", _numbers(rows, y))):
+            if min(column) > 0 and max(column) > 10 * min(column):
+                axes.set(**{f"{axis}scale": "log"})
+        yield f"{y} against {x}", figure
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _numbers(rows: Sequence[dict[str, Any]], name: str) -> list[float]:
+    return [row[name] for row in rows if _is_number(row.get(name))]

@@ -18,8 +18,7 @@ import pytest
 
 from haptix.campaign import load_campaign, run_campaign
 from haptix.campaign.processes import Processes
-from haptix.campaign.report import report_html
-from haptix.campaign.run import estimate
+from haptix.campaign.run import estimate, report_html
 from haptix.campaign.worker import as_seen_here, do
 from haptix.errors import HaptixError, InputError
 from haptix.results import ResultStore, folder_of
