@@ -144,8 +144,10 @@ class ShowStimulus(Task, command="stimuli show"):
                     f"{', '.join(wrong[:5])}; make the set again"
                 )
             manifest = read_manifest(what)
-            title, place = f"{manifest['set']}: all files are whole; sheet: {what}/sheet.png", what
-            files = [name for name in manifest["files"] if name.endswith((".wav", ".flac"))]
+            place = what
+            with reading(what / "manifest.json", "the manifest of a set"):
+                title = f"{manifest['set']}: all files are whole; sheet: {what}/sheet.png"
+                files = [name for name in manifest["files"] if name.endswith((".wav", ".flac"))]
             sidecars = [(what / name).with_suffix(".json") for name in files]
         else:
             from haptix.stimuli.drawing import draw_stimulus
