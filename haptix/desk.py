@@ -17,7 +17,7 @@ from __future__ import annotations
 import re
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -26,7 +26,6 @@ from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, ClassVar, Union, get_args, get_origin
 
-import typer
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, create_model
 from pydantic.fields import FieldInfo
 
@@ -76,7 +75,7 @@ class Result:
         """Its numbers and words, for a campaign's table: those of its first row."""
         first = self.document[0] if isinstance(self.document, list) else self.document
         kinds = str | float | int | bool | None
-        return {name: one for name, one in first.items() if isinstance(one, kinds)}
+        return {name: value for name, value in first.items() if isinstance(value, kinds)}
 
 
 class CancelledError(HaptixError):
@@ -198,20 +197,20 @@ class Task(BaseModel, ABC):
     def body(cls) -> type[BaseModel]:
         """Return the model of what a client of the network may send."""
         fields: dict[str, Any] = {}
-        for name, one in cls.model_fields.items():
-            kind: Any = one.annotation
-            asked: Any = one
-            marks = {type(mark) for mark in marks_of(one)}
+        for name, parameter in cls.model_fields.items():
+            kind: Any = parameter.annotation
+            field: Any = parameter
+            marks = {type(mark) for mark in marks_of(parameter)}
             if Local in marks:
                 continue
             if Profile in marks:  # which of them a client may name is known where the task runs
                 kind = Annotated[str, Field(min_length=1, max_length=200)] | None
-                asked = Field(None, description=one.description)
-            elif ForClients in marks and not one.is_required():
-                kind, asked = get_args(kind)[0], Field(description=one.description)
-            asked = copy(asked)
-            asked.json_schema_extra = {"x-unit": unit_of(name)} if unit_of(name) else None
-            fields[name] = (kind, asked)
+                field = Field(None, description=parameter.description)
+            elif ForClients in marks and not parameter.is_required():
+                kind, field = get_args(kind)[0], Field(description=parameter.description)
+            field = copy(field)
+            field.json_schema_extra = {"x-unit": unit_of(name)} if unit_of(name) else None
+            fields[name] = (kind, field)
         config = ConfigDict(extra="forbid", allow_inf_nan=False)
         return create_model(
             f"{cls.__name__}Request", __config__=config, __doc__=cls.__doc__, **fields
@@ -222,7 +221,7 @@ def first_wrong(error: ValidationError) -> tuple[str, str]:
     """Return the place of the first error, and what was expected and given."""
     errors = error.errors()
     # A name that is not known is why another is missing, as where one is mistyped.
-    first = next((one for one in errors if one["type"] == "extra_forbidden"), errors[0])
+    first = next((wrong for wrong in errors if wrong["type"] == "extra_forbidden"), errors[0])
     place = ".".join(str(part) for part in first["loc"] if str(part).isidentifier())
     message = first["msg"].removeprefix("Value error, ")
     if first["type"] in ("value_error", "missing", "extra_forbidden"):
@@ -231,10 +230,10 @@ def first_wrong(error: ValidationError) -> tuple[str, str]:
         words = re.findall("'([^']+)'", first["ctx"]["expected"])
         return place, expected_words(words, str(first["input"]))
     expected = _EXPECTED.get(first["type"], "").format(**first.get("ctx", {}))
-    given = first["input"]
-    shown = f"{given:g}" if isinstance(given, float) else f"{given!r:.40}"
-    told = f"expected {expected}" if expected else message[0].lower() + message[1:]
-    return place, f"{told}, got {shown}"
+    value = first["input"]
+    shown = f"{value:g}" if isinstance(value, float) else f"{value!r:.40}"
+    why = f"expected {expected}" if expected else message[0].lower() + message[1:]
+    return place, f"{why}, got {shown}"
 
 
 def inner(annotation: Any) -> Any:
@@ -242,28 +241,28 @@ def inner(annotation: Any) -> Any:
     if get_origin(annotation) is Annotated:
         return inner(get_args(annotation)[0])
     if get_origin(annotation) in (Union, UnionType):
-        (only,) = (one for one in get_args(annotation) if one is not type(None))
+        (only,) = (kind for kind in get_args(annotation) if kind is not type(None))
         return inner(only)
     return annotation
 
 
 def marks_of(parameter: FieldInfo) -> list[Any]:
     """Return what a parameter is annotated with, at any depth."""
-    found: list[Any] = [*parameter.metadata]
+    marks: list[Any] = [*parameter.metadata]
     kinds: list[Any] = [parameter.annotation]
     for kind in kinds:
         if get_origin(kind) is Annotated:
-            found += kind.__metadata__
+            marks += kind.__metadata__
         kinds += get_args(kind)
-    return found
+    return marks
 
 
 def typed(parameter: FieldInfo) -> Typed | None:
     """Return how the command line takes a parameter; None if it does not."""
     marks = marks_of(parameter)
-    if any(isinstance(one, ForClients) for one in marks):
+    if any(isinstance(mark, ForClients) for mark in marks):
         return None
-    return next((one for one in marks if isinstance(one, Typed)), Typed())
+    return next((mark for mark in marks if isinstance(mark, Typed)), Typed())
 
 
 def read(name: str, parameter: FieldInfo, texts: str | Sequence[str]) -> Any:
@@ -284,33 +283,6 @@ def read(name: str, parameter: FieldInfo, texts: str | Sequence[str]) -> Any:
         raise ValueError(first_wrong(error)[1]) from None
 
 
-def checked(kind: Any, **bounds: Any) -> Callable[[typer.CallbackParam, Any], Any]:
-    """Return the check of an option of a command that is written by hand, by a parameter's type."""
-    whole: Any = Annotated[kind, Field(**bounds)] if bounds else kind
-    parameter = FieldInfo.from_annotation(whole)
-
-    def check(option: typer.CallbackParam, value: Any) -> Any:
-        if value is None:
-            return None
-        shown = next((one for one in option.opts if one.startswith("--")), str(option.name).upper())
-        try:
-            return read(str(option.name), parameter, value)
-        except ValueError as error:
-            raise InputError(f"{shown}: {error}") from None
-
-    return check
-
-
-def option(text: str, kind: Any, *names: str, **bounds: Any) -> Any:
-    """Return an option of a command that is written by hand, with its help and check."""
-    return typer.Option(*names, help=text, callback=checked(kind, **bounds))
-
-
-def argument(text: str, kind: Any, **bounds: Any) -> Any:
-    """Return an argument of a command that is written by hand, with its help and check."""
-    return typer.Argument(help=text, callback=checked(kind, **bounds))
-
-
 def _values(name: str, kind: Any, texts: Any) -> Any:
     if get_origin(kind) is not tuple:
         return read_number(name, texts) if kind is float and isinstance(texts, str) else texts
@@ -322,7 +294,7 @@ def _values(name: str, kind: Any, texts: Any) -> Any:
     if item is not float:
         return parts
     try:
-        found = [read_number(name, part) for part in parts]
+        numbers = [read_number(name, part) for part in parts]
     except ValueError:
         unit = unit_of(name)
         also = f", or with the unit {unit}" if unit else ""
@@ -330,23 +302,23 @@ def _values(name: str, kind: Any, texts: Any) -> Any:
             f"expected numbers separated by commas, such as 0.2,0.5{also}, got {lists[-1]!r:.80}"
         ) from None
     if last is not Ellipsis:
-        if len(found) > len(get_args(kind)):
+        if len(numbers) > len(get_args(kind)):
             raise ValueError(f"expected LOW,HIGH or one value, got {lists[-1]!r:.80}")
-        found = [found[0], found[-1]]
-    return found
+        numbers = [numbers[0], numbers[-1]]
+    return numbers
 
 
 def task_at(path: str) -> type[Task]:
     """Return the class of a task from ``module:Class``."""
     module, _, name = path.partition(":")
-    found = getattr(import_module(module), name)
-    if not (isinstance(found, type) and issubclass(found, Task)):
+    task = getattr(import_module(module), name)
+    if not (isinstance(task, type) and issubclass(task, Task)):
         raise InputError(f"expected a task, got {path!r:.80}")
-    return found
+    return task
 
 
 def all_tasks() -> list[type[Task]]:
     """Return all tasks that have a door."""
-    found = [one for module in MODULES for one in vars(import_module(module)).values()]
-    tasks = [one for one in found if isinstance(one, type) and issubclass(one, Task)]
-    return [one for one in dict.fromkeys(tasks) if one.command or one.route]
+    values = [value for module in MODULES for value in vars(import_module(module)).values()]
+    tasks = [value for value in values if isinstance(value, type) and issubclass(value, Task)]
+    return [task for task in dict.fromkeys(tasks) if task.command or task.route]

@@ -25,12 +25,12 @@ _TASK = re.compile(
 
 def tasks_of(modules: Sequence[str]) -> dict[str, tuple[str, str]]:
     """Return by the words of each task's command its ``module:Class`` and its first sentence."""
-    found = {}
+    tasks = {}
     for module in modules:
         text = _file_of(module).read_text(encoding="utf-8")
         for name, command, sentence, _ in _TASK.findall(text):
-            found[command] = (f"{module}:{name}", sentence)
-    return found
+            tasks[command] = (f"{module}:{name}", sentence)
+    return tasks
 
 
 def commands() -> dict[str, tuple[str, str]]:
@@ -39,14 +39,14 @@ def commands() -> dict[str, tuple[str, str]]:
     A task is ``module:Class``. Tasks of one module whose commands share their first word, such as
     ``material show``, are a group: the word with the first sentence of the module.
     """
-    found: dict[str, tuple[str, str]] = {}
+    first_words: dict[str, tuple[str, str]] = {}
     for command, (path, sentence) in tasks_of(MODULES).items():
         word, _, rest = command.partition(" ")
         if rest:
             text = _file_of(path.partition(":")[0]).read_text(encoding="utf-8")
             path, sentence = "", text.partition('"""')[2].partition('"""')[0].partition("\n")[0]
-        found.setdefault(word, (path, sentence))
-    return found
+        first_words.setdefault(word, (path, sentence))
+    return first_words
 
 
 def _file_of(module: str) -> Path:

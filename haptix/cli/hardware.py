@@ -14,7 +14,7 @@ from typing import Annotated, Any
 
 import typer
 
-from haptix.desk import option
+from haptix.cli.tasks import option
 from haptix.fields import Folder
 from haptix.terminal import AsJson, show
 from haptix.version import __version__

@@ -26,9 +26,9 @@ def command_of(task: type[Task]) -> Callable[..., None]:
     """Return a function whose signature Typer makes a command of."""
 
     def command(context: typer.Context, as_json: bool, **values: Any) -> None:
-        given = {name: value for name, value in values.items() if _is_typed(context, name)}
+        typed_values = {name: values[name] for name in values if _is_typed(context, name)}
         with progress_bar() as update:
-            result = task(**given).run(_Terminal(update))
+            result = task(**typed_values).run(_Terminal(update))
         for line in context.meta.get(_UNDERSTOOD, ()):
             sys.stderr.write(f"haptix: {line}\n")
         if as_json:
@@ -44,16 +44,31 @@ def command_of(task: type[Task]) -> Callable[..., None]:
     parameters = [
         Parameter("context", kind, annotation=typer.Context),
         *(
-            _parameter(name, one, how)
-            for name, one in task.model_fields.items()
-            if (how := typed(one))
+            _parameter(name, field, how)
+            for name, field in task.model_fields.items()
+            if (how := typed(field))
         ),
         Parameter("as_json", kind, annotation=AsJson, default=False),
     ]
     command.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
-    command.__annotations__ = {one.name: one.annotation for one in parameters}
+    command.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     command.__doc__ = task.__doc__
     return command
+
+
+def option(text: str, kind: Any) -> Any:
+    """Return an option of a command that is written by hand, with its help and check."""
+    parameter = FieldInfo.from_annotation(kind)
+
+    def check(info: typer.CallbackParam, value: Any) -> Any:
+        if value is None:
+            return None
+        try:
+            return read(str(info.name), parameter, value)
+        except ValueError as error:
+            raise InputError(f"{info.opts[0]}: {error}") from None
+
+    return typer.Option(help=text, callback=check)
 
 
 def group_of(word: str, about: str) -> typer.Typer:
@@ -108,31 +123,31 @@ def _is_typed(context: typer.Context, name: str) -> bool:
     return source is not None and source.name != "DEFAULT"
 
 
-def _parameter(name: str, one: FieldInfo, how: Typed) -> Parameter:
-    kind = inner(one.annotation)
+def _parameter(name: str, field: FieldInfo, how: Typed) -> Parameter:
+    kind = inner(field.annotation)
     is_list = get_origin(kind) is tuple and get_args(kind)[-1] is Ellipsis
     taken: Any = bool if kind is bool else list[str] if is_list else str
     option = how.option or f"--{name.replace('_', '-')}"
     shown = name.upper() if how.is_argument else option
-    default = Parameter.empty if one.is_required() else _text(one.default, taken)
+    default = Parameter.empty if field.is_required() else _text(field.default, taken)
 
     def check(context: typer.Context, value: Any) -> Any:
         if value is None or not _is_typed(context, name):
             return value
         try:
-            found = read(name, one, value)
+            understood = read(name, field, value)
         except ValueError as error:
             raise InputError(f"{shown}: {error}") from None
-        _note(context, f"{shown}: {_shown(name, found)}", value, found)
-        return found
+        _note(context, f"{shown}: {_shown(name, understood)}", value, understood)
+        return understood
 
-    about: dict[str, Any] = {"help": one.description, "callback": None if kind is bool else check}
+    about: dict[str, Any] = {"help": field.description, "callback": None if kind is bool else check}
     if how.metavar or not (how.is_argument or kind is bool):
         about["metavar"] = how.metavar or _metavar(name, kind)
     if how.is_argument:
         info: Any = typer.Argument(**about)
     else:
-        info = typer.Option(*([option] if how.option or one.default is False else []), **about)
+        info = typer.Option(*([option] if how.option or field.default is False else []), **about)
     annotation = taken | None if default is None else taken
     return Parameter(
         name, Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[annotation, info]
@@ -160,18 +175,18 @@ def _metavar(name: str, kind: Any) -> str:
     return {int: "WHOLE", Path: "PATH"}.get(kind, "TEXT")
 
 
-def _note(context: typer.Context, line: str, value: Any, found: Any) -> None:
+def _note(context: typer.Context, line: str, value: Any, understood: Any) -> None:
     """Keep a line for what was understood of units and lists."""
     texts = [value] if isinstance(value, str) else value
-    numbers = found if isinstance(found, tuple) else (found,)
+    numbers = understood if isinstance(understood, tuple) else (understood,)
     is_plain = len(texts) == len(numbers) and not any(text[-1:].isalpha() for text in texts)
-    if all(isinstance(one, float) for one in numbers) and not is_plain:
+    if all(isinstance(number, float) for number in numbers) and not is_plain:
         context.meta.setdefault(_UNDERSTOOD, []).append(line)
 
 
-def _shown(name: str, found: Any) -> str:
-    numbers = found if isinstance(found, tuple) else (found,)
-    said = [f"{one:.6g}" if isinstance(one, float) else str(one) for one in numbers]
+def _shown(name: str, understood: Any) -> str:
+    numbers = understood if isinstance(understood, tuple) else (understood,)
+    said = [f"{number:.6g}" if isinstance(number, float) else str(number) for number in numbers]
     return (
         " and ".join(filter(None, (", ".join(said[:-1]), said[-1]))) + f" {unit_of(name)}".rstrip()
     )
