@@ -28,7 +28,7 @@ from haptix.campaign import Campaign, CampaignTask, Outcome
 from haptix.contact import HalfSpace, Layered, MeanField, RoughnessSpectrum, Theory
 from haptix.contact.boundary_elements import BoundaryElements, Surfaces, estimated_bytes
 from haptix.contact.boundary_elements.elements import corrected_area
-from haptix.contact.boundary_elements.surfaces import _on_grid
+from haptix.contact.boundary_elements.rough_surfaces import _on_grid
 from haptix.contact.elasticity import ElasticSolid
 from haptix.files import csv_text, write_whole
 

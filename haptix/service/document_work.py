@@ -128,7 +128,7 @@ class DocumentWork:
         with path.open("rb") as file:
             head = file.read(4)
         if head in (b"RIFF", b"fLaC"):
-            from haptix.signals.audio import count_samples
+            from haptix.signals.audio_files import count_samples
 
             count = count_samples(path)
             if count > MOST_SAMPLES:

@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from haptix.errors import FileFormatError, InputError
 from haptix.kinds import AnyAsset
-from haptix.signals.audio import HIGHEST_RATE_HZ, MOST_SAMPLES, file_hash, read_audio
+from haptix.signals.audio_files import HIGHEST_RATE_HZ, MOST_SAMPLES, file_hash, read_audio
 from haptix.signals.signal import (
     AnySignal,
     Array,

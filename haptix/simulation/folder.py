@@ -110,7 +110,7 @@ def write(
     check_folder(folder, (picture, *FILES))
     drawn: dict[str, Any] = {}
     try:
-        from haptix.simulation.drawing import draw  # matplotlib takes half a second
+        from haptix.simulation.figure import draw  # matplotlib takes half a second
     except MissingExtraError as error:
         pictured = f"not drawn: {error}"
     else:

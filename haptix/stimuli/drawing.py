@@ -15,7 +15,7 @@ from haptix.errors import from_extra
 from haptix.files import read_json, reading
 from haptix.perception import Perception, components_of_pull
 from haptix.render.drive import SineCarrier
-from haptix.signals.audio import Array, read_drive
+from haptix.signals.audio_files import Array, read_drive
 from haptix.stimuli.rendering import over_period
 from haptix.stimuli.sidecar import spectrum
 from haptix.terminal import placeholder_note

@@ -21,7 +21,7 @@ from haptix.kinds import call, in_folder
 from haptix.perception import Perception
 from haptix.population import DrawnPeople, Population
 from haptix.screen import Screen
-from haptix.signals.audio import Container, Encoding
+from haptix.signals.audio_files import Container, Encoding
 from haptix.signals.signal import Array, Constant, Product, Signal, signal_from
 from haptix.status import Status
 from haptix.stimuli.adaptive import (

@@ -18,7 +18,7 @@ from haptix.finger import Finger
 from haptix.perception import Perception
 from haptix.population import Population
 from haptix.screen import Screen
-from haptix.signals.audio import Container, Encoding, check_format
+from haptix.signals.audio_files import Container, Encoding, check_format
 from haptix.stimuli.rendering import Apparatus
 from haptix.stimuli.stimulus import Stimulus
 

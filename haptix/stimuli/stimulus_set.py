@@ -23,7 +23,7 @@ from haptix.finger import Finger
 from haptix.perception import SensationInTime
 from haptix.population import Population
 from haptix.screen import Screen
-from haptix.signals.audio import AudioWriter, file_hash, step_v
+from haptix.signals.audio_files import AudioWriter, file_hash, step_v
 from haptix.stimuli.rendering import TOLERANCE, Apparatus, Rendering, Tally
 from haptix.stimuli.set_plan import SetPlan, Trigger, events, pulses
 from haptix.stimuli.sidecar import reach, sidecar

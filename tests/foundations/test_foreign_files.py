@@ -35,7 +35,7 @@ from haptix.finger import Finger
 from haptix.perception import Perception
 from haptix.scene import Scene
 from haptix.screen import Screen
-from haptix.signals.audio import read_drive
+from haptix.signals.audio_files import read_drive
 from haptix.signals.shapes import Recorded
 from haptix.stimuli.adaptive.trial_log import TrialLog
 from haptix.stimuli.drawing import draw_stimulus, read_for_drawing

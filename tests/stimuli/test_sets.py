@@ -19,7 +19,7 @@ from haptix import ContactModel, Screen
 from haptix.errors import FileFormatError, HaptixError, InputError, RangeError
 from haptix.files import json_table
 from haptix.finger import MeasuredRoughness
-from haptix.signals.audio import AudioWriter, read_drive
+from haptix.signals.audio_files import AudioWriter, read_drive
 from haptix.stimuli import (
     Constant,
     Excerpt,

@@ -26,7 +26,7 @@ from haptix.contact.boundary_elements.ensemble import (
     run_ensemble,
     surfaces_that_fit,
 )
-from haptix.contact.boundary_elements.surfaces import Surfaces
+from haptix.contact.boundary_elements.rough_surfaces import Surfaces
 from haptix.contact.elasticity import ElasticSolid
 from haptix.errors import InputError
 from haptix.status import Status
