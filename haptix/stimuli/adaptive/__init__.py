@@ -18,7 +18,7 @@ from haptix.stimuli.adaptive.session import (
     Practice,
     SessionPlan,
     StopRules,
-    Task,
+    TrialTask,
 )
 from haptix.stimuli.adaptive.trial_log import TrialLog
 
@@ -47,9 +47,9 @@ __all__ = [
     "SessionPlan",
     "SimulatedObserver",
     "StopRules",
-    "Task",
     "Touch",
     "TrialLog",
+    "TrialTask",
     "UpDown",
     "fit",
     "weighted_up_down",

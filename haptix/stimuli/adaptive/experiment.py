@@ -30,7 +30,7 @@ from haptix.stimuli.adaptive.observer import AnswerTo, Question
 from haptix.stimuli.adaptive.psychometric import Estimate
 from haptix.stimuli.adaptive.session import (
     SessionPlan,
-    Task,
+    TrialTask,
     check_plan,
     found_by_chance,
     summary,
@@ -121,7 +121,7 @@ class NextTrial:
 
 
 def next_trial(
-    method: Method, task: Task, plan: SessionPlan, seed: int, trial: int, attempt: int
+    method: Method, task: TrialTask, plan: SessionPlan, seed: int, trial: int, attempt: int
 ) -> NextTrial:
     """Return the trial that comes after some accepted ones; it depends on nothing else."""
     kind: Kind = "trial"

@@ -19,8 +19,8 @@ from haptix.stimuli.adaptive.psychometric import CHANCE_P, Estimate, without
 
 
 @dataclass(frozen=True)
-class Task:
-    """A task.
+class TrialTask:
+    """What is presented in a trial, and what is asked.
 
     Parameters
     ----------
@@ -57,19 +57,19 @@ class Task:
 
 
 TASKS = {
-    "2ifc": Task(("1", "2"), 2, 0.5),
-    "2afc": Task(("l", "r"), 2, 0.5, in_one_stroke=True),
-    "3afc": Task(("1", "2", "3"), 3, 1 / 3),
-    "yes-no": Task(("y", "n"), 1, 0.0, detects=True),
-    "same-different": Task(("d", "s"), 2, 0.0, detects=True),
-    "pairs": Task(("1", "2"), 2, 0.5),
-    "magnitude": Task((), 1, 0.0),
+    "2ifc": TrialTask(("1", "2"), 2, 0.5),
+    "2afc": TrialTask(("l", "r"), 2, 0.5, in_one_stroke=True),
+    "3afc": TrialTask(("1", "2", "3"), 3, 1 / 3),
+    "yes-no": TrialTask(("y", "n"), 1, 0.0, detects=True),
+    "same-different": TrialTask(("d", "s"), 2, 0.0, detects=True),
+    "pairs": TrialTask(("1", "2"), 2, 0.5),
+    "magnitude": TrialTask((), 1, 0.0),
 }
 """By name: the target in one of two or three intervals, or on one side of a stroke; there or not;
 two that differ or not; which of two is more; a number for one."""
 
 
-def task_named(name: str) -> Task:
+def task_named(name: str) -> TrialTask:
     """Look a task up by its name."""
     return TASKS[choice("task", name, TASKS)]
 
@@ -236,7 +236,7 @@ class SessionPlan(Part):
     feedback: bool = False
 
 
-def check_plan(plan: SessionPlan, task: Task, name: str) -> None:
+def check_plan(plan: SessionPlan, task: TrialTask, name: str) -> None:
     """Raise `InputError` where a task cannot have what a plan asks for."""
     if plan.catch is None:
         if task.detects:
