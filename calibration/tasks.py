@@ -399,7 +399,9 @@ class CheckRig(Task, command="calibrate rig"):
         )
 
 
-class Calibrate(Task, route="calibrations", kind="calibration", plays=True, keeps="calibrations"):
+class CalibrationJob(
+    Task, route="calibrations", kind="calibration", plays=True, keeps="calibrations"
+):
     """Measure a screen stroke by stroke, and verify; each stroke asks."""
 
     stages: ClassVar[tuple[str, ...]] = ("measure", "fit", "verify")

@@ -65,7 +65,7 @@ def _pseudonym(value: str) -> str:
 
 
 Pseudonym = Annotated[str, AfterValidator(_pseudonym)]
-Processes = Annotated[int, Field(ge=1, le=256)]
+AtOnce = Annotated[int, Field(ge=1, le=256)]
 
 
 class MakeSet(Task, command="stimuli make"):
@@ -77,11 +77,12 @@ class MakeSet(Task, command="stimuli make"):
 
     recipe: Annotated[FileThere, Argument] = Field(description="Set of stimuli: a TOML file.")
     out: Folder | None = Field(None, description="Folder. [default: the set's name]")
-    threads: Processes = Field(2, description="Threads; the bytes do not depend on it.")
-    workers: Processes = Field(
-        1, description="Processes that make files, for sets of hundreds; the bytes do not depend "
+    threads: AtOnce = Field(2, description="Threads; the bytes do not depend on it.")
+    workers: AtOnce = Field(
+        1,
+        description="Processes that make files, for sets of hundreds; the bytes do not depend "
         "on it.",
-    )  # fmt: skip
+    )
 
     def run(self, context: Context) -> Result:
         """Make it."""
@@ -183,9 +184,10 @@ class RunExperiment(Task, command="stimuli run"):
         None, description="Simulate an observer of this threshold [dB]."
     )
     participant: Pseudonym | None = Field(
-        None, description="Pseudonym: letters and digits. The number at its end decides the order "
+        None,
+        description="Pseudonym: letters and digits. The number at its end decides the order "
         "of blocks. [default, for a log: 1]",
-    )  # fmt: skip
+    )
     session: Label = Field("01", description="Label of the session in a study.")
     task: Label | None = Field(
         None, description="Label of the task in a study. [default: the recipe's name]"
@@ -251,7 +253,7 @@ class RunExperiment(Task, command="stimuli run"):
         return Result(rows, [(title, shown)])
 
 
-class Sit(Task, route="experiments", kind="experiment", plays=True, keeps="logs"):
+class ExperimentJob(Task, route="experiments", kind="experiment", plays=True, keeps="logs"):
     """Run an adaptive experiment on the device; each trial asks."""
 
     recipe: Annotated[dict[str, Any], ForClients()] = Field(
@@ -322,7 +324,7 @@ class Simulate(Task, command="stimuli simulate"):
     )
     difference_db: float = Field(2.0, description="Difference of two conditions [dB].")
     between_db: NotNegative = Field(3.0, description="Spread of thresholds between people [dB].")
-    workers: Processes = Field(1, description="Processes that simulate.")
+    workers: AtOnce = Field(1, description="Processes that simulate.")
 
     def run(self, context: Context) -> Result:
         """Simulate."""
@@ -409,9 +411,10 @@ class Analyse(Task, command="stimuli analyse"):
         description="Log of `haptix stimuli run`, folder of logs, or a study."
     )
     out: Folder | None = Field(
-        None, description="Folder of tables and report. [default: derivatives/haptix of a study; "
+        None,
+        description="Folder of tables and report. [default: derivatives/haptix of a study; "
         "of a log its name + _analysis]",
-    )  # fmt: skip
+    )
 
     def run(self, context: Context) -> Result:
         """Analyse, and write tables and report."""
