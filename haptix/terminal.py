@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import typer
 
@@ -139,15 +138,9 @@ def warning_note(warnings: Sequence[str]) -> str:
 
 
 class ProgressBar:
-    """A bar for each stage once it starts, on the standard error where that is a terminal.
+    """A bar for each stage once it starts, on the standard error where that is a terminal."""
 
-    Parameters
-    ----------
-    stages : mapping, optional
-        What is shown for each stage; without it, that is the stage itself.
-    """
-
-    def __init__(self, stages: Mapping[str, str] | None = None) -> None:
+    def __init__(self) -> None:
         from rich.console import Console
         from rich.progress import (
             BarColumn,
@@ -165,7 +158,7 @@ class ProgressBar:
         )
         console = Console(stderr=True)
         self._bars = Progress(*columns, console=console, disable=not console.is_terminal)
-        self._stages, self._tasks = stages or {}, dict[str, Any]()
+        self._tasks: dict[str, Any] = {}
 
     def __call__(self, stage: str, share: float) -> None:
         """Show which share of a stage is done."""
@@ -173,7 +166,7 @@ class ProgressBar:
         if stage not in self._tasks:
             for earlier in self._tasks.values():
                 self._bars.update(earlier, completed=1.0)
-            self._tasks[stage] = self._bars.add_task(self._stages.get(stage, stage), total=1.0)
+            self._tasks[stage] = self._bars.add_task(stage, total=1.0)
         self._bars.update(self._tasks[stage], completed=share)
 
     def note(self, line: str) -> None:
@@ -181,16 +174,12 @@ class ProgressBar:
         for stage in [*self._tasks][-1:]:
             self._bars.update(self._tasks[stage], description=f"{stage}: {line}")
 
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.pause()
+
     def pause(self) -> None:
         """Leave the terminal to a person; the next call shows the bars again."""
         self._bars.stop()
-
-
-@contextmanager
-def progress_bar(stages: Mapping[str, str] | None = None) -> Iterator[ProgressBar]:
-    """Show progress within a block."""
-    bar = ProgressBar(stages)
-    try:
-        yield bar
-    finally:
-        bar.pause()

@@ -16,7 +16,7 @@ from haptix.desk import Context, Task, inner, read, task_at, typed
 from haptix.errors import InputError
 from haptix.fields import Typed
 from haptix.task_list import MODULES, tasks_of
-from haptix.terminal import AsJson, ProgressBar, progress_bar, show
+from haptix.terminal import AsJson, ProgressBar, show
 from haptix.units import unit_of
 
 _UNDERSTOOD = "haptix.understood"
@@ -27,7 +27,7 @@ def command_of(task: type[Task]) -> Callable[..., None]:
 
     def command(context: typer.Context, as_json: bool, **values: Any) -> None:
         typed_values = {name: values[name] for name in values if _is_typed(context, name)}
-        with progress_bar() as update:
+        with ProgressBar() as update:
             result = task(**typed_values).run(_Terminal(update))
         for line in context.meta.get(_UNDERSTOOD, ()):
             sys.stderr.write(f"haptix: {line}\n")
