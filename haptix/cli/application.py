@@ -21,8 +21,6 @@ def _loaded(word: str) -> typer.Typer:
         return group_of(word, about)
     module, _, name = path.partition(":")
     command: Any = getattr(import_module(module), name)
-    if isinstance(command, typer.Typer):
-        return command
     app = typer.Typer(add_completion=False, rich_markup_mode=None)
     app.command(word)(command_of(command) if isinstance(command, type) else command)
     return app

@@ -1,4 +1,7 @@
-"""``haptix serve`` and ``haptix studio``."""
+"""``haptix serve`` and ``haptix studio``.
+
+They are written by hand: they run until a person ends them, and have no result.
+"""
 
 from __future__ import annotations
 

@@ -93,7 +93,7 @@ def _panel(axes: Axes, tradeoff: Tradeoff, name: str) -> None:
         return [(float(getattr(run, COSTS[name])), run.error_max_thresholds) for run in runs]
 
     others = places([run for run in tradeoff.runs if not run.take])
-    label = "other surfaces, and slices, which answer at one frequency and h0"
+    label = "other surfaces, and slices of one frequency and h0"
     axes.plot(*zip(*others, strict=True), "o", color="0.85", ms=4, zorder=2, label=label)
     surfaces = [run for run in tradeoff.runs if run.form == "surface"]
     front = sorted(places([run for run in surfaces if name in run.fronts.split()]))
