@@ -159,7 +159,7 @@ class _Writer(QueueListener):
     def __init__(self, aside: _Aside, output: _Output) -> None:
         super().__init__(aside.queue)
         self.output = output
-        self._aside, self._told = aside, 0
+        self._aside, self._reported = aside, 0
 
     def handle(self, record: logging.LogRecord) -> None:
         self._tell(record.dropped_before)  # type: ignore[attr-defined]  # of _Aside
@@ -177,11 +177,11 @@ class _Writer(QueueListener):
         else:
             self._tell(self._aside.dropped)
             self.output.close()
-        return self._aside.dropped + self.output.lost - self._told + waiting
+        return self._aside.dropped + self.output.lost - self._reported + waiting
 
     def _tell(self, dropped: int) -> None:
         lost = self.output.lost
-        missing = dropped + lost - self._told
+        missing = dropped + lost - self._reported
         if missing:
             why = self.output.why or "written slower than it came"
             text = f"{missing} records are missing here: {why}"
@@ -189,7 +189,7 @@ class _Writer(QueueListener):
                 {"name": "haptix.log", "levelname": "INFO", "msg": text}
             ))  # fmt: skip
             if self.output.lost == lost:
-                self._told, self.output.why = self._told + missing, ""
+                self._reported, self.output.why = self._reported + missing, ""
             self.output.lost = lost
 
 
@@ -248,14 +248,14 @@ def _own_file(path: Path) -> _File:
     """Return the file, or the first of ``NAME-2.log``, ``NAME-3.log``, ... that nobody logs to."""
     number = 1
     while True:
-        own = path if number == 1 else path.with_stem(f"{path.stem}-{number}")
+        candidate = path if number == 1 else path.with_stem(f"{path.stem}-{number}")
         try:
-            if own.exists() and not own.is_file():  # a pipe, or what takes all
-                return _File(own, None)
-            lock = FileLock(own.with_name(f".{own.name}.lock"), timeout=0)
+            if candidate.exists() and not candidate.is_file():  # a pipe, or what takes all
+                return _File(candidate, None)
+            lock = FileLock(candidate.with_name(f".{candidate.name}.lock"), timeout=0)
             lock.acquire()
-            return _File(own, lock)
+            return _File(candidate, lock)
         except Timeout:
             number += 1
         except OSError as error:
-            raise InputError(f"log: cannot write {own}: {error.strerror or error}") from None
+            raise InputError(f"log: cannot write {candidate}: {error.strerror or error}") from None

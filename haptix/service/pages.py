@@ -6,6 +6,7 @@ import base64
 from collections.abc import Iterator
 from hashlib import sha256
 from html import escape
+from pathlib import Path
 from typing import Any
 
 from fastapi import APIRouter, Request
@@ -13,7 +14,15 @@ from fastapi.responses import FileResponse, RedirectResponse, Response
 
 from haptix.service.access import Access
 from haptix.service.messages import Problem
-from haptix.studio.pages import page_file, policy, stop_policy
+
+_STUDIO = Path(__file__).parents[1] / "studio"
+_COPY = _STUDIO / "client"  # of the client for pages, in a wheel
+_CHECKOUT = _STUDIO.parents[1] / "clients" / "typescript" / "src"
+FOLDERS = {"studio": _STUDIO / "static", "client": _COPY if _COPY.is_dir() else _CHECKOUT}
+"""Folders whose files anyone of this machine may read, by the first part of the address."""
+_ANY_PAGE = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; form-action 'self'; base-uri 'none'"
+)
 
 
 def pages(access: Access) -> APIRouter:
@@ -26,7 +35,7 @@ def pages(access: Access) -> APIRouter:
 
     @router.get("/stop")
     async def button() -> Response:
-        headers = {"content-security-policy": stop_policy(access.origins)}
+        headers = {"content-security-policy": _stop_policy(access.origins)}
         return FileResponse(_file("studio", "stop.html"), headers=headers)
 
     @router.get("/studio/{path:path}")
@@ -50,14 +59,36 @@ def _page(request: Request, folder: str, path: str) -> Response:
     # STOP stands on localhost. The pages must not: both would share a process, and hang together.
     if name == "localhost" and not path.startswith("stop"):
         return RedirectResponse(f"http://127.0.0.1:{port}{request.url.path}")
-    return FileResponse(_file(folder, path), headers={"content-security-policy": policy(host)})
+    return FileResponse(_file(folder, path), headers={"content-security-policy": _policy(host)})
 
 
 def _file(folder: str, path: str) -> str:
-    file = page_file(folder, path)
-    if file is None:
+    root = FOLDERS[folder].resolve()
+    file = (root / path).resolve()
+    if not (file.is_relative_to(root) and file.is_file()):
         raise Problem("unknown", f"expected a file of the studio, got {path}")
     return str(file)
+
+
+def _policy(host: str) -> str:
+    """Content-Security-Policy of the pages: nothing from elsewhere, no script within a page.
+
+    The STOP button's frame must be another site than the page, so that a browser gives it a process
+    of its own: then it works while the page's script hangs. ``localhost`` is one for pages on
+    ``127.0.0.1``.
+    """
+    name, _, port = host.rpartition(":")
+    stop_origin = f"http://localhost:{port}" if name == "127.0.0.1" else "'self'"
+    return (
+        f"{_ANY_PAGE}; worker-src 'self'; img-src 'self' blob: data:; connect-src 'self' "
+        f"ws://{host} wss://{host}; frame-src {stop_origin}; frame-ancestors 'none'"
+    )
+
+
+def _stop_policy(origins: frozenset[str]) -> str:
+    """Content-Security-Policy of the STOP button, which the service's own pages frame."""
+    frames = " ".join(sorted(origin for origin in origins if "[" not in origin))
+    return f"{_ANY_PAGE}; connect-src 'self'; frame-ancestors {frames}"
 
 
 _STYLE = """body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem}

@@ -300,9 +300,11 @@ class Pool:
 
     def _make_room(self, owned: _Owned) -> None:
         """End the worker that is idle for longest, if there are as many others as may be."""
-        others = [one for one in self._owned.values() if one is not owned and one.is_there]
+        others = [
+            worker for worker in self._owned.values() if worker is not owned and worker.is_there
+        ]
         if len(others) >= MOST_WORKERS:  # not all are busy, for it is this one's turn
-            next(one for one in others if not one.is_busy).end()
+            next(worker for worker in others if not worker.is_busy).end()
 
     async def _take(self) -> Process:
         """Return a worker that has worked for nobody."""
@@ -316,7 +318,9 @@ class Pool:
 
     async def _start(self) -> Process:
         process = Process(nice=NICE)
-        self._processes = {one for one in self._processes if not one.has_ended} | {process}
+        self._processes = {process for process in self._processes if not process.has_ended} | {
+            process
+        }
         async with asyncio.timeout(START_S):
             await process.launch()
             if self._ends:
