@@ -114,7 +114,7 @@ def _serve(
 ) -> None:
     from haptix.log import into
     from haptix.service.access import Listen
-    from haptix.service.run import serve as serve_until_interrupted
+    from haptix.service.startup import serve as serve_until_interrupted
 
     if log is not None:
         into(log)

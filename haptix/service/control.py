@@ -17,8 +17,8 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
 from haptix.service import messages as m
+from haptix.service.client_session import ServiceSession
 from haptix.service.messages import Problem
-from haptix.service.session import ServiceSession
 from haptix.touch.events import TouchEvent
 
 _LOG = logging.getLogger("haptix.service")

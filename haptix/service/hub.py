@@ -17,11 +17,11 @@ from typing import Any
 from haptix.service import messages as m
 from haptix.service.access import Access
 from haptix.service.batches import ClientTouch, read_frame, read_touches
+from haptix.service.client_session import ServiceSession
 from haptix.service.client_touches import Stalls, touch_events
 from haptix.service.control import Engine, OutputControl
 from haptix.service.jobs import JobBoard
 from haptix.service.messages import Problem
-from haptix.service.session import ServiceSession
 from haptix.version import __version__
 
 _LOG = logging.getLogger("haptix.service")

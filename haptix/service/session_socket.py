@@ -15,9 +15,9 @@ from starlette.websockets import WebSocketDisconnect
 
 from haptix.service import messages as m
 from haptix.service.batches import COLUMNS
+from haptix.service.client_session import ServiceSession
 from haptix.service.hub import Hub
 from haptix.service.messages import Problem
-from haptix.service.session import ServiceSession
 
 _GATHER_S = 0.005
 """Batches that come closer to each other are passed on together: each pass costs the front, the

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from haptix.render.played import COLUMNS as PLAYED
 from haptix.service.batches import COLUMNS, TelemetryFrame, read_frame
-from haptix.service.session import ServiceSession
+from haptix.service.client_session import ServiceSession
 
 STEP_S = 0.001
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from haptix.service.batches import read_frame
-from haptix.service.link import FeltFingerProcess
+from haptix.service.engine_process import FeltFingerProcess
 from haptix.service.wire import amplitude_frame, touch_frame
 from haptix.touch.events import TouchEvent
 from tests.waiting import PATIENCE_S

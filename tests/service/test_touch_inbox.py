@@ -8,6 +8,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from haptix.service.batches import ClientTouch, write_touches
+from haptix.service.client_session import ServiceSession
 from haptix.service.client_touches import (
     OLD_S,
     PAST_S,
@@ -17,7 +18,6 @@ from haptix.service.client_touches import (
     touch_events,
 )
 from haptix.service.messages import Problem, TouchMessage
-from haptix.service.session import ServiceSession
 from tests.service.test_sessions import Client, running, service
 from tests.waiting import PATIENCE_S, pause, wait_for
 

@@ -2,7 +2,7 @@
 
 import { Refused } from "/client/haptix.js";
 import { PLACE } from "./board.js";
-import { pause, Value } from "./dom.js";
+import { pause, store, stored, Value } from "./dom.js";
 import { sentence } from "./service.js";
 import { texts } from "./texts.js";
 
@@ -284,7 +284,7 @@ export class SavedLayout {
   state = new Value("");
   #timer = 0;
   #etag = "";
-  #name = localStorage.getItem(KEY) || t.untitled;
+  #name = stored(KEY) || t.untitled;
   /** @type {unknown} the document that is kept */
   #known = null;
 
@@ -308,7 +308,7 @@ export class SavedLayout {
   rename(name) {
     this.#name = name.trim() || t.untitled;
     this.#etag = "";
-    localStorage.setItem(KEY, this.#name);
+    store(KEY, this.#name);
     return this.write();
   }
 
@@ -324,7 +324,7 @@ export class SavedLayout {
     const document = await answer.json();
     this.#etag = answer.headers.get("etag") ?? "";
     this.#name = name;
-    localStorage.setItem(KEY, name);
+    store(KEY, name);
     this.#known = document;
     this.app.history.open(document);
     this.state.set(t.opened(name));

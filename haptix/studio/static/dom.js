@@ -105,3 +105,23 @@ export function save(content, download) {
 export function pause(ms) {
   return new Promise((resolve) => setTimeout(resolve, ms));
 }
+
+/** Return a text that this browser keeps between visits; "" where there is none.
+ * @param {string} key */
+export function stored(key) {
+  try {
+    return localStorage.getItem(key) ?? "";
+  } catch {
+    return "";
+  }
+}
+
+/** Keep a text for the next visit, where the browser keeps any. @param {string} key @param {string} text */
+export function store(key, text) {
+  try {
+    if (text) localStorage.setItem(key, text);
+    else localStorage.removeItem(key);
+  } catch {
+    // the next visit begins anew
+  }
+}

@@ -1,7 +1,7 @@
 /** The session with the service: pairing, the lease, the output, and REST. */
 
 import { connect, pair, Refused } from "/client/haptix.js";
-import { pause, Value } from "./dom.js";
+import { pause, store, stored, Value } from "./dom.js";
 import { texts } from "./texts.js";
 
 /** @import { Frame } from "/client/batches.js" */
@@ -44,7 +44,7 @@ export class Service {
   #contacts = new Set();
   /** @type {Record<string, number>} */
   #streams = {};
-  #token = read();
+  #token = stored(KEY);
 
   /** Whether a person stands before a real driver, and must arm it by hand. */
   get isReal() {
@@ -177,11 +177,7 @@ export class Service {
   /** @param {string} code */
   async #pair(code) {
     this.#token = await pair({ code, name: "studio", url: URL_HERE });
-    try {
-      localStorage.setItem(KEY, this.#token);
-    } catch {
-      // then the next visit needs a code again
-    }
+    store(KEY, this.#token);
   }
 
   async #open() {
@@ -263,7 +259,7 @@ export class Service {
   /** @param {string} reason */
   #refused(reason) {
     this.#token = "";
-    localStorage.removeItem(KEY);
+    store(KEY, "");
     this.output.set(null);
     this.state.set({ phase: "pair", reason });
   }
@@ -282,12 +278,4 @@ export class Service {
 export function sentence(error) {
   if (error instanceof Refused && error.path) return error.message.replace(` (${error.path})`, "");
   return error instanceof Error ? error.message : String(error);
-}
-
-function read() {
-  try {
-    return localStorage.getItem(KEY) ?? "";
-  } catch {
-    return "";
-  }
 }

@@ -1,6 +1,6 @@
 /** What a person has chosen for the pages: kept in this browser, no part of a document. */
 
-import { Value } from "./dom.js";
+import { store, stored, Value } from "./dom.js";
 
 const KEY = "haptix.view";
 
@@ -26,17 +26,13 @@ export const view = new Value({ ...CHOICES, ...read() });
  * @param {Partial<Choices>} changes */
 export function choose(changes) {
   view.set({ ...view.get(), ...changes });
-  try {
-    localStorage.setItem(KEY, JSON.stringify(view.get()));
-  } catch {
-    // a browser that keeps nothing begins anew each time
-  }
+  store(KEY, JSON.stringify(view.get()));
 }
 
 /** @returns {Partial<Choices>} */
 function read() {
   try {
-    const kept = JSON.parse(localStorage.getItem(KEY) ?? "{}");
+    const kept = JSON.parse(stored(KEY) || "{}");
     const is_known = (/** @type {[string, unknown]} */ [key, value]) =>
       typeof value === typeof CHOICES[/** @type {keyof Choices} */ (key)];
     return Object.fromEntries(Object.entries(kept).filter(is_known));

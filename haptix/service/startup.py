@@ -18,8 +18,8 @@ from haptix.gallery import ASSETS as GALLERY_ASSETS
 from haptix.service import messages as m
 from haptix.service.access import Access, Listen, check_certificate, listens, service_folder
 from haptix.service.assets import AssetStore, Decoding
+from haptix.service.engine_process import EngineProcess
 from haptix.service.hub import Hub
-from haptix.service.link import EngineProcess
 from haptix.service.messages import Problem
 from haptix.service.pool import Pool
 
