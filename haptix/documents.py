@@ -139,7 +139,7 @@ def first_error(name: str, error: ValidationError) -> str:
     field = ".".join((name, *map(str, keys)))
     # An error of a table, or of one within, names its reason; printing all fields would hide it.
     is_within = isinstance(first.get("ctx", {}).get("error"), InputError)
-    told = first["type"] == "missing" or not first["loc"] or is_within
-    got = "" if told else f", got {first['input']!r:.200}"
+    has_reason = first["type"] == "missing" or not first["loc"] or is_within
+    got = "" if has_reason else f", got {first['input']!r:.200}"
     message = first["msg"].removeprefix("Value error, ")
     return f"{field}: {message[0].lower()}{message[1:]}{got}"
