@@ -188,7 +188,7 @@ class Scheme:
     open : callable
         Returns the link; takes the values of `keys` that the address gives, by name.
     keys : mapping of str to callable
-        Keys of its addresses besides `firmware_io.address.SETTING_KEYS`, and what reads each.
+        Keys of its addresses besides `firmware_io.scheme.SETTING_KEYS`, and what reads each.
     split : callable, optional
         Takes a selector; returns the values that stand before its keys, and the rest.
     bus : Bus, optional
