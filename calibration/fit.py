@@ -12,7 +12,6 @@ from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import (
-    AliasChoices,
     BeforeValidator,
     Field,
     PlainSerializer,
@@ -23,7 +22,7 @@ from scipy.special import expit
 
 from calibration.parameters import PER_FINGER, Array, FingerPrior
 from haptix.contact import TheoryName
-from haptix.documents import Document, Part
+from haptix.documents import Document, Part, renamed
 from haptix.errors import InputError
 from haptix.report import Heading
 from haptix.version import __version__
@@ -46,7 +45,7 @@ _Numbers = Annotated[
     PlainValidator(_finite),
     PlainSerializer(lambda values: values.tolist()),
 ]
-_Jnd = Field(validation_alias=AliasChoices("effect_jnd", "effect_thresholds"))  # as it was called
+_Jnd = renamed("effect_jnd", "effect_thresholds")
 _UpperBound = Annotated[  # JSON has no infinity
     float,
     Field(allow_inf_nan=True),
@@ -217,7 +216,7 @@ class Fit(Document):
     free: tuple[str, ...]
     log_values: _Numbers
     covariance: _Numbers
-    repeatability: Repeatability
+    repeatability: Annotated[Repeatability, renamed("repeatability", "scatter")]
     cost: float
     strokes: tuple[int, ...]
     left_out: dict[int, str]
@@ -241,8 +240,6 @@ class Fit(Document):
     def _from_table(cls, fields: dict[str, Any], folder: Path) -> Self:
         if fields.get("format") != "haptix fit":
             raise InputError("expected a fit, made by `haptix calibrate fit`")
-        if "scatter" in fields:  # its name in version 0.1
-            fields["repeatability"] = fields.pop("scatter")
         return super()._from_table(fields, folder)
 
     def __getitem__(self, name: str) -> ParameterEstimate:

@@ -7,7 +7,15 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import tomlkit
-from pydantic import BaseModel, ConfigDict, PlainSerializer, PlainValidator, ValidationError
+from pydantic import (
+    AliasChoices,
+    BaseModel,
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    PlainValidator,
+    ValidationError,
+)
 from torch import Tensor
 
 from haptix.checks import plain
@@ -27,6 +35,11 @@ def _positive(value: Any) -> float | Tensor:
 
 Quantity = Annotated[float | Tensor, PlainValidator(_positive), PlainSerializer(plain)]
 """A positive number, or a tensor of one for gradients."""
+
+
+def renamed(name: str, former: str) -> Any:
+    """Annotate the field `name`: files of before have it as `former`, and are still read."""
+    return Field(validation_alias=AliasChoices(name, former))
 
 
 class Part(BaseModel):

@@ -18,7 +18,7 @@ from pydantic import (
 )
 
 from haptix.contact import TheoryName
-from haptix.documents import Document, Part
+from haptix.documents import Document, Part, renamed
 from haptix.errors import InputError
 from haptix.fidelity import FIDELITIES, FidelityName
 from haptix.finger import Finger
@@ -165,7 +165,7 @@ class Scene(Document):
         Textures of the scene.
     materials : tuple of material
         Materials of the scene: tables, or paths of their files relative to `folder`.
-    budget_thresholds : float
+    budget_jnd : float
         Largest error of friction in just-noticeable differences (JND) of ``0.11 mu``.
     override : Override
         Decisions that planning must keep.
@@ -187,7 +187,7 @@ class Scene(Document):
     h0_m: Range | None = None
     textures: tuple[SceneTexture, ...] = ()
     materials: tuple[AnyMaterial, ...] = ()
-    budget_thresholds: PositiveFloat = 0.5
+    budget_jnd: Annotated[PositiveFloat, renamed("budget_jnd", "budget_thresholds")] = 0.5
     override: Override = Override()
     folder: Annotated[Path, Field(exclude=True)] = Path()
 

@@ -156,8 +156,8 @@ class Tradeoffs(ScenesOfPeople):
         Also a surface that they correct.
     """
 
-    shown = ("error_max_thresholds", "memory_bytes")
-    maps = (("build_s", "error_max_thresholds"), ("memory_bytes", "error_max_thresholds"))
+    shown = ("error_max_jnd", "memory_bytes")
+    maps = (("build_s", "error_max_jnd"), ("memory_bytes", "error_max_jnd"))
 
     kind: Literal["trade-off"]
     quick: bool = False
@@ -185,7 +185,7 @@ class Tradeoffs(ScenesOfPeople):
             way = f"{run['dtype']} {run['form']} {run['device']}"
             times |= {f"{way} {name}": run.pop(name) for name in _COSTS}
             del run["fronts"], run["take"]  # they are among all settings
-        kept = ("error_max_thresholds", "error_p99_thresholds", "outside_share", "memory_bytes")
+        kept = ("error_max_jnd", "error_p99_jnd", "outside_share", "memory_bytes")
         row = {name: usual[name] for name in kept}
         return Outcome(row, {"runs.json": json_text(measured)}, times)
 

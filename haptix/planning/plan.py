@@ -113,8 +113,8 @@ class Plan:
         same = ("points", "pull_past_breakdown", "lowest_x", "accuracy")
         return {
             "scene": self.scene.name,
-            "budget_thresholds": self.scene.budget_thresholds,
-            "left_out_thresholds": self.effect.thresholds_max,
+            "budget_jnd": self.scene.budget_jnd,
+            "left_out_jnd": self.effect.jnd_max,
             "left_out_mu": self.effect.mu_max,
             "tolerance": str(self.tolerance),
             "dtype": str(self.dtype).removeprefix("torch."),
@@ -124,7 +124,7 @@ class Plan:
                 {
                     **row.decision,
                     "effect_mu": row.effect.mu_max,
-                    "effect_thresholds": row.effect.thresholds_max,
+                    "effect_jnd": row.effect.jnd_max,
                 }
                 for row in self.rows
                 if row.kind != "material"
@@ -183,7 +183,7 @@ def plan_scene(
     override = scene.override
     tolerance = None if override.tolerance is None else Tolerance.read(override.tolerance)
     if tolerance is None:
-        _surface_tolerance(scene, scene.budget_thresholds)  # what it would be at best
+        _surface_tolerance(scene, scene.budget_jnd)  # what it would be at best
     everything = omissions(scene)
     base, settled = _with_overrides(scene, everything)
     trials = Trials(scene, base, points)
@@ -201,9 +201,9 @@ def plan_scene(
     rows += _fixed_rows(scene)
     order = {name: rank for rank, name in enumerate((*TERMS, *AXIS_NAMES))}
     rows.sort(key=lambda row: order.get(row.name, len(order)))
-    spare = max(0.0, scene.budget_thresholds * MODELLING_SHARE - joint.thresholds_max)
+    spare = max(0.0, scene.budget_jnd * MODELLING_SHARE - joint.jnd_max)
     for name, effect in effects_of_materials(scene, trials.model(chosen)):
-        felt = effect.thresholds_max > spare
+        felt = effect.jnd_max > spare
         why = "felt" if felt else f"not felt: below the {spare:.2g} JND left of the budget"
         rows.append(Row("material", name, felt, why, effect))
     dtype = getattr(torch, override.dtype or "float32")
@@ -219,7 +219,7 @@ def plan_scene(
         model=model,
         ranges={**ranges, **{name: (value, value) for name, value in chosen.held}},
         tolerance=tolerance
-        or _surface_tolerance(scene, scene.budget_thresholds - _UNSEEN * joint.thresholds_max),
+        or _surface_tolerance(scene, scene.budget_jnd - _UNSEEN * joint.jnd_max),
         dtype=dtype,
         effect=joint,
         points=len(trials.voltage_v),
@@ -237,8 +237,8 @@ def _surface_tolerance(scene: Scene, rest: float) -> Tolerance:
     """Return what is left of the budget for the surface; say of the budget that it is too small."""
     if rest < LEAST["JND"]:
         raise InputError(
-            f"budget_thresholds: expected a budget that leaves the surface {LEAST['JND']:g} JND, "
-            f"since the model is no more exact, got {scene.budget_thresholds:g} JND"
+            f"budget_jnd: expected a budget that leaves the surface {LEAST['JND']:g} JND, "
+            f"since the model is no more exact, got {scene.budget_jnd:g} JND"
         )
     return Tolerance(rest, "JND")
 
@@ -306,7 +306,7 @@ def _spend(
     The order does not depend on the budget, so that a larger one drops everything that a smaller
     one drops.
     """
-    share = MODELLING_SHARE * trials.scene.budget_thresholds
+    share = MODELLING_SHARE * trials.scene.budget_jnd
     # The least share [JND] at which each is dropped: what saves little may cost little.
     prices = {out: effects[out].cost / out.work for out in free}
     chosen, joint = base, _NO_EFFECT
@@ -320,10 +320,10 @@ def _spend(
             break
         chosen, joint = out.out_of(chosen), together
         why = f"held at {out.value:.4g}; " if out.kind == "axis" else ""
-        if effects[out].thresholds_max == 0:
+        if effects[out].jnd_max == 0:
             why += "changes nothing here"
         else:
-            why += f"all dropped so far cost {joint.thresholds_max:.2g} JND"
+            why += f"all dropped so far cost {joint.jnd_max:.2g} JND"
         decisions[out] = (False, why)
     for out in free:
         if out in decisions:
@@ -332,7 +332,7 @@ def _spend(
         why = f"with what is dropped, more than {share:.2g} JND"
         if alone.is_past_breakdown:
             why = f"without it the surface would end {alone.overreach:.0%} past breakdown"
-        elif alone.thresholds_max > share:
+        elif alone.jnd_max > share:
             why = f"matters: more than {share:.2g} JND"
         elif prices[out] > share:
             why = f"saves too little to cost more than {share * out.work:.2g} JND"

@@ -133,9 +133,9 @@ class Effect:
     """Largest difference in mu."""
     mu_p99: float = 0.0
     """Difference in mu that 1 % of the points exceed."""
-    thresholds_max: float = 0.0
+    jnd_max: float = 0.0
     """Largest, in just-noticeable differences (JND) of the friction there, ``0.11 mu``."""
-    thresholds_p99: float = 0.0
+    jnd_p99: float = 0.0
     overreach: float = 0.0
     """Share by which voltages exceed the true breakdown before the other's surface ends."""
 
@@ -155,7 +155,7 @@ class Effect:
     @property
     def cost(self) -> float:
         """Largest effect [JND]; infinite where voltages would go past breakdown."""
-        return inf if self.is_past_breakdown else self.thresholds_max
+        return inf if self.is_past_breakdown else self.jnd_max
 
 
 Points = Mapping[str, Tensor]

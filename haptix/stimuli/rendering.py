@@ -29,7 +29,7 @@ from haptix.stimuli.stimulus import Stimulus
 from haptix.surface import Column, FrictionSurface, cached_surface
 from haptix.waves import sine
 
-TOLERANCE = "0.02 thresholds"
+TOLERANCE = "0.02 JND"
 """Tolerance of the surfaces; a stimulus may be off by a quarter of a JND in all."""
 
 _PLACES = 257  # of a speed profile, over the stimulus

@@ -133,7 +133,7 @@ def sidecar(
     error = max(float(surface.info["error_max"]) for surface in apparatus.surfaces)
     prediction = predicted(tally, response, each)
     prediction["error_mu_at_most"] = error
-    prediction["error_thresholds_at_most"] = error / known.difference_mu(response.lowest_mu)
+    prediction["error_jnd_at_most"] = error / known.difference_mu(response.lowest_mu)
     prediction["error_is"] = (
         "of the surface against its contact model; without the errors of the model and of its "
         "placeholders"

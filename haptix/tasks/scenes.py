@@ -45,7 +45,7 @@ class PlanScene(Task, command="plan"):
         title = (
             f"{plan.scene.name}: {plan.model.fidelity}, {dtype}, "
             f"tolerance {plan.tolerance.value:.3g} {plan.tolerance.unit}; left out "
-            f"{plan.effect.thresholds_max:.2g} of {plan.scene.budget_thresholds:g} JND"
+            f"{plan.effect.jnd_max:.2g} of {plan.scene.budget_jnd:g} JND"
         )
         title += accuracy_note(plan.lowest_x, plan.accuracy) + warning_note(plan.warnings)
         title += placeholder_note(plan.model.placeholders(), plan.placeholder_spread_jnd)
@@ -63,7 +63,7 @@ def _shown(row: Row) -> dict[str, str]:
         "": row.name,
         "decision": row.decision["decision"],
         "mu": f"{row.effect.mu_max:.2g}",
-        "JND": f"{row.effect.thresholds_max:.2g}",
+        "JND": f"{row.effect.jnd_max:.2g}",
         "costs": f"{row.cost_s * 1e3:.2g} ms" if row.cost_s else "-",
         "why": row.why,
     }
@@ -98,6 +98,6 @@ class TradeOff(Task, command="tradeoff"):
         )
         title = (
             f"haptix tradeoff: what to take; all {len(study.runs)} runs and the picture in "
-            f"{self.out}; budget {scene.budget_thresholds:g} JND"
+            f"{self.out}; budget {scene.budget_jnd:g} JND"
         )
         return Result(record(study.runs), [(title, [run for run in study.runs if run.take])])

@@ -69,7 +69,7 @@ def draw(tradeoff: Tradeoff) -> Figure:
             axis.set_minor_formatter(NullFormatter())
         axes.grid(which="major", color="0.94", lw=0.7)
         axes.set_axisbelow(True)
-    panels[0].set_ylabel(f"largest {titles['error_max_thresholds']}")
+    panels[0].set_ylabel(f"largest {titles['error_max_jnd']}")
     handles, labels = panels[0].get_legend_handles_labels()
     beside: dict[str, Any] = {"frameon": False, "alignment": "left"}
     figure.legend(handles[_GREY:], labels[_GREY:], loc="outside upper left", **beside)
@@ -90,7 +90,7 @@ _GREY = 3  # what a panel draws before the runs to take
 
 def _panel(axes: Axes, tradeoff: Tradeoff, name: str) -> None:
     def places(runs: Sequence[Run]) -> list[tuple[float, float]]:
-        return [(float(getattr(run, COSTS[name])), run.error_max_thresholds) for run in runs]
+        return [(float(getattr(run, COSTS[name])), run.error_max_jnd) for run in runs]
 
     others = places([run for run in tradeoff.runs if not run.take])
     label = "other surfaces, and slices of one frequency and h0"
@@ -99,7 +99,7 @@ def _panel(axes: Axes, tradeoff: Tradeoff, name: str) -> None:
     front = sorted(places([run for run in surfaces if name in run.fronts.split()]))
     label = "no other surface is better in both"
     axes.step(*zip(*front, strict=True), where="post", color="0.7", lw=1.0, zorder=1, label=label)
-    budget = tradeoff.scene.budget_thresholds
+    budget = tradeoff.scene.budget_jnd
     axes.axhline(budget, color="0.4", ls="--", lw=1.0, zorder=1, label="budget of the scene")
     taken = sorted((run for run in surfaces if run.take), key=lambda run: run.memory_bytes)
     for number, (run, color) in enumerate(zip(taken, _COLORS, strict=False), start=1):
@@ -119,6 +119,6 @@ def _description(run: Run) -> str:
     where = "" if run.device == "cpu" else ", GPU"
     return (
         f"{model}{run.tolerance}, {run.dtype}{where} "
-        f"({run.error_max_thresholds:.2g} JND, {run.build_s:.2g} s, "
+        f"({run.error_max_jnd:.2g} JND, {run.build_s:.2g} s, "
         f"{run.query_s_per_million:.2g} s/10⁶, {run.memory_bytes:,} B)"
     )

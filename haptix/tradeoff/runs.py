@@ -65,9 +65,9 @@ class Run:
     """Whether every query gives frequency and h0 ("surface"), or the surface is sliced at them."""
     device: str
     """Device of the queries."""
-    error_max_thresholds: Annotated[float, Heading("error [JND]", ".2g")]
+    error_max_jnd: Annotated[float, Heading("error [JND]", ".2g")]
     """Error against the mean field with every term, at held-out points [JND]."""
-    error_p99_thresholds: float
+    error_p99_jnd: float
     error_max_mu: float
     error_p99_mu: float
     outside_share: float
@@ -90,7 +90,7 @@ COSTS: Mapping[str, str] = {
 }
 """What is traded against the error: the field of a run, by the name of its front."""
 
-_ERROR, _MEMORY = "error_max_thresholds", "memory_bytes"
+_ERROR, _MEMORY = "error_max_jnd", "memory_bytes"
 TAKE: Mapping[str, tuple[float, tuple[str, ...]]] = {
     "as planned": (inf, ()),
     "smallest within the budget": (1.0, (_MEMORY, _ERROR)),
@@ -118,7 +118,7 @@ class Tradeoff:
         """Everything as plain values, with the machine."""
         return {
             "scene": self.scene.name,
-            "budget_thresholds": self.scene.budget_thresholds,
+            "budget_jnd": self.scene.budget_jnd,
             "held_out_points": self.points,
             "queries_timed_together": self.batch,
             "machine": machine(),
@@ -186,7 +186,7 @@ def run_tradeoff(
         runs += [Run(**row) for row in measured["runs"]]
         on_progress("run", number / len(jobs))
     batch = (_QUICK if quick else _THOROUGH)[1]
-    return Tradeoff(scene, chosen(runs, scene.budget_thresholds), measured["points"], batch)
+    return Tradeoff(scene, chosen(runs, scene.budget_jnd), measured["points"], batch)
 
 
 def setting_jobs(scene: Scene, quick: bool, boundary_elements: bool) -> Iterator[dict[str, Any]]:
@@ -304,8 +304,8 @@ class _Bench:
         volts = voltage[rows].to(device, precision)
         mu = surface.evaluate(voltage_v=volts, **at).mu
         return {
-            "error_max_thresholds": error.thresholds_max,
-            "error_p99_thresholds": error.thresholds_p99,
+            "error_max_jnd": error.jnd_max,
+            "error_p99_jnd": error.jnd_p99,
             "error_max_mu": error.mu_max,
             "error_p99_mu": error.mu_p99,
             "outside_share": float((sample.status != int(Status.OK)).double().mean()),
@@ -327,16 +327,14 @@ class _Bench:
         return min(repeat(work, number=1, repeat=_REPEATS)) * 1e6 / self.batch
 
 
-def chosen(runs: Sequence[Run], budget_thresholds: float) -> tuple[Run, ...]:
+def chosen(runs: Sequence[Run], budget_jnd: float) -> tuple[Run, ...]:
     """Return the runs with the fronts that each is on, and what each is the one to take for."""
     # Errors are compared to three digits: the seventh is no reason to take float64.
-    rounded = [
-        replace(run, error_max_thresholds=float(f"{run.error_max_thresholds:.3g}")) for run in runs
-    ]
+    rounded = [replace(run, error_max_jnd=float(f"{run.error_max_jnd:.3g}")) for run in runs]
     on: dict[int, list[str]] = {}
     for form, (name, cost) in product(FORMS, COSTS.items()):
         those = [number for number, run in enumerate(rounded) if run.form == form]
-        costs = [(getattr(rounded[n], cost), rounded[n].error_max_thresholds) for n in those]
+        costs = [(getattr(rounded[n], cost), rounded[n].error_max_jnd) for n in those]
         for number, is_on in zip(those, pareto_front(costs), strict=True):
             on.setdefault(number, []).extend([name] * is_on)
     take: dict[int, list[str]] = {}
@@ -345,7 +343,7 @@ def chosen(runs: Sequence[Run], budget_thresholds: float) -> tuple[Run, ...]:
             (*(getattr(run, name) for name in least), number)
             for number, run in enumerate(rounded)
             if run.form == "surface"
-            and run.error_max_thresholds <= share * budget_thresholds
+            and run.error_max_jnd <= share * budget_jnd
             and (least or run.model == "planned")
         ]
         if ranked:

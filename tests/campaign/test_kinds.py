@@ -44,7 +44,7 @@ SCENE = """
 [scene]
 normal_force_n = ["0.2 N", 1.0]
 drive = { scheme = "direct", frequency_hz = 125 }
-budget_thresholds = 2
+budget_jnd = 2
 """
 
 
@@ -215,7 +215,5 @@ def test_the_trade_off_is_that_of_the_command(load, tmp_path, monkeypatch):
     files = [path.read_text() for path in (tmp_path / "out").glob("results/*/*/runs.json")]
     runs = [run for text in files for run in json.loads(text)["runs"]]
     assert not any("build_s" in run for run in runs)  # two runs would differ
-    assert {run["error_max_thresholds"] for run in runs} == {
-        run.error_max_thresholds for run in measured
-    }
+    assert {run["error_max_jnd"] for run in runs} == {run.error_max_jnd for run in measured}
     assert all(row["build_s"] > 0 for row in done.rows)

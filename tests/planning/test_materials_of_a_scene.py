@@ -28,13 +28,13 @@ def scene(*materials, **fields):
 
 def test_what_is_felt_is_kept_and_what_is_not_is_told(model):
     found = dict(effects_of_materials(scene(SLOW, FAST, FLAT, STEEP, PRESSED), model))
-    assert {name: effect.thresholds_max > 0.1 for name, effect in found.items()} == {
+    assert {name: effect.jnd_max > 0.1 for name, effect in found.items()} == {
         "materials.0 (moving) time": False, "materials.1 (moving) time": True,
         "materials.2 (by-speed) speed": False, "materials.3 (by-speed) speed": True,
         "materials.4 (by-force) speed": True, "materials.4 (by-force) force": False,
     }  # fmt: skip
     # Up to 90 of 300 mm/s from the middle of 20 to 200: 0.3 of a reach of 2.5 to 3 JND.
-    felt = found["materials.3 (by-speed) speed"].thresholds_max
+    felt = found["materials.3 (by-speed) speed"].jnd_max
     assert felt == pytest.approx(0.3 * 2.75, rel=0.15)
 
 

@@ -63,9 +63,9 @@ def test_terms_without_effect_are_dropped_and_those_with_a_large_one_kept(
         for terms in (carrier.terms(), carrier.terms() - {"layered-skin"})
     )
     effect = abs(solid / layered - 1) / WEBER_FRACTION
-    assert effect > 0.5 * carrier.budget_thresholds
+    assert effect > 0.5 * carrier.budget_jnd
     found = rows(carrier_plan)
-    assert found["layered-skin"].effect.thresholds_max >= (1 - 1e-6) * effect
+    assert found["layered-skin"].effect.jnd_max >= (1 - 1e-6) * effect
     assert found["layered-skin"].kept
     assert "layered-skin" in carrier_plan.model.terms
     # What the profiles have no numbers for has no effect, and the row says what is missing.
@@ -98,7 +98,7 @@ def test_an_effect_is_the_difference_that_switching_makes(carrier, carrier_plan)
     # Its points have the corners, where effects are largest: none at random is larger.
     assert float(difference.max()) <= row.effect.mu_max
     # 400 points over two quantities come near the corner, about which the effect is steep.
-    assert float((difference / (WEBER_FRACTION * mu)).max()) > 0.7 * row.effect.thresholds_max
+    assert float((difference / (WEBER_FRACTION * mu)).max()) > 0.7 * row.effect.jnd_max
 
 
 @pytest.mark.parametrize("which", ["carrier", "plain"])
@@ -118,7 +118,7 @@ def test_what_is_planned_keeps_the_budget_at_other_points(which, request):
     assert float(inside.double().mean()) > 0.99  # the last volt may round past the end
     truth = full.solve(force, voltage, frequency, h0).mu
     lost = (sample.mu.to(torch.float64) - truth).abs() / (WEBER_FRACTION * truth)
-    assert float(lost[inside].max()) <= scene.budget_thresholds
+    assert float(lost[inside].max()) <= scene.budget_jnd
 
 
 def test_one_carrier_on_one_screen_gets_a_surface_of_two_dimensions(carrier_plan):
@@ -131,7 +131,7 @@ def test_one_carrier_on_one_screen_gets_a_surface_of_two_dimensions(carrier_plan
 
 def test_a_narrow_axis_is_collapsed_to_its_middle(plain, plain_plan):
     row = rows(plain_plan)["frequency_hz"]
-    assert row.effect.thresholds_max < 0.05  # of the 20 Hz between 200 and 220
+    assert row.effect.jnd_max < 0.05  # of the 20 Hz between 200 and 220
     assert not row.kept
     assert plain_plan.ranges["frequency_hz"] == pytest.approx((44000**0.5,) * 2)
 
@@ -143,8 +143,8 @@ def test_a_larger_budget_never_keeps_more(plain):
     )
     kept = []
     for budget in (1.2e-5, 0.5, 50.0):
-        plan = plan_scene(wider.replace(budget_thresholds=budget), points=100)
-        assert plan.effect.thresholds_max <= budget / 2  # the share for modelling
+        plan = plan_scene(wider.replace(budget_jnd=budget), points=100)
+        assert plan.effect.jnd_max <= budget / 2  # the share for modelling
         kept.append({row.name for row in plan.rows if row.kept})
     for small, large in pairwise(kept):
         assert large <= small
@@ -165,7 +165,7 @@ def test_overrides_win(plain):
             axes={"frequency_hz": "keep"},
             dtype="float64",
             fidelity="mean-field",
-            tolerance="0.1 thresholds",
+            tolerance="0.1 JND",
         ),
         points=100,
     )
@@ -276,8 +276,8 @@ def test_what_is_left_to_the_scene_is_measured_and_off(plain):
         assert "the scene does not ask" in row.why
         assert name not in plan.model.terms
     # 60 V are 0.9 times breakdown: no gap is held, but the body takes a tenth of the voltage.
-    assert rows(plan)["field-limit"].effect.thresholds_max == 0
-    assert rows(plan)["body-return"].effect.thresholds_max > 0
+    assert rows(plan)["field-limit"].effect.jnd_max == 0
+    assert rows(plan)["body-return"].effect.jnd_max > 0
     assert plan.pull_past_breakdown == plan.record()["pull_past_breakdown"] == 0
     asking = plain.replace(
         override={"terms": {"body-return": True}},
@@ -287,8 +287,8 @@ def test_what_is_left_to_the_scene_is_measured_and_off(plain):
 
 
 def test_a_budget_finer_than_the_model_is_refused_as_a_budget(carrier):
-    with pytest.raises(InputError, match=r"budget_thresholds: .*1e-05 JND.* got 1e-06"):
-        plan_scene(carrier.replace(budget_thresholds=1e-6))
+    with pytest.raises(InputError, match=r"budget_jnd: .*1e-05 JND.* got 1e-06"):
+        plan_scene(carrier.replace(budget_jnd=1e-6))
 
 
 def test_a_term_costs_the_time_that_it_adds(plain, monkeypatch):

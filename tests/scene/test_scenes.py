@@ -55,9 +55,17 @@ def test_the_carrier_example_says_what_its_file_says():
 
 def test_a_scene_needs_only_what_has_no_default(tmp_path):
     scene = Scene.load(scene_file(tmp_path, SMALL))
-    assert scene.budget_thresholds == 0.5
+    assert scene.budget_jnd == 0.5
     assert scene.max_voltage_v == scene.screen.max_voltage_v
     assert scene.ranges()["frequency_hz"] == (125.0, 125.0)
+
+
+def test_a_scene_of_before_calls_its_budget_thresholds(tmp_path):
+    before = scene_file(tmp_path, f"budget_thresholds = 0.3\n{SMALL}")
+    assert Scene.load(before).budget_jnd == 0.3
+    twice = scene_file(tmp_path, f"budget_thresholds = 0.3\nbudget_jnd = 0.4\n{SMALL}")
+    with pytest.raises(InputError, match="budget_thresholds"):
+        Scene.load(twice)
 
 
 def test_profiles_come_from_presets_files_and_tables(tmp_path):
@@ -113,7 +121,7 @@ CHANGES = {
     "no such drive": ('"direct"', '"magic"', r"drive: .*'magic'.*'direct', 'carrier'"),
     "a drive's key": ("frequency_hz", "carrier_hz", r"drive\.direct"),
     "over the limit": ("= 125", "= 125\nmax_voltage_v = 300", r"at most the 200 V of screen"),
-    "no budget": ("[drive]", "budget_thresholds = 0\n[drive]", r"budget_thresholds"),
+    "no budget": ("[drive]", "budget_jnd = 0\n[drive]", r"budget_jnd"),
     "unknown term": ("[drive]", "override.terms.magic = true\n[drive]", r"unknown 'magic'"),
     "unknown axis": ("[drive]", 'override.axes.mu = "keep"\n[drive]', r"override\.axes\.mu"),
     "an axis of another": (

@@ -11,7 +11,7 @@ from haptix.stimuli import rendering
 def surface(model):
     """Force and frequency vary, so that slicing has something to blend."""
     ranges = {"normal_force_n": (0.3, 0.8), "frequency_hz": (100.0, 6000.0)}
-    return FrictionSurface.build(model, ranges, "0.05 thresholds")
+    return FrictionSurface.build(model, ranges, "0.05 JND")
 
 
 @pytest.fixture(scope="session")

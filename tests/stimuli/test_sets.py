@@ -78,7 +78,7 @@ def test_a_set_is_all_there(parts, tmp_path, surface, screen):
     assert table["full_scale_v"] == 250
     assert len(table["surface_hash"]) == 1 and len(table["profile_hash"]) == 64
     assert table["predicted"]["error_mu_at_most"] > 0
-    assert table["predicted"]["error_thresholds_at_most"] < 0.25
+    assert table["predicted"]["error_jnd_at_most"] < 0.25
     assert table["audibility"]["audible"] is True  # 4 kHz at some 100 uA
     assert "flagged where" in table["audibility"]["rule"]
     # The prediction is that of the surface, at the amplitudes that were written.

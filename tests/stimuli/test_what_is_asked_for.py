@@ -230,7 +230,7 @@ def test_one_jnd_reaches_tolerances_plans_and_verdicts():
         "mu = torch.tensor([0.5])\n"
         "unit = Tolerance.read('1 JND').unit_in_mu(mu, 0.1, 0.9)\n"
         "verdict = inspect.signature(evaluate).parameters['weber_fraction'].default\n"
-        "effect = Effect.between(mu, mu * 1.1).thresholds_max\n"
+        "effect = Effect.between(mu, mu * 1.1).jnd_max\n"
         "print(WEBER_FRACTION, float(unit) / 0.5, verdict, 0.1 / effect)\n"
     )
     done = subprocess.run(

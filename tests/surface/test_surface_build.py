@@ -124,7 +124,7 @@ def test_no_point_inside_is_broken_down_in_a_gap_that_leaks() -> None:
     screen = Screen(gap_resistivity_ohm_m=1.84e7)
     model = ContactModel(Finger.preset("dry"), screen, terms={"breakdown": True})
     scene = {"normal_force_n": 0.5, "frequency_hz": (10.0, 1e5)}
-    surface = FrictionSurface.build(model, scene, tolerance="0.05 thresholds")
+    surface = FrictionSurface.build(model, scene, tolerance="0.05 JND")
     frequency = torch.logspace(1, 5, 401, dtype=torch.float64)[:, None].clamp(10.0, 1e5)
     voltage = torch.linspace(1.0, 200.0, 200, dtype=torch.float64)
     truth = model.solve(0.5, voltage, frequency)

@@ -89,7 +89,7 @@ def test_planning_weighs_it() -> None:
     plan = plan_scene(scene, points=50)
     (row,) = (row for row in plan.rows if row.name == "thin-film")
     assert row.kept
-    assert row.effect.thresholds_max > 0.5
+    assert row.effect.jnd_max > 0.5
     assert "thin-film" in plan.model.terms
 
 

@@ -17,7 +17,7 @@ def scene():
         screen=Screen(),
         normal_force_n=(0.2, 1.0),
         drive={"scheme": "direct", "frequency_hz": (100.0, 400.0)},
-        budget_thresholds=0.4,
+        budget_jnd=0.4,
     )
 
 

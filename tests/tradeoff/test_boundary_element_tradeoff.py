@@ -47,7 +47,7 @@ def test_the_tier_has_its_rows(haptix_cli, smooth, tmp_path, monkeypatch):
         assert row["build_s"] > formula
         # Not the mean field over again: its area is a third larger and a threshold is 11 %, and
         # these two small surfaces scatter by as much again.
-        assert 1 < row["error_max_thresholds"] < 15
+        assert 1 < row["error_max_jnd"] < 15
         assert row["memory_bytes"] > 0
     assert not any("build" in row["fronts"].split() for row in measured)
     assert imread(tmp_path / "out" / "tradeoff.png").shape[0] > 500

@@ -38,20 +38,20 @@ def test_every_combination_is_tried(folder):
 @pytest.mark.slow
 def test_errors_are_those_of_surface_and_fidelity(folder, scene):
     for row in folder.rows:
-        assert 0 < row["error_p99_thresholds"] <= row["error_max_thresholds"]
+        assert 0 < row["error_p99_jnd"] <= row["error_max_jnd"]
         # A threshold is 0.11 mu.
         assert row["error_max_mu"] > 0
     for row in chosen(folder.rows, model="planned"):
-        assert row["error_max_thresholds"] <= scene.budget_thresholds
+        assert row["error_max_jnd"] <= scene.budget_jnd
     for row in chosen(folder.rows, model="mean-field"):
         # The build checks points of its own; these are others, among them the corners, where a
         # surface is worst: twice the tolerance would be a surface that did not check at all.
-        assert row["error_max_thresholds"] < 2 * float(row["tolerance"].split()[0])
+        assert row["error_max_jnd"] < 2 * float(row["tolerance"].split()[0])
     # The light-contact formula has an error of its own, which no tolerance removes.
     fine = {
         model: chosen(
             folder.rows, model=model, tolerance="0.05 JND", dtype="float64", form="surface"
-        )[0]["error_max_thresholds"]
+        )[0]["error_max_jnd"]
         for model in ("mean-field", "closed-form")
     }
     assert fine["mean-field"] < fine["closed-form"]
@@ -80,9 +80,9 @@ def test_the_fronts_have_what_nothing_beats(folder, form):
     columns = {"build": "build_s", "query": "query_s_per_million", "memory": "memory_bytes"}
     rows = chosen(folder.rows, form=form)
     for name, column in columns.items():
-        best = min(row["error_max_thresholds"] for row in rows)
+        best = min(row["error_max_jnd"] for row in rows)
         front = [row for row in rows if name in row["fronts"].split()]
-        least = min(row["error_max_thresholds"] for row in front)
+        least = min(row["error_max_jnd"] for row in front)
         # Errors are compared to three digits, so that rounding wins nothing.
         assert least == pytest.approx(best, rel=0.01)
         assert min(row[column] for row in front) == min(row[column] for row in rows)
@@ -92,7 +92,7 @@ def test_the_fronts_have_what_nothing_beats(folder, form):
 def test_what_to_take_is_a_whole_surface_within_what_it_is_for(folder, scene):
     taken = {purpose: row for row in folder.rows for purpose in row["take"].split(", ")}
     del taken[""]
-    budget = scene.budget_thresholds
+    budget = scene.budget_jnd
     whole = chosen(folder.rows, form="surface")
     assert all(row["form"] == "surface" for row in taken.values())
     assert taken["as planned"]["model"] == "planned"
@@ -100,12 +100,12 @@ def test_what_to_take_is_a_whole_surface_within_what_it_is_for(folder, scene):
         ("smallest within the budget", budget),
         ("smallest within a tenth of the budget", budget / 10),
     ):
-        within = [row for row in whole if row["error_max_thresholds"] <= limit]
+        within = [row for row in whole if row["error_max_jnd"] <= limit]
         assert (purpose in taken) is bool(within)
         for row in within:
             assert taken[purpose]["memory_bytes"] <= row["memory_bytes"]
-    exact = taken["most exact"]["error_max_thresholds"]
-    assert exact == pytest.approx(min(row["error_max_thresholds"] for row in whole), rel=0.01)
+    exact = taken["most exact"]["error_max_jnd"]
+    assert exact == pytest.approx(min(row["error_max_jnd"] for row in whole), rel=0.01)
 
 
 @pytest.mark.slow
@@ -113,7 +113,7 @@ def test_the_files_agree(folder, scene):
     record = json.loads((folder.path / "tradeoff.json").read_text())
     assert record["runs"] == folder.rows
     assert record["scene"] == scene.name
-    assert record["budget_thresholds"] == scene.budget_thresholds
+    assert record["budget_jnd"] == scene.budget_jnd
     assert record["machine"]["torch"] == torch.__version__
     with (folder.path / "tradeoff.csv").open() as file:
         rows = list(csv.DictReader(file))

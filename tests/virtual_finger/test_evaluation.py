@@ -128,7 +128,7 @@ def test_a_drive_from_the_surface_is_within_a_quarter_jnd(model):
     surface = FrictionSurface.build(
         model,
         {"normal_force_n": (0.2, 1.0), "voltage_v": (0.0, 200.0), "frequency_hz": 4000.0},
-        tolerance="0.05 thresholds",
+        tolerance="0.05 JND",
     )
     rate = 48_000
     time = np.arange(rate) / rate
