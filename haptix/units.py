@@ -17,7 +17,7 @@ _PREFIXES = {
     "m": -3, "c": -2, "": 0, "k": 3, "M": 6, "G": 9, "T": 12,
 }  # fmt: skip
 _SYMBOLS = {
-    "V": "V", "N": "N", "Hz": "Hz", "m": "m", "Pa": "Pa", "s": "s",
+    "V": "V", "N": "N", "Hz": "Hz", "m": "m", "Pa": "Pa", "s": "s", "g": "g", "°": "°",
     "Ohm": "Ohm", "ohm": "Ohm", "\N{GREEK CAPITAL LETTER OMEGA}": "Ohm", "\N{OHM SIGN}": "Ohm",
 }  # fmt: skip
 
@@ -26,9 +26,13 @@ _SYMBOLS = {
 _SUFFIXES: Mapping[str, tuple[str, str]] = {
     "_v_per_m": ("V/m", "500 V/um"),
     "_mm_per_s": ("mm/s", "100 mm/s"),
+    "_mm_s": ("mm/s", "100 mm/s"),
+    "_deg_s": ("°/s", "90 °/s"),
     "_ohm_m": ("Ohm m", "1 MOhm m"),
     "_per_m": ("/m", "4000 /m"),
     "_m2": ("m2", "45 mm2"),
+    "_deg": ("°", "90 °"),
+    "_kg": ("kg", "20 g"),
     "_ms": ("ms", "20 ms"),
     "_hz": ("Hz", "20 kHz"),
     "_pa": ("Pa", "40 MPa"),
@@ -80,6 +84,12 @@ def _converted(place: str, key: str, value: Any) -> Any:
 def unit_of(name: str) -> str:
     """Return the unit that the end of a field's name says, or an empty text."""
     return next((unit for end, (unit, _) in _SUFFIXES.items() if name.endswith(end)), "")
+
+
+def title_of(name: str) -> str:
+    """Return a field's name in words, without its unit."""
+    suffix = next((end for end in _SUFFIXES if name.endswith(end)), "")
+    return name.removesuffix(suffix).replace("_", " ").capitalize()
 
 
 def read_number(name: str, text: str) -> float:

@@ -31,6 +31,7 @@ from haptix.texture.material import (
     load,
     material_of,
 )
+from haptix.units import title_of, unit_of
 
 __all__ = [
     "KINDS",
@@ -53,12 +54,6 @@ _REFERENCES: dict[str, dict[str, Any]] = {
     ANY_KIND: _MATERIAL,
     ANY_SIGNAL: {"anyOf": [_SIGNAL, {"type": "number"}]},
 }
-
-UNITS = {
-    "_mm_per_s": "mm/s", "_mm_s": "mm/s", "_deg_s": "°/s", "_deg": "°", "_mm": "mm", "_kg": "kg",
-    "_hz": "Hz", "_n": "N", "_s": "s",
-}  # fmt: skip
-"""Units by the ends of the names of fields; the longest first."""
 
 _USUAL = {
     "mm": (0.0, 60.0), "mm/s": (0.0, 200.0), "°/s": (-180.0, 180.0), "°": (-180.0, 180.0),
@@ -83,19 +78,18 @@ def describe(model: type[Kind], definition: dict[str, Any]) -> None:
     for name, field in definition["properties"].items():
         if name in ("kind", "schema_version"):
             continue
-        unit = next((unit for end, unit in UNITS.items() if name.endswith(end)), None)
-        words = name.removesuffix(next((end for end in UNITS if name.endswith(end)), ""))
-        field["title"] = words.replace("_", " ").capitalize()
+        unit = unit_of(name)
+        field["title"] = title_of(name)
         if name in help_texts:
             field["description"] = help_texts[name]
-        if unit is not None:
+        if unit:
             field["x-unit"] = unit
         number = _number(field)
         if number is not None:
             low, high = _range(number, field.get("default"), unit)
             field["x-range"] = [low, high]
             is_whole = number["type"] == "integer"
-            field["x-step"] = 1 if is_whole else _STEPS.get(unit or "", _step(low, high))
+            field["x-step"] = 1 if is_whole else _STEPS.get(unit, _step(low, high))
 
 
 def _help_of(model: type[Kind]) -> dict[str, str]:
@@ -116,14 +110,14 @@ def _number(field: dict[str, Any]) -> dict[str, Any] | None:
     return next((way for way in ways if way.get("type") in ("number", "integer")), None)
 
 
-def _range(way: dict[str, Any], default: Any, unit: str | None) -> tuple[float, float]:
+def _range(way: dict[str, Any], default: Any, unit: str) -> tuple[float, float]:
     """Return a range for a slider: the field's limits, or what is usual."""
-    low, high = _USUAL.get(unit or "", (0.0, 1.0))
+    low, high = _USUAL.get(unit, (0.0, 1.0))
     if way["type"] == "integer":
         low, high = 0, 4 * default if isinstance(default, int) and default else 40
     elif isinstance(default, int | float) and default > high:
         high = 4.0 * default
-    step = _STEPS.get(unit or "", 0.01)
+    step = _STEPS.get(unit, 0.01)
     if "exclusiveMinimum" in way:
         low = max(low, way["exclusiveMinimum"] + step)
     if "exclusiveMaximum" in way:
