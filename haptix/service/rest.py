@@ -12,18 +12,19 @@ import json
 from collections.abc import Callable
 from hashlib import sha256
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Self, get_type_hints
 
 from fastapi import APIRouter, Header, Request, Response
 from fastapi import Path as PathParameter
 from fastapi.responses import FileResponse, JSONResponse
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from haptix.desk import Task, all_tasks
+from haptix.desk import Task, all_tasks, task_at
 from haptix.fields import FOLDER_NAME
 from haptix.files import write_whole
 from haptix.gallery import FOLDER, presets
 from haptix.service import messages as m
+from haptix.service.document_work import EXPORT
 from haptix.service.jobs import JobBoard
 from haptix.service.messages import Error, JobMessage, Problem
 from haptix.service.pool import Pool
@@ -109,17 +110,6 @@ class Checked(BaseModel):
     """By field: what one step of it changes."""
 
 
-class ExportRequest(BaseModel):
-    """What `POST /v1/exports` takes."""
-
-    model_config = ConfigDict(extra="forbid")
-    document: dict[str, Any]
-    """As `layout_set` takes it."""
-    form: Literal["document", "friction-map", "wav", "ahap", "hjif"]
-    y_mm: Annotated[float, Field(ge=-1e4, le=1e4)] = 0.0
-    """Height of the stroke, of forms that know no places."""
-
-
 def documents_router(pool: Pool, layouts: Path) -> APIRouter:
     """Return the routes.
 
@@ -203,15 +193,14 @@ def documents_router(pool: Pool, layouts: Path) -> APIRouter:
         """Check a material: its fields, what it depends on, what a step of each field changes."""
         return Checked(**await pool.ask(request.state.owner, "check", **body.model_dump()))
 
-    @router.post("/exports", response_class=Response)
-    async def export(request: Request, body: ExportRequest) -> Response:
-        """A layout in a form of interchange: a zip archive that says what is lost."""
-        regions = _layout(body.document).model_dump(mode="json", exclude_none=True)["regions"]
-        document = {"kind": "layout", "regions": regions}
-        fields = {"document": document, "form": body.form, "y_mm": body.y_mm}
+    async def export(request: Request, body: BaseModel) -> Response:
+        fields = body.model_dump()
+        regions = _layout(fields["document"]).model_dump(mode="json", exclude_none=True)["regions"]
+        fields["document"] = {"kind": "layout", "regions": regions}
         answer = await pool.ask(request.state.owner, "export", **fields)
         return Response(base64.b64decode(answer["content"]), media_type="application/zip")
 
+    router.post("/exports", response_class=Response)(_takes(task_at(EXPORT), export))
     return router
 
 
@@ -304,6 +293,12 @@ def _begins(board: JobBoard, task: type[Task]) -> Callable[..., Any]:
         fields = body.model_dump(exclude_unset=True)
         return board.begin(task.kind, request.state.owner, **fields)
 
-    begin.__annotations__ |= {"request": Request, "body": task.body(), "return": JobMessage}
-    begin.__name__, begin.__doc__ = task.kind, task.__doc__
-    return begin
+    begin.__name__ = task.kind
+    return _takes(task, begin)
+
+
+def _takes(task: type[Task], handler: Callable[..., Any]) -> Callable[..., Any]:
+    """Let a handler take a task's parameters, and say what the task says."""
+    handler.__annotations__ = {**get_type_hints(handler), "body": task.body()}
+    handler.__doc__ = task.__doc__
+    return handler

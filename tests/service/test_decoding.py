@@ -72,7 +72,9 @@ def test_a_bomb_is_refused_by_each_route(store, side, number):
         "decode": lambda: work.decode(digest),
         "pictures": lambda: work.picture(material, 10, 10, 8, 0.0, 0.5),
         "check": lambda: work.check(material, 0.5),
-        "export": lambda: work.export({"kind": "layout", "regions": [region]}, "hjif", 5.0),
+        "export": lambda: work.export(
+            document={"kind": "layout", "regions": [region]}, form="hjif", y_mm=5.0
+        ),
         "layout": lambda: SessionLayout(store.folder).set({"regions": [region]}),
         "jobs": lambda: jobs.headroom(material=material, width_mm=10.0, height_mm=10.0),
     }

@@ -149,14 +149,14 @@ def test_currents_of_full_drive_are_those_of_the_contact_model(work):
 
 def unpacked(work, form, **more):
     document = {"kind": "layout", "regions": LAYOUT["regions"]}
-    answer = work.export(document, form, **{"y_mm": 6.0, **more})
+    answer = work.export(document=document, form=form, **{"y_mm": 6.0, **more})
     return zipfile.ZipFile(io.BytesIO(base64.b64decode(answer["content"])))
 
 
 def test_an_exported_document_is_felt_the_same_from_its_own_folder(work, tmp_path):
     brick = next(one for one in presets() if one.name == "brick").document
     regions = [{"name": "wall", "material": brick, "x_mm": 3, "y_mm": 2}]
-    answer = work.export({"kind": "layout", "regions": regions}, "document", 5.0)
+    answer = work.export(document={"kind": "layout", "regions": regions}, form="document")
     zipfile.ZipFile(io.BytesIO(base64.b64decode(answer["content"]))).extractall(tmp_path)
     assert len(list((tmp_path / "assets").iterdir())) == 1  # not all that the service has
     read = haptix.materials.load(tmp_path / "layout.json")
