@@ -407,12 +407,11 @@ class CalibrationJob(
     stages: ClassVar[tuple[str, ...]] = ("measure", "fit", "verify")
 
     name: FolderName = Field(
-        description="Of its folder: one that was planned on this machine is continued, another is "
-        "a practice."
+        "practice",
+        description="A calibration that was planned on this machine under this name is continued; "
+        "another name begins a practice with a virtual finger.",
     )
-    minutes: Annotated[float, Field(ge=2, le=60)] = Field(
-        3.0, description="Of a practice's strokes."
-    )
+    minutes: Annotated[float, Field(ge=2, le=60)] = Field(3.0, title="Minutes of a practice")
     finger: Annotated[FingerName, Local()] = "semi-wet"
     screen: Annotated[ScreenName, Local()] = "3m-sct3250"
     device: Address = "mock:"

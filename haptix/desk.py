@@ -32,7 +32,7 @@ from pydantic.fields import FieldInfo
 from haptix.errors import HaptixError, InputError
 from haptix.fields import ForClients, Local, Profile, Typed, expected_words
 from haptix.task_list import MODULES
-from haptix.units import read_number, unit_of
+from haptix.units import read_number, title_of, unit_of
 
 _EXPECTED = {
     "greater_than": "a finite number above {gt:g}",
@@ -209,6 +209,7 @@ class Task(BaseModel, ABC):
             elif ForClients in marks and not parameter.is_required():
                 kind, field = get_args(kind)[0], Field(description=parameter.description)
             field = copy(field)
+            field.title = parameter.title or title_of(name)
             field.json_schema_extra = {"x-unit": unit_of(name)} if unit_of(name) else None
             fields[name] = (kind, field)
         config = ConfigDict(extra="forbid", allow_inf_nan=False)

@@ -183,8 +183,8 @@ FolderThere = Annotated[Path, AfterValidator(file_or_folder), AfterValidator(fol
 FileOrFolder = Annotated[Path, AfterValidator(file_or_folder), Local()]
 MaterialFile = Annotated[Path, AfterValidator(_material), Local()]
 Address = Annotated[str, AfterValidator(_address), Local()]
-FOLDER_NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]{0,79}$"
-"""Pattern of the names by which clients of the service know what it keeps."""
+FOLDER_NAME = r"^[A-Za-z0-9][A-Za-z0-9_\-]{0,79}$"
+"""Pattern of the names by which clients of the service know what it keeps; one of browsers, too."""
 FolderName = Annotated[str, Field(pattern=FOLDER_NAME)]
 Label = Annotated[str, AfterValidator(_label)]
 Text = Annotated[str, AfterValidator(_text)]

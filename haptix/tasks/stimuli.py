@@ -260,10 +260,14 @@ class ExperimentJob(Task, route="experiments", kind="experiment", plays=True, ke
         description="As the file of `haptix stimuli run`; without volts."
     )
     log: FolderName = Field(
-        description="Name of the table of trials. One that exists is continued."
+        title="Name of the table of trials",
+        description="Letters, digits, dashes. A table that exists is continued. It lies in the "
+        "service's folder, experiments.",
     )
     participant: Annotated[int, Field(ge=1, le=10_000)] = Field(
-        1, description="Number from 1, which decides the order of a recipe's blocks."
+        1,
+        title="Number of the participant",
+        description="It decides the order of blocks, where a recipe has some.",
     )
     finger: Annotated[FingerName | None, Local()] = None
     screen: Annotated[ScreenName | None, Local()] = None

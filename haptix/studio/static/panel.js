@@ -1,9 +1,10 @@
 /** The parameters of a material: drawn from the JSON Schema of its kind, with units and help. */
 
 import { el, fill } from "./dom.js";
+import { control, json } from "./form.js";
 import { texts } from "./texts.js";
 
-/** @typedef {Record<string, any>} Schema */
+/** @import { Schema } from "./form.js" */
 /** @typedef {Record<string, any>} Table */
 /** @typedef {(path: (string | number)[], value: any) => void} Change */
 
@@ -125,42 +126,18 @@ export class Panel {
     if (effect) this.#effects.set(name, effect);
     const unit = field["x-unit"] ? el("span.unit", {}, field["x-unit"]) : null;
     const label = el("label", { for: id, title: help }, field.title);
-    const control = this.#control(field, ways, value, path, id);
-    return el("div.field", { title: help }, label, control, unit, effect);
+    return el("div.field", { title: help }, label, this.#control(field, value, path, id), unit, effect);
   }
 
-  /** @param {Schema} field @param {Schema[]} ways @param {any} value @param {(string | number)[]} path @param {string} id */
-  #control(field, ways, value, path, id) {
+  /** @param {Schema} field @param {any} value @param {(string | number)[]} path @param {string} id */
+  #control(field, value, path, id) {
     const change = (/** @type {any} */ to) => this.#change(path, to);
-    const choices = field.enum ?? ways.find((way) => way.enum)?.enum;
-    if (choices) {
-      const select = el("select", { id, onchange: () => change(select.value) },
-        choices.map((/** @type {string} */ choice) => el("option", { value: choice, selected: choice === value }, choice)));
-      return select;
-    }
-    if (typeof value === "boolean") {
-      const box = el("input", { id, type: "checkbox", checked: value, onchange: () => change(box.checked) });
-      return box;
-    }
-    if (typeof value === "string") return el("output", { id }, value.replace(/^(sha256:.{6}).*/, "$1…"));
     if (field["x-range"] && (typeof value === "number" || value === undefined)) {
       return this.#number(field, value, change, id);
     }
-    const is_row = Array.isArray(value) && value.every((item) => typeof item === "number");
-    if (is_row) {
-      const input = el("input.row-of", {
-        id, type: "text", value: value.join(", "),
-        onchange: () => {
-          const numbers = input.value.split(/[\s,;]+/).filter(Boolean).map(Number);
-          if (numbers.some(Number.isNaN)) input.setCustomValidity(t.numbers);
-          else change(numbers);
-          input.reportValidity();
-        },
-        oninput: () => input.setCustomValidity(""),
-      });
-      return input;
-    }
-    return this.#json(value, path, field.title, id);
+    const names_file = typeof value === "string" && !field.enum && !field.anyOf?.some((/** @type {Schema} */ way) => way.enum);
+    if (names_file) return el("output", { id }, value.replace(/^(sha256:.{6}).*/, "$1…"));
+    return control(field, value, change, id);
   }
 
   /** @param {Schema} field @param {number | undefined} value @param {(to: number) => void} change @param {string} id */
@@ -184,22 +161,9 @@ export class Panel {
     return el("span.number", {}, slider, exact);
   }
 
-  /** What no other control can show: its JSON. @param {any} value @param {(string | number)[]} path @param {string} title @param {string} [id] */
-  #json(value, path, title, id = `p-${path.join("-")}`) {
-    const area = el("textarea", {
-      id, rows: 4, spellcheck: false, "aria-label": title,
-      value: value === undefined ? "" : JSON.stringify(value, null, 1),
-      onchange: () => {
-        try {
-          this.#change(path, area.value.trim() ? JSON.parse(area.value) : undefined);
-          area.setCustomValidity("");
-        } catch {
-          area.setCustomValidity(t.json);
-        }
-        area.reportValidity();
-      },
-    });
-    return el("details.json", {}, el("summary", {}, t.asJson), area);
+  /** @param {any} value @param {(string | number)[]} path @param {string} title */
+  #json(value, path, title) {
+    return json(value, (to) => this.#change(path, to), title, `p-${path.join("-")}`);
   }
 
   /** Put new values into the controls that are there. @param {Table} material @param {(string | number)[]} path */

@@ -147,6 +147,12 @@ export const texts = {
     result: (/** @type {number} */ mean, /** @type {number} */ deviation, /** @type {number} */ jnd) =>
       `friction ${mean.toFixed(3)} ± ${deviation.toFixed(3)}, error ${jnd.toFixed(2)} JND`,
   },
+  form: {
+    begin: "Begin",
+    numbers: "Expected numbers with commas between them.",
+    json: "This is not JSON.",
+    asJson: "as JSON",
+  },
   pair: {
     title: "Who is there?",
     why: "Any page in a browser can reach this service. So a code lets this one in, once.",
@@ -200,9 +206,6 @@ export const texts = {
     reading: "How the picture is felt",
     readings: /** @type {Record<string, string>} */ ({ photograph: "bright grips", relief: "as a relief", heights: "high grips" }),
     noMaterial: "none",
-    numbers: "Expected numbers with commas between them.",
-    json: "This is not JSON.",
-    asJson: "as JSON",
     placing: "Place",
     place: /** @type {Record<string, string>} */ ({
       x_mm: "Left", y_mm: "Top", width_mm: "Width", height_mm: "Height", rotation_deg: "Turned", opacity: "Opacity", z: "Layer",
@@ -228,13 +231,13 @@ export const texts = {
     export: "Export",
     exporting: "exporting…",
     exported: (/** @type {string} */ name) => `${name}: exported`,
-    forms: {
+    forms: /** @type {Record<string, [string, string]>} */ ({
       document: ["Document", "all regions with their files, to keep, render and play"],
       "friction-map": ["Friction map", "16-bit PNG with its meaning; no time, speed or force"],
       wav: ["Drive as WAV", "volts of one stroke through the chosen region, with a sidecar"],
       ahap: ["AHAP", "Core Haptics: one stroke as vibration strength"],
       hjif: ["HJIF", "MPEG haptics: friction along one line"],
-    },
+    }),
   },
   sit: {
     title: "Sit a participant down",
@@ -251,10 +254,7 @@ export const texts = {
     recipe: "Recipe",
     recipeHelp: "JSON with the fields of haptix stimuli run. Neither volts nor files.",
     noRecipe: "expected a recipe: choose its file",
-    log: "Name of the table of trials",
-    logHelp: "Letters, digits, dashes. A table that exists is continued. It lies in the service's folder, experiments.",
     practice: "Practice first: a few strong trials",
-    begin: "Begin",
     second: "Experimenter's view in a second page",
     participant: "Participant",
     instructions: (/** @type {string} */ task) => [
@@ -276,8 +276,6 @@ export const texts = {
     give: "Give it",
     right: "That was right.",
     wrong: "That was not right.",
-    participantNumber: "Number of the participant",
-    participantHelp: "It decides the order of blocks, where a recipe has some.",
     ready: "I am ready (space)",
     practised: "That was the practice. It will be weaker now.",
     prepares: "It is being prepared…",
@@ -306,11 +304,6 @@ export const texts = {
   calibrate: {
     title: "Calibrate this screen",
     help: "Strokes over the screen with and without voltage, guided step by step. The output is off until a stroke plays, and the device is the calibration's meanwhile. STOP and Esc end it at 0 V; what was measured is kept.",
-    name: "Name",
-    nameHelp: "A calibration that was planned on this machine under this name is continued; another name begins a practice with a virtual finger.",
-    practice: "practice",
-    minutes: "Minutes of a practice",
-    begin: "Begin",
     progress: "How far it is",
     answer: "Answer",
     end: "End it",

@@ -1,16 +1,15 @@
 /** Calibrate a screen: a guided page over the service's job, which asks before each step. */
 
 import { bullets, el, facts, fill, save } from "../dom.js";
+import { taskForm } from "../form.js";
 import { isOver, Jobs } from "../jobs.js";
 import { StrokePlots } from "../plots.js";
-import { sentence } from "../service.js";
 import { texts } from "../texts.js";
 
 /** @import { App } from "../app.js" */
 /** @import * as m from "../../../../clients/typescript/types/messages.js" */
 
 const t = texts.calibrate;
-const NAME = "[A-Za-z0-9][A-Za-z0-9_\\-]{0,79}";
 
 /** @param {HTMLElement} root @param {App} app */
 export function mount(root, app) {
@@ -18,28 +17,11 @@ export function mount(root, app) {
   /** @type {string} the job that is shown */
   let shown = "";
   const plots = new StrokePlots();
-  const name = el("input", { id: "name", type: "text", required: true, pattern: NAME, value: t.practice });
-  const minutes = el("input", { id: "minutes", type: "number", min: "2", max: "60", value: "3" });
-  const problem = el("p.told", { role: "alert" });
   const bar = el("progress", { max: 1, value: 0, "aria-label": t.progress });
   const steps = el("ol.steps", { "aria-label": t.stepsName });
   const now = el("section.sheet.set-up", { hidden: true, "aria-live": "polite" });
   const result_sheet = el("section.sheet.set-up", { hidden: true });
-  const form = el("form.sheet.set-up", {
-    onsubmit: async (/** @type {SubmitEvent} */ event) => {
-      event.preventDefault();
-      problem.textContent = "";
-      try {
-        await follow(await jobs.begin({ name: name.value, minutes: Number(minutes.value) }));
-      } catch (error) {
-        problem.textContent = sentence(error);
-      }
-    },
-  },
-  el("h2", {}, t.title), el("p", {}, t.help),
-  el("div.field-of", {}, el("label", { for: "name" }, t.name), name, el("small", {}, t.nameHelp)),
-  el("div.field-of", {}, el("label", { for: "minutes" }, t.minutes), minutes),
-  problem, el("div.row", {}, el("button.main", {}, t.begin)));
+  const form = taskForm(service, "calibrations", t, async (values) => follow(await jobs.begin(values)));
   root.append(now, result_sheet, plots.element, form);
 
   /** @param {m.Job} job */

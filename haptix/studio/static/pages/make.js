@@ -3,6 +3,7 @@
 import { Board, boxOf, PLACE, placeOf } from "../board.js";
 import { SavedLayout } from "../document.js";
 import { el, fill, save } from "../dom.js";
+import { schemaOf } from "../form.js";
 import { Gallery } from "../gallery.js";
 import { Headroom } from "../headroom.js";
 import { Panel } from "../panel.js";
@@ -17,7 +18,6 @@ import { texts } from "../texts.js";
 const t = texts.make;
 const GAP_MM = 4;
 const CHECKED_MS = 300;
-const FORMS = /** @type {const} */ (["document", "friction-map", "wav", "ahap", "hjif"]);
 
 /** @param {HTMLElement} root @param {App} app */
 export function mount(root, app) {
@@ -54,10 +54,12 @@ export function mount(root, app) {
   const parameters = el("section.sheet.parameters", { "aria-label": t.parameters });
   const problem = el("p.told", { role: "alert" });
   const range = el("p.range");
+  const forms_menu = el("div.menu");
+  const exports = el("details.drop-down", {}, el("summary.main", {}, t.export), forms_menu);
   root.append(
     gallery.element,
     el("section.bench", {},
-      el("div.row.bar-of", {}, undo, redo, shows, naming(), exports()),
+      el("div.row.bar-of", {}, undo, redo, shows, naming(), exports),
       board.element, reach, el("div.hint-of", {}, el("p.quiet", {}, t.hint), state)),
     el("div.side", {}, el("section.sheet", {}, el("h2", {}, t.order), list), parameters),
   );
@@ -205,18 +207,19 @@ export function mount(root, app) {
     return el("span.row", {}, input, others);
   }
 
-  function exports() {
-    const details = el("details.drop-down", {}, el("summary.main", {}, t.export),
-      el("div.menu", {}, FORMS.map((form) => el("button", {
-        type: "button", onclick: () => {
-          details.open = false;
-          void service.attempt(() => take(form));
-        },
-      }, el("b", {}, t.forms[form][0]), el("small", {}, t.forms[form][1])))));
-    return details;
+  /** @param {string[]} forms */
+  function showExports(forms) {
+    fill(forms_menu, ...forms.map((form) => el("button", {
+      type: "button", onclick: () => {
+        exports.open = false;
+        void service.attempt(() => take(form));
+      },
+    }, el("b", {}, titleOf(form)), el("small", {}, t.forms[form]?.[1]))));
   }
 
-  /** @param {typeof FORMS[number]} form */
+  const titleOf = (/** @type {string} */ form) => t.forms[form]?.[0] ?? form;
+
+  /** @param {string} form */
   async function take(form) {
     const document = history.current;
     const region = document.regions.find(({ name }) => name === regions.chosen) ?? document.regions[0];
@@ -225,7 +228,7 @@ export function mount(root, app) {
     state.textContent = t.exporting;
     const answer = await service.rest("POST", "/v1/exports", { document, form, y_mm: y + height / 2 });
     save(await answer.blob(), `${saved.name.replaceAll(" ", "-")}-${form}.zip`);
-    state.textContent = t.exported(t.forms[form][0]);
+    state.textContent = t.exported(titleOf(form));
   }
 
   board.element.addEventListener("dragover", (event) => event.preventDefault());
@@ -266,6 +269,7 @@ export function mount(root, app) {
         panel = new Panel(schema, changeMaterial);
         showPanel(history.current);
       });
+      void service.attempt(async () => showExports((await schemaOf(service, "exports")).properties.form.enum));
       void service.attempt(() => gallery.load());
     }),
   ];

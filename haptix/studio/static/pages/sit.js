@@ -2,18 +2,17 @@
 
 import { el, fill } from "../dom.js";
 import { EXPERIMENTS, practiceOf } from "../experiments.js";
+import { taskForm } from "../form.js";
 import { isOver, Jobs } from "../jobs.js";
-import { sentence } from "../service.js";
 import { texts } from "../texts.js";
 
 /** @import { App } from "../app.js" */
-/** @import { Recipe } from "../experiments.js" */
+/** @import { Values } from "../form.js" */
 /** @import { Job } from "../../../../clients/typescript/types/messages.js" */
 
 const t = texts.sit;
 const REST_EVERY = 20; // where the recipe says nothing of it
 const CONTINUE = "continue"; // the one answer to a rest
-const LOG = "[A-Za-z0-9][A-Za-z0-9_\\-]{0,60}";
 
 /** @param {HTMLElement} root @param {App} app */
 export function mount(root, app) {
@@ -28,7 +27,6 @@ export function mount(root, app) {
   const keys = new AbortController();
   const stage = el("div.stage", { hidden: true, role: "region", "aria-label": t.participant });
   const looking = el("div.looking");
-  const problem = el("p.told", { role: "alert" });
   root.append(setUp(), el("section.sheet", {}, el("h2", {}, t.running), looking), stage);
 
   function setUp() {
@@ -38,42 +36,34 @@ export function mount(root, app) {
     const file = el("input", { id: "recipe", type: "file", accept: ".json" });
     const recipe_field = el("div.field-of", { hidden: true }, el("label", { for: "recipe" }, t.recipe), file, el("small", {}, t.recipeHelp));
     which.onchange = () => void (recipe_field.hidden = which.value !== "");
-    const log = el("input", { id: "log", type: "text", required: true, pattern: LOG, value: `participant-${new Date().toISOString().slice(0, 10)}` });
-    const number = el("input", { id: "participant", type: "number", min: "1", max: "10000", required: true, value: "1" });
     const practice = el("input", { id: "practice", type: "checkbox", checked: true });
-    return el("form.sheet.set-up", {
-      onsubmit: async (/** @type {SubmitEvent} */ event) => {
-        event.preventDefault();
-        problem.textContent = "";
-        try {
-          const recipe = which.value ? EXPERIMENTS[which.value] : JSON.parse(await (file.files?.[0]?.text() ?? Promise.reject(new TypeError(t.noRecipe))));
-          await document.documentElement.requestFullscreen?.().catch(() => {}); // as large as it can be
-          await participant(recipe, log.value, Number(number.value), practice.checked && !recipe.practice);
-        } catch (error) {
-          problem.textContent = sentence(error);
-          leave();
-        }
-      },
-    },
-    el("h2", {}, t.title), el("p", {}, t.help),
-    el("div.field-of", {}, el("label", { for: "which" }, t.experiment), which), recipe_field,
-    el("div.field-of", {}, el("label", { for: "log" }, t.log), log, el("small", {}, t.logHelp)),
-    el("div.field-of", {}, el("label", { for: "participant" }, t.participantNumber), number, el("small", {}, t.participantHelp)),
-    el("label.check", {}, practice, t.practice),
-    problem, el("div.row", {}, el("button.main", {}, t.begin), el("a", { href: "#/sit", target: "_blank" }, t.second)));
+    return taskForm(service, "experiments", t, async (values) => {
+      try {
+        const recipe = which.value ? EXPERIMENTS[which.value] : JSON.parse(await (file.files?.[0]?.text() ?? Promise.reject(new TypeError(t.noRecipe))));
+        await document.documentElement.requestFullscreen?.().catch(() => {}); // as large as it can be
+        await participant({ ...values, recipe }, practice.checked && !recipe.practice);
+      } finally {
+        leave();
+      }
+    }, { log: `participant-${new Date().toISOString().slice(0, 10)}` }, {
+      recipe: [el("div.field-of", {}, el("label", { for: "which" }, t.experiment), which), recipe_field],
+    }, {
+      fields: [el("label.check", {}, practice, t.practice)],
+      links: [el("a", { href: "#/sit", target: "_blank" }, t.second)],
+    });
   }
 
-  /** @param {Recipe} recipe @param {string} log @param {number} number @param {boolean} practises */
-  async function participant(recipe, log, number, practises) {
+  /** @param {Values} values of the task @param {boolean} practises */
+  async function participant(values, practises) {
+    const { recipe, log } = values;
     stage.hidden = false;
     await screen(t.instructions(recipe.task ?? "2ifc"), t.ready);
     if (practises) {
-      await run(practiceOf(recipe), `${log}-practice`, number);
+      await run({ ...values, recipe: practiceOf(recipe), log: `${log}-practice` });
       await screen([t.practised], t.ready);
     }
-    const result = await run(recipe, log, number);
+    const result = await run(values);
     await screen([t.thanks, t.trials(Number(result?.trials ?? 0))], t.finish);
-    leave();
   }
 
   function leave() {
@@ -93,11 +83,11 @@ export function mount(root, app) {
     });
   }
 
-  /** Run a recipe; return its result.
-   * @param {Recipe} recipe @param {string} log @param {number} number @returns {Promise<Job["result"]>} */
-  async function run(recipe, log, number) {
+  /** Run a recipe; return its result. @param {Values} values @returns {Promise<Job["result"]>} */
+  async function run(values) {
+    const { recipe } = values;
     fill(stage, el("div.card", {}, el("p", { role: "status" }, t.prepares)));
-    const begun = await jobs.begin({ recipe, log, participant: number });
+    const begun = await jobs.begin(values);
     let trials = 0;
     return new Promise((resolve, reject) => {
       follow = async (job, goes_on) => {
