@@ -25,7 +25,7 @@ _LOG = logging.getLogger("firmware_io.playback")
 LONGEST_HORIZON_S = 0.11
 """With the spare beyond it, about what a driver takes within its longest watchdog time."""
 
-_JOIN_S = 5.0  # longer than any link waits before it gives up
+JOIN_S = 5.0  # longer than any link waits before it gives up
 
 
 class WaveSource:
@@ -123,7 +123,7 @@ class Playback:
         self._source = source
         self._clock = device.clock
         self.has_thread = self._clock is HOST_CLOCK
-        self._writer: Writer | None = None
+        self.writer: Writer | None = None
         self._finalizer: weakref.finalize[Any, Any] | None = None
         self._terminator: Terminator | None = None
         self._turn = threading.RLock()  # one thread starts or stops at a time
@@ -143,7 +143,7 @@ class Playback:
             writer.reviser.begin()
             stats = self.stats
             _LOG.info("begins: reaction %g s, horizon %g s", stats.reaction_s, stats.horizon_s)
-            self._writer = writer
+            self.writer = writer
             # Holds only the writer: a reference to this object would keep it from being collected.
             self._finalizer = weakref.finalize(self, writer.abandon)
             self._terminator = Terminator()
@@ -159,12 +159,12 @@ class Playback:
             The error that ended the playback, unless it was raised before.
         """
         with self._turn:
-            if self._finalizer is None or self._writer is None:
+            if self._finalizer is None or self.writer is None:
                 return
             self._finalizer.detach()
             self._finalizer = None
             try:
-                self._writer.end()
+                self.writer.end()
             finally:
                 if self._terminator is not None:
                     self._terminator.restore()
@@ -209,18 +209,18 @@ class Playback:
 
     def raise_once(self) -> None:
         """Raise the error that ended the playback, unless it was raised before."""
-        if self._writer is not None:
-            self._writer.raise_once()
+        if self.writer is not None:
+            self.writer.raise_once()
 
     @property
     def error(self) -> BaseException | None:
         """The error that ended the playback; None if there was none."""
-        return None if self._writer is None else self._writer.error
+        return None if self.writer is None else self.writer.error
 
     @property
     def is_running(self) -> bool:
         """Whether it plays."""
-        return self._finalizer is not None and self._writer is not None and not self._writer.is_over
+        return self._finalizer is not None and self.writer is not None and not self.writer.is_over
 
     def __enter__(self) -> Self:
         self.start()
@@ -242,7 +242,7 @@ class Playback:
 
     def _running(self) -> Writer:
         self.raise_once()
-        writer = self._writer
+        writer = self.writer
         if self._finalizer is None or writer is None or writer.is_over:
             raise DeviceError(
                 "The playback does not run; call start() or use it in a with statement."
@@ -289,10 +289,10 @@ class Writer:
             self.reviser.ready.notify_all()
         if self.thread is threading.current_thread():  # called by the garbage collector
             return
-        self.thread.join(_JOIN_S)
+        self.thread.join(JOIN_S)
         if self.thread.is_alive():
             raise DeviceError(
-                f"The link did not return within {_JOIN_S:g} s, so the host could not bring the "
+                f"The link did not return within {JOIN_S:g} s, so the host could not bring the "
                 "output to 0 V; the driver's watchdog does. Unplug the device and open it again."
             )
 

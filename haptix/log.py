@@ -33,7 +33,7 @@ ROOMS = ("haptix", "firmware_io", "calibration")
 LEVELS = ("info", "debug")
 MOST_WAITING = 8192
 FILE_BYTES, FILES_BEFORE = 20_000_000, 4
-_END_S = 2.0  # for the disk to take what waits, at the end of the process
+END_S = 2.0  # for the disk to take what waits, at the end of the process
 _SECRETS = re.compile(r"(?i)\b((?:token|password|secret|key)(?:=|['\"]: ?['\"]))[^\s,&'\"]+")
 _CREDENTIALS = re.compile(r"://[^/\s]+@")
 
@@ -64,7 +64,7 @@ def start(level: str = "debug", file: str | Path | None = None) -> None:
         raise InputError(f"log: expected {' or '.join(LEVELS)}, got {level!r}")
     stop()
     if file is None:
-        _running = Log(level, _Output(sys.stderr))
+        _running = Log(level, Output(sys.stderr))
         os.environ[VARIABLE] = level
     else:
         path = Path(file).absolute()
@@ -103,16 +103,16 @@ class Log:
     ----------
     level : str
         The lowest level that is taken.
-    output : _Output
+    output : Output
         Where they are written.
     """
 
-    def __init__(self, level: str, output: _Output) -> None:
-        self._aside = _Aside(SimpleQueue())
-        self._writer = _Writer(self._aside, output)
-        self._writer.start()
+    def __init__(self, level: str, output: Output) -> None:
+        self.aside = _Aside(SimpleQueue())
+        self.writer = _Writer(self.aside, output)
+        self.writer.start()
         for room in ROOMS:
-            logging.getLogger(room).addHandler(self._aside)
+            logging.getLogger(room).addHandler(self.aside)
             logging.getLogger(room).setLevel(level.upper())
         # A module, or a file; its other arguments may be secret.
         by_module = sys.orig_argv[1:2] == ["-m"]
@@ -124,11 +124,11 @@ class Log:
         """Write what waits, and say on the standard error how many records could not be written."""
         atexit.unregister(self.close)
         for room in ROOMS:
-            logging.getLogger(room).removeHandler(self._aside)
+            logging.getLogger(room).removeHandler(self.aside)
             logging.getLogger(room).setLevel(logging.NOTSET)
-        missing = self._writer.end()
+        missing = self.writer.end()
         if missing:
-            why = self._writer.output.why or "it is written slower than it comes"
+            why = self.writer.output.why or "it is written slower than it comes"
             sys.stderr.write(f"haptix: the end of the log lacks {missing} records: {why}\n")
 
 
@@ -156,7 +156,7 @@ class _Aside(QueueHandler):
 class _Writer(QueueListener):
     """Writes records, and where some are missing, how many."""
 
-    def __init__(self, aside: _Aside, output: _Output) -> None:
+    def __init__(self, aside: _Aside, output: Output) -> None:
         super().__init__(aside.queue)
         self.output = output
         self._aside, self._reported = aside, 0
@@ -170,7 +170,7 @@ class _Writer(QueueListener):
         thread = self._thread
         assert thread is not None
         self.enqueue_sentinel()
-        thread.join(_END_S)
+        thread.join(END_S)
         waiting = 0
         if thread.is_alive():  # the disk takes none; the thread ends with the process
             waiting = self._aside.queue.qsize()
@@ -193,7 +193,7 @@ class _Writer(QueueListener):
             self.output.lost = lost
 
 
-class _Output(logging.StreamHandler[TextIO]):
+class Output(logging.StreamHandler[TextIO]):
     """Where records are written. What cannot be is counted, and never raised or printed."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
@@ -202,11 +202,12 @@ class _Output(logging.StreamHandler[TextIO]):
         self.setFormatter(_Lines("%(asctime)s %(process)d %(name)s %(levelname)s %(message)s"))
 
     def handleError(self, record: logging.LogRecord) -> None:
+        """Count it, and keep why."""
         self.lost += 1
         self.why = str(sys.exc_info()[1])
 
 
-class _File(_Output, RotatingFileHandler):
+class _File(Output, RotatingFileHandler):
     """A file of this user alone, which is begun anew when it is full."""
 
     def __init__(self, path: Path, lock: FileLock | None) -> None:

@@ -27,7 +27,7 @@ from haptix.version import __version__
 MANIFEST = "result.json"
 _DRAFT = ".part"
 # An object appears here only once all of it is there.
-_WHOLE = {"s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "adl", "memory", "r2", "oss"}
+WRITES_WHOLE = {"s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "adl", "memory", "r2", "oss"}
 _FIRST_FORM = {"kind", "haptix", "document", "row", "files"}  # of a manifest without its own hash
 
 
@@ -66,7 +66,7 @@ class ResultStore:
         self._root = root.rstrip("/")
         protocol = self._system.protocol
         names = {protocol} if isinstance(protocol, str) else set(protocol)
-        self._writes_whole = bool(names & _WHOLE)
+        self._writes_whole = bool(names & WRITES_WHOLE)
 
     def _at(self, name: str) -> str:
         return f"{self._root}/{name}"

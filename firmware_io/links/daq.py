@@ -186,7 +186,7 @@ def beyond(
 
 _LINE_V = 5.0  # of the digital line on a second output
 _MOST_RATE_ERROR = 1e-3  # of a clock that divides the card's timebase
-_STILL_S = WATCHDOG_S  # a clock that stands for so long holds a voltage
+STILL_S = WATCHDOG_S  # a clock that stands for so long holds a voltage
 _RESERVED = (-50103, -201105)  # DAQmx: the resource is reserved
 _UNKNOWN = (-200220, -200170)  # DAQmx: no such device, no such channel
 
@@ -210,7 +210,7 @@ class DaqLink(HostedLink):
     """
 
     def __init__(self, profile: DaqProfile) -> None:
-        self._daq = _nidaqmx()
+        self._daq = nidaqmx_module()
         self._profile = profile
         self._lead = round(profile.buffer_s * profile.sample_rate_hz)
         self._written = 0  # samples
@@ -312,7 +312,7 @@ class DaqLink(HostedLink):
         if count > 0:
             self._moved_s = now_s
             self._write(count)
-        elif now_s - self._moved_s > _STILL_S:
+        elif now_s - self._moved_s > STILL_S:
             raise DeviceError("its sample clock stands")
         if self._monitor is not None:
             self._monitor.compare()
@@ -412,7 +412,8 @@ def _watchdog(daq: Any, card: str, profile: DaqProfile) -> Any:
     return watchdog
 
 
-def _nidaqmx() -> Any:
+def nidaqmx_module() -> Any:
+    """Import the package of National Instruments."""
     with from_extra("daq"):
         daq = import_module("nidaqmx")
         for part in ("constants", "errors", "stream_writers", "system", "types"):
@@ -435,7 +436,7 @@ def _open(profile: str | None = None, **values: Any) -> DaqLink:
 
 
 def _search() -> tuple[str, list[DeviceInfo]]:
-    daq = _nidaqmx()
+    daq = nidaqmx_module()
     system = daq.system.System.local()
     version = system.driver_version
     note = "Say amplifier_gain=, and watchdog=yes or interlock=; unproven on hardware."

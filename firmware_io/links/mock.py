@@ -140,7 +140,7 @@ class MockDriver:
         self.pace = pace
         self.clock = SteppedClock() if pace == "stepped" else clock
         self.bytes_received = 0
-        self._core = Core(self.about)
+        self.core = Core(self.about)
         # The queue is empty, and a frame may wait for its end.
         room = self.about.queue_samples - frame
         self._piece_bytes = max(2 * room, _LEAST_PIECE_BYTES)
@@ -160,7 +160,7 @@ class MockDriver:
         """Its state."""
         with self._lock:
             self._catch_up()
-            return self._core.status()
+            return self.core.status()
 
     @property
     def is_armed(self) -> bool:
@@ -172,7 +172,7 @@ class MockDriver:
         """Why it refused a frame or stopped by itself; None if it did not since it was armed."""
         with self._lock:
             self._catch_up()
-            fault = self._core.fault()
+            fault = self.core.fault()
             return None if fault is None else str(fault)
 
     @property
@@ -227,7 +227,7 @@ class MockDriver:
             self._catch_up()
             self.bytes_received += len(data)
             for start in range(0, len(data), self._piece_bytes):
-                self._core.receive(data[start : start + self._piece_bytes])
+                self.core.receive(data[start : start + self._piece_bytes])
                 self._play_out()
 
     def receive_report(self, report: bytes) -> None:
@@ -235,20 +235,20 @@ class MockDriver:
         with self._lock:
             self._catch_up()
             self.bytes_received += len(report)
-            self._core.receive_report(report)
+            self.core.receive_report(report)
             self._play_out()
 
     def transmit(self) -> bytes:
         """Return the frames that wait for the host; empty if none do."""
         with self._lock:
             self._catch_up()
-            return self._core.transmit()
+            return self.core.transmit()
 
     def transmit_report(self) -> bytes:
         """Return one HID report for the host; empty if there is nothing to say."""
         with self._lock:
             self._catch_up()
-            return self._core.transmit_report()
+            return self.core.transmit_report()
 
     def touch(
         self,
@@ -263,13 +263,13 @@ class MockDriver:
         report = TouchReport(0, round(x_mm * 1e3), round(y_mm * 1e3), force_mn, contact, phase)
         with self._lock:
             self._catch_up()
-            return self._core.touch(report)
+            return self.core.touch(report)
 
     def release(self) -> None:
         """Ramp to 0 V, disarm and forget the set-up, as when the host disconnects."""
         with self._lock:
             self._catch_up()
-            self._core.release()
+            self.core.release()
             self._play_out()
 
     def advance(self, seconds: float) -> None:
@@ -288,7 +288,7 @@ class MockDriver:
     def _play_out(self) -> None:
         """In virtual time, play the whole queue."""
         if self.pace == "virtual":
-            for codes, what in self._core.play_out():
+            for codes, what in self.core.play_out():
                 self._record(codes, what)
 
     def _catch_up(self) -> None:
@@ -300,7 +300,7 @@ class MockDriver:
     def _play(self, ticks: int) -> None:
         # In pieces of a second: the last call may be an hour ago.
         while ticks > 0:
-            codes, what = self._core.play(min(ticks, self.about.output_rate_hz))
+            codes, what = self.core.play(min(ticks, self.about.output_rate_hz))
             ticks -= codes.size
             self._record(codes, what)
 

@@ -36,7 +36,7 @@ PILOTS = 2
 """Tasks that an `estimate` does where none was measured yet; their results are kept."""
 
 _MOST_LOST = 6  # workers in a row that may end before they begin a task
-_SHORT_CALL_S, _LARGEST_CALL = 0.2, 64  # of tasks that are done by one call
+SHORT_CALL_S, _LARGEST_CALL = 0.2, 64  # of tasks that are done by one call
 _MOST_FAILURES = 50  # that the report lists
 _LAST = ("status", "seconds", "cpu_seconds", "peak_bytes", "bytes", "worker", "deaths", "error")
 
@@ -257,7 +257,7 @@ def _ends(
         new = islice((task for task in campaign.tasks() if task.key in waiting), most)
         for task in new:
             # Calls of short tasks would cost more than the tasks.
-            size = 1 if seconds is None else int(_SHORT_CALL_S / max(seconds, 1e-6))
+            size = 1 if seconds is None else int(SHORT_CALL_S / max(seconds, 1e-6))
             more = max(1, min(size, _LARGEST_CALL)) - 1
             call = {task.key: task for task in (task, *islice(new, more))}
             waiting.difference_update(call)

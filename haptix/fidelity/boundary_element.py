@@ -98,7 +98,7 @@ class BoundaryElementBalance(Fidelity):
                 missing.setdefault(place, set()).add(strength)
         self._check_amount(sum(map(len, missing.values())))
         for number, (place, strengths) in enumerate(missing.items(), start=1):
-            self._follow(place, sorted(strengths))
+            self.follow_loads(place, sorted(strengths))
             if self.on_progress is not None:
                 self.on_progress(number / len(missing))
         rows = [self._known[place][strength] for place, strength in states]
@@ -141,7 +141,7 @@ class BoundaryElementBalance(Fidelity):
             )
         return [complex(value) for value in thickness.tolist()]
 
-    def _follow(self, place: Place, strengths: list[float]) -> None:
+    def follow_loads(self, place: Place, strengths: list[float]) -> None:
         """Solve one place along its rising strengths."""
         applied, thickness = place
         if strengths[-1] > 0 and self.boxed.gap_step_m > abs(thickness):

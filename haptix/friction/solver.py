@@ -18,7 +18,7 @@ from haptix.states import GapSums
 from haptix.terms import ActiveTerms, Stage
 from haptix.threads import one_thread
 
-_BLOCK = 4096  # states solved together: bounds the memory, and fits the cache
+BLOCK = 4096  # states solved together: bounds the memory, and fits the cache
 _BLOCK_OF_SUMS = 1024  # states whose gaps are summed together: bounds the memory
 
 
@@ -70,7 +70,7 @@ class FrictionSolver:
         # Blocks come in the order of the forces: a table that grew with each would be solved often.
         at_rest = self._at_rest(normal_force_n)
         self.fidelity.prepare(at_rest.applied_pa, at_rest.widest_gap_m)
-        blocks = [slice(i, i + _BLOCK) for i in range(0, len(normal_force_n), _BLOCK)]
+        blocks = [slice(i, i + BLOCK) for i in range(0, len(normal_force_n), BLOCK)]
         try:
             solved = [self._solve(self._load(pull_of(at), at_rest.part(at))) for at in blocks]
         finally:

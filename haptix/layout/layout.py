@@ -230,8 +230,9 @@ class Layout:
         else:
             check_feelable("background", background)
             self._background = background.evaluator
-        self._regions = Regions()
-        self._controls = Controls(self._regions)
+        self.regions = Regions()
+        """What is shown, and what changes it."""
+        self._controls = Controls(self.regions)
         self.patches: dict[int, Patch] = {}
         """Patches by their keys, also those that have gone while a finger was on them."""
 
@@ -270,24 +271,24 @@ class Layout:
     def put(self, region: Region) -> Patch:
         """Put a region onto the layout; see `add`."""
         with self.change():
-            key = self._regions.add(region)
-            patch = self.patches[key] = Patch(self._regions, self._controls, key, region.material)
+            key = self.regions.add(region)
+            patch = self.patches[key] = Patch(self.regions, self._controls, key, region.material)
         return patch
 
     def change(self) -> AbstractContextManager[None]:
         """Gather changes, so that a block has all of them or none; on an error, none."""
-        return self._regions.change()
+        return self.regions.change()
 
     def clear(self) -> None:
         """Remove all regions."""
-        self._regions.clear()
+        self.regions.clear()
 
     def attach(self, now: Callable[[], float], changed: Callable[[], None] = lambda: None) -> None:
         """Take the clock of a renderer: the first time [s] that can still be changed.
 
         `changed` is called after each change, in its thread.
         """
-        regions = self._regions
+        regions = self.regions
         with regions.lock:
             regions.attach(now, changed)
             self._controls.forget()
@@ -311,7 +312,7 @@ class Layout:
     @property
     def extent_mm(self) -> tuple[float, float, float, float]:
         """Left, right, top and bottom of the box around all regions."""
-        boxes = [region.box for region in self._regions.shown.regions if region.opacity.after[0]]
+        boxes = [region.box for region in self.regions.shown.regions if region.opacity.after[0]]
         if not boxes:
             return (0.0, 40.0, 0.0, 20.0)
         left, right, top, bottom = zip(*boxes, strict=True)
@@ -322,15 +323,15 @@ class Layout:
         """What the answers depend on, as the regions are now."""
         below = self._background
         depends_on_all = Depends.PLACE if isinstance(below, float) else below.depends_on
-        now_s = self._regions.now()
-        for region in self._regions.shown.regions:
+        now_s = self.regions.now()
+        for region in self.regions.shown.regions:
             depends_on_all |= region.depends_on(now_s)
         return depends_on_all
 
     @property
     def drives_at_rest(self) -> bool:
         """Whether any region is felt at rest; the others fade there."""
-        return self._regions.shown.drives_at_rest
+        return self.regions.shown.drives_at_rest
 
     def wanted(self, motion: Motion) -> Array:
         """Friction wanted under the fingers, of the motion's shape."""
@@ -343,7 +344,7 @@ class Layout:
             far = ~((np.abs(x) <= FARTHEST_MM) & (np.abs(y) <= FARTHEST_MM))
             brought_in = motion.at_places(np.where(far, 0.0, x), np.where(far, 0.0, y))
             return np.where(far, self.outside, self.wanted(brought_in))
-        shown = self._regions.shown  # read once
+        shown = self.regions.shown  # read once
         if shown.multiplies:
             motion = motion.with_footprint(2 * motion.footprint_mm)
         near = 2 * motion.footprint_mm + 1e-9
@@ -402,7 +403,7 @@ class Layout:
         of: dict[int, Facts] = {}
         states: dict[int, int] = {}
         facts = facts if isinstance(facts, LayoutFacts) else LayoutFacts.newest({}, facts)
-        of_regions, left, shown = facts.of, facts, self._regions.shown
+        of_regions, left, shown = facts.of, facts, self.regions.shown
         near = shown.near(now.x_mm, now.x_mm, now.y_mm, now.y_mm)
         if of_regions.keys() - {one.key for one in near}:
             near = shown.regions
@@ -432,13 +433,13 @@ class Layout:
         """Keys of the regions under a report, the highest first."""
         return [
             region.key
-            for region in self._regions.shown.near(*(report.x_mm,) * 2, *(report.y_mm,) * 2)
+            for region in self.regions.shown.near(*(report.x_mm,) * 2, *(report.y_mm,) * 2)
             if region.opacity.after[0] > 0.0 and region.is_near(report) and region.seen(report)[1]
         ]
 
     def priorities(self, motion: Motion) -> Array | None:
         """Priority of each finger at each point; None where all are alike."""
-        shown = self._regions.shown
+        shown = self.regions.shown
         if not shown.has_priorities:
             return None
         priority = np.zeros(motion.x_mm.shape)

@@ -29,7 +29,7 @@ from haptix.texture import (
 )
 from haptix.texture.material import AnyMaterial
 
-_LOOPED = 12  # regions up to which asking each is faster than asking numpy for all
+LOOPED = 12  # regions up to which asking each is faster than asking numpy for all
 
 FADE_S = 0.005
 """Time in which what comes fades in, and what goes fades out."""
@@ -72,7 +72,7 @@ class Shown:
         """Take regions, the highest first."""
         return cls(
             tuple(regions),
-            np.array([one.way for one in regions]).T if len(regions) > _LOOPED else None,
+            np.array([one.way for one in regions]).T if len(regions) > LOOPED else None,
             tuple({id(one.evaluator): one.evaluator for one in regions}.values()),
             any(one.blend == "multiply" for one in regions),
             any(one.priority for one in regions),

@@ -153,20 +153,20 @@ class RenderCore:
         change_v_per_s = min(settings.slew_v_per_s, slew / 2)
         highest_v = drive.highest_v(slew, change_v_per_s, rate)
         highest_v = min(surface.voltage_limit_v / max(peak, 1.0), highest_v)
-        self._slice = Slice.of(surface.table, highest_v)
-        self._compiled = self._slice.compiled.at
+        self.slice = Slice.of(surface.table, highest_v)
+        self._compiled = self.slice.compiled.at
         self._averaged = (
             []
             if ripple is None
             else [
-                self._slice.averaged(1 + sqrt(share / _SHARES) * (ripple - 1))
+                self.slice.averaged(1 + sqrt(share / _SHARES) * (ripple - 1))
                 for share in range(_SHARES + 1)
             ]
         )
         self._response = FingerResponse(surface.response_hz_per_mm_per_s)
         # The drive stays below the limit, rounding included.
         self._most_v = highest_v / (1.0 if peak <= 1 else 1 + 1e-12)
-        self._most_step_v = change_v_per_s * self.step / rate
+        self.most_step_v = change_v_per_s * self.step / rate
         self._period = drive.period(rate)
         self._period_at = (
             NULL if self._period is None else _address(DOUBLES, _row(self._period, _FLOAT64))
@@ -195,7 +195,7 @@ class RenderCore:
             span_high=span[1] if span else 0.0,
             combination=_COMBINATIONS.index(self.settings.combination),
             most_v=self._most_v,
-            most_step_v=self._most_step_v,
+            most_step_v=self.most_step_v,
             step=self.step,
             joined=max(1, round(_JOIN_S / self.step_s)),
         )
@@ -278,7 +278,7 @@ class RenderCore:
             speed_mm_per_s = np.asarray(speed_mm_per_s, dtype=np.float64)
         except (TypeError, ValueError):
             raise InputError("reachable: expected rows of forces and speeds") from None
-        lowest, highest = self._slice.reach(normal_force_n)
+        lowest, highest = self.slice.reach(normal_force_n)
         if not self._averaged:
             return lowest, highest
         highs = np.array([one.reach(normal_force_n)[1] for one in self._averaged])
@@ -289,7 +289,7 @@ class RenderCore:
     def friction(self, normal_force_n: Array, speed_mm_per_s: Array, amplitude_v: Array) -> Array:
         """Friction coefficient at forces, speeds and amplitudes [V], each of shape (points,)."""
         if not self._averaged:
-            return self._slice.mu(normal_force_n, amplitude_v)
+            return self.slice.mu(normal_force_n, amplitude_v)
         mu = np.array([one.mu(normal_force_n, amplitude_v) for one in self._averaged])
         cell, part = self._followed(speed_mm_per_s)
         at = np.arange(mu.shape[1])

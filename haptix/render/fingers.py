@@ -81,7 +81,7 @@ class RecordedFingers:
 
     def __init__(self, sliding: Sliding) -> None:
         self._sliding = sliding
-        self._tracks: dict[int, _KnownTrack] = {}
+        self.tracks: dict[int, _KnownTrack] = {}
         self._latest_s = -np.inf
 
     def touch(
@@ -103,14 +103,14 @@ class RecordedFingers:
         """
         touches = np.array([t_s, x_mm, y_mm, normal_force_n], dtype=np.float64).reshape(4, -1)
         first_s, joined = float(touches[0, 0]), touches
-        track = self._tracks.get(touch_id)
+        track = self.tracks.get(touch_id)
         if track is not None and not track.is_down:
             track = None
         latest_s = self._latest_s if track is None else float(track.touches[0, -1])
         if first_s < latest_s - LOST_S if track is None else first_s <= latest_s:
             raise InputError(f"touch: time must advance, but {first_s:g} s follows {latest_s:g} s")
         if track is None:
-            self._tracks[touch_id] = track = _KnownTrack(touches, [(first_s, 0.0)])
+            self.tracks[touch_id] = track = _KnownTrack(touches, [(first_s, 0.0)])
         else:
             joined = np.hstack([track.touches[:, -1:], touches])
             track.touches = np.hstack([track.touches, touches])
@@ -132,7 +132,7 @@ class RecordedFingers:
 
     def lift(self, touch_id: int, t_s: float, since_s: float = nan) -> None:
         """Lift a finger; its drive fades out. `since_s` is the time on the clock of samples."""
-        track = self._tracks.get(touch_id)
+        track = self.tracks.get(touch_id)
         if track is None or not track.is_down:
             return
         track.is_down = False
@@ -149,11 +149,11 @@ class RecordedFingers:
     @property
     def known_until_s(self) -> float:
         """Time up to which all fingers' paths are known."""
-        for touch_id, track in self._tracks.items():
+        for touch_id, track in self.tracks.items():
             last_s = float(track.touches[0, -1])
             if track.is_down and last_s < self._latest_s - LOST_S:
                 self.lift(touch_id, last_s)
-        down = [float(track.touches[0, -1]) for track in self._tracks.values() if track.is_down]
+        down = [float(track.touches[0, -1]) for track in self.tracks.values() if track.is_down]
         return min(down, default=self._latest_s)
 
     def motion(
@@ -164,12 +164,12 @@ class RecordedFingers:
         Touches have a clock of their own; `since_s` is on that of samples, see `Motion`. Those that
         get drive at rest were told with their touches.
         """
-        self._tracks = {
+        self.tracks = {
             touch_id: track
-            for touch_id, track in sorted(self._tracks.items())
+            for touch_id, track in sorted(self.tracks.items())
             if track.is_down or track.gains[-1][0] >= t0_s + step_s
         }
-        tracks = list(self._tracks.values())
+        tracks = list(self.tracks.values())
         if not tracks:
             return Fingers.none(points)
         end_s = t0_s + step_s * points
@@ -284,7 +284,7 @@ class PredictedFingers:
     def __init__(self, settings: LiveSettings) -> None:
         self.touches = Touches(settings.touch, settings.strict)
         self._settings = settings
-        self._tracks: dict[TouchTracker, _PredictedTrack] = {}
+        self.tracks: dict[TouchTracker, _PredictedTrack] = {}
         self._reactions: dict[TouchTracker, Reactions] = {}
         self._at_rest = not settings.sliding.is_needed
         self._ahead_s: float | None = None  # clock of touches minus that of samples
@@ -304,14 +304,14 @@ class PredictedFingers:
     @property
     def is_live(self) -> bool:
         """Whether a finger is on the screen, still fades out, or has drive in what is queued."""
-        is_here = bool(self._tracks or self.touches.active)
+        is_here = bool(self.tracks or self.touches.active)
         return is_here or self._updated_s < self._driven_until_s
 
     def update(self, t0_s: float) -> None:
         """Let what has been reported count from a time on."""
         self._updated_s = t0_s
         down = [tracker for _, tracker in self.touches.active]
-        tracks = self._tracks
+        tracks = self.tracks
         before = dict(tracks)
         for tracker in dict.fromkeys([*down, *tracks]):
             now, is_down, old = tracker.now, tracker.is_down, tracks.get(tracker)
@@ -393,7 +393,7 @@ class PredictedFingers:
         self._driven_until_s = max(self._driven_until_s, t0_s + step_s * points)
         size = n * points
         each = 4 * (size + points)  # where each finger's own numbers begin
-        trackers = list(self._tracks)
+        trackers = list(self.tracks)
         if n < count:
             which = numbers[each + 2 * n : each + 3 * n].astype(int).tolist()
             known, ids = tuple(known[k] for k in which), tuple(ids[k] for k in which)

@@ -214,8 +214,8 @@ class RenderSource:
         self._count = count
         self._record = record
         self._appended = appended
-        self._amplitudes = Revisable()  # of what is queued, where each step begins
-        self._amplitudes.append(np.zeros(1))
+        self.amplitudes = Revisable()  # of what is queued, where each step begins
+        self.amplitudes.append(np.zeros(1))
 
     @property
     def grid(self) -> int:
@@ -230,7 +230,7 @@ class RenderSource:
     def window(self, first: int, count: int, at_s: float, is_revision: bool) -> Array:
         """Render samples from index `first` on, of which the first is played at `at_s`."""
         began = time.perf_counter()
-        core, amplitudes = self._core, self._amplitudes
+        core, amplitudes = self._core, self.amplitudes
         step, points = first // core.step, count // core.step
         queued = None
         if is_revision:
@@ -254,12 +254,12 @@ class RenderSource:
 
     def settle(self, obeyed: int, undone: bool) -> None:
         """Take the oldest revisions as played; with `undone`, all others never were."""
-        self._amplitudes.accept(obeyed)
+        self.amplitudes.accept(obeyed)
         if undone:
-            self._amplitudes.undo()
+            self.amplitudes.undo()
         if (record := self._record()) is not None:
             record.settle(obeyed, undone)
 
     def played(self, index: int) -> None:
         """Forget what lies before an index."""
-        self._amplitudes.drop_before(index // self._core.step)
+        self.amplitudes.drop_before(index // self._core.step)

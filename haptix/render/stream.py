@@ -193,7 +193,7 @@ class RenderStream(RenderCore, ABC):
 
     def poll(self) -> list[EffectEnd]:
         """Tell which effects have ended since the last time, see `LiveRenderer.play`."""
-        return self._master.ended(self._since_s, self.sample_rate_hz)
+        return self._master.ended(self.next_sample_s, self.sample_rate_hz)
 
     def _feel(self, texture: Feelable) -> None:
         check_feelable("texture", texture)
@@ -207,7 +207,7 @@ class RenderStream(RenderCore, ABC):
     def _attach(self, texture: Feelable) -> None:
         """Give a layout the clock of the stream."""
         if isinstance(layout := texture.evaluator, Layout):
-            layout.attach(lambda: self._since_s, self._changed)
+            layout.attach(lambda: self.next_sample_s, self._changed)
 
     @property
     @abstractmethod
@@ -225,7 +225,7 @@ class RenderStream(RenderCore, ABC):
         texture, evaluator, _ = self._felt
         listeners, layout = self._listeners, evaluator if isinstance(evaluator, Layout) else None
         if listeners is not None or layout is not None:
-            now = Report(self._since_s, x, y, normal_force_n if is_down else None, is_down)
+            now = Report(self.next_sample_s, x, y, normal_force_n if is_down else None, is_down)
             if layout is not None:
                 layout.heard(event.touch_id, now)
             if listeners is not None:
@@ -294,7 +294,7 @@ class RenderStream(RenderCore, ABC):
         _LOG.info("%s begins, up to %g V on %s", type(self).__name__, limit, self.device.name)
 
     @property
-    def _since_s(self) -> float:
+    def next_sample_s(self) -> float:
         """Time of the next sample since the first, less pauses."""
         return self._master.scene_s(self._samples_s)
 
@@ -331,7 +331,7 @@ class Renderer(RenderStream):
     def __exit__(self, kind: Any, error: BaseException | None, traceback: Any) -> None:
         _LOG.info("%s ends: %s", type(self).__name__, self.stats)
         self.device.__exit__(kind, error, traceback)
-        self._master.cut(self._since_s, self.sample_rate_hz)
+        self._master.cut(self.next_sample_s, self.sample_rate_hz)
 
     @property
     def _samples_s(self) -> float:
@@ -505,7 +505,7 @@ class LiveRenderer(RenderStream):
             playback.__exit__(kind, error, traceback)
         finally:
             _LOG.info("%s ends: %s", type(self).__name__, self.stats)
-            self._master.cut(self._since_s, self.sample_rate_hz)
+            self._master.cut(self.next_sample_s, self.sample_rate_hz)
         if self.stats.advice and error is None:
             warnings.warn(f"the renderer {self.stats.advice}", OverloadWarning, stacklevel=2)
 
@@ -590,7 +590,7 @@ class LiveRenderer(RenderStream):
         InputError
             If the effect has no end, or is no share.
         """
-        return self._master.play(effect, lambda: self._since_s, priority, done)
+        return self._master.play(effect, lambda: self.next_sample_s, priority, done)
 
     def _take(self, events: Sequence[TouchEvent], arrival_s: float) -> None:
         """Take touch events, and tell what those did that were some."""

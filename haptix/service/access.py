@@ -118,8 +118,8 @@ class Access:
         scheme = "https" if hosts else "http"
         self.origins = frozenset(f"{scheme}://{host}" for host in self.hosts)
         self._now_s = now_s
-        self._folder = folder
-        self._folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        self.folder = folder
+        self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         self._pages: dict[str, dict[str, str]] = self._load()
         self._tries = Limiter(_MOST_TRIES / _TRIES_S, now_s, _MOST_TRIES)
         self._shows = Limiter(1 / _SHOW_S, now_s, 1)
@@ -133,7 +133,7 @@ class Access:
     def close(self) -> None:
         """Take back the token of native programs."""
         self.native = secrets.token_urlsafe(32)
-        (self._folder / "service.json").unlink(missing_ok=True)
+        (self.folder / "service.json").unlink(missing_ok=True)
 
     def is_own_host(self, host: str | None) -> bool:
         """Whether a request's Host is a name of this service; another one was rebound."""
@@ -220,7 +220,7 @@ class Access:
         return any(page["origin"] == origin for page in self._pages.values())
 
     def _load(self) -> dict[str, dict[str, str]]:
-        path = self._folder / "tokens.json"
+        path = self.folder / "tokens.json"
         if not path.exists():
             return {}
         pages = read_json(path)
@@ -234,7 +234,7 @@ class Access:
         self._write("tokens.json", _json(self._pages))
 
     def _write(self, name: str, content: bytes) -> Path:
-        path = self._folder / name
+        path = self.folder / name
         write_whole(path, content)
         path.chmod(0o600)
         return path

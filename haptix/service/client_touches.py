@@ -30,7 +30,7 @@ OLD_S = 0.1
 """A stall of the front for so long is noticed; of moves that are older, the newest is kept: the
 engine takes none of that age."""
 _LATE_S = 1.0  # after a stall: what had not been read yet is old, too
-_TIMED_PASSES, _REST, _MOST_INTERVAL_S = 8, 16, 0.03  # of `TouchGate`
+_TIMED_PASSES, _REST, MOST_INTERVAL_S = 8, 16, 0.03  # of `TouchGate`
 
 Batch = list[ClientTouch | Problem | None]
 
@@ -338,7 +338,7 @@ class TouchGate:
 
     def _interval_s(self) -> float:
         # The quickest: nothing else held it up.
-        return min(self._render_s() + _REST * min(self._pass_times_s), _MOST_INTERVAL_S)
+        return min(self._render_s() + _REST * min(self._pass_times_s), MOST_INTERVAL_S)
 
     def _keep(self, touch: TouchEvent, interval_s: float) -> None:
         waiting = self._waiting.setdefault(touch.touch_id, [])

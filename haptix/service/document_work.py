@@ -24,7 +24,7 @@ EXPORT = "haptix.tasks.layouts:ExportLayout"
 """The task that writes layouts in forms of interchange."""
 _FORCES_N = (0.1, 0.2, 0.5, 1.0, 2.0, 3.0)
 _FORCE_N = 0.5  # what is asked for where nobody says another
-_BYTES_PER_PIXEL = 48  # of a texture: the pixels, its pyramid, and one level more
+BYTES_PER_PIXEL = 48  # of a texture: the pixels, its pyramid, and one level more
 MOST_SAMPLES, MOST_TABLE_BYTES = 48_000 * 60, 2_000_000
 """Of a sound, and of a table or model: what the engine reads in a second or two."""
 
@@ -120,7 +120,7 @@ class DocumentWork:
             from haptix.texture.pictures import read_pixels
 
             pixels, _ = read_pixels("image", path)
-            return {"bytes": pixels.shape[0] * pixels.shape[1] * _BYTES_PER_PIXEL}
+            return {"bytes": pixels.shape[0] * pixels.shape[1] * BYTES_PER_PIXEL}
         with path.open("rb") as file:
             head = file.read(4)
         if head in (b"RIFF", b"fLaC"):

@@ -151,7 +151,7 @@ class JobBoard:
         self._engine, self._tell, self._disarm = engine, tell, disarm
         self.context: dict[str, Any] = {}
         """What all jobs know: assets, device, finger, screen."""
-        self._jobs: dict[str, Job] = {}
+        self.jobs: dict[str, Job] = {}
         self._queue: deque[Job] = deque()
         self._runner: asyncio.Task[None] | None = None
 
@@ -167,11 +167,11 @@ class JobBoard:
             raise Problem("limit", f"expected at most {MOST_QUEUED} jobs that wait; cancel one")
         message = JobMessage(job=secrets.token_hex(8), kind=kind, state="queued")
         job = Job(owner, message, {**fields, "context": self.context}, self._tell)
-        for old in [job for job in self._jobs.values() if job.is_over][
-            : len(self._jobs) - _MOST_ENDED
+        for old in [job for job in self.jobs.values() if job.is_over][
+            : len(self.jobs) - _MOST_ENDED
         ]:
-            del self._jobs[old.message.job]
-        self._jobs[message.job] = job
+            del self.jobs[old.message.job]
+        self.jobs[message.job] = job
         self._queue.append(job)
         if self._runner is None or self._runner.done():
             self._runner = asyncio.create_task(self._runs())
@@ -185,14 +185,14 @@ class JobBoard:
         Problem
             If the owner has none of this name.
         """
-        job = self._jobs.get(name)
+        job = self.jobs.get(name)
         if job is None or job.owner != owner:
             raise Problem("unknown", f"no job of yours is called {name!r:.40}", "/job")
         return job
 
     def all(self, owner: str) -> tuple[JobMessage, ...]:
         """Return what is known of an owner's jobs, the oldest first."""
-        return tuple(job.message for job in self._jobs.values() if job.owner == owner)
+        return tuple(job.message for job in self.jobs.values() if job.owner == owner)
 
     def cancel(self, job: Job) -> None:
         """End a job."""
@@ -202,13 +202,13 @@ class JobBoard:
 
     def end_playing(self) -> None:
         """End all jobs that play or wait to; the driver's watchdog ends at 0 V."""
-        for job in list(self._jobs.values()):
+        for job in list(self.jobs.values()):
             if plays(job.message.kind):
                 self.cancel(job)
 
     async def stop(self) -> None:
         """End all jobs."""
-        for job in list(self._jobs.values()):
+        for job in list(self.jobs.values()):
             self.cancel(job)
         if self._runner is not None:
             await self._runner

@@ -225,10 +225,10 @@ class Pool:
 
     def __init__(self, opening: dict[str, Any], longest_s: float = LONGEST_S) -> None:
         self.opening, self._longest_s = opening, longest_s
-        self._owned: dict[str, _Owned] = {}  # the one used last stands last
+        self.owned: dict[str, _Owned] = {}  # the one used last stands last
         self._room = asyncio.Semaphore(MOST_WORKERS)
-        self._spare: asyncio.Task[Process] | None = None
-        self._processes: set[Process] = set()
+        self.spare: asyncio.Task[Process] | None = None
+        self.processes: set[Process] = set()
         self._waiting = 0
         self._keeps_spare = self._ends = False
 
@@ -243,7 +243,7 @@ class Pool:
         if self._waiting >= MOST_WAITING:
             raise Problem("limit", f"expected at most {MOST_WAITING} questions that wait")
         self._waiting += 1
-        owned = self._owned[owner] = self._owned.pop(owner, _Owned())
+        owned = self.owned[owner] = self.owned.pop(owner, _Owned())
         if owned.rests is not None:
             owned.rests.cancel()
         try:
@@ -265,22 +265,22 @@ class Pool:
     def warm(self) -> None:
         """Keep a worker that is nobody's."""
         self._keeps_spare = True
-        if self._spare is None and not self._ends:
-            self._spare = asyncio.create_task(self._start())
+        if self.spare is None and not self._ends:
+            self.spare = asyncio.create_task(self._start())
 
     def end(self) -> None:
         """End all workers at once; all questions that wait are refused."""
         self._ends = True
-        for process in self._processes:
+        for process in self.processes:
             process.kill()
 
     async def stop(self) -> None:
         """End all workers, and wait until they have."""
         self.end()
-        if self._spare is not None:
+        if self.spare is not None:
             with suppress(Problem, TimeoutError):
-                await self._spare
-        await asyncio.gather(*(process.stop() for process in self._processes))
+                await self.spare
+        await asyncio.gather(*(process.stop() for process in self.processes))
 
     async def _ask_now(self, owned: _Owned, do: str, fields: dict[str, Any]) -> dict[str, Any]:
         limit_s = START_S
@@ -301,14 +301,14 @@ class Pool:
     def _make_room(self, owned: _Owned) -> None:
         """End the worker that is idle for longest, if there are as many others as may be."""
         others = [
-            worker for worker in self._owned.values() if worker is not owned and worker.is_there
+            worker for worker in self.owned.values() if worker is not owned and worker.is_there
         ]
         if len(others) >= MOST_WORKERS:  # not all are busy, for it is this one's turn
             next(worker for worker in others if not worker.is_busy).end()
 
     async def _take(self) -> Process:
         """Return a worker that has worked for nobody."""
-        spare, self._spare = self._spare, None
+        spare, self.spare = self.spare, None
         if spare is not None:
             with suppress(Problem, TimeoutError):
                 process = await spare
@@ -318,7 +318,7 @@ class Pool:
 
     async def _start(self) -> Process:
         process = Process(nice=NICE)
-        self._processes = {process for process in self._processes if not process.has_ended} | {
+        self.processes = {process for process in self.processes if not process.has_ended} | {
             process
         }
         async with asyncio.timeout(START_S):
@@ -331,4 +331,4 @@ class Pool:
     def _release(self, owner: str, owned: _Owned) -> None:
         if not owned.turn.locked():
             owned.end()
-            self._owned.pop(owner, None)
+            self.owned.pop(owner, None)

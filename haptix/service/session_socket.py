@@ -87,7 +87,7 @@ async def _writes(socket: WebSocket, client: ServiceSession) -> None:
                 await client.has_more.wait()
 
 
-_WAIT_S, _LAYOUT_WAIT_S = 5.0, 20.0  # for the engine
+_WAIT_S, LAYOUT_WAIT_S = 5.0, 20.0  # for the engine
 
 
 async def answer_in_turn(hub: Hub, session: ServiceSession) -> None:
@@ -178,7 +178,7 @@ async def _answer(hub: Hub, session: ServiceSession, message: Any) -> m.Message 
 
 async def _ask(hub: Hub, do: str, **fields: Any) -> dict[str, Any]:
     is_layout = do.startswith("layout")  # the engine makes those beside all else
-    wait_s = _LAYOUT_WAIT_S if is_layout else _WAIT_S
+    wait_s = LAYOUT_WAIT_S if is_layout else _WAIT_S
     try:
         return await asyncio.wait_for(hub.engine.ask(do, **fields), wait_s)
     except TimeoutError:

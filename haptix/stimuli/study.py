@@ -179,7 +179,7 @@ RATE_HZ = 100.0
 """Of force and stimulus, which BIDS wants at regular times; panels report at 60 to 240 Hz."""
 
 _GAP_S = 0.1  # between two reports of one touch
-_MOST_SAMPLES = 10_000_000  # of a stimulus that is sampled faster than at `RATE_HZ`
+MOST_SAMPLES = 10_000_000  # of a stimulus that is sampled faster than at `RATE_HZ`
 _LEFT_OUT = ("date", "right", "onset_s")
 
 _TEXTS = {
@@ -301,7 +301,7 @@ def _stimulus(base: Path, rows: Sequence[Mapping[str, str]]) -> dict[Path, bytes
     closest_s = np.diff(np.unique(onset_s)).min(initial=1 / RATE_HZ)
     # Rounded: 1 / 0.004 must not become 251.
     needed_hz = np.ceil(round(1 / closest_s, 6))
-    rate_hz = max(RATE_HZ, min(needed_hz, _MOST_SAMPLES / max(end - start, 1 / RATE_HZ)))
+    rate_hz = max(RATE_HZ, min(needed_hz, MOST_SAMPLES / max(end - start, 1 / RATE_HZ)))
     # Half up: Python's `round` takes 1.5 and 2.5 to the same sample.
     first = np.floor((onset_s - start) * rate_hz + 0.5).astype(int)
     level = np.full(max(round((end - start) * rate_hz), first.max()) + 1, np.nan)

@@ -45,7 +45,7 @@ FORMS = ("surface", "slice")
 _SEED = 20180518  # of the held-out points; planning and building use others
 # Held-out points, queries timed together, and tolerances of the surface against its model [JND].
 _THOROUGH = (2000, 1_000_000, (0.01, 0.02, 0.05, 0.1, 0.2, 0.5))
-_QUICK = (500, 50_000, (0.05, 0.5))
+QUICK = (500, 50_000, (0.05, 0.5))
 _BOX = BoundaryElementBox(points=64, surfaces=2)
 _MEASURED = MeasuredPoints(forces=2, drives=2, axis_values=1)
 _REPEATS = 3  # of which the fastest counts
@@ -185,17 +185,17 @@ def run_tradeoff(
         measured = measure_setting(job, on_progress)
         runs += [Run(**row) for row in measured["runs"]]
         on_progress("run", number / len(jobs))
-    batch = (_QUICK if quick else _THOROUGH)[1]
+    batch = (QUICK if quick else _THOROUGH)[1]
     return Tradeoff(scene, chosen(runs, scene.budget_jnd), measured["points"], batch)
 
 
 def setting_jobs(scene: Scene, quick: bool, boundary_elements: bool) -> Iterator[dict[str, Any]]:
     """Yield the documents of `measure_setting`, the planned setting's first."""
-    tolerances = (_QUICK if quick else _THOROUGH)[2]
+    tolerances = (QUICK if quick else _THOROUGH)[2]
     settings = [("planned", "")]
     settings += [(fidelity, f"{value:g} JND") for fidelity in TABULATED for value in tolerances]
     if boundary_elements:
-        settings.append(("boundary-element", f"{_QUICK[2][0]:g} JND"))
+        settings.append(("boundary-element", f"{QUICK[2][0]:g} JND"))
     for model, tolerance in settings:
         yield {"scene": plain_scene(scene), "quick": quick, "model": model, "tolerance": tolerance}
 
@@ -263,7 +263,7 @@ def _terms(scene: Scene, fidelity: FidelityName) -> frozenset[str]:
 
 @lru_cache(maxsize=1)  # a process measures many settings of one scene
 def _bench(scene: str, quick: bool) -> _Bench:
-    count, batch, _ = _QUICK if quick else _THOROUGH
+    count, batch, _ = QUICK if quick else _THOROUGH
     return _Bench(Scene(**json.loads(scene)), count, batch)
 
 

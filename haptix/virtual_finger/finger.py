@@ -25,7 +25,7 @@ from haptix.virtual_finger.played import Amplitude, ComplexArray, Drive, Excerpt
 from haptix.virtual_finger.sensing import Felt, SensedForce, SensorModel
 
 _FINER = 4  # steps of the response in one of the output
-_PART_S = 10.0  # felt at a time: bounds the memory
+PART_S = 10.0  # felt at a time: bounds the memory
 _ROUNDING = 1e-4  # of the limit: a driver's 16 bits may read back this much above it
 _FEWEST_SAMPLES = 4
 _DRIVE_RATES_HZ = (100.0, 1e6)  # of drivers there are, and what fits the memory
@@ -269,7 +269,7 @@ class VirtualFinger:
         """Squared field after the response, (points, count), its status, and its end."""
         squares = np.empty((field.points, count))
         status = np.empty(count, dtype=np.int64)
-        part = max(2, round(_PART_S * rate_hz))
+        part = max(2, round(PART_S * rate_hz))
         for first in range(0, count, part):
             last = min(first + part, count)
             # One step of the output is shared with the next part, which goes on from there.

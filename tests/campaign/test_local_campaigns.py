@@ -313,7 +313,7 @@ def test_a_place_of_fsspec_has_the_same_bytes_as_a_folder(tmp_path):
 def test_a_place_of_fsspec_that_breaks_half_way_never_has_a_half_result(
     tmp_path, renames, monkeypatch
 ):
-    monkeypatch.setattr("haptix.results._WHOLE", {"whole"})
+    monkeypatch.setattr("haptix.results.WRITES_WHOLE", {"whole"})
     fsspec = pytest.importorskip("fsspec")
     from fsspec.implementations.memory import MemoryFileSystem
 
@@ -509,7 +509,7 @@ class Calling(Executor):
 
 
 def test_short_tasks_share_calls_and_a_lost_answer_costs_no_task_twice(tmp_path, monkeypatch):
-    monkeypatch.setattr("haptix.campaign.run._SHORT_CALL_S", 1e9)  # however slow this machine is
+    monkeypatch.setattr("haptix.campaign.run.SHORT_CALL_S", 1e9)  # however slow this machine is
     calls, numbers, real = [], [], Countable.run
 
     def run(document):

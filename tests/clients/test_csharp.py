@@ -14,8 +14,8 @@ from tests.waiting import PATIENCE_S, wait_for
 def test_client(service, tmp_path):
     program = compiled(tmp_path / "test.exe", CSHARP / "Test")
     watched = JobMessage(job="a1", kind="surface", state="running")
-    service.hub.jobs._jobs["a1"] = Job("programs", watched, {}, lambda _: None)
-    folder = service.access._folder
+    service.hub.jobs.jobs["a1"] = Job("programs", watched, {}, lambda _: None)
+    folder = service.access.folder
     done = subprocess.run(
         ["mono", program, CSHARP.parent / "golden"],
         capture_output=True,

@@ -118,7 +118,7 @@ def stimulus_file(folder, name="a.wav", seconds=0.2, volts=100.0):
 
 def driven(session):
     """Volts that the mock driver has played."""
-    codes, _ = session.device._stream.link.driver.output
+    codes, _ = session.device.mock.output
     return codes / 32767 * session.device.capabilities.full_scale_v
 
 
@@ -142,7 +142,7 @@ def test_the_session_plays_a_file_and_tells_its_onset(plugin, tmp_path):
 def test_a_device_without_marks_estimates_the_onset(plugin, tmp_path, monkeypatch):
     session = plugin("HaptixSession")("mock:")
     without = replace(session.device.capabilities, takes_marks=False)
-    monkeypatch.setattr(session.device, "_capabilities", without)
+    monkeypatch.setattr(type(session.device), "capabilities", without)
     stimulus = plugin("HapticStimulus")(session)
     stimulus.load(stimulus_file(tmp_path, seconds=0.6))
     stimulus.play()

@@ -15,7 +15,7 @@ from tests.waiting import PATIENCE_S, wait_for
 
 @pytest.fixture
 def connect(service, monkeypatch):
-    monkeypatch.setenv("HAPTIX_SERVICE", str(service.access._folder))
+    monkeypatch.setenv("HAPTIX_SERVICE", str(service.access.folder))
     service.engine.reports.clear()
     return haptix.client.connect
 
@@ -72,7 +72,7 @@ def test_a_job_is_watched_over_a_broken_connection_and_told_what_was_missed(serv
     job, gone = (
         Job("programs", JobMessage(job=name, **fields), {}, lambda _: None) for name in ("a1", "b2")
     )
-    jobs = service.hub.jobs._jobs
+    jobs = service.hub.jobs.jobs
     jobs.update(a1=job, b2=gone)
     with connect("test") as h:
         told = []

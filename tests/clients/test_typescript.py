@@ -9,7 +9,7 @@ from tests.waiting import PATIENCE_S, wait_for
 
 def test_client(service):
     node_tools()
-    environment = os.environ | {"HAPTIX_SERVICE": str(service.access._folder)}
+    environment = os.environ | {"HAPTIX_SERVICE": str(service.access.folder)}
     for test in sorted((TYPESCRIPT / "test").glob("*.test.js")):  # one by one: there is one lease
         done = subprocess.run(
             ["node", test], capture_output=True, text=True, timeout=PATIENCE_S, env=environment

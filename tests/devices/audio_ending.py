@@ -7,10 +7,13 @@ import time
 
 import numpy as np
 
-from firmware_io import Playback, WaveSource, open_device
+from firmware_io import Device, Playback, WaveSource
+from firmware_io.opening import read_address
 
 address, way = sys.argv[1:]
-device = open_device(address)
+scheme, values = read_address(address)
+link = scheme.open(**values)
+device = Device(link)
 rate_hz = device.capabilities.sample_rate_hz
 # 173 V at 60 Hz: a step where it ends is far above the steps of the sine.
 wave = WaveSource(
@@ -35,7 +38,7 @@ def finish(playback):
     if way == "close":
         device.close()
     if way == "link":
-        device._stream.link.close()
+        link.close()
         os._exit(0)
     if way == "error":
         raise RuntimeError("as asked")

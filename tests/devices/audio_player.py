@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from firmware_io import Playback, WaveSource, open_device
+from firmware_io import Device, Playback, WaveSource
 from firmware_io.links.audio import AudioLink
+from firmware_io.opening import read_address
 
 # Ahead of every ordinary program on a busy machine; JACK's own thread waits for this one's lock.
 with suppress(PermissionError):
@@ -30,7 +31,9 @@ def timed(self, out, count, *rest):
 
 AudioLink._fill = timed  # type: ignore[method-assign]
 sys.setswitchinterval(5e-4)
-device = open_device(address)
+scheme, values = read_address(address)
+link: Any = scheme.open(**values)
+device = Device(link)
 rate_hz = device.capabilities.sample_rate_hz
 rng = np.random.default_rng(7)
 # Every code is heard, and no two stretches are alike: noise, kept from slewing too fast, on a tone.
@@ -47,7 +50,6 @@ def sent(first, count):
 with Playback(device, WaveSource(sent)) as playback:
     playback.run_until(device.clock() + seconds + 0.5)
 stats = playback.stats
-link: Any = device._stream.link
 latency_s, underflows = device.latency_s, link.underflows
 device.close()
 np.save(path, volts)

@@ -20,6 +20,7 @@ import pytest
 
 import firmware_io
 from firmware_io.protocol import Ping
+from tests.links import stream_of
 from tests.waiting import PATIENCE_S
 
 pytestmark = pytest.mark.devices
@@ -157,7 +158,7 @@ def test_parsing_never_holds_the_output_up(board):
     with firmware_io.open_device(board.address) as device:
         for part in np.split(volts, 5):
             device.write(part)
-            device._stream.client.send(*[Ping(9)] * 8)
+            stream_of(device).client.send(*[Ping(9)] * 8)
         device.stop()
         clock = clock_of(device)
     expected = lines(volts)
@@ -171,7 +172,7 @@ def test_damaged_bytes_end_the_output_in_a_ramp(board):
     device = firmware_io.open_device(board.address)
     with pytest.raises(firmware_io.DeviceFaultError, match="damaged"), device:
         device.write(volts)
-        device._stream.client.link.send(b"\x00" * 4)
+        stream_of(device).client.link.send(b"\x00" * 4)
         device.write(volts)
     output = board.output_until(board.output().size + 2 * WATCHDOG)
     top = np.flatnonzero(output)[-1]

@@ -197,7 +197,7 @@ def test_backward_runs_on_one_thread_and_gives_the_others_back(
 def test_one_table_serves_all_blocks_of_a_material_that_is_differentiated(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("haptix.friction.solver._BLOCK", 2)
+    monkeypatch.setattr("haptix.friction.solver.BLOCK", 2)
     solve_table = Mock(wraps=AttractionTable.solve)
     monkeypatch.setattr(AttractionTable, "solve", solve_table)
     modulus = torch.tensor(40e6, dtype=torch.float64).requires_grad_()

@@ -25,7 +25,7 @@ def test_an_interrupted_build_says_its_price_and_resumes(
 ) -> None:
     target, kept = tmp_path / "a.surface", tmp_path / "a.surface.partial.npz"
     command = ["build", target, *EXACT, *gel, *LOADS, "--tolerance", "0.1"]
-    follow, places = BoundaryElementBalance._follow, []
+    follow, places = BoundaryElementBalance.follow_loads, []
 
     def counted(self: BoundaryElementBalance, place: Any, strengths: Any) -> None:
         places.append(place)
@@ -36,7 +36,7 @@ def test_an_interrupted_build_says_its_price_and_resumes(
         if len(places) == 3:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(BoundaryElementBalance, "_follow", interrupted)
+    monkeypatch.setattr(BoundaryElementBalance, "follow_loads", interrupted)
     done = haptix_cli(*command)
     assert done.code != 0
     assert not target.exists()
@@ -53,7 +53,7 @@ def test_an_interrupted_build_says_its_price_and_resumes(
     assert "delete it or name another file" in refused.err
 
     places.clear()
-    monkeypatch.setattr(BoundaryElementBalance, "_follow", counted)
+    monkeypatch.setattr(BoundaryElementBalance, "follow_loads", counted)
     done = haptix_cli(*command, "--json")
     assert done.code == 0, done.err
     assert len(places) == 1  # the last of three forces

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from firmware_io import (
+    Device,
     DeviceBusyError,
     DeviceDisconnectedError,
     DeviceError,
@@ -19,6 +20,7 @@ from firmware_io import (
 from firmware_io.links import hosted
 from firmware_io.links.audio import AudioProfile
 from firmware_io.links.hosted import read_rig_profile
+from tests.links import open_link
 from tests.waiting import wait_for
 
 PERIOD = 64
@@ -114,13 +116,14 @@ def heard():
 def test_the_ramp_is_played_out_before_the_stream_ends(portaudio, monkeypatch, buffered):
     monkeypatch.setattr(OutputStream, "buffered", buffered)
     monkeypatch.setattr(OutputStream, "latency", (buffered + 1) * PERIOD / 48_000)
-    device = open_device("audio:device=scarlett,full_scale_v=200")
+    link = open_link("audio:device=scarlett,full_scale_v=200")
+    device = Device(link)
     device.__enter__()
     # Up to a crest of 173 V, which stands there until the watchdog's time is over.
     device.write(173.0 * np.sin(np.arange(1, 2401) * np.pi / 4800))
     while not (streams[-1].heard and np.abs(streams[-1].heard[-1]).max() > 0.8):
         streams[-1].end.wait(1e-4)
-    device._stream.client.link.close()
+    link.close()
     drive = heard()[:, 0] * 200.0
     assert drive.max() > 160.0
     # The ramp of 5 ms from the crest, and one code of rounding.
@@ -225,8 +228,8 @@ def test_closing_ramps_down(portaudio):
 
 
 def test_an_interface_that_goes_away(portaudio):
-    device = open_device("audio:full_scale_v=200")
-    link: Any = device._stream.link
+    link = open_link("audio:full_scale_v=200")
+    device = Device(link)
     streams[0].is_late.set()
     wait_for(lambda: link.underflows)
     device.arm()
@@ -241,13 +244,12 @@ def test_an_interface_that_goes_away(portaudio):
 
 
 def test_senseless_latencies_are_not_believed(portaudio, monkeypatch):
-    device = open_device("audio:full_scale_v=200")
-    link = device._stream.link
+    link = open_link("audio:full_scale_v=200")
     assert link.latency_s == 0.003
     for latency in (89_478.0, -1.0, float("nan")):
         monkeypatch.setattr(OutputStream, "latency", latency)
         assert link.latency_s is None
-    device.close()
+    link.close()
     assert link.latency_s is None
 
 

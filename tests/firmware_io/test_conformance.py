@@ -37,6 +37,7 @@ from firmware_io.protocol import (
 )
 from tests.firmware_io import golden_sessions
 from tests.firmware_io.oracle.device import Oracle
+from tests.links import memory_of
 
 BOTH = frozenset(StreamMode)
 WAVEFORM, ENVELOPE = StreamMode.WAVEFORM, StreamMode.ENVELOPE
@@ -927,7 +928,7 @@ def test_codes_that_went_bad_in_memory_are_limited(ceiling_mv, slew, expected, m
     core.receive(encode(Frame(StreamSamples(0, sent, PLAIN.mode), 3)))
     for number in range(marks):  # one that is not due: each sample is looked at by itself
         core.receive(encode(Frame(Mark(1000, 0), 4 + number)))
-    memory = core._ffi.buffer(core._memory)
+    memory = memory_of(core)
     damaged = np.array([32767, -32767, 30000, -30000], np.int16).tobytes()
     memory[:] = bytes(memory).replace(sent.tobytes(), damaged)
     played, _ = core.play(4)
@@ -944,7 +945,7 @@ def test_a_watchdog_that_went_past_its_end_in_memory_ends_the_output():
     rig.play(1000)
     rig.stream([1000] * 100)
     rig.play(20)
-    memory = np.frombuffer(rig.core._ffi.buffer(rig.core._memory), np.uint32)
+    memory = np.frombuffer(memory_of(rig.core), np.uint32)
     before = memory.copy()
     rig.play(1)
     (place,) = np.flatnonzero((before == 20) & (memory == 21))  # counted from the stream

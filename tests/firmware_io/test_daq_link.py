@@ -21,6 +21,7 @@ from firmware_io.links import daq, hosted
 from firmware_io.links.daq import DaqProfile, beyond
 from firmware_io.links.hosted import read_rig_profile
 from tests.firmware_io.pretend_daq import Card, Level, pretend
+from tests.links import stream_of
 from tests.waiting import wait_for
 
 RIG = "daq:channel=Dev1/ao0,amplifier_gain=50"
@@ -61,7 +62,7 @@ def test_the_card_plays_volts_by_gain_and_ends_at_zero(card):
     assert set(line[:-1]) == {0.0, 5.0}
     (watchdog,) = card.watchdogs
     assert watchdog.states == [
-        ("Dev1/ao0", 0.0, daq._nidaqmx().constants.WatchdogAOExpirState.VOLTAGE)
+        ("Dev1/ao0", 0.0, daq.nidaqmx_module().constants.WatchdogAOExpirState.VOLTAGE)
     ]
     assert watchdog.resets > 10 and watchdog.is_closed
     assert card.open_tasks == []
@@ -117,7 +118,7 @@ def test_limits_hold_in_front_of_the_card(card):
 )
 def test_what_goes_wrong_ends_at_zero_and_says_so(card, monkeypatch, fault, says):
     if fault[0] == "stands":
-        monkeypatch.setattr(daq, "_STILL_S", 0.01)
+        monkeypatch.setattr(daq, "STILL_S", 0.01)
     device = open_device(f"{WATCHED},monitor=Dev1/ai0,buffer_s=0.004")
     device.arm()
     setattr(card, *fault)
@@ -145,7 +146,7 @@ def test_where_zero_cannot_be_written_the_watchdog_runs_out_first(card, monkeypa
     (watchdog,) = card.watchdogs
     monkeypatch.setattr(time, "sleep", lambda s: waited.append((s, watchdog.is_closed)))
     card.refusals["write"] = -200478
-    device._stream.client.link.close()
+    stream_of(device).link.close()
     assert (0.002, False) in waited
     assert watchdog.is_closed
 

@@ -240,7 +240,7 @@ def test_raising_the_capacitance_lowers_the_slew_on_both_sides():
             device.raise_capacitance(capacitance_f)
     assert device.limits.capacitance_f == 1e-9
     # A host that forgets its own limit meets the driver's.
-    object.__setattr__(device._stream.limits, "max_slew_v_per_s", 4e6)
+    object.__setattr__(device.limits, "max_slew_v_per_s", 4e6)
     with device, pytest.raises(DeviceFaultError, match=r"steep|slew"):
         device.write([20.0])
 
@@ -631,7 +631,7 @@ def test_what_the_driver_is_told():
     with pytest.raises(DeviceError, match="armed, so its set-up is fixed"):
         device.set_up(lead_s=0.0)
     # A host that forgets its own ceiling meets the lowered one in the driver.
-    object.__setattr__(device._stream.limits, "ceiling_v", 200.0)
+    object.__setattr__(device.limits, "ceiling_v", 200.0)
     with pytest.raises(DeviceFaultError, match=r"above the ceiling of 150 V"):
         device.write([75.0, 151.0])
     assert not device.mock.output[0].any()
@@ -656,8 +656,7 @@ def test_progress(clock):
     clock.sleep(0.025 + 500 / 48e3)
     progress = device.progress()
     assert (progress.samples_sent, progress.samples_played) == (1000, 0)  # nothing was said yet
-    device._stream.client.synchronise()
-    progress = device.progress()
+    progress = device.progress(is_fresh=True)
     assert progress.samples_played == pytest.approx(500, abs=1)
     assert progress.is_playing
 

@@ -163,7 +163,7 @@ def test_a_library_that_fails_is_a_reason(monkeypatch):
     def find(find_all, backend):
         raise ValueError("No backend available")
 
-    core.find = find
+    core.find, core.USBError = find, OSError
     monkeypatch.setitem(sys.modules, "usb.core", core)
     assert not report("usb").available
     assert "No backend available" in report("usb").detail
@@ -212,7 +212,7 @@ def buses(monkeypatch):
     version = SimpleNamespace(major_version=24, minor_version=5)
     local = SimpleNamespace(driver_version=version, devices=[])
     daq.system = SimpleNamespace(System=SimpleNamespace(local=lambda: local))
-    monkeypatch.setattr("firmware_io.links.daq._nidaqmx", lambda: daq)
+    monkeypatch.setattr("firmware_io.links.daq.nidaqmx_module", lambda: daq)
     modules = {"usb": usb, "usb.core": core, "hidraw": hid, "sounddevice": audio}
     modules |= {"serial": serial, "serial.tools.list_ports": ports}
     for name, module in modules.items():

@@ -119,7 +119,7 @@ def test_a_frame_above_the_ceiling_is_rejected_on_both_sides(clock, reports):
 
     # A host whose own check is broken: the driver has been told, and has its own.
     device = Device(FaultyLink(driver, 64 if reports else None, clock.sleep), clock=clock)
-    object.__setattr__(device._stream.limits, "ceiling_v", 200.0)
+    object.__setattr__(device.limits, "ceiling_v", 200.0)
     device.arm()
     with pytest.raises(DeviceFaultError, match=r"above the ceiling of 120 V"):
         device.write(np.minimum(50.0 * np.arange(20), 150.0))

@@ -34,6 +34,7 @@ from firmware_io.links.hid import Claim
 from firmware_io.links.tcp import TcpLink
 from firmware_io.protocol import FrameKind
 from firmware_io.serve import DriverServer
+from tests.links import stream_of
 from tests.steady_clock import SteadyClock
 from tests.waiting import PATIENCE_S
 
@@ -403,7 +404,7 @@ def test_tcp_serves_one_host_at_a_time_and_the_next_one_after(server):
         open_device(server.address)
     first.arm()
     first.write(np.linspace(0.0, 100.0, 100))
-    first._stream.link.close()  # gone without a word
+    stream_of(first).link.close()  # gone without a word
     second = None
     while second is None:
         with suppress(DeviceBusyError):  # until the server has seen it

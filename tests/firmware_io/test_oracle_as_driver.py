@@ -21,7 +21,7 @@ def test_a_mock_plays_an_envelope_alike_by_either():
     for is_oracle in (False, True):
         driver = MockDriver()
         if is_oracle:
-            cast(Any, driver)._core = Oracle(driver.about)
+            cast(Any, driver).core = Oracle(driver.about)
         with Device(MockLink(driver, 64), sample_rate_hz=8000) as device:
             device.write(volts)
         outputs.append(device.mock.output)

@@ -22,6 +22,7 @@ from firmware_io.firmware.core import Output
 from firmware_io.progress import OutputClock
 from firmware_io.revisable import Revisable
 from tests.faulty_link import FaultyLink
+from tests.links import stream_of
 from tests.steady_clock import steady_driver
 from tests.waiting import pause, wait_for
 
@@ -185,7 +186,7 @@ def test_late_revisions_are_made_again_until_one_is_in_time(rig, clock):
     # What the source believes is what the driver plays.
     link.send = send
     run(playback, clock, 0.02)
-    stream = playback.device._stream
+    stream = stream_of(playback.device)
     queued = stream.provisional.queue
     first = max(queued.first, source.made.first - 4)
     believed = source.made.values[first + 4 - source.made.first :]
@@ -204,7 +205,7 @@ def test_a_stall_does_not_slow_the_reactions_after_it(rig, clock):
     """No lead could have waited for it, so the next revision needs no more than the one before."""
     playback, source, _, link = rig
     run(playback, clock, 0.3)
-    need_s = playback._writer.reviser.need_s
+    need_s = playback.writer.reviser.need_s
     for turn in range(2, 8):
         link.inject("stall", 0, 0.02)
         for step in range(12):
@@ -213,7 +214,7 @@ def test_a_stall_does_not_slow_the_reactions_after_it(rig, clock):
             run(playback, clock, 0.01)
     stats = playback.stats
     assert stats.refused >= 6
-    assert playback._writer.reviser.need_s == pytest.approx(need_s, abs=1e-4)
+    assert playback.writer.reviser.need_s == pytest.approx(need_s, abs=1e-4)
     assert stats.reaction_p50_s <= 0.003
     playback.stop()
 
@@ -514,8 +515,8 @@ def test_a_line_that_carries_no_rate_is_refused(monkeypatch):
 
 def test_a_clock_that_was_ahead_leads_to_no_revision_of_the_past(rig, clock, monkeypatch):
     """While the output stands, the host's clock of it runs on: revisions then look early."""
-    playback, _, _, _ = rig
-    output, observe = playback._writer.reviser.output, OutputClock.observe
+    playback, _, driver, _ = rig
+    output, observe = playback.writer.reviser.output, OutputClock.observe
     run(playback, clock, 0.1)
     ahead = int(0.02 * RATE)
     monkeypatch.setattr(
@@ -525,11 +526,11 @@ def test_a_clock_that_was_ahead_leads_to_no_revision_of_the_past(rig, clock, mon
         playback.touch()
         run(playback, clock, 0.01)
     monkeypatch.setattr(output, "observe", lambda at_s, played: observe(output, at_s, played))
-    output._origins.clear()  # as after an underrun
+    output.restart(clock(), driver.samples_played)  # as after an underrun
     for _ in range(5):
         run(playback, clock, 0.004)
         playback.touch()
-    assert playback._writer.reviser.need_s >= playback.device.capabilities.guard_s
+    assert playback.writer.reviser.need_s >= playback.device.capabilities.guard_s
     playback.stop()
 
 

@@ -23,6 +23,7 @@ from firmware_io import (
 )
 from firmware_io.firmware.core import Output
 from tests.faulty_link import FaultyLink
+from tests.links import stream_of
 from tests.steady_clock import steady_driver
 from tests.waiting import PATIENCE_S, wait_for
 
@@ -81,19 +82,19 @@ def test_unplugging_is_raised_at_the_end():
 
 def test_a_link_that_hangs_is_told(monkeypatch):
     device, playback = started(tone())
-    monkeypatch.setattr("firmware_io.playback._JOIN_S", 0.05)
+    monkeypatch.setattr("firmware_io.playback.JOIN_S", 0.05)
     hangs, hang = threading.Event(), threading.Event()
 
     def send(data):
         hangs.set()
         hang.wait(PATIENCE_S)
 
-    monkeypatch.setattr(device._stream.link, "send", send)
+    monkeypatch.setattr(stream_of(device).link, "send", send)
     wait_for(hangs.is_set)
     with pytest.raises(DeviceError, match=r"did not return within 0\.05 s.*watchdog"):
         playback.stop()
     hang.set()
-    playback._writer.thread.join()
+    playback.writer.thread.join()
 
 
 def test_a_forgotten_playback_ends():

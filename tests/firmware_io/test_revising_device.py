@@ -9,6 +9,7 @@ from firmware_io import Device, DeviceError, DeviceFaultError, LimitError, MockD
 from firmware_io.firmware.core import Output
 from firmware_io.protocol import volts_to_codes
 from firmware_io.revisable import Revisable
+from tests.links import stream_of
 
 RATE = 48_000
 GUARD = 16
@@ -53,7 +54,7 @@ def test_what_is_played_is_what_the_host_holds_true(seed, mode):
     rate = device.capabilities.sample_rate_hz
     undone = 0
     for _ in range(150):
-        queued = device._stream.provisional.queue
+        queued = stream_of(device).provisional.queue
         kind, size = rng.integers(4), int(rng.integers(1, 200))
         # Alternating, so that no mean builds up; in steps below the slew limit's 97 V.
         volts = np.full(size, 40.0 * rng.random())
@@ -71,14 +72,14 @@ def test_what_is_played_is_what_the_host_holds_true(seed, mode):
     before = know(device)
     assert before.revisions > 5
     assert undone > 5
-    believed = device._stream.provisional.queue.values.copy()
+    believed = stream_of(device).provisional.queue.values.copy()
     driver.advance(believed.size / rate)
     ticks = round(RATE / rate)
     codes = driver.output[0][-believed.size * ticks :]
     if mode == "waveform":
         assert np.array_equal(codes, volts_to_codes(believed, 250.0))
     else:  # 3 codes: those of amplitude, line and sine, rounded one after the other
-        stream = device._stream
+        stream = stream_of(device)
         driven = stream.checks.driven(
             believed, stream.provisional.queue.first, stream.provisional.before_v
         )

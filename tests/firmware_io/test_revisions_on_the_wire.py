@@ -8,6 +8,7 @@ import pytest
 from firmware_io.firmware.core import Output
 from firmware_io.protocol import FaultCode, Ping, Revise, StatusReport, StreamMode
 from tests.firmware_io.test_conformance import BOARD, CARRIED, PLAIN, RAMP, TOP, Rig
+from tests.links import memory_of
 
 GUARD = BOARD.guard_ticks
 
@@ -164,7 +165,7 @@ def test_the_index_may_wrap(rig):
     status = rig.core.status()
     assert status.samples_played == 345
     core, ahead = rig.core, 2**32 - 500
-    memory = core._ffi.buffer(core._memory)
+    memory = memory_of(core)
     data = bytes(memory)
     for value in (1000, 345):
         # Both counts stand behind the set-up, and nothing else has the value.

@@ -20,6 +20,7 @@ from firmware_io.firmware.core import Output
 from firmware_io.links.tcp import TcpLink
 from tests.faulty_link import FaultyLink
 from tests.firmware_io.test_playback import Levels
+from tests.links import stream_of
 from tests.steady_clock import SteadyClock, steady_driver
 from tests.waiting import PATIENCE_S
 
@@ -44,7 +45,7 @@ class StallingLevels(Levels):
 
 def believed(device):
     """Collect what the host takes as played, sample by sample, from when the device is armed."""
-    stream, gone = device._stream, []
+    stream, gone = stream_of(device), []
     arm = stream.arm
 
     def arm_and_look(revisable=False):
@@ -147,7 +148,7 @@ def test_over_tcp(tmp_path, what):
 
             device = Device(link)
             volts = play(device, source, disturb)
-            underruns = device._stream.client.status.underruns
+            underruns = stream_of(device).client.status.underruns
             device.close()
             process.terminate()
             process.wait(PATIENCE_S)

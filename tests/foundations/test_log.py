@@ -63,7 +63,7 @@ def disk():
 
 @pytest.fixture
 def on_disk(disk):
-    running = log.Log("debug", log._Output(disk))
+    running = log.Log("debug", log.Output(disk))
     yield running
     disk.goes_on.set()
     running.close()
@@ -108,7 +108,7 @@ def test_a_disk_that_blocks_holds_nobody_up_and_what_it_missed_is_told(disk, on_
     for number in range(count):
         room.debug("record %d", number)
     disk.goes_on.set()
-    until(lambda: not on_disk._aside.queue.qsize())
+    until(lambda: not on_disk.aside.queue.qsize())
     room.info("after")
     on_disk.close()
     lines = disk.getvalue().splitlines()
@@ -126,7 +126,7 @@ def test_a_full_disk_is_told_once_there_is_room(disk, on_disk):
     disk.full = True
     for number in range(7):
         room.info("lost %d", number)
-    until(lambda: on_disk._writer.output.lost == 7)
+    until(lambda: on_disk.writer.output.lost == 7)
     disk.full = False
     room.info("after")
     on_disk.close()
@@ -136,7 +136,7 @@ def test_a_full_disk_is_told_once_there_is_room(disk, on_disk):
 
 
 def test_a_disk_that_never_comes_back_does_not_hold_up_the_end(disk, on_disk, monkeypatch, capsys):
-    monkeypatch.setattr(log, "_END_S", 0.01)
+    monkeypatch.setattr(log, "END_S", 0.01)
     disk.goes_on.clear()
     for _ in range(5):
         room.info("stuck")
@@ -147,14 +147,14 @@ def test_a_disk_that_never_comes_back_does_not_hold_up_the_end(disk, on_disk, mo
 
 def test_no_lock_is_between_threads_that_log(on_disk):
     """The audio's own thread logs while another holds every lock that the handler has."""
-    on_disk._aside.acquire()
+    on_disk.aside.acquire()
     try:
         other = threading.Thread(target=room.info, args=("from the audio",), daemon=True)
         other.start()
         other.join(PATIENCE_S)  # it would wait for ever
         assert not other.is_alive()
     finally:
-        on_disk._aside.release()
+        on_disk.aside.release()
 
 
 def test_files_are_begun_anew_when_full(tmp_path, monkeypatch):
@@ -254,7 +254,7 @@ def test_a_stream_goes_on_whatever_the_disk_does(disk, on_disk, monkeypatch, fau
     on_disk.close()
     expected, _ = played()
     monkeypatch.setattr(log, "MOST_WAITING", 50)
-    slow = log.Log("debug", log._Output(disk))
+    slow = log.Log("debug", log.Output(disk))
     if fault == "blocks":
         disk.goes_on.clear()
     else:
@@ -263,12 +263,12 @@ def test_a_stream_goes_on_whatever_the_disk_does(disk, on_disk, monkeypatch, fau
     assert stats.underruns == 0
     np.testing.assert_array_equal(output_v, expected)
     if fault == "blocks":
-        assert slow._aside.dropped > 50
+        assert slow.aside.dropped > 50
     else:
-        until(lambda: not slow._aside.queue.qsize())
-        assert slow._writer.output.lost > 50 or slow._aside.dropped > 50
+        until(lambda: not slow.aside.queue.qsize())
+        assert slow.writer.output.lost > 50 or slow.aside.dropped > 50
     disk.full = False
     disk.goes_on.set()
     slow.close()
-    lost = slow._aside.dropped + slow._writer.output.lost
+    lost = slow.aside.dropped + slow.writer.output.lost
     assert sum(told_missing(disk.getvalue())) == lost

@@ -124,7 +124,7 @@ def test_a_dial_turns_and_a_toggle_goes_over():
 def test_changes_in_a_pause_do_not_pile_up():
     patch, finger = placed(Slider(travel_mm=40.0, detents=5))
     finger.at(21.0)
-    shown = finger.layout._regions
+    shown = finger.layout.regions
     for i in range(50):  # the clock stands
         patch.set(value=(i % 10) / 10)
         patch.set(opacity=1.0)

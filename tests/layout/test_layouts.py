@@ -145,7 +145,7 @@ def test_a_scale_glides_as_the_places_it_gives():
 def test_a_change_is_told_once_when_it_is_whole():
     told = []
     layout = Layout()
-    layout.attach(Clock(1.0), lambda: told.append(len(layout._regions.shown.regions)))
+    layout.attach(Clock(1.0), lambda: told.append(len(layout.regions.shown.regions)))
     with layout.change():
         one = layout.add(Level(1.0), 0, 0, 10, 10)
         layout.add(Level(1.0), 0, 0, 10, 10)
@@ -198,7 +198,7 @@ def test_all_that_changes_fades():
     np.testing.assert_allclose(felt(), 0.3 - 0.1 * part, atol=1e-9)
     clock.t_s = 5.0
     layout.add(Level(0.8), 50, 50, 10, 10)
-    assert len(layout._regions.shown.regions) == 1  # what has gone is forgotten
+    assert len(layout.regions.shown.regions) == 1  # what has gone is forgotten
     patch.remove()
     with pytest.raises(InputError, match="removed"):
         patch.move(x_mm=3)
@@ -294,7 +294,7 @@ def test_many_regions_answer_as_if_each_were_asked(monkeypatch, seed):
             yield layout.under(now), facts, facts.of
 
     many = list(answers(made()))
-    monkeypatch.setattr(regions, "_LOOPED", 100)
+    monkeypatch.setattr(regions, "LOOPED", 100)
     for found, wanted in zip(many, answers(made()), strict=True):
         for a, b in zip(found, wanted, strict=True):
             np.testing.assert_equal(a, b)
@@ -364,10 +364,10 @@ def test_a_texture_that_is_added_again_is_not_made_again(monkeypatch):
     assert len(made) == 1  # held beyond its edges, and not the other one as well
     layout = Layout()
     regions = [layout.add(HALF) for _ in range(3)]
-    assert len({id(one.evaluator) for one in layout._regions.shown.regions}) == 1
+    assert len({id(one.evaluator) for one in layout.regions.shown.regions}) == 1
     for region in regions:
         region.move(x_mm=3)
-    assert len({id(one.evaluator) for one in layout._regions.shown.regions}) == 1
+    assert len({id(one.evaluator) for one in layout.regions.shown.regions}) == 1
 
 
 @pytest.mark.parametrize("turn", [0, 90, 180, 270])

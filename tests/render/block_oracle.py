@@ -97,7 +97,7 @@ def block(
     shape = (motion.fingers, motion.points)
     force = motion.normal_force_n.reshape(shape)
     found = [
-        inverted(core._slice, f, asked(core, v, a, i))
+        inverted(core.slice, f, asked(core, v, a, i))
         for f, v, a, i in zip(
             force.ravel(), value, added, np.tile(intensity, motion.fingers), strict=True
         )
@@ -107,7 +107,7 @@ def block(
     how = core.settings.combination
     together = {"strongest": each.max(axis=0), "first": each[0], "mean": each.mean(axis=0)}[how]
     line = np.concatenate([[before_v], np.minimum(together, core.highest_v)])
-    most = core._most_step_v
+    most = core.most_step_v
     if queued_v is not None:
         joined = min(len(queued_v), round(JOIN_S / core.step_s))
         share = np.arange(1, joined + 1) / joined

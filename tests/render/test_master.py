@@ -101,7 +101,7 @@ def test_mute_takes_5_ms_and_time_goes_on_while_in_a_pause_it_stands(surface, re
         slide(renderer, 0.31, 0.3)
         renderer.pause()
         slide(renderer, 0.5, 0.31)
-        scene_s = renderer._since_s
+        scene_s = renderer.next_sample_s
         renderer.resume()
         slide(renderer, 0.7, 0.5)
     assert at(renderer, 0.15) == pytest.approx(low, rel=1e-6)
@@ -120,7 +120,7 @@ def test_an_effect_is_felt_and_its_end_is_told(surface, reach):
     with playing(surface, LEVEL) as renderer:
         slide(renderer, 0.1)
         renderer.play(BUMP, done=told.append)
-        began_s = renderer._since_s
+        began_s = renderer.next_sample_s
         slide(renderer, 0.2, 0.1)
         assert renderer.poll() == []  # it was told by a touch
     assert [one.outcome for one in told] == ["played"]
@@ -140,7 +140,7 @@ def test_of_an_effect_it_is_told_how_much_was_felt(surface):
     with playing(surface, LEVEL, settings) as renderer:
         slide(renderer, 0.1)
         renderer.play(BUMP, done=told.append)
-        began_s = renderer._since_s
+        began_s = renderer.next_sample_s
         slide(renderer, 0.11, 0.1)
         renderer.lift(0.11)
         renderer.touch(0.3, 30, 5, 0.5)  # it rests

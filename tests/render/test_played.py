@@ -58,7 +58,7 @@ def test_amplitudes_are_those_that_were_queued_last(surface):
         stream.source.settle(0 if refused else 1, bool(refused))
         if (part := stream.record.take(now_s)) is not None:
             parts.append(part)
-    queued = stream.source._amplitudes.values
+    queued = stream.source.amplitudes.values
     played = np.concatenate([part.amplitude_v for part in parts])
     first = round((parts[0].t0_s - START_S) / STEP_S)
     assert len(played) >= 50 * 12

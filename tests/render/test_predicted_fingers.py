@@ -62,7 +62,7 @@ def test_fingers_are_where_their_trackers_predict_them(place_filter, data):
     points = data.draw(st.integers(1, 120))
     found = fingers.motion(t0_s, STEP_S, points, 0.0, at_rest)
     lines, middles = [], []
-    for track in fingers._tracks.values():
+    for track in fingers.tracks.values():
         rows, middle = expected(track, options, at_rest, t0_s, points)
         if rows[3].any():
             lines.append(rows)

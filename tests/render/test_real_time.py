@@ -189,7 +189,7 @@ def test_an_error_that_nobody_asked_for_is_told_at_the_end(surface, link):
     with pytest.raises(DeviceDisconnectedError), renderer:
         touching(renderer, 0.03)
         link.inject("disconnect")
-        renderer._playback._writer.thread.join(PATIENCE_S)
+        renderer._playback.writer.thread.join(PATIENCE_S)
 
 
 def test_a_fault_of_the_driver_and_another_session(surface):

@@ -125,8 +125,8 @@ def test_no_revision_leaves_a_step(core, seed):
     stream = Stream(core, fingers)
     for _ in range(6):
         stream.append(960)
-    amplitudes = stream.source._amplitudes
-    most = core._most_step_v * (1 + 1e-9)
+    amplitudes = stream.source.amplitudes
+    most = core.most_step_v * (1 + 1e-9)
     for k in range(60):
         report(fingers, 0.2 + 0.001 * k, 25.0 + 0.1 * k + rng.normal(0, 2.0))
         first = 4 * int(rng.integers(1, 1000))
@@ -157,10 +157,10 @@ def test_a_revision_without_news_changes_nothing_that_is_felt(core):
     fingers.update(0.2)
     for _ in range(3):
         stream.append(960)
-    before = stream.source._amplitudes.values.copy()
+    before = stream.source.amplitudes.values.copy()
     stream.revise(480, 960)
     # Other knots of the same path.
-    assert np.abs(stream.source._amplitudes.values - before).max() < 2.0
+    assert np.abs(stream.source.amplitudes.values - before).max() < 2.0
 
 
 def test_live_rendering_agrees_with_one_that_knows_the_touches_at_once(surface, core):
@@ -176,11 +176,11 @@ def test_live_rendering_agrees_with_one_that_knows_the_touches_at_once(surface, 
     x = 5.0 + 100.0 * (0.2 + np.arange(1, 961) / 12_000)
     share = STRIPES.friction(x, np.full(960, 8.0), 100.0 / 12_000)
     low, high = core.reachable(np.full(960, 0.5), np.full(960, 100.0))
-    felt = stream.source._amplitudes.values[1:]
-    column = core._slice.column(0.5)
+    felt = stream.source.amplitudes.values[1:]
+    column = core.slice.column(0.5)
     expected, _ = column.voltage(low + share * (high - low))
     # From where it has faded in to where the last revision meets what is queued behind it.
-    assert np.abs(felt - np.minimum(expected, core._most_v))[240:800].max() < 6.0
+    assert np.abs(felt - np.minimum(expected, core.highest_v))[240:800].max() < 6.0
 
 
 def test_a_renderer_that_revises_holds_its_reaction(surface):

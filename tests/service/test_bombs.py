@@ -169,7 +169,7 @@ def test_a_short_sound_passes(service):
 
 
 def test_many_large_pictures_are_as_bad_as_one(service, monkeypatch):
-    monkeypatch.setattr(document_work, "_BYTES_PER_PIXEL", MOST_BYTES // 3)
+    monkeypatch.setattr(document_work, "BYTES_PER_PIXEL", MOST_BYTES // 3)
     digest = kept(service.store, bomb(1) + b"another")
     widths = iter(range(10, 100))
 
@@ -197,7 +197,7 @@ def test_many_large_pictures_are_as_bad_as_one(service, monkeypatch):
 
 
 def test_a_layout_that_takes_long_stops_nobody(service, monkeypatch):
-    monkeypatch.setattr("haptix.service.session_socket._LAYOUT_WAIT_S", 0.05)
+    monkeypatch.setattr("haptix.service.session_socket.LAYOUT_WAIT_S", 0.05)
 
     async def takes_long(do, **fields):
         await asyncio.sleep(60.0 if do == "layout_set" else 0.0)

@@ -11,7 +11,7 @@ import pytest
 from haptix.errors import DeviceError
 from haptix.service import engine as engine_module
 from haptix.service.engine import EngineServer
-from haptix.service.wire import JSON, read_frame
+from haptix.service.wire import JSON, read_frame, touch_frame
 from haptix.touch.events import TouchEvent
 from tests.waiting import wait_for
 
@@ -20,6 +20,7 @@ class FakeRenderer:
     """A renderer that raises where its driver has failed."""
 
     is_muted = False
+    stats = SimpleNamespace(block_s=[])
     highest_v = 1.0
 
     def __init__(self, error=None, at=""):
@@ -70,14 +71,16 @@ def told(output):
 class Input:
     """Frames that come when the test says so, then the end."""
 
-    def __init__(self, during):
-        self.during = during
+    def __init__(self, batches):
+        self.batches = batches
 
     def read(self):
-        during, self.during = self.during, None
-        if during is not None:
-            during()
-        return []
+        return next(self.batches, [])
+
+
+def said(*messages):
+    """Frames of messages to the engine."""
+    return [(JSON, json.dumps(message).encode()) for message in messages]
 
 
 def has_ended(renderer):
@@ -96,29 +99,35 @@ def test_a_driver_that_fails_while_the_front_is_silent_ends_at_0_v(monkeypatch, 
     server = EngineServer(output)
     failing = [FakeRenderer(error, at) for _ in range(2)]
 
-    def during():
+    def batches():
         for one in failing:  # the second is armed once the first has failed: it is watched, too
-            server._touching, server._tick_s = {1}, time.monotonic()
-            server._sleeps = False
-            server._renderer = one
+            yield said({"do": "tick"}, {"do": "wake"})
+            server._touching, server._renderer = {1}, one
             touch = TouchEvent(time.monotonic(), 1, 1.0, 1.0, "down", None, None)
-            server._touch([touch])
+            yield [read_frame(io.BytesIO(touch_frame([touch])))]
             wait_for(partial(has_ended, one))
 
-    server.run(Input(during))
+    server.run(Input(batches()))
     assert [one["state"] for one in told(output)] == ["failed", "failed"]
     assert all("starved" in one["reason"] or "fault" in one["reason"] for one in told(output))
 
 
 def test_who_arms_after_a_silent_holder_is_felt(monkeypatch):
     renderer = FakeRenderer()
+    monkeypatch.setattr(EngineServer, "_works", lambda self, work: None)
+    monkeypatch.setattr("haptix.service.engine.Telemetry.tell", lambda *what: None)
     monkeypatch.setattr("haptix.render.LiveRenderer", lambda *_, **__: renderer)
     monkeypatch.setattr("haptix.render.core.carrier_hz", lambda surface: 4000.0)
     server = EngineServer(io.BytesIO())
-    server._device, server._layouts[2] = object(), SimpleNamespace(layout=None)
-    server._renderer = FakeRenderer()
-    server._dispatch(b'{"do": "sleep"}')
-    assert server._renderer.is_muted
-    server._dispatch(b'{"do": "stop", "reason": "the lease is free"}')
-    server._do_arm(2)
-    assert not renderer.is_muted and not server._sleeps
+    server._device = SimpleNamespace(close=lambda: None)
+    server._layouts[2] = SimpleNamespace(layout=None)
+    server._renderer = before = FakeRenderer()
+
+    def batches():
+        yield said({"do": "sleep"})
+        assert before.is_muted
+        yield said({"do": "stop", "reason": "the lease is free"})
+        server._do_arm(2)
+        assert not renderer.is_muted
+
+    server.run(Input(batches()))

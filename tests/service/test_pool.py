@@ -82,7 +82,7 @@ def keep(assets, number):
 
 
 def processes(pool):
-    return {one.pid for one in pool._processes if one.pid is not None}
+    return {one.pid for one in pool.processes if one.pid is not None}
 
 
 async def until(is_so):
@@ -113,7 +113,7 @@ def test_a_worker_works_for_one_owner_alone(assets):
             found = await pool.ask(owner, "decode", digest=keep(assets, owner))
             assert found["bytes"] == 48  # of one pixel
             (new,) = processes(pool) - before or {worked.get(owner)}
-            assert worked.setdefault(owner, new) == pool._owned[owner].process.pid == new
+            assert worked.setdefault(owner, new) == pool.owned[owner].process.pid == new
         assert worked["one"] != worked["two"]
 
     running(assets, scenario)
@@ -124,15 +124,15 @@ def test_there_are_no_more_workers_than_may_be_and_a_spare_of_nobody(assets, mon
 
     async def scenario(pool):
         pool.warm()
-        spare = (await pool._spare).pid
+        spare = (await pool.spare).pid
         digest = keep(assets, 1)
         for number in range(3):
             await pool.ask(str(number), "decode", digest=digest)
             if number == 0:
-                assert pool._owned["0"].process.pid == spare  # it was there already
-            there = [one.process.pid for one in pool._owned.values() if one.is_there]
+                assert pool.owned["0"].process.pid == spare  # it was there already
+            there = [one.process.pid for one in pool.owned.values() if one.is_there]
             assert len(there) == min(number + 1, 2)
-        assert (await pool._spare).pid not in there
+        assert (await pool.spare).pid not in there
         await until(lambda: len(processes(pool)) == 2 + 1)
 
     running(assets, scenario)
@@ -142,7 +142,7 @@ def test_who_is_held_up_holds_up_nobody_else(assets):
     async def scenario(pool):
         digest = keep(assets, 1)
         await pool.ask("stuck", "decode", digest=digest)
-        pid = pool._owned["stuck"].process.pid
+        pid = pool.owned["stuck"].process.pid
         os.kill(pid, signal.SIGSTOP)
         stuck = asyncio.create_task(pool.ask("stuck", "decode", digest=digest))
         await asyncio.sleep(0)
@@ -162,7 +162,7 @@ def test_a_worker_that_rests_is_ended(assets, monkeypatch):
     async def scenario(pool):
         await pool.ask("me", "decode", digest=keep(assets, 1))
         await until(lambda: not processes(pool))
-        assert not pool._owned
+        assert not pool.owned
 
     running(assets, scenario)
 

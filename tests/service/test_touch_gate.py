@@ -82,7 +82,7 @@ def test_touches_are_taken_by_one_thread_at_a_time_and_what_is_forgotten_is_not(
         thread.join()
     assert most == 1
     passed = []
-    monkeypatch.setattr(client_touches, "_MOST_INTERVAL_S", 60.0)
+    monkeypatch.setattr(client_touches, "MOST_INTERVAL_S", 60.0)
     gate = TouchGate(passed.extend, lambda: 60.0)
     gate.put([touch(0.0)])  # the first passes at once
     gate.put([touch(0.001)])

@@ -161,7 +161,7 @@ def test_no_stimulus_is_lost_however_short_its_trial(log, tmp_path, scale):
 
 def test_a_stimulus_that_has_no_sample_is_counted_in_the_data(log, tmp_path, monkeypatch):
     """Trials milliseconds apart, and a long rest: a table so long is not made so fine."""
-    monkeypatch.setattr("haptix.stimuli.study._MOST_SAMPLES", 500)
+    monkeypatch.setattr("haptix.stimuli.study.MOST_SAMPLES", 500)
     path, _ = log
     rows = at_other_times(path, lambda t_s: 0.01 * t_s + (5.0 if t_s > 1 else 0.0))
     assert [float(row["onset_s"]) < 1 for row in rows] == [True, True, False, False, False]

@@ -32,7 +32,7 @@ class Played:
         job = Job(owner, message, {}, self.board._tell)
         played: Any = job
         played.tell = self.hear
-        self.board._jobs[message.job] = job
+        self.board.jobs[message.job] = job
         self.begun.append((job, recipe, log))
         return message
 

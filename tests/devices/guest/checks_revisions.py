@@ -131,7 +131,7 @@ def waveform(volts):
 def envelope(volts):
     """The codes that the oracle of the firmware plays for amplitudes."""
     driver = MockDriver()
-    cast(Any, driver)._core = Oracle(driver.about)
+    cast(Any, driver).core = Oracle(driver.about)
     with Device(MockLink(driver, 64), sample_rate_hz=8000) as device:
         device.write(volts)
     codes, kinds = device.mock.output
