@@ -63,7 +63,7 @@ def test_a_campaign_has_a_task_for_each_session_and_prior(fitted):
     tasks = [*plan.tasks()]
     assert [task.labels["prior_spread"] for task in tasks] == [None, 0.05, 0.4]
     assert len({task.key for task in tasks}) == 3
-    with pytest.raises(InputError, match=r"parameter 'youngs_modulus': expected one of"):
+    with pytest.raises(InputError, match="youngs_modulus"):
         [*fits_of(fitted, priors={"youngs_modulus": (1,)}).tasks()]
 
 

@@ -91,7 +91,7 @@ def test_what_the_paper_s_strokes_do_not_determine_has_no_number(paper_fit):
     assert one.value is None
     assert one.verdict == "undetermined"
     assert one.low < TRUTH["h0_m"] < one.high
-    with pytest.raises(haptix.InputError, match=r"h0_m is not determined.*other frequencies"):
+    with pytest.raises(haptix.InputError, match=r"h0_m.*other frequencies"):
         paper_fit.value("h0_m")
     # They hardly touch these: what was known before is no finding.
     assert paper_fit["apparent_area_exponent"].verdict == "prior"
@@ -228,7 +228,7 @@ def test_too_few_strokes(predictor, strokes, parameters):
     few = Reduced(
         (*strokes.used[:3], replace(strokes.points[9], outlier="clipped force: too much"))
     )
-    with pytest.raises(haptix.InputError, match=r"6 good strokes or more, got 3 .*clipped force"):
+    with pytest.raises(haptix.InputError, match=r"6 .*got 3 .*clipped force"):
         fit_strokes(few, predictor, parameters)
 
 

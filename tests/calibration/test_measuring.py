@@ -158,7 +158,7 @@ def test_a_driver_that_fails_loses_nothing_that_was_measured(session, recorded):
 def test_what_a_screen_does_not_bear_is_refused_before_the_first_stroke(tmp_path, finger, screen):
     info = SessionInfo(screen=screen.replace(max_voltage_v=90.0), finger=finger)
     session = Session.begin(tmp_path / "s", protocol(), info)
-    with pytest.raises(haptix.InputError, match=r"bears 90 V; plan with --max-voltage-v 90"):
+    with pytest.raises(haptix.InputError, match="--max-voltage-v 90"):
         measure(session, Scripted(None))
     assert session.recordings == []
 
@@ -172,7 +172,7 @@ def test_the_drive_is_a_sine_that_comes_and_goes():
     np.testing.assert_allclose(middle, 100 * np.sin(2 * np.pi * 125 * t), atol=1e-9)
     assert played.volts[0] == 0
     assert abs(played.volts[-1]) < 1e-9
-    with pytest.raises(haptix.InputError, match="500 samples a second or more"):
+    with pytest.raises(haptix.InputError, match="500 samples"):
         drive_for(stroke, protocol(), 400.0)
 
 
@@ -192,7 +192,7 @@ def test_csv_files_are_replayed(tmp_path, session, recorded):
     columns = ColumnMap(
         columns={name: {"column": column, "unit": unit} for (name, unit), column in names}
     )
-    with pytest.raises(haptix.HaptixError, match=r"expected a file stroke-003\.csv"):
+    with pytest.raises(haptix.HaptixError, match=r"stroke-003\.csv"):
         measure(session, CsvSource(folder, columns), most_tries=1)
     assert [one.stroke.number for one in session.recordings] == [1, 2]
 
@@ -232,7 +232,7 @@ THREE_CHANNELS = (
 
 def test_a_voltage_that_nothing_plays_and_nothing_measures_is_refused(session):
     source = AnalogSource(Inputs(lambda: 0.0), THREE_CHANNELS, "FT1")
-    with pytest.raises(haptix.InputError, match=r"stroke 1 has a voltage.*--device, or a channel"):
+    with pytest.raises(haptix.InputError, match=r"stroke 1 .*--device"):
         measure(session, source)
     assert session.recordings == []
     monitored = (*THREE_CHANNELS, InputChannel(signal="drive_v", scale=100.0))
@@ -279,7 +279,7 @@ def test_analog_inputs_are_scaled_and_paced_by_the_clock(session):
 
 
 def test_channels_that_are_missing_are_named():
-    with pytest.raises(haptix.InputError, match="expected tangential_force_n, x_mm as well"):
+    with pytest.raises(haptix.InputError, match="tangential_force_n, x_mm"):
         AnalogSource(None, [InputChannel(signal="normal_force_n", scale=1.0)], "FT1")
 
 

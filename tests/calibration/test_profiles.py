@@ -89,7 +89,7 @@ def opened(calibration_id):
 def test_the_device_s_own_calibration_is_compared(files, recwarn):
     own = haptix.Screen.load(files[0]).calibration_id
     assert len(own) == 16  # bytes of the field in the driver's report (PROTOCOL.md)
-    with pytest.warns(CalibrationWarning, match="calibrated as 'other', but none is installed"):
+    with pytest.warns(CalibrationWarning, match=r"'other'.*installed"):
         assert profile_of(opened("other")) is None
     install_profile("S1", *files)
     with pytest.warns(CalibrationWarning, match=f"calibrated as 'other', but '{own}' is installed"):
@@ -137,7 +137,7 @@ def test_a_drift_s_uncertainty_is_that_of_its_mean():
 
 def test_too_few_strokes_for_a_check(strokes, predictor):
     still = Reduced(tuple(replace(one, voltage_v=0.0) for one in strokes.points))
-    with pytest.raises(haptix.InputError, match="2 good strokes with a voltage or more, got 0"):
+    with pytest.raises(haptix.InputError, match=r"2 .*voltage.*got 0"):
         check_profile(still, predictor)
 
 

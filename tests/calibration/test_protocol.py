@@ -94,7 +94,7 @@ def test_a_screen_that_bears_less(predictor, parameters):
 
 
 def test_no_time_at_all(predictor, parameters):
-    with pytest.raises(haptix.InputError, match="minutes: expected time for 10 strokes"):
+    with pytest.raises(haptix.InputError, match=r"minutes: .*10 strokes"):
         short_protocol(predictor, parameters, minutes=0.1)
 
 

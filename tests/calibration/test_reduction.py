@@ -97,11 +97,11 @@ def test_round_trip(tmp_path, recorded):
 def test_a_table_that_is_none(tmp_path, recorded):
     path = tmp_path / "x.csv"
     path.write_text("a,b\n1,2\n")
-    with pytest.raises(haptix.HaptixError, match=r"x\.csv: .*naming number, normal_force_n"):
+    with pytest.raises(haptix.HaptixError, match=r"x\.csv: .*number, normal_force_n"):
         Reduced.load(path)
     Reduced((reduce_stroke(recorded(stroke())),)).save(path)
     path.write_text(path.read_text().replace("\n1,", "\none,"))
-    with pytest.raises(haptix.HaptixError, match=r"x\.csv: expected a table of reduced strokes"):
+    with pytest.raises(haptix.HaptixError, match=r"x\.csv: .*reduced"):
         Reduced.load(path)
 
 

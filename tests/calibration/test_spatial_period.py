@@ -125,5 +125,5 @@ def test_samples_too_far_apart_do_not_invent_a_period():
 
 def test_too_short_a_stroke():
     t = np.arange(0, 1, 1e-2)
-    with pytest.raises(haptix.InputError, match=r"slides for 24 mm or more, got"):
+    with pytest.raises(haptix.InputError, match="24 mm"):
         spatial_period(t, 10 * t, np.sin(t))

@@ -186,7 +186,7 @@ def test_a_set_is_that_of_its_recipe(load, tmp_path, monkeypatch):
 
 def test_nothing_of_a_name_is_one_sentence(load):
     plan = load('name = "a"\nkind = "stimulus-sets"\nrecipes = ["sets/*.toml"]\n')
-    with pytest.raises(InputError, match=r"sets/\*\.toml: expected a file, or a pattern"):
+    with pytest.raises(InputError, match=r"sets/\*\.toml"):
         [*plan.tasks()]
 
 

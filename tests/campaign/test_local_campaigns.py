@@ -222,7 +222,7 @@ def test_what_is_foretold_is_what_it_costs(tmp_path):
     # Each sleeps for its time, and may take longer where the machine is busy.
     assert told["hours_left"] * 3600 >= 10 * 0.02
     assert estimate(given, tmp_path)[1][0]["hours_left"] == 0
-    with pytest.raises(HaptixError, match="no task could be measured: ValueError: no square of 0"):
+    with pytest.raises(HaptixError, match="ValueError: no square of 0"):
         estimate(plan(numbers=2, wrong=(0, 1)), tmp_path / "wrong")
 
 
@@ -305,7 +305,7 @@ def test_a_place_of_fsspec_has_the_same_bytes_as_a_folder(tmp_path):
     # A store without whole writes has no draft left, and another one is refused by name.
     run_campaign(plan(numbers=3, file_bytes=9), f"file://{tmp_path / 'b'}")
     assert results(tmp_path / "b") == results(tmp_path)
-    with pytest.raises(InputError, match="nowhere://x: expected a place that fsspec reaches"):
+    with pytest.raises(InputError, match=r"nowhere://x.*fsspec"):
         run_campaign(plan(numbers=1), "nowhere://x")
 
 
@@ -358,7 +358,7 @@ def test_a_place_of_fsspec_that_breaks_half_way_never_has_a_half_result(
 def test_another_version_does_not_mix_its_results(tmp_path, monkeypatch):
     run_campaign(plan(numbers=1), tmp_path)
     monkeypatch.setattr("haptix.campaign.worker.code_digest", lambda: "other")
-    with pytest.raises(InputError, match=r"begun with code .* name another --out"):
+    with pytest.raises(InputError, match=r"code .*--out"):
         run_campaign(plan(numbers=2), tmp_path)
 
 
@@ -367,7 +367,7 @@ def test_two_at_once_are_refused(tmp_path):
         pass
 
     def meanwhile(seen):
-        with pytest.raises(InputError, match="another campaign is at work"):
+        with pytest.raises(InputError, match="another campaign"):
             run_campaign(plan(numbers=1), tmp_path)
         raise Second
 
@@ -405,7 +405,7 @@ def small_disk(folder, size_bytes):
 def test_a_full_disk_stops_it_and_the_same_call_goes_on(tmp_path):
     given = plan(numbers=8, file_bytes=60_000)
     with small_disk(tmp_path / "disk", 400_000) as grow:
-        with pytest.raises(InputError, match=r"cannot write to .*same command goes on"):
+        with pytest.raises(InputError, match="cannot write"):
             run_campaign(given, tmp_path / "disk" / "out")
         left = results(tmp_path / "disk" / "out")
         grow()
@@ -565,7 +565,7 @@ def test_workers_of_another_version_are_refused_before_the_first_task(tmp_path):
     def hears(work, answer):
         return {**answer, "torch": "1.0"} if work is as_seen_here else answer
 
-    with pytest.raises(HaptixError, match=r"cannot do tasks of the kind .*torch 1\.0 \(here"):
+    with pytest.raises(HaptixError, match=r"torch 1\.0 \(here"):
         run_campaign(plan(numbers=2), tmp_path, Calling(hears))
     assert not [*tmp_path.glob("runs/*")]
 
@@ -584,7 +584,7 @@ class Stillborn(Executor):
 
 def test_workers_that_never_begin_end_the_campaign(tmp_path):
     workers = Stillborn()
-    with pytest.raises(HaptixError, match=r"before they begin a task.*a worker ended"):
+    with pytest.raises(HaptixError, match=r"before .*a worker ended"):
         run_campaign(plan(numbers=100), tmp_path, workers)
     assert workers.calls < 20
 

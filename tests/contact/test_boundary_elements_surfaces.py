@@ -83,11 +83,11 @@ def test_a_map_whose_borders_do_not_meet() -> None:
 
 
 def test_coarse_grids_and_small_boxes_are_said_or_refused() -> None:
-    with pytest.warns(ResolutionWarning, match=r"4 pixels per shortest wavelength.*raw area"):
+    with pytest.warns(ResolutionWarning, match="4 pixels"):
         Surfaces.random(spectrum(), 64, 1.0)
-    with pytest.warns(ResolutionWarning, match=r"2 roll-off wavelengths.*light load"):
+    with pytest.warns(ResolutionWarning, match="2 roll-off"):
         Surfaces.random(spectrum(rolloff=2.0), 128, 1.0)
-    with pytest.raises(InputError, match=r"2 pixels or more.*q_high"):
+    with pytest.raises(InputError, match=r"2 pixels.*q_high"):
         Surfaces.random(spectrum(), 24, 1.0)
     with pytest.raises(InputError, match="one roll-off wavelength"):
         Surfaces.random(spectrum(), 128, 0.2)

@@ -254,7 +254,7 @@ def test_a_topography_brings_its_unit_and_its_band() -> None:
 
 def test_a_spectrum_of_one_wave_has_no_short_ones() -> None:
     narrow = RoughnessSpectrum.from_table([1e4, 2e4], [1e-20, 1e-21])
-    with pytest.raises(InputError, match=r"spectrum: expected waves from q0 to 3 q0.*10000 to 20"):
+    with pytest.raises(InputError, match=r"spectrum: .*10000 to 20"):
         MeanField(narrow, HalfSpace(1e6, 0.5))
 
 

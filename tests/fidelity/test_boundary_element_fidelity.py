@@ -83,7 +83,7 @@ def test_the_scatter_is_that_of_the_surfaces(model: ContactModel) -> None:
     assert scatter.area_fraction.shape == (2, 4)
     assert bool((scatter.area_fraction.std(-1) > 0).all())
     torch.testing.assert_close(scatter.area_fraction.mean(-1), state.area_fraction)
-    with pytest.raises(InputError, match=r'scatter: expected a fidelity .*"boundary-element"'):
+    with pytest.raises(InputError, match=r'scatter: .*"boundary-element"'):
         ContactModel(FINGER, SCREEN).scatter(1.0, 0.0)
 
 
@@ -105,7 +105,7 @@ def test_past_snap_in_there_is_a_status_and_a_voltage(model: ContactModel) -> No
 
 def test_the_band_is_said_and_what_is_missing_warned_of() -> None:
     box = BoundaryElementBox(points=64, surfaces=1)
-    with pytest.warns(ResolutionWarning, match=r"of its slope: a contact smoother"):
+    with pytest.warns(ResolutionWarning, match="slope"):
         model = ContactModel(
             Finger.preset("semi-wet"), SCREEN, fidelity="boundary-element", boundary_elements=box
         )
@@ -118,7 +118,7 @@ def test_the_band_is_said_and_what_is_missing_warned_of() -> None:
     # The mean field in the box has the roughness that the surfaces have.
     assert float(model.contact.spectrum.h_rms_m) == pytest.approx(22e-6 * said["h_rms_share"], 0.05)
     # An insulator thinner than what the gap does from pixel to pixel.
-    with pytest.warns(ResolutionWarning, match=r"attraction next to the spots is not resolved"):
+    with pytest.warns(ResolutionWarning, match=r"attraction.*not resolved"):
         model.solve(0.1, 20.0)
 
 
@@ -134,7 +134,7 @@ def test_a_preset_finger_is_solved_in_a_small_box(recwarn: pytest.WarningsRecord
 
 
 def test_few_pixels_in_contact_are_said() -> None:
-    with pytest.warns(ResolutionWarning, match=r"pixels of a surface are in contact at 200 Pa"):
+    with pytest.warns(ResolutionWarning, match=r"pixels.*200 Pa"):
         exact().solve(0.01, 0.0, h0_m=H0)
 
 
@@ -161,30 +161,30 @@ def test_progress_is_told() -> None:
 
 
 def test_what_cannot_be_is_refused(model: ContactModel, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(InputError, match=r'"finite-size" contradicts fidelity "boundary-element"'):
+    with pytest.raises(InputError, match=r'"finite-size".*"boundary-element"'):
         chosen_terms({"finite-size": True}, FINGER, SCREEN, BoundaryElementBalance)
     with pytest.raises(InputError, match=r"contact_spots: expected \"excluded\""):
         exact(contact_spots="included")
     with pytest.raises(InputError, match=r"boundary_elements: expected none"):
         ContactModel(FINGER, SCREEN, boundary_elements=BOX)
-    with pytest.raises(InputError, match=r"requires grad; detach it"):
+    with pytest.raises(InputError, match="requires grad"):
         exact(FINGER.replace(youngs_modulus_pa=torch.tensor(4e7, requires_grad=True)))
-    with pytest.raises(InputError, match=r"requires grad; detach it"):
+    with pytest.raises(InputError, match="requires grad"):
         model.solve(torch.tensor(1.0, requires_grad=True), 0.0)
-    with pytest.raises(InputError, match=r"at most 64 states .* got 65, about .* min"):
+    with pytest.raises(InputError, match=r"64 .*got 65, about .* min"):
         model.solve(torch.linspace(1, 2, 65), 0.0)
     with pytest.raises(InputError, match=r"over_period: .*mean-field"):
         model.over_period(1.0, 10.0, 100.0)
-    with pytest.raises(InputError, match=r"at_drive: expected a fidelity"):
+    with pytest.raises(InputError, match="at_drive"):
         model.at_drive(1.0, 0.5)
     with pytest.raises(LimitError, match=r"above the limit"):
         model.scatter(1.0, 2000.0)
-    with pytest.raises(InputError, match=r"points: expected 2 pixels or more"):
+    with pytest.raises(InputError, match=r"points: .*2"):
         exact(box=BoundaryElementBox(points=16, q_high_per_m=3.6e6, waves=4.0))
-    with pytest.raises(InputError, match=r"points: expected a whole number"):
+    with pytest.raises(InputError, match=r"points: .*whole"):
         BoundaryElementBox(points=64.0)
-    with pytest.raises(InputError, match=r"waves: expected a finite number above 0"):
+    with pytest.raises(InputError, match=r"waves: .*above 0"):
         BoundaryElementBox(waves=math.nan)
     monkeypatch.setattr(ensemble, "free_bytes", lambda device: 10**6)
-    with pytest.raises(InputError, match=r"fits into the .* GiB free"):
+    with pytest.raises(InputError, match="GiB free"):
         exact()

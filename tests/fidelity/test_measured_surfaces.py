@@ -105,9 +105,9 @@ def test_time_is_estimated_and_nonsense_refused(exact: ContactModel) -> None:
     job = MeasuringJob(exact, SCENE)
     assert job.states == 9
     assert 0 < job.estimated_seconds() < 600
-    with pytest.raises(InputError, match=r'model: expected a fidelity .*"boundary-element"'):
+    with pytest.raises(InputError, match=r'model: .*"boundary-element"'):
         MeasuringJob(ContactModel(FINGER, SCREEN), SCENE)
-    with pytest.raises(InputError, match=r"drives: expected a whole number from 2"):
+    with pytest.raises(InputError, match=r"drives: .*from 2"):
         MeasuredPoints(drives=1)
     with pytest.raises(InputError, match=r"band: expected"):
         MeasuredPoints(band="all")

@@ -190,7 +190,7 @@ def test_volts_from_converter_and_amplifier(portaudio, tmp_path):
     assert device.name == "audio:device=HDMI"
     assert device.capabilities.full_scale_v == 150.0
     assert device.limits.ceiling_v == 120.0
-    with device, pytest.raises(LimitError, match=r"ceiling of 120\.0 V"):
+    with device, pytest.raises(LimitError, match=r"120\.0 V"):
         device.write([121.0])
     device.close()
 
@@ -235,7 +235,7 @@ def test_an_interface_that_goes_away(portaudio):
     device.arm()
     device.write(np.linspace(0.0, 50.0, 500))
     streams[0].abort()
-    with pytest.raises(DeviceDisconnectedError, match="unplugged or its server quit"):
+    with pytest.raises(DeviceDisconnectedError, match="unplugged"):
         device.write([50.0])
     assert link.underflows == 1
     with pytest.raises(DeviceDisconnectedError):

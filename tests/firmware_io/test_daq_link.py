@@ -85,7 +85,7 @@ def test_a_module_has_the_watchdog_and_the_clock_of_its_chassis(card):
 
 def test_without_watchdog_or_interlock_it_does_not_open(card):
     for said in ("", ",interlock=yes", ",interlock=        "):
-        with pytest.raises(DeviceError, match="may hold its last voltage"):
+        with pytest.raises(DeviceError, match="last voltage"):
             open_device(RIG + said)
     open_device(f"{RIG},interlock=foot switch in the enable").close()
     assert card.watchdogs == []
@@ -93,7 +93,7 @@ def test_without_watchdog_or_interlock_it_does_not_open(card):
 
 def test_limits_hold_in_front_of_the_card(card):
     device = open_device(f"{WATCHED},ceiling_v=120")
-    with device, pytest.raises(LimitError, match=r"ceiling of 120\.0 V"):
+    with device, pytest.raises(LimitError, match=r"120\.0 V"):
         device.write([121.0])
     device.close()
     device = open_device(f"{WATCHED},watchdog_s=0.02")
@@ -203,7 +203,7 @@ def test_a_profile_holds_the_rig(card, tmp_path):
     assert (device.limits.ceiling_v, device.latency_s) == (120.0, 0.01)
     device.close()
     path.write_text("watchdog = true")
-    with pytest.raises(DeviceError, match=r"watchdog in the profile .* cannot be True"):
+    with pytest.raises(DeviceError, match=r"watchdog .*True"):
         read_rig_profile(path, DaqProfile)
 
 

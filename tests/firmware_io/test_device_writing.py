@@ -114,7 +114,7 @@ def test_slew_counts_from_the_last_write():
     device.arm()
     device.write([0.999, 1.998])
     device.write([2.997])
-    with pytest.raises(LimitError, match=r"Sample 0 steps from 2.997 V to 3.997 V"):
+    with pytest.raises(LimitError, match=r"Sample 0 .*3\.997 V"):
         device.write([3.997])
     assert_safe(device)
 
@@ -127,7 +127,7 @@ def test_a_gentle_slew_limit_lowers_the_ceiling_to_what_the_safety_ramp_can_leav
     with device:
         device.write(rise_v)
     assert np.abs(np.diff(device.mock.output[0], prepend=0)).max() == 1
-    with device, pytest.raises(LimitError, match=r"Sample 240 is .* ceiling of 1\.831 V"):
+    with device, pytest.raises(LimitError, match=r"Sample 240 .*1\.831 V"):
         device.write([*rise_v, 1.832])
     device.arm()
     device.write(rise_v)
@@ -194,7 +194,7 @@ def test_input_that_is_no_row_of_real_numbers(volts):
     device = mock_device()
     device.arm()
     device.write([10.0])
-    with pytest.raises(DeviceError, match="1-D array of real numbers"):
+    with pytest.raises(DeviceError, match="1-D"):
         device.write(volts)
     assert_safe(device)
 
@@ -216,7 +216,7 @@ def test_the_tighter_ceiling_is_in_force():
 def test_lower_ceiling():
     device = mock_device()
     device.lower_ceiling(150.0)
-    with device, pytest.raises(LimitError, match=r"ceiling of 150.0 V"):
+    with device, pytest.raises(LimitError, match=r"150\.0 V"):
         device.write([75.0, 150.1])
     for ceiling_v in (150.1, 200.0, 300.0, np.nan, -5.0):
         with pytest.raises(LimitError):
@@ -233,7 +233,7 @@ def test_raising_the_capacitance_lowers_the_slew_on_both_sides():
     assert not device.is_armed
     with device:
         device.write([14.5])
-    with device, pytest.raises(LimitError, match=r"0\.7 mA through 1000 pF"):
+    with device, pytest.raises(LimitError, match=r"0\.7 mA.*1000 pF"):
         device.write([14.6])
     for capacitance_f in (0.9e-9, 150e-12, np.nan, np.inf):
         with pytest.raises(LimitError):
@@ -264,7 +264,7 @@ def test_a_driver_fault_reaches_the_writer_and_arming_recovers():
     # Another host interferes.
     other = StreamSamples(0, np.zeros(1, np.int16), StreamMode.WAVEFORM)
     device.mock.receive(encode(Frame(other, 7777)))
-    with pytest.raises(DeviceFaultError, match=r"Expected sequence \d+, but 7777 came") as caught:
+    with pytest.raises(DeviceFaultError, match="7777") as caught:
         device.write([90.0])
     assert not hasattr(caught.value, "__notes__")  # stopping a driver that has stopped succeeds
     assert_safe(device)
@@ -493,9 +493,7 @@ def test_an_os_error_is_a_lost_link_and_keeps_the_sequence():
     device.arm()
     device.write([90.0])
     link.failure = OSError(19, "No such device")
-    with pytest.raises(
-        DeviceDisconnectedError, match=r"link to mock failed.*No such device"
-    ) as caught:
+    with pytest.raises(DeviceDisconnectedError, match="No such device") as caught:
         device.write([110.0])
     assert isinstance(caught.value.__cause__, OSError)
     link.failure = None
@@ -590,7 +588,7 @@ def test_a_starved_stream_is_told_and_arming_recovers():
     device.arm()
     device.write([50.0, 100.0])
     device.mock.advance(1.0)
-    with pytest.raises(DeviceFaultError, match=r"starved.*longer lead.*Arm it again"):
+    with pytest.raises(DeviceFaultError, match=r"starved.*lead"):
         device.write([90.0])
     assert_safe(device)
     with device:
@@ -618,7 +616,7 @@ def test_carriers_change_both_ways_under_a_gentle_slew_limit():
         with device:
             device.write(np.linspace(0.0, 10.0, 4800))
     device.set_up(carrier_hz=5000.0)
-    with device, pytest.raises(LimitError, match="carrier of 5000 Hz"):
+    with device, pytest.raises(LimitError, match="5000 Hz"):
         device.write(np.linspace(0.0, 10.0, 4800))
     assert device.mock.faults == 0
 
@@ -628,11 +626,11 @@ def test_what_the_driver_is_told():
     device.set_up(lead_s=0.01, watchdog_s=0.1)
     assert device.watchdog_s == 0.1
     device.arm()
-    with pytest.raises(DeviceError, match="armed, so its set-up is fixed"):
+    with pytest.raises(DeviceError, match="set-up is fixed"):
         device.set_up(lead_s=0.0)
     # A host that forgets its own ceiling meets the lowered one in the driver.
     object.__setattr__(device.limits, "ceiling_v", 200.0)
-    with pytest.raises(DeviceFaultError, match=r"above the ceiling of 150 V"):
+    with pytest.raises(DeviceFaultError, match="ceiling of 150 V"):
         device.write([75.0, 151.0])
     assert not device.mock.output[0].any()
 

@@ -112,13 +112,13 @@ def test_modes_and_rates_by_address():
     assert (device.mode, device.capabilities.sample_rate_hz) == ("envelope", 16_000.0)
     device = open_device("mock:")
     assert (device.mode, device.carrier_hz) == ("waveform", None)
-    with pytest.raises(ProtocolError, match="waveform and envelope at 48000 Hz"):
+    with pytest.raises(ProtocolError, match="waveform and envelope"):
         Device(MockLink(), sample_rate_hz=44_100)
 
 
 @pytest.mark.parametrize("address", [5, None, b"mock:"])
 def test_an_address_that_is_no_string(address):
-    with pytest.raises(DeviceError, match=r'address must be a string.*use for example "mock:"'):
+    with pytest.raises(DeviceError, match=r'string.*"mock:"'):
         open_device(address)
 
 

@@ -42,7 +42,7 @@ def test_impossible_slews(slew):
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_samples_that_are_not_finite(bad):
-    with pytest.raises(LimitError, match=r"Sample 2 is .*finite"):
+    with pytest.raises(LimitError, match=r"Sample 2 .*finite"):
         DriveLimits().check(np.array([0.0, 1.0, bad, bad]), 0.0, 48e3)
 
 
@@ -51,7 +51,7 @@ def test_the_ceiling_is_exact(sign):
     limits = DriveLimits(ceiling_v=150.0)
     limits.check(np.array([sign * 150.0]), 0.0, 8e3)
     above = sign * math.nextafter(150.0, 200.0)
-    with pytest.raises(LimitError, match=r"Sample 1 is .* above the ceiling of 150.0 V"):
+    with pytest.raises(LimitError, match=r"Sample 1 .*ceiling of 150\.0 V"):
         limits.check(np.array([0.0, above, above]), 0.0, 8e3)
 
 
@@ -59,9 +59,9 @@ def test_slew_by_hand():
     # 1000 V/s at 100 samples per second is 10 V per sample.
     limits = DriveLimits(max_slew_v_per_s=1000.0)
     limits.check(np.array([15.0, 25.0, 15.0]), 5.0, 100.0)
-    with pytest.raises(LimitError, match=r"Sample 0 steps from 5 V to 15.01 V"):
+    with pytest.raises(LimitError, match=r"Sample 0 .*15\.01 V"):
         limits.check(np.array([15.01]), 5.0, 100.0)
-    with pytest.raises(LimitError, match=r"Sample 2 steps from 25 V to 14.9 V.*10 V per sample"):
+    with pytest.raises(LimitError, match=r"Sample 2 .*14\.9 V.*10 V per sample"):
         limits.check(np.array([15.0, 25.0, 14.9]), 5.0, 100.0)
 
 
@@ -92,7 +92,7 @@ def test_a_larger_capacitance_lowers_the_slew_and_a_smaller_one_is_refused():
     assert replace(limits, ceiling_v=100.0).max_slew_v_per_s == limits.max_slew_v_per_s
     assert DriveLimits(max_slew_v_per_s=1e5, capacitance_f=1e-9).max_slew_v_per_s == 1e5
     assert DriveLimits(max_peak_a=0.35e-3).max_slew_v_per_s == pytest.approx(2.333e6, rel=1e-3)
-    with pytest.raises(LimitError, match=r"capacitance_f must be at least 1\.5e-10 F"):
+    with pytest.raises(LimitError, match=r"capacitance_f .*1\.5e-10"):
         DriveLimits(capacitance_f=149e-12)
 
 
@@ -205,7 +205,7 @@ def test_energy_by_hand():
     square = 200.0 * np.where(np.arange(2000) % 2, -1.0, 1.0)
     seen = window()
     admit(seen, square[:510])
-    with pytest.raises(LimitError, match=r"With sample 0 the rms over 1 s reaches 142.9"):
+    with pytest.raises(LimitError, match=r"sample 0 the rms .*142\.9"):
         seen.check(square[510:])
     # What was driven is forgotten a window later, not before.
     admit(seen, np.zeros(490))
@@ -220,7 +220,7 @@ def test_a_mean_voltage_by_hand():
     for level_v in (190.0, 20.0, -20.0, 3.0):  # at 200 V the ramp behind it is too much
         seen = window()
         admit(seen, np.full(50, level_v))
-        with pytest.raises(LimitError, match=r"With sample 0 the mean over 1 s.*above 5%"):
+        with pytest.raises(LimitError, match=r"sample 0 the mean .*5%"):
             seen.check(np.full(1, level_v))
         seen.check(np.full(10, -level_v))  # the way back
         seen.check(np.zeros(10))
@@ -378,7 +378,7 @@ def test_the_device_rejects_a_mean_voltage_and_recovers_after_a_pause():
     now_s = 0.0
     device = Device(MockLink(MockDriver()), clock=lambda: now_s)
     device.arm()
-    with pytest.raises(LimitError, match="drive without a mean voltage"):
+    with pytest.raises(LimitError, match="mean voltage"):
         device.write(np.full(4800, 90.0))
     assert device.mock.samples_played == 0
     device.arm()
@@ -387,7 +387,7 @@ def test_the_device_rejects_a_mean_voltage_and_recovers_after_a_pause():
         device.write(np.full(1000, 90.0))
     assert device.mock.played_codes[-1] == 0
     device.arm()
-    with pytest.raises(LimitError, match="pause before trying again"):
+    with pytest.raises(LimitError, match="pause"):
         device.write(np.full(1000, 90.0))
     now_s = 1.0
     device.arm()
@@ -399,10 +399,10 @@ def test_amplitudes_of_a_carrier():
     limits = DriveLimits(ceiling_v=150.0, max_slew_v_per_s=4e6)
     limits.check_envelope(np.array([130.0, 140.0, 150.0]), 130.0, 16e3, 4e3)
     limits.check_envelope(np.empty(0), 0.0, 16e3, 4e3)
-    with pytest.raises(LimitError, match=r"Sample 1 is -1 V.*0 V or more"):
+    with pytest.raises(LimitError, match="Sample 1 is -1 V"):
         limits.check_envelope(np.array([0.0, -1.0]), 0.0, 16e3, 4e3)
-    with pytest.raises(LimitError, match=r"ceiling of 150\.0 V"):
+    with pytest.raises(LimitError, match=r"150\.0 V"):
         limits.check_envelope(np.array([151.0]), 0.0, 16e3, 4e3)
     # 150 V at 4.3 kHz slews at 2 pi 4300 150 = 4.05 MV/s.
-    with pytest.raises(LimitError, match=r"carrier of 4300 Hz.*slower carrier"):
+    with pytest.raises(LimitError, match="4300 Hz"):
         limits.check_envelope(np.array([150.0]), 150.0, 16e3, 4.3e3)

@@ -111,7 +111,7 @@ def test_a_frame_above_the_ceiling_is_rejected_on_both_sides(clock, reports):
     driver = MockDriver(pace="real", clock=clock, ceiling_v=120.0)
     _link, playback = open_playback(driver, clock, reports)
     playback.start()
-    with pytest.raises(LimitError, match=r"ceiling of 120\.0 V"):
+    with pytest.raises(LimitError, match=r"120\.0 V"):
         playback.run_until(clock() + 0.1)
     clock.sleep(0.01)
     assert driver.faults == 0
@@ -121,7 +121,7 @@ def test_a_frame_above_the_ceiling_is_rejected_on_both_sides(clock, reports):
     device = Device(FaultyLink(driver, 64 if reports else None, clock.sleep), clock=clock)
     object.__setattr__(device.limits, "ceiling_v", 200.0)
     device.arm()
-    with pytest.raises(DeviceFaultError, match=r"above the ceiling of 120 V"):
+    with pytest.raises(DeviceFaultError, match="ceiling of 120 V"):
         device.write(np.minimum(50.0 * np.arange(20), 150.0))
     assert np.abs(driver.output_v).max() <= 120.0
     assert not device.is_armed

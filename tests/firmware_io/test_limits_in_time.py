@@ -34,7 +34,7 @@ def assert_within_limits(driver):
 
 @pytest.mark.parametrize("carrier_hz", [0.1, 440.0, 999.9])
 def test_no_carrier_below_1_khz(carrier_hz):
-    with pytest.raises(DeviceError, match=r"carrier_hz must lie in 1000"):
+    with pytest.raises(DeviceError, match=r"carrier_hz .*1000"):
         open_device(f"mock:reports=yes,carrier_hz={carrier_hz}")
     with open_device("mock:reports=yes") as device, pytest.raises(DeviceError):
         device.set_up(carrier_hz=carrier_hz)
@@ -42,7 +42,7 @@ def test_no_carrier_below_1_khz(carrier_hz):
 
 @pytest.mark.parametrize("selector", ["watchdog_s=65", "watchdog_s=0.251"])
 def test_no_watchdog_above_250_ms(selector):
-    with pytest.raises(DeviceError, match=r"watchdog_s must lie in 0\.01\.\.0\.25"):
+    with pytest.raises(DeviceError, match=r"watchdog_s .*0\.25"):
         open_device(f"mock:{selector}")
     with pytest.raises(DeviceError, match="max_watchdog_s"):
         MockDriver(max_watchdog_s=65.0)

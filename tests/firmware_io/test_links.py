@@ -130,11 +130,11 @@ def test_usb_writes_are_large(usb):
 
 def test_usb_devices_are_told_apart(usb):
     usb.append(UsbDevice("SN2", 5))
-    with pytest.raises(DeviceError, match=r"2 USB devices.*bus=1,address=4, bus=1,address=5"):
+    with pytest.raises(DeviceError, match="bus=1,address=4, bus=1,address=5"):
         open_device("usb:")
     assert open_device("usb:serial=SN2").name == "usb:bus=1,address=5"
     assert open_device("usb:bus=1,address=4").name == "usb:bus=1,address=4"
-    with pytest.raises(DeviceNotFoundError, match=r"1209:0001 with serial SN3"):
+    with pytest.raises(DeviceNotFoundError, match="SN3"):
         open_device("usb:serial=SN3")
     usb.clear()
     with pytest.raises(DeviceNotFoundError, match="haptix devices"):
@@ -190,14 +190,14 @@ def test_another_device_with_the_same_numbers(usb):
         open_device("usb:")
     # Or one that talks of something else, or says nothing.
     usb[0].driver.transmit = iter([b""] + [b"\r\nlogin: "] + 10_000 * [b""]).__next__
-    with pytest.raises(ProtocolError, match="not as a haptix driver does"):
+    with pytest.raises(ProtocolError, match="haptix driver"):
         open_device("usb:")
 
 
 def test_a_device_that_never_stops_talking(usb, monkeypatch):
     monkeypatch.setattr("firmware_io.protocol_client.ANSWER_S", 2.0)
     usb[0].read = lambda endpoint, size, ms: np.zeros(64, np.uint8)
-    with pytest.raises(ProtocolError, match="not as a haptix driver does"):
+    with pytest.raises(ProtocolError, match="haptix driver"):
         open_device("usb:")
 
 
@@ -207,7 +207,7 @@ def test_a_version_from_the_future(usb):
     frame = header + b"news"
     frame += zlib.crc32(frame).to_bytes(4, "little")
     usb[0].driver.transmit = iter([b"", frame] + 10_000 * [b""]).__next__
-    with pytest.raises(ProtocolError, match=r"version 4, but version 5 came.*same version"):
+    with pytest.raises(ProtocolError, match=r"version 4, .*version 5"):
         open_device("usb:")
 
 
@@ -321,7 +321,7 @@ def test_hid_that_is_lost_in_mid_stream(hid):
     device.arm()
     device.write([1.0])
     hid.written = -1  # all that hidraw has to say of it
-    with pytest.raises(DeviceDisconnectedError, match="took -1 of 64 bytes"):
+    with pytest.raises(DeviceDisconnectedError, match="-1 of 64"):
         device.write([2.0])
     hid.written = 64
     device.arm()
@@ -336,7 +336,7 @@ def test_hid_that_is_lost_in_mid_stream(hid):
 def test_hid_that_cannot_be_opened(hid, monkeypatch):
     path = hid.path.decode()
     first = open_device("hid:")
-    with pytest.raises(DeviceBusyError, match="another program or another device object"):
+    with pytest.raises(DeviceBusyError, match="another program"):
         open_device(f"hid:path={path},backend=hidraw")
     first.close()
     hid.refuses = True
@@ -471,5 +471,5 @@ def test_nobody_serves():
 
 def test_somebody_else_listens():
     listener = socket.create_server(("127.0.0.1", 0))
-    with listener, pytest.raises(ProtocolError, match="did not answer HELLO"):
+    with listener, pytest.raises(ProtocolError, match="HELLO"):
         open_device(f"tcp:127.0.0.1:{listener.getsockname()[1]}")

@@ -41,7 +41,7 @@ class OldDriver(Link):
 
 def test_a_driver_of_the_version_before_is_refused_and_never_armed():
     link = OldDriver()
-    with pytest.raises(ProtocolError, match=r"version 3.*Bring both to the same version"):
+    with pytest.raises(ProtocolError, match="version 3"):
         Device(link)
     assert link.kinds == [FrameKind.HELLO]
     assert link.is_closed

@@ -509,7 +509,7 @@ def test_a_slow_line_gets_a_rate_that_it_carries(monkeypatch, baud, rate_hz):
 
 def test_a_line_that_carries_no_rate_is_refused(monkeypatch):
     monkeypatch.setattr(MockLink, "bytes_per_s", 11_520.0)
-    with pytest.raises(ProtocolError, match="no waveform mode at up to 5184 Hz"):
+    with pytest.raises(ProtocolError, match=r"waveform .*5184 Hz"):
         Device(MockLink(MockDriver()))
 
 

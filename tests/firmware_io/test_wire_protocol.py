@@ -205,7 +205,7 @@ def test_every_truncation_and_extension_is_rejected():
     for length in range(len(data)):
         with pytest.raises(ProtocolError):
             decode(data[:length])
-    with pytest.raises(ProtocolError, match="30 bytes, but 31 came"):
+    with pytest.raises(ProtocolError, match=r"30 .*31"):
         decode(data + b"\0")
 
 
@@ -234,7 +234,7 @@ def test_a_stream_without_samples_is_refused():
     body = bytearray(encode(STREAM)[:10])
     body[6] = 4
     body += struct.pack("<H", crc_hqx(bytes(body), 0xFFFF)) + bytes(4)
-    with pytest.raises(ProtocolError, match="at least one sample"):
+    with pytest.raises(ProtocolError, match="one sample"):
         decode(bytes(body) + struct.pack("<I", zlib.crc32(body)))
 
 

@@ -27,35 +27,33 @@ def test_numbers_of_any_kind_pass(value):
     "value", ["2", None, True, np.bool_(True), [2.0], np.ones(2), torch.ones(2), 2j, float("nan")]
 )
 def test_what_is_no_number_is_refused(value):
-    with pytest.raises(InputError, match=r"^a: expected a finite number, got "):
+    with pytest.raises(InputError, match=r"^a: .*finite"):
         checks.number("a", value)
-    with pytest.raises(InputError, match=r"^a: expected a number above 0, got "):
+    with pytest.raises(InputError, match=r"^a: .*above 0"):
         checks.positive("a", value, open_end=True)
 
 
 def test_the_ends_of_a_range():
     assert checks.number("a", 0, 0.0) == 0.0
     assert checks.number("a", float("inf"), open_end=True) == float("inf")
-    with pytest.raises(
-        InputError, match=r"^a: expected a finite number of at least 0, got -1e-09$"
-    ):
+    with pytest.raises(InputError, match=r"^a: .*at least 0, got -1e-09$"):
         checks.number("a", -1e-9, 0.0)
-    with pytest.raises(InputError, match=r"^a: expected a finite number above 0, got 0$"):
+    with pytest.raises(InputError, match=r"^a: .*above 0, got 0$"):
         checks.positive("a", 0.0)
-    with pytest.raises(InputError, match=r"^a: expected a finite number above 0, got inf$"):
+    with pytest.raises(InputError, match=r"^a: .*got inf$"):
         checks.positive("a", float("inf"))
 
 
 def test_whole_numbers():
     assert checks.whole("n", np.int64(3), 1) == 3
     for value in (0, 1.0, True, "1", None):
-        with pytest.raises(InputError, match=r"^n: expected a whole number from 1, got "):
+        with pytest.raises(InputError, match=r"^n: .*from 1, got"):
             checks.whole("n", value, 1)
 
 
 def test_choices():
     assert checks.choice("kind", "b", ("a", "b")) == "b"
-    with pytest.raises(InputError, match=r"^kind: expected one of a, b, got 'c'$"):
+    with pytest.raises(InputError, match=r"^kind: .*a, b, got 'c'$"):
         checks.choice("kind", "c", ("a", "b"))
 
 
@@ -70,9 +68,7 @@ def test_rows():
 
 def test_increasing_rows():
     assert checks.increasing("t", [0, 1, 3]).tolist() == [0.0, 1.0, 3.0]
-    with pytest.raises(
-        InputError, match=r"^t: expected increasing numbers, but number 3 is 1 after 1$"
-    ):
+    with pytest.raises(InputError, match=r"^t: .*number 3 is 1 after 1$"):
         checks.increasing("t", [0, 1, 1])
 
 

@@ -106,7 +106,7 @@ def test_nesting_is_refused(kept, name, depth):
 def test_toml_that_is_too_much(tmp_path, text):
     path = tmp_path / "a.toml"
     path.write_text(text)
-    with pytest.raises(FileFormatError, match=r"a\.toml: expected a TOML file"):
+    with pytest.raises(FileFormatError, match=r"a\.toml: .*TOML"):
         read_toml(path)
 
 
@@ -119,7 +119,7 @@ def test_toml_that_is_too_much(tmp_path, text):
 def test_json_that_is_too_much(tmp_path, text):
     path = tmp_path / "a.json"
     path.write_text(text)
-    with pytest.raises(FileFormatError, match=r"a\.json: expected a JSON file"):
+    with pytest.raises(FileFormatError, match=r"a\.json: .*JSON"):
         read_json(path)
 
 
@@ -147,7 +147,7 @@ def test_a_file_of_gigabytes_is_not_read(tmp_path, read):
         file.truncate(20_000_000_000)  # a hole: it takes no room on the disk
     tracemalloc.start()
     try:
-        with pytest.raises(FileFormatError, match=r"at most \d+ MB, got 2e\+04 MB") as caught:
+        with pytest.raises(FileFormatError, match=r"\d+ MB, got 2e\+04 MB") as caught:
             read(path)
         assert tracemalloc.get_traced_memory()[1] < 1_000_000
     finally:
@@ -156,7 +156,7 @@ def test_a_file_of_gigabytes_is_not_read(tmp_path, read):
 
 
 def test_a_device_without_an_end_is_not_read_to_it():
-    with pytest.raises(FileFormatError, match="at most 4 MB"):
+    with pytest.raises(FileFormatError, match="4 MB"):
         read_json("/dev/zero")
 
 
@@ -192,7 +192,7 @@ def test_a_factorial_that_fills_the_memory(kept):
     path = kept / "gratings.toml"
     many = ", ".join(f'"signal.x{i}" = [{"0, " * 50}]' for i in range(10))
     path.write_text(path.read_text().replace("factors = {", f"factors = {{ {many}, "))
-    with pytest.raises(HaptixError, match="at most 10000 combinations"):
+    with pytest.raises(HaptixError, match="10000 combinations"):
         Recipe.load(path).stimulus_set()
 
 
@@ -266,7 +266,7 @@ def test_of_an_animation_the_first_frame_is_taken_and_pages_are_refused(tmp_path
     path = tmp_path / f"many.{kind}"
     frames[0].save(path, save_all=True, append_images=frames[1:])
     if kind == "tiff":
-        with pytest.raises(HaptixError, match="more than 100 pages"):
+        with pytest.raises(HaptixError, match="100 pages"):
             Texture.from_image(path, 50)
         frames[0].save(path, save_all=True, append_images=frames[1:2])
         with pytest.raises(HaptixError, match="several pages"):
@@ -299,7 +299,7 @@ def test_entities_are_refused_in_every_encoding(tmp_path, encoding):
     )
     mark = {"utf-16-le": b"\xff\xfe", "utf-16-be": b"\xfe\xff"}.get(encoding, b"")
     (tmp_path / "m.xml").write_bytes(mark + text.encode(encoding))
-    with pytest.raises(FileFormatError, match="without a document type"):
+    with pytest.raises(FileFormatError, match="document type"):
         PennModel.load(tmp_path / "m.xml")
 
 
@@ -322,7 +322,7 @@ def test_flac_that_claims_hours(tmp_path, read):
     data[21] |= 0x0F  # the high bits of the number of samples: 2^36
     data[22:26] = b"\xff" * 4
     path.write_bytes(data)
-    with pytest.raises(FileFormatError, match=r"at most 50000000 samples.*got 687\d+"):
+    with pytest.raises(FileFormatError, match=r"50000000 .*got 687\d+"):
         read(path)
 
 
@@ -333,7 +333,7 @@ def test_a_rate_that_no_interface_has(tmp_path, rate_hz):
     data = bytearray(path.read_bytes())
     data[24:28] = struct.pack("<I", rate_hz)
     path.write_bytes(data)
-    with pytest.raises(HaptixError, match=r"of them per second|cannot be resampled"):
+    with pytest.raises(HaptixError, match=r"per second|resampled"):
         read_recorded(path)
 
 
@@ -342,7 +342,7 @@ def test_other_formats_are_not_decoded(tmp_path, kind):
     path = tmp_path / "a.wav"
     soundfile.write(path, np.zeros(4800), 48_000, format=kind)
     for read in (read_recorded, read_volts):
-        with pytest.raises(FileFormatError, match="expected a WAV or FLAC file"):
+        with pytest.raises(FileFormatError, match="WAV or FLAC"):
             read(path)
 
 
@@ -469,7 +469,7 @@ def test_a_surface_that_states_a_huge_size(tmp_path):
     with path.open("wb") as file:
         file.write(struct.pack("<Q", len(text)) + text)
         file.truncate(8 + len(text) + 8 * 10**10)  # a hole
-    with pytest.raises(FileFormatError, match="at most 4 GB, got 80 GB"):
+    with pytest.raises(FileFormatError, match="4 GB, got 80 GB"):
         FrictionSurface.load(path)
 
 
@@ -495,7 +495,7 @@ def test_a_log_and_a_table_with_nested_cells(kept):
     log = kept / "trials.tsv"
     _, rest = log.read_text().split("\n", 1)
     log.write_text("# " + "[" * 5000 + "\n" + rest)
-    with pytest.raises(FileFormatError, match="not a log of trials"):
+    with pytest.raises(FileFormatError, match="log of trials"):
         TrialLog(log, {})
     table = kept / "session/reduced.csv"
     lines = table.read_text().splitlines()
@@ -573,7 +573,7 @@ def test_a_sidecar_that_cannot_be_drawn(kept, place):
     table = json.loads(path.read_text())
     table[place] = [table[place]]
     path.write_text(json.dumps(table))
-    with pytest.raises(FileFormatError, match="sidecar of a stimulus"):
+    with pytest.raises(FileFormatError, match="sidecar"):
         draw_stimulus(path.with_suffix(".flac"))
 
 

@@ -75,7 +75,7 @@ def test_gradients_pass_through() -> None:
 
 
 def test_unknown_theories_are_named() -> None:
-    with pytest.raises(InputError, match=r"theory: expected one of .*, got 'best'"):
+    with pytest.raises(InputError, match=r"theory: .*'best'"):
         in_theory(Finger.preset("wet"), "best")
-    with pytest.raises(InputError, match=r"Finger\.theory: input should be 'corrected'"):
+    with pytest.raises(InputError, match=r"Finger\.theory"):
         Finger(theory="best")

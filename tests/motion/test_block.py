@@ -152,7 +152,7 @@ def test_copies_ahead_are_on_the_path():
 
 
 def test_reach_is_unknown_without_a_renderer():
-    with pytest.raises(InputError, match="only while a renderer asks"):
+    with pytest.raises(InputError, match="renderer"):
         _ = Motion.of(0.0, 0.0).reach
     with pytest.raises(InputError, match="one length"):
         Motion.of([1, 2], [1, 2, 3])

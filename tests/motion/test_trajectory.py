@@ -113,7 +113,7 @@ def test_a_bad_value_is_named_whatever_the_source():
         wrong[column, row] = bad
         with pytest.raises(InputError, match=words):
             Trajectory(*wrong)
-    with pytest.raises(InputError, match="t_s: expected a row of at least 2 numbers"):
+    with pytest.raises(InputError, match=r"t_s: .*at least 2"):
         Trajectory(*columns[:, :1])
 
 
@@ -134,5 +134,5 @@ def test_no_file(tmp_path):
 
 
 def test_arrays_of_different_lengths():
-    with pytest.raises(InputError, match="y_mm: expected one value for each of the 3 times, got 2"):
+    with pytest.raises(InputError, match=r"y_mm: .*3 times, got 2"):
         Trajectory(np.arange(3.0), np.zeros(3), np.zeros(2), np.ones(3))

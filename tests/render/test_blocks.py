@@ -103,7 +103,7 @@ def test_a_number_that_is_none_reaches_the_limits_and_stops_there(surface):
 def test_an_answer_that_is_not_one_for_each_point(surface, answer):
     core = RenderCore(surface, Given("share", answer), open_device("mock:"), SineCarrier(3000.0))
     fingers = fingers_of(np.random.default_rng(1), 1, POINTS, False)
-    with pytest.raises(InputError, match="expected an answer for each of 12 points"):
+    with pytest.raises(InputError, match="12 points"):
         core.block(fingers, 0)
 
 

@@ -109,7 +109,7 @@ def test_other_frequencies_do_not_leak_in():
 @pytest.mark.parametrize("frequency_hz", [np.nextafter(12_000.0, 13_000.0), 24_000.0, 96_000.0])
 def test_a_carrier_too_fast_for_the_device(frequency_hz):
     SineCarrier(12_000.0).check_rate(RATE)
-    with pytest.raises(InputError, match="a quarter of the device's 48000 samples"):
+    with pytest.raises(InputError, match="48000"):
         SineCarrier(frequency_hz).check_rate(RATE)
 
 

@@ -221,7 +221,7 @@ def test_a_bad_touch_does_not_end_the_session(surface, link):
 
 def test_a_renderer_that_was_not_entered_takes_no_touch(surface, link):
     renderer = LiveRenderer(surface, FULL, opened(link))
-    with pytest.raises(InputError, match="touch: expected a renderer that was entered"):
+    with pytest.raises(InputError, match=r"touch: .*entered"):
         renderer.touch(renderer.now_s(), 20.0, 5.0, 0.5)
 
 

@@ -302,7 +302,7 @@ def test_the_carrier_must_be_on_the_surface(surface):
 
 def test_a_carrier_too_fast_for_the_device(model):
     fast = haptix.FrictionSurface.build(model, {"normal_force_n": 0.5, "frequency_hz": 15e3})
-    with pytest.raises(InputError, match="a quarter of the device's 48000 samples"):
+    with pytest.raises(InputError, match="48000"):
         Renderer(fast, HILLS, haptix.open_device("mock:"))
     device = haptix.open_device("mock:sample_rate_hz=96000")
     assert Renderer(fast, HILLS, device).drive.frequency_hz == 15e3
@@ -377,5 +377,5 @@ def test_a_driver_that_makes_the_carrier_is_sent_amplitudes(surface):
     assert np.abs(played).max() == pytest.approx(voltage, abs=2 * STEP_V)
     assert played.min() < -0.99 * voltage
 
-    with pytest.raises(InputError, match="the device makes the carrier itself"):
+    with pytest.raises(InputError, match="carrier itself"):
         Renderer(surface, flat, device, DirectWave(125.0))

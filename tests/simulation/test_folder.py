@@ -68,7 +68,7 @@ def test_a_folder_is_whole_or_as_it_was(simulation, tmp_path, monkeypatch):
         raise OSError("No space left on device")
 
     monkeypatch.setattr(draw, full)
-    with pytest.raises(InputError, match=r"cannot write to .*No space left"):
+    with pytest.raises(InputError, match="No space left"):
         write(tmp_path, simulation, {"run": 2})
     # No drafts, and no picture of one run beside the numbers of another.
     assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before

@@ -200,7 +200,7 @@ def test_participants_are_added_and_nothing_else_is_touched(log, tmp_path):
             export(path, study, name, "1", "detection")
     other = tmp_path / "notes.tsv"
     other.write_text("a\tb\n")
-    with pytest.raises(FileFormatError, match="is not a log of trials"):
+    with pytest.raises(FileFormatError, match="log of trials"):
         export(other, study, "09", "1", "detection")
     assert not (study / "sub-09").exists()
 
@@ -222,7 +222,7 @@ def test_nothing_of_a_session_is_replaced(log, tmp_path):
         export(other, study, "07", "1", "detection")
     beh = study / "sub-07" / "ses-1" / "beh" / "sub-07_ses-1_task-detection_beh.tsv"
     beh.write_bytes(before[beh] + b"my notes\n")
-    with pytest.raises(InputError, match=r"beh\.tsv: was changed since"):
+    with pytest.raises(InputError, match=r"beh\.tsv: .*changed"):
         export(path, study, "07", "1", "detection")
     beh.write_bytes(before[beh])
     assert before == {one: one.read_bytes() for one in study.rglob("*") if one.is_file()}

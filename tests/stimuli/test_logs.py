@@ -117,7 +117,7 @@ def test_a_file_that_no_log_has_made_is_never_replaced(device, tmp_path, text):
     if not text:  # holds nothing
         assert experiment(device, path).trials == 0
         return
-    with pytest.raises(FileFormatError, match="stays as it is"):
+    with pytest.raises(FileFormatError, match="stays"):
         experiment(device, path)
     assert path.read_text() == text
 
@@ -127,7 +127,7 @@ def test_one_writer(device, tmp_path):
     path, other = tmp_path / "t.tsv", open_device("mock:")
     first = iter(experiment(device, path))
     next(first)
-    with pytest.raises(InputError, match="another experiment is writing"):
+    with pytest.raises(InputError, match="another experiment"):
         experiment(other, path)
     read, write = os.pipe()
     if (child := os.fork()) == 0:  # pragma: no cover
@@ -166,7 +166,7 @@ def test_another_program_continues_only_on_request(device, tmp_path, monkeypatch
     monkeypatch.setattr("haptix.stimuli.adaptive.experiment.program", lambda: "0.0.9+aaaa")
     begin(device, path, 2)
     monkeypatch.undo()
-    with pytest.raises(FileFormatError, match=r"begun by haptix 0\.0\.9\+aaaa"):
+    with pytest.raises(FileFormatError, match=r"0\.0\.9\+aaaa"):
         experiment(device, path)
     experiment(device, path, another_program=True).run()
     versions = [row["version"] for row in rows_of(path)]

@@ -61,7 +61,7 @@ def test_files_without_a_sidecar_are_refused(made, tmp_path):
     with pytest.raises(FileFormatError, match=r"a\.json"):
         draw_stimulus(tmp_path / "a.wav")
     (tmp_path / "a.json").write_text("{}")
-    with pytest.raises(FileFormatError, match="sidecar of a stimulus"):
+    with pytest.raises(FileFormatError, match="sidecar"):
         draw_stimulus(tmp_path / "a.wav")
     (tmp_path / "tone.json").write_bytes((made[0].folder / "tone.json").read_bytes())
     (tmp_path / "tone.wav").write_bytes(b"no sound")

@@ -90,7 +90,7 @@ def test_variants_are_a_factor():
     seeds = [one.signal.seeds for one in made]
     assert len(set(seeds)) == 6 and seeds[0] == (1,)
     assert [one.signal.seeds for one in variants_of([noise(2)], 3)] == seeds[3:]
-    with pytest.raises(InputError, match="nothing in it is random"):
+    with pytest.raises(InputError, match="random"):
         variants_of([Stimulus("s", Sine(0.1, 20.0).lasting(0.1))], 2)
 
 
@@ -124,7 +124,7 @@ def test_a_level_that_is_not_possible_is_answered_by_one_that_is():
     assert highest == pytest.approx(40 - 25.8) and at == 160.0
     carried, _ = highest_level([360.0], "carrier", 4000.0, known, limits)
     assert carried == pytest.approx(40 - 18.8 - 10 * np.log10(2))
-    with pytest.raises(InputError, match=r"30 dB is not possible; at most 14\.2 dB.*160 Hz"):
+    with pytest.raises(InputError, match=r"30 dB .*14\.2 dB.*160 Hz"):
         matched_intensity("m", [160.0, 360.0], 30.0, 1.0, limits=limits)
     made = matched_intensity("m", [160.0, 360.0], 14.1, 0.5, limits=limits, fade_s=0.0)
     peaks = [np.abs(one.signal.values(0, 24_000, RATE)).max() for one in made]
@@ -213,7 +213,7 @@ def test_a_jnd_is_chosen_by_its_name_or_file(tmp_path, monkeypatch, chosen, jnd)
     monkeypatch.setenv("HAPTIX_PERCEPTION", chosen)
     read = Perception.default.__wrapped__
     if jnd is None:
-        with pytest.raises(InputError, match="HAPTIX_PERCEPTION: JND: expected one of samur-2009"):
+        with pytest.raises(InputError, match=r"HAPTIX_PERCEPTION: JND: .*samur-2009"):
             read(Perception)
     else:
         assert read(Perception).weber_fraction == jnd

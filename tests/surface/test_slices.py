@@ -84,7 +84,7 @@ def test_a_slice_of_a_single_force(model):
 def test_a_surface_that_was_not_sliced(model):
     scene = {"normal_force_n": 0.5, "frequency_hz": (100.0, 4000.0)}
     wide = haptix.FrictionSurface.build(model, scene, tolerance=0.05)
-    with pytest.raises(InputError, match=r"slice it with surface.at"):
+    with pytest.raises(InputError, match=r"surface\.at"):
         Slice.of(wide.table)
 
 

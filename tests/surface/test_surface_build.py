@@ -38,7 +38,7 @@ def test_bad_ranges(model: ContactModel, name: str) -> None:
 
 
 def test_a_voltage_range_above_the_screens_limit(model: ContactModel) -> None:
-    with pytest.raises(LimitError, match=r"200\.5 V is above the limit of 200 V of screen"):
+    with pytest.raises(LimitError, match=r"200\.5 V .*200 V"):
         FrictionSurface.build(model, {"voltage_v": (0.0, 200.5)})
 
 
@@ -49,7 +49,7 @@ def test_impossible_tolerances(model: ContactModel, bad: float) -> None:
 
 
 def test_a_tolerance_that_cannot_be_met(model: ContactModel) -> None:
-    with pytest.raises(ToleranceError, match=r"tolerance 2e-06 mu.*600 bytes: reached") as caught:
+    with pytest.raises(ToleranceError, match=r"2e-06 mu.*600 bytes") as caught:
         FrictionSurface.build(model, SMALL, tolerance=2e-6, largest_bytes=600)
     best = caught.value.best
     assert best.nbytes <= 600
@@ -62,7 +62,7 @@ def test_a_tolerance_that_cannot_be_met(model: ContactModel) -> None:
 
 
 def test_no_surface_fits_into_a_few_bytes(model: ContactModel) -> None:
-    with pytest.raises(ToleranceError, match="not even a coarse surface fits") as caught:
+    with pytest.raises(ToleranceError, match="coarse") as caught:
         FrictionSurface.build(model, SMALL, tolerance=1e-3, largest_bytes=10)
     assert caught.value.best is None
 
@@ -93,7 +93,7 @@ def test_tolerances_that_are_none(bad: str) -> None:
 
 
 def test_a_voltage_range_past_pull_in_everywhere(hungry: ContactModel) -> None:
-    with pytest.raises(InputError, match=r"from 300 V lies past the end of the light contact"):
+    with pytest.raises(InputError, match=r"300 V .*light contact"):
         FrictionSurface.build(
             hungry, {"normal_force_n": 0.2, "voltage_v": (300.0, 400.0), "h0_m": 5e-8}
         )

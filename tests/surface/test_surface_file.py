@@ -170,7 +170,7 @@ FOREIGN = {
 
 @pytest.mark.parametrize("name", FOREIGN)
 def test_files_of_another_kind(name: str, tmp_path: Path) -> None:
-    with pytest.raises(FileFormatError, match="not a friction surface, or is damaged"):
+    with pytest.raises(FileFormatError, match="damaged"):
         load(tmp_path, FOREIGN[name])
 
 
@@ -216,7 +216,7 @@ def test_metadata_that_is_not_json(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("version", [1, "3.0", "20.0", None, 0])
 def test_other_versions(data: bytes, version: Any, tmp_path: Path) -> None:
-    with pytest.raises(FileFormatError, match="expected surface version 2, got"):
+    with pytest.raises(FileFormatError, match="version 2"):
         load(tmp_path, with_metadata(data, version=version))
 
 
@@ -250,7 +250,7 @@ def test_a_surface_of_before_has_the_presets_response_and_a_model_of_its_own() -
     assert loaded.response_hz_per_mm_per_s == 13.8
     # The theory of that name has other numbers today.
     finger = Finger.preset("semi-wet").replace(frictional_shear_stress_pa=8e6)
-    with pytest.raises(FileFormatError, match="built from another model"):
+    with pytest.raises(FileFormatError, match="another model"):
         FrictionSurface.load(kept, ContactModel(finger, Screen.preset("3m-sct3250")))
 
 
@@ -265,7 +265,7 @@ def test_the_model_that_is_named(full: FrictionSurface, data: bytes, tmp_path: P
         ContactModel(finger, screen, terms={"finite-size": False}),
         ContactModel(finger, screen, contact_spots="included"),
     ):
-        with pytest.raises(FileFormatError, match="built from another model"):
+        with pytest.raises(FileFormatError, match="another model"):
             FrictionSurface.load(path, other)
 
 
@@ -312,7 +312,7 @@ def test_contradictory_headers(data: bytes, changes: dict[str, Any], tmp_path: P
 
 
 def test_missing_files_and_folders(tmp_path: Path) -> None:
-    with pytest.raises(FileFormatError, match=r"no surface file at .*none\.surface.*haptix build"):
+    with pytest.raises(FileFormatError, match=r"none\.surface.*haptix build"):
         FrictionSurface.load(tmp_path / "none.surface")
     with pytest.raises(FileFormatError):
         FrictionSurface.load(tmp_path)

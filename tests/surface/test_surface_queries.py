@@ -189,25 +189,25 @@ def test_a_slice_is_the_same_surface(full: FrictionSurface) -> None:
 def test_a_slice_holds_at_its_own_value_alone(full: FrictionSurface) -> None:
     sliced = full.at(frequency_hz=137.0)
     assert int(sliced.evaluate(0.5, 50.0, 138.0, 2e-7).status) == OUT
-    with pytest.raises(RangeError, match=r"frequency_hz: 1000 is outside.*60 to 500"):
+    with pytest.raises(RangeError, match=r"frequency_hz: 1000 .*60 to 500"):
         full.at(frequency_hz=1000.0)
     with pytest.raises(RangeError, match="h0_m"):
         full.at(h0_m=4e-7)
 
 
 def test_an_axis_that_varies_must_be_named(full: FrictionSurface) -> None:
-    with pytest.raises(InputError, match="frequency_hz: expected a value"):
+    with pytest.raises(InputError, match="frequency_hz"):
         full.mu(0.5, 100.0, None, 2e-7)
-    with pytest.raises(InputError, match="h0_m: expected a value"):
+    with pytest.raises(InputError, match="h0_m"):
         full.voltage(0.3, 0.5, 100.0)
-    with pytest.raises(InputError, match="normal_force_n: expected a value"):
+    with pytest.raises(InputError, match="normal_force_n"):
         full.mu(None, 100.0, 100.0, 2e-7)
 
 
 def test_an_axis_that_does_not_vary_may_be_left_out(plain: FrictionSurface) -> None:
     assert float(plain.mu(0.5, 100.0)) == float(plain.mu(0.5, 100.0, None, 2e-7))
     assert int(plain.evaluate(0.5, 100.0, None, 2.1e-7).status) == OUT
-    with pytest.raises(InputError, match="frequency_hz: the surface was built without it"):
+    with pytest.raises(InputError, match=r"frequency_hz: .*without"):
         plain.mu(0.5, 100.0, 125.0)
 
 
@@ -271,11 +271,11 @@ def test_the_gradient_at_the_lowest_friction_is_finite(plain: FrictionSurface) -
 
 
 def test_what_is_no_place_to_slice_at(full: FrictionSurface) -> None:
-    with pytest.raises(InputError, match="frequency_hz: expected one number"):
+    with pytest.raises(InputError, match=r"frequency_hz: .*one number"):
         full.at((60.0, 500.0), None)
-    with pytest.raises(InputError, match=r"dtype: expected torch\.float32 or torch\.float64"):
+    with pytest.raises(InputError, match=r"dtype: .*float64"):
         full.to(torch.float16)
-    with pytest.raises(InputError, match="normal_force_n: expected real numbers"):
+    with pytest.raises(InputError, match=r"normal_force_n: .*real"):
         full.mu(torch.tensor(0.5 + 0.1j), 100.0, 137.0, 1.7e-7)
 
 

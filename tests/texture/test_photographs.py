@@ -164,7 +164,7 @@ def test_bad_widths(width_mm):
 
 @pytest.mark.parametrize("polarity", ["up", "", "Bright-High", None])
 def test_unknown_polarity(polarity):
-    with pytest.raises(InputError, match="polarity: expected one of bright-high, dark-high"):
+    with pytest.raises(InputError, match=r"polarity: .*dark-high"):
         Texture.from_image(GREY, 10, polarity=polarity)
 
 

@@ -102,11 +102,11 @@ def test_what_cannot_be_felt_is_refused_by_name(model, change, message):
 
 def test_a_drive_above_the_screens_limit_is_refused(model):
     finger = VirtualFinger(model)
-    with pytest.raises(LimitError, match=r"drive_v: 200.1 V is above the limit of 200 V"):
+    with pytest.raises(LimitError, match=r"drive_v: 200\.1 V .*200 V"):
         finger.feel(**{**GOOD, "drive_v": [0.0, 200.1, 0.0, 0.0]})
     # What 16 bits may read back above the limit: half a step of 200 V / 32767.
     finger.feel(**{**GOOD, "drive_v": [0.0, 200.003, 0.0, 0.0]})
-    with pytest.raises(InputError, match="amplitude_v: expected 0 V or more"):
+    with pytest.raises(InputError, match=r"amplitude_v: .*0 V"):
         finger.feel_carrier(
             [-1.0] * 4, 100.0, 4000.0, *(GOOD[k] for k in ("t_s", "x_mm", "y_mm", "normal_force_n"))
         )
