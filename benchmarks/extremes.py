@@ -141,7 +141,7 @@ REGIONS = (
     Region("everything at once, spots included", WIDEST, INCLUDED),
     Region("everything at once, every term on, spots included", WIDEST, EVERY_TERM),
 )
-FLOATS = [f.name for f in fields(ContactState) if f.name not in ("status", "sum_gaps")]
+FLOATS = [f.name for f in fields(ContactState) if f.name not in ("find_status", "sum_gaps")]
 FLOATS += ["pull_past_breakdown", "capacitance_f", "conductance_s"]
 
 

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from haptix.contact import beyond_validation
 from haptix.errors import InputError
+from haptix.limits import limits_passed
 
 
 @dataclass(frozen=True)
@@ -58,15 +59,21 @@ class ContactState:
     """Field at the edge of a contact spot, the highest in any gap."""
     breakdown_voltage_v: Tensor
     """Amplitude from which gap or insulator break down; a status where that term is on."""
-    status: Tensor
-    """Integers of `Status`."""
+    spot_pressure_pa: Tensor
+    """Mean pressure in the contact spots: what presses, attraction included, over the real area."""
+    find_status: Callable[[], Tensor] = field(repr=False, compare=False)
     sum_gaps: Callable[[], GapSums] = field(repr=False, compare=False)
-    """Makes what most callers do without; use the properties."""
+    """These make what many callers do without; use the properties."""
+
+    @cached_property
+    def status(self) -> Tensor:
+        """Integers of `Status`: OK only within all of `haptix.limits`."""
+        return self.find_status()
 
     def warnings(self) -> list[str]:
-        """Where the states lie below what was validated, as outputs quote it."""
+        """Where the states lie below what was validated or past a limit, as outputs quote it."""
         lowest = (float(one.detach().min()) for one in (self.x, self.rolloff_waves))
-        return beyond_validation(*lowest)
+        return [*beyond_validation(*lowest), *limits_passed(self.status)]
 
     @property
     def attraction_pa(self) -> Tensor:

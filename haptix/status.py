@@ -20,3 +20,7 @@ class Status(IntEnum):
     """The query lies outside the axes of the surface; values are those at its edge."""
     BREAKDOWN = 5
     """The field is beyond the strength of gap or insulator; values assume no sparks."""
+    FRICTION = 6
+    """Friction is beyond what skin has, see `haptix.limits`."""
+    PRESSURE = 7
+    """The pressure in the contact spots is beyond what skin bears, see `haptix.limits`."""

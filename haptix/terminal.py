@@ -133,7 +133,7 @@ def accuracy_note(lowest_x: float, accuracy: str) -> str:
 
 
 def warning_note(warnings: Sequence[str]) -> str:
-    """Return what a title says about results below what was validated."""
+    """Return what a title says about results beyond what was validated, or past a limit."""
     return f"; beyond what was validated: {'; '.join(warnings)}" if warnings else ""
 
 

@@ -15,9 +15,11 @@ from haptix.contact import ContactSpots, MeanField
 from haptix.contact.area import elastoplastic_area
 from haptix.electro import Pull, VoltageShare
 from haptix.fidelity.box import BoxedFinger
+from haptix.limits import LIMITS
+from haptix.status import Status
 from haptix.terms import Stage
 
-LIGHT_CONTACT_LIMIT = 31.0
+LIGHT_CONTACT_LIMIT = LIMITS[Status.PULL_IN].most
 """Largest p/p0 that counts as light contact: the bound of the reference solver (section 5)."""
 
 

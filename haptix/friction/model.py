@@ -312,17 +312,26 @@ class ContactModel:
             "pull_in_voltage_v": drive_voltage(balance.strength_at_end),
             "peak_field_v_per_m": peak_field(at_contact, thickness),
             "breakdown_voltage_v": breakdown / balance.voltage_share,
+            "spot_pressure_pa": self.solver.spot_pressure_pa(mu, balance),
         }
-        status = self.solver.terms.status(
-            balance.is_stable, lambda gap: at_contact / (gap + thickness).abs()
-        )
+        status = self.solver.status(mu, balance, lambda gap: at_contact / (gap + thickness).abs())
+
+        def find_status() -> Tensor:
+            if not self.reports(Status.BREAKDOWN):
+                light = (status == int(Status.OK)) & (at_contact > breakdown)
+                past = self.solver.past_breakdown(
+                    light.nonzero()[:, 0], force, at_contact, circuit, self._pull, balance
+                )
+                status[past] = int(Status.BREAKDOWN)
+            return status.reshape(shape)
+
         solved = {
             name: backward_on_one_thread(value.to(self.dtype).reshape(shape))
             for name, value in solved.items()
         }
         return ContactState(
             **solved,
-            status=status.reshape(shape),
+            find_status=find_status,
             sum_gaps=partial(
                 self.solver.sum_gaps,
                 force,
@@ -431,8 +440,9 @@ class ContactModel:
             circuit=Circuit.of_one(thickness, medium, samples),
         )
         mu, balance = self.solver.solve(force, pull)
-        status = self.solver.terms.status(
-            balance.is_stable,
+        status = self.solver.status(
+            mu,
+            balance,
             lambda gap_m: field(h0.new_tensor([gap_m])).abs()[:, 0] * balance.voltage_share,
         )
         return PeriodState(

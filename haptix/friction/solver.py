@@ -11,14 +11,17 @@ import torch
 from torch import Tensor
 
 from haptix.electro import Circuit, Pull
-from haptix.electro.attraction import bin_inverse
+from haptix.electro.attraction import bin_inverse, drive_strength, representative_gaps
 from haptix.electro.breakdown import bearable_field, share_past
 from haptix.fidelity import Balance, Fidelity, Load
+from haptix.limits import LIMITS, past_limits
 from haptix.states import GapSums
-from haptix.terms import ActiveTerms, Stage
+from haptix.status import Status
+from haptix.terms import ActiveTerms, FieldInGap, Stage
 from haptix.threads import one_thread
 
 BLOCK = 4096  # states solved together: bounds the memory, and fits the cache
+_BLOCK_OF_STATUS = 2048  # the same for one sum, which the cache then holds
 _BLOCK_OF_SUMS = 1024  # states whose gaps are summed together: bounds the memory
 
 
@@ -51,6 +54,55 @@ class FrictionSolver:
         properties, balance = self.terms.given, self.fidelity.solve(load)
         shear = properties.finger.frictional_shear_stress_pa
         return shear * balance.area_fraction / (load.applied_pa * properties.unit_pa), balance
+
+    def spot_pressure_pa(self, mu: Tensor, balance: Balance) -> Tensor:
+        """Mean pressure [Pa] in the contact spots: ``tau_f/mu`` by the load, and the attraction."""
+        given = self.terms.given
+        pull = given.unit_pa * (balance.gap_attraction_pa + balance.spot_attraction_pa)
+        return given.finger.frictional_shear_stress_pa / mu + pull / balance.area_fraction
+
+    def status(self, mu: Tensor, balance: Balance, field: FieldInGap) -> Tensor:
+        """`haptix.Status` of states, but for the share of `past_breakdown`."""
+        status = self.terms.status(balance.is_stable, field)
+        return past_limits(status, mu, self.spot_pressure_pa(mu, balance))
+
+    @one_thread()
+    @torch.no_grad()
+    def past_breakdown(
+        self,
+        states: Tensor,
+        normal_force_n: Tensor,
+        voltage_v: Tensor,
+        circuit: Circuit,
+        pull_of: Callable[[Tensor, Circuit], Pull],
+        balance: Balance,
+    ) -> Tensor:
+        """Return those of some states whose attraction is past the limit of `Status.BREAKDOWN`.
+
+        Parameters are those of `sum_gaps`. Where discharge holds the gaps, none is.
+        """
+        gaps, most = balance.gap_attraction_pa, LIMITS[Status.BREAKDOWN].most
+        allowed = most * (gaps + balance.spot_attraction_pa)
+        states = states[gaps[states] > allowed[states]]
+        if not len(states) or Stage.PULL in self.terms.stages:
+            return states[:0]
+        edges, screen = self.fidelity.contact.field.gap_edges_m, self.terms.given.screen
+        bearable = bearable_field(
+            representative_gaps(edges)[:-1],
+            screen.insulator_permittivity,
+            screen.insulator_strength_v_per_m,
+        )
+        most_pa, past = drive_strength(bearable), []
+        for at in states.split(_BLOCK_OF_STATUS):
+            at_rest = self._at_rest(normal_force_n[at])
+            mass = self.fidelity.gap_mass(
+                at_rest.applied_pa, at_rest.widest_gap_m, balance.pressure_pa[at]
+            )
+            pull = pull_of(voltage_v[at], circuit.part(at))
+            each = pull.strength[:, None] * pull.kernel[pull.own_column][:, 0]
+            broken = torch.where(each > most_pa, each, 0.0)
+            past.append(at[torch.linalg.vecdot(broken, mass) > allowed[at]])
+        return torch.cat(past)
 
     def load(self, normal_force_n: Tensor, pull: Pull) -> Load:
         """Return what the fidelity is given for these states."""

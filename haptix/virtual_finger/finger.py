@@ -18,6 +18,7 @@ from haptix.errors import InputError, LimitError
 from haptix.fidelity import Ability
 from haptix.finger_response import FingerResponse
 from haptix.friction import HIGHEST_FORCE_N, ContactModel
+from haptix.limits import past_limits
 from haptix.motion import LIFTED_BELOW_N, STANDING_BELOW_MM_PER_S, Trajectory
 from haptix.status import Status
 from haptix.threads import one_thread
@@ -233,8 +234,9 @@ class VirtualFinger:
         mu = np.full(len(force), np.nan)
         status = np.full(len(force), int(Status.OK))
         if slides.any():
-            mu[slides], stable = self._friction(force[slides], squares[:, slides], field)
-            status[slides] = np.where(stable, reported[slides], int(Status.PULL_IN))
+            mu[slides], found = self._friction(force[slides], squares[:, slides], field)
+            by_field = (reported[slides] != int(Status.OK)) & (found != int(Status.PULL_IN))
+            status[slides] = np.where(by_field, reported[slides], found)
         friction_force_n = np.where(slides, mu * force, 0.0)
         ends = np.cumsum([len(part.t_s) for part in parts])[:-1]
         parted = (np.split(column, ends) for column in (mu, friction_force_n, status))
@@ -292,8 +294,8 @@ class VirtualFinger:
     @one_thread()
     def _friction(
         self, normal_force_n: Array, squares: Array, field: GapField
-    ) -> tuple[Array, npt.NDArray[np.bool_]]:
-        """Friction coefficient in equilibrium at each instant, and whether the contact is light."""
+    ) -> tuple[Array, npt.NDArray[np.int64]]:
+        """Friction coefficient in equilibrium at each instant, and its status but for the field."""
         edges = self.model.contact.gap_edges_m
         force, weight = (
             torch.from_numpy(a.copy()).to(edges.device) for a in (normal_force_n, squares.T)
@@ -310,7 +312,9 @@ class VirtualFinger:
                 circuit=Circuit.of_one(reference, torch.ones_like(reference), len(weight[at])),
             ),
         )
-        return mu.detach().cpu().numpy(), solution.is_stable.cpu().numpy()
+        light = torch.where(solution.is_stable, int(Status.OK), int(Status.PULL_IN))
+        status = past_limits(light, mu, self.model.solver.spot_pressure_pa(mu, solution))
+        return mu.detach().cpu().numpy(), status.cpu().numpy()
 
     def _status(self, excerpt: Excerpt, t_s: Array) -> npt.NDArray[np.int64]:
         """Status between times, one fewer of them, by the field alone."""

@@ -117,7 +117,7 @@ def test_pull_in_of_a_touch_is_where_the_status_turns() -> None:
     force, end, free = force[ends], end[ends], free[ends]
     assert bool((end >= free).all())
     status = model.solve(force[:, None], end[:, None] * torch.tensor([0.999, 1.001]), 1e3).status
-    assert status.tolist() == [[0, 1]] * len(force)
+    assert (status == Status.PULL_IN).tolist() == [[False, True]] * len(force)
 
 
 def test_a_carrier_in_the_virtual_finger_and_in_a_fit() -> None:

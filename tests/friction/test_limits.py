@@ -1,0 +1,64 @@
+"""No state is OK where the model has no physics: past each declared limit its status says which."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from haptix import ContactModel, Finger, Screen, Status
+from haptix.limits import LIMITS
+
+STATES = 40_000
+
+
+@pytest.fixture(scope="module")
+def screen() -> Screen:
+    return Screen.preset("3m-sct3250")
+
+
+def test_a_wet_finger_at_the_highest_voltage_is_not_ok(screen: Screen) -> None:
+    state = ContactModel(Finger.preset("wet"), screen).solve(0.7, 200.0, 125.0)
+    assert float(state.mu) > 5
+    assert Status(int(state.status)) == Status.FRICTION
+    assert any("friction above 5" in words for words in state.warnings())
+
+
+def test_no_state_past_a_limit_is_ok() -> None:
+    """Fingers, screens, forces, voltages and frequencies at random, many beyond any finger."""
+    draw = torch.Generator().manual_seed(11)
+
+    def spread(low: float, high: float, *shape: int) -> torch.Tensor:
+        share = torch.rand(shape, generator=draw, dtype=torch.float64)
+        return low * (high / low) ** share
+
+    found: set[int] = set()
+    models = 20
+    for number in range(models):
+        finger = Finger.preset(("semi-wet", "wet", "dry")[number % 3])
+        factor = {name: float(spread(0.3, 3.0)) for name in ("modulus", "tau", "area")}
+        finger = finger.replace(
+            youngs_modulus_pa=finger.youngs_modulus_pa * factor["modulus"],
+            frictional_shear_stress_pa=finger.frictional_shear_stress_pa * factor["tau"],
+            apparent_area_at_1n_m2=finger.apparent_area_at_1n_m2 * factor["area"],
+        )
+        screen = Screen(
+            insulator_thickness_m=float(spread(1e-7, 1e-4)), max_voltage_v=float(spread(50, 2000))
+        )
+        model, size = ContactModel(finger, screen), STATES // models
+        # A few frequencies, since each has a table of its own.
+        force, frequency = spread(0.02, 5.0, size), spread(10.0, 1e5, 5).repeat(size // 5)
+        voltage = screen.max_voltage_v * torch.rand(size, generator=draw, dtype=torch.float64)
+        state = model.solve(force, voltage, frequency)
+        ok = state.status == Status.OK
+        real_area = finger.apparent_area_m2(force) * state.area_fraction
+        pressure = force / real_area + state.attraction_pa / state.area_fraction
+        broken = state.pull_past_breakdown * state.gap_attraction_pa / state.attraction_pa
+        assert bool((state.mu[ok] <= LIMITS[Status.FRICTION].most).all())
+        assert bool((pressure[ok] <= LIMITS[Status.PRESSURE].most * (1 + 1e-12)).all())
+        # Here a bin of gaps, 4 % wide, that the boundary crosses counts in part, there not at all
+        # or whole: 4 % of its gaps' share at most.
+        assert bool((broken[ok & (voltage > 1)] <= LIMITS[Status.BREAKDOWN].most + 0.04).all())
+        assert bool((voltage[ok] <= state.pull_in_voltage_v[ok]).all())
+        assert state.spot_pressure_pa.tolist() == pytest.approx(pressure.tolist(), rel=1e-12)
+        found |= set(state.status.unique().tolist())
+    assert found == {int(Status.OK), *map(int, LIMITS)}  # so that each was tried
