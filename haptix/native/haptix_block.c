@@ -5,7 +5,7 @@
 #include "haptix_native.h"
 
 /* Numbers of haptix.status.Status. */
-enum { OK = 0, PULL_IN = 1, BELOW = 2, ABOVE = 3, OUT_OF_RANGE = 4, BREAKDOWN = 5 };
+enum { OK = 0, PULL_IN = 1, BELOW = 2, ABOVE = 3, OUT_OF_RANGE = 4 };
 
 static const double slack = 1e-9;     /* relative: rounding puts no end of a column out of range */
 static const double near_end = 1e-6;  /* relative: rounding does not change what ends a column */
@@ -62,7 +62,7 @@ static void move(const hx_slice *s, column *c, double force_n)
     c->high = s->forces > 1 ? c->low + width : c->low;
     c->pull_in_v = s->unit_v * exp(inverse_at(c, s->drives));
     double end_v = s->limit_v, breakdown_v = INFINITY;
-    if (s->ends_at_breakdown) {
+    if (s->limited_by) {
         breakdown_v = s->unit_v * exp(inverse_at(c, s->drives + 1));
         end_v = breakdown_v < end_v ? breakdown_v : end_v;
     }
@@ -72,7 +72,7 @@ static void move(const hx_slice *s, column *c, double force_n)
     c->end_v = c->end_v < s->limit_v ? c->end_v : s->limit_v;
     c->ends_by = c->end_drive >= s->pull_in_drive * (1 - near_end) ? PULL_IN : ABOVE;
     if (breakdown_v <= c->end_v * (1 + near_end) && breakdown_v < s->limit_v)
-        c->ends_by = BREAKDOWN;
+        c->ends_by = (int8_t)s->limited_by;
     c->is_inside = s->lowest_n <= force_n && force_n <= s->highest_n;
     c->first_inverse = inverse_at(c, 0);
     c->end_inverse = inverse_of(s, c, c->end_drive);

@@ -26,7 +26,7 @@ typedef struct {
     const double *columns; /* [...][width]: -1/mu at each node of the drive; what follows is not read */
     const double *ends;    /* [...][2]: logarithms of pull-in and breakdown voltage */
     double unit_v, limit_v, last_drive, pull_in_drive;
-    int64_t ends_at_breakdown;
+    int64_t limited_by;
 } hx_surface;
 
 /* Friction and status at n voltages, and at logarithms of places on the axes that vary. */
@@ -40,7 +40,7 @@ typedef struct {
     const double *drive;     /* [drives] */
     const double *columns;   /* [forces][drives + 2] */
     double unit_v, limit_v, pull_in_drive, lowest_n, highest_n;
-    int64_t ends_at_breakdown;
+    int64_t limited_by;
 } hx_slice;
 
 /* Lowest and highest friction at n forces. */

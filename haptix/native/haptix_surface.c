@@ -9,7 +9,7 @@
 enum { CHUNK = 256, CORNERS = 8 };
 
 /* Numbers of haptix.status.Status. */
-enum { OK = 0, PULL_IN = 1, OUT_OF_RANGE = 4, BREAKDOWN = 5 };
+enum { OK = 0, PULL_IN = 1, OUT_OF_RANGE = 4 };
 
 static const double slack = 1 + 1e-9; /* rounding puts no end of a column out of range */
 
@@ -74,7 +74,7 @@ static inline void evaluate(const hx_surface *s, const double *voltage_v,
         }
         for (int64_t i = 0; i < n; i++) {
             pull_in_v[i] = s->unit_v * exp(pull_in_v[i]);
-            breakdown_v[i] = s->ends_at_breakdown ? s->unit_v * exp(breakdown_v[i]) : INFINITY;
+            breakdown_v[i] = s->limited_by ? s->unit_v * exp(breakdown_v[i]) : INFINITY;
         }
         for (int64_t i = 0; i < n; i++) {
             double voltage = voltage_v[start + i], ratio = voltage / pull_in_v[i];
@@ -89,7 +89,7 @@ static inline void evaluate(const hx_surface *s, const double *voltage_v,
             }
             status[start + i] = !is_inside                          ? OUT_OF_RANGE
                                 : at > s->pull_in_drive * slack    ? PULL_IN
-                                : voltage > breakdown_v[i] * slack ? BREAKDOWN
+                                : voltage > breakdown_v[i] * slack ? s->limited_by
                                                                    : OK;
             drive[i] = at > top ? top : at;
             first[i] = row[i] * width;

@@ -15,6 +15,7 @@ from haptix.errors import InputError, ToleranceError
 from haptix.fidelity import FIDELITIES, Ability
 from haptix.friction import ContactModel
 from haptix.friction.placeholders import largest_spread
+from haptix.limits import limits_passed
 from haptix.motion import Depends, Motion
 from haptix.planning.trials import (
     COARSE,
@@ -102,7 +103,7 @@ class Plan:
     accuracy: str
     """Errors that the theory was shown to have there, see `haptix.contact.shown_accuracy`."""
     warnings: tuple[str, ...]
-    """Where the scene lies below what was validated, see `ContactState.warnings`."""
+    """Where the scene lies below what was validated, or its highest voltages past a limit."""
 
     def record(self) -> dict[str, Any]:
         """Return the decisions as plain values, to be stored in the surface.
@@ -136,6 +137,7 @@ class Plan:
         on_progress: Callable[[float], None] | None = None,
         tolerance: Tolerance | float | str | None = None,
         largest_bytes: int = LARGEST_BYTES,
+        past_limits: bool = False,
     ) -> FrictionSurface:
         """Build the planned surface, with the decisions in ``info["notes"]["plan"]``.
 
@@ -146,7 +148,7 @@ class Plan:
         wanted = self.tolerance if tolerance is None else tolerance
         try:
             surface = FrictionSurface.build(
-                self.model, self.ranges, wanted, on_progress, largest_bytes, notes
+                self.model, self.ranges, wanted, on_progress, largest_bytes, notes, past_limits
             )
         except ToleranceError as error:
             if error.best is not None:
@@ -226,10 +228,10 @@ def plan_scene(
         placeholder_spread_jnd=largest_spread(
             trials.model(base), {axis: trials.points[axis] for axis in AXIS_NAMES}, trials.voltage_v
         ),
-        pull_past_breakdown=trials.pull_past_breakdown(chosen),
+        pull_past_breakdown=float(trials.highest(chosen).pull_past_breakdown.max()),
         lowest_x=float(lightest.x),
         accuracy=shown_accuracy(model.theory, float(lightest.x)),
-        warnings=tuple(lightest.warnings()),
+        warnings=(*lightest.warnings(), *limits_passed(trials.highest(chosen).status)),
     )
 
 
@@ -350,7 +352,7 @@ def _report_row(trials: Trials, chosen: Choice, term: Term) -> Row:
     share = trials.share_of_limit(chosen, term)
     why = f"voltages reach {share:.0%} of its voltage"
     if term.reports == Status.BREAKDOWN:
-        past = trials.pull_past_breakdown(chosen)
+        past = float(trials.highest(chosen).pull_past_breakdown.max())
         why += f", {past:.0%} of the attraction is past what gaps bear"
     if term.name in trials.scene.override.terms:
         why = f"{'kept' if is_kept else 'dropped'} by the scene; {why}"

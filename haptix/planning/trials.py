@@ -240,10 +240,9 @@ class Trials:
         state = self._solve(choice, self.points, 0.0)
         return float((self._end(state) / term.voltage_limit(state)).max())
 
-    def pull_past_breakdown(self, choice: Choice) -> float:
-        """Largest share of the attraction that no gap bears, see `ContactState`, at the points."""
-        highest = self.highest_voltage(choice, self.points)
-        return float(self._solve(choice, self.points, highest).pull_past_breakdown.max())
+    def highest(self, choice: Choice) -> ContactState:
+        """Return the points at the highest voltages of a choice."""
+        return self._solve(choice, self.points, self.highest_voltage(choice, self.points))
 
     def seconds(self, choice: Choice) -> float:
         """Time to tabulate the contact, and to solve `TIMED_STATES` states."""

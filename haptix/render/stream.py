@@ -38,6 +38,7 @@ from firmware_io.reviser import percentile
 from haptix.checks import Array, instance, number, whole
 from haptix.errors import InputError, LimitError, OverloadWarning
 from haptix.layout import Layout, LayoutEvent, LayoutEventKind, Listeners
+from haptix.limits import LIMITS
 from haptix.motion import Report, Trajectory
 from haptix.render.core import RenderCore, RenderedBlock
 from haptix.render.drive import Drive, DriverCarrier
@@ -68,7 +69,7 @@ class RenderStats(PlaybackStats):
     below: int = 0
     """Samples, of all fingers, whose target was below the friction without voltage."""
     above: int = 0
-    """Samples whose target was above what the highest voltage, pull-in or breakdown allow."""
+    """Samples whose target was above what the highest voltage or `haptix.limits` allow."""
     outside: int = 0
     """Samples whose force was outside the surface's range."""
     block_s: deque[float] = field(default_factory=lambda: deque(maxlen=_KEPT), repr=False)
@@ -81,7 +82,7 @@ class RenderStats(PlaybackStats):
         if block.status.any():
             each = np.bincount(block.status.ravel(), minlength=len(Status)) * block.step
             self.below += int(each[Status.BELOW])
-            self.above += int(each[Status.ABOVE] + each[Status.PULL_IN] + each[Status.BREAKDOWN])
+            self.above += int(sum(each[one] for one in (Status.ABOVE, *LIMITS)))
             self.outside += int(each[Status.OUT_OF_RANGE])
 
     def __str__(self) -> str:

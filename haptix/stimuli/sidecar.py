@@ -88,6 +88,8 @@ def reach(name: str, tally: Tally, response: Column) -> str:
         Status.ABOVE: "the voltage limit",
         Status.PULL_IN: "pull-in",
         Status.BREAKDOWN: "breakdown",
+        Status.FRICTION: "the model's limit of friction",
+        Status.PRESSURE: "the model's limit of pressure",
     }[response.ends_by]
     parts = []
     if tally.below:

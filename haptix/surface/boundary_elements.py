@@ -74,11 +74,14 @@ class MeasuringJob:
         As for `FrictionSurface.build`.
     points : MeasuredPoints
         Where the model is solved.
+    past_limits : bool
+        As for `FrictionSurface.build`.
     """
 
     model: ContactModel
     scene: Any
     points: MeasuredPoints = MeasuredPoints()
+    past_limits: bool = False
 
     def __post_init__(self) -> None:
         self.model.require(Ability.SCATTER, "model")
@@ -141,6 +144,7 @@ def measured_table(
         lambda share: report(0.1 * share),
         largest_bytes,
         notes,
+        job.past_limits,
     )
     measured = _measure(job, prior, checkpoint, lambda share: report(0.1 + 0.9 * share))
     return _corrected(job, prior, info, measured, surface_key(job.model, job.scene, asked))

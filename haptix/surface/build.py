@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise, product
 from math import floor, inf, log, log2, prod, sqrt
 from typing import Any
@@ -14,6 +16,7 @@ from torch import Tensor
 
 from haptix.errors import InputError, ToleranceError
 from haptix.friction import ContactModel
+from haptix.limits import LIMITS, limits_passed
 from haptix.status import Status
 from haptix.surface.axes import AXIS_NAMES, PULL_IN_DRIVE, Axes, Axis, between
 from haptix.surface.interpolant import Interpolant
@@ -39,6 +42,7 @@ _MOST_PILOT_POINTS = 3000
 _KEPT_BACK = 0.9  # share of the tolerance that the first held-out points may use
 _MOST_ROUNDS = 16
 _COARSER = 8.0  # factor on a share whose table is too large
+_HALVINGS = 16  # of the drive at which a limit of the model is reached
 _BOUNDARY = 0.01  # largest relative error of the breakdown voltage, where that ends the surface
 _CLOSE = 1.2  # stop when the largest share that fits is this near the smallest that does not
 _LN2 = log(2)
@@ -98,7 +102,7 @@ class Columns:
     log_pull_in: Tensor
     """ln of the pull-in voltage [V]."""
     log_breakdown: Tensor
-    """ln of the breakdown voltage [V]."""
+    """ln of the voltage [V] of breakdown, or of a limit of the model that comes before."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +118,7 @@ class HeldOutPoints:
     end_v, end_drive : Tensor
         Amplitude [V] and drive at which the contact's column ends.
     log_breakdown : Tensor or None
-        ln of the breakdown voltage [V], where that ends columns.
+        ln of that voltage [V], where it ends columns, see `Columns`.
     """
 
     places: Mapping[str, Tensor | None]
@@ -154,6 +158,8 @@ class Sampler:
 
     model: ContactModel
     ranges: Ranges
+    past_limits: bool = False
+    """Whether states past the limits of the model count as well."""
 
     @property
     def limit_v(self) -> float:
@@ -169,25 +175,61 @@ class Sampler:
         frequency = self.ranges["frequency_hz"]
         return 2.0 if frequency is not None and frequency[0] < _DIRECT_BELOW_HZ else 1.0
 
-    @property
-    def ends_at_breakdown(self) -> bool:
-        """Whether breakdown ends a column."""
-        return self.model.reports(Status.BREAKDOWN)
+    @cached_property
+    def limited_by(self) -> Status:
+        """What ends columns besides pull-in and the voltage limit; OK for nothing."""
+        breaks = self.model.reports(Status.BREAKDOWN)
+        return self._limit or (Status.BREAKDOWN if breaks else Status.OK)
+
+    @cached_property
+    def _limit(self) -> Status:
+        """The limit of the model that ends most columns at corners and random places; OK for none.
+
+        All that limits bound rises with the voltage.
+        """
+        if self.past_limits:
+            return Status.OK
+        places, none = self._lines(), torch.zeros((), dtype=torch.float64)
+        rest = self.model.at_drive(drive=none, **places)
+        if past := limits_passed(rest.status):
+            raise InputError(
+                f"finger {self.model.finger.name!r}: {'; '.join(past)}, without voltage already; "
+                "take another finger or other ranges, or pass past_limits (--past-limits)"
+            )
+        own = {Status.PULL_IN}  # limits that end columns without being looked for
+        end = torch.full_like(rest.mu, self.limit_v, dtype=torch.float64)
+        if self.model.reports(Status.BREAKDOWN):
+            own.add(Status.BREAKDOWN)
+            end = torch.minimum(end, rest.breakdown_voltage_v)
+        drive = (end / rest.pull_in_voltage_v).square().clamp(max=PULL_IN_DRIVE)
+        counts = Counter(self.model.at_drive(drive=drive, **places).status.flatten().tolist())
+        found = [(counts[one], one) for one in LIMITS if one not in own and counts[one]]
+        return max(found)[1] if found else Status.OK
 
     def columns(self, places: Mapping[str, Tensor | None], drive: Tensor) -> Columns:
         """Solve at places that broadcast, for every drive, shape (drives,)."""
         each = {name: None if at is None else at[..., None] for name, at in places.items()}
         state = self.model.at_drive(drive=drive, **each)
-        return Columns(
-            -1 / state.mu.to("cpu", torch.float64),
-            torch.log(state.pull_in_voltage_v[..., 0].to("cpu", torch.float64)),
-            torch.log(state.breakdown_voltage_v[..., 0].to("cpu", torch.float64)),
-        )
+        log_pull_in = torch.log(state.pull_in_voltage_v[..., 0].to("cpu", torch.float64))
+        if self._limit:
+            log_breakdown = log_pull_in + torch.log(self._last_ok(places, log_pull_in)) / 2
+        else:
+            log_breakdown = torch.log(state.breakdown_voltage_v[..., 0].to("cpu", torch.float64))
+        return Columns(-1 / state.mu.to("cpu", torch.float64), log_pull_in, log_breakdown)
+
+    def _last_ok(self, places: Mapping[str, Tensor | None], like: Tensor) -> Tensor:
+        """Drive up to which each column's states are OK."""
+        low, high = torch.zeros_like(like), torch.ones_like(like)
+        for _ in range(_HALVINGS):
+            middle = (low + high) / 2
+            is_ok = self.model.at_drive(drive=middle, **places).status.cpu() == int(Status.OK)
+            low, high = torch.where(is_ok, middle, low), torch.where(is_ok, high, middle)
+        return (low + high) / 2
 
     def top(self, columns: Columns) -> Tensor:
         """Drive at which each column ends."""
         end = torch.full_like(columns.log_pull_in, log(self.limit_v))
-        if self.ends_at_breakdown:
+        if self.limited_by:
             end = torch.minimum(end, columns.log_breakdown)
         return torch.exp(2 * (end - columns.log_pull_in)).clamp(max=PULL_IN_DRIVE)
 
@@ -244,7 +286,7 @@ class Sampler:
             wrong = chord_error(inverse, at, start, end) * weight[inner]
             shift = chord_error(columns.log_pull_in, at, start, end)[..., None]
             worst = float((wrong - shift * tilt[inner]).abs().max())
-            if not self.ends_at_breakdown:
+            if not self.limited_by:
                 return worst
             return max(worst, float(chord_error(boundary, at, start, end).abs().max()))
 
@@ -291,7 +333,7 @@ class Sampler:
         mu = self.model.at_drive(drive=drive, **places).mu.to("cpu", torch.float64)
         pull_in = torch.exp(at_rest.log_pull_in)
         voltage = (pull_in * drive.sqrt()).clamp(max=self.limit_v)
-        boundary = at_rest.log_breakdown if self.ends_at_breakdown else None
+        boundary = at_rest.log_breakdown if self.limited_by else None
         return HeldOutPoints(places, voltage, mu, pull_in * top.sqrt(), top, boundary)
 
     def _lines(self, without: str = "") -> dict[str, Tensor | None]:
@@ -320,6 +362,7 @@ def build_table(
     on_progress: Progress | None,
     largest_bytes: int,
     notes: Mapping[str, Any] | None,
+    past_limits: bool = False,
 ) -> tuple[Interpolant, dict[str, Any]]:
     """Solve a table and describe it; see `FrictionSurface.build`.
 
@@ -330,11 +373,11 @@ def build_table(
         json.dumps(notes, allow_nan=False)
     except (TypeError, ValueError) as error:
         raise InputError(f"notes: expected plain values that JSON can hold: {error}") from None
-    build = _Build(model, ranges, tolerance, largest_bytes)
+    build = _Build(Sampler(model, ranges, past_limits), tolerance, largest_bytes)
     attempt = build.run(on_progress or (lambda _: None))
     info = {
         "haptix": __version__,
-        "key": surface_key(model, scene, tolerance, largest_bytes),
+        "key": surface_key(model, scene, tolerance, largest_bytes, past_limits),
         "model": model.describe(),
         "model_hash": digest(model.describe()),
         "friction": "at the period's mean attraction",
@@ -370,10 +413,8 @@ class _Attempt:
 class _Build:
     """One build: share the tolerance between the axes until the held-out points agree."""
 
-    def __init__(
-        self, model: ContactModel, ranges: Ranges, tolerance: Tolerance, largest_bytes: int
-    ) -> None:
-        self.sampler = Sampler(model, ranges)
+    def __init__(self, sampler: Sampler, tolerance: Tolerance, largest_bytes: int) -> None:
+        self.sampler = sampler
         self.tolerance = tolerance
         self.largest_bytes = largest_bytes
         self.axes = self.sampler.varying()
@@ -489,7 +530,7 @@ class _Build:
             torch.cat([inverse, voltages - log2(unit_v) * _LN2], -1),
             unit_v,
             self.sampler.limit_v,
-            self.sampler.ends_at_breakdown,
+            self.sampler.limited_by,
         )
         return table, corrections
 

@@ -18,6 +18,7 @@ from torch import Tensor
 from haptix.errors import FileFormatError, from_extra
 from haptix.files import parse_json, reading, write_whole
 from haptix.friction import ContactModel
+from haptix.status import Status
 from haptix.surface.axes import AXES, AXIS_NAMES, Axes
 from haptix.surface.interpolant import Interpolant
 from haptix.surface.request import digest
@@ -66,7 +67,8 @@ def save_table(table: Interpolant, info: Info, path: Path) -> None:
         **_SCHEMA,
         "unit_v": table.unit_v,
         "voltage_limit_v": table.voltage_limit_v,
-        "ends_at_breakdown": table.ends_at_breakdown,
+        "ends_at_breakdown": bool(table.limited_by),
+        "limited_by": table.limited_by.name,
         "info": dict(info),
         "crc32": {name: _checksum(tensor) for name, tensor in tensors.items()},
     }
@@ -146,7 +148,8 @@ def _assemble(path: Path, header: Info, tensors: dict[str, Tensor]) -> tuple[Int
         tensors["columns"],
         float(header["unit_v"]),
         float(header["voltage_limit_v"]),
-        bool(header["ends_at_breakdown"]),
+        # Files of before there were other limits name none.
+        Status[header.get("limited_by", "BREAKDOWN" if header["ends_at_breakdown"] else "OK")],
     )
     info = dict(header["info"])
     for name in _NUMBERS & info.keys():
@@ -209,7 +212,7 @@ _ATTRIBUTES = {
     "pull_in_voltage_v": {"units": "V", "long_name": "amplitude at which the contact snaps in"},
     "breakdown_voltage_v": {
         "units": "V",
-        "long_name": "amplitude at which the gap or the insulator breaks down",
+        "long_name": "amplitude of breakdown, or of what limited_by says",
     },
 }
 
@@ -267,7 +270,8 @@ def _dataset(table: Interpolant, info: Mapping[str, Any]) -> xarray.Dataset:
             "interpolation": "1/mu is linear in drive, and columns of it, as ln of the voltages, "
             f"linear in the logarithms of {', '.join(AXIS_NAMES[:-1])} and {AXIS_NAMES[-1]}",
             "voltage_limit_v": table.voltage_limit_v,
-            "ends_at_breakdown": int(table.ends_at_breakdown),  # NetCDF has no truth values
+            "ends_at_breakdown": int(bool(table.limited_by)),  # NetCDF has no truth values
+            "limited_by": table.limited_by.name,
             "haptix_info": json.dumps(dict(info), sort_keys=True),
         },
     )

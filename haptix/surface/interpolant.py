@@ -28,8 +28,7 @@ Query = Mapping[str, Any]
 
 _EXTRA = 2  # numbers of a column after those of mu: ln of the pull-in and breakdown voltage
 _OK, _ABOVE, _BELOW = int(Status.OK), int(Status.ABOVE), int(Status.BELOW)
-_PULL_IN, _BREAKDOWN = int(Status.PULL_IN), int(Status.BREAKDOWN)
-_OUT_OF_RANGE = int(Status.OUT_OF_RANGE)
+_PULL_IN, _OUT_OF_RANGE = int(Status.PULL_IN), int(Status.OUT_OF_RANGE)
 
 
 @dataclass(frozen=True)
@@ -49,14 +48,16 @@ class Interpolant:
     drive : Tensor, shape (drives,)
         Nodes of s, from 0 up to 0.81 or to the highest that occurs within the voltage limit.
     columns : Tensor, shape (*axes.shape, drives + 2)
-        ``-1/mu`` at each drive, not falling; then ln of the pull-in and of the breakdown voltage,
-        each in units of `unit_v` and above 0.
+        ``-1/mu`` at each drive, not falling; then ln of the pull-in voltage and of that at which
+        gap or insulator break down, or `limited_by` ends the column: each in units of `unit_v` and
+        above 0.
     unit_v : float
         Unit of these voltages [V], below all of them.
     voltage_limit_v : float
         Highest amplitude asked for [V].
-    ends_at_breakdown : bool
-        Whether the surface ends where the gap or the insulator breaks down.
+    limited_by : Status
+        What ends columns at the last of their voltages: breakdown, or a declared limit of the model
+        (`haptix.limits`), with most columns. OK where nothing does.
     """
 
     axes: Axes
@@ -64,7 +65,7 @@ class Interpolant:
     columns: Tensor
     unit_v: float
     voltage_limit_v: float
-    ends_at_breakdown: bool = False
+    limited_by: Status = Status.OK
 
     @property
     def mu(self) -> Tensor:
@@ -98,7 +99,7 @@ class Interpolant:
         return voltage, status
 
     def end(self, places: Query) -> Tensor:
-        """Amplitude [V] at which the columns end: by limit, pull-in or breakdown."""
+        """Amplitude [V] at which the columns end: by limit, pull-in or what `limited_by` says."""
         return self._ask(self._limits, torch.zeros_like(self.drive[0]), places)[0]
 
     def breakdown(self, places: Query) -> Tensor:
@@ -139,7 +140,7 @@ class Interpolant:
         first = corners.row * width
         log_pull_in = corners.blend(self.columns, first, width - 2)
         log_breakdown = None
-        if self.ends_at_breakdown:
+        if self.limited_by:
             log_breakdown = corners.blend(self.columns, first, width - 1)
         pull_in, breakdown, top = self._ends(log_pull_in, log_breakdown)
         drive = (voltage / pull_in).square()
@@ -150,8 +151,9 @@ class Interpolant:
         slack = self._slack
         past = drive > PULL_IN_DRIVE * slack
         status = _small(past) * _PULL_IN
-        if self.ends_at_breakdown:
-            status += _small((voltage > breakdown * slack).logical_and_(~past)) * _BREAKDOWN
+        if self.limited_by:
+            beyond = (voltage > breakdown * slack).logical_and_(~past)
+            status += _small(beyond) * int(self.limited_by)
         inside = inside.logical_and_(voltage <= self.voltage_limit_v * slack)
         return mu, _outside(status, inside)
 
@@ -206,10 +208,10 @@ class Interpolant:
         """Status of a friction above the end of each column."""
         by_pull_in = _small(top >= PULL_IN_DRIVE * (1 - 1e-6))
         limited = by_pull_in * (_PULL_IN - _ABOVE) + _ABOVE
-        if self.ends_at_breakdown:
+        if self.limited_by:
             by_breakdown = breakdown <= pull_in * top.sqrt() * (1 + 1e-6)
             by_breakdown.logical_and_(breakdown < self.voltage_limit_v)
-            limited += _small(by_breakdown) * (_BREAKDOWN - limited)
+            limited += _small(by_breakdown) * (int(self.limited_by) - limited)
         return limited
 
     def _limits(self, like: Tensor, *places: Tensor | None) -> tuple[Tensor, Tensor]:
@@ -229,7 +231,7 @@ class Interpolant:
     ) -> tuple[Tensor, Tensor, Tensor]:
         """Pull-in and breakdown voltage, and the drive at which the surface ends."""
         pull_in = self.unit_v * torch.exp(log_pull_in)
-        if log_breakdown is None or not self.ends_at_breakdown:
+        if log_breakdown is None or not self.limited_by:
             end = (self.voltage_limit_v / pull_in).square()
             return pull_in, pull_in, end.clamp(max=self._last_drive)
         breakdown = self.unit_v * torch.exp(log_breakdown)
@@ -274,7 +276,7 @@ class Interpolant:
             limit_v=self.voltage_limit_v,
             last_drive=self._last_drive,
             pull_in_drive=PULL_IN_DRIVE,
-            ends_at_breakdown=self.ends_at_breakdown,
+            limited_by=int(self.limited_by),
         )
 
 

@@ -98,6 +98,7 @@ def surface_key(
     scene: Any,
     tolerance: Tolerance | float | str,
     largest_bytes: int = LARGEST_BYTES,
+    past_limits: bool = False,
 ) -> str:
     """Hash of everything that decides a surface's numbers; the name of its cache entry."""
     return digest(
@@ -110,6 +111,7 @@ def surface_key(
             "tolerance": str(Tolerance.read(tolerance)),
             "jnd": WEBER_FRACTION,
             "largest_bytes": largest_bytes,
+            **({"past_limits": True} if past_limits else {}),
         }
     )
 

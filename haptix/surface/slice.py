@@ -27,7 +27,7 @@ _MEDIAN_NODES = 4097  # where the columns of several fingers cross anywhere
 _AVERAGED_NODES = 65  # over the drive; lines between them are within 1e-4
 _STEEPEST = 0.05  # share of 1/mu without voltage: friction never counts as more than 20 times that
 _NEAR = 1e-6  # relative, of an end: rounding does not change what ends a column
-_ABOVE, _PULL_IN, _BREAKDOWN = Status.ABOVE, Status.PULL_IN, Status.BREAKDOWN
+_ABOVE, _PULL_IN = Status.ABOVE, Status.PULL_IN
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ class Column:
     end_drive, end_v : float
         Drive, and amplitude [V], at which the column ends.
     ends_by : Status
-        That of friction above the end: ABOVE (the voltage limit), PULL_IN or BREAKDOWN.
+        That of friction above the end: ABOVE (the voltage limit) or one of `haptix.limits`.
     is_inside : bool
         Whether the force is on the surface's axis.
     """
@@ -135,8 +135,8 @@ class Slice:
         As `Interpolant.columns`.
     unit_v, limit_v : float
         Unit of the voltages in `columns`, and the highest amplitude [V].
-    ends_at_breakdown : bool
-        Whether columns end at breakdown.
+    limited_by : Status
+        As `Interpolant.limited_by`.
     pull_in_drive : float
         Drive at which pull-in ends a column.
     """
@@ -146,7 +146,7 @@ class Slice:
     columns: Array
     unit_v: float
     limit_v: float
-    ends_at_breakdown: bool
+    limited_by: Status
     pull_in_drive: float = PULL_IN_DRIVE
 
     @classmethod
@@ -169,7 +169,7 @@ class Slice:
             table.columns.reshape(len(force.nodes), -1).double().cpu().contiguous().numpy(),
             table.unit_v,
             table.voltage_limit_v if limit_v is None else limit_v,
-            table.ends_at_breakdown,
+            table.limited_by,
         )
 
     def averaged(self, attraction: Array) -> Self:
@@ -209,13 +209,13 @@ class Slice:
         column = low + min(max(part, 0.0), 1.0) * (high - low)
         log_pull_in, log_breakdown = column[-2:].tolist()
         pull_in_v = self.unit_v * exp(log_pull_in)
-        breakdown_v = self.unit_v * exp(log_breakdown) if self.ends_at_breakdown else inf
+        breakdown_v = self.unit_v * exp(log_breakdown) if self.limited_by else inf
         most = float(self.drive[-1])
         end_drive = min((min(breakdown_v, self.limit_v) / pull_in_v) ** 2, most)
         end_v = min(pull_in_v * sqrt(end_drive), self.limit_v)
         ends_by = _PULL_IN if end_drive >= self.pull_in_drive * (1 - _NEAR) else _ABOVE
         if breakdown_v <= end_v * (1 + _NEAR) and breakdown_v < self.limit_v:
-            ends_by = _BREAKDOWN
+            ends_by = self.limited_by
         inside = self._lowest_n <= normal_force_n <= self._highest_n
         return Column(self.drive, column[:-2], pull_in_v, end_drive, end_v, ends_by, inside)
 
@@ -253,7 +253,7 @@ class Slice:
             pull_in_drive=self.pull_in_drive,
             lowest_n=self._lowest_n,
             highest_n=self._highest_n,
-            ends_at_breakdown=self.ends_at_breakdown,
+            limited_by=int(self.limited_by),
         )
 
     @cached_property

@@ -38,7 +38,7 @@ class SurfaceSample:
     mu: Tensor
     """Friction coefficient; where the status is not OK, of the nearest point inside."""
     status: Tensor
-    """Integers of `Status`: OK, PULL_IN, BREAKDOWN or OUT_OF_RANGE."""
+    """Integers of `Status`: OK, OUT_OF_RANGE, or the one of `haptix.limits` that is passed."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Inversion:
     """Amplitude [V] that gives the friction, or the nearest in the reachable range."""
     status: Tensor
     """Integers of `Status`: OK, BELOW, OUT_OF_RANGE, or what limits the friction: ABOVE (by the
-    voltage limit), PULL_IN or BREAKDOWN."""
+    voltage limit), or one of `haptix.limits`."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +76,7 @@ class FrictionSurface:
         on_progress: Callable[[float], None] | None = None,
         largest_bytes: int = LARGEST_BYTES,
         notes: Mapping[str, Any] | None = None,
+        past_limits: bool = False,
     ) -> FrictionSurface:
         """Solve the model on axes that are refined until held-out solver points agree.
 
@@ -98,11 +99,14 @@ class FrictionSurface:
             Size that the surface may have.
         notes : mapping, optional
             Plain values to keep with the surface, in ``info["notes"]``.
+        past_limits : bool
+            Offer states past the model's limits (`haptix.limits`) as well, up to 90 % of pull-in.
 
         Raises
         ------
         InputError
-            If a range is invalid, or lies past pull-in everywhere.
+            If a range is invalid, or lies past pull-in everywhere, or a state without voltage is
+            past a limit.
         ToleranceError
             If the tolerance cannot be met within the size; it carries the best surface reached.
 
@@ -119,10 +123,12 @@ class FrictionSurface:
         """
         instance("model", model, ContactModel, "the order is (model, scene)")
         if model.boxed is not None:
-            job = MeasuringJob(model, scene or {})
+            job = MeasuringJob(model, scene or {}, past_limits=past_limits)
             return cls.measured(job, tolerance, on_progress, largest_bytes, notes)
         largest_error = Tolerance.read(tolerance)
-        table = build_table(model, scene or {}, largest_error, on_progress, largest_bytes, notes)
+        table = build_table(
+            model, scene or {}, largest_error, on_progress, largest_bytes, notes, past_limits
+        )
         return cls(*table)._within(largest_error, largest_bytes)
 
     @classmethod
@@ -311,7 +317,7 @@ class FrictionSurface:
     def highest_voltage(
         self, normal_force_n: Any, frequency_hz: Any = None, h0_m: Any = None
     ) -> Tensor:
-        """Amplitude [V] at which the surface ends: by its limit, pull-in or breakdown."""
+        """Amplitude [V] at which the surface ends: see `Interpolant.end`."""
         return self.table.end(_places(normal_force_n, frequency_hz, h0_m))
 
     def at(self, frequency_hz: float | None = None, h0_m: float | None = None) -> FrictionSurface:

@@ -138,6 +138,9 @@ class Build(OfModel, command="build"):
     accept_best: bool = Field(
         False, description="Write the best of that size, where the tolerance cannot be met."
     )
+    past_limits: bool = Field(
+        False, description="Offer states past the model's limits, too: docs/limits.md has them."
+    )
     overwrite: bool = Field(False, description="Replace an existing file.")
 
     def run(self, context: Context) -> Result:
@@ -178,7 +181,7 @@ class Build(OfModel, command="build"):
             from haptix.scene import Scene
 
             plan = plan_scene(Scene.load(scene), partial(context.progress, "plan the scene"))
-            return plan.build(update, self.tolerance, largest_bytes)
+            return plan.build(update, self.tolerance, largest_bytes, self.past_limits)
         model, tolerance = self.model(), self.tolerance or "0.002"
         wanted = {name: getattr(self, name) for name in ("normal_force_n", "frequency_hz", "h0_m")}
         ranges = {name: ends for name, ends in wanted.items() if ends is not None}
@@ -186,8 +189,10 @@ class Build(OfModel, command="build"):
             ranges["voltage_v"] = (0.0, self.voltage_v)
         if model.boxed is None:
             notes = {"placeholder_spread_jnd": _spread_at_corners(model, ranges)}
-            return FrictionSurface.build(model, ranges, tolerance, update, largest_bytes, notes)
-        job = MeasuringJob(model, ranges)
+            return FrictionSurface.build(
+                model, ranges, tolerance, update, largest_bytes, notes, self.past_limits
+            )
+        job = MeasuringJob(model, ranges, past_limits=self.past_limits)
         kept = target.with_name(target.name + ".partial.npz")
         target.parent.mkdir(parents=True, exist_ok=True)
         context.tell(
@@ -272,7 +277,7 @@ class Query(OfModel, command="query"):
 
 
 class Invert(Task, command="invert"):
-    """Voltage for a friction, with the status of each: OK, BELOW, ABOVE, PULL_IN."""
+    """Voltage for a friction, with the status of each, such as OK, BELOW, ABOVE or FRICTION."""
 
     surface: SurfaceThere = Field(description="Surface made by `haptix build`.")
     mu: tuple[float, ...] = Field(description="Friction coefficients, comma-separated.")

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from haptix import checks
 from haptix.checks import Array
 from haptix.errors import InputError, from_extra
+from haptix.limits import LIMITS
 from haptix.motion import Motion
 from haptix.perception import WEBER_FRACTION
 from haptix.status import Status
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
     from haptix.surface import FrictionSurface
 
-_ABOVE = (Status.ABOVE, Status.PULL_IN, Status.BREAKDOWN)
+_ABOVE = (Status.ABOVE, *LIMITS)
 _NAMES = ("reachable", "below: lower than without voltage", "above: more than the highest gives")
 _COLORS = ("0.93", "tab:blue", "tab:red")
 _DPI = 110

@@ -42,7 +42,7 @@ def inverted(slice_: Any, force_n: float, ask: Any) -> tuple[float, float, int]:
     """Return amplitude, friction and status; `ask` makes friction of a reachable range."""
     column = interpolated(slice_.columns, np.log(slice_.force_n), np.log(force_n))
     inverse, (pull_in_v, breakdown_v) = column[:-2], slice_.unit_v * np.exp(column[-2:])
-    if not slice_.ends_at_breakdown:
+    if not slice_.limited_by:
         breakdown_v = np.inf
     end = (min(breakdown_v, slice_.limit_v) / pull_in_v) ** 2
     end = min(end, slice_.drive[-1])
@@ -58,7 +58,7 @@ def inverted(slice_: Any, force_n: float, ask: Any) -> tuple[float, float, int]:
         if end >= slice_.pull_in_drive * (1 - 1e-6):
             status = Status.PULL_IN
         if breakdown_v <= end_v * (1 + 1e-6) and breakdown_v < slice_.limit_v:
-            status = Status.BREAKDOWN
+            status = slice_.limited_by
     if not slice_.force_n[0] * (1 - 1e-6) <= force_n <= slice_.force_n[-1] * (1 + 1e-6):
         status = Status.OUT_OF_RANGE
     return min(pull_in_v * np.sqrt(min(drive, end)), end_v), mu, status

@@ -64,7 +64,7 @@ def test_a_loaded_surface_is_the_saved_one(
     assert torch.equal(ours.pull_in_voltage_v, theirs.pull_in_voltage_v)
     assert torch.equal(ours.breakdown_voltage_v, theirs.breakdown_voltage_v)
     assert torch.equal(ours.drive, theirs.drive)
-    assert ours.ends_at_breakdown == theirs.ends_at_breakdown
+    assert ours.limited_by == theirs.limited_by
     for a, b in zip(ours.axes, theirs.axes, strict=True):
         assert a.name == b.name
         assert torch.equal(a.nodes.nan_to_num(-1.0), b.nodes.nan_to_num(-1.0))
