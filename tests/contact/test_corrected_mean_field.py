@@ -1,9 +1,6 @@
 """The law of the area, and the mean field that agrees with boundary elements."""
 
-import importlib.util
 import math
-import sys
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -14,6 +11,7 @@ from hypothesis import strategies as st
 
 from haptix import ContactModel, Finger, InputError, Screen
 from haptix.contact import THEORIES, AreaLaw, HalfSpace, MeanField, RoughnessSpectrum
+from tests.programs import load
 
 CORRECTED = THEORIES["corrected"]
 
@@ -21,13 +19,7 @@ CORRECTED = THEORIES["corrected"]
 @pytest.fixture(scope="module")
 def comparison() -> ModuleType:
     """Return the benchmark, which reads the reference and solves its cases."""
-    path = Path(__file__).parents[2] / "benchmarks" / "mean_field.py"
-    specification = importlib.util.spec_from_file_location("mean_field_benchmark", path)
-    assert specification is not None and specification.loader is not None
-    module = importlib.util.module_from_spec(specification)
-    sys.modules[specification.name] = module  # dataclasses look their module up
-    specification.loader.exec_module(module)
-    return module
+    return load("benchmarks/mean_field.py")
 
 
 def tensor(*values: float) -> torch.Tensor:

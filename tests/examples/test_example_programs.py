@@ -1,6 +1,5 @@
 """The example programs, run as a person runs them: on the mock, one picture each."""
 
-import importlib.util
 import re
 import subprocess
 import sys
@@ -12,18 +11,12 @@ import pytest
 from skimage.io import imread
 
 import haptix
+from tests.programs import load
 
 FOLDER = Path(__file__).parents[2] / "examples"
 SHORT_PATH = "t_s,x_mm,y_mm,normal_force_n\n" + "".join(
     f"{i / 100},{5 + i},{20 + i / 5},0.5\n" for i in range(31)
 )
-
-
-def load(name):
-    spec = importlib.util.spec_from_file_location(name, FOLDER / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 @pytest.fixture
@@ -33,7 +26,7 @@ def short(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
     def program(name):
-        module = load(name)
+        module = load(f"examples/{name}.py")
         if hasattr(module, "SECONDS"):
             monkeypatch.setattr(module, "SECONDS", 0.8)
         options = {"path": Path("path.csv")} if name == "photograph_explorer" else {}

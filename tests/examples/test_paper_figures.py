@@ -1,7 +1,6 @@
 """The paper's figures show what the paper says, and are drawn whole; examples/paper_figures.py."""
 
 import csv
-import importlib.util
 from math import log, pi, sqrt
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from skimage.io import imread
 
 import haptix
 from haptix import ContactModel, Finger, Screen, Status
+from tests.programs import load
 
 EXAMPLE = Path(haptix.__file__).parents[1] / "examples" / "paper_figures.py"
 VOLTAGES = (50, 100, 150, 200)
@@ -29,10 +29,7 @@ SPECTRA = {
 
 @pytest.fixture(scope="module")
 def program():
-    spec = importlib.util.spec_from_file_location("paper_figures", EXAMPLE)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load(EXAMPLE)
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,6 @@
 """What an example needs beside haptix is named where it is missing; a long run is announced."""
 
 import ast
-import importlib.util
 import re
 import sys
 import tomllib
@@ -11,16 +10,10 @@ from pathlib import Path
 import pytest
 
 import haptix
+from tests.programs import load
 
 ROOT = Path(haptix.__file__).parents[1]
 FOLDER = ROOT / "examples"
-
-
-def load(name):
-    spec = importlib.util.spec_from_file_location(name, FOLDER / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def unguarded_imports(source):
@@ -58,26 +51,26 @@ def test_an_example_imports_what_is_always_there_or_says_what_is_missing():
 def test_without_tkinter_the_window_names_its_package(monkeypatch):
     monkeypatch.setitem(sys.modules, "tkinter", None)
     with pytest.raises(SystemExit, match="python3-tk"):
-        load("mouse_finger")
+        load("examples/mouse_finger.py")
 
 
 def test_without_psychopy_the_script_names_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "psychopy", None)
     monkeypatch.setattr(sys, "argv", ["psychopy_schedule.py", "set", "log.tsv"])
     with pytest.raises(SystemExit, match="pip install psychopy"):
-        load("psychopy_schedule").main()
+        load("examples/psychopy_schedule.py").main()
 
 
 def test_a_script_without_its_files_says_how_it_is_called(monkeypatch):
     monkeypatch.setattr(sys, "argv", ["psychopy_schedule.py", "set"])
     with pytest.raises(SystemExit, match="FOLDER LOG"):
-        load("psychopy_schedule").main()
+        load("examples/psychopy_schedule.py").main()
 
 
 def test_without_evdev_the_touchscreen_names_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "evdev", None)
     with pytest.raises(haptix.HaptixError, match=r"\[evdev\]"):
-        load("touchscreen_photograph").main()
+        load("examples/touchscreen_photograph.py").main()
 
 
 def test_a_calibration_says_first_how_long_it_takes(monkeypatch, capsys, tmp_path):
@@ -90,5 +83,5 @@ def test_a_calibration_says_first_how_long_it_takes(monkeypatch, capsys, tmp_pat
     monkeypatch.setattr(haptix, "ContactModel", begin)
     monkeypatch.setattr(sys, "argv", ["calibrate_screen.py", str(tmp_path)])
     with pytest.raises(BegunError):
-        load("calibrate_screen").main()
+        load("examples/calibrate_screen.py").main()
     assert re.search(r"takes .* minutes?", capsys.readouterr().out)

@@ -1,6 +1,5 @@
 """Programs with a window or a touchscreen: the session without a display, and the window on one."""
 
-import importlib.util
 import os
 import shutil
 import subprocess
@@ -14,20 +13,14 @@ import pytest
 from haptix import InputError
 from haptix.touch import TouchEvent
 from tests.hand_clock import HandClock
+from tests.programs import load
 from tests.waiting import pause, wait_for
 
 FOLDER = Path(__file__).parents[2] / "examples"
 
 
-def load(name):
-    spec = importlib.util.spec_from_file_location(name, FOLDER / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 def test_the_mouse_is_a_finger(steady_mock):
-    session = load("mouse_finger").Session("mock:pace=real")
+    session = load("examples/mouse_finger.py").Session("mock:pace=real")
     heard = []
     with session.renderer:
 
@@ -116,7 +109,7 @@ class Reports:
 
 
 def test_a_touchscreen_is_followed():
-    program = load("touchscreen_photograph")
+    program = load("examples/touchscreen_photograph.py")
     taken, clock = [], HandClock()
 
     class Renderer:

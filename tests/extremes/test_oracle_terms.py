@@ -1,9 +1,7 @@
 """Terms of the model against benchmarks/oracle.py, a slow solver that shares no code with it."""
 
-import importlib.util
 import json
 import math
-import sys
 from copy import copy
 from functools import cache
 from pathlib import Path
@@ -20,6 +18,7 @@ from haptix import ContactModel, Finger, Screen, Status
 from haptix.contact import THEORIES
 from haptix.finger import Roughness
 from haptix.terms import TERMS
+from tests.programs import load
 
 # What is asked of the package's grids in I, as in test_independent_mean_field. The oracle's own
 # error is 3e-4 with combined gaps (its nearly closed strips), 3e-5 with plain ones.
@@ -48,13 +47,7 @@ def tensor(*values: float) -> Tensor:
 
 @pytest.fixture(scope="module")
 def slow() -> ModuleType:
-    path = Path(__file__).parents[2] / "benchmarks" / "oracle.py"
-    spec = importlib.util.spec_from_file_location("oracle", path)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["oracle"] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    return module
+    return load("benchmarks/oracle.py")
 
 
 @cache  # a layer's response in 40 digits takes a second

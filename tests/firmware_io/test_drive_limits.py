@@ -1,7 +1,7 @@
 """The safety limits on the host's side."""
 
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 from unittest.mock import patch
 
 import numpy as np
@@ -26,18 +26,6 @@ from firmware_io.protocol import Setup, StreamMode
 def test_absolute_ceiling():
     assert ABSOLUTE_CEILING_V == 200.0
     assert DriveLimits().ceiling_v == 200.0
-
-
-@pytest.mark.parametrize("ceiling_v", [math.nextafter(200.0, 300.0), 0.0, -1.0, np.nan, np.inf])
-def test_impossible_ceilings(ceiling_v):
-    with pytest.raises(LimitError, match="ceiling_v"):
-        DriveLimits(ceiling_v=ceiling_v)
-
-
-@pytest.mark.parametrize("slew", [0.0, -1.0, np.nan, np.inf])
-def test_impossible_slews(slew):
-    with pytest.raises(LimitError, match="max_slew_v_per_s"):
-        DriveLimits(max_slew_v_per_s=slew)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
@@ -116,13 +104,6 @@ def test_the_rms_of_the_current_by_hand():
     seen.check(np.zeros(10))
 
 
-def test_default_slew_rejects_a_jump_at_a_high_rate():
-    # 0.7 mA through 150 pF are 18.7 V in a sample at 250 kHz.
-    DriveLimits().check(np.array([18.6]), 0.0, 250e3)
-    with pytest.raises(LimitError, match="Sample 0 steps"):
-        DriveLimits().check(np.array([18.7]), 0.0, 250e3)
-
-
 def test_no_samples_break_no_limit():
     assert DriveLimits().check(np.empty(0), 200.0, 48e3) is None
 
@@ -158,7 +139,7 @@ def test_ramp_by_hand():
         {"max_slew_v_per_s": 4.67e6},
         {"max_peak_a": 0.71e-3},
         {"max_rms_a": 0.501e-3},
-        {"ceiling_v": 200.001},
+        {"ceiling_v": math.nextafter(200.0, 300.0)},
     ],
     ids=str,
 )
@@ -167,11 +148,9 @@ def test_no_limit_can_be_raised(raised):
         DriveLimits(**raised)
 
 
-@pytest.mark.parametrize(
-    "name", ["max_rms_v", "max_dc_share", "window_s", "max_peak_a", "max_rms_a", "capacitance_f"]
-)
+@pytest.mark.parametrize("name", [field.name for field in fields(DriveLimits)])
 @pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
-def test_impossible_window_limits(name, value):
+def test_impossible_limits(name, value):
     with pytest.raises(LimitError, match=name):
         DriveLimits(**{name: value})
 
@@ -226,17 +205,6 @@ def test_a_mean_voltage_by_hand():
         seen.check(np.zeros(10))
 
 
-def test_an_offset_is_found_however_it_is_cut_into_blocks():
-    wave = 100.0 * np.sin(2 * np.pi * 50.0 * np.arange(4000) / RATE)
-    for cut in (1, 7, 250, 4000):
-        seen = window()
-        for start in range(0, 4000, cut):
-            admit(seen, wave[start : start + cut])
-        with pytest.raises(LimitError, match="mean"):
-            for start in range(0, 4000, cut):
-                admit(seen, wave[start : start + cut] + 6.0)
-
-
 def judged_by_hand(limits, history, size, begin, is_carried):
     """The first sample from `begin` on that breaks a limit, and which, each window in full."""
     padded = np.r_[np.zeros(size + 1), history]
@@ -268,7 +236,7 @@ pieces = st.tuples(
 
 
 @settings(max_examples=200, deadline=None)
-@given(st.lists(pieces, min_size=1, max_size=12), st.booleans(), st.integers(1, 30))
+@given(st.lists(pieces, min_size=1, max_size=12), st.booleans(), st.integers(1, 90))
 def test_the_window_agrees_with_each_window_in_full(parts, is_carried, cut):
     """However the samples are cut: the first that breaks a limit, and the limit that it breaks."""
     # A window of 20 samples, limits that a few at the ceiling reach, and no number on a limit.
@@ -349,29 +317,6 @@ def test_codes_in_one_pass_round_halves_to_even_and_stay_below_the_ceiling():
     for volts in (halves, np.nextafter(halves, -1e3), np.linspace(149.99, 150.0, 50)):
         codes = codes_in_one_pass(volts, float(volts[0]), limits, 48_000, 200.0)
         assert np.array_equal(codes, volts_to_codes(volts, 200.0, 150.0))
-
-
-def test_a_long_write_is_judged_like_short_ones():
-    seen = window()
-    wave = 150.0 * np.sin(2 * np.pi * 125.0 * np.arange(5500) / RATE)
-    seen.check(wave)
-    seen.take(wave)
-    cut = window()
-    for block in np.split(wave, 11):
-        cut.take(block)
-    for probe in (
-        np.full(80, 20.0),
-        np.full(2, 20.0),
-        np.full(600, 200.0) * (-1) ** np.arange(600),
-    ):
-        verdicts = []
-        for each in (seen, cut):
-            try:
-                each.check(probe)
-                verdicts.append("passed")
-            except LimitError as error:
-                verdicts.append(str(error))
-        assert verdicts[0] == verdicts[1]
 
 
 def test_the_device_rejects_a_mean_voltage_and_recovers_after_a_pause():

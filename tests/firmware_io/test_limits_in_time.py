@@ -6,9 +6,7 @@ import pytest
 from firmware_io import (
     Device,
     DeviceError,
-    DeviceFaultError,
     DriveLimits,
-    HaptixError,
     LimitError,
     MockDriver,
     MockLink,
@@ -46,36 +44,6 @@ def test_no_watchdog_above_250_ms(selector):
         open_device(f"mock:{selector}")
     with pytest.raises(DeviceError, match="max_watchdog_s"):
         MockDriver(max_watchdog_s=65.0)
-
-
-def test_sessions_one_after_the_other_share_a_second():
-    driver = MockDriver(sample_rate_hz=8000)
-    faults = 0
-    for _ in range(73):
-        device = Device(MockLink(driver))
-        try:
-            with device:
-                device.write(np.full(350, 199.0))
-        except DeviceFaultError:
-            faults += 1
-        device.close()
-    assert faults > 0
-    assert_within_limits(driver)
-
-
-def test_a_crest_and_then_silence(clock):
-    driver = MockDriver(sample_rate_hz=8000, pace="real", clock=clock)
-    device = Device(MockLink(driver, sleep=clock.sleep), clock=clock)
-    device.set_up(lead_s=0.0)
-    for _ in range(100):
-        try:
-            device.arm()
-            device.write([200.0])
-            device.write([200.0])
-        except HaptixError:
-            clock.sleep(0.05)
-        clock.sleep(0.12)
-    assert_within_limits(driver)
 
 
 def test_the_host_rejects_an_envelope_in_step_with_its_carrier():

@@ -34,13 +34,7 @@ from firmware_io.protocol import (
     encode,
 )
 from tests.faulty_link import FaultyLink, InjectedFault
-
-
-class Clock:
-    now_s = 0.0
-
-    def __call__(self):
-        return self.now_s
+from tests.hand_clock import HandClock
 
 
 class Host:
@@ -164,7 +158,7 @@ def test_the_drivers_ceiling_holds_against_the_host():
 
 
 def test_real_pace_follows_its_clock():
-    clock = Clock()
+    clock = HandClock(0.0)
     host = host_of(sample_rate_hz=1000, pace="real", clock=clock).ready(lead_us=10_000)
     driver = host.link.driver
     host.stream(range(100, 200))
@@ -187,7 +181,7 @@ def test_real_pace_follows_its_clock():
 
 
 def test_real_pace_starves_without_being_asked():
-    clock = Clock()
+    clock = HandClock(0.0)
     host = host_of(pace="real", clock=clock).ready(watchdog_ms=100)
     host.stream([10_000, *[20_000] * 999])
     clock.now_s = 0.1
@@ -198,7 +192,7 @@ def test_real_pace_starves_without_being_asked():
 
 
 def test_waiting_for_an_answer_ends_when_it_is_there():
-    clock = Clock()
+    clock = HandClock(0.0)
     waits = []
 
     def sleep(seconds):
@@ -217,7 +211,7 @@ def test_waiting_for_an_answer_ends_when_it_is_there():
 
 
 def test_a_clock_that_stands_does_not_hang_the_receiver():
-    host = Host(MockLink(MockDriver(pace="real", clock=Clock()), sleep=lambda _: None))
+    host = Host(MockLink(MockDriver(pace="real", clock=HandClock(0.0)), sleep=lambda _: None))
     assert host.poll(timeout_s=1e9) == []
 
 
@@ -262,7 +256,7 @@ def test_what_was_played_cannot_be_changed_from_outside():
 
 
 def test_a_driver_that_runs_for_days_forgets():
-    clock = Clock()
+    clock = HandClock(0.0)
     driver = MockDriver(sample_rate_hz=1000, pace="real", clock=clock, kept_s=2.0)
     clock.now_s = 3600.0
     assert driver.status.clock_ticks == 3_600_000

@@ -12,33 +12,27 @@ from haptix.layout import Listeners
 from haptix.materials import Dial, Slider, Toggle
 from haptix.motion import Motion, Report
 from haptix.texture import Grating
-
-
-class Clock:
-    t_s = 1.0
-
-    def __call__(self):
-        return self.t_s
+from tests.hand_clock import HandClock
 
 
 class Finger:
     """One finger on a layout, its reports 10 ms apart, and what callbacks were told."""
 
     def __init__(self, layout):
-        self.clock, self.layout, self.listeners, self.told = Clock(), layout, Listeners(), []
+        self.clock, self.layout, self.listeners, self.told = HandClock(1.0), layout, Listeners(), []
         layout.attach(self.clock)
         for kind in ("enter", "leave", "detent"):
             self.listeners.on(kind, lambda event: self.told.append((event.kind, event.detent)))
 
     def at(self, x, y=5.0, is_down=True):
-        self.clock.t_s += 0.01
-        now = Report(self.clock.t_s, x, y, 0.5, is_down)
+        self.clock.now_s += 0.01
+        now = Report(self.clock.now_s, x, y, 0.5, is_down)
         self.layout.heard(7, now)
         self.listeners.report(self.layout, 7, now.t_s, now)
 
     def asked(self, x, y=5.0):
         """Friction after the cross-fade."""
-        return self.layout.wanted(Motion.of(x, y, self.clock.t_s + 0.1))
+        return self.layout.wanted(Motion.of(x, y, self.clock.now_s + 0.1))
 
     @property
     def detents(self):
@@ -130,7 +124,7 @@ def test_changes_in_a_pause_do_not_pile_up():
         patch.set(opacity=1.0)
     assert len(shown.shown.regions) == 2  # the one that is felt, and the one that comes
     np.testing.assert_allclose(ridges(finger, 0, 20), [10], atol=0.02)  # 0.9 is at 21
-    finger.clock.t_s += 0.02
+    finger.clock.now_s += 0.02
     patch.set(value=0.5)
     assert len(shown.shown.regions) == 2
 

@@ -16,6 +16,7 @@ from haptix.motion import Depends, Facts, Motion, Report
 from haptix.texture import Grating
 from haptix.texture.field import Evaluator
 from haptix.texture.pyramid import Pyramid
+from tests.hand_clock import HandClock
 
 STRIPES = Grating(period_mm=4.0, low=0.2, high=0.8)
 HALF = Texture(np.full((4, 4), 0.5), width_mm=20.0)
@@ -44,14 +45,6 @@ class Level:
         if now.normal_force_n and now.normal_force_n > 1:
             return facts._replace(press_s=now.t_s)
         return facts
-
-
-class Clock:
-    def __init__(self, t_s=0.0):
-        self.t_s = t_s
-
-    def __call__(self):
-        return self.t_s
 
 
 def at(layout, x, y=5.0, t_s=100.0, footprint_mm=0.0):
@@ -101,12 +94,12 @@ def test_a_mask_is_opacity():
 
 @given(st.floats(0, 0.04), st.floats(-50, 50), st.floats(0.001, 0.05))
 def test_a_move_is_a_line_in_time(t_s, by_mm, over_s):
-    clock = Clock(1.0)
+    clock = HandClock(1.0)
     layout = Layout()
     layout.attach(clock)
     material = Level(0.5)
     patch = layout.add(material, 0, 0, 1000, 1000)
-    clock.t_s = 2.0
+    clock.now_s = 2.0
     patch.move(x_mm=by_mm, over_s=over_s)
     assert patch.x_mm == by_mm
     motion = Motion.of([500.0, 500.0], 500.0, [2 + t_s, 2 + t_s + 1e-9], 10.0, 0.0)
@@ -120,12 +113,12 @@ def test_a_move_is_a_line_in_time(t_s, by_mm, over_s):
 
 def test_a_scale_glides_as_the_places_it_gives():
     """Velocities in the region's axes are the rates of the places there."""
-    clock = Clock(1.0)
+    clock = HandClock(1.0)
     layout = Layout()
     layout.attach(clock)
     material = Level(0.5)
     patch = layout.add(material, 5, 7, 500, 500, rotation_deg=10)
-    clock.t_s = 2.0
+    clock.now_s = 2.0
     patch.move(x_mm=9, rotation_deg=40, scale=1.5, over_s=0.02)
     assert (patch.scale, patch.width_mm) == (1.5, 750)
     t = 2.0 + np.linspace(0.001, 0.019, 2001)
@@ -145,7 +138,7 @@ def test_a_scale_glides_as_the_places_it_gives():
 def test_a_change_is_told_once_when_it_is_whole():
     told = []
     layout = Layout()
-    layout.attach(Clock(1.0), lambda: told.append(len(layout.regions.shown.regions)))
+    layout.attach(HandClock(1.0), lambda: told.append(len(layout.regions.shown.regions)))
     with layout.change():
         one = layout.add(Level(1.0), 0, 0, 10, 10)
         layout.add(Level(1.0), 0, 0, 10, 10)
@@ -158,45 +151,45 @@ def test_a_change_is_told_once_when_it_is_whole():
 
 
 def test_a_new_move_begins_where_the_old_one_is():
-    clock = Clock(1.0)
+    clock = HandClock(1.0)
     layout = Layout()
     layout.attach(clock)
     material = Level(0.5)
     patch = layout.add(material, 0, 0, 1000, 1000)
-    clock.t_s = 2.0
+    clock.now_s = 2.0
     patch.move(x_mm=10)
-    clock.t_s += GLIDE_S / 2
+    clock.now_s += GLIDE_S / 2
     patch.move(x_mm=-10)
-    at(layout, 500, 500, clock.t_s)
+    at(layout, 500, 500, clock.now_s)
     assert material.asked[-1].x_mm[0] == pytest.approx(495)
-    at(layout, 500, 500, clock.t_s + GLIDE_S)
+    at(layout, 500, 500, clock.now_s + GLIDE_S)
     assert material.asked[-1].x_mm[0] == pytest.approx(510)
 
 
 def test_all_that_changes_fades():
-    clock = Clock(1.0)
+    clock = HandClock(1.0)
     layout = Layout(0.2)
     layout.attach(clock)
     t = 1.0 + np.linspace(0, 2 * FADE_S, 101)
     part = np.clip((t - 1.0) / FADE_S, 0, 1)
 
     def felt():
-        return layout.wanted(Motion.of(np.full(t.shape, 5.0), 5.0, clock.t_s - 1 + t))
+        return layout.wanted(Motion.of(np.full(t.shape, 5.0), 5.0, clock.now_s - 1 + t))
 
     patch = layout.add(Level(0.8), 0, 0, 10, 10)
     np.testing.assert_allclose(felt(), 0.2 + 0.6 * part, atol=1e-9)
-    clock.t_s = 2.0
+    clock.now_s = 2.0
     patch.set(material=Level(0.4))
     np.testing.assert_allclose(felt(), 0.8 - 0.4 * part, atol=1e-9)
-    clock.t_s = 3.0
+    clock.now_s = 3.0
     patch.set(opacity=0.5)
     np.testing.assert_allclose(felt()[[0, -1]], [0.4, 0.3], atol=1e-9)
     assert np.abs(np.diff(felt())).max() < 0.05
-    clock.t_s = 4.0
+    clock.now_s = 4.0
     patch.remove()
     assert not patch.is_there
     np.testing.assert_allclose(felt(), 0.3 - 0.1 * part, atol=1e-9)
-    clock.t_s = 5.0
+    clock.now_s = 5.0
     layout.add(Level(0.8), 50, 50, 10, 10)
     assert len(layout.regions.shown.regions) == 1  # what has gone is forgotten
     patch.remove()
@@ -256,7 +249,7 @@ def test_any_thread_may_change_it_while_another_asks():
 @pytest.mark.parametrize("seed", range(3))
 def test_many_regions_answer_as_if_each_were_asked(monkeypatch, seed):
     def made():
-        rng, clock = np.random.default_rng(seed), Clock()
+        rng, clock = np.random.default_rng(seed), HandClock(0.0)
         layout = Layout(0.1)
         layout.attach(clock)
         patches = [
@@ -268,7 +261,7 @@ def test_many_regions_answer_as_if_each_were_asked(monkeypatch, seed):
             )
             for _ in range(25)
         ]  # fmt: skip
-        clock.t_s = 1.0
+        clock.now_s = 1.0
         for patch in patches[:15]:
             x, y = rng.uniform(0, 100, 2)
             patch.move(x, y, over_s=0.05)

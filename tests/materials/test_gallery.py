@@ -1,8 +1,6 @@
 """The gallery: every preset is a document that is felt, and is what it says."""
 
-import importlib.util
 from hashlib import sha256
-from pathlib import Path
 
 import jsonschema
 import numpy as np
@@ -16,6 +14,7 @@ from haptix.gallery import ASSETS, FAMILIES, FOLDER, load, preset, presets
 from haptix.materials.picture import picture, reachable_share
 from haptix.motion import Trajectory
 from haptix.simulation import Setting, simulate
+from tests import programs
 
 NAMES = [one.name for one in presets()]
 SCHEMA = jsonschema.Draft202012Validator(materials.schema())
@@ -79,10 +78,7 @@ def test_a_preset_is_felt_by_the_virtual_finger_as_it_asks(name, model, surface)
 
 
 def test_thumbnails_are_those_of_the_documents():
-    path = Path(__file__).parents[2] / "scripts" / "gallery_thumbnails.py"
-    spec = importlib.util.spec_from_file_location("gallery_thumbnails", path)
-    script = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(script)
+    script = programs.load("scripts/gallery_thumbnails.py")
     assert {path.stem for path in (FOLDER / "thumbnails").iterdir()} == set(NAMES)
     for name in ("comb", "coin", "honey", "islands"):
         drawn = Image.open(FOLDER / "thumbnails" / f"{name}.png").convert("RGB")

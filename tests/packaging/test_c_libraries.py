@@ -1,6 +1,5 @@
 """The libraries in C of a checkout: built at its own place, and again when a source has changed."""
 
-import importlib.util
 import shutil
 import subprocess
 import sys
@@ -10,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import haptix
+from tests.programs import load
 
 ROOT = Path(haptix.__file__).parents[1]
 NAME = "haptix-firmware"
@@ -28,10 +28,7 @@ def checkout(tmp_path):
 @pytest.fixture
 def builder(checkout):
     """Its c_libraries.py as a module."""
-    spec = importlib.util.spec_from_file_location("own_libraries", checkout / "c_libraries.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load(checkout / "c_libraries.py")
 
 
 def kept(checkout):

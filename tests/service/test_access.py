@@ -6,20 +6,14 @@ import pytest
 
 from haptix.service.access import CODE_S, Access
 from haptix.service.messages import Problem
+from tests.hand_clock import HandClock
 
 PAGE = "https://example.org"
 
 
-class Clock:
-    now_s = 100.0
-
-    def __call__(self):
-        return self.now_s
-
-
 @pytest.fixture
 def clock():
-    return Clock()
+    return HandClock()
 
 
 @pytest.fixture

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from firmware_io import open_device
 from haptix import ContactModel, FrictionSurface
 from haptix.stimuli import rendering
 
@@ -41,3 +42,10 @@ def own_cache(tmp_path_factory, monkeypatch):
 @pytest.fixture
 def rng():
     return np.random.default_rng(20)
+
+
+@pytest.fixture
+def device():
+    opened = open_device("mock:")
+    yield opened
+    opened.close()

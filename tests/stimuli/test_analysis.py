@@ -19,7 +19,6 @@ from haptix.stimuli.adaptive import (
     Magnitudes,
     MethodsByCondition,
     Pairs,
-    Presentation,
     Quest,
     SessionPlan,
     SimulatedObserver,
@@ -28,22 +27,16 @@ from haptix.stimuli.adaptive import (
 from haptix.stimuli.adaptive.methods import bradley_terry
 from haptix.stimuli.analysis import analyse, write_analysis
 from haptix.stimuli.study import export
+from tests.stimuli.presented import at_level
 
 WAVE = np.sin(2 * np.pi * 1000 * np.arange(48) / 48_000)
 GRID = np.arange(6.0, 45.0, 1.0)
 
 
-def presentation(scale=1.0):
-    def peak(level):
-        return scale * 10 ** (level / 20)
-
-    return Presentation(lambda level: peak(level) * WAVE, 0 * WAVE, peak)
-
-
 def run(path, method, answer, task="2ifc", stop_after=None, made=None, **more):
     device = open_device("mock:")
     one = Experiment(
-        method, made or presentation(), device, answer, path, task, wait=lambda s: None, **more
+        method, made or at_level(WAVE), device, answer, path, task, wait=lambda s: None, **more
     )
     for number, _ in enumerate(one, 1):
         if number == stop_after:
@@ -74,7 +67,7 @@ def study(tmp_path_factory):
         log = folder.parent / f"{who}.tsv"
         one = run(
             log, two_conditions(number), SimulatedObserver(truth, seed=number),
-            made={"low": presentation(), "high": presentation(0.9)},
+            made={"low": at_level(WAVE), "high": at_level(WAVE, 0.9)},
         )  # fmt: skip
         stated[who] = one.estimates()
         export(log, folder, who, "1", "detection")
@@ -134,7 +127,7 @@ def test_one_who_guesses_and_one_who_is_excluded_are_not_averaged(study, tmp_pat
         ("05", lambda question: next(one for one in question.choices if one != question.right)
          if question.level == 40.0 else question.right, {"plan": plan}),
     ):  # fmt: skip
-        made = {"low": presentation(), "high": presentation(0.9)}
+        made = {"low": at_level(WAVE), "high": at_level(WAVE, 0.9)}
         run(tmp_path / f"{who}.tsv", two_conditions(7), answer, made=made, **more)
         export(tmp_path / f"{who}.tsv", folder, who, "1", "detection")
     found = analyse(folder)
@@ -154,7 +147,7 @@ def test_one_who_guesses_and_one_who_is_excluded_are_not_averaged(study, tmp_pat
 def test_different_experiments_of_one_name_are_not_averaged(study, tmp_path):
     folder = shutil.copytree(study[0], tmp_path / "study")
     methods = MethodsByCondition({"low": UpDown(32.0, down_after=2, stop_after=6, most_trials=50)})
-    run(tmp_path / "06.tsv", methods, SimulatedObserver(22.0), made={"low": presentation()})
+    run(tmp_path / "06.tsv", methods, SimulatedObserver(22.0), made={"low": at_level(WAVE)})
     export(tmp_path / "06.tsv", folder, "06", "1", "detection")
     found = analyse(folder)
     low = [group for group in found.tables["group"] if group["condition"] == "low"]

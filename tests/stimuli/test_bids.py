@@ -19,12 +19,12 @@ from haptix.stimuli.adaptive import (
     ConstantStimuli,
     Experiment,
     Practice,
-    Presentation,
     SessionPlan,
 )
 from haptix.stimuli.recipe import ExperimentRecipe
 from haptix.stimuli.study import begin, export
 from tests.hand_clock import HandClock
+from tests.stimuli.presented import at_level
 
 WAVE = np.sin(2 * np.pi * 120 * np.arange(4800) / 48_000)
 FORCE_N, STEP_MM = 0.5, 2.0
@@ -65,9 +65,7 @@ def session(path):
 
     Experiment(
         ConstantStimuli([30.0, 34.0], 2),
-        Presentation(
-            lambda level: 10 ** (level / 20) * WAVE, 0 * WAVE, lambda level: 10 ** (level / 20)
-        ),
+        at_level(WAVE),
         Sliding(),
         answer,
         path,

@@ -25,30 +25,17 @@ from haptix.stimuli.adaptive import (
 )
 from haptix.stimuli.recipe import presentation_of
 from tests.hand_clock import HandClock
+from tests.stimuli.presented import at_level
 
 RATE = 48_000
 WAVE = np.sin(2 * np.pi * 120 * np.arange(RATE // 20) / RATE)
-
-
-@pytest.fixture
-def device():
-    opened = open_device("mock:")
-    yield opened
-    opened.close()
-
-
-def in_volts(wave):
-    """The level is the wave's amplitude in dB re 1 V, against 0 V."""
-    return Presentation(
-        lambda level: 10 ** (level / 20) * wave, 0 * wave, lambda level: 10 ** (level / 20)
-    )
 
 
 def experiment(device, path, method=None, answer=None, presentation=None, **more):
     clock = HandClock(0.0)
     return Experiment(
         method or UpDown(40.0, (8.0, 4.0), stop_after=4),
-        presentation or in_volts(WAVE),
+        presentation or at_level(WAVE),
         device,
         answer or SimulatedObserver(24.0, seed=2),
         path,

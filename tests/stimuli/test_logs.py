@@ -18,35 +18,21 @@ from haptix.stimuli import Constant, Stimulus, StimulusSet
 from haptix.stimuli.adaptive import (
     ConstantStimuli,
     Experiment,
-    Presentation,
     SimulatedObserver,
     UpDown,
     trial_log,
 )
 from haptix.stimuli.recipe import ExperimentRecipe
+from tests.stimuli.presented import at_level
 
 WAVE = np.sin(2 * np.pi * 120 * np.arange(240) / 48_000)
 KEPT = Path(__file__).parents[1] / "data" / "kept-files"
 
 
-def presentation(wave=WAVE):
-    """The level is the wave's amplitude in dB re 1 V."""
-    return Presentation(
-        lambda level: 10 ** (level / 20) * wave, 0 * wave, lambda level: 10 ** (level / 20)
-    )
-
-
-@pytest.fixture
-def device():
-    opened = open_device("mock:")
-    yield opened
-    opened.close()
-
-
 def experiment(device, path, made=None, method=None, **more):
     return Experiment(
         method or UpDown(40.0, (8.0, 4.0), stop_after=4),
-        made or presentation(),
+        made or at_level(WAVE),
         device,
         more.pop("answer", SimulatedObserver(24.0, seed=2)),
         path,
@@ -71,7 +57,7 @@ def rows_of(path):
 def test_another_drive_does_not_continue_a_log(device, tmp_path):
     begin(device, tmp_path / "t.tsv", 3)
     before = (tmp_path / "t.tsv").read_bytes()
-    for other in (presentation(0.9 * WAVE), presentation(WAVE[:-1])):
+    for other in (at_level(0.9 * WAVE), at_level(WAVE[:-1])):
         with pytest.raises(FileFormatError, match=r"hashes\.drive"):
             experiment(device, tmp_path / "t.tsv", other)
     assert (tmp_path / "t.tsv").read_bytes() == before
@@ -209,7 +195,7 @@ def test_rows_say_when_and_with_what(device, tmp_path):
     for session in (1, 2):
         now[0] = 50.0 * session  # the clock of another boot
         run = Experiment(
-            ConstantStimuli([30.0, 34.0], 3), presentation(), device, answer, path,
+            ConstantStimuli([30.0, 34.0], 3), at_level(WAVE), device, answer, path,
             clock=lambda: now[0], wait=wait, pause_s=0.5,
         )  # fmt: skip
         for _ in zip(range(3), run, strict=False):

@@ -12,7 +12,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import nct, t
 
-from firmware_io import open_device
 from haptix.errors import InputError
 from haptix.stimuli.adaptive import (
     TASKS,
@@ -26,7 +25,6 @@ from haptix.stimuli.adaptive import (
     MethodsByCondition,
     Pairs,
     Practice,
-    Presentation,
     Quest,
     Question,
     SessionPlan,
@@ -43,30 +41,16 @@ from haptix.stimuli.adaptive.session import (
 )
 from haptix.stimuli.power import Observer, accuracy, paired_power
 from haptix.stimuli.recipe import ExperimentRecipe
+from tests.stimuli.presented import at_level
 
 WAVE = np.sin(2 * np.pi * 120 * np.arange(240) / 48_000)
 ABSENT = SessionPlan(catch=Catch(share=0.4))
 
 
-def presentation(scale=1.0):
-    return Presentation(
-        lambda level: scale * 10 ** (level / 20) * WAVE,
-        0 * WAVE,
-        lambda level: scale * 10 ** (level / 20),
-    )
-
-
-@pytest.fixture
-def device():
-    opened = open_device("mock:")
-    yield opened
-    opened.close()
-
-
 def experiment(device, path, method, task="2ifc", plan=None, answer=None, made=None, **more):
     answer = answer or (lambda question: question.right)
     return Experiment(
-        method, made or presentation(), device, answer, path, task, plan=plan or SessionPlan(),
+        method, made or at_level(WAVE), device, answer, path, task, plan=plan or SessionPlan(),
         wait=lambda seconds: None, **more,
     )  # fmt: skip
 
@@ -98,7 +82,7 @@ def test_a_resumed_session_has_the_same_trials(device, tmp_path):
 
     def one(path):
         methods = {name: UpDown(30.0, (8.0, 4.0), stop_after=2) for name in "ab"}
-        made = {name: presentation(scale) for name, scale in (("a", 1.0), ("b", 0.9))}
+        made = {name: at_level(WAVE, scale) for name, scale in (("a", 1.0), ("b", 0.9))}
         answer = SimulatedObserver(20.0, seed=3)
         return experiment(
             device, path, MethodsByCondition(methods), plan=plan, answer=answer, made=made

@@ -1,6 +1,5 @@
 """The example programs run; that for PsychoPy with stand-ins for its window and its keyboard."""
 
-import importlib.util
 import sys
 from pathlib import Path
 
@@ -9,22 +8,16 @@ import pytest
 
 from firmware_io import open_device
 from haptix.stimuli import Constant, Stimulus, StimulusSet, TrialPlan
+from tests.programs import load
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 pytestmark = pytest.mark.usefixtures("own_cache")
 
 
-def example(name):
-    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 def test_constant_stimuli(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["constant_stimuli.py", str(tmp_path / "set")])
-    example("constant_stimuli").main()
+    load("examples/constant_stimuli.py").main()
     said = capsys.readouterr().out
     assert "180 trials" in said and "placeholders" in said
     threshold = float(said.split("threshold ")[1].split(" dB")[0])
@@ -32,7 +25,7 @@ def test_constant_stimuli(tmp_path, monkeypatch, capsys):
 
 
 def test_a_psychopy_script_schedules_the_device(finger, screen, tmp_path):
-    schedule = example("psychopy_schedule")
+    schedule = load("examples/psychopy_schedule.py")
     stimuli = tuple(
         Stimulus(name, Constant(volts).lasting(0.02), "volts")
         for name, volts in (("weak", 20.0), ("strong", 90.0))
