@@ -348,6 +348,10 @@ def test_amplitudes_of_a_carrier():
         limits.check_envelope(np.array([0.0, -1.0]), 0.0, 16e3, 4e3)
     with pytest.raises(LimitError, match=r"150\.0 V"):
         limits.check_envelope(np.array([151.0]), 0.0, 16e3, 4e3)
+    # 140 V at 4 kHz slew at 3.52 MV/s; a line to them adds 16,000 steps a second of 20 or 40 V.
+    limits.check_envelope(np.array([140.0]), 120.0, 16e3, 4e3)
+    with pytest.raises(LimitError, match="4000 Hz"):
+        limits.check_envelope(np.array([140.0]), 100.0, 16e3, 4e3)
     # 150 V at 4.3 kHz slews at 2 pi 4300 150 = 4.05 MV/s.
     with pytest.raises(LimitError, match="4300 Hz"):
         limits.check_envelope(np.array([150.0]), 150.0, 16e3, 4.3e3)
