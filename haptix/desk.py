@@ -15,12 +15,10 @@ read from the text of `MODULES`, so that a list of them loads nothing.
 from __future__ import annotations
 
 import re
-import time
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field
-from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from types import UnionType
@@ -32,7 +30,7 @@ from pydantic.fields import FieldInfo
 from haptix.errors import HaptixError, InputError
 from haptix.fields import ForClients, Local, Profile, Typed, expected_words
 from haptix.task_list import MODULES
-from haptix.units import read_number, title_of, unit_of
+from haptix.units import decimal_comma, read_number, title_of, unit_of
 
 _EXPECTED = {
     "greater_than": "a finite number above {gt:g}",
@@ -89,30 +87,15 @@ class Context:
     ----------
     folder : Path, optional
         Place for results; without one, a task writes none.
-    seed : int
-        Of its random numbers.
-    executor : Executor, optional
-        On which it does many calls; by default here.
     """
 
-    def __init__(self, folder: Path | None = None, seed: int = 0, executor: Any = None) -> None:
-        self.folder, self._seed, self._executor = folder, seed, executor
-        self._stage, self._share, self._began_s = "", 0.0, 0.0
-        self._is_cancelled = False
+    def __init__(self, folder: Path | None = None) -> None:
+        self.folder, self._is_cancelled = folder, False
 
     def progress(self, stage: str, share: float) -> None:
         """Say which share of a stage is done; raises `CancelledError` once it is cancelled."""
         if self._is_cancelled:
             raise CancelledError("cancelled")
-        if stage != self._stage:
-            self._stage, self._began_s = stage, time.monotonic()
-        self._share = share
-
-    @property
-    def seconds_left(self) -> float | None:
-        """Of the present stage, from what it took so far."""
-        took_s = time.monotonic() - self._began_s
-        return took_s * (1 / self._share - 1) if self._share > 0 else None
 
     def cancel(self) -> None:
         """End the task where it says next how far it is."""
@@ -124,20 +107,6 @@ class Context:
 
     def tell(self, **what: Any) -> None:
         """Tell who watches of a `step` or a `trace`."""
-
-    @cached_property
-    def random(self) -> Any:
-        """Generator of numpy."""
-        from numpy.random import default_rng
-
-        return default_rng(self._seed)
-
-    @cached_property
-    def executor(self) -> Any:
-        """An executor of `concurrent.futures`."""
-        from haptix.executors import executor_of
-
-        return executor_of(self._executor)
 
 
 class Task(BaseModel, ABC):
@@ -178,9 +147,8 @@ class Task(BaseModel, ABC):
         kind: str = "",
         plays: bool = False,
         keeps: str = "",
-        **more: Any,
     ) -> None:
-        super().__init_subclass__(**more)
+        super().__init_subclass__()
         cls.command, cls.route, cls.plays, cls.keeps = command, route, plays, keeps
         cls.kind = kind or command
 
@@ -189,18 +157,13 @@ class Task(BaseModel, ABC):
         """Do it."""
 
     @classmethod
-    def path(cls) -> str:
-        """Where another process finds it."""
-        return f"{cls.__module__}:{cls.__qualname__}"
-
-    @classmethod
     def body(cls) -> type[BaseModel]:
         """Return the model of what a client of the network may send."""
         fields: dict[str, Any] = {}
         for name, parameter in cls.model_fields.items():
             kind: Any = parameter.annotation
-            field: Any = parameter
-            marks = {type(mark) for mark in marks_of(parameter)}
+            field: Any = copy(parameter)
+            marks = marks_of(parameter)
             if Local in marks:
                 continue
             if Profile in marks:  # which of them a client may name is known where the task runs
@@ -208,14 +171,12 @@ class Task(BaseModel, ABC):
                 field = Field(None, description=parameter.description)
             elif ForClients in marks and not parameter.is_required():
                 kind, field = get_args(kind)[0], Field(description=parameter.description)
-            field = copy(field)
             field.title = parameter.title or title_of(name)
             field.json_schema_extra = {"x-unit": unit_of(name)} if unit_of(name) else None
             fields[name] = (kind, field)
-        config = ConfigDict(extra="forbid", allow_inf_nan=False)
-        return create_model(
-            f"{cls.__name__}Request", __config__=config, __doc__=cls.__doc__, **fields
-        )
+        settings = ConfigDict(extra="forbid", allow_inf_nan=False)
+        name = f"{cls.__name__}Request"
+        return create_model(name, __config__=settings, __doc__=cls.__doc__, **fields)
 
 
 def first_wrong(error: ValidationError) -> tuple[str, str]:
@@ -224,17 +185,17 @@ def first_wrong(error: ValidationError) -> tuple[str, str]:
     # A name that is not known is why another is missing, as where one is mistyped.
     first = next((wrong for wrong in errors if wrong["type"] == "extra_forbidden"), errors[0])
     place = ".".join(str(part) for part in first["loc"] if str(part).isidentifier())
-    message = first["msg"].removeprefix("Value error, ")
-    if first["type"] in ("value_error", "missing", "extra_forbidden"):
-        return place, message[0].lower() + message[1:]
-    if first["type"] == "literal_error":
+    kind, message = first["type"], first["msg"].removeprefix("Value error, ")
+    if kind == "literal_error":
         words = re.findall("'([^']+)'", first["ctx"]["expected"])
         return place, expected_words(words, str(first["input"]))
-    expected = _EXPECTED.get(first["type"], "").format(**first.get("ctx", {}))
+    why = message[0].lower() + message[1:]
+    if kind in ("value_error", "missing", "extra_forbidden"):
+        return place, why
+    if kind in _EXPECTED:
+        why = f"expected {_EXPECTED[kind].format(**first.get('ctx', {}))}"
     value = first["input"]
-    shown = f"{value:g}" if isinstance(value, float) else f"{value!r:.40}"
-    why = f"expected {expected}" if expected else message[0].lower() + message[1:]
-    return place, f"{why}, got {shown}"
+    return place, f"{why}, got {f'{value:g}' if isinstance(value, float) else f'{value!r:.40}'}"
 
 
 def inner(annotation: Any) -> Any:
@@ -247,26 +208,22 @@ def inner(annotation: Any) -> Any:
     return annotation
 
 
-def marks_of(parameter: FieldInfo) -> list[Any]:
-    """Return what a parameter is annotated with, at any depth."""
-    marks: list[Any] = [*parameter.metadata]
-    kinds: list[Any] = [parameter.annotation]
+def marks_of(parameter: FieldInfo) -> dict[type, Any]:
+    """Return what a parameter is annotated with, at any depth, by type."""
+    marks, kinds = [*parameter.metadata], [parameter.annotation]
     for kind in kinds:
-        if get_origin(kind) is Annotated:
-            marks += kind.__metadata__
+        marks += getattr(kind, "__metadata__", ())
         kinds += get_args(kind)
-    return marks
+    return {type(mark): mark for mark in marks}
 
 
 def typed(parameter: FieldInfo) -> Typed | None:
     """Return how the command line takes a parameter; None if it does not."""
     marks = marks_of(parameter)
-    if any(isinstance(mark, ForClients) for mark in marks):
-        return None
-    return next((mark for mark in marks if isinstance(mark, Typed)), Typed())
+    return None if ForClients in marks else marks.get(Typed, Typed())
 
 
-def read(name: str, parameter: FieldInfo, texts: str | Sequence[str]) -> Any:
+def read(name: str, parameter: FieldInfo, texts: Any) -> Any:
     """Return the value of a parameter that was typed; numbers may have units.
 
     Raises
@@ -274,21 +231,21 @@ def read(name: str, parameter: FieldInfo, texts: str | Sequence[str]) -> Any:
     ValueError
         If it is none; the message says what was expected.
     """
-    kind: Any = parameter.annotation
-    if parameter.metadata:
-        kind = Annotated[(kind, *parameter.metadata)]
+    kind: Any = Annotated[parameter.annotation, parameter]
     adapter = TypeAdapter[Any](kind, config=ConfigDict(allow_inf_nan=False))
     try:
         return adapter.validate_python(_values(name, inner(parameter.annotation), texts))
     except ValidationError as error:
-        raise ValueError(first_wrong(error)[1]) from None
+        lists = [texts] if isinstance(texts, str) else texts if isinstance(texts, list) else []
+        comma = max((decimal_comma(str(text)) for text in lists), default="")
+        raise ValueError(first_wrong(error)[1] + comma) from None
 
 
 def _values(name: str, kind: Any, texts: Any) -> Any:
+    """Split lists at commas and read numbers; what is no text stays."""
     if get_origin(kind) is not tuple:
         return read_number(name, texts) if kind is float and isinstance(texts, str) else texts
-    item, last = inner(get_args(kind)[0]), get_args(kind)[-1]
-    lists = [texts] if isinstance(texts, str) else texts
+    item, lists = inner(get_args(kind)[0]), [texts] if isinstance(texts, str) else texts
     if item is Path or not all(isinstance(text, str) for text in lists):
         return lists
     parts = [part for text in lists for part in ([text] if "=" in text else text.split(","))]
@@ -297,16 +254,15 @@ def _values(name: str, kind: Any, texts: Any) -> Any:
     try:
         numbers = [read_number(name, part) for part in parts]
     except ValueError:
-        unit = unit_of(name)
-        also = f", or with the unit {unit}" if unit else ""
+        also = f", or with the unit {unit_of(name)}" if unit_of(name) else ""
         raise ValueError(
             f"expected numbers separated by commas, such as 0.2,0.5{also}, got {lists[-1]!r:.80}"
         ) from None
-    if last is not Ellipsis:
-        if len(numbers) > len(get_args(kind)):
-            raise ValueError(f"expected LOW,HIGH or one value, got {lists[-1]!r:.80}")
-        numbers = [numbers[0], numbers[-1]]
-    return numbers
+    if get_args(kind)[-1] is Ellipsis:
+        return numbers
+    if len(numbers) > len(get_args(kind)):
+        raise ValueError(f"expected LOW,HIGH or one value, got {lists[-1]!r:.80}")
+    return [numbers[0], numbers[-1]]
 
 
 def task_at(path: str) -> type[Task]:

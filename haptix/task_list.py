@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 
 MODULES = [
@@ -25,12 +26,11 @@ _TASK = re.compile(
 
 def tasks_of(modules: Sequence[str]) -> dict[str, tuple[str, str]]:
     """Return by the words of each task's command its ``module:Class`` and its first sentence."""
-    tasks = {}
-    for module in modules:
-        text = _file_of(module).read_text(encoding="utf-8")
-        for name, command, sentence, _ in _TASK.findall(text):
-            tasks[command] = (f"{module}:{name}", sentence)
-    return tasks
+    return {
+        command: (f"{module}:{name}", sentence)
+        for module in modules
+        for name, command, sentence, _ in _TASK.findall(_text(module))
+    }
 
 
 def commands() -> dict[str, tuple[str, str]]:
@@ -43,16 +43,13 @@ def commands() -> dict[str, tuple[str, str]]:
     for command, (path, sentence) in tasks_of(MODULES).items():
         word, _, rest = command.partition(" ")
         if rest:
-            text = _file_of(path.partition(":")[0]).read_text(encoding="utf-8")
-            path, sentence = "", text.partition('"""')[2].partition('"""')[0].partition("\n")[0]
+            path, sentence = "", _text(path.partition(":")[0]).split("\n")[0].strip('"')
         first_words.setdefault(word, (path, sentence))
     return first_words
 
 
-def _file_of(module: str) -> Path:
-    """Return the file of a module, without importing it or its packages."""
-    import sys
-
-    inside = Path(*module.split(".")).with_suffix(".py")
-    roots = [Path(__file__).parents[1], *map(Path, sys.path)]
-    return next(root / inside for root in roots if (root / inside).is_file())
+def _text(module: str) -> str:
+    """Return the text of a module, without importing it."""
+    spec = find_spec(module)
+    assert spec is not None and spec.origin is not None
+    return Path(spec.origin).read_text(encoding="utf-8")

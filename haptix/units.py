@@ -107,9 +107,13 @@ def read_number(name: str, text: str) -> float:
         with suppress(InputError):
             return _quantity(name, text, *_SUFFIXES[suffix])
     such = "" if suffix is None else f', or one with its unit such as "{_SUFFIXES[suffix][1]}"'
+    raise ValueError(f"expected a number{such}, got {text!r:.80}{decimal_comma(text)}")
+
+
+def decimal_comma(text: str) -> str:
+    """Say how a number that was typed with a comma is written; nothing of other texts."""
     comma = _DECIMAL_COMMA.search(text)
-    point = f"; the decimal sign is a point: {comma[1]}.{comma[2]}" if comma else ""
-    raise ValueError(f"expected a number{such}, got {text!r:.80}{point}")
+    return f"; the decimal sign is a point: {comma[1]}.{comma[2]}" if comma else ""
 
 
 def _quantity(place: str, text: str, unit: str, example: str) -> float:

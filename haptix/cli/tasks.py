@@ -26,11 +26,10 @@ def command_of(task: type[Task]) -> Callable[..., None]:
     """Return a function whose signature Typer makes a command of."""
 
     def command(context: typer.Context, as_json: bool, **values: Any) -> None:
-        typed_values = {name: values[name] for name in values if _is_typed(context, name)}
+        typed_values = {name: value for name, value in values.items() if _is_typed(context, name)}
         with ProgressBar() as update:
             result = task(**typed_values).run(_Terminal(update))
-        for line in context.meta.get(_UNDERSTOOD, ()):
-            sys.stderr.write(f"haptix: {line}\n")
+        sys.stderr.writelines(context.meta.get(_UNDERSTOOD, ()))
         if as_json:
             sys.stdout.write(json.dumps(result.document, indent=2, allow_nan=False) + "\n")
         else:
@@ -40,18 +39,12 @@ def command_of(task: type[Task]) -> Callable[..., None]:
         if result.failed:
             raise typer.Exit(1)
 
-    kind = Parameter.KEYWORD_ONLY
-    parameters = [
-        Parameter("context", kind, annotation=typer.Context),
-        *(
-            _parameter(name, field, how)
-            for name, field in task.model_fields.items()
-            if (how := typed(field))
-        ),
-        Parameter("as_json", kind, annotation=AsJson, default=False),
-    ]
-    command.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
-    command.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    of_fields = [_parameter(*field) for field in task.model_fields.items() if typed(field[1])]
+    first = Parameter("context", Parameter.KEYWORD_ONLY, annotation=typer.Context)
+    last = Parameter("as_json", Parameter.KEYWORD_ONLY, annotation=AsJson, default=False)
+    signature = Signature([first, *of_fields, last])
+    command.__signature__ = signature  # type: ignore[attr-defined]
+    command.__annotations__ = {one.name: one.annotation for one in signature.parameters.values()}
     command.__doc__ = task.__doc__
     return command
 
@@ -123,35 +116,37 @@ def _is_typed(context: typer.Context, name: str) -> bool:
     return source is not None and source.name != "DEFAULT"
 
 
-def _parameter(name: str, field: FieldInfo, how: Typed) -> Parameter:
-    kind = inner(field.annotation)
+def _parameter(name: str, field: FieldInfo) -> Parameter:
+    """Return a parameter of a task as Typer takes it."""
+    how, kind = typed(field) or Typed(), inner(field.annotation)
     is_list = get_origin(kind) is tuple and get_args(kind)[-1] is Ellipsis
     taken: Any = bool if kind is bool else list[str] if is_list else str
     option = how.option or f"--{name.replace('_', '-')}"
     shown = name.upper() if how.is_argument else option
-    default = Parameter.empty if field.is_required() else _text(field.default, taken)
 
-    def check(context: typer.Context, value: Any) -> Any:
-        if value is None or not _is_typed(context, name):
-            return value
+    def check(context: typer.Context, texts: Any) -> Any:
+        if texts is None or not _is_typed(context, name):
+            return texts
         try:
-            understood = read(name, field, value)
+            value = read(name, field, texts)
         except ValueError as error:
             raise InputError(f"{shown}: {error}") from None
-        _note(context, f"{shown}: {_shown(name, understood)}", value, understood)
-        return understood
+        if numbers := _understood(texts, value):
+            line = f"haptix: {shown}: {numbers} {unit_of(name)}".rstrip() + "\n"
+            context.meta.setdefault(_UNDERSTOOD, []).append(line)
+        return value
 
+    default = Parameter.empty if field.is_required() else _text(field.default, taken)
     about: dict[str, Any] = {"help": field.description, "callback": None if kind is bool else check}
-    if how.metavar or not (how.is_argument or kind is bool):
-        about["metavar"] = how.metavar or _metavar(name, kind)
     if how.is_argument:
-        info: Any = typer.Argument(**about)
+        info: Any = typer.Argument(metavar=how.metavar, **about)
     else:
-        info = typer.Option(*([option] if how.option or field.default is False else []), **about)
-    annotation = taken | None if default is None else taken
-    return Parameter(
-        name, Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[annotation, info]
-    )
+        metavar = how.metavar or (None if kind is bool else _metavar(name, kind))
+        options = [option] if how.option or field.default is False else []
+        info = typer.Option(*options, metavar=metavar, **about)
+    annotation: Any = taken | None if default is None else taken
+    annotation = Annotated[annotation, info]
+    return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
 
 
 def _text(default: Any, taken: Any) -> Any:
@@ -165,28 +160,21 @@ def _text(default: Any, taken: Any) -> Any:
 
 
 def _metavar(name: str, kind: Any) -> str:
-    if get_origin(kind) is Literal:
-        return "WORD"
     if get_origin(kind) is tuple:
-        several = "LOW,HIGH" if get_args(kind)[-1] is not Ellipsis else ""
-        return several or f"{_metavar(name, inner(get_args(kind)[0]))},..."
+        several = get_args(kind)[-1] is Ellipsis
+        return f"{_metavar(name, inner(get_args(kind)[0]))},..." if several else "LOW,HIGH"
     if kind is float:
         return unit_of(name) or "NUMBER"
-    return {int: "WHOLE", Path: "PATH"}.get(kind, "TEXT")
+    return "WORD" if get_origin(kind) is Literal else {int: "WHOLE", Path: "PATH"}.get(kind, "TEXT")
 
 
-def _note(context: typer.Context, line: str, value: Any, understood: Any) -> None:
-    """Keep a line for what was understood of units and lists."""
-    texts = [value] if isinstance(value, str) else value
-    numbers = understood if isinstance(understood, tuple) else (understood,)
-    is_plain = len(texts) == len(numbers) and not any(text[-1:].isalpha() for text in texts)
-    if all(isinstance(number, float) for number in numbers) and not is_plain:
-        context.meta.setdefault(_UNDERSTOOD, []).append(line)
-
-
-def _shown(name: str, understood: Any) -> str:
-    numbers = understood if isinstance(understood, tuple) else (understood,)
-    said = [f"{number:.6g}" if isinstance(number, float) else str(number) for number in numbers]
-    return (
-        " and ".join(filter(None, (", ".join(said[:-1]), said[-1]))) + f" {unit_of(name)}".rstrip()
-    )
+def _understood(texts: str | Sequence[str], value: Any) -> str:
+    """Say which numbers were understood of units and lists, where they are not as typed."""
+    numbers = value if isinstance(value, tuple) else (value,)
+    if not all(isinstance(number, float) for number in numbers):
+        return ""
+    parts = [texts] if isinstance(texts, str) else texts
+    if len(parts) == len(numbers) and not any(part[-1:].isalpha() for part in parts):
+        return ""
+    *first, last = [f"{number:.6g}" for number in numbers]
+    return f"{', '.join(first)} and {last}" if first else last

@@ -77,6 +77,15 @@ def test_its_command_refuses_what_is_no_width(charge, width, words):
     assert shown.err.startswith("haptix: --width-mm: ") and words in shown.err
 
 
+@pytest.mark.parametrize(
+    ("voltages", "meant"), [("-2,5", "; the decimal sign is a point: -2.5"), ("-2,5,1", "")]
+)
+def test_a_refused_list_says_how_a_decimal_point_is_written(charge, voltages, meant):
+    shown = run_haptix("charge", f"--voltage-v={voltages}")
+    wrong = f"haptix: --voltage-v: expected a finite number of at least 0, got -2{meant}\n"
+    assert (shown.code, shown.out, shown.err) == (2, "", wrong)
+
+
 class Board:
     """Knows no device."""
 
@@ -115,7 +124,6 @@ def test_its_campaign_runs_each_combination(charge):
 def test_a_cancelled_task_ends_where_it_says_how_far_it_is():
     context = desk.Context()
     context.progress("solve", 0.25)
-    assert context.seconds_left is not None and context.seconds_left >= 0
     context.cancel()
     with pytest.raises(haptix.HaptixError, match="cancelled"):
         context.progress("solve", 0.5)
