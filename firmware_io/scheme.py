@@ -1,14 +1,14 @@
 """Addresses of devices, and the schemes they begin with.
 
 An address is a scheme, a colon, and the key=value pairs of that scheme. A scheme says how a link is
-opened by one, and how its bus is searched; a package declares its own as entry points of the group
+opened by one, and how its bus is searched. A module of `firmware_io.links` that has a `SCHEME`
+brings one under its own name; another package brings its own as entry points of the group
 "haptix.links".
 """
 
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
@@ -237,15 +237,10 @@ def scheme(name: str) -> Scheme:
 
 @cache
 def _links() -> dict[str, EntryPoint]:
-    installed = sorted(
-        entry_points(group=_GROUP), key=lambda link: not link.module.startswith("firmware_io.")
-    )
-    project = Path(__file__).parents[1] / "pyproject.toml"
-    if project.is_file():  # a checkout, which may be newer than its installation
-        document = tomllib.loads(project.read_text(encoding="utf-8"))
-        in_checkout = document["project"]["entry-points"][_GROUP].items()
-        installed[:0] = (EntryPoint(name, value, _GROUP) for name, value in in_checkout)
-    links: dict[str, EntryPoint] = {}
-    for link in installed:
-        links.setdefault(link.name, link)  # no other package takes the place of one of ours
-    return links
+    """Entry points by scheme. No other package takes the place of one of ours."""
+    ours = {
+        path.stem: EntryPoint(path.stem, f"firmware_io.links.{path.stem}:SCHEME", _GROUP)
+        for path in sorted(Path(__file__).with_name("links").glob("*.py"))
+        if "\nSCHEME = " in path.read_text(encoding="utf-8")
+    }
+    return {link.name: link for link in entry_points(group=_GROUP)} | ours

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -29,6 +30,8 @@ from haptix.documents import Part, first_error
 from haptix.errors import FileFormatError, InputError
 
 Made = TypeVar("Made")
+
+_KIND = re.compile(r'^    kind: Literal\["([\w-]+)"\] = ', re.MULTILINE)
 
 _FOLDER: ContextVar[Path | None] = ContextVar("folder", default=None)
 _IS_SEALED: ContextVar[bool] = ContextVar("sealed", default=False)
@@ -70,6 +73,15 @@ def document_path(name: str) -> Path:
     if _IS_SEALED.get():
         raise InputError(f"expected a table here, got the path {name!r:.80}")
     return (_FOLDER.get() or Path()) / name
+
+
+def kinds_of(package: str) -> dict[str, str]:
+    """Return the module of each kind that a package of haptix has, from their text: none loads."""
+    return {
+        kind: f"haptix.{package}.{path.stem}"
+        for path in sorted(Path(__file__).with_name(package).glob("*.py"))
+        for kind in _KIND.findall(path.read_text(encoding="utf-8"))
+    }
 
 
 class Kinds(Mapping[str, type[Any]]):

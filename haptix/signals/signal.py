@@ -29,21 +29,15 @@ from pydantic import (
 
 from haptix.checks import increasing, plain
 from haptix.errors import InputError
-from haptix.kinds import Kind, Kinds
+from haptix.kinds import Kind, Kinds, kinds_of
 
 Array = npt.NDArray[np.float64]
 
 KINDS = Kinds(
     "haptix.signals",
     {
-        "along-path": "haptix.stimuli.along_path",
-        "material": "haptix.stimuli.along_path",
-        "morph": "haptix.signals.shapes",
-        "time-noise": "haptix.signals.shapes",
-        **dict.fromkeys(
-            ("chirp", "points", "pulse", "ramp", "recorded", "sine", "square", "step"),
-            "haptix.signals.shapes",
-        ),
+        **kinds_of("signals"),
+        **dict.fromkeys(("along-path", "material"), "haptix.stimuli.along_path"),
     },
     {"grating": "along-path", "noise": "time-noise", "relief": "along-path"},
 )

@@ -15,7 +15,7 @@ from pydantic import ConfigDict, PlainSerializer, PlainValidator, WithJsonSchema
 from haptix.checks import Array, shown
 from haptix.errors import FileFormatError, InputError
 from haptix.files import json_text, read_json, read_toml, write_whole
-from haptix.kinds import Kind, Kinds, document_path, in_folder
+from haptix.kinds import Kind, Kinds, document_path, in_folder, kinds_of
 from haptix.motion import Depends, Facts, Motion, Report
 from haptix.motion.block import React, unmoved
 from haptix.texture.field import Evaluator, TargetKind, check_range
@@ -23,26 +23,7 @@ from haptix.units import with_numbers
 
 KINDS = Kinds(
     "haptix.materials",
-    {
-        "grating": "haptix.texture.grating",
-        "heights": "haptix.texture.texture",
-        "noise": "haptix.texture.noise",
-        "penn": "haptix.texture.penn",
-        "photograph": "haptix.texture.texture",
-        "recording": "haptix.texture.recorded",
-        "button": "haptix.materials.button",
-        "by-force": "haptix.materials.by_curve",
-        "by-speed": "haptix.materials.by_curve",
-        "dial": "haptix.materials.detents",
-        "effect": "haptix.materials.timeline",
-        "envelope": "haptix.materials.timeline",
-        "layout": "haptix.materials.layout_material",
-        "moving": "haptix.materials.moving",
-        "relief": "haptix.materials.relief",
-        "slider": "haptix.materials.detents",
-        "toggle": "haptix.materials.detents",
-        "transient": "haptix.materials.timeline",
-    },
+    {**kinds_of("texture"), **kinds_of("materials")},
     {"composition": "layout"},
 )
 """Every kind of material by its name in documents; a subclass enters itself."""

@@ -129,7 +129,7 @@ def test_the_address_cannot_raise_the_ceiling():
 
 @pytest.mark.parametrize("address", ["", "mock", "usb", "parallel:", "Mock:"])
 def test_unknown_schemes_list_the_known(address):
-    with pytest.raises(DeviceNotFoundError, match="mock:, usb:, hid:, serial:, audio:, daq:, tcp:"):
+    with pytest.raises(DeviceNotFoundError, match="audio:, daq:, hid:, mock:, serial:, tcp:, usb:"):
         open_device(address)
 
 
@@ -225,22 +225,22 @@ def test_connected_devices_are_listed(buses):
     mock, *others = list_devices()
     assert mock.usable
     assert [(d.address, d.name, d.usable) for d in others] == [
-        ("usb:bus=1,address=4", "1d6b:0002", False),
-        ("usb:bus=1,address=7", "haptix driver 1209:0001", True),
+        ("audio:device=1", "amplifier", True),
         ("hid:path=1-2", "0001:abcd", False),
         ("hid:path=/dev/hidraw0", "Touch Driver", True),
         ("serial:port=/dev/ttyUSB0", "adapter", False),
         ("serial:port=/dev/ttyACM0", "board", True),
-        ("audio:device=1", "amplifier", True),
+        ("usb:bus=1,address=4", "1d6b:0002", False),
+        ("usb:bus=1,address=7", "haptix driver 1209:0001", True),
     ]
-    assert "Serial SN1" in others[1].note
-    assert "full_scale_v=" in others[6].note
+    assert "Serial SN1" in others[6].note
+    assert "full_scale_v=" in others[0].note
     assert [r.detail for r in survey_buses()] == [
-        "pyusb 9.9",
-        "hidapi 8.8",
-        "pyserial 6.6",
         "sounddevice 7.7, PortAudio V19",
         "nidaqmx 5.5, NI-DAQmx 24.5",
+        "hidapi 8.8",
+        "pyserial 6.6",
+        "pyusb 9.9",
     ]
 
 
@@ -279,7 +279,7 @@ def test_an_error_in_what_is_told_does_not_end_the_watch(buses, no_thread_is_lef
 
 
 def test_this_computer_can_be_surveyed():
-    assert [found.kind for found in survey_buses()] == ["usb", "hid", "serial", "audio", "daq"]
+    assert [found.kind for found in survey_buses()] == ["audio", "daq", "hid", "serial", "usb"]
     assert all(found.detail for found in survey_buses())
 
 
