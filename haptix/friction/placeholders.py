@@ -24,7 +24,7 @@ def placeholder_spread(
     normal_force_n: Any,
     voltage_v: Any,
     frequency_hz: Any = None,
-    h0_m: Any = None,
+    **more: Any,
 ) -> dict[str, Tensor]:
     """Difference that other values in place of unmeasured ones make, in JND of the friction.
 
@@ -35,8 +35,8 @@ def placeholder_spread(
     ----------
     model : ContactModel
         Boundary elements are replaced by the mean field.
-    normal_force_n, voltage_v, frequency_hz, h0_m
-        As for `ContactModel.solve`.
+    normal_force_n, voltage_v, frequency_hz, more
+        As for `ContactModel.solve`, which takes others of its inputs by name.
 
     Returns
     -------
@@ -44,14 +44,14 @@ def placeholder_spread(
         By "skin dielectric" and "roughness", where the model rests on a placeholder of it: the
         largest ``|ln(mu_other / mu)| / 0.11``, of the broadcast shape of the inputs.
     """
-    at = (normal_force_n, voltage_v, frequency_hz, h0_m)
+    at = {"voltage_v": voltage_v, "frequency_hz": frequency_hz, **more}
     unchanged = _with_finger(model, model.finger)
-    mu = unchanged.solve(*at).mu
+    mu = unchanged.solve(normal_force_n, **at).mu
     largest: dict[str, Tensor] = {}
     for name, finger in _others(model, has_frequency=frequency_hz is not None):
         other = _with_finger(model, finger)
         other.solver.fidelity.borrow(unchanged.solver.fidelity)
-        spread = (other.solve(*at).mu / mu).log().abs() / WEBER_FRACTION
+        spread = (other.solve(normal_force_n, **at).mu / mu).log().abs() / WEBER_FRACTION
         largest[name] = torch.maximum(largest[name], spread) if name in largest else spread
     return largest
 
