@@ -18,7 +18,7 @@ from xdist.scheduler import LoadFileScheduling
 
 from haptix import ContactModel, Finger, Screen
 from haptix.contact import MeanField
-from haptix.electro.attraction import AttractionTable
+from haptix.electro.attraction_table import AttractionTable
 from tests.command_line import CommandLine, run_haptix
 from tests.steady_clock import steady_driver
 
@@ -127,18 +127,24 @@ def tables_solved_once() -> Iterator[None]:
     solve = AttractionTable.solve
     kept: list[AttractionTable] = []
 
-    def solve_once(contact: MeanField, lowest_pa: float, highest_pa: float) -> AttractionTable:
+    def solve_once(
+        contact: MeanField, lowest_pa: float, highest_pa: float, widened: bool = False
+    ) -> AttractionTable:
         if contact.stress_variance.requires_grad:
-            return solve(contact, lowest_pa, highest_pa)
-        same = [table for table in kept if table.contact.equals(contact)]
+            return solve(contact, lowest_pa, highest_pa, widened)
+        same = [
+            table
+            for table in kept
+            if table.contact.equals(contact) and (table.lifted is not None) == widened
+        ]
         for table in same:
             if table.covers(lowest_pa, highest_pa):
                 return table.part(lowest_pa, highest_pa)
         if same:  # one that several tests ask for, each over pressures of its own
             low, high = min(lowest_pa, _FINGER_PA[0]), max(highest_pa, _FINGER_PA[1])
-            kept.append(solve(contact, low, high))
+            kept.append(solve(contact, low, high, widened))
             return kept[-1].part(lowest_pa, highest_pa)
-        kept.append(solve(contact, lowest_pa, highest_pa))
+        kept.append(solve(contact, lowest_pa, highest_pa, widened))
         return kept[-1]
 
     with pytest.MonkeyPatch.context() as patch:

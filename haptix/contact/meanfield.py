@@ -35,8 +35,8 @@ from haptix.errors import InputError
 from haptix.threads import one_thread
 
 GapDistribution = Literal["plain", "combined"]
-ContactSpots = Literal["excluded", "included"]
-TheoryName = Literal["corrected", "open-gaps", "as-published"]
+ContactSpots = Literal["excluded", "included", "widened"]
+TheoryName = Literal["local", "corrected", "open-gaps", "as-published"]
 
 _NARROW = 0.05  # below, what five terms of the series leave out is t^10/11 < 1e-14
 _WAVE_NODES = 4096  # nodes of T(q); T is integrated to 1e-12, q(T) interpolated to 1e-6
@@ -481,7 +481,9 @@ class MeanField:
 def check_contact_spots(contact_spots: str) -> None:
     """Raise `InputError` unless `contact_spots` is "excluded" or "included"."""
     if contact_spots not in get_args(ContactSpots):
-        raise InputError(f'contact_spots: expected "excluded" or "included", got {contact_spots!r}')
+        raise InputError(
+            f'contact_spots: expected "excluded", "included" or "widened", got {contact_spots!r}'
+        )
 
 
 @dataclass(frozen=True)
@@ -550,6 +552,17 @@ THEORIES: Mapping[str, Theory] = {
         "combined",
         "excluded",
         "area after Xu (2024); gamma, reach, power, tips by boundary elements (docs/mean-field.md)",
+        power=2.0,
+        reach=1.3,
+        size="smooth",
+        usual_terms=frozenset({"finite-size"}),
+    ),
+    "local": Theory(
+        AreaLaw(0.48, tips=0.022),
+        0.315,
+        "combined",
+        "widened",
+        "as corrected, and the attraction beside the spots widens them (haptix.electro.widening)",
         power=2.0,
         reach=1.3,
         size="smooth",

@@ -77,10 +77,10 @@ class UniformCubic:
         count = values.shape[0]
         if count < 5:
             raise ValueError(f"expected at least 5 nodes, got {count}")
-        slopes = _differences(values.detach()) / step
+        slopes = differences(values.detach()) / step
         if not values.requires_grad:
             return cls(start, step, values, slopes)
-        stencil = _differences(torch.eye(count, dtype=values.dtype, device=values.device)) / step
+        stencil = differences(torch.eye(count, dtype=values.dtype, device=values.device)) / step
         return cls(start, step, values, slopes, stencil)
 
     def _cell(self, x: Tensor) -> tuple[Tensor, Tensor]:
@@ -132,7 +132,7 @@ def _cubic(low: Tensor, rise: Tensor, slope: Tensor, next_slope: Tensor) -> tupl
     return low, slope, b - 2 * a, a - b
 
 
-def _differences(values: Tensor) -> Tensor:
+def differences(values: Tensor) -> Tensor:
     """Rise per step at each node."""
     inner = (values[:-4] - 8 * values[1:-3] + 8 * values[3:-1] - values[4:]) / 12
     second = (values[2] - values[0]) / 2

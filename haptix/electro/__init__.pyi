@@ -1,12 +1,12 @@
-from .attraction import AreaFraction as AreaFraction
-from .attraction import Attraction as Attraction
-from .attraction import AttractionTable as AttractionTable
 from .attraction import Circuit as Circuit
 from .attraction import FieldLimit as FieldLimit
 from .attraction import Pull as Pull
-from .attraction import VoltageShare as VoltageShare
 from .attraction import drive_strength as drive_strength
 from .attraction import drive_voltage as drive_voltage
+from .attraction_table import AreaFraction as AreaFraction
+from .attraction_table import Attraction as Attraction
+from .attraction_table import AttractionTable as AttractionTable
+from .attraction_table import VoltageShare as VoltageShare
 from .dielectric import SKIN_DIELECTRICS as SKIN_DIELECTRICS
 from .dielectric import VACUUM_PERMITTIVITY as VACUUM_PERMITTIVITY
 from .dielectric import ColeCole as ColeCole

@@ -1,49 +1,32 @@
-"""The electrostatic attraction of a contact: of each gap, and of all of it against pressure.
+"""The electrostatic attraction of each gap of a contact, for every kind of drive.
 
 - `Circuit`: the contact as part of a circuit. Each gap is in series with the insulators, and all
   gaps and spots are side by side (physics page, section 3): ``C = eps0 A0 eps_g <1/(u + h0)>``.
   Where an insulator or a gap conducts, C is complex: with ``exp(-i w t)`` the admittance is
   ``-i w C``, so that the conductance is ``w Im C``.
 - `field_in_time`, `Pull`: the field in a gap, and what it attracts, for every kind of drive.
-- `AttractionTable`, `Attraction`: the whole contact's, tabulated once per solid.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from math import ceil, exp, floor, log
 from typing import Self
 
 import torch
 from torch import Tensor
 
-from haptix.contact import MeanField
-from haptix.contact.finite_size import Touching
-from haptix.contact.meanfield import GapHistogram, bin_inverse_square
-from haptix.contact.tables import UniformCubic
+from haptix.contact.meanfield import bin_inverse_square
 from haptix.electro.dielectric import VACUUM_PERMITTIVITY
 from haptix.waves import Waveform
 
 _HARMONICS = 99  # of a wave with steps
-# ln p steps of one lattice for all tables of a contact, so that a node's place, and with it every
-# result, does not depend on the requested pressures. It is anchored to the contact's own
-# stress, so that it scales with the moduli. 24 a decade: the cubic is within a few 1e-6.
-_STEP = log(10) / 24
-_MARGIN = 3  # nodes beyond the ends, so that every slope in use has its full stencil
-_TINY = 1e-300
 # In complete contact no gap is left to attract, and at no voltage nothing does; this share of what
 # a gap of zero would add keeps logarithms finite there.
 _LEAST_SHARE = 1e-15
 
 FieldLimit = Callable[[Tensor], Tensor]
 """Largest field [V/m] in gaps of given widths [m]."""
-
-AreaFraction = Callable[[Tensor], Tensor]
-"""A/A0 at pressures [Pa]: elastic, or elastoplastic."""
-
-VoltageShare = Callable[[Tensor], Tensor]
-"""Share of the drive's voltage that is left for a contact of given capacitance [F], complex."""
 
 
 def bin_inverse(gap_edges_m: Tensor, thickness_m: Tensor) -> Tensor:
@@ -335,198 +318,3 @@ def representative_gaps(gap_edges_m: Tensor) -> Tensor:
     The geometric mean of a bin's edges: where gaps are wide, 1/u^2 has its mean there.
     """
     return torch.cat([(gap_edges_m[:-1] * gap_edges_m[1:]).sqrt(), gap_edges_m[:1]])
-
-
-@dataclass(frozen=True)
-class AttractionTable:
-    """Gap distributions and mean gaps at pressures on a logarithmic lattice."""
-
-    contact: MeanField
-    log_pressure: Tensor
-    """ln p [Pa] of the nodes."""
-    gaps: GapHistogram
-    """Gap distribution at each node."""
-    log_mean_gap: UniformCubic
-    """ln of the mean gap [m] against ln p."""
-
-    @classmethod
-    def solve(cls, contact: MeanField, lowest_pa: float, highest_pa: float) -> AttractionTable:
-        """Tabulate from `lowest_pa` to `highest_pa`."""
-        anchor = torch.log(contact.stress_rms_pa)
-        first = floor((log(lowest_pa) - float(anchor.detach())) / _STEP) - _MARGIN
-        last = ceil((log(highest_pa) - float(anchor.detach())) / _STEP) + _MARGIN
-        nodes = torch.arange(first, last + 1, dtype=torch.float64, device=contact.device)
-        log_pressure = anchor + nodes * _STEP
-        pressure = torch.exp(log_pressure)
-        mean_gap = torch.log(contact.mean_gap(pressure).clamp(min=_TINY))
-        return cls(
-            contact,
-            log_pressure,
-            contact.gap_histogram(pressure),
-            UniformCubic.through(log_pressure[0], _STEP, mean_gap),
-        )
-
-    def covers(self, lowest_pa: float, highest_pa: float) -> bool:
-        """Whether every slope between these pressures has its full stencil."""
-        low = exp(float(self.log_pressure[_MARGIN].detach()))
-        high = exp(float(self.log_pressure[-1 - _MARGIN].detach()))
-        return low <= lowest_pa and highest_pa <= high
-
-    def part(self, lowest_pa: float, highest_pa: float) -> AttractionTable:
-        """Return the nodes that are used between these pressures, which must be covered."""
-        start, last = self.log_pressure[0].detach(), len(self.log_pressure)
-        first = max(0, floor((log(lowest_pa) - float(start)) / _STEP) - _MARGIN)
-        last = min(last, ceil((log(highest_pa) - float(start)) / _STEP) + _MARGIN + 1)
-        at, gap = slice(first, last), self.log_mean_gap
-        log_pressure = self.log_pressure[at]
-        return replace(
-            self,
-            log_pressure=log_pressure,
-            gaps=replace(self.gaps, mass=self.gaps.mass[at]),
-            log_mean_gap=UniformCubic(log_pressure[0], _STEP, gap.values[at], gap.slopes[at]),
-        )
-
-    def mass_at(self, log_pressure: Tensor) -> Tensor:
-        """Share of the area in each bin of gaps at ln p, shape (states, bins)."""
-        cell, part = self._cell(log_pressure)
-        low, high = (self.gaps.mass.index_select(0, cell + k) for k in (0, 1))
-        return torch.lerp(low, high, part[:, None])
-
-    def attraction(
-        self,
-        pull: Pull,
-        spots: AreaFraction | None = None,
-        touching: Touching | None = None,
-        supply: Tensor | None = None,
-    ) -> Attraction:
-        """Attraction of a batch of states against pressure, with the fields of `Attraction`.
-
-        `supply` has ln of the squared share of the voltage, shape (nodes, states), see `supply`.
-        """
-        log_gaps, column = torch.log(pull.on_gaps(self.gaps.mass)), pull.own_column
-        spot_pull = None if spots is None else pull.on_spots()
-        log_supply = None
-        if supply is not None:  # every state has a column of its own
-            log_supply = self._against_pressure(supply)
-            log_gaps = log_gaps[:, column]
-            spot_pull = None if spot_pull is None else spot_pull[column]
-            column = torch.arange(len(column), device=column.device)
-        gaps = self._against_pressure(log_gaps)
-        return Attraction(gaps, column, spot_pull, spots, touching, log_supply)
-
-    def supply(
-        self,
-        circuit: Circuit,
-        area_m2: Tensor,
-        share: VoltageShare,
-        area_fraction: AreaFraction,
-        touching: Touching | None,
-    ) -> Tensor:
-        """Return ln of the squared share of the voltage at each node, shape (nodes, states)."""
-        mass, edges = self.gaps.mass, self.gaps.edges_m
-        inverse = bin_inverse(edges, circuit.thickness_m)
-        gaps = mass.to(inverse.dtype) @ inverse.T
-        if touching is None:
-            gaps = gaps[:, circuit.column]
-        else:
-            cell, part = self._cell(touching.of_pull(self.log_pressure[:, None])[0])
-            low, high = (gaps[cell + k, circuit.column] for k in (0, 1))
-            gaps = torch.lerp(low, high, part.to(gaps.dtype))
-        spots = area_fraction(torch.exp(self.log_pressure))[:, None]
-        left = share(circuit.capacitance_f(gaps, spots, area_m2))
-        return 2 * torch.log(left.abs())
-
-    def at(self, supply: Tensor | None, pressure_pa: Tensor) -> Tensor:
-        """Squared share of the voltage of each state at a pressure [Pa], see `supply`."""
-        if supply is None:
-            return torch.ones_like(pressure_pa)
-        states = torch.arange(len(pressure_pa), device=pressure_pa.device)
-        return torch.exp(self._against_pressure(supply)(torch.log(pressure_pa), states))
-
-    def _cell(self, log_pressure: Tensor) -> tuple[Tensor, Tensor]:
-        """Node below ln p of any shape, and the share of the step to the next one."""
-        place = (log_pressure - self.log_pressure[0]) / _STEP
-        cell = place.detach().floor().clamp(0, len(self.log_pressure) - 2).long()
-        return cell, place - cell
-
-    def _against_pressure(self, values: Tensor) -> UniformCubic:
-        return UniformCubic.through(self.log_pressure[0], _STEP, values)
-
-
-@dataclass(frozen=True)
-class Attraction:
-    """``I(p)`` of a batch of states: the attraction that loads the contact, per drive strength."""
-
-    log_gaps: UniformCubic
-    """ln of the gaps' share against ln p, one column per thickness."""
-    column: Tensor
-    """The column of each state."""
-    spot_pull: Tensor | None = None
-    """Attraction of a contact spot in each column, such as ``1/|h0|^2``."""
-    spots: AreaFraction | None = None
-    """A/A0 at pressures [Pa], where the attraction inside the spots loads the contact."""
-    touching: Touching | None = None
-    """Finite size of each state, of which its gaps are narrower than those of an infinite one."""
-    log_supply: UniformCubic | None = None
-    """ln of the squared share of the drive's voltage that the contact has, against ln p."""
-
-    def gaps(self, log_pressure: Tensor) -> Tensor:
-        """I of the gaps alone at ln p, shape (states,)."""
-        return torch.exp(self._log_gaps(log_pressure)[0]) * self.supply(log_pressure)
-
-    def supply(self, log_pressure: Tensor) -> Tensor:
-        """Squared share of the drive's voltage that the contact has at ln p, shape (states,)."""
-        if self.log_supply is None:
-            return torch.ones_like(log_pressure)
-        return torch.exp(self.log_supply(log_pressure, self.column))
-
-    def __call__(self, log_pressure: Tensor) -> tuple[Tensor, Tensor]:
-        """I and dI/dlnp at ln p, shape (states,)."""
-        log_gaps, slope = self._log_gaps(log_pressure)
-        value = torch.exp(log_gaps)
-        slope = value * slope
-        if self.spot_pull is not None and self.spots is not None:
-            area, area_slope = _with_slope(self.spots, log_pressure)
-            weight = self.spot_pull[self.column]
-            value, slope = value + weight * area, slope + weight * area_slope
-        if self.log_supply is not None:
-            log_share, log_slope = self.log_supply.with_slope(log_pressure, self.column)
-            share = torch.exp(log_share)
-            value, slope = value * share, (slope + value * log_slope) * share
-        return value, slope
-
-    def _log_gaps(self, log_pressure: Tensor) -> tuple[Tensor, Tensor]:
-        if self.touching is None:
-            return self.log_gaps.with_slope(log_pressure, self.column)
-        at, share = self.touching.of_pull(log_pressure)
-        value, slope = self.log_gaps.with_slope(at, self.column)
-        return value, slope * share
-
-    @property
-    def nodes(self) -> Tensor:
-        """Return ln p of the table's nodes."""
-        count = self.log_gaps.values.shape[0]
-        steps = torch.arange(count, dtype=torch.float64, device=self.column.device)
-        return self.log_gaps.start + self.log_gaps.step * steps
-
-    def log_slopes(self) -> Tensor:
-        """dlnI/dlnp at the nodes of each column, shape (nodes, columns), for infinite size.
-
-        Finite size lets the gaps' share of the slope fall; that of the spots is below 1: neither
-        makes a fold where there was none.
-        """
-        slope = self.log_gaps.slopes
-        if self.spot_pull is not None and self.spots is not None:
-            gaps = torch.exp(self.log_gaps.values)
-            area, area_slope = _with_slope(self.spots, self.nodes)
-            area, area_slope = area[:, None] * self.spot_pull, area_slope[:, None] * self.spot_pull
-            slope = (gaps * slope + area_slope) / (gaps + area)
-        return slope if self.log_supply is None else slope + self.log_supply.slopes
-
-
-def _with_slope(area_fraction: AreaFraction, log_pressure: Tensor) -> tuple[Tensor, Tensor]:
-    """A/A0 and dA/dlnp; the slope is for steps only and carries no gradient of its own."""
-    with torch.enable_grad():
-        at = log_pressure.detach().requires_grad_()
-        (slope,) = torch.autograd.grad(area_fraction(torch.exp(at)).sum(), at)
-    return area_fraction(torch.exp(log_pressure)), slope

@@ -24,6 +24,7 @@ from torch import Tensor
 from haptix.contact.finite_size import Touching
 from haptix.contact.tables import UniformCubic
 from haptix.electro import Attraction, AttractionTable
+from haptix.electro.attraction_table import WIDEST, WideningAttraction
 from haptix.fidelity.balance import (
     LIGHT_CONTACT_LIMIT,
     Ability,
@@ -70,7 +71,7 @@ def lowest_branch(applied_pa: Tensor, strength: Tensor, attraction: Attraction) 
     light = torch.log(applied_pa)
     if attraction.touching is not None:
         light = attraction.touching.of_gap(light)
-    log_limit = light + log(LIGHT_CONTACT_LIMIT)
+    log_limit = attraction.limit(light + log(LIGHT_CONTACT_LIMIT))
     log_fold = _first_fold(applied_pa, attraction, log_limit)
     log_end = log_limit if log_fold is None else torch.minimum(log_fold, log_limit)
     end = torch.exp(log_end)
@@ -138,7 +139,7 @@ def _first_fold(applied_pa: Tensor, attraction: Attraction, log_limit: Tensor) -
             return None
         share = (1 - applied_pa[:, None] * torch.exp(-nodes)).clamp(min=0.0)
         of_state = slopes.T[attraction.column]
-        if attraction.touching is not None:
+        if attraction.touching is not None or isinstance(attraction, WideningAttraction):
             of_state = torch.stack([_log_slope(attraction, node) for node in nodes], -1)
         falling = (share * of_state > 1) & (nodes < log_limit[:, None] + step)
         has_fold, first = falling.max(dim=-1)
@@ -211,15 +212,19 @@ class MeanFieldBalance(Fidelity):
         self._kept: AttractionTable | None = None
         self._log_mean_gap: UniformCubic | None = None
         self._touching: tuple[Tensor, Touching] | None = None
+        self._widened = contact.contact_spots == "widened"
 
     def borrow(self, other: Fidelity) -> bool:
         """Use what another has tabulated, where its mean field is equal to this one's.
 
-        Area fraction, finite size and contact spots may differ: the table does not depend on them.
+        Area fraction, finite size and contact spots may differ: the table does not depend on them,
+        but for spots that are widened, which take more of it.
         """
         if not isinstance(other, MeanFieldBalance) or other._kept is None:
             return False
         if not self.contact.field.equals(other.contact.field):
+            return False
+        if self._widened and other._kept.lifted is None:
             return False
         self._kept, self._log_mean_gap = other._kept, other._log_mean_gap
         return True
@@ -254,7 +259,8 @@ class MeanFieldBalance(Fidelity):
         rest = table.at(supply, load.applied_pa)
 
         def at(strength: Tensor) -> Attraction:
-            return table.attraction(pull.held(strength * rest), spots, touching, supply)
+            held = pull.held(strength * rest)
+            return table.attraction(held, spots, touching, supply, load.applied_pa)
 
         attraction = at(pull.strength)
         equilibrium = lowest_branch(load.applied_pa, pull.strength, attraction)
@@ -264,7 +270,7 @@ class MeanFieldBalance(Fidelity):
         pressure = equilibrium.pressure_pa
         area = area_fraction(pressure)
         log_pressure = torch.log(pressure)
-        of_gap = log_pressure if touching is None else touching.of_gap(log_pressure)
+        of_gap = attraction.of_gap(log_pressure)
         # Past its end a state has the values of the end, and so its voltage too.
         strength = torch.minimum(pull.strength, equilibrium.strength_at_end)
         left = attraction.supply(log_pressure)
@@ -300,13 +306,15 @@ class MeanFieldBalance(Fidelity):
             with torch.no_grad():
                 light = touching.of_gap(torch.log(applied_pa)) + log(LIGHT_CONTACT_LIMIT)
                 high = max(high, float(torch.exp(touching.of_gap(light).max())))
+        if self._widened:  # the spots' own share of p comes on top of the gaps'
+            high *= WIDEST
         if self._kept is not None:
             if self._kept.covers(low, high):
                 # A part would leave out the stencil through which gradients pass.
                 return self._kept.part(low, high) if self._keeps_table else self._kept
             nodes = self._kept.log_pressure.exp()
             low, high = min(low, float(nodes[0])), max(high, float(nodes[-1]))
-        table = AttractionTable.solve(self.contact.field, low, high)
+        table = AttractionTable.solve(self.contact.field, low, high, self._widened)
         if self._keeps_table:
             self._kept = table
         return table

@@ -69,13 +69,14 @@ class ContactModel:
         Precision of the results. The arithmetic is float64: float32 is within 6e-8, relative.
     device : str
         Device of the tables.
-    theory : {"corrected", "open-gaps", "as-published"}, optional
+    theory : {"corrected", "local", "open-gaps", "as-published"}, optional
         Form of the mean field: what agrees with boundary elements; the paper's without the
         attraction inside the contact spots; or the paper as printed, see
         `haptix.contact.THEORIES`. By default the finger's; in another, the model's `finger` has
         the tau_f of `haptix.friction.in_theory`.
-    contact_spots : {"excluded", "included"}, optional
-        Whether the attraction inside the contact spots loads the contact; by default the theory's.
+    contact_spots : {"excluded", "included", "widened"}, optional
+        Whether the attraction inside the contact spots loads the contact, or the attraction beside
+        them widens them; by default the theory's.
     gap_distribution : {"plain", "combined"}, optional
         See `haptix.contact.MeanField`; by default the theory's.
     gamma : float, optional
@@ -486,7 +487,7 @@ def in_theory(finger: Finger, theory: TheoryName) -> Finger:
     ----------
     finger : Finger
         A finger with the tau_f of its own `theory`.
-    theory : {"corrected", "open-gaps", "as-published"}
+    theory : {"corrected", "local", "open-gaps", "as-published"}
         The form to carry it over to.
 
     Raises

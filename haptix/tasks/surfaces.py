@@ -59,7 +59,7 @@ class OfModel(Task):
         description="mean-field; closed-form: faster and coarser; boundary-element: the "
         "reference, slow.",
     )
-    theory: Literal["corrected", "open-gaps", "as-published"] | None = Field(
+    theory: Literal["corrected", "local", "open-gaps", "as-published"] | None = Field(
         None,
         description="Mean field: corrected by boundary elements, open-gaps or as-published; tau_f "
         "is carried over. [default: the finger's]",

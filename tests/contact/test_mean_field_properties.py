@@ -251,5 +251,5 @@ def test_unknown_choices() -> None:
     spectrum = RoughnessSpectrum.self_affine(1e-6, 0.8, 1e4, 1e4, 1e7)
     with pytest.raises(InputError, match=r'gap_distribution.*"plain" or "combined".*\'new\''):
         MeanField(spectrum, HalfSpace(1e6), gap_distribution="new")
-    with pytest.raises(InputError, match=r'contact_spots.*"excluded" or "included".*\'all\''):
+    with pytest.raises(InputError, match=r'contact_spots.*"widened".*\'all\''):
         MeanField(spectrum, HalfSpace(1e6)).inverse_square_gap(1e4, 1e-7, "all")

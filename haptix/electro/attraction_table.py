@@ -1,0 +1,366 @@
+"""The whole contact's attraction against pressure, tabulated once per solid.
+
+`AttractionTable` holds the gaps of a contact at pressures on a lattice; `Attraction` is what loads
+a batch of states, `WideningAttraction` where the attraction beside the spots widens them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from math import ceil, exp, floor, log
+
+import torch
+from torch import Tensor
+
+from haptix.contact import MeanField
+from haptix.contact.finite_size import Touching
+from haptix.contact.meanfield import GapHistogram
+from haptix.contact.tables import UniformCubic
+from haptix.electro.attraction import Circuit, Pull, bin_inverse
+from haptix.electro.widening import LOWER_NODES, POWERS, LiftedGaps, by_share
+
+# ln p steps of one lattice for all tables of a contact, so that a node's place, and with it every
+# result, does not depend on the requested pressures. It is anchored to the contact's own
+# stress, so that it scales with the moduli. 24 a decade: the cubic is within a few 1e-6.
+_STEP = log(10) / 24
+_MARGIN = 3  # nodes beyond the ends, so that every slope in use has its full stencil
+_TINY = 1e-300
+_LIMIT_STEPS = 5
+_STEEPNESS = 0.2, 1.0  # of ln(p0 + gaps' attraction) against ln p_A
+
+WIDEST = 4.0
+"""Largest p_A over what applied pressure and the gaps' attraction add up to."""
+
+AreaFraction = Callable[[Tensor], Tensor]
+"""A/A0 at pressures [Pa]: elastic, or elastoplastic."""
+
+VoltageShare = Callable[[Tensor], Tensor]
+"""Share of the drive's voltage that is left for a contact of given capacitance [F], complex."""
+
+
+@dataclass(frozen=True)
+class AttractionTable:
+    """Gap distributions and mean gaps at pressures on a logarithmic lattice."""
+
+    contact: MeanField
+    log_pressure: Tensor
+    """ln p [Pa] of the nodes."""
+    gaps: GapHistogram
+    """Gap distribution at each node."""
+    log_mean_gap: UniformCubic
+    """ln of the mean gap [m] against ln p."""
+    lifted: LiftedGaps | None = None
+    """The gaps lifted by the attraction, where it widens the spots."""
+
+    @classmethod
+    def solve(
+        cls, contact: MeanField, lowest_pa: float, highest_pa: float, widened: bool = False
+    ) -> AttractionTable:
+        """Tabulate from `lowest_pa` to `highest_pa`; `widened` for spots that it widens."""
+        anchor = torch.log(contact.stress_rms_pa)
+        first = floor((log(lowest_pa) - float(anchor.detach())) / _STEP) - _MARGIN
+        last = ceil((log(highest_pa) - float(anchor.detach())) / _STEP) + _MARGIN
+        nodes = torch.arange(first, last + 1, dtype=torch.float64, device=contact.device)
+        log_pressure = anchor + nodes * _STEP
+        pressure = torch.exp(log_pressure)
+        gaps = contact.gap_histogram(pressure)
+        lower = log_pressure[0] + _STEP * torch.arange(
+            -LOWER_NODES if widened else 0, 0, dtype=torch.float64, device=contact.device
+        )
+        mean_gap = contact.mean_gap(torch.cat([torch.exp(lower), pressure]))
+        lifted = None
+        if widened:
+            area = contact.area_fraction(pressure)
+            lifted = LiftedGaps.of_table(gaps.edges_m, gaps.mass, area, mean_gap, _STEP)
+        log_gap = torch.log(mean_gap[len(lower) :].clamp(min=_TINY))
+        log_mean_gap = UniformCubic.through(log_pressure[0], _STEP, log_gap)
+        return cls(contact, log_pressure, gaps, log_mean_gap, lifted)
+
+    def covers(self, lowest_pa: float, highest_pa: float) -> bool:
+        """Whether every slope between these pressures has its full stencil."""
+        low = exp(float(self.log_pressure[_MARGIN].detach()))
+        high = exp(float(self.log_pressure[-1 - _MARGIN].detach()))
+        return low <= lowest_pa and highest_pa <= high
+
+    def part(self, lowest_pa: float, highest_pa: float) -> AttractionTable:
+        """Return the nodes that are used between these pressures, which must be covered."""
+        start, last = self.log_pressure[0].detach(), len(self.log_pressure)
+        first = max(0, floor((log(lowest_pa) - float(start)) / _STEP) - _MARGIN)
+        last = min(last, ceil((log(highest_pa) - float(start)) / _STEP) + _MARGIN + 1)
+        at, gap = slice(first, last), self.log_mean_gap
+        log_pressure = self.log_pressure[at]
+        return replace(
+            self,
+            log_pressure=log_pressure,
+            gaps=replace(self.gaps, mass=self.gaps.mass[at]),
+            log_mean_gap=UniformCubic(log_pressure[0], _STEP, gap.values[at], gap.slopes[at]),
+            lifted=None if self.lifted is None else self.lifted.part(at),
+        )
+
+    def mass_at(self, log_pressure: Tensor) -> Tensor:
+        """Share of the area in each bin of gaps at ln p, shape (states, bins)."""
+        cell, part = self._cell(log_pressure)
+        low, high = (self.gaps.mass.index_select(0, cell + k) for k in (0, 1))
+        return torch.lerp(low, high, part[:, None])
+
+    def attraction(
+        self,
+        pull: Pull,
+        spots: AreaFraction | None = None,
+        touching: Touching | None = None,
+        supply: Tensor | None = None,
+        applied_pa: Tensor | None = None,
+    ) -> Attraction:
+        """Attraction of a batch of states against pressure, with the fields of `Attraction`.
+
+        `supply` has ln of the squared share of the voltage, shape (nodes, states), see `supply`;
+        `applied_pa` their p0 [Pa], for spots that the attraction widens.
+        """
+        if self.lifted is not None and applied_pa is not None:
+            return self._widening(self.lifted, pull, touching, supply, applied_pa)
+        log_gaps, column = torch.log(pull.on_gaps(self.gaps.mass)), pull.own_column
+        spot_pull = None if spots is None else pull.on_spots()
+        log_supply = None
+        if supply is not None:  # every state has a column of its own
+            log_supply = self._against_pressure(supply)
+            log_gaps = log_gaps[:, column]
+            spot_pull = None if spot_pull is None else spot_pull[column]
+            column = torch.arange(len(column), device=column.device)
+        gaps = self._against_pressure(log_gaps)
+        return Attraction(gaps, column, spot_pull, spots, touching, log_supply)
+
+    def _widening(
+        self,
+        lifted: LiftedGaps,
+        pull: Pull,
+        touching: Touching | None,
+        supply: Tensor | None,
+        applied_pa: Tensor,
+    ) -> WideningAttraction:
+        effect, column = by_share(lifted, pull.on_gaps), pull.own_column
+        if supply is not None:
+            effect, column = effect[..., column], torch.arange(len(column), device=column.device)
+        # From (powers, nodes, columns) to the powers of a column beside each other.
+        total, share, work = (
+            self._against_pressure(part.permute(1, 2, 0).flatten(1)) for part in effect
+        )
+        log_supply = None if supply is None else self._against_pressure(supply)
+        return WideningAttraction(
+            total, column, None, None, touching, log_supply, applied_pa, share, work
+        )
+
+    def supply(
+        self,
+        circuit: Circuit,
+        area_m2: Tensor,
+        share: VoltageShare,
+        area_fraction: AreaFraction,
+        touching: Touching | None,
+    ) -> Tensor:
+        """Return ln of the squared share of the voltage at each node, shape (nodes, states)."""
+        mass, edges = self.gaps.mass, self.gaps.edges_m
+        inverse = bin_inverse(edges, circuit.thickness_m)
+        gaps = mass.to(inverse.dtype) @ inverse.T
+        if touching is None:
+            gaps = gaps[:, circuit.column]
+        else:
+            cell, part = self._cell(touching.of_pull(self.log_pressure[:, None])[0])
+            low, high = (gaps[cell + k, circuit.column] for k in (0, 1))
+            gaps = torch.lerp(low, high, part.to(gaps.dtype))
+        spots = area_fraction(torch.exp(self.log_pressure))[:, None]
+        left = share(circuit.capacitance_f(gaps, spots, area_m2))
+        return 2 * torch.log(left.abs())
+
+    def at(self, supply: Tensor | None, pressure_pa: Tensor) -> Tensor:
+        """Squared share of the voltage of each state at a pressure [Pa], see `supply`."""
+        if supply is None:
+            return torch.ones_like(pressure_pa)
+        states = torch.arange(len(pressure_pa), device=pressure_pa.device)
+        return torch.exp(self._against_pressure(supply)(torch.log(pressure_pa), states))
+
+    def _cell(self, log_pressure: Tensor) -> tuple[Tensor, Tensor]:
+        """Node below ln p of any shape, and the share of the step to the next one."""
+        place = (log_pressure - self.log_pressure[0]) / _STEP
+        cell = place.detach().floor().clamp(0, len(self.log_pressure) - 2).long()
+        return cell, place - cell
+
+    def _against_pressure(self, values: Tensor) -> UniformCubic:
+        return UniformCubic.through(self.log_pressure[0], _STEP, values)
+
+
+@dataclass(frozen=True)
+class Attraction:
+    """``I(p)`` of a batch of states: the attraction that loads the contact, per drive strength."""
+
+    log_gaps: UniformCubic
+    """ln of the gaps' share against ln p, one column per thickness."""
+    column: Tensor
+    """The column of each state."""
+    spot_pull: Tensor | None = None
+    """Attraction of a contact spot in each column, such as ``1/|h0|^2``."""
+    spots: AreaFraction | None = None
+    """A/A0 at pressures [Pa], where the attraction inside the spots loads the contact."""
+    touching: Touching | None = None
+    """Finite size of each state, of which its gaps are narrower than those of an infinite one."""
+    log_supply: UniformCubic | None = None
+    """ln of the squared share of the drive's voltage that the contact has, against ln p."""
+
+    def gaps(self, log_pressure: Tensor) -> Tensor:
+        """I of the gaps alone at ln p, shape (states,)."""
+        return torch.exp(self._log_gaps(log_pressure)[0]) * self.supply(log_pressure)
+
+    def of_gap(self, log_pressure: Tensor) -> Tensor:
+        """Ln of the pressure whose mean gap a contact at ln p has, shape (states,)."""
+        return log_pressure if self.touching is None else self.touching.of_gap(log_pressure)
+
+    def limit(self, log_limit: Tensor) -> Tensor:
+        """Ln p at which applied pressure and gaps' attraction add up to this, shape (states,)."""
+        return log_limit
+
+    def supply(self, log_pressure: Tensor) -> Tensor:
+        """Squared share of the drive's voltage that the contact has at ln p, shape (states,)."""
+        if self.log_supply is None:
+            return torch.ones_like(log_pressure)
+        return torch.exp(self.log_supply(log_pressure, self.column))
+
+    def __call__(self, log_pressure: Tensor) -> tuple[Tensor, Tensor]:
+        """I and dI/dlnp at ln p, shape (states,)."""
+        log_gaps, slope = self._log_gaps(log_pressure)
+        value = torch.exp(log_gaps)
+        slope = value * slope
+        if self.spot_pull is not None and self.spots is not None:
+            area, area_slope = _with_slope(self.spots, log_pressure)
+            weight = self.spot_pull[self.column]
+            value, slope = value + weight * area, slope + weight * area_slope
+        if self.log_supply is not None:
+            log_share, log_slope = self.log_supply.with_slope(log_pressure, self.column)
+            share = torch.exp(log_share)
+            value, slope = value * share, (slope + value * log_slope) * share
+        return value, slope
+
+    def _log_gaps(self, log_pressure: Tensor) -> tuple[Tensor, Tensor]:
+        if self.touching is None:
+            return self.log_gaps.with_slope(log_pressure, self.column)
+        at, share = self.touching.of_pull(log_pressure)
+        value, slope = self.log_gaps.with_slope(at, self.column)
+        return value, slope * share
+
+    @property
+    def nodes(self) -> Tensor:
+        """Return ln p of the table's nodes."""
+        count = self.log_gaps.values.shape[0]
+        steps = torch.arange(count, dtype=torch.float64, device=self.column.device)
+        return self.log_gaps.start + self.log_gaps.step * steps
+
+    def log_slopes(self) -> Tensor:
+        """dlnI/dlnp at the nodes of each column, shape (nodes, columns), for infinite size.
+
+        Finite size lets the gaps' share of the slope fall; that of the spots is below 1: neither
+        makes a fold where there was none.
+        """
+        slope = self.log_gaps.slopes
+        if self.spot_pull is not None and self.spots is not None:
+            gaps = torch.exp(self.log_gaps.values)
+            area, area_slope = _with_slope(self.spots, self.nodes)
+            area, area_slope = area[:, None] * self.spot_pull, area_slope[:, None] * self.spot_pull
+            slope = (gaps * slope + area_slope) / (gaps + area)
+        return slope if self.log_supply is None else slope + self.log_supply.slopes
+
+
+@dataclass(frozen=True)
+class WideningAttraction(Attraction):
+    """``I(p_A)`` of attractions that widen the contact spots, at p0 of each state.
+
+    The columns of `log_gaps`, which has ln I, are coefficients of the powers of the share of p_A
+    that the attraction has, those of one column beside each other (`haptix.electro.widening`).
+    """
+
+    applied_pa: Tensor = field(default_factory=lambda: torch.empty(0))
+    """p0 [Pa] of each state."""
+    log_share: UniformCubic | None = None
+    """ln of the gaps' own share of I, in the same form."""
+    log_work: UniformCubic | None = None
+    """ln of the share of I that moves the mean gap, in the same form."""
+
+    def gaps(self, log_pressure: Tensor) -> Tensor:
+        """I of the gaps alone at ln p, shape (states,)."""
+        share = self._share_at(self.log_share, log_pressure)
+        return torch.exp(self._log_gaps(log_pressure)[0] + share) * self.supply(log_pressure)
+
+    def of_gap(self, log_pressure: Tensor) -> Tensor:
+        """Ln of the pressure whose mean gap a contact at ln p has, shape (states,)."""
+        work = torch.exp(self._share_at(self.log_work, log_pressure))
+        moving = (torch.exp(log_pressure) - self.applied_pa) * work
+        return super().of_gap(torch.log(self.applied_pa + moving.clamp(min=0.0)))
+
+    def limit(self, log_limit: Tensor) -> Tensor:
+        """Ln p at which applied pressure and gaps' attraction add up to this, shape (states,)."""
+        last, steepness = log_limit + log(WIDEST), torch.ones_like(log_limit)
+        with torch.no_grad():
+            at, before, lack = log_limit, log_limit, torch.zeros_like(log_limit)
+            for number in range(_LIMIT_STEPS):  # of the secant: spots and gaps share p_A smoothly
+                lack, earlier = log_limit - self._log_pulled(at), lack
+                if number:
+                    moved = (at - before).abs().clamp(min=_TINY)
+                    steepness = ((earlier - lack).abs() / moved).clamp(*_STEEPNESS)
+                at, before = torch.minimum(at + lack / steepness, last), at
+        # One step more, recorded by autograd: load and material move the limit.
+        lack = log_limit - self._log_pulled(at)
+        return torch.minimum(at + lack / steepness, last)
+
+    def log_slopes(self) -> Tensor:
+        """dlnI/dlnp at the nodes of each column, the largest of all shares, without that fall."""
+        values = self.log_gaps.slopes.reshape(len(self.log_gaps.slopes), -1, POWERS)
+        shares = torch.linspace(0, 1, 9, dtype=values.dtype, device=values.device)
+        powers = shares[:, None] ** torch.arange(POWERS, device=values.device)
+        slopes = (values @ powers.T).amax(-1)
+        return slopes if self.log_supply is None else slopes + self.log_supply.slopes
+
+    def _log_pulled(self, log_pressure: Tensor) -> Tensor:
+        share = torch.exp(self._share_at(self.log_share, log_pressure))
+        return torch.log(self.applied_pa + (torch.exp(log_pressure) - self.applied_pa) * share)
+
+    def _log_gaps(self, log_pressure: Tensor) -> tuple[Tensor, Tensor]:
+        at, reach = log_pressure, None
+        if self.touching is not None:
+            at, reach = self.touching.of_pull(log_pressure)
+        values, slopes = self.log_gaps.with_slope(at.expand(POWERS, *at.shape), self._powers)
+        rest = self._rest(log_pressure)
+        share = 1 - rest
+        value, slope, against_share = values[-1], slopes[-1], torch.zeros_like(at)
+        for power in range(POWERS - 2, -1, -1):
+            against_share = against_share * share + value
+            value = value * share + values[power]
+            slope = slope * share + slopes[power]
+        slope = slope if reach is None else slope * reach
+        return value, slope + against_share * rest
+
+    def _share_at(self, table: UniformCubic | None, log_pressure: Tensor) -> Tensor:
+        """Value of a table whose columns are coefficients, at ln p."""
+        assert table is not None
+        at = log_pressure if self.touching is None else self.touching.of_pull(log_pressure)[0]
+        values = table(at.expand(POWERS, *at.shape), self._powers)
+        share, value = 1 - self._rest(log_pressure), values[-1]
+        for power in range(POWERS - 2, -1, -1):
+            value = value * share + values[power]
+        return value
+
+    def _rest(self, log_pressure: Tensor) -> Tensor:
+        """Return ``p0/p_A``."""
+        return (self.applied_pa * torch.exp(-log_pressure)).clamp(max=1.0)
+
+    @cached_property
+    def _powers(self) -> Tensor:
+        """Column of each power's coefficient, shape (powers, states)."""
+        powers = torch.arange(POWERS, device=self.column.device)[:, None]
+        return self.column * POWERS + powers
+
+
+def _with_slope(area_fraction: AreaFraction, log_pressure: Tensor) -> tuple[Tensor, Tensor]:
+    """A/A0 and dA/dlnp; the slope is for steps only and carries no gradient of its own."""
+    with torch.enable_grad():
+        at = log_pressure.detach().requires_grad_()
+        (slope,) = torch.autograd.grad(area_fraction(torch.exp(at)).sum(), at)
+    return area_fraction(torch.exp(log_pressure)), slope

@@ -1,0 +1,184 @@
+"""Attraction beside the contact spots: it widens them, and the gaps keep less of their pull.
+
+A gap's attraction t(u) loads the contact where it acts. Three sums over the gaps say what it does.
+Gaps are ranked by size: the gap of rank n is larger than a share n of the area, spots (A) included.
+
+- The area is that of ``p_A = p0 + int g t dn``. A traction beside a spot drives its edge outwards
+  more than a distant one. For spots like strips of a period, ``g = sin th / sqrt(sin^2 th - sin^2
+  al)`` with ``th = pi n/2`` and ``al = pi A/2`` (Westergaard, J. Appl. Mech. 6, A49 (1939)). Its
+  mean is 1: an even attraction acts as a pressure.
+- The mean gap is that of ``p_g = p0 + int v t dn``, where ``v = (du/dp) / (dubar/dp)`` at constant
+  n: by reciprocity (Betti), a traction moves the mean gap as the mean pressure moves its own gap.
+  This is the virtual work of the attraction.
+- The gaps between are those of p_A, lifted as by a flat punch until their mean is that of p_g
+  (Johnson, Kendall, Roberts, Proc. R. Soc. A 324, 301 (1971)). Within reach of the attraction the
+  lift is half of that: so far does a cohesive zone open a crack, of what its far field would
+  (Dugdale, J. Mech. Phys. Solids 8, 100 (1960)). Edges feel the gaps of p_A, which close there as
+  in contact without attraction.
+
+No number is fitted (docs/mean-field.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from math import pi
+
+import torch
+from torch import Tensor
+
+from haptix.contact.tables import differences
+
+_LIFT_STEPS = (0, 4, 10, 20, 36)  # steps of the lattice from p_g to p_A: up to 32 times
+_HALF = 0.5  # of a flat punch's lift, within reach of the attraction
+_STEEPEST = 4.0  # v, beyond what any gap has: bounds the quotient of nearly empty bins
+_TINY = 1e-300
+# Shares of p_A that the attraction may have; between them ln I is a polynomial, within 1e-4.
+_SHARES = (0.0, 0.3, 0.65, 0.9, 1.0)
+POWERS = len(_SHARES)
+_ROUNDS = 8  # of the fixed point for the lift at a share: to 1e-6
+
+
+@cache
+def _monomials(places: tuple[float, ...]) -> Tensor:
+    """Matrix from values at places to coefficients of 1, x, x^2, ..."""
+    powers = torch.vander(torch.tensor(places, dtype=torch.float64), increasing=True)
+    inverse: Tensor = torch.linalg.inv(powers)
+    return inverse
+
+
+def _polynomial(coefficients: Tensor, x: Tensor) -> Tensor:
+    """Value at x of polynomials whose coefficients stand along the first axis."""
+    value = coefficients[-1].expand(x.shape)
+    for coefficient in coefficients.flip(0)[1:]:
+        value = value * x + coefficient
+    return value
+
+
+def edge_weight(area: Tensor, open_share: Tensor) -> Tensor:
+    """``int (g - 1) dn`` from A to ``A + open_share``; over all gaps it is A.
+
+    Parameters
+    ----------
+    area : Tensor
+        A/A0.
+    open_share : Tensor
+        Share of the area in gaps up to a size; it broadcasts with `area`.
+    """
+    start = pi / 2 * area
+    beyond = torch.minimum(pi / 2 * open_share, pi / 2 - start)
+    # arccos(cos(start + beyond) / cos(start)), without cancellation where both are small.
+    cosine = torch.cos(start).clamp(min=_TINY)
+    fall = torch.sin(start + beyond / 2) * torch.sin(beyond / 2) / cosine
+    angle = 2 * torch.asin(fall.clamp(0.0, 0.5).sqrt())
+    return 2 / pi * (angle - beyond)
+
+
+@dataclass(frozen=True)
+class LiftedGaps:
+    """Gap distributions at the nodes of a table, for each of a few lifts."""
+
+    lifts: Tensor
+    """``ln p_A/p_g`` of each lift, shape (lifts,)."""
+    open: Tensor
+    """Share of the area in each bin of gaps, shape (nodes, lifts, bins)."""
+    work: Tensor
+    """The same, weighted by v."""
+    edge: Tensor
+    """The same without a lift, weighted by g - 1, shape (nodes, bins)."""
+
+    @classmethod
+    def of_table(
+        cls, edges_m: Tensor, mass: Tensor, area: Tensor, mean_gap_m: Tensor, step: float
+    ) -> LiftedGaps:
+        """Lift the gaps of a table.
+
+        Parameters
+        ----------
+        edges_m : Tensor, shape (bins + 1,)
+            Edges of the bins [m].
+        mass : Tensor, shape (nodes, bins)
+            Share of the area in each bin.
+        area : Tensor, shape (nodes,)
+            A/A0.
+        mean_gap_m : Tensor, shape (more + nodes,)
+            Mean gap [m] at the nodes, and at the `more` nodes below that the largest lift takes.
+        step : float
+            Of ln p from node to node.
+        """
+        nodes, more = len(mass), len(mean_gap_m) - len(mass)
+        rank = area[:, None] + torch.cat([torch.zeros_like(area)[:, None], mass.cumsum(-1)], -1)
+        rising, width = differences(rank) / step, edges_m.diff()
+        work = ((rising[:, 1:] + rising[:, :-1]) / 2 * width).clamp(min=0.0)
+        work = torch.where(mass > 0, work, torch.zeros_like(work))
+        work = work / work.sum(-1, keepdim=True).clamp(min=_TINY)
+        work = torch.minimum(work, _STEEPEST * mass)
+        middle = torch.cat([edges_m[1:2] / 2, (edges_m[1:-1] * edges_m[2:]).sqrt()])
+        reach = work / mass.clamp(min=_TINY)
+        low = mean_gap_m[more:]
+        opened: list[Tensor] = []
+        worked: list[Tensor] = []
+        for steps in _LIFT_STEPS:
+            lift = (mean_gap_m[more - steps : more - steps + nodes] - low).clamp(min=0.0)
+            place = middle + _HALF * lift[:, None] * reach
+            above = torch.searchsorted(middle, place.detach()).clamp(1, len(middle) - 1)
+            part = (place - middle[above - 1]) / (middle[above] - middle[above - 1])
+            part = part.clamp(0.0, 1.0)
+            for kept, moved in ((opened, mass), (worked, work)):
+                to = torch.zeros_like(moved)
+                to = to.scatter_add(1, above, moved * part)
+                kept.append(to.scatter_add(1, above - 1, moved * (1 - part)))
+        edge = edge_weight(area[:, None], rank[:, 1:] - area[:, None])
+        edge = torch.cat([edge[:, :1], edge.diff(dim=-1)], -1).clamp(min=0.0)
+        lifts = step * torch.tensor(_LIFT_STEPS, dtype=mass.dtype, device=mass.device)
+        return cls(lifts, torch.stack(opened, 1), torch.stack(worked, 1), edge)
+
+    def part(self, at: slice) -> LiftedGaps:
+        """Return some of the nodes."""
+        return LiftedGaps(self.lifts, self.open[at], self.work[at], self.edge[at])
+
+
+LOWER_NODES = _LIFT_STEPS[-1]
+"""Nodes below a table at which `LiftedGaps.of_table` needs the mean gap."""
+
+
+def by_share(lifted: LiftedGaps, on_gaps: Callable[[Tensor], Tensor]) -> Tensor:
+    """Coefficients of what an attraction does, against its share ``r = 1 - p0/p_A`` of p_A.
+
+    Parameters
+    ----------
+    lifted : LiftedGaps
+        Gaps of the nodes.
+    on_gaps : callable
+        Attraction per strength of distributions, shape (distributions, columns).
+
+    Returns
+    -------
+    Tensor, shape (3, powers, nodes, columns)
+        Of ln I, and ln of the shares of I that pull as gaps and that move the mean gap.
+    """
+    nodes, lifts = lifted.open.shape[:2]
+    to_lifts = _monomials(tuple(lifted.lifts.tolist())).to(lifted.open.device)
+    edge = on_gaps(lifted.edge)
+
+    def against_lift(mass: Tensor) -> Tensor:
+        values = torch.log(on_gaps(mass.flatten(0, 1)).reshape(nodes, lifts, -1))
+        return torch.einsum("kl,nlc->knc", to_lifts, values)
+
+    gaps, work = against_lift(lifted.open), against_lift(lifted.work)
+    most = float(lifted.lifts[-1])
+    shares = edge.new_tensor(_SHARES)[:, None, None]
+    lift = torch.zeros_like(shares * edge)
+    for _ in range(_ROUNDS):
+        total = torch.exp(_polynomial(gaps, lift)) + edge
+        kept = torch.exp(_polynomial(work, lift)) / total
+        lift = -torch.log((1 - shares * (1 - kept)).clamp(min=1e-9))
+        lift = lift.clamp(0.0, most)
+    pull = torch.exp(_polynomial(gaps, lift))
+    total = pull + edge
+    work_done = _polynomial(work, lift)
+    results = torch.stack([torch.log(total), torch.log(pull / total), work_done - torch.log(total)])
+    to_shares = _monomials(_SHARES).to(edge.device)
+    return torch.einsum("ks,asnc->aknc", to_shares, results)

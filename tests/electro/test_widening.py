@@ -1,0 +1,240 @@
+"""Attraction beside the contact spots: the theory "local"."""
+
+from __future__ import annotations
+
+import csv
+from collections import defaultdict
+from math import pi, sqrt
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from haptix import ContactModel, Finger, Screen
+from haptix.contact import THEORIES, HalfSpace, MeanField, RoughnessSpectrum
+from haptix.electro import AttractionTable, Pull, drive_voltage
+from haptix.electro.widening import edge_weight
+from haptix.fidelity import Balance, Contact, Load, MeanFieldBalance
+
+H_RMS_M = 1e-6
+ROWS = Path(__file__).parents[1] / "data" / "boundary-elements-own" / "attracted.csv"
+MEASURED = ("spot_pa", "area", "gaps_pa")
+
+
+def tensor(*values: float) -> torch.Tensor:
+    return torch.tensor(values, dtype=torch.float64)
+
+
+@pytest.fixture(scope="module")
+def field() -> MeanField:
+    spectrum = RoughnessSpectrum.self_affine(H_RMS_M, 0.8, 2e4, 8e4, 1.28e6)
+    return THEORIES["local"].mean_field(spectrum, HalfSpace(4e7, 0.5))
+
+
+def solve(
+    field: MeanField, p0_pa: float, spot_pa: np.ndarray, h0_m: float, spots: str = "widened"
+) -> Balance:
+    """Contacts of infinite size at p0, under attractions of t0 in a spot."""
+    strength = torch.as_tensor(np.atleast_1d(spot_pa)) * h0_m**2
+    column = torch.zeros(len(strength), dtype=torch.long)
+    pull = Pull.of_sine(field.gap_edges_m, drive_voltage(strength), tensor(h0_m), column)
+    contact = Contact(field, spots, None, p0_pa)
+    return MeanFieldBalance(contact).solve(Load(torch.full_like(strength, p0_pa), pull))
+
+
+def scale(field: MeanField) -> float:
+    return sqrt(2) * float(field.stress_rms_pa)
+
+
+@given(st.floats(1e-9, 0.95), st.floats(0.0, 1.0))
+def test_an_even_attraction_weighs_all_of_the_area_once(area: float, place: float) -> None:
+    """``int g dn`` over the gaps is 1: the weights beyond g = 1 add up to A, and never fall."""
+    spots, gaps = tensor(area), tensor(1 - area)
+    rounding = 1e-14  # of angles up to pi/2
+    assert float(edge_weight(spots, gaps)) == pytest.approx(area, abs=rounding)
+    part = float(edge_weight(spots, place * gaps))
+    assert -rounding <= part <= area + rounding
+    assert part <= float(edge_weight(spots, (0.9 * place + 0.1) * gaps)) + rounding
+
+
+@pytest.mark.parametrize("ratio", [1.01, 1.5, 2.0, 10.0])
+def test_few_spots_have_the_weight_of_a_lone_strip(ratio: float) -> None:
+    """A line load at ``c`` beside a lone strip of half-width a weighs ``c / sqrt(c^2 - a^2)``."""
+    area = 1e-6
+    exact = sqrt(ratio**2 - 1) - (ratio - 1)
+    weight = float(edge_weight(tensor(area), tensor(area * (ratio - 1)))) / area
+    assert weight == pytest.approx(exact, rel=1e-6)  # the period leaves (pi A/2)^2
+
+
+def test_without_attraction_it_is_the_contact_alone(field: MeanField) -> None:
+    p0 = 1e-3 * scale(field)
+    alone = solve(field, p0, np.array([0.0]), 2e-7)
+    assert float(alone.area_fraction) == pytest.approx(float(field.area_fraction(p0)), rel=1e-9)
+    assert float(alone.mean_gap_m) == pytest.approx(float(field.mean_gap(p0)), rel=1e-5)
+
+
+def test_a_small_attraction_acts_in_proportion(field: MeanField) -> None:
+    p0 = 1e-3 * scale(field)
+    spot = 1e-4 * p0 * np.array([1.0, 2.0])
+    solved = solve(field, p0, spot, 2e-7)
+    gained = solved.area_fraction / field.area_fraction(p0) - 1
+    # Twice the squared voltage, to the next order: 1e-4 of t0 / p0 leaves a few 1e-4.
+    assert float(gained[1] / gained[0]) == pytest.approx(2, rel=2e-3)
+
+
+def test_a_thick_insulator_attracts_evenly(field: MeanField) -> None:
+    """At 300 h_rms all gaps are pulled alike: the contact is that of ``p0 + t0``."""
+    p0 = 1e-3 * scale(field)
+    spot = 3 * p0
+    solved = solve(field, p0, np.array([spot]), 300 * H_RMS_M)
+    # Gaps of 3 h_rms lower the pull by 2 %, of which the even contact is that much lighter.
+    assert float(solved.pressure_pa) == pytest.approx(p0 + spot, rel=0.03)
+    assert float(solved.mean_gap_m) == pytest.approx(float(field.mean_gap(p0 + spot)), rel=0.01)
+
+
+def test_the_mean_gap_follows_the_virtual_work(field: MeanField) -> None:
+    """``int v t dn`` is the energy's fall over the mean gap's, by differences of the two."""
+    h0, p = 2e-7, 3e-3 * scale(field)
+    table = AttractionTable.solve(field, p, 2 * p, widened=True)
+    assert table.lifted is not None
+    node = 10
+    at = torch.exp(table.log_pressure)
+    middle = torch.cat([field.gap_edges_m[1:2] / 2, table.gaps.edges_m[1:-1] * 0])
+    middle[1:] = (field.gap_edges_m[1:-1] * field.gap_edges_m[2:]).sqrt()
+    energy = (table.gaps.mass / (middle + h0)).sum(-1) + field.area_fraction(at) / h0
+    gap = field.mean_gap(at)
+    by_energy = (energy[node + 1] - energy[node - 1]) / (gap[node - 1] - gap[node + 1])
+    by_weight = (table.lifted.work[node, 0] / (middle + h0) ** 2).sum()
+    # Bins are 4 % wide and the nodes a tenth apart in ln p.
+    assert float(by_weight) == pytest.approx(float(by_energy), rel=0.01)
+
+
+def iterated(field: MeanField, p0_pa: float, spot_pa: float, h0_m: float) -> tuple[float, ...]:
+    """Area, pull of the gaps and mean gap, iterated gap by gap from the page's equations."""
+    log_p = np.arange(np.log(p0_pa) - 3.0, np.log(p0_pa) + 6.0, 0.03)
+    pressure = torch.tensor(np.exp(log_p))
+    mass = field.gap_histogram(pressure).mass.numpy()
+    area = field.area_fraction(pressure).numpy()
+    wide = field.mean_gap(pressure).numpy()
+    edges = field.gap_edges_m.numpy()
+    gap = np.concatenate([[edges[1] / 2], np.sqrt(edges[1:-1] * edges[2:])])
+    rank = area[:, None] + np.concatenate([np.zeros((len(area), 1)), mass.cumsum(1)], 1)
+    rise = np.gradient(rank, axis=0)
+    work = np.maximum((rise[:, 1:] + rise[:, :-1]) / 2 * np.diff(edges), 0) * (mass > 0)
+    work /= work.sum(1, keepdims=True)
+
+    def at(values: np.ndarray, place: float) -> np.ndarray:
+        low = int(place)
+        return values[low] + (place - low) * (values[low + 1] - values[low])
+
+    def node(pressure_pa: float) -> float:
+        return float((np.log(pressure_pa) - log_p[0]) / 0.03)
+
+    of_area, of_gap, lift = p0_pa, p0_pa, 0.0
+    for _ in range(500):
+        share, weight = at(mass, node(of_area)), at(work, node(of_area))
+        spots = float(at(area, node(of_area)))
+        v = np.where(share > 1e-14, weight / np.maximum(share, 1e-14), 0.0)
+        lifted = spot_pa * (h0_m / (h0_m + gap + 0.5 * lift * np.minimum(v, 4))) ** 2
+        theta = np.minimum(pi / 2 * (spots + np.concatenate([[0.0], share.cumsum()])), pi / 2)
+        opening = np.arccos(np.clip(np.cos(theta) / np.cos(pi / 2 * spots), 0, 1))
+        beside = 2 / pi * np.diff(opening - theta)
+        pull = float((lifted * share).sum())
+        new = p0_pa + pull + float((spot_pa * (h0_m / (h0_m + gap)) ** 2 * beside).sum())
+        of_gap = p0_pa + float((lifted * weight).sum())
+        lift += 0.5 * (float(at(wide, node(of_gap)) - at(wide, node(of_area))) - lift)
+        of_area = float(np.sqrt(of_area * new))
+    return spots, pull, float(at(wide, node(of_gap)))
+
+
+@pytest.mark.parametrize("h0_over_h_rms", [0.1, 0.3, 1.0])
+@pytest.mark.parametrize("spot_over_p0", [100.0, 300.0])
+def test_tables_agree_with_iteration(
+    field: MeanField, h0_over_h_rms: float, spot_over_p0: float
+) -> None:
+    """The product tabulates lifts and shares; here every state is iterated by itself."""
+    p0, h0 = 1e-3 * scale(field), h0_over_h_rms * H_RMS_M
+    spot = spot_over_p0 * p0 * (0.3 if h0_over_h_rms == 1.0 else 1.0)
+    solved = solve(field, p0, np.array([spot]), h0)
+    if not bool(solved.is_stable):
+        pytest.fail("expected a state in light contact")
+    area, pull, gap = iterated(field, p0, spot, h0)
+    # Cubics and polynomials of the tables are within some 1e-3, and the pull amplifies it.
+    assert float(solved.area_fraction) == pytest.approx(area, rel=6e-3)
+    assert float(solved.gap_attraction_pa) == pytest.approx(pull, rel=6e-3)
+    assert float(solved.mean_gap_m) == pytest.approx(gap, rel=3e-3)
+
+
+@pytest.fixture(scope="module")
+def model() -> ContactModel:
+    return ContactModel(Finger.preset("semi-wet"), Screen.preset("3m-sct3250"), theory="local")
+
+
+def test_friction_without_voltage_is_that_of_corrected(model: ContactModel) -> None:
+    corrected = ContactModel(model.finger, model.screen, theory="corrected")
+    forces = [0.1, 0.5, 1.0]
+    assert torch.allclose(model.solve(forces, 0.0).mu, corrected.solve(forces, 0.0).mu, rtol=1e-9)
+
+
+def test_states_do_not_depend_on_their_batch(model: ContactModel) -> None:
+    forces, volts = torch.linspace(0.1, 1.2, 12), torch.linspace(0.0, 200.0, 12)
+    together = model.solve(forces, volts).mu
+    alone = torch.stack([model.solve(f, v).mu for f, v in zip(forces, volts, strict=True)])
+    assert torch.allclose(together, alone, rtol=1e-12)
+
+
+def test_gradients_are_those_of_differences(model: ContactModel) -> None:
+    force, voltage = tensor(0.2, 0.5, 0.9), tensor(150.0, 120.0, 180.0)
+    for moved in (force, voltage):
+        moved.requires_grad_()
+    mu = model.solve(force, voltage).mu
+    by_force, by_voltage = torch.autograd.grad(mu.sum(), (force, voltage))
+    with torch.no_grad():
+        for values, slope, step in ((force, by_force, 1e-5), (voltage, by_voltage, 1e-3)):
+            shifted = [
+                model.solve(*(v + sign * step if v is values else v for v in (force, voltage))).mu
+                for sign in (1, -1)
+            ]
+            differences = (shifted[0] - shifted[1]) / (2 * step)
+            assert torch.allclose(slope, differences, rtol=1e-5)
+
+
+def test_friction_rises_with_voltage_up_to_the_end(model: ContactModel) -> None:
+    end = float(model.solve(0.5, 0.0).pull_in_voltage_v)
+    volts = torch.linspace(0.0, min(0.99 * end, 200.0), 200)
+    state = model.solve(0.5, volts)
+    assert bool((state.mu.diff() > 0).all())
+    assert bool((state.mean_gap_m.diff() < 0).all())
+
+
+@pytest.mark.parametrize("cell", ["80_64_4_hs_1e-2_8", "50_64_4_hs_1e-2_8"])
+def test_it_is_nearer_to_boundary_elements_than_an_even_attraction(cell: str) -> None:
+    """Area and pull on surfaces that no number was fitted to (seeds in the rows)."""
+    rows: dict[str, list[dict[str, str]]] = defaultdict(list)
+    with ROWS.open() as file:
+        for row in csv.DictReader(file):
+            if row["cell"] == cell and row["converged"] == "1":
+                rows[row["seed"]].append(row)
+    shape, band, rolloff = map(float, cell.split("_")[:3])
+    errors: dict[str, list[np.ndarray]] = {"widened": [], "excluded": []}
+    for seed in sorted(rows)[:2]:
+        values = np.array(
+            [[float(row[key]) for key in ("h0_over_h_rms", *MEASURED)] for row in rows[seed]]
+        )
+        h_rms, p0 = (float(rows[seed][0][key]) for key in ("h_rms_m", "p0_pa"))
+        spectrum = RoughnessSpectrum.self_affine(h_rms, shape / 100, 2e4, 2e4 * rolloff, 2e4 * band)
+        field = THEORIES["local"].mean_field(spectrum, HalfSpace(4e7, 0.5))
+        for spots, missed in errors.items():
+            for relative in np.unique(values[:, 0]):
+                at = values[values[:, 0] == relative]
+                solved = solve(field, p0, at[:, 1], relative * h_rms, spots)
+                theory = torch.stack([solved.area_fraction, solved.gap_attraction_pa], 1).numpy()
+                missed.append(np.abs(np.log(theory / at[:, 2:])))
+    new, even = (np.concatenate(errors[spots]) for spots in ("widened", "excluded"))
+    assert len(new) >= 20
+    missed_area, missed_pull = np.median(new, 0) / np.median(even, 0)
+    assert missed_area < 0.5
+    assert missed_pull < 1
