@@ -1,0 +1,373 @@
+"""Boundary elements under local attraction, and what the theory "local" makes of them.
+
+    python benchmarks/attracted_contacts.py solve FOLDER --seeds 8     # hours; goes on where it was
+    python benchmarks/attracted_contacts.py table FOLDER [--out docs/mean-field.md]
+
+`solve` follows surfaces of many cells (Hurst exponent, band, solid, load) under an attraction
+``c/(u + h0)^2``, and the same surfaces without attraction at loads from p0 to 40 p0. Every surface
+takes half a minute to some minutes on one core, a layer more. The shortest wave has 8 pixels or
+more; h0 is no less than what keeps the gap beside a spot within some h0 from pixel to pixel.
+
+`table` writes the surfaces' rows to tests/data/boundary-elements-own/attracted.csv and two tables:
+the theory's closure on the elements' own unattracted contacts, and the theory as a whole.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import sys
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from math import pi, sqrt
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from haptix.contact import THEORIES, ContactSpots, HalfSpace, Layered, MeanField, RoughnessSpectrum
+from haptix.contact.boundary_elements import Surfaces
+from haptix.contact.boundary_elements.bounded import BoundedProblem
+from haptix.contact.boundary_elements.coupled import AttractedContact
+from haptix.contact.boundary_elements.elements import corrected_area
+from haptix.contact.elasticity import ElasticSolid
+from haptix.electro import Pull, drive_voltage
+from haptix.electro.widening import edge_weight
+from haptix.fidelity import Balance, Contact, Load, MeanFieldBalance
+
+ROWS = Path(__file__).parents[1] / "tests/data/boundary-elements-own/attracted.csv"
+PULLS = (1.0, 4.0, 10.0, 22.0)  # about: the attraction of the gaps over p0
+RANKS = np.geomspace(2e-6, 1, 400)  # of the open gaps, by size
+LOADS = np.geomspace(1, 40, 9)
+H_RMS_M, Q0, E_PA = 1e-6, 2e4, 4e7
+LIGHT = 0.5  # A/A0: rows with more are in the file, and not in the tables
+COLUMNS = (
+    *("cell", "seed", "h_rms_m", "p0_pa", "area_off", "gap_off_m", "h0_over_h_rms", "spot_pa"),
+    *("area", "gap_m", "gaps_pa", "converged"),
+)
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Surfaces of one kind at one load."""
+
+    hurst: float
+    band: int  # q1/q0
+    rolloff: int  # q_r/q0
+    solid_name: str  # "hs", or "l0.9on4000": a layer of q_r d = 0.9 on E/4000
+    x: float  # p0/(E* slope)
+    pixels: int  # in the shortest wave
+    h0: tuple[float, ...]  # over h_rms
+
+    @property
+    def name(self) -> str:
+        """All of it in a word."""
+        x = f"{self.x:.0e}".replace("e-0", "e-")
+        shape = f"{100 * self.hurst:.0f}_{self.band}_{self.rolloff}"
+        return f"{shape}_{self.solid_name}_{x}_{self.pixels}"
+
+    @property
+    def side_m(self) -> float:
+        """Side of the box."""
+        return 2 * pi / Q0
+
+    def solid(self) -> ElasticSolid:
+        """Half-space or layer."""
+        if self.solid_name == "hs":
+            return HalfSpace(E_PA, 0.5)
+        thickness, ratio = map(float, self.solid_name[1:].split("on"))
+        return Layered(E_PA, 0.5, thickness / (self.rolloff * Q0), E_PA / ratio, 0.5)
+
+    def spectrum(self, h_rms_m: float) -> RoughnessSpectrum:
+        """C(q) with this roughness."""
+        return RoughnessSpectrum.self_affine(
+            h_rms_m, self.hurst, Q0, self.rolloff * Q0, self.band * Q0
+        )
+
+    def field(self, h_rms_m: float) -> MeanField:
+        """The mean field of surfaces that have this roughness."""
+        return THEORIES["local"].mean_field(self.spectrum(h_rms_m), self.solid())
+
+
+LAYER = "l0.9on4000"
+CELLS = (
+    *(Cell(0.8, 64, 4, "hs", x, 8, (0.1, 0.2, 0.5, 1.0)) for x in (1e-3, 1e-2)),
+    *(Cell(0.5, 64, 4, "hs", x, 8, (0.1, 0.2, 0.5, 1.0)) for x in (1e-3, 1e-2)),
+    *(Cell(0.8, 16, 2, "hs", x, 32, (0.02, 0.05, 0.2)) for x in (1e-3, 1e-2)),
+    *(Cell(0.9, 32, 4, "hs", x, 16, (0.05, 0.2, 0.5)) for x in (1e-3, 1e-2)),
+    Cell(0.65, 64, 4, "hs", 3e-3, 8, (0.1, 0.3, 1.0)),
+    Cell(0.8, 64, 4, "hs", 3e-4, 8, (0.1, 0.3, 1.0)),
+    Cell(0.8, 64, 4, "hs", 5e-2, 8, (0.1, 0.3)),
+    Cell(0.6, 16, 2, "hs", 3e-3, 32, (0.02, 0.1, 0.5)),
+    Cell(0.8, 8, 1, "hs", 3e-3, 64, (0.006, 0.02)),
+    Cell(0.86, 64, 1, "hs", 1e-3, 8, (0.1, 0.5)),
+    *(Cell(0.8, 64, 4, LAYER, x, 8, (0.2, 0.5, 1.0)) for x in (1e-3, 1e-2)),
+    Cell(0.8, 32, 4, "l0.3on4000", 1e-3, 16, (0.2, 0.5)),
+    Cell(0.7, 32, 4, "l0.8on100", 3e-3, 16, (0.2, 0.5)),
+    Cell(0.5, 32, 2, LAYER, 3e-3, 16, (0.2,)),
+)
+
+
+def falling(gap_m: torch.Tensor, h0_m: float) -> torch.Tensor:
+    """Attraction against the gap, 1 in a spot."""
+    return (h0_m / (gap_m + h0_m)) ** 2
+
+
+def solve(cell: Cell, seed: int, path: Path) -> None:
+    """Solve one surface of a cell, and keep what came of it."""
+    points = cell.band * cell.pixels
+    surfaces = Surfaces.random(cell.spectrum(H_RMS_M), points, cell.side_m, 1, seed)
+    height = surfaces.height_m[0]
+    h_rms = float(height.std(unbiased=False))
+    p0 = cell.x * float(cell.field(h_rms).stress_rms_pa) * sqrt(2)
+    problem = BoundedProblem.on_grid(cell.solid(), points, cell.side_m, None, torch.device("cpu"))
+    scale = torch.tensor([h_rms], dtype=torch.float64)
+    unattracted, profiles, start = [], [], None
+    for load in p0 * LOADS:
+        mean = torch.tensor([load], dtype=torch.float64)
+        solved = problem.solve(height[None], mean, scale, 1e-5, start)
+        start, spots = solved.pressure_pa, solved.pressure_pa[0] > 0
+        gap = solved.gap_m[0].clamp(min=0).masked_fill(spots, 0.0)
+        unattracted.append((load, float(corrected_area(spots)), float(gap.mean())))
+        gaps = np.sort(gap[~spots].numpy())
+        profiles.append(np.interp(RANKS * len(gaps) - 0.5, np.arange(len(gaps)), gaps))
+    rows = []
+    for relative in cell.h0:
+        h0, total = relative * h_rms, 0.0
+        contact = AttractedContact(problem, height, p0, partial(falling, h0_m=h0), 1e-5)
+        for pull in PULLS:
+            wanted = pull * p0 / max(contact.gaps_share, 0.02)
+            total = min(wanted, 6 * total) if total else wanted
+            spot = contact.strength(total)
+            spots = contact.contact.pressure_pa[0] > 0
+            gap = contact.contact.gap_m[0].clamp(min=0).masked_fill(spots, 0.0)
+            gaps_pa = float((contact.traction[0] * ~spots).mean()) * spot
+            area = float(corrected_area(spots))
+            rows.append((relative, spot, area, float(gap.mean()), gaps_pa, contact.converged))
+            if not contact.converged:
+                break
+    np.savez(
+        path,
+        **{"h_rms": h_rms, "off": np.array(unattracted), "prof": np.array(profiles)},
+        rows=np.array(rows, dtype=np.float64),
+    )
+
+
+@dataclass(frozen=True)
+class Solved:
+    """One surface's solutions."""
+
+    cell: Cell
+    seed: int
+    h_rms_m: float
+    off: Array  # p, A/A0 and mean gap, shape (loads, 3)
+    profile_m: Array  # gaps by rank, shape (loads, ranks)
+    rows: Array  # h0/h_rms, t0, A/A0, mean gap, pull of the gaps, converged
+
+    @property
+    def p0_pa(self) -> float:
+        """Applied pressure."""
+        return float(self.off[0, 0])
+
+
+def solutions(folder: Path) -> Iterator[Solved]:
+    """Read all surfaces of a folder."""
+    for cell in CELLS:
+        for path in sorted(folder.glob(f"{cell.name}__*.npz")):
+            kept = np.load(path)
+            off = kept["off"]
+            yield Solved(
+                cell, int(path.stem.split("__")[1]), float(kept["h_rms"]), off, kept["prof"],
+                kept["rows"],
+            )  # fmt: skip
+
+
+def by_theory(surface: Solved, spots: ContactSpots) -> Balance:
+    """The theory's contact at p0 alone, and then in each of a surface's rows."""
+    h0 = surface.rows[:, 0] * surface.h_rms_m
+    strength = np.concatenate([[1e-30], surface.rows[:, 1] * h0**2])
+    thickness, column = torch.tensor(np.concatenate([h0[:1], h0])).unique(return_inverse=True)
+    field = surface.cell.field(surface.h_rms_m)
+    pull = Pull.of_sine(field.gap_edges_m, drive_voltage(torch.tensor(strength)), thickness, column)
+    p0 = torch.full((len(strength),), surface.p0_pa, dtype=torch.float64)
+    box = torch.full_like(p0, surface.cell.side_m**2)
+    contact = Contact(field, spots, None, surface.p0_pa)
+    return MeanFieldBalance(contact).solve(Load(p0, pull, field.highest_asperity(box)))
+
+
+def closed(surface: Solved, row: Array) -> tuple[float, float, float] | None:
+    """Area, mean gap and pull of the gaps by the closure on the surface's own unattracted states.
+
+    Written out once more, by fixed-point iteration on ranks, as docs/mean-field.md states it. None
+    where it takes loads beyond those that were solved.
+    """
+    h0, spot_pa = row[0] * surface.h_rms_m, row[1]
+    log_p, area_at, gap_at = np.log(surface.off[:, 0]), surface.off[:, 1], surface.off[:, 2]
+    rank = np.geomspace(1e-5, 1, 800)
+    step = np.diff(np.concatenate([[0.0], rank]))
+    gaps = np.array(
+        [
+            np.interp(rank, area + RANKS * (1 - area), profile, left=0.0)
+            for area, profile in zip(area_at, surface.profile_m, strict=True)
+        ]
+    )
+    falls = np.gradient(gaps, axis=0) / np.gradient(gap_at)[:, None]
+    log_area, log_gap, lift = log_p[0], log_p[0], 0.0
+
+    def at(values: Array, log_pressure: float) -> Array:
+        place = np.interp(log_pressure, log_p, np.arange(len(log_p)))
+        low = min(int(place), len(log_p) - 2)
+        mixed: Array = values[low] + (place - low) * (values[low + 1] - values[low])
+        return mixed
+
+    for _ in range(400):
+        area = float(at(area_at, log_area))
+        spots = rank <= area
+        gap, fall = at(gaps, log_area), np.maximum(at(falls, log_area), 0.0) * ~spots
+        fall = fall / (fall * step).sum()
+        lifted = spot_pa * (h0 / (h0 + gap + 0.5 * lift * fall)) ** 2 * ~spots
+        beside = spot_pa * (h0 / (h0 + gap)) ** 2 * ~spots
+        open_share = torch.tensor(np.maximum(rank - area, 0.0))
+        weight = edge_weight(torch.tensor(area, dtype=torch.float64), open_share).numpy()
+        pull = float((lifted * step).sum())
+        new_area = np.log(
+            surface.p0_pa + pull + (beside * np.diff(np.concatenate([[0.0], weight]))).sum()
+        )
+        new_gap = np.log(surface.p0_pa + (lifted * fall * step).sum())
+        change = abs(new_area - log_area) + abs(new_gap - log_gap)
+        log_area, log_gap = (log_area + new_area) / 2, (log_gap + new_gap) / 2
+        if log_area > log_p[-1]:
+            return None
+        lift = max(float(at(gap_at, log_gap) - at(gap_at, log_area)), 0.0)
+        if change < 1e-5:
+            break
+    return area, float(at(gap_at, log_gap)), pull
+
+
+def errors(folder: Path) -> dict[str, dict[tuple[str, float, int], list[tuple[float, ...]]]]:
+    """Of the closure and of two theories: pull over p0 and theory over elements, by row."""
+    found: dict[str, dict[tuple[str, float, int], list[tuple[float, ...]]]] = {
+        name: defaultdict(list) for name in ("closure", "local", "corrected")
+    }
+    for surface in solutions(folder):
+        theories = {
+            "local": by_theory(surface, "widened"), "corrected": by_theory(surface, "excluded")
+        }  # fmt: skip
+        seen: dict[float, int] = defaultdict(int)
+        for number, row in enumerate(surface.rows, 1):
+            key = (surface.cell.name, float(row[0]), seen[row[0]])
+            seen[row[0]] += 1
+            _, _, area, gap, pull, converged = row
+            if not converged or area > LIGHT:
+                continue
+            ratio = area / surface.off[0, 1]
+            by_closure = closed(surface, row)
+            if by_closure is not None:
+                new, wide, pulled = by_closure
+                found["closure"][key].append(
+                    (pull / surface.p0_pa, new, area, pulled, pull, wide, gap, new, area)
+                )
+            for name, balance in theories.items():
+                areas = balance.area_fraction
+                found[name][key].append(
+                    (
+                        *(pull / surface.p0_pa, float(areas[number]), area),
+                        *(float(balance.gap_attraction_pa[number]), pull),
+                        *(float(balance.mean_gap_m[number]), gap),
+                        *(float(areas[number] / areas[0]), ratio),
+                    )
+                )
+    return found
+
+
+def tables(folder: Path, least_surfaces: int = 3) -> str:
+    """Median and largest error of the means over the surfaces of each row."""
+    lines = [
+        "| | rows | area | pull of the gaps | mean gap | mu_on/mu_off |",
+        "|---|---|---|---|---|---|",
+    ]
+    titles = {
+        "closure": "closure on the elements' own contacts",
+        "local": "`local`",
+        "corrected": "`corrected`",
+    }
+    found = errors(folder)
+    for name, title in titles.items():
+        means = {
+            key: np.mean(np.array(states), 0)
+            for key, states in found[name].items()
+            if len(states) >= least_surfaces
+        }
+        for label, low, high, thin in (
+            ("h0/h_rms 0.1 and more, pull to 5 p0", 0.0, 5.0, False),
+            ("h0/h_rms 0.1 and more, beyond", 5.0, np.inf, False),
+            ("h0/h_rms below 0.1", 0.0, np.inf, True),
+        ):
+            chosen = np.array(
+                [
+                    [m[1] / m[2] - 1, m[3] / m[4] - 1, m[5] / m[6] - 1, m[7] / m[8] - 1]
+                    for key, m in means.items()
+                    if low < m[0] <= high and (key[1] < 0.1) == thin
+                ]
+            )
+            if not len(chosen):
+                continue
+            cells = [
+                f"{100 * np.median(np.abs(column)):.1f} / {100 * np.abs(column).max():.0f}"
+                for column in chosen.T
+            ]
+            if name == "closure":
+                cells[3] = "-"
+            lines.append(f"| {title}, {label} | {len(chosen)} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def write_rows(folder: Path) -> None:
+    """Write every surface's rows."""
+    with ROWS.open("w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(COLUMNS)
+        for surface in solutions(folder):
+            start = (surface.cell.name, surface.seed, surface.h_rms_m, *surface.off[0])
+            for row in surface.rows:
+                values = (*start, *row[:5], int(row[5]))
+                writer.writerow(f"{v:.6g}" if isinstance(v, float) else v for v in values)
+
+
+def main() -> None:
+    """Solve, or make the tables."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("what", choices=("solve", "table"))
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--seeds", type=int, default=8)
+    parser.add_argument("--cells", nargs="*", help="names of cells; by default all")
+    parser.add_argument("--out", type=Path)
+    chosen = parser.parse_args()
+    chosen.folder.mkdir(parents=True, exist_ok=True)
+    if chosen.what == "solve":
+        torch.set_num_threads(1)
+        for seed in range(chosen.seeds):
+            for cell in CELLS:
+                path = chosen.folder / f"{cell.name}__{seed}.npz"
+                if not path.exists() and (not chosen.cells or cell.name in chosen.cells):
+                    solve(cell, seed, path)
+                    sys.stderr.write(f"{path.name}\n")
+        return
+    write_rows(chosen.folder)
+    text = tables(chosen.folder)
+    sys.stdout.write(text + "\n")
+    if chosen.out:
+        page = chosen.out.read_text()
+        before, rest = page.split("<!-- attracted -->\n", 1)
+        after = rest.split("\n<!-- end of attracted -->", 1)[1]
+        chosen.out.write_text(
+            f"{before}<!-- attracted -->\n\n{text}\n\n<!-- end of attracted -->{after}"
+        )
+
+
+if __name__ == "__main__":
+    main()
