@@ -7,12 +7,12 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { OK, PULL_IN, BELOW, ABOVE, OUT_OF_RANGE, BREAKDOWN, INVALID = -1 };
+enum { OK, PULL_IN, BELOW, ABOVE, OUT_OF_RANGE, BREAKDOWN, FRICTION, PRESSURE, INVALID = -1 };
 enum { DRIVE, COLUMNS, F_N, MOST = F_N + 8 }; /* tensors; the normal force F_N is the first axis */
 static const double LAST = 0.81; /* (V0 / pull-in voltage)^2 at which a surface ends */
-typedef struct { /* columns: -1/mu at each drive, ln(pull-in, breakdown / unit_v) */
+typedef struct { /* columns: -1/mu at each drive, ln(pull-in, limit / unit_v) */
     const void *data[MOST]; size_t count[MOST];
-    int tensors, is_single, ends_at_breakdown;
+    int tensors, is_single, limited_by; /* the status past ln(breakdown), or OK */
     double unit_v, limit_v, slack, numbers; /* slack: relative, for rounding; numbers in columns */
 } Surface;
 typedef struct { size_t cell[MOST]; double part[MOST], pull_in, breakdown, top; int status; } Place;
@@ -32,6 +32,13 @@ static const char *member(const char *p, const char *key) {
         }
     }
     return "";
+}
+
+/* The status at the limit that ends a surface; files of before there were others name none. */
+static int limit_of(const char *own) {
+    const char *by = member(own, "limited_by");
+    int named = *by ? by[1] : 0, ends = *member(own, "ends_at_breakdown") == 't';
+    return !ends ? OK : named == 'F' ? FRICTION : named == 'P' ? PRESSURE : BREAKDOWN;
 }
 
 static unsigned long crc32(const unsigned char *p, size_t size) {
@@ -59,7 +66,7 @@ static Surface load(const char *path) {
     need(!strncmp(member(own, "version"), "\"2.", 3), "expected version 2: build the file again");
     Surface s = {.numbers = 1, .unit_v = strtod(member(own, "unit_v"), NULL),
                  .limit_v = strtod(member(own, "voltage_limit_v"), NULL),
-                 .ends_at_breakdown = *member(own, "ends_at_breakdown") == 't',
+                 .limited_by = limit_of(own),
                  .is_single = !strncmp(member(member(header, "drive"), "dtype"), "\"F32\"", 5)};
     s.slack = s.is_single ? 0x1p-20 : 1e-9;
     const char *crcs = member(own, "crc32"), *name = "drive"; /* which also ends the list of axes */
@@ -104,7 +111,7 @@ static Place find(const Surface *s, const double *x) {
     }
     size_t n = s->count[DRIVE];
     p.pull_in = s->unit_v * exp(entry(s, &p, n, F_N, 0));
-    if (s->ends_at_breakdown) p.breakdown = s->unit_v * exp(entry(s, &p, n + 1, F_N, 0));
+    if (s->limited_by) p.breakdown = s->unit_v * exp(entry(s, &p, n + 1, F_N, 0));
     return p.top = fmin(pow(fmin(p.breakdown, s->limit_v) / p.pull_in, 2), at(s, DRIVE, n - 1)), p;
 }
 
@@ -115,7 +122,7 @@ static double mu(const Surface *s, const Place *p, double voltage, int *status) 
     double part = (end - at(s, DRIVE, i)) / (at(s, DRIVE, i + 1) - at(s, DRIVE, i));
     double low = entry(s, p, i, F_N, 0), high = entry(s, p, i + 1, F_N, 0);
     *status = p->status || voltage > s->limit_v * more ? OUT_OF_RANGE
-            : drive > LAST * more ? PULL_IN : voltage > p->breakdown * more ? BREAKDOWN : OK;
+            : drive > LAST * more ? PULL_IN : voltage > p->breakdown * more ? s->limited_by : OK;
     return -1 / (low + part * (high - low));
 }
 
@@ -129,7 +136,7 @@ static double voltage(const Surface *s, const Place *p, double mu, int *status) 
     int past = (drive - p->top) * rise > rounding * width;
     int broken = p->breakdown < s->limit_v && p->breakdown <= end * (1 + 1e-6);
     *status = p->status ? p->status : target < entry(s, p, 0, F_N, 0) - rounding ? BELOW
-            : !past ? OK : broken ? BREAKDOWN : p->top >= LAST * (1 - 1e-6) ? PULL_IN : ABOVE;
+            : !past ? OK : broken ? s->limited_by : p->top >= LAST * (1 - 1e-6) ? PULL_IN : ABOVE;
     return fmin(drive < p->top ? p->pull_in * sqrt(fmax(drive, 0)) : end, s->limit_v);
 }
 

@@ -167,7 +167,7 @@ length_s = 0.05
 def test_a_set_is_that_of_its_recipe(load, tmp_path, monkeypatch):
     monkeypatch.setenv("HAPTIX_CACHE", str(tmp_path / "cache"))
     (tmp_path / "tones.toml").write_text(SET)
-    (tmp_path / "soft.toml").write_text('name = "soft"\nyoungs_modulus_pa = 1e5\n')
+    (tmp_path / "soft.toml").write_text('name = "soft"\nyoungs_modulus_pa = 2e7\n')
     plan = load(
         'name = "a"\nkind = "stimulus-sets"\nrecipes = ["tones.toml"]\n'
         'fingers = ["gel.toml", "soft.toml"]\n'

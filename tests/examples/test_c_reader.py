@@ -6,6 +6,7 @@ import shutil
 import struct
 import subprocess
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -85,10 +86,13 @@ def surfaces() -> dict[str, FrictionSurface]:
         "breakdown": broken,
         "breakdown float32": broken.to(torch.float32),
         "dense": closed,
+        "friction": FrictionSurface(replace(closed.table, limited_by=Status.FRICTION), closed.info),
+        "pressure": FrictionSurface(replace(closed.table, limited_by=Status.PRESSURE), closed.info),
     }
 
 
 NAMES = ["4-D", "4-D float32", "2-D", "3-D float32", "breakdown", "breakdown float32", "dense"]
+NAMES += ["friction", "pressure"]
 
 
 def places(surface: FrictionSurface, seed: int, leave_out: bool) -> list[Tensor | None]:
@@ -189,6 +193,10 @@ def test_every_status_occurs(
     surfaces["breakdown"].save(path)
     text = "mu 0.3 150 nan 1e-7\nvoltage 9 0.3 nan 1e-7\n"
     seen += [int(line.split()[1]) for line in run(path, text=text).stdout.splitlines()]
+    for name in ("friction", "pressure"):
+        surfaces[name].save(path)
+        text = "".join(f"mu 0.5 {voltage} 100 1e-7\n" for voltage in range(100, 211, 5))
+        seen += [int(line.split()[1]) for line in run(path, text=text).stdout.splitlines()]
     assert set(seen) == set(Status)
 
 
@@ -330,4 +338,4 @@ def test_what_is_asked_wrongly(data: bytes, run: Run, tmp_path: Path) -> None:
 
 
 def test_it_stays_short() -> None:
-    assert len(SOURCE.read_text().splitlines()) < 150
+    assert len(SOURCE.read_text().splitlines()) < 160

@@ -151,7 +151,7 @@ def test_friction_of_a_finite_contact(name: str, theory: Any, spots: Any, slow: 
     # All at once: the table is solved once for them.
     voltages = 0.7 * model.solve(forces, 0.0, None, h0).pull_in_voltage_v
     states = model.solve(forces, voltages, None, h0)
-    assert bool((states.status == int(Status.OK)).all())
+    assert not bool((states.status == int(Status.PULL_IN)).any())
     for i, force in enumerate(forces.tolist()):
         applied = force / nominal(finger, force)
         touching = resting(slow, oracle, model, force)

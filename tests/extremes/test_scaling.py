@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from haptix import ContactModel, ContactState, Finger, Screen
+from haptix import ContactModel, ContactState, Finger, Screen, Status
 from haptix.finger import Roughness
 
 FORCE = torch.tensor([0.02, 0.2, 2.0], dtype=torch.float64)[:, None]
@@ -48,7 +48,9 @@ def solve(length: float, modulus: float, fidelity: str) -> ContactState:
 def test_common_factors(length: float, modulus: float, fidelity: str) -> None:
     tolerance = 1e-9  # rounding, multiplied near the end of the branch
     one, other = solve(1.0, 1.0, fidelity), solve(length, modulus, fidelity)
-    assert other.status.tolist() == one.status.tolist()
+    # The pressure that skin bears in its spots is no ratio; where light contact ends is one.
+    ended = [state.status == int(Status.PULL_IN) for state in (one, other)]
+    assert ended[0].tolist() == ended[1].tolist()
     scales = {
         "mu": 1.0,
         "area_fraction": 1.0,
