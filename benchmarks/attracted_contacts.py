@@ -2,6 +2,7 @@
 
     python benchmarks/attracted_contacts.py solve FOLDER --seeds 8     # hours; goes on where it was
     python benchmarks/attracted_contacts.py table FOLDER [--out docs/mean-field.md]
+    python benchmarks/attracted_contacts.py weights FOLDER             # minutes; reads no rows
 
 `solve` follows surfaces of many cells (Hurst exponent, band, solid, load) under an attraction
 ``c/(u + h0)^2``, and the same surfaces without attraction at loads from p0 to 40 p0. Every surface
@@ -21,13 +22,16 @@ from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 from math import pi, sqrt
 from pathlib import Path
+from timeit import repeat
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from haptix import ContactModel, Finger, Screen
 from haptix.contact import THEORIES, ContactSpots, HalfSpace, Layered, MeanField, RoughnessSpectrum
 from haptix.contact.boundary_elements import Surfaces
 from haptix.contact.boundary_elements.bounded import BoundedProblem
@@ -326,6 +330,118 @@ def tables(folder: Path, least_surfaces: int = 3) -> str:
     return "\n".join(lines)
 
 
+def weights(cell: Cell, surfaces: int = 3) -> str:
+    """The weights v and g - 1 of gaps, measured on contacts without attraction, and the theory's s.
+
+    v: the fall of gaps over the mean one where the load grows by a tenth, by what the smaller gaps
+    take of the area. g: the gain of the area by a traction of a quarter of p0 on gaps of one size
+    alone, over the gain by as much pressure.
+    """
+    ranks = (0, 0.25, 0.5, 1, 2, 4, 8)  # over the spots' area
+    sizes = (0.03, 0.1, 0.2, 0.4)  # over h_rms
+    problem = BoundedProblem.on_grid(
+        cell.solid(), cell.band * cell.pixels, cell.side_m, None, torch.device("cpu")
+    )
+    falls, gains = [], []
+    for seed in range(surfaces):
+        drawn = Surfaces.random(
+            cell.spectrum(H_RMS_M), cell.band * cell.pixels, cell.side_m, 1, seed
+        )
+        height = drawn.height_m
+        h_rms = float(height.std(unbiased=False))
+        field = cell.field(h_rms)
+        p0 = cell.x * float(field.stress_rms_pa) * sqrt(2)
+
+        scale = torch.tensor([h_rms], dtype=torch.float64)
+
+        def solved(
+            load: float, heights: torch.Tensor, scale: torch.Tensor = scale
+        ) -> tuple[torch.Tensor, torch.Tensor]:
+            mean = torch.tensor([load], dtype=torch.float64)
+            found = problem.solve(heights, mean, scale, 1e-6)
+            return found.pressure_pa[0] > 0, found.gap_m[0].clamp(min=0)
+
+        spots, gap = solved(p0, height)
+        area = float(corrected_area(spots))
+        lower = (gap - solved(1.1 * p0, height)[1])[~spots][gap[~spots].argsort()]
+        place = torch.arange(1, len(lower) + 1) / spots.numel() / area
+        lower = lower / (lower.sum() / spots.numel())
+        falls.append(
+            [float(lower[(place > low) & (place <= high)].mean()) for low, high in pairwise(ranks)]
+        )
+        even = float(corrected_area(solved(1.25 * p0, height)[0])) - area
+        gained = []
+        for low, high in pairwise(sizes):
+            shape = (((gap >= low * h_rms) & (gap < high * h_rms)) & ~spots).to(torch.float64)
+            pressed = height + p0 / 4 * problem.levels[0].displacement((shape / shape.mean())[None])
+            gained.append((float(corrected_area(solved(1.25 * p0, pressed)[0])) - area) / even)
+        gains.append(gained)
+    at = torch.tensor([p0 * 0.95, p0 / 0.95])
+    mass, edges = field.gap_histogram(at).mass, field.gap_edges_m
+    area_of = field.area_fraction(at)
+    rank = area_of[:, None] + mass.cumsum(-1)
+    fallen = (rank[1] - rank[0]) * edges.diff() / -field.mean_gap(at).diff()
+    middle, centre = (mass[0] + mass[1]) / 2, (edges[:-1] * edges[1:]).sqrt()
+    open_share = middle.cumsum(-1)
+    area_mean = area_of.mean()
+    v = [
+        float(fallen[inside].sum() / middle[inside].sum())
+        for low, high in pairwise(ranks)
+        if (inside := (open_share > low * area_mean) & (open_share <= high * area_mean)).any()
+    ]
+    weight = edge_weight(area_mean, torch.cat([open_share.new_zeros(1), open_share])).diff()
+    shares = [
+        float((weight / (1 + centre / (relative * h_rms)) ** 2).sum() / area_mean)
+        for relative in (0.1, 0.2, 0.5, 1.0)
+    ]
+
+    def listed(values: list[float]) -> str:
+        return " ".join(f"{value:.2f}" for value in values)
+
+    return (
+        f"{cell.name}: v elements {listed(list(np.mean(falls, 0)))}, mean field {listed(v)}; "
+        f"g elements {listed(list(np.mean(gains, 0)))}; s {listed(shares)}"
+    )
+
+
+def ends() -> str:
+    """Where light contact ends, "local" over the elements of docs/mean-field.md, and its time."""
+    lines = []
+    with (ROWS.parent / "voltage.csv").open() as file:
+        cases = [row for row in csv.DictReader(file) if float(row["voltage_v"]) == 0]
+    for finite in (True, False):
+        shares = []
+        for row in cases:
+            names = ("h_rms_m", "hurst", "q0", "q_rolloff", "q1", "youngs_modulus_pa")
+            values = [float(row[name]) for name in (*names, "poisson_ratio", "layer_m")]
+            solid: ElasticSolid = HalfSpace(values[5], values[6])
+            if values[7]:
+                base = float(row["bulk_modulus_pa"])
+                solid = Layered(values[5], values[6], values[7], base, 0.5)
+            field = THEORIES["local"].mean_field(RoughnessSpectrum.self_affine(*values[:5]), solid)
+            p0, h0, side = float(row["pressure_pa"]), float(row["h0_m"]), 2 * pi / values[2]
+            none, thickness = (torch.tensor([v], dtype=torch.float64) for v in (0.0, h0))
+            pull = Pull.of_sine(field.gap_edges_m, none, thickness, none.long())
+            box = field.highest_asperity(none + side**2) if finite else None
+            solved = MeanFieldBalance(Contact(field, "widened", None, p0)).solve(
+                Load(none + p0, pull, box)
+            )
+            shares.append(float(drive_voltage(solved.strength_at_end)) / float(row["pull_in_v"]))
+        known = np.array([share for share in shares if np.isfinite(share)])
+        lines.append(
+            f"end of light contact, {'finite' if finite else 'infinite'} size: {known.min():.2f} "
+            f"to {known.max():.2f} of the elements', {100 * np.median(np.abs(known - 1)):.0f} % off"
+        )
+    forces, volts = torch.rand(2, 100_000, dtype=torch.float64)
+    times = {}
+    for theory in ("corrected", "local"):
+        model = ContactModel(Finger.preset("semi-wet"), Screen.preset("3m-sct3250"), theory=theory)
+        each = partial(model.solve, 0.1 + forces, 200 * volts)
+        each()  # its table
+        times[theory] = min(repeat(each, number=1, repeat=5))
+    return "\n".join([*lines, f"100,000 states: {times['local'] / times['corrected']:.1f} times"])
+
+
 def write_rows(folder: Path) -> None:
     """Write every surface's rows."""
     with ROWS.open("w", newline="") as file:
@@ -341,7 +457,7 @@ def write_rows(folder: Path) -> None:
 def main() -> None:
     """Solve, or make the tables."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("what", choices=("solve", "table"))
+    parser.add_argument("what", choices=("solve", "table", "weights"))
     parser.add_argument("folder", type=Path)
     parser.add_argument("--seeds", type=int, default=8)
     parser.add_argument("--cells", nargs="*", help="names of cells; by default all")
@@ -356,6 +472,12 @@ def main() -> None:
                 if not path.exists() and (not chosen.cells or cell.name in chosen.cells):
                     solve(cell, seed, path)
                     sys.stderr.write(f"{path.name}\n")
+        return
+    if chosen.what == "weights":
+        for cell in CELLS:
+            if cell.name in ("80_64_4_hs_1e-3_8", "80_64_4_hs_1e-2_8", f"80_64_4_{LAYER}_1e-2_8"):
+                sys.stdout.write(weights(cell) + "\n")
+        sys.stdout.write(ends() + "\n")
         return
     write_rows(chosen.folder)
     text = tables(chosen.folder)

@@ -311,7 +311,7 @@ class WideningAttraction(Attraction):
         return torch.minimum(at + lack / steepness, last)
 
     def log_slopes(self) -> Tensor:
-        """dlnI/dlnp at the nodes of each column, the largest of all shares, without that fall."""
+        """dlnI/dlnp at the nodes of each column for infinite size: the largest over all shares."""
         values = self.log_gaps.slopes.reshape(len(self.log_gaps.slopes), -1, POWERS)
         shares = torch.linspace(0, 1, 9, dtype=values.dtype, device=values.device)
         powers = shares[:, None] ** torch.arange(POWERS, device=values.device)
