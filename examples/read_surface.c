@@ -1,6 +1,5 @@
 /* A haptix surface in plain C, on little-endian machines: what a driver needs to use one.
- *     cc -std=c99 -O2 read_surface.c -o read_surface -lm
- *     printf 'mu 0.5 100 250 2e-7\nvoltage 0.3 0.5 250 2e-7\n' | ./read_surface my.surface
+ *     cc -std=c99 -O2 read_surface.c -lm && echo mu 0.5 100 250 2e-7 | ./a.out my.surface
  * Queries: "mu F_N V0 f h0" or "voltage mu F_N f h0" in N, V, Hz, m; nan leaves an axis out. */
 #include <math.h>
 #include <stdio.h>
@@ -34,13 +33,6 @@ static const char *member(const char *p, const char *key) {
     return "";
 }
 
-/* The status at the limit that ends a surface; files of before there were others name none. */
-static int limit_of(const char *own) {
-    const char *by = member(own, "limited_by");
-    int named = *by ? by[1] : 0, ends = *member(own, "ends_at_breakdown") == 't';
-    return !ends ? OK : named == 'F' ? FRICTION : named == 'P' ? PRESSURE : BREAKDOWN;
-}
-
 static unsigned long crc32(const unsigned char *p, size_t size) {
     unsigned long crc = 0xffffffff;
     for (size_t bit = 0; bit < 8 * size; bit++)
@@ -57,8 +49,7 @@ static Surface load(const char *path) {
     for (int i = 8; i--;) length = length << 8 | data[i];
     char *header = length > room ? NULL : calloc(2, length + 1);
     need(header != NULL, "no friction surface, or truncated");
-    memcpy(header, data + 8, length);
-    data += 8 + length;
+    memcpy(header, data + 8, length), data += 8 + length;
     char *own = header + length + 1, *to = own; /* the description: JSON in a JSON string */
     const char *from = member(member(header, "__metadata__"), "haptix");
     while (*from && *++from && *from != '"') *to++ = *(from += *from == '\\');
@@ -66,7 +57,9 @@ static Surface load(const char *path) {
     need(!strncmp(member(own, "version"), "\"2.", 3), "expected version 2: build the file again");
     Surface s = {.numbers = 1, .unit_v = strtod(member(own, "unit_v"), NULL),
                  .limit_v = strtod(member(own, "voltage_limit_v"), NULL),
-                 .limited_by = limit_of(own),
+                 .limited_by = *member(own, "ends_at_breakdown") != 't' ? OK
+                     : !strncmp(member(own, "limited_by"), "\"F", 2) ? FRICTION
+                     : !strncmp(member(own, "limited_by"), "\"P", 2) ? PRESSURE : BREAKDOWN,
                  .is_single = !strncmp(member(member(header, "drive"), "dtype"), "\"F32\"", 5)};
     s.slack = s.is_single ? 0x1p-20 : 1e-9;
     const char *crcs = member(own, "crc32"), *name = "drive"; /* which also ends the list of axes */
