@@ -21,7 +21,7 @@ import argparse
 import csv
 import time
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from functools import lru_cache
 from math import exp
 from pathlib import Path
@@ -47,7 +47,8 @@ from calibration.fitting import fit_in_best_theory, other_forms
 from calibration.predict import Prediction, StrokeConditions
 from calibration.profile import finger_at
 from calibration.rig import RigCheck
-from haptix.campaign import Campaign, CampaignTask, Outcome
+from haptix.campaign import Campaign, CampaignTask
+from haptix.desk import Context, Result, Task
 from haptix.perception import WEBER_FRACTION
 from haptix.signals.audio_files import file_hash
 
@@ -194,6 +195,27 @@ class Bench:
         return row, times
 
 
+class CalibrateTruth(Task):
+    """A calibration of one truth; `contacts` is a file and `sha256` its hash."""
+
+    contacts: str
+    sha256: str
+    truth: int
+    seed: int
+    truths_of: Literal["forms", "surfaces"]
+    broken: bool
+
+    def run(self, context: Context) -> Result:
+        """Measure, fit and verify it."""
+        if file_hash(Path(self.contacts)) != self.sha256:
+            raise ValueError(f"{self.contacts}: has changed since the plan was read")
+        bench = _bench(self.contacts, self.truths_of == "surfaces")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            row, times = bench.trial(self.truth, self.seed, self.broken)
+        return Result(row, costs=times)
+
+
 class Coverage(Campaign):
     """A calibration of each truth.
 
@@ -209,10 +231,8 @@ class Coverage(Campaign):
         Whether rigs are broken.
     """
 
-    shown = ("friction_error_worst_jnd", "h0_m error", "h0_m spread")
     maps = (("h0_m spread", "h0_m error"), ("bound_jnd", "friction_error_worst_jnd"))
 
-    kind: Literal["calibrations:Coverage"]
     contacts: str = "contacts.npz"
     truths: int = 200
     seed: int = 0
@@ -225,27 +245,16 @@ class Coverage(Campaign):
         digest, rigs = file_hash(file), _rigs(self.broken)
         forms = (SOLVED,) if self.truths_of == "surfaces" else FORMS
         for number in range(self.truths):
-            document = {
-                "contacts": str(file),
-                "sha256": digest,
-                "truth": number,
-                "seed": self.seed,
-                "truths_of": self.truths_of,
-                "broken": self.broken,
-            }
+            task = CalibrateTruth(
+                contacts=str(file),
+                sha256=digest,
+                truth=number,
+                seed=self.seed,
+                truths_of=self.truths_of,
+                broken=self.broken,
+            )
             labels = {"form": forms[number % len(forms)], "rig": rigs[number % len(rigs)]}
-            yield CampaignTask(self.kind, document, {"truth": number, **labels})
-
-    @staticmethod
-    def run(document: Mapping[str, Any]) -> Outcome:
-        """Measure, fit and verify one truth."""
-        if file_hash(Path(document["contacts"])) != document["sha256"]:
-            raise ValueError(f"{document['contacts']}: has changed since the plan was read")
-        bench = _bench(document["contacts"], document["truths_of"] == "surfaces")
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            row, times = bench.trial(document["truth"], document["seed"], document["broken"])
-        return Outcome(row, {}, times)
+            yield CampaignTask(task, {"truth": number, **labels})
 
 
 @lru_cache(maxsize=1)

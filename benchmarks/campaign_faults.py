@@ -22,13 +22,30 @@ import tempfile
 import time
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
-from haptix.campaign import Campaign, CampaignTask, Outcome, run_campaign
+from haptix.campaign import Campaign, CampaignTask, run_campaign
 from haptix.campaign.cluster import DaskWorkers
+from haptix.campaign.kinds import kind_named
+from haptix.desk import Context, Result, Task
 from haptix.results import ResultStore
 from haptix.version import __version__
 
 HOSTS = {"haptix-a": "10.77.0.1", "haptix-b": "10.77.0.2"}
+
+
+class Wait(Task):
+    """Takes a given time and writes a small file."""
+
+    number: int
+    seconds: float
+
+    def run(self, context: Context) -> Result:
+        end = time.perf_counter() + self.seconds
+        value = self.number
+        while time.perf_counter() < end:
+            value = (1103515245 * value + 12345) % 2**31
+        return Result({"number": self.number})
 
 
 class Small(Campaign):
@@ -39,15 +56,7 @@ class Small(Campaign):
 
     def tasks(self):
         for number in range(self.numbers):
-            yield CampaignTask(self.kind, {"number": number, "seconds": self.seconds})
-
-    @staticmethod
-    def run(document):
-        end = time.perf_counter() + document["seconds"]
-        value = document["number"]
-        while time.perf_counter() < end:
-            value = (1103515245 * value + 12345) % 2**31
-        return Outcome({"number": document["number"]}, {})
+            yield CampaignTask(Wait(number=number, seconds=self.seconds))
 
 
 def tree(folder: Path) -> dict[str, str]:
@@ -142,13 +151,15 @@ def main() -> None:
     os.environ["PYTHONPATH"] = os.pathsep.join([str(own.parent), str(own.parents[1])])
     os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
     kind = "campaign_faults:Small"
-    plan = Small(name="small", kind=kind, numbers=asked.tasks, seconds=asked.seconds)
+    # By the name of this module, which workers can import, and not as __main__.
+    small: Any = kind_named(kind)
+    plan = small(name="small", kind=kind, numbers=asked.tasks, seconds=asked.seconds)
     folder = Path(tempfile.mkdtemp(prefix="haptix-faults-"))
     loop, began = ResultStore(folder / "loop"), time.perf_counter()
     for task in plan.tasks():  # the same loop: computed and written
-        result = {"kind": kind, "haptix": __version__, "document": task.document}
-        found = plan.run(task.document)
-        loop.publish(task.key, found.files, {**result, "row": dict(found.row)})
+        about = {"task": task.task.path(), "haptix": __version__, "document": task.document}
+        found = task.task.run(Context())
+        loop.publish(task.key, found.files, {**about, "row": found.row})
     loop_s = time.perf_counter() - began
     cluster = Cluster(folder, asked.namespaces)
     workers = DaskWorkers.on(str(cluster.file))

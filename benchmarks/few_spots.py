@@ -24,12 +24,13 @@ from typing import Any
 import numpy as np
 import torch
 
-from haptix.campaign import Campaign, CampaignTask, Outcome
+from haptix.campaign import Campaign, CampaignTask
 from haptix.contact import HalfSpace, Layered, MeanField, RoughnessSpectrum, Theory
 from haptix.contact.boundary_elements import BoundaryElements, Surfaces, estimated_bytes
 from haptix.contact.boundary_elements.elements import corrected_area
 from haptix.contact.boundary_elements.rough_surfaces import _on_grid
 from haptix.contact.elasticity import ElasticSolid
+from haptix.desk import Context, Result, Task
 from haptix.files import csv_text, write_whole
 
 FILE = Path(__file__).parents[1] / "tests" / "data" / "few-spots.csv"
@@ -182,7 +183,7 @@ def solve(cell: Cell, number: int) -> list[dict[str, object]]:
     return rows
 
 
-def key(cell: Cell) -> dict[str, object]:
+def key(cell: Cell) -> dict[str, Any]:
     """What identifies a cell in a table."""
     return {name: getattr(cell, name) for name in ("solid", "waves", "band", "hurst")}
 
@@ -224,6 +225,32 @@ def joined(before: list[dict[str, str]], now: list[dict[str, object]]) -> list[d
     return sorted(every, key=lambda row: (rank.index(of(row)), float(str(row["x_long"]))))
 
 
+class SolveSurface(Task):
+    """One surface of a cell at all loads."""
+
+    solid: str
+    waves: int
+    band: int
+    hurst: float
+    surface: int
+
+    def run(self, context: Context) -> Result:
+        """Solve it."""
+        fields = dict(self)
+        number = fields.pop("surface")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the box and its pixels are what is studied
+            rows = solve(Cell(**fields), number)
+        table = csv_text(rows[0], (row.values() for row in rows), 6)
+        converged = sum(int(str(row["converged"])) for row in rows)
+        return Result({"surface": number, "converged": converged}, files={"rows.csv": table})
+
+    @property
+    def needed_bytes(self) -> int:
+        """Memory of the surface."""
+        return estimated_bytes(PIXELS * self.waves * self.band, 1)
+
+
 class FewSpots(Campaign):
     """A task for each surface of each cell.
 
@@ -243,24 +270,7 @@ class FewSpots(Campaign):
         for cell in grid():
             if cell.solid in self.solids and PIXELS * cell.waves * cell.band <= self.largest_points:
                 for number in range(cell.surfaces):
-                    yield CampaignTask(self.kind, {**key(cell), "surface": number}, key(cell))
-
-    @staticmethod
-    def run(document: Mapping[str, Any]) -> Outcome:
-        """Solve one surface at all loads."""
-        fields = dict(document)
-        number = fields.pop("surface")
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the box and its pixels are what is studied
-            rows = solve(Cell(**fields), number)
-        table = csv_text(rows[0], (row.values() for row in rows), 6)
-        converged = sum(int(str(row["converged"])) for row in rows)
-        return Outcome({"surface": number, "converged": converged}, {"rows.csv": table})
-
-    @staticmethod
-    def needed_bytes(document: Mapping[str, Any]) -> int:
-        """Memory of one surface."""
-        return estimated_bytes(PIXELS * document["waves"] * document["band"], 1)
+                    yield CampaignTask(SolveSurface(**key(cell), surface=number), key(cell))
 
 
 def main() -> None:

@@ -9,7 +9,7 @@ from datetime import date
 from functools import partial
 from itertools import zip_longest
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from pydantic import TypeAdapter
 
@@ -45,6 +45,7 @@ from calibration.report import write_report
 from calibration.rig import RIG, RigCheck
 from calibration.session import Session
 from calibration.verification import TOLERANCE_JND, Verification, verify
+from haptix.desk import Context, Result, Task
 from haptix.errors import InputError
 from haptix.files import json_text, parse_json, read_text, reading, write_whole
 from haptix.finger import Finger
@@ -167,6 +168,33 @@ def fit_reduced(
     if compare:
         needs = compare_terms(fit, reduced, predictor, parameters)
     return fit, needs
+
+
+class FitStrokes(Task):
+    """A fit of strokes by priors, see `fit_reduced`.
+
+    `reduced` is the text of a ``reduced.csv``.
+    """
+
+    reduced: str
+    finger: Finger
+    screen: Screen
+    fixed: dict[str, float]
+    priors: dict[str, tuple[float | None, float]]
+    leaky_gap: bool
+    compare: bool
+
+    def run(self, context: Context) -> Result:
+        """Fit them."""
+        path = Path(context.folder or ".", REDUCED)
+        path.write_text(self.reduced, encoding="utf-8")
+        fit, _ = fit_reduced(**{**dict(self), "reduced": Reduced.load(path)})
+        row: dict[str, Any] = {"theory": fit.theory, "strokes": len(fit.strokes)}
+        for estimate in fit.estimates:
+            row[estimate.name] = fit.best(estimate.name)
+            row[f"{estimate.name} spread"] = estimate.spread
+            row[f"{estimate.name} verdict"] = estimate.verdict
+        return Result(row, files={FIT: fit.save})
 
 
 def verify_folder(

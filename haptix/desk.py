@@ -8,8 +8,9 @@
         def run(self, context: Context) -> Result: ...
 
 The doors are the command line (`haptix.cli.tasks`), the service's routes, jobs and forms
-(`haptix.service.rest`), and campaigns (`haptix.campaign.kinds`). Which tasks there are is
-read from the text of `MODULES`, so that a list of them loads nothing.
+(`haptix.service.rest`), and campaigns (`haptix.campaign`), which also do tasks that have no door of
+their own. Which tasks there are is read from the text of `MODULES`, so that a list of them loads
+nothing.
 """
 
 from __future__ import annotations
@@ -60,6 +61,8 @@ class Result:
         What a campaign keeps, by name: bytes, text, or a function that writes to a path.
     failed : bool
         Whether what was tested failed, which is no error.
+    costs : mapping
+        Numbers that differ from run to run, such as times; a campaign keeps them apart.
     """
 
     document: Any
@@ -67,6 +70,7 @@ class Result:
     lines: Sequence[str] = ()
     files: Mapping[str, Any] = field(default_factory=dict)
     failed: bool = False
+    costs: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def row(self) -> dict[str, Any]:
@@ -155,6 +159,16 @@ class Task(BaseModel, ABC):
     @abstractmethod
     def run(self, context: Context) -> Result:
         """Do it."""
+
+    @property
+    def needed_bytes(self) -> int:
+        """Memory that it needs beside the process itself."""
+        return 500_000_000
+
+    @classmethod
+    def path(cls) -> str:
+        """Where another process finds it."""
+        return f"{cls.__module__}:{cls.__qualname__}"
 
     @classmethod
     def body(cls) -> type[BaseModel]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
 
@@ -12,10 +12,13 @@ import numpy as np
 import torch
 
 from haptix.checks import positive, whole
+from haptix.contact.boundary_elements import estimated_bytes
+from haptix.desk import Context, Result, Task
 from haptix.documents import Part
 from haptix.errors import InputError
 from haptix.executors import executor_of
 from haptix.fidelity import BoundaryElementBox
+from haptix.files import csv_text
 from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.screen import Screen
@@ -25,33 +28,55 @@ _AXES = ("normal_force_n", "voltage_v", "frequency_hz")
 _FOUND = ("mu", "area_fraction", "pressure_pa", "mean_gap_m")
 
 
-def states_of(document: Mapping[str, Any]) -> dict[str, list[Any]]:
-    """Solve one finger on one screen at all combinations of some values.
+class SolveStates(Task):
+    """Friction of one finger on one screen at all combinations of some values.
 
-    Parameters
-    ----------
-    document : mapping
-        ``finger``, ``screen``, lists ``normal_force_n``, ``voltage_v`` and ``frequency_hz``, and
-        for boundary elements ``box``.
-
-    Returns
-    -------
-    dict
-        A list for each column, over all combinations; the frequency is fastest.
+    With a `box` the states are solved point by point on its surfaces.
     """
-    grid = [*product(*(document[name] for name in _AXES))]
-    at = dict(zip(_AXES, torch.tensor(grid, dtype=torch.float64).T, strict=True))
-    how: dict[str, Any] = {}
-    if "box" in document:
-        box = BoundaryElementBox(**document["box"], most_states=len(grid))
-        how = {"fidelity": "boundary-element", "boundary_elements": box}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of the box: it is what the plan asks for
-        finger, screen = Finger(**document["finger"]), Screen(**document["screen"])
-        state = ContactModel(finger, screen, **how).solve(**at)
-    columns = {name: values.tolist() for name, values in at.items()}
-    columns |= {name: getattr(state, name).double().tolist() for name in _FOUND}
-    return {**columns, "status": [Status(int(one)).name for one in state.status]}
+
+    finger: Finger
+    screen: Screen
+    normal_force_n: tuple[float, ...]
+    voltage_v: tuple[float, ...]
+    frequency_hz: tuple[float, ...]
+    box: BoundaryElementBox | None = None
+
+    def columns(self) -> dict[str, list[Any]]:
+        """Return a list for each column, over all combinations; the frequency is fastest."""
+        grid = [*product(*(getattr(self, name) for name in _AXES))]
+        at = dict(zip(_AXES, torch.tensor(grid, dtype=torch.float64).T, strict=True))
+        how: dict[str, Any] = {}
+        if self.box is not None:
+            box = replace(self.box, most_states=len(grid))
+            how = {"fidelity": "boundary-element", "boundary_elements": box}
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of the box: it is what the plan asks for
+            state = ContactModel(self.finger, self.screen, **how).solve(**at)
+        columns = {name: values.tolist() for name, values in at.items()}
+        columns |= {name: getattr(state, name).double().tolist() for name in _FOUND}
+        return {**columns, "status": [Status(int(one)).name for one in state.status]}
+
+    def run(self, context: Context) -> Result:
+        """Solve all states."""
+        states = self.columns()
+        mu, area = states["mu"], states["area_fraction"]
+        row = {
+            "mu_first": mu[0],
+            "mu_last": mu[-1],
+            "ratio": mu[-1] / mu[0],
+            "area_first": area[0],
+            "area_last": area[-1],
+            "not_ok": sum(status != "OK" for status in states["status"]),
+        }
+        table = csv_text(states, zip(*states.values(), strict=True))
+        return Result(row, files={"states.csv": table})
+
+    @property
+    def needed_bytes(self) -> int:
+        """Memory of the box's surfaces, or of the mean field."""
+        if self.box is None:
+            return super().needed_bytes
+        return estimated_bytes(self.box.points, self.box.surfaces, coupled=True)
 
 
 class DrawnPeople(Part):
@@ -141,15 +166,11 @@ class Population:
             fastest): the values, ``mu``, ``area_fraction``, ``pressure_pa``, ``mean_gap_m`` and
             ``status``.
         """
-        shared = {
-            "screen": screen.model_dump(mode="json", exclude_none=True),
-            **dict(zip(_AXES, map(list, (normal_force_n, voltage_v, frequency_hz)), strict=True)),
-        }
-        documents = [
-            {"finger": one.model_dump(mode="json", exclude_none=True), **shared}
-            for one in self.fingers
-        ]
-        return [*executor_of(executor).map(states_of, documents)]
+        values = dict(
+            zip(_AXES, map(tuple, (normal_force_n, voltage_v, frequency_hz)), strict=True)
+        )
+        tasks = [SolveStates(finger=one, screen=screen, **values) for one in self.fingers]
+        return [*executor_of(executor).map(SolveStates.columns, tasks)]
 
     @staticmethod
     def draw(

@@ -28,12 +28,11 @@ MANIFEST = "result.json"
 _DRAFT = ".part"
 # An object appears here only once all of it is there.
 WRITES_WHOLE = {"s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "adl", "memory", "r2", "oss"}
-_FIRST_FORM = {"kind", "haptix", "document", "row", "files"}  # of a manifest without its own hash
 
 
-def result_key(kind: str, document: Mapping[str, Any], version: str = __version__) -> str:
+def result_key(task: str, document: Mapping[str, Any]) -> str:
     """SHA-256 of what a result depends on, which is its name."""
-    text = json.dumps([version, kind, document], sort_keys=True, allow_nan=False)
+    text = json.dumps([__version__, task, document], sort_keys=True, allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -210,8 +209,5 @@ def _signed(manifest: Mapping[str, Any]) -> bytes:
 
 def _is_own(manifest: dict[str, Any], data: bytes, key: str) -> bool:
     """Whether a manifest has the bytes that were written for a key."""
-    if set(manifest) == _FIRST_FORM:
-        about = (manifest["kind"], manifest["document"], manifest["haptix"])
-        return result_key(*about) == key
     fields = {name: value for name, value in manifest.items() if name != "sha256"}
     return manifest.get("key") == key and _signed(fields) == data

@@ -290,8 +290,3 @@ class Scene(Document):
             terms=on,
             theory=self.override.theory,
         )
-
-
-def plain_scene(scene: Scene) -> dict[str, Any]:
-    """Return the fields of a scene that friction depends on, as plain values: no file is named."""
-    return scene.model_dump(mode="json", exclude={"textures", "materials"}, exclude_none=True)

@@ -1,11 +1,11 @@
-"""What a campaign is: a document that expands to tasks, each a pure function of its document."""
+"""What a campaign is: a document that expands to tasks of the desk."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import cache, cached_property
+from functools import cached_property
 from importlib import import_module
 from itertools import product
 from pathlib import Path
@@ -13,10 +13,10 @@ from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import Field, ValidationError
 
-from haptix.desk import Context, Task, first_wrong, task_at
+from haptix.desk import Task, first_wrong, task_at
 from haptix.documents import Document
 from haptix.errors import FileFormatError, InputError
-from haptix.files import Content, file_at, read_json, read_toml
+from haptix.files import file_at, read_json, read_toml
 from haptix.results import result_key
 from haptix.units import with_numbers
 
@@ -36,46 +36,28 @@ Value = str | float | int | bool | None
 
 @dataclass(frozen=True)
 class CampaignTask:
-    """One task of a campaign.
+    """A task of a campaign.
 
     Parameters
     ----------
-    kind : str
-        Name of the kind whose `Campaign.run` does it.
-    document : mapping
-        Plain values: with the version of haptix, all that its results depend on.
+    task : Task
+        With the version of haptix, all that its results depend on.
     labels : mapping
         What people know it by, for the table; no result depends on them.
     """
 
-    kind: str
-    document: Mapping[str, Any]
+    task: Task
     labels: Mapping[str, Value] = field(default_factory=dict)
 
     @cached_property
+    def document(self) -> dict[str, Any]:
+        """Parameters of the task as plain values."""
+        return self.task.model_dump(mode="json")
+
+    @cached_property
     def key(self) -> str:
-        """Hash of kind, document and version: the name of its results."""
-        return result_key(self.kind, self.document)
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What a task leaves.
-
-    Parameters
-    ----------
-    row : mapping
-        Its numbers, for the table.
-    files : mapping
-        Its files by name: bytes, text, or a function that writes to a path.
-    measured : mapping
-        Numbers that differ from run to run, such as times: kept with the costs of the task, not
-        among its results.
-    """
-
-    row: Mapping[str, Value]
-    files: Mapping[str, Content] = field(default_factory=dict)
-    measured: Mapping[str, Value] = field(default_factory=dict)
+        """Hash of task, parameters and version: the name of its results."""
+        return result_key(self.task.path(), self.document)
 
 
 class Campaign(Document):
@@ -91,8 +73,6 @@ class Campaign(Document):
         Folder to which paths are relative: that of the file, or the current one.
     """
 
-    shown: ClassVar[tuple[str, ...]] = ()
-    """Columns of the table whose distributions the report draws."""
     maps: ClassVar[tuple[tuple[str, str], ...]] = ()
     """Pairs of columns that the report draws against each other."""
 
@@ -104,16 +84,6 @@ class Campaign(Document):
     def tasks(self) -> Iterator[CampaignTask]:
         """Yield the tasks, the same ones in the same order each time."""
 
-    @staticmethod
-    @abstractmethod
-    def run(document: Mapping[str, Any]) -> Outcome:
-        """Do one task: a pure function of its document."""
-
-    @staticmethod
-    def needed_bytes(document: Mapping[str, Any]) -> int:
-        """Memory that a task needs beside the process itself."""
-        return 500_000_000
-
     @classmethod
     def _from_table(cls, fields: dict[str, Any], folder: Path) -> Self:
         if "folder" in fields:
@@ -121,7 +91,7 @@ class Campaign(Document):
         return cls(**fields, folder=folder)
 
 
-class OfTask(Campaign):
+class Sweep(Campaign):
     """A plan of one task's runs.
 
     Parameters
@@ -137,7 +107,8 @@ class OfTask(Campaign):
 
     def tasks(self) -> Iterator[CampaignTask]:
         """Yield each combination, the last parameter the fastest."""
-        body = task_at(self.kind).body()
+        kind = task_at(self.kind)
+        body = kind.body()
         task, vary = with_numbers("task", self.task), with_numbers("vary", self.vary)
         for values in product(*vary.values()):
             labels = dict(zip(vary, values, strict=True))
@@ -145,45 +116,14 @@ class OfTask(Campaign):
                 made = body.model_validate({**task, **labels})
             except ValidationError as error:
                 raise InputError(": ".join(filter(None, first_wrong(error)))) from None
-            document = made.model_dump(mode="json", exclude_unset=True)
-            if files := [value for value in document.values() if str(value).endswith(".toml")]:
+            fields = made.model_dump(mode="json", exclude_unset=True)
+            if files := [value for value in fields.values() if str(value).endswith(".toml")]:
                 raise InputError(f"{files[0]}: expected a preset, for workers have no such file")
-            yield CampaignTask(self.kind, document, {k: str(v) for k, v in labels.items()})
-
-
-@cache
-def campaign_of(task: type[Task]) -> type[OfTask]:
-    """Return the kind of campaign that runs a task."""
-
-    class OfOneTask(OfTask):
-        @staticmethod
-        def run(document: Mapping[str, Any]) -> Outcome:
-            result = task(**document).run(Context())
-            return Outcome(result.row, result.files)
-
-    OfOneTask.__doc__ = task.__doc__
-    return OfOneTask
-
-
-def places_of(patterns: tuple[str, ...], folder: Path) -> Iterator[Path]:
-    """Yield the files or folders of names and patterns within a folder, in order.
-
-    Raises
-    ------
-    InputError
-        If there is nothing of a name or pattern.
-    """
-    for pattern in patterns:
-        paths = [folder / pattern] if Path(pattern).is_absolute() else sorted(folder.glob(pattern))
-        if not paths:
-            raise InputError(
-                f"{folder / pattern}: expected a file, or a pattern of some; none is there"
-            )
-        yield from paths
+            yield CampaignTask(kind(**fields), {name: str(value) for name, value in labels.items()})
 
 
 def kind_named(name: str) -> type[Campaign]:
-    """Return the class of a kind.
+    """Return the class of a kind; of a task that is `Sweep`.
 
     Raises
     ------
@@ -191,19 +131,17 @@ def kind_named(name: str) -> type[Campaign]:
         If there is no such kind, or its module is not installed.
     """
     module, _, attribute = KINDS.get(name, name).partition(":")
-    known = f"one of {', '.join(KINDS)}, or an installed module:Class"
+    expected = f"kind: expected one of {', '.join(KINDS)}, or an installed module:Class"
     if not attribute:
-        raise InputError(f"kind: expected {known}, got {name!r:.80}")
+        raise InputError(f"{expected}, got {name!r:.80}")
     try:
         kind = getattr(import_module(module), attribute)
     except (ImportError, AttributeError) as error:
-        raise InputError(f"kind: expected {known}, got {name!r:.80}: {error}") from None
+        raise InputError(f"{expected}, got {name!r:.80}: {error}") from None
     if isinstance(kind, type) and issubclass(kind, Task):
-        return campaign_of(kind)
+        return Sweep
     if not (isinstance(kind, type) and issubclass(kind, Campaign)):
-        raise InputError(
-            f"kind: expected {known}, got {name!r:.80}, which is neither a Task nor a Campaign"
-        )
+        raise InputError(f"{expected}, got {name!r:.80}, which is neither a Task nor a Campaign")
     return kind
 
 

@@ -15,6 +15,7 @@ from concurrent.futures import BrokenExecutor, CancelledError, Executor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import islice
+from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -22,7 +23,7 @@ from haptix.campaign.kinds import Campaign, Value
 from haptix.campaign.worker import as_seen_here, differences, do, identity, record_of
 from haptix.errors import HaptixError, InputError, MissingExtraError, from_extra
 from haptix.executors import Here, executor_of, finished
-from haptix.files import csv_text
+from haptix.files import csv_text, json_text
 from haptix.report import page, paragraph, picture, table
 from haptix.results import ResultStore, folder_of
 from haptix.version import __version__
@@ -38,6 +39,7 @@ PILOTS = 2
 _MOST_LOST = 6  # workers in a row that may end before they begin a task
 SHORT_CALL_S, _LARGEST_CALL = 0.2, 64  # of tasks that are done by one call
 _MOST_FAILURES = 50  # that the report lists
+_PANELS = 12  # of a picture
 _LAST = ("status", "seconds", "cpu_seconds", "peak_bytes", "bytes", "worker", "deaths", "error")
 
 
@@ -74,8 +76,7 @@ class CampaignResult:
             record = store.read_table(record_of(key)) or {}
             result, why = store.check(key) if key in there else (None, "")
             if result is not None:
-                record = {**record, "status": "done", "error": "", "row": result["row"]}
-                tasks.enter(key, record)
+                tasks.enter(key, {**record, "status": "done", "error": "", "row": result["row"]})
             elif why or record.get("status") == "done":
                 tasks.damaged[folder_of(key)] = why or "is gone"
             elif record.get("status") in ("failed", "set aside"):
@@ -83,6 +84,7 @@ class CampaignResult:
                     store.write_table(record_of(key), {"status": "stopped"})
                 else:
                     tasks.enter(key, record)
+        tasks.reused = tasks.counts["done"]
         return tasks
 
     def enter(self, key: str, record: Mapping[str, Any]) -> None:
@@ -147,9 +149,8 @@ def run_campaign(
     """
     store = ResultStore(where)
     with store.held():
-        _begin(store, campaign, identity(campaign.kind))
+        _begin(store, campaign)
         tasks = CampaignResult.of(store, campaign, again)
-        tasks.reused = tasks.counts["done"]
         with _workers(executor, store, campaign.kind) as workers:
             first = 0.0
             try:
@@ -165,32 +166,32 @@ def run_campaign(
                     "the same call with a new one goes on"
                 ) from None
             finally:
-                _conclude(store, campaign, tasks)
+                rows = tasks.rows
+                text = csv_text(rows[0] if rows else ["status"], (row.values() for row in rows))
+                _write(store, "table.csv", text)
+                _write(store, "report.html", report_html(campaign, rows))
     return tasks
 
 
-@contextmanager
-def _writing(store: ResultStore) -> Iterator[None]:
-    """Say in one sentence that a place cannot be written to."""
+def _write(store: ResultStore, name: str, text: str) -> None:
     try:
-        yield
+        store.write(name, text.encode())
     except OSError as error:
         raise InputError(f"cannot write to {store.where}: {error.strerror or error}") from None
 
 
-def _begin(store: ResultStore, campaign: Campaign, versions: dict[str, str]) -> None:
+def _begin(store: ResultStore, campaign: Campaign) -> None:
     """Write what this campaign is, or check that it is of this version."""
-    known = store.read_table("campaign.json")
-    if other := differences((known or {}).get("identity", versions), versions):
+    versions = identity(campaign.kind)
+    known = store.read_table("campaign.json") or {}
+    if other := differences(known.get("identity", versions), versions):
         raise InputError(
             f"{store.where}: expected a campaign of this haptix, got one begun with "
             f"{', '.join(other)}; name another --out, since its results may differ"
         )
     plan = campaign.model_dump(mode="json", exclude_none=True)
-    with _writing(store):
-        store.write_table(
-            "campaign.json", {"haptix": __version__, "identity": versions, "plan": plan}
-        )
+    about = {"haptix": __version__, "identity": versions, "plan": plan}
+    _write(store, "campaign.json", json_text(about))
 
 
 @contextmanager
@@ -261,8 +262,13 @@ def _ends(
             more = max(1, min(size, _LARGEST_CALL)) - 1
             call = {task.key: task for task in (task, *islice(new, more))}
             waiting.difference_update(call)
-            jobs = ({"key": k, "kind": t.kind, "document": t.document} for k, t in call.items())
-            yield _call_of(store, *jobs)
+            yield _call_of(
+                store,
+                *(
+                    {"key": key, "task": one.task.path(), "document": one.document}
+                    for key, one in call.items()
+                ),
+            )
 
     texts: Iterable[str] = calls()
     while True:
@@ -300,15 +306,6 @@ def _ends(
         texts = again
 
 
-def _conclude(store: ResultStore, campaign: Campaign, tasks: CampaignResult) -> None:
-    """Write the table and the report."""
-    rows = tasks.rows
-    names = rows[0] if rows else ("status",)
-    with _writing(store):
-        store.write("table.csv", csv_text(names, (row.values() for row in rows)).encode())
-        store.write("report.html", report_html(campaign, rows).encode())
-
-
 def estimate(
     campaign: Campaign, where: str | Path, executor: Any = None
 ) -> tuple[str, list[dict[str, Any]]]:
@@ -322,18 +319,15 @@ def estimate(
         If none of these has a result; the message has the reason of the first.
     """
     tasks = CampaignResult.of(ResultStore(where), campaign)
-    if not tasks.counts["done"]:
-        run_campaign(campaign, where, executor, most=PILOTS)
-        tasks = CampaignResult.of(ResultStore(where), campaign)
-    rows = tasks.rows
+    if not tasks.reused:
+        tasks = run_campaign(campaign, where, executor, most=PILOTS)
+    rows, waiting = tasks.rows, tasks.counts["waiting"]
     done = [row for row in rows if row["status"] == "done" and row["seconds"] is not None]
     if not done:
         reason = next((row["error"] for row in rows if row["error"]), "there are none")
         raise HaptixError(f"{campaign.name}: no task could be measured: {reason}")
-    waiting = tasks.counts["waiting"]
     seconds, cpu_seconds, size = (
-        sum(float(row[name] or 0) for row in done) / len(done)
-        for name in ("seconds", "cpu_seconds", "bytes")
+        sum(_numbers(done, name)) / len(done) for name in ("seconds", "cpu_seconds", "bytes")
     )
     at_once = getattr(executor, "workers", 1)
     row = {
@@ -352,53 +346,56 @@ def estimate(
 def report_html(campaign: Campaign, rows: Sequence[dict[str, Any]]) -> str:
     """Return the page of a campaign, which says what is drawn, and its table."""
     done = [row for row in rows if row["status"] == "done"]
-    counts = Counter(row["status"] for row in rows)
-    facts = {"kind": campaign.kind, "haptix": __version__, "tasks": len(rows), **counts}
-    for name, text in (("cpu_seconds", "processor time [h]"), ("seconds", "time of tasks [h]")):
-        facts[text] = f"{sum(_numbers(done, name)) / 3600:.4g}"
-    facts["results [MB]"] = f"{sum(_numbers(done, 'bytes')) / 1e6:.4g}"
-    if peaks := _numbers(done, "peak_bytes"):
-        facts["largest memory of a worker [MB]"] = f"{max(peaks) / 1e6:.4g}"
+    facts = {
+        "kind": campaign.kind,
+        "haptix": __version__,
+        "tasks": len(rows),
+        **Counter(row["status"] for row in rows),
+        "processor time [h]": sum(_numbers(done, "cpu_seconds")) / 3600,
+        "time of tasks [h]": sum(_numbers(done, "seconds")) / 3600,
+        "results [MB]": sum(_numbers(done, "bytes")) / 1e6,
+        "largest memory of a worker [MB]": max(_numbers(done, "peak_bytes"), default=0) / 1e6,
+    }
     parts = [table("", [{"": name, "value": value} for name, value in facts.items()])]
     try:
-        parts += [picture(title, figure) for title, figure in _pictures(campaign, done)]
+        parts += [picture("distributions", figure) for figure in _pictures(campaign, done)]
     except MissingExtraError as error:
         parts.append(paragraph(f"Without pictures: {error}"))
     if wrong := [row for row in rows if row["status"] in ("failed", "set aside")]:
-        kept = ("key", "status", "worker", "error")
-        listed = [{name: row[name] for name in kept} for row in wrong[:_MOST_FAILURES]]
+        shown = ("key", "status", "worker", "error")
+        listed = [{name: row[name] for name in shown} for row in wrong[:_MOST_FAILURES]]
         parts.append(table(f"{len(wrong)} without results", listed))
     return page(campaign.name, parts)
 
 
-def _pictures(campaign: Campaign, done: Sequence[dict[str, Any]]) -> Iterator[tuple[str, Figure]]:
+def _pictures(campaign: Campaign, done: Sequence[dict[str, Any]]) -> Iterator[Figure]:
+    """Draw each number that differs from task to task, and the campaign's pairs of them."""
     with from_extra("figures"):
         from matplotlib.figure import Figure
 
-    shown = [(name, "tasks") for name in (*campaign.shown, "cpu_seconds")]
-    for x, y in (*shown, *campaign.maps):
-        names = (x,) if y == "tasks" else (x, y)
-        rows = [row for row in done if all(_is_number(row.get(name)) for name in names)]
-        if len(rows) < 2:
-            continue
-        figure = Figure(figsize=(6.4, 3.6), layout="constrained")
-        axes = figure.add_subplot()
-        axes.set(xlabel=x, ylabel=y)
-        values = _numbers(rows, x)
-        if y == "tasks":
-            axes.hist(values, bins="auto" if len(set(values)) > 1 else 1)
-            yield f"{x}: {min(values):.4g} to {max(values):.4g}", figure
-            continue
-        axes.plot(values, _numbers(rows, y), ".")
-        for axis, column in (("x", values), ("y", _numbers(rows, y))):
-            if min(column) > 0 and max(column) > 10 * min(column):
-                axes.set(**{f"{axis}scale": "log"})
-        yield f"{y} against {x}", figure
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
+    names = [
+        name for name in (done[0] if done else ()) if name == "cpu_seconds" or name not in _LAST
+    ]
+    panels = [(name, "tasks") for name in names if len({*_numbers(done, name)}) > 1]
+    panels += [pair for pair in campaign.maps if {*pair} <= {name for name, _ in panels}]
+    for first in range(0, len(panels), _PANELS):
+        some = panels[first : first + _PANELS]
+        figure = Figure(figsize=(9.6, 2.4 * ceil(len(some) / 3)), layout="constrained")
+        places = [*figure.subplots(ceil(len(some) / 3), 3, squeeze=False).flat]
+        for axes, (x, y) in zip(places, some, strict=False):
+            axes.set(xlabel=x, ylabel=y)
+            if y == "tasks":
+                axes.hist(_numbers(done, x), bins=30)
+            else:
+                axes.plot([row[x] for row in done], [row[y] for row in done], ".")
+                for axis, values in (("x", _numbers(done, x)), ("y", _numbers(done, y))):
+                    if min(values) > 0 and max(values) > 10 * min(values):
+                        axes.set(**{f"{axis}scale": "log"})
+        for axes in places[len(some) :]:
+            axes.set_axis_off()
+        yield figure
 
 
 def _numbers(rows: Sequence[dict[str, Any]], name: str) -> list[float]:
-    return [row[name] for row in rows if _is_number(row.get(name))]
+    values = (row.get(name) for row in rows)
+    return [one for one in values if isinstance(one, int | float) and not isinstance(one, bool)]

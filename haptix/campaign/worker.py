@@ -1,4 +1,4 @@
-"""What a worker does: one task, told and answered as JSON text.
+"""What a worker does: tasks of the desk, told and answered as JSON text.
 
 A worker knows everything by name and takes no code from a message. Before a task begins its record
 says so, and afterwards how it ended:
@@ -14,15 +14,17 @@ import hashlib
 import json
 import os
 import socket
-import sys
 import time
 from collections.abc import Mapping
 from contextlib import suppress
 from functools import cache, lru_cache
+from importlib import import_module
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
-from haptix.campaign.kinds import KINDS, Outcome, kind_named
+from haptix.campaign.kinds import KINDS
+from haptix.desk import Context, Result, task_at
 from haptix.errors import HaptixError
 from haptix.results import ResultStore
 from haptix.version import __version__
@@ -49,7 +51,8 @@ def do(text: str) -> str:
     Parameters
     ----------
     text : str
-        JSON: ``where``, and ``tasks``, each with its ``key``, ``kind`` and ``document``.
+        JSON: ``where``, and ``tasks``, each with its ``key``, its ``task`` as module:Class, and its
+        ``document``.
 
     Returns
     -------
@@ -59,16 +62,16 @@ def do(text: str) -> str:
     """
     call = json.loads(text)
     store = _store(call["where"])
-    return json.dumps([_do_one(store, job) for job in call["tasks"]])
+    return json.dumps([_done(store, job) for job in call["tasks"]])
 
 
-def _do_one(store: ResultStore, job: dict[str, Any]) -> dict[str, Any]:
+def _done(store: ResultStore, job: dict[str, Any]) -> dict[str, Any]:
     key = job["key"]
     before = store.read_table(record_of(key)) or {}
     if before.get("status") == "done":  # by a worker whose answer was lost
-        result, _ = store.check(key)
-        if result is not None:
-            return {**before, "row": result["row"]}
+        manifest, _ = store.check(key)
+        if manifest is not None:
+            return {**before, "row": manifest["row"]}
     deaths = [*before.get("deaths", ())]
     if before.get("status") == "begun":
         deaths.append(str(before.get("worker")))
@@ -76,46 +79,48 @@ def _do_one(store: ResultStore, job: dict[str, Any]) -> dict[str, Any]:
     if len(deaths) >= MOST_DEATHS:
         why = f"its worker died {len(deaths)} times: {', '.join(deaths)}"
         return _ended(store, key, {**record, "status": "set aside", "error": why})
+    stopped = (store, key, {**record, "status": "stopped"})
     try:
         store.write_table(record_of(key), {**record, "status": "begun"})
-    except (OSError, HaptixError) as error:
+        _begun.append(stopped)
+        with TemporaryDirectory(prefix="haptix-task-") as folder:
+            try:
+                result, costs = _measured(job, Path(folder))
+            except Exception as error:  # whatever it is, it is this task's
+                return _ended(store, key, {**record, "status": "failed", "error": said(error)})
+            about = {"task": job["task"], "haptix": __version__, "document": job["document"]}
+            size = store.publish(key, result.files, {**about, "row": result.row})
+    except Exception as error:  # a full disk, or a place that is gone
+        _ended(*stopped)
         return {**record, "status": "not written", "error": said(error)}
-    stopped = (store, key, {**record, "status": "stopped"})
-    _begun.append(stopped)
-    try:
-        outcome, costs = _measured(job)
-    except Exception as error:  # whatever it is, it is this task's
-        answer = _ended(store, key, {**record, "status": "failed", "error": said(error)})
-    else:
-        answer = _published(store, job, outcome, {**record, **costs})
-    _begun.remove(stopped)
-    return answer
+    finally:
+        if stopped in _begun:
+            _begun.remove(stopped)
+    record = _ended(store, key, {**record, **costs, "bytes": size, "status": "done"})
+    return {**record, "row": result.row}
 
 
-def _measured(job: dict[str, Any]) -> tuple[Outcome, dict[str, Any]]:
+def _measured(job: dict[str, Any], folder: Path) -> tuple[Result, dict[str, Any]]:
     """Do a task on one thread; return also what it cost."""
     from haptix.threads import one_thread
 
-    _forget_peak_memory()
+    with suppress(OSError):  # Linux only: forget the highest memory so far
+        Path("/proc/self/clear_refs").write_text("5")
     began, began_cpu = time.perf_counter(), time.process_time()
     with one_thread():
-        outcome = kind_named(job["kind"]).run(job["document"])
+        result = task_at(job["task"])(**job["document"]).run(Context(folder))
     seconds, cpu_seconds = time.perf_counter() - began, time.process_time() - began_cpu
     costs = {"seconds": seconds, "cpu_seconds": cpu_seconds, "peak_bytes": _peak_memory()}
-    return outcome, {**costs, **outcome.measured}
+    return result, {**costs, **result.costs}
 
 
-def _published(
-    store: ResultStore, job: dict[str, Any], outcome: Outcome, record: dict[str, Any]
-) -> dict[str, Any]:
-    row = dict(outcome.row)
-    about = {"kind": job["kind"], "haptix": __version__, "document": job["document"], "row": row}
-    try:
-        record["bytes"] = store.publish(job["key"], outcome.files, about)
-    except Exception as error:  # a full disk, or a place that is gone
-        _ended(store, job["key"], {**record, "status": "stopped"})
-        return {**record, "status": "not written", "error": said(error)}
-    return {**_ended(store, job["key"], {**record, "status": "done"}), "row": row}
+def _peak_memory() -> int | None:
+    """Return the most memory [bytes] that this process had since it was last forgotten."""
+    with suppress(OSError):
+        for line in Path("/proc/self/status").read_text().splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) * 1024
+    return None
 
 
 def _ended(store: ResultStore, key: str, record: dict[str, Any]) -> dict[str, Any]:
@@ -136,7 +141,10 @@ def release() -> None:
 
 
 def identity(kind: str) -> dict[str, str]:
-    """Return what must be equal on all workers of a kind, for equal bytes."""
+    """Return what must be equal on all workers of a kind, for equal bytes.
+
+    The value of what cannot be had, such as a kind whose module is not installed, says why.
+    """
     import numpy
     import torch
 
@@ -147,34 +155,28 @@ def identity(kind: str) -> dict[str, str]:
         "numpy": numpy.__version__,
         "processor": torch.backends.cpu.get_cpu_capability(),
     }
-    if kind not in KINDS:
-        file = sys.modules[kind_named(kind).__module__].__file__
-        versions[kind] = hashlib.sha256(Path(str(file)).read_bytes()).hexdigest()[:16]
+    if kind and kind not in KINDS:
+        try:
+            file = import_module(kind.partition(":")[0]).__file__
+            versions[kind] = hashlib.sha256(Path(str(file)).read_bytes()).hexdigest()[:16]
+        except Exception as error:
+            versions[kind] = said(error)
     return versions
+
+
+def as_seen_here(where: str, kind: str = "") -> dict[str, str]:
+    """Return `identity`, and the hash of the campaign's own file as this process sees it."""
+    file = f"{where}/campaign.json"
+    try:
+        data = _store(where).read("campaign.json") or b"no file"
+    except (OSError, HaptixError) as error:
+        return {**identity(kind), file: said(error)}
+    return {**identity(kind), file: hashlib.sha256(data).hexdigest()[:16]}
 
 
 def differences(seen: Mapping[str, Any], here: Mapping[str, str]) -> list[str]:
     """Return what of `here` is another in `seen`, as people read it."""
     return [f"{k} {seen.get(k)} (here {v})" for k, v in here.items() if seen.get(k) != v]
-
-
-def as_seen_here(where: str, kind: str = "") -> dict[str, str]:
-    """Return `identity`, and the hash of the campaign's own file as this process sees it.
-
-    The value of what cannot be had, such as a kind whose module is not installed, says why.
-    """
-    seen = identity(next(iter(KINDS)))
-    if kind:
-        try:
-            seen |= identity(kind)
-        except Exception as error:
-            seen[kind] = said(error)
-    try:
-        data = _store(where).read("campaign.json") or b"no file"
-        seen[f"{where}/campaign.json"] = hashlib.sha256(data).hexdigest()[:16]
-    except (OSError, HaptixError) as error:
-        seen[f"{where}/campaign.json"] = said(error)
-    return seen
 
 
 @cache
@@ -187,17 +189,3 @@ def code_digest() -> str:
             if inside and file.suffix in (".py", ".c", ".h"):
                 code.update(file.read_bytes())
     return code.hexdigest()[:16]
-
-
-def _forget_peak_memory() -> None:
-    with suppress(OSError):  # Linux only
-        Path("/proc/self/clear_refs").write_text("5")
-
-
-def _peak_memory() -> int | None:
-    """Return the most memory [bytes] that this process had since `_forget_peak_memory`."""
-    with suppress(OSError):
-        for line in Path("/proc/self/status").read_text().splitlines():
-            if line.startswith("VmHWM:"):
-                return int(line.split()[1]) * 1024
-    return None

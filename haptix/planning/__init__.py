@@ -1,6 +1,6 @@
 """Planning: model only what a scene requires, and say why."""
 
-from haptix.planning.plan import Plan, Row, holding, plan_scene
+from haptix.planning.plan import BuildSurface, Plan, Row, holding, plan_scene
 from haptix.planning.trials import Effect
 
-__all__ = ["Effect", "Plan", "Row", "holding", "plan_scene"]
+__all__ = ["BuildSurface", "Effect", "Plan", "Row", "holding", "plan_scene"]

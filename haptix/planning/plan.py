@@ -11,6 +11,7 @@ import torch
 
 from haptix.checks import Array
 from haptix.contact import shown_accuracy
+from haptix.desk import Context, Result, Task
 from haptix.errors import InputError, ToleranceError
 from haptix.fidelity import FIDELITIES, Ability
 from haptix.friction import ContactModel
@@ -53,6 +54,20 @@ _UNSEEN = 1.25  # between the points measured, effects may be larger by this fac
 _NO_EFFECT = Effect()
 _MATERIAL_STATES, _SECONDS, _FORCES = 4000, 10.0, 9
 _SPEED_MM_S = (20.0, 200.0)  # where the scene gives none
+
+
+class BuildSurface(Task):
+    """The planned surface of a scene, as ``haptix build SCENE.toml`` makes it."""
+
+    scene: Scene
+
+    def run(self, context: Context) -> Result:
+        """Plan the scene, and build its surface."""
+        surface = plan_scene(self.scene).build()
+        names = ("mu_low", "mu_high", "error_max", "pull_past_breakdown")
+        row = {name: surface.info[name] for name in names}
+        row |= {"mu_span": row["mu_high"] / row["mu_low"], "surface_bytes": surface.nbytes}
+        return Result(row, files={"friction.surface": surface.save})
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -12,7 +11,10 @@ from typing import Any
 import numpy as np
 
 from haptix.checks import number, positive, whole
+from haptix.desk import Context, Result, Task
 from haptix.errors import InputError
+from haptix.files import csv_text
+from haptix.report import record
 from haptix.stimuli.adaptive.methods import Method
 from haptix.stimuli.adaptive.procedures import UpDown
 from haptix.stimuli.adaptive.psychometric import function_named
@@ -173,6 +175,33 @@ def paired_power(
 _ALWAYS_GUESSED = 0.05  # share of answers that find a target where the task has no chance level
 
 
+class SimulateObserver(Task):
+    """Runs of one simulated observer: what its thresholds are worth, or the power of a comparison.
+
+    The `experiment` is one of `ExperimentRecipe` without its conditions, and the `comparison` the
+    `difference`, `between` and sample sizes `participants` of `paired_power`.
+    """
+
+    experiment: dict[str, Any]
+    observer: Observer
+    runs: int
+    comparison: dict[str, Any] | None = None
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return the row of `accuracy`, or those of `paired_power`."""
+        recipe = ExperimentRecipe(**self.experiment)
+        how = recipe.make_method, self.observer
+        if self.comparison is None:
+            return [accuracy(*how, self.runs, recipe.seed)]
+        return [*paired_power(*how, **self.comparison, runs=self.runs, seed=recipe.seed)]
+
+    def run(self, context: Context) -> Result:
+        """Simulate."""
+        rows = record(self.rows())
+        table = csv_text(rows[0], (row.values() for row in rows))
+        return Result(rows, files={"simulation.csv": table})
+
+
 def simulations(
     recipe: ExperimentRecipe,
     threshold_db: Sequence[float],
@@ -180,20 +209,19 @@ def simulations(
     lapse: Sequence[float],
     runs: int,
     comparison: Mapping[str, Any] | None = None,
-) -> Iterator[dict[str, Any]]:
-    """Yield the document of each observer, for `simulated`.
+) -> Iterator[SimulateObserver]:
+    """Yield the task of each observer: every combination of the values.
 
     Parameters
     ----------
     recipe : ExperimentRecipe
         The experiment; its conditions are left out.
     threshold_db, slope, lapse : sequence of float
-        Of the observers: every combination.
+        Of the observers.
     runs : int
         Runs of each observer, or simulated participants.
     comparison : mapping, optional
-        Where the power is asked for: `difference`, `between` and the sample sizes `participants`
-        of `haptix.stimuli.power.paired_power`.
+        Where the power is asked for, see `SimulateObserver`.
 
     Raises
     ------
@@ -207,33 +235,11 @@ def simulations(
         mode="json", include={"name", "stimulus", "pedestal", "method", "task", "seed"},
         exclude_none=True,
     )  # fmt: skip
-    for at, steep, lapses in product(threshold_db, slope, lapse):
-        observer = {
-            "threshold": at,
-            "slope": steep,
-            "lapse": lapses,
-            "guess": TASKS[recipe.task].guess or _ALWAYS_GUESSED,
-        }
-        document = {"experiment": plain, "observer": observer, "runs": whole("runs", runs, 10)}
-        yield document if comparison is None else {**document, "comparison": dict(comparison)}
-
-
-def simulated(text: str) -> str:
-    """Simulate one observer.
-
-    Parameters
-    ----------
-    text : str
-        JSON of one of `simulations`.
-
-    Returns
-    -------
-    str
-        JSON: a list with the row of `accuracy`, or those of `paired_power`.
-    """
-    document = json.loads(text)
-    recipe, observer = ExperimentRecipe(**document["experiment"]), Observer(**document["observer"])
-    how = recipe.make_method, observer
-    if (comparison := document.get("comparison")) is None:
-        return json.dumps([accuracy(*how, document["runs"], recipe.seed)])
-    return json.dumps([*paired_power(*how, **comparison, runs=document["runs"], seed=recipe.seed)])
+    guess = TASKS[recipe.task].guess or _ALWAYS_GUESSED
+    for observer in product(threshold_db, slope, lapse, [guess]):
+        yield SimulateObserver(
+            experiment=plain,
+            observer=Observer(*observer),
+            runs=whole("runs", runs, 10),
+            comparison=comparison,
+        )

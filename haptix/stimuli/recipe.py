@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import fields, replace
+from functools import partial
 from math import inf
 from pathlib import Path
+from shutil import copyfile
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, PositiveFloat, PositiveInt, model_validator
 
 from haptix.checks import choice
+from haptix.desk import Context, Result, Task
 from haptix.devices import Device
 from haptix.documents import Document, Part
 from haptix.errors import InputError
@@ -152,6 +155,66 @@ class Recipe(Document):
                 equal_friction(made, screens)
             stimuli += made
         return stimuli
+
+
+class MakeStimuli(Task):
+    """A set of stimuli with all that it depends on: no file is read that it names.
+
+    The fields are those of `StimulusSet`, but for the stimuli, as `Stimulus.describe` has them, and
+    the fingers of a population with its statement.
+    """
+
+    name: str
+    stimuli: tuple[dict[str, Any], ...]
+    fingers: tuple[Finger, ...]
+    statement: str | None
+    screens: tuple[Screen, ...]
+    sample_rate_hz: float
+    container: str
+    encoding: str
+    full_scale_v: float
+    ceiling_v: float | None
+    trigger: bool
+    unreachable: str
+    trials: TrialPlan
+    perception: Perception
+
+    @classmethod
+    def of(cls, parts: StimulusSet) -> Self:
+        """Describe a set."""
+        people = parts.finger if isinstance(parts.finger, Population) else None
+        described = {
+            "stimuli": [one.describe() for one in parts.stimuli],
+            "fingers": [parts.finger] if people is None else people.fingers,
+            "statement": None if people is None else people.statement,
+        }
+        return cls(**{name: getattr(parts, name, None) for name in cls.model_fields} | described)
+
+    def run(self, context: Context) -> Result:
+        """Make it."""
+        fields = dict(self)
+        people, statement = fields.pop("fingers"), fields.pop("statement")
+        fields["finger"] = people[0] if statement is None else Population(people, statement)
+        fields["stimuli"] = tuple(
+            stimulus_from(one.pop("name"), one) for one in map(dict, self.stimuli)
+        )
+        folder = Path(context.folder or ".")
+        made = StimulusSet(**fields).make(folder, threads=1)
+        sidecars = made.sidecars
+        row = {
+            "stimuli": len(sidecars),
+            "length_s": sum(sidecar["length_s"] for sidecar in sidecars),
+            "peak_v": max(sidecar["peak_v"] for sidecar in sidecars),
+            "current_peak_a": max(sidecar["current"]["expected_peak_a"] for sidecar in sidecars),
+            "files_bytes": sum(file["bytes"] for file in made.manifest["files"].values()),
+        }
+        files = sorted(path for path in folder.iterdir() if path.is_file())
+        return Result(row, files={path.name: partial(copyfile, path) for path in files})
+
+    @property
+    def needed_bytes(self) -> int:
+        """Memory of a surface that is built."""
+        return 700_000_000
 
 
 TaskName = Literal["2ifc", "2afc", "3afc", "yes-no", "same-different", "pairs", "magnitude"]

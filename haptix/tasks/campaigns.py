@@ -112,8 +112,8 @@ class RunCampaign(Task, command="campaign"):
         if self.on == "processes":
             from haptix.campaign.processes import Processes, processes_that_fit
 
-            task = next(plan.tasks(), None)
-            needed = memory or (0 if task is None else plan.needed_bytes(task.document))
+            first = next(plan.tasks(), None)
+            needed = memory or (0 if first is None else first.task.needed_bytes)
             opened: Any = Processes(processes_that_fit(needed, self.processes), memory)
         else:
             from haptix.campaign.cluster import DaskWorkers

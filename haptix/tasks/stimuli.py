@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, closing, suppress
@@ -333,8 +332,8 @@ class Simulate(Task, command="stimuli simulate"):
     def run(self, context: Context) -> Result:
         """Simulate."""
         from haptix.campaign.processes import Processes
-        from haptix.executors import Here, finished
-        from haptix.stimuli.power import simulated, simulations
+        from haptix.executors import Here
+        from haptix.stimuli.power import SimulateObserver, simulations
         from haptix.stimuli.recipe import ExperimentRecipe
 
         plan = ExperimentRecipe.load(self.recipe)
@@ -351,10 +350,9 @@ class Simulate(Task, command="stimuli simulate"):
                 f"{plan.name}: power of a paired t-test at 0.05, of {self.runs} simulated "
                 "participants"
             )
-        texts = [json.dumps(one) for one in simulations(plan, *observers, self.runs, comparison)]
+        simulated = simulations(plan, *observers, self.runs, comparison)
         with Here() if self.workers == 1 else Processes(self.workers) as executor:
-            ended = {text: future.result() for text, future in finished(executor, simulated, texts)}
-        rows = [row for text in texts for row in json.loads(ended[text])]
+            rows = [row for rows in executor.map(SimulateObserver.rows, simulated) for row in rows]
         shown = [
             {
                 name: round(cell, 3) if isinstance(cell, float) else cell

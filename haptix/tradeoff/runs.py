@@ -6,18 +6,20 @@ import json
 import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import product
 from math import inf
 from time import perf_counter
 from timeit import repeat
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import torch
 from torch import Tensor
 
+from haptix.desk import Context, Result, Task
 from haptix.errors import ToleranceError
 from haptix.fidelity import BoundaryElementBox, FidelityName
+from haptix.files import json_text
 from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.planning import Effect, plan_scene
@@ -33,7 +35,7 @@ from haptix.planning.trials import (
     middle,
 )
 from haptix.report import Heading
-from haptix.scene import DirectDrive, Scene, plain_scene
+from haptix.scene import DirectDrive, Scene
 from haptix.screen import Screen
 from haptix.status import Status
 from haptix.surface import FrictionSurface, MeasuredPoints, MeasuringJob
@@ -90,6 +92,10 @@ COSTS: Mapping[str, str] = {
 }
 """What is traded against the error: the field of a run, by the name of its front."""
 
+# What a campaign's table has of a setting, asked as a float32 surface; its file has all.
+_WAY = {"dtype": "float32", "form": "surface", "device": "cpu"}
+_TIMES = ("build_s", "query_s_per_million", "invert_s_per_million")
+_RESULTS = ("error_max_jnd", "error_p99_jnd", "outside_share", "memory_bytes")
 _ERROR, _MEMORY = "error_max_jnd", "memory_bytes"
 TAKE: Mapping[str, tuple[float, tuple[str, ...]]] = {
     "as planned": (inf, ()),
@@ -177,73 +183,86 @@ def run_tradeoff(
     InputError
         If the scene contradicts itself.
     """
+    tasks = [*settings(scene, quick, boundary_elements)]
+    runs: list[Run] = []
+    for number, task in enumerate(tasks, start=1):
+        runs += task.runs(on_progress)
+        on_progress("run", number / len(tasks))
+    bench = task.bench()
+    return Tradeoff(scene, chosen(runs, scene.budget_jnd), bench.count, bench.batch)
+
+
+def settings(scene: Scene, quick: bool, boundary_elements: bool) -> Iterator[MeasureSetting]:
+    """Yield the settings of a scene, the planned one first; what is felt has no part in them."""
+    scene = scene.replace(textures=(), materials=())
+    ways: list[tuple[Any, str]] = [("planned", "")]
+    tolerances = (QUICK if quick else _THOROUGH)[2]
+    ways += [(fidelity, f"{value:g} JND") for fidelity in TABULATED for value in tolerances]
     if boundary_elements:
         _boxed(scene)  # an unsuitable box is refused before any work
-    jobs = [*setting_jobs(scene, quick, boundary_elements)]
-    runs: list[Run] = []
-    for number, job in enumerate(jobs, start=1):
-        measured = measure_setting(job, on_progress)
-        runs += [Run(**row) for row in measured["runs"]]
-        on_progress("run", number / len(jobs))
-    batch = (QUICK if quick else _THOROUGH)[1]
-    return Tradeoff(scene, chosen(runs, scene.budget_jnd), measured["points"], batch)
+        ways.append(("boundary-element", f"{QUICK[2][0]:g} JND"))
+    for model, tolerance in ways:
+        yield MeasureSetting(scene=scene, quick=quick, model=model, tolerance=tolerance)
 
 
-def setting_jobs(scene: Scene, quick: bool, boundary_elements: bool) -> Iterator[dict[str, Any]]:
-    """Yield the documents of `measure_setting`, the planned setting's first."""
-    tolerances = (QUICK if quick else _THOROUGH)[2]
-    settings = [("planned", "")]
-    settings += [(fidelity, f"{value:g} JND") for fidelity in TABULATED for value in tolerances]
-    if boundary_elements:
-        settings.append(("boundary-element", f"{QUICK[2][0]:g} JND"))
-    for model, tolerance in settings:
-        yield {"scene": plain_scene(scene), "quick": quick, "model": model, "tolerance": tolerance}
+class MeasureSetting(Task):
+    """One way to build a scene's surface, measured in every way to ask it.
 
-
-def measure_setting(
-    job: Mapping[str, Any], on_progress: Progress = lambda stage, share: None
-) -> dict[str, Any]:
-    """Build the surface of one of `setting_jobs`, and measure it in every way to ask it.
-
-    Returns
-    -------
-    dict
-        ``runs``, the fields of each `Run`, and ``points``, the number of held-out states.
+    The `model` is that of a `Run`, and the `tolerance` that of the surface against it.
     """
-    model, tolerance = job["model"], job["tolerance"]
-    bench = _bench(json.dumps(job["scene"]), job["quick"])
-    dtypes: tuple[str, ...] = ("float64", "float32")
-    devices: tuple[str, ...] = ("cpu",)
-    if torch.cuda.is_available():
-        devices += ("cuda",)
-    if model == "planned":
-        plan = plan_scene(bench.scene)
-        tolerance = f"{plan.tolerance.value:.3g} {plan.tolerance.unit}"
-        dtypes = (str(plan.dtype).removeprefix("torch."),)
-        began = perf_counter()
-        # A new model: the plan's has the tables of its trials already.
-        anew = plan.scene.model(plan.model.fidelity, plan.dtype, terms=plan.model.terms)
-        surface = replace(plan, model=anew).build()
-    elif model == "boundary-element":
-        dtypes, devices = ("float64",), ("cpu",)
-        boxed, began = _boxed(bench.scene), perf_counter()
-        work = MeasuringJob(boxed, bench.scene, _MEASURED)
-        surface = FrictionSurface.measured(
-            work, tolerance, lambda share: on_progress("measure", share)
-        )
-    else:
-        began = perf_counter()
-        full = bench.scene.model(model, terms=_terms(bench.scene, model))
-        try:
-            surface = FrictionSurface.build(full, bench.scene.ranges(), tolerance)
-        except ToleranceError as error:  # keep the best that fits into the size
-            surface, tolerance = error.best, f"{tolerance}, not met"
-    build_s = perf_counter() - began
-    runs = [
-        Run(model, tolerance, *way, **bench.measure(surface, *way), build_s=build_s)
-        for way in product(dtypes, FORMS, devices)
-    ]
-    return {"points": bench.count, "runs": [asdict(run) for run in runs]}
+
+    scene: Scene
+    quick: bool
+    model: Literal["planned", "mean-field", "closed-form", "boundary-element"]
+    tolerance: str
+
+    def run(self, context: Context) -> Result:
+        """Build and measure it; times are costs, and no results."""
+        runs = [asdict(run) for run in self.runs()]
+        usual = next((run for run in runs if _WAY.items() <= run.items()), runs[0])
+        row, costs = ({name: usual[name] for name in names} for names in (_RESULTS, _TIMES))
+        for run in runs:
+            way = f"{run['dtype']} {run['form']} {run['device']}"
+            costs |= {f"{way} {name}": run.pop(name) for name in _TIMES}
+            del run["fronts"], run["take"]  # they are among all settings
+        document = {"points": self.bench().count, "runs": runs}
+        return Result(row, files={"runs.json": json_text(document)}, costs=costs)
+
+    def bench(self) -> _Bench:
+        """Return what measures surfaces of the scene."""
+        return _bench(self.scene.model_dump_json(), self.quick)
+
+    def runs(self, on_progress: Progress = lambda stage, share: None) -> list[Run]:
+        """Build the surface, and measure it in every way to ask it."""
+        model, tolerance, bench = self.model, self.tolerance, self.bench()
+        dtypes: tuple[str, ...] = ("float64", "float32")
+        devices: tuple[str, ...] = ("cpu", "cuda") if torch.cuda.is_available() else ("cpu",)
+        if model == "planned":
+            plan = plan_scene(bench.scene)
+            tolerance = f"{plan.tolerance.value:.3g} {plan.tolerance.unit}"
+            dtypes = (str(plan.dtype).removeprefix("torch."),)
+            began = perf_counter()
+            # A new model: the plan's has the tables of its trials already.
+            anew = plan.scene.model(plan.model.fidelity, plan.dtype, terms=plan.model.terms)
+            surface = replace(plan, model=anew).build()
+        elif model == "boundary-element":
+            dtypes, devices = ("float64",), ("cpu",)
+            boxed, began = _boxed(bench.scene), perf_counter()
+            work = MeasuringJob(boxed, bench.scene, _MEASURED)
+            told = partial(on_progress, "measure")
+            surface = FrictionSurface.measured(work, tolerance, told)
+        else:
+            began = perf_counter()
+            full = bench.scene.model(model, terms=_terms(bench.scene, model))
+            try:
+                surface = FrictionSurface.build(full, bench.scene.ranges(), tolerance)
+            except ToleranceError as error:  # keep the best that fits into the size
+                surface, tolerance = error.best, f"{tolerance}, not met"
+        build_s = perf_counter() - began
+        return [
+            Run(model, tolerance, *way, **bench.measure(surface, *way), build_s=build_s)
+            for way in product(dtypes, FORMS, devices)
+        ]
 
 
 def _boxed(scene: Scene) -> ContactModel:

@@ -5,14 +5,50 @@ import signal
 import time
 from pathlib import Path
 
-from haptix.campaign import Campaign, CampaignTask, Outcome
+from haptix.campaign import Campaign, CampaignTask
+from haptix.desk import Result, Task
+
+
+class Square(Task):
+    """The square of a number, which may do harm."""
+
+    number: int
+    seconds: float
+    file_bytes: int
+    deadly: bool = False
+    wrong: bool = False
+    greedy: bool = False
+    held: bool = False
+    waits_for: str = ""
+    dies_writing: str = ""
+
+    def run(self, context):
+        number = self.number
+        if self.deadly:
+            os.kill(os.getpid(), signal.SIGKILL)
+        if self.wrong:
+            raise ValueError(f"no square of {number}")
+        if self.greedy:
+            bytearray(4_000_000_000)
+        while self.held and not Path(self.waits_for).exists():
+            time.sleep(0.01)
+        end = time.monotonic() + self.seconds
+        while time.monotonic() < end:
+            time.sleep(0.001)
+        files: dict[str, object] = {}
+        if self.file_bytes:
+            data = bytes((number + i) % 251 for i in range(self.file_bytes))
+            files["numbers.bin"] = data
+            if self.waits_for:
+                gate = Path(self.waits_for)
+                files = {"numbers.bin": lambda path: write_and_wait(path, data, gate)}
+            if marker := self.dies_writing:
+                files = {"first.bin": data, "numbers.bin": lambda path: write(path, data, marker)}
+        return Result({"number": number, "square": number**2}, files=files, costs={"slept": 1.0})
 
 
 class Countable(Campaign):
     """Squares of numbers; some of them do harm."""
-
-    shown = ("square",)
-    maps = (("number", "square"),)
 
     numbers: int
     seconds: float = 0.0
@@ -29,43 +65,16 @@ class Countable(Campaign):
 
     def tasks(self):
         for number in range(self.numbers):
-            document: dict[str, object] = {
-                "number": number,
-                "seconds": self.seconds,
-                "file_bytes": self.file_bytes,
-            }
-            for harm in ("deadly", "wrong", "greedy", "held"):
-                if number in getattr(self, harm):
-                    document[harm] = True
-            if self.waits_for and (not self.held or number in self.held):
-                document["waits_for"] = self.waits_for
-            if self.dies_writing:
-                document["dies_writing"] = self.dies_writing
-            yield CampaignTask(self.kind, document, {"label": f"n{number}"})
-
-    @staticmethod
-    def run(document):
-        number = document["number"]
-        if document.get("deadly"):
-            os.kill(os.getpid(), signal.SIGKILL)
-        if document.get("wrong"):
-            raise ValueError(f"no square of {number}")
-        if document.get("greedy"):
-            bytearray(4_000_000_000)
-        while document.get("held") and not Path(document["waits_for"]).exists():
-            time.sleep(0.01)
-        end = time.monotonic() + document["seconds"]
-        while time.monotonic() < end:
-            time.sleep(0.001)
-        files: dict[str, object] = {}
-        if size := document["file_bytes"]:
-            data = bytes((number + i) % 251 for i in range(size))
-            files["numbers.bin"] = data
-            if gate := document.get("waits_for"):
-                files = {"numbers.bin": lambda path: write_and_wait(path, data, Path(gate))}
-            if marker := document.get("dies_writing"):
-                files = {"first.bin": data, "numbers.bin": lambda path: write(path, data, marker)}
-        return Outcome({"number": number, "square": number**2}, files, {"slept": 1.0})
+            harm = ("deadly", "wrong", "greedy", "held")
+            task = Square(
+                number=number,
+                seconds=self.seconds,
+                file_bytes=self.file_bytes,
+                waits_for=self.waits_for if not self.held or number in self.held else "",
+                dies_writing=self.dies_writing,
+                **{name: number in getattr(self, name) for name in harm},
+            )
+            yield CampaignTask(task, {"label": f"n{number}"})
 
 
 def write(path, data, marker):

@@ -6,16 +6,15 @@ import warnings
 import pytest
 from typer.testing import CliRunner
 
-from haptix.campaign import load_campaign, run_campaign
-from haptix.campaign.kinds import kind_named
+from haptix.campaign import CampaignTask, load_campaign, run_campaign
 from haptix.cli.application import app
+from haptix.desk import task_at
 from haptix.errors import InputError
 from haptix.fidelity import BoundaryElementBox
 from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.planning import plan_scene
 from haptix.population import Population
-from haptix.scene import Scene
 from haptix.screen import Screen
 from haptix.stimuli.recipe import Recipe
 from haptix.surface import FrictionSurface
@@ -58,8 +57,8 @@ def test_people_times_screens_have_their_names_and_keys(load):
     assert len({task.key for task in tasks}) == 2 * 4 * 3
     assert [task.key for task in plan.tasks()] == [task.key for task in tasks]
     first = tasks[0]
-    assert first.document["normal_force_n"] == [0.2, 1.0]
-    modulus = first.document["finger"]["youngs_modulus_pa"]
+    assert first.task.scene.normal_force_n == (0.2, 1.0)
+    modulus = first.task.scene.finger.youngs_modulus_pa
     assert modulus == pytest.approx(40e6 * first.labels["youngs_modulus_pa"])
     assert {task.labels["insulator_thickness_m"] for task in tasks} == {1e-6, 2e-6, 3e-6}
     # The name of the campaign is no part of a result.
@@ -76,7 +75,7 @@ def test_a_surface_is_that_of_its_scene(load, tmp_path):
     done = run_campaign(plan, tmp_path / "out")
     [row], [task] = done.rows, plan.tasks()
     file = tmp_path / "out" / "results" / row["key"][:2] / row["key"] / "friction.surface"
-    surface = plan_scene(Scene(**task.document)).build()
+    surface = plan_scene(task.task.scene).build()
     surface.save(tmp_path / "same.surface")
     assert file.read_bytes() == (tmp_path / "same.surface").read_bytes()
     assert FrictionSurface.load(file).info["mu_low"] == row["mu_low"] > 0
@@ -199,8 +198,10 @@ def test_a_document_survives_its_way_to_a_worker(load):
     ):
         plan = load(f'name = "a"\nkind = "{kind}"\n' + rest)
         task = next(plan.tasks())
-        assert json.loads(json.dumps(task.document)) == task.document
-        assert kind_named(kind).needed_bytes(task.document) > 0
+        document = json.loads(json.dumps(task.document))
+        there = CampaignTask(task_at(task.task.path())(**document))
+        assert (there.document, there.key) == (task.document, task.key)
+        assert there.task.needed_bytes > 0
 
 
 @pytest.mark.slow
@@ -208,7 +209,7 @@ def test_the_trade_off_is_that_of_the_command(load, tmp_path, monkeypatch):
     monkeypatch.setattr("haptix.tradeoff.runs.TABULATED", ("closed-form",))
     monkeypatch.setattr("haptix.tradeoff.runs.QUICK", (100, 1000, (0.5,)))
     plan = load('name = "a"\nkind = "trade-off"\nquick = true\nfingers = ["gel.toml"]\n' + SCENE)
-    [(scene, _)] = plan.scenes()
+    scene = next(plan.tasks()).task.scene
     done = run_campaign(plan, tmp_path / "out")
     assert done.counts["done"] == 2
     measured = run_tradeoff(scene, True).runs
