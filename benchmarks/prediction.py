@@ -4,8 +4,9 @@
     .venv/bin/python benchmarks/prediction.py --sweep     # the filters' parameters too; minutes
 
 Synthetic fingers (`made_up_fingers`) whose true place is known are reported by a touchscreen
-with noise and latency; a tracker is asked for its path in blocks of 1 ms, and the distance to the
-true place counts. "held" is the place of the last report: what there is without prediction.
+with noise and latency; the fingers of a live renderer are asked where they are each ms, and the
+distance to the true place counts. "held" is the place of the last report: what there is without
+prediction.
 """
 
 import argparse
@@ -22,15 +23,14 @@ from live_cost import play
 from made_up_fingers import FingerPath
 
 from haptix.render import LiveSettings
+from haptix.render.fingers import PredictedFingers
 from haptix.touch import (
     ConstantVelocityKalman,
     InteractingSinger,
     OneEuroFilter,
     PlaceFilter,
     SingerKalman,
-    Touches,
     TouchSettings,
-    TouchTracker,
 )
 from haptix.virtual_finger import TouchPanel
 
@@ -77,18 +77,20 @@ def errors_mm(
     truth = finger.place(starts)
     held = np.empty_like(truth)
     predicted = np.empty_like(truth)
-    touches = Touches(replace(settings, latency_s=setting.latency_s))
+    touch = replace(settings, latency_s=setting.latency_s)
+    fingers = PredictedFingers(LiveSettings(touch=touch))
     pushed = 0
     sliding = 0
     for i, start in enumerate(starts.tolist()):
         known = bisect_right(arrivals, start)
         while pushed < known:
-            touches.push(events[pushed])
+            fingers.take(events[pushed])
             pushed += 1
-        segment = touches[0].path(start, BLOCK_S / 48, 48)
-        predicted[i] = segment.x_mm, segment.y_mm
+        fingers.update(start)
+        [track] = fingers.tracks.values()
+        predicted[i] = track.place(start)[:2]
         held[i] = events[known - 1][2:4]
-        sliding += segment.is_sliding
+        sliding += fingers.touches[0].at(start).is_sliding
     return (
         np.hypot(*(held - truth).T), np.hypot(*(predicted - truth).T), sliding / len(starts),
     )  # fmt: skip
@@ -244,30 +246,22 @@ def sliding(seeds: Sequence[int]) -> None:
 
 
 def cost() -> None:
-    """Microseconds of processor time for an event and for a path, medians of batches."""
+    """Microseconds of processor time for an event, medians of batches."""
     events = FingerPath.make("scribble", 1).reports(2)[:-1]
     for name, place_filter in FILTERS.items():
-        event_us, path_us = [], []
+        event_us = []
         for _ in range(30):
-            touches = Touches(TouchSettings(filter=place_filter, latency_s=0.03))
-            touches.push(events[0])
+            touch = TouchSettings(filter=place_filter, latency_s=0.03)
+            fingers = PredictedFingers(LiveSettings(touch=touch))
+            fingers.take(events[0])
             gc.collect()
             gc.disable()
             began = time.thread_time()
             for event in events[1:]:
-                touches.push(event)
+                fingers.take(event)
             event_us.append((time.thread_time() - began) / (len(events) - 1) * 1e6)
-            path_us.append(_paths_us(touches[0], events[-1].t_s))
             gc.enable()
-        print(f"| {name} | {np.median(event_us):.1f} | {np.median(path_us):.1f} |")
-
-
-def _paths_us(tracker: TouchTracker, start_s: float, blocks: int = 70) -> float:
-    starts = [start_s + i * BLOCK_S for i in range(blocks)]
-    began = time.thread_time()
-    for start in starts:
-        tracker.path(start, BLOCK_S / 48, 48)
-    return (time.thread_time() - began) / blocks * 1e6
+        print(f"| {name} | {np.median(event_us):.1f} |")
 
 
 def main() -> None:
@@ -296,8 +290,8 @@ def main() -> None:
     print("\n| filter | reports | slides at rest | at 15 mm/s | at 100 mm/s | rms off at rest |")
     print("|---|---|---|---|---|---|")
     sliding(SEEDS[:4])
-    print("\n| filter | an event [us] | a path [us] |")
-    print("|---|---|---|")
+    print("\n| filter | an event [us] |")
+    print("|---|---|")
     cost()
 
 

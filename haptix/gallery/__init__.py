@@ -41,7 +41,7 @@ class Preset:
     width_mm, height_mm : float
         Size of the region that shows it well.
     reachable : float
-        Share of its places whose friction a screen can give, see `reachable_share`.
+        Share of the places of its `picture` whose friction a screen can give.
     document : dict
         The material's document.
     """

@@ -88,15 +88,6 @@ def picture(
     return np.asarray(material.evaluator.wanted(motion)).reshape(x.shape)
 
 
-def reachable_share(material: Material, width_mm: float, height_mm: float) -> float:
-    """Return the share of the places of a `picture` that ask for shares of 0 to 1, within 0.005.
-
-    That little is a tenth of a just-noticeable difference at most where the whole range has 20.
-    """
-    wanted = picture(material, width_mm, height_mm, 120, sweeps=True)
-    return float((np.abs(wanted - 0.5) <= 0.505).mean())
-
-
 def draw(material: Material) -> Figure:
     """Draw a material: a panel for each thing that it depends on.
 

@@ -224,7 +224,7 @@ class _PredictedTrack:
     """One finger from a time on, as the reports until then predict it; it never changes.
 
     What was played before then was of an older prediction: the difference in place and force decays
-    as in `TouchTracker.path`, and the gain goes on from where it was.
+    over `TouchSettings.blend_s`, and the gain goes on from where it was.
     """
 
     tracker: TouchTracker
@@ -326,11 +326,10 @@ class PredictedFingers:
             new = tracker.at(t0_s, now)
             x, y, force = old.place(t0_s)
             offset = (x - new.x_mm, y - new.y_mm, force - new.normal_force_n)
-            if old.now[0] + self._settings.touch.lost_after_s < t0_s:
-                offset = (0.0, 0.0, 0.0)  # it was lost: nothing was played
-            tracks[tracker] = _PredictedTrack(
-                tracker, now, is_down, t0_s, offset, self._gain(old, t0_s)
-            )
+            gain = self._gain(old, t0_s)
+            if not gain and old.now[0] + self._settings.touch.lost_after_s < t0_s:
+                offset = (0.0, 0.0, 0.0)  # it was lost, and its drive had faded out
+            tracks[tracker] = _PredictedTrack(tracker, now, is_down, t0_s, offset, gain)
 
         if tracks != before:
             self._rows = ffi.new("hx_track[]", [track.row for track in tracks.values()])

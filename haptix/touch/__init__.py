@@ -9,7 +9,7 @@ from haptix.touch.filters import (
     SingerKalman,
 )
 from haptix.touch.force import AreaProxy, ForceEstimate, ForceModel
-from haptix.touch.touches import PathSegment, Touches, TouchSettings, TouchState, TouchTracker
+from haptix.touch.touches import Touches, TouchSettings, TouchState, TouchTracker
 from haptix.touch.touchscreen import (
     AxisRange,
     ScreenAxes,
@@ -27,7 +27,6 @@ __all__ = [
     "ForceModel",
     "InteractingSinger",
     "OneEuroFilter",
-    "PathSegment",
     "PlaceFilter",
     "ScreenAxes",
     "SingerKalman",

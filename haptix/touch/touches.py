@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections import deque
 from dataclasses import dataclass, field
-from math import exp, hypot, nan
+from math import hypot, nan
 from typing import Any, NamedTuple
 
 from haptix import checks
@@ -28,8 +28,6 @@ _LOG = logging.getLogger("haptix.touch")
 _KEPT = 64
 # Reports closer than this count as simultaneous: their speed would be noise over nothing.
 _SIMULTANEOUS_S = 1e-5
-# Blocks that follow each other to this count as adjacent: a sample's time is rounded.
-_NO_GAP_S = 1e-6
 # After this many late events in a row, each after the one before, the clock has jumped.
 _LATE_IN_A_ROW = 3
 # Ended touches that are remembered, so that their late events do not start them again.
@@ -121,32 +119,6 @@ class TouchState(NamedTuple):
     is_down: bool
 
 
-class PathSegment(NamedTuple):
-    """A straight piece of the finger's path, at constant speed from `t0_s` to `t1_s`.
-
-    At time t the finger is at ``x_mm + x_slope_mm_s * (t - t0_s)``, likewise y and force.
-    """
-
-    t0_s: float
-    t1_s: float
-    x_mm: float
-    y_mm: float
-    x_slope_mm_s: float
-    y_slope_mm_s: float
-    normal_force_n: float
-    force_slope_n_s: float
-    speed_mm_s: float
-    """Estimated speed of the finger; the slopes contain the blending of corrections too."""
-    is_sliding: bool
-    is_lost: bool
-    is_down: bool
-    vx_mm_s: float
-    """Estimated velocity, as `speed_mm_s`; 0 once the touch is lost."""
-    vy_mm_s: float
-    force_known: bool
-    """Whether the force was measured, or comes from the area; otherwise it is assumed."""
-
-
 class _Entry(NamedTuple):
     """A report that was used, and the state after it."""
 
@@ -162,22 +134,10 @@ class _Entry(NamedTuple):
     """Time of the last report whose averaged velocity was that of a sliding finger."""
 
 
-class _End(NamedTuple):
-    """End of the last segment, and the prediction for that time that it used."""
-
-    t_s: float
-    x_mm: float
-    y_mm: float
-    normal_force_n: float
-    expected_x: float
-    expected_y: float
-    now: _Now
-
-
 class TouchTracker:
     """Follows one touch from down to up.
 
-    One thread may push reports while another reads paths: the second reads one tuple that the first
+    One thread may push reports while another asks: the second reads one tuple that the first
     replaces.
 
     Parameters
@@ -214,10 +174,6 @@ class TouchTracker:
         self._force = settings.force.assumed
         self._late_t_s = -1e300
         self._late = 0
-        # Of the renderer's thread alone: end of the last segment, and the decay over its length.
-        self._end: _End | None = None
-        self._decay_length_s = -1.0
-        self._decay = 0.0
         self._restart(t_s, x_mm, y_mm)
         if normal_force_n is not None or contact_area_m2 is not None:
             self._take_force(normal_force_n, contact_area_m2)
@@ -298,75 +254,6 @@ class TouchTracker:
     def course(self, now: Any) -> Course:
         """Return how the finger went on as was known then."""
         return self._filter.course(now[1])
-
-    def path(self, t0_s: float, dt_s: float, count: int) -> PathSegment:
-        """Return the path over a block of samples, as one straight piece.
-
-        It begins where the one before ended. A new report changes the prediction by an offset e
-        from that end. The offset decays as ``e exp(-t / blend_s)``, so the path is continuous and
-        reaches the prediction within a few ms. It decays over a gap between blocks too. A block
-        that begins before the last one ended starts on the prediction.
-
-        Parameters
-        ----------
-        t0_s : float
-            Time of the first sample [s].
-        dt_s : float
-            Interval of samples [s].
-        count : int
-            Samples, 1 or more. Pieces are straight, so blocks should be of 8 ms at most.
-
-        Returns
-        -------
-        PathSegment
-            From `t0_s` to ``t0_s + count * dt_s``.
-        """
-        now = self._now
-        t, filtered, estimate, slides = now
-        length = dt_s * count
-        t1 = t0_s + length
-        age = t1 - t
-        lost = age > self.settings.lost_after_s
-        expected_x, expected_y, vx, vy = self._filter.ahead(filtered, self._ahead_s(age))
-        force = estimate.normal_force_n
-        end = self._end
-        if end is None or t0_s < end.t_s - _NO_GAP_S:
-            x0, y0, _, _ = self._filter.ahead(filtered, self._ahead_s(t0_s - t))
-            x1, y1, force0, force1 = expected_x, expected_y, force, force
-        else:
-            if end.now is not now or t0_s > end.t_s + _NO_GAP_S:
-                end = self._up_to(t0_s, end, now)
-            if length != self._decay_length_s:
-                self._decay_length_s = length
-                self._decay = exp(-length / self.settings.blend_s)
-            decay = self._decay
-            _, x0, y0, force0, x_then, y_then, _ = end
-            x1 = expected_x + decay * (x0 - x_then)
-            y1 = expected_y + decay * (y0 - y_then)
-            force1 = force + decay * (force0 - force)
-        self._end = _End(t1, x1, y1, force1, expected_x, expected_y, now)
-        down = self.is_down
-        return PathSegment(
-            t0_s, t1, x0, y0, (x1 - x0) / length, (y1 - y0) / length,
-            force0, (force1 - force0) / length,
-            0.0 if lost else hypot(vx, vy), slides and down and not lost, lost, down,
-            0.0 if lost else vx, 0.0 if lost else vy, estimate.source != "assumed",
-        )  # fmt: skip
-
-    def _up_to(self, t0_s: float, end: _End, now: _Now) -> _End:
-        """Extend the end of the last segment over a gap, with the present prediction."""
-        t, filtered, estimate, _ = now
-        ahead = self._filter.ahead
-        x, y, _, _ = ahead(filtered, self._ahead_s(end.t_s - t))
-        if t0_s - end.t_s <= _NO_GAP_S:
-            return end._replace(expected_x=x, expected_y=y)
-        decay = exp((end.t_s - t0_s) / self.settings.blend_s)
-        x0, y0, _, _ = ahead(filtered, self._ahead_s(t0_s - t))
-        force = estimate.normal_force_n
-        return _End(
-            t0_s, x0 + decay * (end.x_mm - x), y0 + decay * (end.y_mm - y),
-            force + decay * (end.normal_force_n - force), x0, y0, now,
-        )  # fmt: skip
 
     def _ahead_s(self, age_s: float) -> float:
         """Prediction time from the last report, limited to `lost_after_s` either way."""

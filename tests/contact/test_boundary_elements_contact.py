@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 
 from haptix.contact import HalfSpace, Layered, RoughnessSpectrum
 from haptix.contact.boundary_elements import BoundaryElements, Surfaces
-from haptix.contact.closed_forms import (
+from haptix.contact.elasticity import ElasticSolid
+from tests.contact.closed_forms import (
     HertzSphere,
     WavySurface,
     crossed_waves_full_contact_pressure,
 )
-from haptix.contact.elasticity import ElasticSolid
 
 UNIT = HalfSpace(1.0, 0.0)  # E* = 1
 WAVE = 2 * pi

@@ -6,12 +6,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from haptix.contact.closed_forms import (
+from haptix.errors import InputError
+from tests.contact.closed_forms import (
     HertzSphere,
     WavySurface,
     crossed_waves_full_contact_pressure,
 )
-from haptix.errors import InputError
 
 lengths = st.floats(-9, 0).map(lambda e: 10**e)
 moduli = st.floats(3, 12).map(lambda e: 10**e)

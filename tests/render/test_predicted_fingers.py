@@ -82,3 +82,71 @@ def test_fingers_are_where_their_trackers_predict_them(place_filter, data):
         each = np.repeat([getattr(one, name) for one in middles], points)
         np.testing.assert_allclose(mine, each, rtol=1e-12, atol=1e-12)
     assert len(motion.history) == len(found.touch_ids) == len(lines)
+
+
+def played(fingers, t_s):
+    """Place and force of the one finger that is played at a time; None without one."""
+    motion = fingers.motion(t_s - STEP_S, STEP_S, 1, 0.0, at_rest=True).motion
+    if not motion.fingers:
+        return None
+    return [motion.x_mm.item(), motion.y_mm.item(), motion.normal_force_n.item()]
+
+
+@pytest.mark.parametrize("place_filter", FILTERS, ids=lambda one: type(one).__name__)
+@settings(deadline=None, max_examples=50)
+@given(
+    st.lists(
+        st.tuples(st.floats(-0.05, 0.2), st.floats(-1e4, 1e4), st.floats(-1e4, 1e4)),
+        min_size=1,
+        max_size=30,
+    ),
+    st.floats(5e-4, 8e-3),
+)
+def test_what_is_played_never_jumps_at_a_report_and_stays_finite(place_filter, steps, length_s):
+    # Events at any times, backwards too; each counts from the end of what was played.
+    touch = TouchSettings(filter=place_filter, latency_s=0.03)
+    fingers, t_s, now_s = PredictedFingers(LiveSettings(touch=touch, strict=False)), 0.0, 0.0
+    fingers.take(TouchEvent(0.0, 0, 0.0, 0.0, "down"))
+    fingers.update(0.0)
+    for dt, x, y in steps:
+        t_s += dt
+        now_s += length_s
+        before = played(fingers, now_s)
+        fingers.take(TouchEvent(t_s, 0, x, y, "move", 0.7))
+        fingers.update(now_s)
+        [track] = fingers.tracks.values()
+        after = track.place(now_s)
+        assert np.isfinite(after).all()
+        if before is not None:
+            # The offset is a difference of rounded places.
+            assert after == pytest.approx(before, rel=1e-9, abs=1e-7)
+
+
+def test_a_correction_is_taken_up_exponentially():
+    # A finger believed at rest; then a report says 1 mm to the right and 0.9 N, with a filter that
+    # believes reports entirely and no velocity.
+    touch = TouchSettings(filter=OneEuroFilter(1e6, 0.0, 1e-9), blend_s=0.004)
+    fingers = PredictedFingers(LiveSettings(touch=touch))
+    fingers.take(TouchEvent(0.0, 0, 0.0, 0.0, "down"))
+    fingers.update(0.0)
+    fingers.take(TouchEvent(0.001, 0, 1.0, 0.0, "move", 0.9))
+    fingers.update(0.001)
+    motion = fingers.motion(0.001, STEP_S, 240, 0.0, at_rest=True).motion
+    left = np.exp(-STEP_S * np.arange(1, 241) / 0.004)
+    # The filter itself is 1e-4 short of the report.
+    np.testing.assert_allclose(motion.x_mm, 1 - left, atol=1e-3)
+    np.testing.assert_allclose(motion.normal_force_n, 0.9 - 0.4 * left, rtol=1e-9)
+
+
+def test_a_lost_finger_that_is_back_while_its_drive_fades_does_not_jump():
+    options = LiveSettings()
+    fingers = PredictedFingers(options)
+    for i in range(30):
+        fingers.take(TouchEvent(0.01 * i, 0, 1.0 * i, 0.0, "move"))
+        fingers.update(0.01 * i)
+    back_s = 0.29 + options.touch.lost_after_s + options.sliding.fade_s / 2
+    before = played(fingers, back_s)
+    fingers.take(TouchEvent(back_s, 0, 50.0, 0.0, "move"))
+    fingers.update(back_s)
+    [track] = fingers.tracks.values()
+    assert track.place(back_s) == pytest.approx(before, rel=1e-9)

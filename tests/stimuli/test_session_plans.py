@@ -33,7 +33,6 @@ from haptix.stimuli.adaptive import (
     UpDown,
 )
 from haptix.stimuli.adaptive.session import (
-    constrained_order,
     detection,
     latin_square,
     order_for,
@@ -248,21 +247,6 @@ def test_squares_are_balanced(count):
     orders = [order_for(list(range(count)), 1 + k) for k in range(rows)]
     assert orders == williams_square(count)
     assert order_for(list(range(count)), 1 + rows) == orders[0]
-
-
-@given(
-    items=st.integers(2, 6), repeats=st.integers(1, 6), most=st.integers(1, 3), seed=st.integers(0)
-)
-@settings(max_examples=40, deadline=None)
-def test_constrained_orders_keep_their_constraint(items, repeats, most, seed):
-    order = constrained_order(range(items), repeats, seed, most)
-    assert Counter(order) == dict.fromkeys(range(items), repeats)
-    assert all(len(set(order[k : k + most + 1])) > 1 for k in range(len(order) - most))
-
-
-def test_an_impossible_order_is_refused():
-    with pytest.raises(InputError, match="found none"):
-        constrained_order(["alone"], 3, most_in_a_row=2)
 
 
 RECIPE = {

@@ -1,4 +1,4 @@
-"""A tracker: order, gaps, clocks, floods, prediction, and the continuous path."""
+"""A tracker: order, gaps, clocks, floods and prediction."""
 
 import itertools
 import math
@@ -19,7 +19,6 @@ from haptix.touch import (
 )
 
 FILTERS = (ConstantVelocityKalman(), OneEuroFilter(), SingerKalman())
-BLOCK = (0.001 / 48, 48)
 
 
 def follow(reports, settings=None):
@@ -57,11 +56,6 @@ def test_a_touch_without_reports_is_held_as_lost():
         assert held.is_lost and not held.is_sliding and held.is_down
         assert held.speed_mm_s == held.vx_mm_s == held.vy_mm_s == 0
         np.testing.assert_allclose(held[1:3], before[1:3], atol=1e-3)  # 80 mm/s for some 1e-7 s
-    # Also along a path, which does not jump there.
-    segments = [tracker.path(0.59 + 0.001 * i, *BLOCK) for i in range(100)]
-    assert segments[-1].is_lost and segments[-1].speed_mm_s == 0
-    assert segments[-1].x_slope_mm_s == pytest.approx(0, abs=1e-6)
-    assert max(abs(s.x_slope_mm_s) for s in segments) < 81
 
 
 def test_a_lost_touch_is_taken_up_anew():
@@ -161,105 +155,6 @@ def test_a_flood_is_coalesced():
     assert state.is_sliding
 
 
-@pytest.mark.parametrize("place_filter", FILTERS, ids=lambda f: type(f).__name__)
-@settings(deadline=None, max_examples=50)
-@given(
-    steps=st.lists(
-        st.tuples(st.floats(-0.05, 0.2), st.floats(-1e4, 1e4), st.floats(-1e4, 1e4)),
-        min_size=1,
-        max_size=30,
-    ),
-    length=st.floats(5e-4, 8e-3),
-)
-def test_a_path_never_jumps_and_stays_finite(place_filter, steps, length):
-    # Events at any times, backwards too; blocks follow each other on the renderer's clock.
-    tracker = TouchTracker(TouchSettings(filter=place_filter, latency_s=0.03), 0.0, 0.0, 0.0)
-    t = 0.0
-    start = 0.0
-    end = None
-    for dt, x, y in steps:
-        t += dt
-        tracker.push(t, x, y)
-        for _ in range(3):
-            piece = tracker.path(start, length / 10, 10)
-            assert np.isfinite(piece[:9]).all()
-            if end is not None:
-                # The end is a product of rounded factors; the next piece starts at the sum itself.
-                found = (piece.x_mm, piece.y_mm, piece.normal_force_n)
-                assert found == pytest.approx(end, rel=1e-9, abs=1e-7)
-            start = piece.t1_s
-            span = piece.t1_s - piece.t0_s
-            end = (
-                piece.x_mm + piece.x_slope_mm_s * span,
-                piece.y_mm + piece.y_slope_mm_s * span,
-                piece.normal_force_n + piece.force_slope_n_s * span,
-            )
-        assert np.isfinite(tracker.at(start)[:9]).all()
-
-
-def test_a_correction_is_taken_up_exponentially():
-    # A finger believed at rest; then reports say 1 mm to the right, with a filter that believes
-    # reports entirely and no velocity.
-    still = OneEuroFilter(1e6, 0.0, 1e-9)
-    tracker = TouchTracker(TouchSettings(filter=still, blend_s=0.004), 0.0, 0.0, 0.0)
-    tracker.path(0.0, *BLOCK)
-    tracker.push(0.001, 1.0, 0.0)
-    ends = []
-    for i in range(1, 21):
-        piece = tracker.path(0.001 * i, *BLOCK)
-        ends.append(piece.x_mm + piece.x_slope_mm_s * 0.001)
-    # e exp(-t / 4 ms), whatever the blocks; the filter itself is 1e-4 short of the report.
-    wanted = 1 - np.exp(-np.arange(1, 21) / 4)
-    np.testing.assert_allclose(ends, wanted, atol=1e-3)
-
-
-@pytest.mark.parametrize("samples", [24, 48, 96, 192])
-def test_blending_does_not_depend_on_the_block_length(samples):
-    tracker = follow(line())
-    start = 0.59
-    tracker.path(start - 0.008, 0.008 / 48, 48)
-    tracker.push(0.60, 30.0, 30.0)
-    t = start
-    for _ in range(192 // samples):
-        piece = tracker.path(t, BLOCK[0], samples)
-        t += samples * BLOCK[0]
-        place = piece.x_mm + piece.x_slope_mm_s * (piece.t1_s - piece.t0_s)
-    one = follow(line())
-    one.path(start - 0.008, 0.008 / 48, 48)
-    one.push(0.60, 30.0, 30.0)
-    whole = one.path(start, 0.004 / 48, 48)
-    assert place == pytest.approx(whole.x_mm + whole.x_slope_mm_s * 0.004, rel=1e-9)
-
-
-def test_over_a_gap_between_blocks_the_correction_goes_on():
-    def two():
-        tracker = follow(line())
-        tracker.path(0.59, *BLOCK)
-        tracker.push(0.60, 30.0, 30.0, 0.9)
-        return tracker
-
-    with_gap, without = two(), two()
-    for i in range(1, 6):
-        without.path(0.59 + 0.001 * i, *BLOCK)
-    wanted = without.path(0.596, *BLOCK)
-    np.testing.assert_allclose(with_gap.path(0.596, *BLOCK)[:8], wanted[:8], rtol=1e-9)
-
-
-def test_a_path_from_earlier_begins_anew_on_the_prediction():
-    tracker = follow(line())
-    tracker.path(0.7, *BLOCK)
-    assert tracker.path(0.59, *BLOCK).x_mm == pytest.approx(tracker.at(0.59).x_mm, rel=1e-12)
-
-
-def test_path_and_at_agree_where_nothing_is_corrected():
-    tracker = follow(line(), TouchSettings(latency_s=0.03))
-    for i in range(20):
-        t = 0.59 + 0.001 * i
-        piece, state = tracker.path(t, *BLOCK), tracker.at(t)
-        # A block's chord, against the curve of Singer's prediction at its ends: exact.
-        np.testing.assert_allclose(piece[2:4], state[1:3], rtol=1e-9)
-
-
 def test_sliding_has_hysteresis():
     # Speed rises slowly from 0 to 20 mm/s and falls again.
     speeds = np.concatenate([np.arange(0, 20, 0.05), np.arange(20, 0, -0.05)])
@@ -293,28 +188,21 @@ def test_a_noisy_resting_finger_does_not_slide_and_a_slow_one_does(place_filter,
         assert seen == {wanted}
 
 
-def test_a_lifted_touch_does_not_slide_and_its_path_goes_on():
+def test_a_lifted_touch_does_not_slide():
     tracker = follow(line())
-    before = tracker.path(0.59, *BLOCK)
+    before = tracker.at(0.59)
     tracker.lift()
-    piece = tracker.path(0.591, *BLOCK)
-    assert before.is_sliding and before.is_down
-    assert not piece.is_sliding and not piece.is_down
     state = tracker.at(0.591)
+    assert before.is_sliding and before.is_down
     assert not state.is_sliding and not state.is_down
-    assert piece.x_slope_mm_s == pytest.approx(80, rel=1e-2)
+    assert state.vx_mm_s == pytest.approx(80, rel=1e-2)  # where it goes is still predicted
 
 
-def test_force_is_blended_and_kept():
-    tracker = TouchTracker(TouchSettings(blend_s=0.004), 0.0, 0.0, 0.0)
+def test_force_is_kept():
+    tracker = TouchTracker(TouchSettings(), 0.0, 0.0, 0.0)
     state = tracker.at(0.0)
     assert (state.normal_force_n, state.force_sigma_n, state.force_source) == (0.5, 0.25, "assumed")
-    tracker.path(0.0, *BLOCK)
     tracker.push(0.001, 0.0, 0.0, 0.9)
-    pieces = [tracker.path(0.001 * i, *BLOCK) for i in range(1, 9)]
-    assert pieces[0].normal_force_n == 0.5
-    ends = [p.normal_force_n + p.force_slope_n_s * 0.001 for p in pieces]
-    np.testing.assert_allclose(ends, 0.9 - 0.4 * np.exp(-np.arange(1, 9) / 4), rtol=1e-9)
     # A report that says nothing of force leaves it; one that came late does not bring an old one.
     tracker.push(0.010, 0.0, 0.0)
     tracker.push(0.005, 0.0, 0.0, 0.1)

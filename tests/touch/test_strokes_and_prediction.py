@@ -110,7 +110,6 @@ def test_prediction_is_three_times_better_than_the_last_report(kind):
             for event in events[pushed:known]:
                 touches.push(event)
             pushed = known
-            piece = touches[0].path(start, 2e-3 / 96, 96)
-            predicted.append(math.dist(piece[2:4], truth))
+            predicted.append(math.dist(touches[0].at(start)[1:3], truth))
             held.append(math.dist(events[known - 1][2:4], truth))
     assert np.percentile(held, 95) >= 3 * np.percentile(predicted, 95)

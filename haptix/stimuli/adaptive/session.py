@@ -78,8 +78,6 @@ Item = TypeVar("Item", bound=Hashable)
 
 BlockOrder = Literal["as-listed", "random", "latin-square", "williams"]
 
-_MOST_DRAWS = 1000
-
 
 def latin_square(count: int) -> list[list[int]]:
     """Cyclic Latin square: each row and each column has every number once."""
@@ -127,53 +125,6 @@ def seed_of(seed: int, participant: str, session: str) -> int:
     """Return the seed of one session, so that no two have trials in the same order."""
     text = f"{seed}/{participant}/{session}"
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:4], "big")
-
-
-def constrained_order(
-    items: Sequence[Item],
-    repeats: int,
-    seed: int = 0,
-    most_in_a_row: int = 1,
-) -> list[Item]:
-    """Return a random order with each item `repeats` times, none more than some times in a row.
-
-    Parameters
-    ----------
-    items : sequence
-        Different items.
-    repeats : int
-        How often each comes.
-    seed : int
-        Seed of the order.
-    most_in_a_row : int
-        Longest run of one item.
-
-    Raises
-    ------
-    InputError
-        If there is no such order, or none was found.
-    """
-    whole("repeats", repeats, 1)
-    whole("most_in_a_row", most_in_a_row, 1)
-    draw = np.random.default_rng(seed)
-    for _ in range(_MOST_DRAWS):
-        left = dict.fromkeys(items, repeats)
-        order: list[Item] = []
-        while True:
-            last = order[-most_in_a_row:]
-            is_full = len(last) == most_in_a_row and len(set(last)) == 1
-            open_ones = [one for one, n in left.items() if n and not (is_full and one == last[0])]
-            if not open_ones:
-                break
-            weights = np.array([left[one] for one in open_ones], float)
-            order.append(open_ones[int(draw.choice(len(open_ones), p=weights / weights.sum()))])
-            left[order[-1]] -= 1
-        if len(order) == repeats * len(items):
-            return order
-    raise InputError(
-        f"order: found none of {len(items)} items, {repeats} times each, with at most "
-        f"{most_in_a_row} in a row; allow longer runs"
-    )
 
 
 Share = Annotated[float, Field(ge=0, le=1)]
