@@ -118,7 +118,7 @@ def read_selector(scheme: str, selector: str, keys: Mapping[str, Read]) -> dict[
         key, _, text = (part.strip() for part in pair.partition("="))
         if key not in keys or key in values:
             raise DeviceError(
-                f"{scheme}: takes key=value pairs, each key once, but {pair!r} came; "
+                f"{scheme}: takes key=value pairs, each key once, but {key!r} came; "
                 f"the keys are {known}."
             )
         read = keys[key]

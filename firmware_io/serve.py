@@ -12,15 +12,18 @@ import signal
 import socket
 import sys
 import threading
+import time
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
 from firmware_io.errors import DeviceError, HaptixError
 from firmware_io.links.mock import MockDriver
+from firmware_io.links.tcp import ANSWER_BYTES, TOKEN_VARIABLE, answer_to, challenge, read_token
 from firmware_io.real_time import raise_priority
 
 DEFAULT_PORT = 7420
@@ -29,8 +32,16 @@ _READ_BYTES = 65536
 _SEND_S = 1.0
 #: Reads between two looks at who else wants in.
 _MOST_TURNS = 64
-#: A host that is silent for longer is shown out. It waits for nobody's typing.
-_TOKEN_S = 0.2
+#: A host that does not answer the challenge for longer is shown out; and so many may be about to.
+_ANSWER_S, _MOST_NEWCOMERS = 2.0, 16
+
+
+class _Newcomer(NamedTuple):
+    """A host that has not answered the challenge yet."""
+
+    challenge: bytes
+    until_s: float
+    said: bytearray
 
 
 class DriverServer:
@@ -48,7 +59,7 @@ class DriverServer:
     port : int
         Port; 0 for any free one.
     token : str
-        What a host sends as its first line; without, every host of this machine is let in.
+        What a host must know to answer the challenge; without, every host of this machine may.
 
     Raises
     ------
@@ -64,10 +75,11 @@ class DriverServer:
         if not token and not _is_this_machine(host):
             raise DeviceError(
                 f"Other machines reach {host}, so hosts must show that they may drive the screen: "
-                "give a --token, or listen on 127.0.0.1."
+                f"give a --token-file or {TOKEN_VARIABLE}, or listen on 127.0.0.1."
             )
         self.driver = driver
-        self._token = token.encode() + b"\n" if token else b""
+        self._token = token
+        self._newcomers: dict[socket.socket, _Newcomer] = {}
         self._listener = socket.create_server((host, port))
         self._end = threading.Event()
         self._thread = threading.Thread(target=self.serve, name="firmware_io server", daemon=True)
@@ -88,7 +100,7 @@ class DriverServer:
         client: socket.socket | None = None
         try:
             while not self._end.is_set():
-                wanted = [self._listener] if client is None else [self._listener, client]
+                wanted = [self._listener, *self._newcomers, *([] if client is None else [client])]
                 readable = select.select(wanted, [], [], _TURN_S)[0]
                 # The old host first: it may have left, and is the one who comes again.
                 for _ in range(_MOST_TURNS):
@@ -101,15 +113,14 @@ class DriverServer:
                         self.driver.release()
                     elif not has_sent:
                         break
+                if client is None:
+                    client = self._answered(readable)
                 if self._listener in readable:
-                    newcomer = self._listener.accept()[0]
-                    newcomer.settimeout(_SEND_S)
-                    if client is None and self._lets_in(newcomer):
-                        client = newcomer
-                        client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                    else:
-                        newcomer.close()
+                    self._meet(self._listener.accept()[0])
+                if client is not None:
+                    self._show_out(self._newcomers)
         finally:
+            self._show_out(self._newcomers)
             if client is not None:
                 client.close()
             self.driver.release()
@@ -133,20 +144,40 @@ class DriverServer:
     ) -> None:
         self.stop()
 
-    def _lets_in(self, newcomer: socket.socket) -> bool:
-        """Whether a host sends the token, at once and before anything else."""
-        shown = b""
-        try:
-            newcomer.settimeout(_TOKEN_S)
-            while len(shown) < len(self._token):
-                piece = newcomer.recv(len(self._token) - len(shown))
-                if not piece:
-                    return False
-                shown += piece
-            newcomer.settimeout(_SEND_S)
-        except OSError:
-            return False
-        return hmac.compare_digest(shown, self._token)
+    def _meet(self, newcomer: socket.socket) -> None:
+        """Send a challenge; who came first of too many goes."""
+        newcomer.settimeout(_SEND_S)
+        newcomer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._newcomers[newcomer] = _Newcomer(
+            challenge(), time.monotonic() + _ANSWER_S, bytearray()
+        )
+        self._show_out([*self._newcomers][:-_MOST_NEWCOMERS])
+        with suppress(OSError):
+            newcomer.send(self._newcomers[newcomer].challenge)
+
+    def _answered(self, readable: Iterable[socket.socket]) -> socket.socket | None:
+        """Return the first host that has answered its challenge."""
+        late = [one for one, its in self._newcomers.items() if its.until_s < time.monotonic()]
+        self._show_out(late)
+        for host in [host for host in self._newcomers if host in readable]:
+            expected, _, said = self._newcomers[host]
+            piece = b""
+            with suppress(OSError):
+                piece = host.recv(ANSWER_BYTES - len(said))
+            said += piece
+            if len(said) == ANSWER_BYTES and hmac.compare_digest(
+                bytes(said), answer_to(expected, self._token)
+            ):
+                del self._newcomers[host]
+                return host
+            if not piece or len(said) == ANSWER_BYTES:
+                self._show_out([host])
+        return None
+
+    def _show_out(self, hosts: Iterable[socket.socket]) -> None:
+        for host in [*hosts]:
+            del self._newcomers[host]
+            host.close()
 
     def _exchange(self, client: socket.socket, has_sent: bool) -> bool:
         """Carry bytes both ways; return whether the host is still connected."""
@@ -180,10 +211,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--host", default="127.0.0.1", help="where to listen")
     parser.add_argument("--port", type=int, default=DEFAULT_PORT, help="0 for any free one")
     parser.add_argument(
-        "--token",
-        default="",
-        help="what hosts must send: tcp:HOST:PORT,token=...; needed with"
-        " a --host that other machines reach",
+        "--token-file",
+        help=f"holds what hosts must know: tcp:HOST:PORT,token_file=..., or {TOKEN_VARIABLE} here "
+        "and there; needed with a --host that other machines reach",
     )
     parser.add_argument("--sample-rate-hz", type=float, default=48e3)
     parser.add_argument("--full-scale-v", type=float, default=250.0)
@@ -203,7 +233,8 @@ def main(arguments: list[str] | None = None) -> int:
             # It may be served for days, and no host can ask for its record.
             kept_s=1.0 if options.record is None else math.inf,
         )
-        server = DriverServer(driver, options.host, options.port, options.token)
+        token = read_token(options.token_file)
+        server = DriverServer(driver, options.host, options.port, token)
     except (HaptixError, OSError, OverflowError) as error:
         sys.stderr.write(f"{error}\n")
         return 1
@@ -216,7 +247,11 @@ def main(arguments: list[str] | None = None) -> int:
     with suppress(KeyboardInterrupt):
         server.serve()
     if options.record is not None:
-        np.save(options.record, driver.output_v)
+        try:
+            np.save(options.record, driver.output_v)
+        except OSError as error:
+            sys.stderr.write(f"cannot write {options.record}: {error.strerror or error}\n")
+            return 1
     return 0
 
 

@@ -1,10 +1,20 @@
-"""TCP: a mock driver in another process (`python -m firmware_io.serve`)."""
+"""TCP: a mock driver in another process (`python -m firmware_io.serve`).
+
+Before the first frame the server sends a challenge, a line with a random number, and the host
+answers with a line: the HMAC-SHA256 of the challenge under the server's token (empty without one).
+A web page can make a browser send any bytes to a port of this machine, but it cannot read the
+challenge; and a token never crosses the wire.
+"""
 
 from __future__ import annotations
 
+import hmac
+import os
+import secrets
 import select
 import socket
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 from firmware_io.errors import (
@@ -19,6 +29,33 @@ from firmware_io.scheme import Scheme
 _CONNECT_S = 2.0
 _SEND_S = 1.0
 _READ_BYTES = 65536
+TOKEN_VARIABLE = "HAPTIX_DRIVER_TOKEN"
+_GREETING = b"haptix driver 1 "
+_GREETING_BYTES = len(_GREETING) + 32 + 1
+ANSWER_BYTES = 64 + 1
+
+
+def challenge() -> bytes:
+    """Return a new challenge."""
+    return _GREETING + secrets.token_hex(16).encode() + b"\n"
+
+
+def answer_to(challenge: bytes, token: str) -> bytes:
+    """Return the answer of who knows the token."""
+    return hmac.digest(token.encode(), challenge, "sha256").hex().encode() + b"\n"
+
+
+def read_token(file: str | Path | None) -> str:
+    """Return the token that a file holds, or ``$HAPTIX_DRIVER_TOKEN``; empty without either.
+
+    A command or an address with the token itself would show it to all, in the list of processes.
+    """
+    if file is None:
+        return os.environ.get(TOKEN_VARIABLE, "")
+    try:
+        return Path(file).expanduser().read_text(encoding="utf-8").strip()
+    except (OSError, ValueError) as error:
+        raise DeviceError(f"cannot read the token's file {file}: {error}") from None
 
 
 class TcpLink(Link):
@@ -30,18 +67,21 @@ class TcpLink(Link):
         Host name or IP address.
     port : int
         Port of the server.
-    token : str
-        The server's, if it has one; sent as the first line.
+    token_file : path-like, optional
+        Holds the server's token, if it has one; by default that is ``$HAPTIX_DRIVER_TOKEN``.
 
     Raises
     ------
     DeviceNotFoundError
         If no server listens there.
+    DeviceError
+        If it is no server of a driver, or the file cannot be read.
     """
 
-    def __init__(self, host: str, port: int, token: str = "") -> None:
+    def __init__(self, host: str, port: int, token_file: str | Path | None = None) -> None:
         self.name = f"tcp:{host}:{port}"
         self._has_received = False
+        token = read_token(token_file)
         self._socket: socket.socket | None = None
         try:
             self._socket = socket.create_connection((host, port), _CONNECT_S)
@@ -52,8 +92,11 @@ class TcpLink(Link):
             ) from error
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._socket.settimeout(_SEND_S)
-        if token:
-            self.send(token.encode() + b"\n")
+        try:
+            self.send(answer_to(self._challenge(), token))
+        except DeviceError:
+            self.close()
+            raise
 
     def send(self, data: bytes) -> None:
         """Send bytes; see `Link.send`."""
@@ -84,6 +127,19 @@ class TcpLink(Link):
             with suppress(OSError):
                 connection.close()
 
+    def _challenge(self) -> bytes:
+        """Wait for the server's first line."""
+        came = b""
+        while len(came) < _GREETING_BYTES and (piece := self.receive(_CONNECT_S)):
+            came += piece
+        if len(came) != _GREETING_BYTES or not came.startswith(_GREETING):
+            raise DeviceError(
+                f"{self.name} does not begin as a served driver does: another program listens "
+                "there, or an older haptix; start `python -m firmware_io.serve` of this version."
+            )
+        self._has_received = False  # of the driver itself
+        return came
+
     def _connection(self) -> socket.socket:
         if self._socket is None:
             raise DeviceDisconnectedError(f"{self.name} is closed; open the device again.")
@@ -94,7 +150,8 @@ class TcpLink(Link):
             # A server has one driver: it accepts a second host only to close the connection.
             return DeviceBusyError(
                 f"{self.name} closed the connection at once ({why}), so it serves another host, "
-                "which has to close first, or it wants its token (token=)."
+                "which has to close first, or it wants its token (token_file=, or "
+                f"{TOKEN_VARIABLE})."
             )
         return DeviceDisconnectedError(
             f"The connection to {self.name} is lost: {why}; open the device again."
@@ -112,4 +169,4 @@ def _read_place(selector: str) -> tuple[dict[str, Any], str]:
     return {"host": host, "port": int(port)}, rest
 
 
-SCHEME = Scheme(TcpLink, {"token": str}, split=_read_place)
+SCHEME = Scheme(TcpLink, {"token_file": str}, split=_read_place)

@@ -6,12 +6,14 @@ import subprocess
 import sys
 import textwrap
 import threading
+from contextlib import suppress
 
 import numpy as np
 import pytest
 
 import firmware_io
 from firmware_io import DeviceBusyError, DeviceError, MockDriver, Playback, WaveSource, open_device
+from firmware_io.links.tcp import answer_to, challenge
 from firmware_io.serve import DriverServer
 from tests.waiting import PATIENCE_S
 
@@ -54,22 +56,73 @@ def test_a_record_is_written_however_the_server_ends(tmp_path, end):
 def test_a_server_beyond_this_machine_needs_a_token():
     server = run_server("--host", "0.0.0.0")
     assert server.wait(PATIENCE_S) == 1
-    assert "--token" in server.stderr.read()
+    assert "--token-file" in server.stderr.read()
 
 
-def test_a_token_lets_in_only_those_who_know_it():
+def test_a_token_lets_in_only_those_who_know_it(tmp_path, monkeypatch):
+    for name, text in (("right", "s3cret\n"), ("wrong", "s3cre")):
+        (tmp_path / name).write_text(text)
     with DriverServer(MockDriver(pace="real"), token="s3cret") as server:
-        for selector in ("", ",token=wrong"):
-            with pytest.raises(DeviceBusyError, match="token"):
+        for selector in ("", f",token_file={tmp_path}/wrong"):
+            with pytest.raises(DeviceBusyError, match="token_file"):
                 open_device(server.address + selector)
-        open_device(server.address + ",token=s3cret").close()
+        open_device(server.address + f",token_file={tmp_path}/right").close()
+        monkeypatch.setenv("HAPTIX_DRIVER_TOKEN", "s3cret")
+        open_device(server.address).close()
 
 
-def test_a_silent_stranger_does_not_keep_others_out():
-    with DriverServer(MockDriver(pace="real"), token="s3cret") as server:
-        stranger = socket.create_connection(("127.0.0.1", server.port))
-        open_device(server.address + ",token=s3cret").close()
+def test_an_address_has_no_token_and_no_error_quotes_one(tmp_path):
+    with pytest.raises(DeviceError, match="token_file") as caught:
+        open_device("tcp:127.0.0.1:7420,token=s3cret")
+    assert "s3cret" not in str(caught.value)
+    with pytest.raises(DeviceError, match="cannot read"):
+        open_device(f"tcp:127.0.0.1:7420,token_file={tmp_path}/none")
+
+
+def test_silent_strangers_do_not_keep_others_out(served):
+    strangers = [socket.create_connection(("127.0.0.1", served.port)) for _ in range(100)]
+    open_device(served.address).close()
+    for stranger in strangers:
         stranger.close()
+
+
+def arming(monkeypatch):
+    """What a host sends that arms, without waiting for any answer."""
+    spoken = []
+    driver = MockDriver(pace="real", kept_s=1.0)
+    receive = driver.receive
+
+    def receives(data):
+        spoken.append(data)
+        receive(data)
+
+    monkeypatch.setattr(driver, "receive", receives)
+    with DriverServer(driver) as server, open_device(server.address) as device:
+        device.arm()
+    return b"".join(spoken)
+
+
+def test_a_page_of_the_web_arms_nothing(monkeypatch):
+    """A browser sends what a page wants to any port, but tells the page no word of the answer."""
+    frames = arming(monkeypatch)
+    driver = MockDriver(pace="real", kept_s=1.0)
+    heard = []
+    monkeypatch.setattr(driver, "receive", heard.append)
+    posts = [
+        b"POST / HTTP/1.1\r\nHost: 127.0.0.1:7420\r\nContent-Type: text/plain\r\n\r\n" + frames,
+        frames,
+        b"0" * 64 + b"\n" + frames,
+        answer_to(challenge(), "") + frames,  # of a challenge that it has seen elsewhere
+    ]
+    with DriverServer(driver) as server:
+        for post in posts:
+            with socket.create_connection(("127.0.0.1", server.port)) as page:
+                page.sendall(post)
+                page.settimeout(PATIENCE_S)
+                with suppress(ConnectionError):
+                    while page.recv(4096):
+                        pass  # the challenge, then the end
+    assert heard == []
 
 
 @pytest.mark.parametrize("port", ["\u00b2", "0", "65536", "-1", "7_4", ""])

@@ -471,5 +471,5 @@ def test_nobody_serves():
 
 def test_somebody_else_listens():
     listener = socket.create_server(("127.0.0.1", 0))
-    with listener, pytest.raises(ProtocolError, match="HELLO"):
+    with listener, pytest.raises(DeviceError, match="another program"):
         open_device(f"tcp:127.0.0.1:{listener.getsockname()[1]}")
