@@ -95,8 +95,9 @@ def is_there(path: Path) -> Path:
 
 def file_to_write(path: Path) -> Path:
     """Refuse the path of a file that cannot be made: a folder, or below another file."""
-    if _exists(path) and path.is_dir():
-        raise ValueError(f"expected a file, but {path} is a folder")
+    if _exists(path) and not path.is_file():
+        what = "a folder" if path.is_dir() else "a pipe, a socket or a device"
+        raise ValueError(f"expected a file, but {path} is {what}")
     if not (above := _above(path.parent)).is_dir():
         raise ValueError(f"cannot make {path}: {above} is a file")
     return path

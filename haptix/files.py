@@ -10,6 +10,7 @@ import json
 import os
 import re
 import shutil
+import stat
 import sys
 import tomllib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -32,6 +33,7 @@ LARGEST_TABLE_BYTES = LARGEST_PICTURE_BYTES = 64_000_000
 """Of a CSV file: half an hour of a finger at 1 kHz, whose rows take some ten times as much memory.
 Of a picture that is read as a whole: as many pixels as a texture may have, in 16 bits."""
 
+FULL_DISK = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))  # no quota on Windows
 _MANY_FILES = 64  # fsync of one takes milliseconds
 _BLOCK_BYTES = 1 << 20
 _MOST_VALUES = 100_000  # of a document; checks of that many wrong ones take 0.6 GB and 6 s
@@ -65,15 +67,25 @@ def file_name(name: str, text: str) -> str:
     return text
 
 
-def write_whole(path: str | Path, content: Content) -> None:
+def write_whole(path: str | Path, content: Content, is_secret: bool = False) -> None:
     """Write a file, or leave what was there before and raise `FileFormatError`.
 
-    Missing folders are made. The content goes to a temporary name beside `path`, onto the disk,
-    and only then gets its name.
+    Missing folders are made. The content goes to a temporary name beside the file, onto the disk,
+    and only then gets its name. A link is followed; a file keeps its mode and owner. What is no
+    regular file, may not be written, or would change its owner is refused.
+
+    Parameters
+    ----------
+    path : path-like
+        The file, or a link to it.
+    content : bytes, str or callable
+        What it will hold.
+    is_secret : bool
+        Only this user will read it, at no time another; a link or file of that name is replaced.
     """
     path = file_at("path", path)
     try:
-        _write({path: content})
+        _write({path: content}, is_secret)
     except OSError as error:
         raise FileFormatError(f"cannot write {path}: {write_failure(error, path)}") from None
 
@@ -96,7 +108,7 @@ def write_folder(folder: Path, files: Mapping[str, Content]) -> list[Path]:
 def write_failure(error: OSError, path: Path) -> str:
     """Return why `path` could not be written; of a full disk, which one and what is free on it."""
     why = error.strerror or str(error)
-    if error.errno not in (errno.ENOSPC, getattr(errno, "EDQUOT", None)):  # no quota on Windows
+    if error.errno not in FULL_DISK:
         return why
     whole = path.absolute()
     existing = next(above for above in (whole, *whole.parents) if above.exists())
@@ -108,25 +120,72 @@ def write_failure(error: OSError, path: Path) -> str:
     )
 
 
-def _write(files: Mapping[Path, Content]) -> None:
-    drafts = {path.with_name(f".{path.name}.{token_hex(8)}.part"): path for path in files}
+def _write(files: Mapping[Path, Content], is_secret: bool = False) -> None:
+    drafts: dict[Path, Path] = {}
     try:
-        for draft, path in drafts.items():
+        for path, content in files.items():
             path.parent.mkdir(parents=True, exist_ok=True)
-            content = files[path]
+            real, there = (path, None) if is_secret else _place(path)
+            draft = real.with_name(f".{real.name}.{token_hex(8)}.part")
+            drafts[draft] = path
+            mode = 0o600 if is_secret or there else 0o666
+            os.close(os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode))
             if callable(content):
                 content(draft)
             else:
                 draft.write_bytes(content.encode() if isinstance(content, str) else content)
-        publish(drafts)
+        publish(drafts, is_secret)
     finally:
         for draft in drafts:
             with suppress(OSError):
                 draft.unlink(missing_ok=True)
 
 
-def publish(drafts: Mapping[Path, Path]) -> None:
-    """Give finished drafts their final names; the last one is the manifest of the others."""
+def _place(path: Path) -> tuple[Path, os.stat_result | None]:
+    """Return the file that a path leads to, and what is known of it if it is there.
+
+    Raises
+    ------
+    OSError
+        If it is no regular file, or this user may not write it.
+    """
+    real = Path(os.path.realpath(path))
+    if not os.path.lexists(real):
+        if path.is_symlink():  # the system does not follow a stranger's link in a shared folder
+            os.close(os.open(path, os.O_WRONLY | os.O_CREAT, 0o600))
+            real.unlink()
+        return real, None
+    there = real.stat()
+    if stat.S_ISDIR(there.st_mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    if not stat.S_ISREG(there.st_mode):
+        raise OSError(errno.EINVAL, "this is a pipe, a socket or a device; name a regular file")
+    os.close(os.open(path, os.O_WRONLY))
+    return real, there
+
+
+def _keep_mode(draft: Path, there: os.stat_result) -> None:
+    """Give a draft the owner and mode of the file that it replaces."""
+    own = draft.stat()
+    if (own.st_uid, own.st_gid) != (there.st_uid, there.st_gid):
+        try:
+            os.chown(draft, there.st_uid, there.st_gid)
+        except PermissionError:
+            why = "it belongs to another user or group; remove it first, or name another file"
+            raise PermissionError(errno.EPERM, why) from None
+    draft.chmod(stat.S_IMODE(there.st_mode))
+
+
+def publish(drafts: Mapping[Path, Path], is_secret: bool = False) -> None:
+    """Give finished drafts their final names; the last one is the manifest of the others.
+
+    Links are followed, and files keep their mode and owner; see `write_whole`.
+    """
+    places = {draft: (path, None) if is_secret else _place(path) for draft, path in drafts.items()}
+    for draft, (_, there) in places.items():
+        if there is not None:
+            _keep_mode(draft, there)
+    drafts = {draft: real for draft, (real, _) in places.items()}
     _sync_files(drafts)
     *others, (draft, manifest) = drafts.items()
     if others:
@@ -174,9 +233,10 @@ def check_folder(folder: Path, names: Iterable[str]) -> None:
     existing = next(above for above in (folder, *folder.parents) if above.exists())
     if not existing.is_dir():
         raise InputError(f"--out: {existing} is a file; name a folder")
-    for name in names:
-        if (folder / name).is_dir():
-            raise InputError(f"--out: {folder / name} is a folder; name another --out")
+    for path in (folder / name for name in names):
+        if path.exists() and not path.is_file():
+            what = "a folder" if path.is_dir() else "no regular file"
+            raise InputError(f"--out: {path} is {what}; name another --out")
 
 
 def json_text(value: object) -> str:
