@@ -463,9 +463,9 @@ class LiveRenderer(RenderStream):
         self._clock = device.clock
 
     def _reset(self) -> None:
-        super()._reset()
-        self._marks: deque[int] = deque()
         self._ahead_s: float | None = None  # clock of touches minus that of samples
+        super()._reset()  # from here on, a layout that another thread changes asks for the time
+        self._marks: deque[int] = deque()
         self._fingers = PredictedFingers(self.settings)
 
     def __enter__(self) -> Self:

@@ -34,6 +34,7 @@ from haptix.service.batches import TelemetryFrame, write_frame
 from haptix.service.client_touches import TouchGate
 from haptix.service.messages import Stream
 from haptix.service.wire import (
+    BEAT,
     JSON,
     TELEMETRY,
     TOUCHES,
@@ -190,7 +191,9 @@ class EngineServer:
                 # Of all that has come, the newest touches count.
                 touches: list[TouchEvent] = []
                 for kind, data in frames:
-                    if kind == TOUCHES:
+                    if kind == BEAT:
+                        self._outbox.tell(frame(BEAT, b""))
+                    elif kind == TOUCHES:
                         touches += touches_of(data)
                     elif kind == JSON:
                         self._put(touches)
@@ -356,7 +359,7 @@ class EngineServer:
         self._assets = Path(assets)
         keep_in(self._assets.parent / FOLDER, makes=False)
         self._address = device
-        self._device = open_device(device)
+        self._device = self._device or open_device(device)  # a first try may have failed later
         finger, screen = profiles_for(self._device, finger, screen)
         used = Finger.named(finger), Screen.named(screen)
         self._surface = surface_of({"surface": surface, "finger": finger, "screen": screen})

@@ -12,7 +12,7 @@ from contextlib import suppress
 from typing import Any
 
 from haptix.service.messages import Problem
-from haptix.service.pool import IDLE_S, Process
+from haptix.service.pool import IDLE_S, MOST_SILENT_IDLY, Process
 from haptix.service.wire import AMPLITUDE, TELEMETRY, frame, touch_frame
 from haptix.touch.events import TouchEvent
 
@@ -86,8 +86,9 @@ class EngineReplay:
         return [*(("layout_restore", layout) for layout in self.layouts()), *self._settings.items()]
 
 
-_RESTART_S = 1.0  # from the end of a process to its next start
-_ENGINE_FULL_S, _FINGER_NICE = 0.05, 5
+_RESTART_S = 0.2  # from the end of a process to its next start: its driver ramps to 0 V
+_RETRY_S, _FINGER_NICE = 1.0, 5
+_SPARE_S = 5.0  # from the start of an engine to that of its spare, which loads for seconds
 
 
 class FeltFingerProcess(Process):
@@ -136,6 +137,7 @@ class FeltFingerProcess(Process):
         with suppress(Problem):  # it has ended, and is started again
             await self.ask("feel", **self._opening)
             self._is_open = True
+            self.has_loaded()
 
     def feed(self, data: bytes) -> None:
         """Pass on what it feels, once it has made its tables: they take seconds."""
@@ -174,24 +176,43 @@ class EngineProcess(Process):
         on_telemetry: Callable[[bytes], None],
     ) -> None:
         # One that hangs is killed: the driver's watchdog ends at 0 V.
-        super().__init__("engine", _ENGINE_FULL_S)
+        super().__init__("engine")
         self._opening, self._on_event, self._on_telemetry = opening, on_event, on_telemetry
         self._ends = self._is_open = False
+        self._spare: asyncio.subprocess.Process | None = None
         self._rates: dict[str, float] = {}
         self._replay = EngineReplay()
         self.felt_finger = FeltFingerProcess(on_telemetry)
 
     async def start(self) -> dict[str, Any]:
         """Start the engine; return what it has opened."""
-        await self.launch()
+        if self.pid is None:
+            await self.launch()
         opened = await super().ask("open", **self._opening)
         self._is_open = True
+        self.has_loaded()
         self.felt_finger.opens({name: opened[name] for name in ("finger", "screen", "carrier_hz")})
+        if self._spare is None:
+            self._sparing = asyncio.create_task(self._start_spare())
         if self._rates:
             self.tell("streams", rates=self._rates)
         for do, fields in self._replay.messages():
-            super().tell(do, **fields)
+            with suppress(Problem):  # a file may be gone; who arms is told
+                await super().ask(do, **fields)
         return opened
+
+    async def _start_spare(self) -> None:
+        """Keep a process that has loaded torch and opened nothing, for when the engine dies."""
+        await asyncio.sleep(_SPARE_S)
+        if not self._ends:
+            self._spare = await super()._spawn()
+
+    async def _spawn(self) -> asyncio.subprocess.Process:
+        spare, self._spare = self._spare, None
+        if spare is None or spare.returncode is not None:
+            return await super()._spawn()
+        self.has_loaded(MOST_SILENT_IDLY)  # it may hang, too
+        return spare
 
     async def ask(self, do: str, **fields: Any) -> dict[str, Any]:
         """Return the answer to a question."""
@@ -204,6 +225,10 @@ class EngineProcess(Process):
     async def stop(self) -> None:
         """End at 0 V."""
         self._ends = True
+        if self._spare is not None:
+            with suppress(ProcessLookupError):
+                self._spare.kill()
+            await self._spare.wait()
         await asyncio.gather(super().stop(), self.felt_finger.stop())
 
     def tell(self, do: str, **fields: Any) -> None:
@@ -239,17 +264,26 @@ class EngineProcess(Process):
         """Start it again."""
         self._is_open = False
         if not self._ends:
-            reason = f"the engine ended with code {code}; it is started again"
-            self._on_event({"event": "output", "state": "failed", "reason": reason})
+            how = "hung" if self.has_hung else f"ended with code {code}"
+            self._say("failed", f"the engine {how}; it is started again")
             self._restart = asyncio.create_task(self._restart_later())
 
     async def _restart_later(self) -> None:
-        await asyncio.sleep(_RESTART_S)
-        try:
-            await self.start()
-        except Problem as problem:
-            self._on_event({"event": "output", "state": "failed", "reason": problem.sentence})
-        else:
-            self._on_event(
-                {"event": "output", "state": "off", "reason": "the engine is there again"}
-            )
+        """Start it until its driver can be opened; one that ends meanwhile comes here again."""
+        reason, wait_s = "", _RESTART_S
+        while not self._ends:
+            await asyncio.sleep(wait_s)
+            try:
+                await self.start()
+            except Problem as problem:
+                if self.pid is None:
+                    return
+                if problem.sentence != reason:
+                    self._say("failed", reason := problem.sentence)
+                wait_s = _RETRY_S
+            else:
+                self._say("off", "the engine is there again")
+                return
+
+    def _say(self, state: str, reason: str) -> None:
+        self._on_event({"event": "output", "state": state, "reason": reason})

@@ -25,6 +25,7 @@ _LOG = logging.getLogger("haptix.service")
 
 MOST_QUEUED = 8
 _MOST_ENDED = 50  # jobs that have ended
+_LONGEST_SILENCE_S = 3.0
 _SHARE = 0.01  # of a job: smaller steps are not told
 _ENDED = ("done", "failed", "cancelled")
 
@@ -75,7 +76,7 @@ class Job(Process):
                 self.change(state="running")
                 answer = await self.ask("job", kind=self.message.kind, **self._fields)
                 if not self.is_over:
-                    self.change(state="done", share=1.0, result=answer["result"])
+                    self.change(state="done", share=1.0, result=answer["result"], sentence="")
         except Problem as problem:
             if not self.is_over:
                 self.change(state="failed", sentence=problem.sentence)
@@ -110,10 +111,18 @@ class Job(Process):
         self.message = self.message.model_copy(update=fields)
         self._tell(self.message)
 
+    def on_silence(self, silent_s: float) -> None:
+        """Tell its owner at once, and wait a little: a participant may be in the midst of it."""
+        if self.is_over or silent_s > _LONGEST_SILENCE_S:
+            super().on_silence(silent_s)
+        elif not self.message.sentence:
+            self.change(sentence=f"silent for {silent_s:.1f} s; ended if it stays so")
+
     def on_message(self, message: dict[str, Any]) -> None:
         """Take progress or a prompt."""
         if self.is_over:
             return
+        self.has_loaded()  # who is at work has what it needs
         if "share" in message:
             if message["share"] - self.message.share >= _SHARE:
                 self.change(share=message["share"])

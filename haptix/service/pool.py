@@ -24,7 +24,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from haptix.service.messages import Problem
-from haptix.service.wire import HEADER, JSON, MOST_BYTES, json_frame
+from haptix.service.wire import BEAT, HEADER, JSON, MOST_BYTES, frame, json_frame
 
 _LOG = logging.getLogger("haptix.service")
 
@@ -37,7 +37,10 @@ IDLE_S = 60.0
 MOST_WORKERS, MOST_WAITING = 3, 16
 NICE = 10
 """A picture or a job may wait."""
-_FULL_BYTES = 256 * 1024  # waiting for a process that does not read
+BEAT_S, MOST_SILENT, MOST_SILENT_IDLY = 0.1, 7, 20
+"""Between two beats, which a process returns at once; so many without an answer mean that it hangs.
+Beats are counted, not seconds: a front that was stopped itself finds nobody silent. Workers of the
+pool have a low priority, and are waited for longer."""
 
 
 class Process:
@@ -47,19 +50,20 @@ class Process:
     ----------
     name : str
         Its name in messages, and the name of its module in ``haptix.service``.
-    full_s : float
-        A process that does not read for so long, with much waiting, is killed.
     nice : int
         Its niceness; a worker takes it as its argument.
     """
 
-    def __init__(self, name: str = "worker", full_s: float = 1.0, nice: int = 0) -> None:
-        self.name, self._full_s, self._nice = name, full_s, nice
+    def __init__(self, name: str = "worker", nice: int = 0) -> None:
+        self.name, self._nice = name, nice
         self._process: asyncio.subprocess.Process | None = None
         self._pending: dict[int, asyncio.Future[dict[str, Any]]] = {}
         self._next = 1
-        self._full_since: float | None = None
         self._reader: asyncio.Task[None] | None = None
+        self._silent = 0  # beats without an answer
+        self._most_silent = 0
+        self._is_ended = False
+        self.has_hung = False
 
     @property
     def pid(self) -> int | None:
@@ -73,8 +77,15 @@ class Process:
 
     async def launch(self) -> None:
         """Start the process."""
-        self._full_since = None
-        self._process = await asyncio.create_subprocess_exec(
+        self._silent, self.has_hung, self._is_ended = 0, False, False
+        self.loads()
+        self._process = await self._spawn()
+        _LOG.info("%s: process %d begins", self.name, self._process.pid)
+        self._reader = asyncio.create_task(self._read(self._process))
+        self._beating = asyncio.create_task(self._beats(self._process))
+
+    async def _spawn(self) -> asyncio.subprocess.Process:
+        return await asyncio.create_subprocess_exec(
             sys.executable,
             "-m",
             f"haptix.service.{self.name}",
@@ -83,8 +94,14 @@ class Process:
             stdout=asyncio.subprocess.PIPE,
             limit=MOST_BYTES,
         )
-        _LOG.info("%s: process %d begins", self.name, self._process.pid)
-        self._reader = asyncio.create_task(self._read(self._process))
+
+    def loads(self) -> None:
+        """Take note that it imports torch, perhaps: on a busy machine no beat comes for long."""
+        self._most_silent = round(START_S / BEAT_S)
+
+    def has_loaded(self, most_silent: int = MOST_SILENT) -> None:
+        """Take note that it has what it needs: from now on it returns beats at once."""
+        self._most_silent, self._silent = most_silent, 0
 
     async def stop(self) -> None:
         """End it: by the end of its input, or by force after three seconds."""
@@ -92,6 +109,7 @@ class Process:
         if process is None:
             return
         assert process.stdin is not None
+        self._is_ended = True
         process.stdin.close()
         try:
             await asyncio.wait_for(process.wait(), 3.0)
@@ -136,14 +154,6 @@ class Process:
         if process is None or process.stdin is None or process.returncode is not None:
             return False
         process.stdin.write(data)
-        now_s = asyncio.get_running_loop().time()
-        if process.stdin.transport.get_write_buffer_size() < _FULL_BYTES:
-            self._full_since = None
-        elif self._full_since is None:
-            self._full_since = now_s
-        elif now_s - self._full_since > self._full_s:
-            _LOG.info("%s: killed, for it reads nothing", self.name)
-            process.kill()
         return True
 
     def on_message(self, message: dict[str, Any]) -> None:
@@ -155,24 +165,46 @@ class Process:
     def on_exit(self, code: int | None) -> None:
         """Take note that the process has ended."""
 
+    def on_silence(self, silent_s: float) -> None:
+        """End a process that hangs; called at each beat."""
+        _LOG.info("%s: killed, for it was silent for %.1f s", self.name, silent_s)
+        self.has_hung = True
+        self.kill()
+
+    async def _beats(self, process: asyncio.subprocess.Process) -> None:
+        while process.returncode is None and not self._is_ended:
+            if self._silent >= self._most_silent:
+                self.on_silence(self._silent * BEAT_S)
+            self._silent += 1
+            self.write(frame(BEAT, b""))
+            await asyncio.sleep(BEAT_S)
+
     async def _read(self, process: asyncio.subprocess.Process) -> None:
         assert process.stdout is not None
         try:
             while True:
                 length, kind = HEADER.unpack(await process.stdout.readexactly(HEADER.size))
+                if length > MOST_BYTES:
+                    raise ConnectionError  # a file has taken the worker over
                 data = await process.stdout.readexactly(length)
-                if kind == JSON:
+                if kind == BEAT:
+                    self._silent = 0
+                elif kind == JSON:
                     self._take(json.loads(data))
                 else:
                     self.on_frame(kind, data)
-        except (asyncio.IncompleteReadError, ConnectionError):
+        except asyncio.IncompleteReadError:
             pass
+        except Exception as error:
+            _LOG.info("%s: killed, for it says what it should not: %s", self.name, error)
+            self.kill()
         await process.wait()
         _LOG.info("%s: process %d ended with code %s", self.name, process.pid, process.returncode)
         self._process = None
         for answer in self._pending.values():
             if not answer.done():
-                sentence = f"the {self.name} ended with code {process.returncode}; try anew"
+                how = "hung" if self.has_hung else f"ended with code {process.returncode}"
+                sentence = f"the {self.name} {how}; try anew"
                 answer.set_exception(Problem("device", sentence))
         self.on_exit(process.returncode)
 
@@ -253,6 +285,10 @@ class Pool:
                 owned.is_busy = True
                 try:
                     return await self._ask_now(owned, do, fields)
+                except Problem:
+                    if owned.process is None or not owned.process.has_hung:
+                        raise
+                    return await self._ask_now(owned, do, fields)  # another one, once
                 finally:
                     owned.is_busy = False
         finally:
@@ -289,11 +325,15 @@ class Pool:
                 if owned.process is None or owned.process.pid is None:
                     self._make_room(owned)
                     owned.process = await self._take()
-                if do not in ("decode", "schema"):  # which need little; all else needs the surface
-                    await owned.process.ask("load")
+                process = owned.process
+                if do != "decode":  # which needs little
+                    process.loads()
+                    if do != "schema":
+                        await process.ask("load")  # the surface
+                        process.has_loaded(MOST_SILENT_IDLY)
             limit_s = self._longest_s
             async with asyncio.timeout(limit_s):
-                return await owned.process.ask(do, **fields)
+                return await process.ask(do, **fields)
         except TimeoutError:
             owned.end()
             raise Problem("limit", f"{do}: took more than {limit_s:g} s") from None
@@ -326,6 +366,7 @@ class Pool:
             if self._ends:
                 process.kill()
             await process.ask("open", **self.opening)
+        process.has_loaded(MOST_SILENT_IDLY)
         return process
 
     def _release(self, owner: str, owned: _Owned) -> None:

@@ -24,7 +24,7 @@ from haptix.errors import HaptixError
 from haptix.touch.events import KINDS, TouchEvent
 
 HEADER = struct.Struct("<IB")
-JSON, TOUCHES, TELEMETRY, AMPLITUDE = 0, 1, 2, 3
+JSON, TOUCHES, TELEMETRY, AMPLITUDE, BEAT = range(5)
 MOST_BYTES = 64 * 2**20
 _READ_BYTES = 2**18
 _TOUCH = struct.Struct("<dHHdddd")

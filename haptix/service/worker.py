@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from haptix.files import parse_json
-from haptix.service.wire import JSON, Outbox, answer_of, frame_output, read_frame
+from haptix.service.wire import BEAT, JSON, Outbox, answer_of, frame, frame_output, read_frame
 
 if TYPE_CHECKING:
     from haptix.service.document_work import DocumentWork
@@ -32,22 +32,25 @@ _LAST_S = 1.0  # to end in order once the service is gone
 Frame = tuple[int, bytes]
 
 
-def frames(last_s: float = _LAST_S) -> Iterator[Frame]:
-    """Yield the frames of the standard input.
+def frames(outbox: Outbox, last_s: float = _LAST_S) -> Iterator[Frame]:
+    """Yield the frames of the standard input; beats are returned at once.
 
     The process ends `last_s` after the end of the input, whatever it does then.
     """
     waiting: queue.SimpleQueue[Frame | None] = queue.SimpleQueue()
     threading.Thread(
-        target=_reads, args=(waiting, last_s), name="haptix worker input", daemon=True
+        target=_reads, args=(outbox, waiting, last_s), name="haptix worker input", daemon=True
     ).start()
     while (next_frame := waiting.get()) is not None:
         yield next_frame
 
 
-def _reads(waiting: queue.SimpleQueue[Frame | None], last_s: float) -> None:
+def _reads(outbox: Outbox, waiting: queue.SimpleQueue[Frame | None], last_s: float) -> None:
     while (next_frame := read_frame(sys.stdin.buffer)) is not None:
-        waiting.put(next_frame)
+        if next_frame[0] == BEAT:
+            outbox.tell(frame(BEAT, b""))
+        else:
+            waiting.put(next_frame)
     waiting.put(None)
     time.sleep(last_s)
     os._exit(1)
@@ -134,7 +137,7 @@ def main() -> None:
     if hasattr(os, "nice"):
         os.nice(int(sys.argv[1]))
     limit_memory()
-    Worker(outbox, frames()).run()
+    Worker(outbox, frames(outbox)).run()
     outbox.close()
     os._exit(0)  # a thread still reads the input
 

@@ -17,8 +17,10 @@ from tests.service.test_decoding import OPENING, bomb
 from tests.waiting import PATIENCE_S
 
 BUSY = """
+import sys
+from haptix.service.wire import Outbox
 from haptix.service.worker import frames
-for _, data in frames(last_s=0.1):
+for _, data in frames(Outbox(sys.stderr.buffer), last_s=0.1):
     print(data.decode(), flush=True)
     while True:
         pass
@@ -138,7 +140,9 @@ def test_there_are_no_more_workers_than_may_be_and_a_spare_of_nobody(assets, mon
     running(assets, scenario)
 
 
-def test_who_is_held_up_holds_up_nobody_else(assets):
+def test_who_is_held_up_holds_up_nobody_else(assets, monkeypatch):
+    monkeypatch.setattr(pool_module, "MOST_SILENT_IDLY", 10**6)  # hung ones: test_heartbeat.py
+
     async def scenario(pool):
         digest = keep(assets, 1)
         await pool.ask("stuck", "decode", digest=digest)

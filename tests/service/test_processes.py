@@ -259,6 +259,10 @@ def test_a_client_is_killed_or_hangs(running, how):
         client.wait()
 
 
+def program_of(pid):
+    return Path(f"/proc/{pid}/cmdline").read_text()
+
+
 def is_armed(client):
     """Arm, once the new engine is there."""
     try:
@@ -270,21 +274,25 @@ def is_armed(client):
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
 def test_the_engine_is_killed_or_hangs(running, how):
+    reasons = []
     with running.connect() as client:
+        client.on("output", lambda output: reasons.append((output.state, output.reason)))
         sliding = felt(running, client)
         engine = running.engine
         with running.at_0_v_within(0.25 + 0.05):  # the driver's watchdog is 250 ms at most
             os.kill(engine, how)
-        if how == signal.SIGKILL:
-            wait_for(lambda: running.engine not in (0, engine))
-            wait_for(lambda: is_armed(client))  # with the layout that it was told again
-            wait_for(running.is_live)
-        else:
-            os.kill(engine, signal.SIGCONT)
+        wait_for(lambda: ("off", "the engine is there again") in reasons)
+        told = [reason for state, reason in reasons if state == "failed"]
+        assert ("hung" if how == signal.SIGSTOP else "ended with code -9") in told[0]
+        assert engine not in running.helpers
+        assert not running.is_live()  # no virtual driver: a person arms
+        wait_for(lambda: is_armed(client))  # with the layout that it was told again
+        wait_for(running.is_live)
         sliding.stop()
 
 
-def test_workers_are_killed_under_a_finger_that_slides(running):
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
+def test_workers_are_killed_or_hang_under_a_finger_that_slides(running, how):
     """The virtual finger feels again, the voltage goes on, and no other session notices."""
     photograph = next(ASSETS.glob("*.*")).stem
     region = {"name": "wall", "width_mm": 60.0, "height_mm": 40.0}
@@ -310,10 +318,11 @@ def test_workers_are_killed_under_a_finger_that_slides(running):
 
         wait_for(is_felt)
         others.clear()
-        engine, *workers = running.helpers
+        engine = running.engine
+        workers = [one for one in running.helpers if "service.worker" in program_of(one)]
         assert len(workers) > 1  # the virtual finger's, and one that is nobody's yet
         for worker in workers:
-            os.kill(worker, signal.SIGKILL)
+            os.kill(worker, how)
         wait_for(lambda: not {*workers} & {*running.helpers})
         frames.clear()
 

@@ -1,0 +1,76 @@
+"""Processes that hang are ended and begun again; who waits for them is told, or notices nothing."""
+
+import asyncio
+import os
+import signal
+
+import pytest
+
+from haptix.service import messages as m
+from haptix.service import pool as pool_module
+from haptix.service.access import Access
+from haptix.service.hub import Hub
+from haptix.service.pool import Process
+from tests.hand_clock import HandClock
+from tests.service.service_under_test import WrittenEngine
+from tests.service.test_decoding import OPENING
+from tests.service.test_pool import assets, keep, running, until  # noqa: F401
+from tests.waiting import PATIENCE_S
+
+
+def test_a_worker_that_hangs_is_ended_and_another_answers(assets, monkeypatch):  # noqa: F811
+    monkeypatch.setattr(pool_module, "START_S", PATIENCE_S)
+
+    async def scenario(pool):
+        digest = keep(assets, 1)
+        await pool.ask("one", "decode", digest=digest)
+        hung = pool.owned["one"].process
+        number = hung.pid
+        os.kill(number, signal.SIGSTOP)
+        found = await pool.ask("one", "decode", digest=digest)
+        assert found["bytes"] == 48  # of one pixel
+        assert hung.has_hung
+        assert pool.owned["one"].process.pid != number
+        await until(lambda: hung.pid is None)
+
+    running(assets, scenario)
+
+
+def test_a_process_that_loads_is_waited_for_and_a_hung_one_refuses_its_questions(tmp_path):
+    async def scenario():
+        process = Process()
+        await process.launch()
+        os.kill(process.pid, signal.SIGSTOP)
+        question = asyncio.create_task(process.ask("open", **OPENING, assets=str(tmp_path)))
+        await asyncio.sleep(2 * pool_module.MOST_SILENT * pool_module.BEAT_S)
+        assert not process.has_hung and not question.done()  # it may load torch
+        process.has_loaded()
+        with pytest.raises(m.Problem, match="the worker hung"):
+            await question
+        assert process.pid is None
+
+    asyncio.run(scenario())
+
+
+@pytest.mark.parametrize(
+    ("is_real", "meanwhile", "is_armed"),
+    [(False, "", True), (True, "", False), (False, "stop", False), (False, "gone", False)],
+)
+def test_a_virtual_driver_is_armed_again_and_a_real_one_by_a_person(
+    tmp_path, is_real, meanwhile, is_armed
+):
+    device = m.DeviceMessage(address="x", name="x", is_real=is_real)
+    inventory = m.Inventory(devices=(device,), finger="f", screen="s", kinds=())
+    hub = Hub(Access(1, tmp_path), WrittenEngine(), inventory, "x", HandClock())
+    session = hub.open(None)
+    session.name = "holder"
+    hub.control.acquire(session, False)
+    hub.control.set(state="armed", reason="armed by its holder")
+    for reason in ("the engine hung", "the driver is not there yet"):
+        hub.on_engine_event({"event": "output", "state": "failed", "reason": reason})
+    if meanwhile == "stop":
+        hub.stop("a person stopped it")
+    elif meanwhile == "gone":
+        hub.closed(session)
+    hub.on_engine_event({"event": "output", "state": "off", "reason": "it is there again"})
+    assert [message.type for message in session.requests] == ["arm"] * is_armed
