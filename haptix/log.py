@@ -242,7 +242,12 @@ class _Lines(logging.Formatter):
 
     def format(self, record: logging.LogRecord) -> str:
         text = super().format(record).translate(_CONTROL).replace("\n", "\n    ")
-        return _CREDENTIALS.sub("://***@", _SECRETS.sub(r"\1***", text))
+        return without_secrets(text)
+
+
+def without_secrets(text: str) -> str:
+    """Return a text, such as an address, with *** in place of tokens and passwords."""
+    return _CREDENTIALS.sub("://***@", _SECRETS.sub(r"\1***", text))
 
 
 def _own_file(path: Path) -> _File:

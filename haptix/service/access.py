@@ -30,7 +30,8 @@ from haptix.service.messages import Problem
 CODE_S = 300.0  # a code is good for so long, and for one page
 _LETTERS = "ABCDEFGHJKLMNPQRSTUVWXYZ23456789"  # none that is taken for another
 _CODE_LETTERS = 8
-_MOST_TRIES, _TRIES_S = 5, 60.0  # at once, and until as many more
+_MOST_TRIES, _TRIES_S = 5, 60.0  # of one origin at once, and until as many more
+_ALL_TRIES, _MOST_ORIGINS = 600, 1000  # of all foreign origins together; those that are remembered
 _SHOW_S = 3.0  # between two codes on the terminal
 _MOST_TOKENS = 100
 
@@ -121,7 +122,8 @@ class Access:
         self.folder = folder
         self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         self._pages: dict[str, dict[str, str]] = self._load()
-        self._tries = Limiter(_MOST_TRIES / _TRIES_S, now_s, _MOST_TRIES)
+        self._tries: dict[str, Limiter] = {}  # by origin, the latest last
+        self._all_tries = Limiter(_ALL_TRIES / _TRIES_S, now_s, _ALL_TRIES)
         self._shows = Limiter(1 / _SHOW_S, now_s, 1)
         self._code, self._code_s = "", -1.0
         self.native = secrets.token_urlsafe(32)
@@ -169,21 +171,30 @@ class Access:
         ------
         Problem
             If the code is another one, too old or used, or after five tries in a minute.
+        OSError
+            If the token cannot be kept; the code is good still.
         """
         if not origin or origin == "null":
             raise Problem("access", "expected a page with an origin; programs read service.json")
-        if not self._tries.takes():
+        if not self._may_try(origin):
             raise Problem("limit", f"expected at most {_MOST_TRIES} tries a minute; wait a minute")
         typed_code = code.strip().upper().replace("-", "")
         if not hmac.compare_digest(typed_code.encode(), self.code().encode()):
             raise Problem("access", "this is not the code that the terminal shows", "/code")
-        self._code = ""
         token = secrets.token_urlsafe(32)
-        while len(self._pages) >= _MOST_TOKENS:
-            self._pages.pop(next(iter(self._pages)))
-        self._pages[_hash(token)] = {"origin": origin, "name": name[:100]}
-        self._save()
+        pages = dict([*self._pages.items()][1 - _MOST_TOKENS :])
+        pages[_hash(token)] = {"origin": origin, "name": name[:100]}
+        self._write("tokens.json", _json(pages))  # a full disk spends no code
+        self._pages, self._code = pages, ""
         return token
+
+    def _may_try(self, origin: str) -> bool:
+        """Whether an origin has tries left; the service's own pages never wait for others."""
+        new = Limiter(_MOST_TRIES / _TRIES_S, self._now_s, _MOST_TRIES)
+        self._tries[origin] = own = self._tries.pop(origin, new)
+        if len(self._tries) > _MOST_ORIGINS:
+            self._tries.pop(next(iter(self._tries)))
+        return own.takes() and (origin in self.origins or self._all_tries.takes())
 
     def write_entrance(self, address: str) -> Path:
         """Write a page that leads to an address; who else is on this machine cannot read it.
@@ -196,7 +207,7 @@ class Access:
     def forget(self, token: str) -> None:
         """Take back a page's token."""
         if self._pages.pop(_hash(token), None) is not None:
-            self._save()
+            self._write("tokens.json", _json(self._pages))
 
     def lets_in(self, token: str, origin: str | None) -> bool:
         """Whether a token was given to this origin, or to the programs of this user.
@@ -230,13 +241,9 @@ class Access:
             if isinstance(page, dict) and {"origin", "name"} <= page.keys()
         }
 
-    def _save(self) -> None:
-        self._write("tokens.json", _json(self._pages))
-
     def _write(self, name: str, content: bytes) -> Path:
         path = self.folder / name
-        write_whole(path, content)
-        path.chmod(0o600)
+        write_whole(path, content, is_secret=True)
         return path
 
 

@@ -57,6 +57,9 @@ class ServiceSession:
         self._feeds: dict[tuple[m.Stream, int], _Feed] = {}
         self._full: deque[_Feed] = deque()  # each once, in the order of their oldest frames
         self.has_more = asyncio.Event()
+        self.ahead: deque[str | bytes] = deque()  # read, and not yet taken
+        self.ahead_bytes = 0
+        self.has_ahead = asyncio.Event()
         self.requests: deque[Any] = deque()  # messages that wait for the engine
         self.has_requests = asyncio.Event()
         self.closing: tuple[int, str] | None = None
@@ -116,6 +119,12 @@ class ServiceSession:
         self.send(
             m.Error(id=number, code=problem.code, sentence=problem.sentence, path=problem.path)
         )
+
+    def refuse_flood(self, most: int) -> None:
+        """Refuse a message that was read and is not kept, at most ten times a second."""
+        if self._touch_errors.takes():
+            why = f"more than {most} messages, or 4 MiB, wait: this one and others are left out"
+            self.refuse(0, m.Problem("limit", why))
 
     def refuse_touches(self, left_out: int, first: m.Problem | None) -> None:
         """Refuse the first of the touches that were left out, at most ten times a second."""

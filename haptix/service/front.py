@@ -8,29 +8,32 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 from collections.abc import AsyncIterator, Awaitable, Callable, MutableMapping
 from math import inf
-from types import FrameType
 from typing import Annotated, Any
 
-import uvicorn
 from fastapi import APIRouter, Depends, FastAPI, Header, Request, WebSocket
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse, JSONResponse, Response
 from pydantic import BaseModel, ConfigDict, Field
 from starlette.exceptions import HTTPException
 
+from haptix.errors import HaptixError
+from haptix.files import FULL_DISK, write_failure
 from haptix.service import messages as m
-from haptix.service.access import Access, Listen
+from haptix.service.access import Access
 from haptix.service.assets import AssetStore
 from haptix.service.hub import TICK_S, Hub
 from haptix.service.in_use import profiles_router
 from haptix.service.limiter import Limiter
-from haptix.service.messages import MOST_TEXT_BYTES, Problem
+from haptix.service.messages import Problem
 from haptix.service.pages import POLICY, docs_page, pages
 from haptix.service.rest import jobs_router
 from haptix.service.session_socket import serve_session
 from haptix.version import __version__
+
+_LOG = logging.getLogger("haptix.service")
 
 SUBPROTOCOL = "haptix.v1"
 _HTTP_STATUS: dict[str, int] = {
@@ -80,7 +83,12 @@ class Guard:
             await Response(status_code=204, headers=_cors(origin))(scope, receive, send)
         else:
             receive = _bounded(receive, _most(scope)) if scope["type"] == "http" else receive
-            await self._app(scope, receive, _with_headers(send, origin, self._access))
+            try:
+                await self._app(scope, receive, _with_headers(send, origin, self._access))
+            except Exception as error:  # it was answered by `fail`
+                where = scope.get("method", "session"), scope["path"][:80]
+                _LOG.warning("%s %s: %s: %s", *where, type(error).__name__, error)
+                _LOG.debug("where it went wrong", exc_info=True)
 
 
 def _most(scope: Scope) -> float:
@@ -225,10 +233,13 @@ def application(
         return JSONResponse(error.model_dump(), _HTTP_STATUS[problem.code])
 
     @app.exception_handler(HTTPException)
-    async def refuse_request(_: Request, error: HTTPException) -> Response:
+    async def refuse_request(request: Request, error: HTTPException) -> Response:
         """Answer what the framework refuses as all else: no route, no JSON, a body too long."""
         codes: dict[int, Any] = {404: "unknown", 405: "unknown", 413: "limit"}
-        wrong = m.Error(id=0, code=codes.get(error.status_code, "message"), sentence=error.detail)
+        sentence = error.detail
+        if error.status_code in (404, 405):
+            sentence = f"no route {request.method} {request.url.path[:80]!r}; /docs has them all"
+        wrong = m.Error(id=0, code=codes.get(error.status_code, "message"), sentence=sentence)
         status = 422 if error.status_code == 400 else error.status_code
         return JSONResponse(wrong.model_dump(), status, error.headers)
 
@@ -238,6 +249,18 @@ def application(
         path = "".join(f"/{part}" for part in first["loc"][1:])
         content = m.Error(id=0, code="message", sentence=f"{path[1:]}: {first['msg']}", path=path)
         return JSONResponse(content.model_dump(), 422)
+
+    @app.exception_handler(Exception)
+    async def fail(_: Request, error: Exception) -> Response:
+        """Answer what nobody foresaw, and a full disk, by a sentence, too."""
+        sentence, status = f"a fault of the service: {type(error).__name__}; see its log", 500
+        if isinstance(error, OSError):
+            sentence = f"cannot be kept: {write_failure(error, hub.access.folder)}"
+            status = 507 if error.errno in FULL_DISK else 500
+        elif isinstance(error, HaptixError):
+            sentence = str(error)
+        wrong = m.Error(id=0, code="internal", sentence=sentence)
+        return JSONResponse(wrong.model_dump(), status)
 
     @app.get("/v1/server", dependencies=[Depends(token)])
     async def server() -> Server:
@@ -308,6 +331,7 @@ def application(
         except Problem as problem:
             await socket.close(4429, problem.sentence)
             return
+        socket.scope["state"]["session"] = client  # for `Connection.rank`
         await socket.accept(SUBPROTOCOL)
         await serve_session(hub, socket, client)
 
@@ -318,42 +342,3 @@ async def _ticks(hub: Hub) -> None:
     while True:
         hub.tick()
         await asyncio.sleep(TICK_S)
-
-
-class HttpServer(uvicorn.Server):
-    """Ends at 0 V before it closes its clients' connections.
-
-    Parameters
-    ----------
-    app : ASGI application
-        What `haptix.service.front.application` returns.
-    hub : Hub
-        Is stopped first.
-    listen : Listen, optional
-        Where other machines reach it.
-    end : callable
-        Called before it waits for answers that are under way.
-    """
-
-    def __init__(self, app: Any, hub: Hub, listen: Listen | None, end: Callable[[], None]) -> None:
-        self._hub, self._end = hub, end
-        super().__init__(
-            uvicorn.Config(
-                app,
-                log_level="warning",
-                ws="websockets-sansio",
-                ws_max_size=MOST_TEXT_BYTES,
-                ws_per_message_deflate=False,  # work for bytes that leave no machine
-                ws_ping_interval=None,  # the session's own pings show that the script lives
-                timeout_graceful_shutdown=2,
-                server_header=False,
-                ssl_certfile=listen.certificate if listen else None,
-                ssl_keyfile=listen.key if listen else None,
-            )
-        )
-
-    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        """Take a signal to end."""
-        self._hub.stop("the service ends")
-        self._end()
-        super().handle_exit(sig, frame)

@@ -68,6 +68,7 @@ class Hub:
         self.sessions: dict[int, ServiceSession] = {}
         self.keep_alive = m.KeepAlive()
         self._next = 1
+        self._was_live = False  # when the engine failed
         self.control = OutputControl(engine, device, self.welcome)
         self.jobs = JobBoard(engine, self.on_job_change, self.control.disarm)
 
@@ -75,9 +76,11 @@ class Hub:
 
     def open(self, origin: str | None) -> ServiceSession:
         """Let a client in, before its hello."""
-        welcome = len(self.welcome())
-        if welcome >= _MOST_SESSIONS or len(self.sessions) - welcome >= _MOST_STRANGERS:
+        if len(self.welcome()) >= _MOST_SESSIONS:
             raise Problem("limit", f"expected at most {_MOST_SESSIONS} sessions")
+        strangers = [one for one in self.sessions.values() if not (one.is_welcome or one.closing)]
+        for one in strangers[: max(0, len(strangers) + 1 - _MOST_STRANGERS)]:
+            one.close(4408, "others came and said no hello either")
         session = ServiceSession(self._next, origin, self.now_s)
         self._next += 1
         self.sessions[session.number] = session
@@ -174,13 +177,15 @@ class Hub:
             if message.id is None:
                 session.refuse_touches(*self.touch(session, message.touches))
                 return wait_s
+        if is_stop := isinstance(message, m.Plain) and message.type == "stop":
+            self.stop(f"stopped by session {session.number} ({session.name})")  # whatever its id is
         if message.id <= session.last_id:
             raise Problem("order", f"id: expected more than {session.last_id}", "/id")
         session.last_id = message.id
         if isinstance(message, m.HelloMessage):
             self._hello(session, message)
-        elif isinstance(message, m.Plain) and message.type == "stop":
-            self._stop(session, message.id)
+        elif is_stop:
+            session.send(m.Done(id=message.id))
         elif len(session.requests) >= _MOST_REQUESTS:
             raise Problem(
                 "limit", f"expected at most {_MOST_REQUESTS} messages that wait; await some"
@@ -196,7 +201,7 @@ class Hub:
         """Pass on what the engine says unasked."""
         kind = event.pop("event")
         if kind == "output":
-            self.control.set(state=event["state"], reason=event["reason"])
+            self._on_output(event["state"], event["reason"])
         elif kind == "contact" and self.control.holder is not None:
             t_s = self.control.holder.clock.client_s(event.pop("t_s"))
             self.control.holder.send(m.ContactMessage(event=event.pop("what"), t_s=t_s, **event))
@@ -205,6 +210,18 @@ class Hub:
         elif kind == "warning":
             for session in self.welcome():
                 session.send(m.WarningMessage(sentence=event["sentence"]))
+
+    def _on_output(self, state: str, reason: str) -> None:
+        """Take what the engine says of the output; a virtual driver is armed again by itself."""
+        control, before = self.control, self.control.output.state
+        was_live = control.is_live or (before == "failed" and self._was_live)
+        control.set(state=state, reason=reason)
+        self._was_live = was_live and state == "failed"
+        is_back = was_live and before == "failed" and state == "off"
+        is_real = any(device.is_real for device in self.inventory.devices)
+        if is_back and not is_real and (holder := control.holder) is not None:
+            holder.requests.append(m.Plain.model_construct(type="arm", id=0))
+            holder.has_requests.set()
 
     def on_job_change(self, job: m.JobMessage) -> None:
         """Pass a job's change on to those who watch it."""
@@ -270,11 +287,6 @@ class Hub:
         for _ in range(_FIRST_PINGS):
             session.ping(self.now_s())
 
-    def _stop(self, session: ServiceSession, number: int) -> None:
-        reason = f"stopped by session {session.number} ({session.name})"
-        self.stop(reason)
-        session.send(m.Done(id=number))
-
     def stop(self, reason: str) -> None:
         """End at 0 V, for all sessions, and refuse all requests that wait."""
         self.engine.tell("stop", reason=reason)
@@ -283,7 +295,8 @@ class Hub:
             requests, session.requests = session.requests, deque()
             for message in requests:
                 session.refuse(message.id, Problem("order", reason))
-        self.control.set(state="off", reason=reason)
+        if self.control.output.state != "off":  # many stops are no flood to all others
+            self.control.set(state="off", reason=reason)
 
     def touch(
         self,

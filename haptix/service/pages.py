@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Iterator
+from contextlib import suppress
 from hashlib import sha256
 from html import escape
 from pathlib import Path
@@ -64,10 +65,11 @@ def _page(request: Request, folder: str, path: str) -> Response:
 
 def _file(folder: str, path: str) -> str:
     root = FOLDERS[folder].resolve()
-    file = (root / path).resolve()
-    if not (file.is_relative_to(root) and file.is_file()):
-        raise Problem("unknown", f"expected a file of the studio, got {path}")
-    return str(file)
+    with suppress(OSError, ValueError):  # a name that no file can have
+        file = (root / path).resolve()
+        if file.is_relative_to(root) and file.is_file():
+            return str(file)
+    raise Problem("unknown", f"expected a file of the studio, got {path!r:.80}")
 
 
 def _policy(host: str) -> str:

@@ -1,13 +1,18 @@
 """A session's socket until either side closes it: read, write, and answer messages in turn.
 
-The reader gives each message to the hub, which obeys some at once (`Hub.receive`); the others wait
-in the session's queue for `answer_in_turn`, which asks the engine.
+    socket --_reads--> ahead --_takes, at the client's rate--> hub --answer_in_turn--> engine
+              +--stop, at once--> hub
+
+The reader always reads, so that a stop waits for nothing that its client has sent before. What a
+client sends faster than it may waits in `ahead`; what does not fit there is refused.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
+import re
 from typing import Any
 
 from fastapi import WebSocket
@@ -19,9 +24,14 @@ from haptix.service.client_session import ServiceSession
 from haptix.service.hub import Hub
 from haptix.service.messages import Problem
 
+_LOG = logging.getLogger("haptix.service")
+
 _GATHER_S = 0.005
 """Batches that come closer to each other are passed on together: each pass costs the front, the
 engine and the virtual finger a turn. A batch that comes later than that is passed on at once."""
+_MOST_AHEAD, _MOST_AHEAD_BYTES = 1000, 4 * 2**20
+_EVERY = 256  # messages read, others have a turn
+_STOP = re.compile(r'"type"\s*:\s*"stop"')
 _TURNS_S = 0.0005  # for the loop to read what has come meanwhile
 
 
@@ -32,6 +42,7 @@ async def serve_session(hub: Hub, socket: WebSocket, client: ServiceSession) -> 
         for part in (
             _reads(hub, socket, client),
             _writes(socket, client),
+            _takes(hub, client),
             answer_in_turn(hub, client),
         )
     ]
@@ -45,18 +56,53 @@ async def serve_session(hub: Hub, socket: WebSocket, client: ServiceSession) -> 
 
 
 async def _reads(hub: Hub, socket: WebSocket, client: ServiceSession) -> None:
+    read = 0
     with contextlib.suppress(WebSocketDisconnect):
         while client.closing is None:
             message = await socket.receive()
             if message["type"] == "websocket.disconnect":
                 return
-            data = message.get("text")
-            wait_s = hub.receive(client, message["bytes"] if data is None else data)
-            if client.inbox and not client.inbox.is_due:
-                wait_s = max(wait_s, _gather(hub, client))
-            if wait_s > 0:
-                await asyncio.sleep(wait_s)
+            text = message.get("text")
+            data = message["bytes"] if text is None else text
+            read += 1
+            client.ahead_bytes += len(data)
+            if text is not None and _is_stop(text):
+                hub.receive(client, text)
+            elif len(client.ahead) < _MOST_AHEAD and client.ahead_bytes <= _MOST_AHEAD_BYTES:
+                client.ahead.append(data)
+                client.has_ahead.set()
+                data = ""
+            else:
+                client.refuse_flood(_MOST_AHEAD)
+            client.ahead_bytes -= len(data)
+            if read % _EVERY == 0:
+                await asyncio.sleep(0)
         await asyncio.sleep(1.0)  # its writer says why, and closes
+
+
+def _is_stop(text: str) -> bool:
+    if not _STOP.search(text):
+        return False
+    with contextlib.suppress(Problem):
+        message = m.read_client(text)
+        return isinstance(message, m.Plain) and message.type == "stop"
+    return False
+
+
+async def _takes(hub: Hub, client: ServiceSession) -> None:
+    """Take what was read, no faster than the client may send."""
+    while client.closing is None:
+        if not client.ahead:
+            client.has_ahead.clear()
+            await client.has_ahead.wait()
+            continue
+        data = client.ahead.popleft()
+        client.ahead_bytes -= len(data)
+        wait_s = hub.receive(client, data)
+        if client.inbox and not client.inbox.is_due:
+            wait_s = max(wait_s, _gather(hub, client))
+        if wait_s > 0:
+            await asyncio.sleep(wait_s)
 
 
 def _gather(hub: Hub, client: ServiceSession) -> float:
@@ -104,6 +150,10 @@ async def answer_in_turn(hub: Hub, session: ServiceSession) -> None:
                 session.send(reply)
         except Problem as problem:
             session.refuse(message.id, problem)
+        except Exception as error:  # a full disk, or a fault of ours
+            _LOG.warning("%s: %s: %s", message.type, type(error).__name__, error)
+            what = error.strerror if isinstance(error, OSError) else type(error).__name__
+            session.refuse(message.id, Problem("internal", f"{message.type}: {what}"))
 
 
 async def _answer(hub: Hub, session: ServiceSession, message: Any) -> m.Message | None:

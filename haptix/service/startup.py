@@ -15,6 +15,7 @@ from typing import Any
 
 from haptix.errors import DeviceError, from_extra
 from haptix.gallery import ASSETS as GALLERY_ASSETS
+from haptix.log import without_secrets
 from haptix.service import messages as m
 from haptix.service.access import Access, Listen, check_certificate, listens, service_folder
 from haptix.service.assets import AssetStore, Decoding
@@ -88,14 +89,16 @@ def serve(
     link = EngineProcess(
         opening, lambda event: hub.on_engine_event(event), lambda data: hub.on_telemetry(data)
     )
-    hub = Hub(access, link, empty, device)
+    shown = without_secrets(device)  # a link of another package may know a token
+    hub = Hub(access, link, empty, shown)
 
     async def run() -> None:
         starting = asyncio.create_task(link.start())
         await asyncio.sleep(0)  # its process starts here, and loads while this one does
         from fastapi import APIRouter
 
-        from haptix.service.front import HttpServer, application
+        from haptix.service.connections import HttpServer
+        from haptix.service.front import application
         from haptix.service.in_use import drive_router
         from haptix.service.rest import documents_router
 
@@ -109,7 +112,7 @@ def serve(
                 failure.append(problem)
                 server.should_exit = True
                 return
-            hub.inventory = _inventory(device, opened)
+            hub.inventory = _inventory(shown, opened)
             hub.profiles = opened["profiles"]
             used = {key: opened[key] for key in ("finger", "screen")}
             pool.opening = {**used, "surface": opening["surface"], "assets": opening["assets"]}

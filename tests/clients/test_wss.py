@@ -11,7 +11,8 @@ import haptix.client
 from haptix.errors import DeviceError
 from haptix.service.access import Access, Listen, listens
 from haptix.service.assets import AssetStore
-from haptix.service.front import HttpServer, application
+from haptix.service.connections import HttpServer
+from haptix.service.front import application
 from haptix.service.hub import Hub
 from haptix.service.messages import DeviceMessage, Inventory
 from tests.clients.compiled import compiled

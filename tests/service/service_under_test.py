@@ -4,10 +4,9 @@ import asyncio
 import threading
 import time
 
-import uvicorn
-
 from haptix.service.access import Access, listens
 from haptix.service.assets import AssetStore
+from haptix.service.connections import HttpServer
 from haptix.service.front import application
 from haptix.service.hub import Hub
 from haptix.service.messages import DeviceMessage, Inventory, Problem
@@ -47,14 +46,6 @@ class Service:
 
     def __init__(self, folder, documents=None):
         self.engine, self.folder = WrittenEngine(), folder
-        config = uvicorn.Config(
-            lambda: self.app,
-            factory=True,
-            log_level="error",
-            ws="websockets-sansio",
-            ws_max_size=65536,
-        )
-        self.server = uvicorn.Server(config)
         sockets = [listens("127.0.0.1", 0)]
         self.port = sockets[0].getsockname()[1]
         self.access = Access(self.port, folder)
@@ -64,6 +55,7 @@ class Service:
         # A busy machine must not change what a test sees; stalls are tested by themselves.
         self.hub.stalls.late_s = lambda now_s: 0.0  # type: ignore[method-assign]
         self.app = application(self.hub, AssetStore(folder / "assets"), documents=documents)
+        self.server = HttpServer(self.app, self.hub, None, lambda: None)
         self.thread = threading.Thread(target=self.server.run, args=(sockets,))
         self.thread.start()
         wait_for(lambda: self.server.started)

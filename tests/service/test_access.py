@@ -88,6 +88,38 @@ def test_codes_cannot_be_tried_out(access, clock):
     assert access.pair(access.code(), PAGE, "a page")
 
 
+OWN = "http://127.0.0.1:7421"
+
+
+def test_a_page_that_guesses_keeps_nobody_out(access):
+    """Not the service's own page, whatever many origins try, and no other one."""
+    code = access.code()
+    for number in range(1000):
+        with pytest.raises(Problem):
+            access.pair("AAAAAAAA", f"https://{number % 50}.example.com", "a guess")
+    assert access.pair(code, PAGE, "a page")  # and none of those tries has spent the code
+    for number in range(1000):
+        with pytest.raises(Problem):
+            access.pair("AAAAAAAA", f"https://{number}.example.com", "a guess")
+    with pytest.raises(Problem, match="tries a minute"):  # all together have a budget, too
+        access.pair(access.code(), "https://one-more.example.com", "a page")
+    assert OWN in access.origins and access.pair(access.code(), OWN, "studio")
+
+
+def test_a_code_is_good_until_its_token_is_kept(access, monkeypatch):
+    def full(self, name, content):
+        raise OSError(28, "No space left on device")
+
+    code = access.code()
+    with monkeypatch.context() as patch:
+        patch.setattr(Access, "_write", full)
+        with pytest.raises(OSError, match="No space"):
+            access.pair(code, PAGE, "a page")
+    assert not access.is_known_origin(PAGE)
+    token = access.pair(code, PAGE, "a page")
+    assert access.lets_in(token, PAGE)
+
+
 @pytest.mark.parametrize("origin", [None, "", "null"])
 def test_only_pages_pair(access, origin):
     with pytest.raises(Problem, match="page"):

@@ -1,0 +1,215 @@
+"""What attackers and faults do to `haptix serve`, in times; see --help.
+
+Each starts a service of its own on the mock driver, and prints one line of figures. Half-open
+connections are those that send the begin of a request and no more.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import os
+import resource
+import signal
+import socket
+import sys
+import threading
+import time
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from service import Service, serving  # type: ignore[import-not-found]
+
+import haptix.client
+
+GRATING = {"kind": "grating", "period_mm": 2.0, "low": 0.6, "high": 0.9}
+PLACE = {"x_mm": 0.0, "y_mm": 0.0, "width_mm": 100.0, "height_mm": 60.0}
+LAYOUT = {"regions": [{"name": "ribs", "material": GRATING, **PLACE}]}
+LOOK_S, PATIENCE_S = 0.002, 120.0
+
+
+@contextlib.contextmanager
+def sliding(service: Service) -> Iterator[tuple[Any, list[tuple[float, str]], list[float]]]:
+    """A finger that slides; with when the output changed its state, and when it was felt."""
+    os.environ["HAPTIX_SERVICE"] = service.environment["HAPTIX_SERVICE"]
+    states: list[tuple[float, str]] = []
+    felt: list[float] = []
+    ends = threading.Event()
+
+    def slides() -> None:
+        while not ends.wait(0.008):
+            client.touch(50 + 30 * float(np.sin(2 * time.monotonic())), 30.0, 0.5)
+
+    def feels(frame: Any) -> None:
+        if np.nan_to_num(frame.rows[:, 7]).max() > 0:
+            felt.append(time.monotonic())
+
+    with haptix.client.connect("attacked") as client:
+        client.on("output", lambda output: states.append((time.monotonic(), output.state)))
+        client.on("frame", feels)
+        client.layout_set(LAYOUT)
+        client.acquire()
+        client.ask("subscribe", streams={"friction": 200.0})
+        client.arm()
+        thread = threading.Thread(target=slides)
+        thread.start()
+        try:
+            wait(lambda: felt)
+            yield client, states, felt
+        finally:
+            ends.set()
+            thread.join()
+
+
+def wait(look: Any) -> Any:
+    end_s = time.monotonic() + PATIENCE_S
+    while not (found := look()):
+        if time.monotonic() > end_s:
+            raise TimeoutError
+        time.sleep(LOOK_S)
+    return found
+
+
+def hung_engine() -> dict[str, Any]:
+    """SIGSTOP to the engine."""
+    with serving() as service, sliding(service) as (_, states, felt):
+        time.sleep(20.0)  # until its spare has loaded
+        pid = service.pids["engine"]
+        began_s = time.monotonic()
+        os.kill(pid, signal.SIGSTOP)
+        wait(lambda: [at_s for at_s, state in states if state == "failed" and at_s > began_s])
+        told_s = next(at_s for at_s, state in states if state == "failed" and at_s > began_s)
+        wait(lambda: felt[-1] > told_s + 0.2)
+        again_s = next(at_s for at_s in felt if at_s > told_s)
+        return {
+            "told s": round(told_s - began_s, 2),
+            "states": [(round(at_s - began_s, 2), state) for at_s, state in states],
+            "felt again s": round(again_s - began_s, 2),
+        }
+
+
+def connections(service: Service, count: int, begin: bytes) -> list[socket.socket]:
+    opened = []
+    for _ in range(count):
+        one = socket.socket()
+        one.setblocking(False)
+        one.connect_ex(("127.0.0.1", service.port))
+        opened.append(one)
+    for one in opened:
+        with contextlib.suppress(OSError):
+            one.send(begin)
+    return opened
+
+
+def stop_s(service: Service) -> float:
+    """How long STOP takes over HTTP, on a connection of its own."""
+    began_s = time.monotonic()
+    request = urllib.request.Request(f"http://127.0.0.1:{service.port}/stop", method="POST")
+    with urllib.request.urlopen(request, timeout=60.0):
+        return time.monotonic() - began_s
+
+
+def crowd(count: int, begin: bytes, limit: int) -> dict[str, Any]:
+    """So many connections that say nothing, or only begin to."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (limit, hard))
+    with serving() as service:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, 2 * count), hard))
+        opened = connections(service, count, begin)
+        first = stop_s(service)
+        took = []
+        for _ in range(20):
+            time.sleep(0.05)
+            took.append(stop_s(service))
+        for one in opened:
+            one.close()
+    return {"first ms": round(1e3 * first, 1), "longest ms": round(1e3 * max(took), 1)}
+
+
+def flood(kind: str) -> dict[str, Any]:
+    """One client sends as fast as it can; then its own stop, and another's, each many times."""
+    from websockets.sync.client import connect
+    from websockets.typing import Subprotocol
+
+    with serving() as service:
+        os.environ["HAPTIX_SERVICE"] = service.environment["HAPTIX_SERVICE"]
+        folder = Path(service.environment["HAPTIX_SERVICE"])
+        token = json.loads((folder / "service.json").read_text())["token"]
+        address = f"ws://127.0.0.1:{service.port}/v1/session"
+        own, others, reading = [], [], []
+        with haptix.client.connect("another") as another:
+            for _ in range(10):
+                with connect(
+                    address, subprotocols=[Subprotocol("haptix.v1")], max_size=None
+                ) as socket_:
+                    hello = {"type": "hello", "id": 1, "protocol": "1.0", "client": "flood"}
+                    socket_.send(json.dumps(hello | {"token": token}))
+                    json.loads(socket_.recv())
+                    halted = threading.Event()
+                    number = 2
+
+                    def floods(socket_: Any = socket_, halted: Any = halted) -> None:
+                        nonlocal number
+                        end_s = time.monotonic() + 0.5
+                        with contextlib.suppress(Exception):
+                            while time.monotonic() < end_s:
+                                message = {"type": kind, "id": number}
+                                if kind == "layout_change":
+                                    message["ops"] = [{"op": "remove", "name": "none"}]
+                                number += 1
+                                socket_.send(json.dumps(message))
+                        halted.set()
+
+                    def reads(socket_: Any = socket_) -> None:
+                        with contextlib.suppress(Exception):
+                            while True:
+                                reading.append((time.monotonic(), socket_.recv()))
+
+                    threading.Thread(target=reads, daemon=True).start()
+                    threading.Thread(target=floods, daemon=True).start()
+                    time.sleep(0.1)
+                    while not halted.is_set():
+                        began_s = time.monotonic()
+                        another.stop()
+                        others.append(time.monotonic() - began_s)
+                        time.sleep(0.02)
+                    reading.clear()
+                    began_s = time.monotonic()
+                    with contextlib.suppress(Exception):
+                        socket_.send(json.dumps({"type": "stop", "id": number}))
+                    answer = f'"id":{number}'
+
+                    def answered(answer: str = answer) -> Any:
+                        return [at for at, text in [*reading] if answer in text or "bye" in text]
+
+                    own.append(wait(answered)[0] - began_s)
+    return {
+        "sent": number,
+        "own stop ms": [round(1e3 * float(np.percentile(own, p)), 1) for p in (50, 100)],
+        "others' stop ms": [round(1e3 * float(np.percentile(others, p)), 1) for p in (50, 100)],
+    }
+
+
+PROGRAMS = {
+    "hung engine": hung_engine,
+    "1300 idle at 1024": lambda: crowd(1300, b"", 1024),
+    "4000 half-open": lambda: crowd(4000, b"POST /v1/pair HTTP/1.1\r\nHost: 127.0", 20_000),
+    "flood of inventory": lambda: flood("inventory"),
+    "flood of layouts": lambda: flood("layout_change"),
+    "flood of acquire": lambda: flood("acquire"),
+}
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*", choices=[[], *PROGRAMS], help="these, or all")
+    for name in parser.parse_args().names or PROGRAMS:
+        try:
+            figures = PROGRAMS[name]()
+        except (OSError, TimeoutError) as error:
+            figures = {"failed": f"{type(error).__name__}: {error}"}
+        print(json.dumps({"attack": name} | figures), flush=True)
+    sys.exit()

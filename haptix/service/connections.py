@@ -1,0 +1,222 @@
+"""The HTTP server: how many connections there may be, for how long, and which one goes for another.
+
+A newcomer always gets in: the connection that needs its place least is closed for it. So idle and
+half-open connections, however many, keep nobody from STOP.
+"""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
+from types import FrameType
+from typing import Any
+
+import uvicorn
+from uvicorn.protocols.http.h11_impl import H11Protocol
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
+
+from haptix.service.access import Listen
+from haptix.service.hub import Hub
+from haptix.service.messages import MOST_TEXT_BYTES
+
+MOST_CONNECTIONS, MOST_OF_PEER = 256, 192
+_FILES = 1024  # that the process may have open; some systems grant 256 until asked
+REQUEST_S, UPLOAD_S = 10.0, 60.0
+"""For a request to come and be answered; of who has shown a token, for its body to come."""
+_AT_ONCE, _WAITING = 24, 4096  # newcomers taken in one turn of the loop, and waiting for it
+_READ_BYTES = 16 * 1024  # of a connection in one turn; then others have theirs
+_IDLE, _STRANGER, _OWNER, _SESSION = range(4)
+
+
+class Listener(socket.socket):
+    """A listening socket that, of more newcomers than a turn can take, takes the last ones.
+
+    The others would have been closed for those a moment later, at ten times the cost.
+    """
+
+    def __init__(self, fileno: int) -> None:
+        super().__init__(fileno=fileno)
+        self._newcomers: deque[tuple[socket.socket, Any]] = deque()
+
+    def accept(self) -> tuple[socket.socket, Any]:
+        """Return the next connection."""
+        if not self._newcomers:
+            self._newcomers = deque(self._drain(), _AT_ONCE)
+        if not self._newcomers:
+            raise BlockingIOError
+        return self._newcomers.popleft()
+
+    def _drain(self) -> Iterator[tuple[socket.socket, Any]]:
+        taken: deque[socket.socket] = deque()
+        with suppress(BlockingIOError):
+            for _ in range(_WAITING):
+                newcomer = super().accept()
+                taken.append(newcomer[0])
+                if len(taken) > _AT_ONCE:
+                    taken.popleft().close()
+                yield newcomer
+
+
+class Crowd:
+    """All connections, the one that was quiet for the longest first."""
+
+    def __init__(self) -> None:
+        self.connections: dict[_Connection, None] = {}
+        self._of_peer: Counter[str] = Counter()
+
+    def add(self, newcomer: _Connection) -> None:
+        """Take a connection, and close another where there are too many."""
+        peer = newcomer.peer
+        if self._of_peer[peer] >= MOST_OF_PEER:
+            self._least(one for one in self.connections if one.peer == peer).abort()
+        elif len(self.connections) >= MOST_CONNECTIONS:
+            self._least(self.connections).abort()
+        self.connections[newcomer] = None
+        self._of_peer[peer] += 1
+
+    def remove(self, one: _Connection) -> None:
+        """Forget a connection that is closed."""
+        if one in self.connections:
+            del self.connections[one]
+            self._of_peer[one.peer] -= 1
+            if not self._of_peer[one.peer]:
+                del self._of_peer[one.peer]
+
+    def look(self, now_s: float) -> None:
+        """Close those that take too long."""
+        for one in [one for one in self.connections if one.is_late(now_s)]:
+            one.abort()
+
+    @staticmethod
+    def _least(connections: Iterable[_Connection]) -> _Connection:
+        """Return the one that needs its place least, of such the one quiet for the longest."""
+        least = None
+        for one in connections:
+            if (rank := one.rank()) == _IDLE:
+                return one
+            if least is None or rank < least.rank():
+                least = one
+        assert least is not None
+        return least
+
+
+class _Connection:
+    """One of the crowd, whichever protocol it speaks."""
+
+    crowd: Crowd
+    transport: Any
+    scope: Any = None
+    cycle: Any = None
+
+    def connection_made(self, transport: Any) -> None:
+        super().connection_made(transport)  # type: ignore[misc]
+        transport.max_size = _READ_BYTES
+        self.since_s = time.monotonic()
+        self.peer = (transport.get_extra_info("peername") or ("",))[0]
+        self.crowd.add(self)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self.crowd.remove(self)
+        super().connection_lost(exc)  # type: ignore[misc]
+
+    def abort(self) -> None:
+        """Close it at once."""
+        self.crowd.remove(self)
+        self.transport.abort()
+
+    def rank(self) -> int:
+        """How much it needs its place."""
+        state = self.scope["state"] if self.scope else {}
+        session = state.get("session")
+        if session is not None and session.is_welcome and session.closing is None:
+            return _SESSION
+        if self.cycle is None or self.cycle.response_complete or self.cycle.more_body:
+            return _IDLE
+        return _OWNER if "owner" in state else _STRANGER
+
+    def is_late(self, now_s: float) -> bool:
+        """Whether it takes longer than anybody needs."""
+        is_owner = self.scope is not None and "owner" in self.scope["state"]
+        limit_s = UPLOAD_S if is_owner else REQUEST_S
+        return self.rank() < _OWNER and now_s - self.since_s > limit_s
+
+
+class _Http(_Connection, H11Protocol):
+    def data_received(self, data: bytes) -> None:
+        if self in self.crowd.connections:  # it was quiet until now
+            self.crowd.connections[self] = self.crowd.connections.pop(self)
+        super().data_received(data)
+
+    def on_response_complete(self) -> None:
+        self.since_s = time.monotonic()
+        super().on_response_complete()
+
+    def handle_websocket_upgrade(self, event: Any) -> None:
+        self.crowd.remove(self)  # the socket takes its place
+        super().handle_websocket_upgrade(event)
+
+
+class _Socket(_Connection, WebSocketsSansIOProtocol):
+    """A session's socket."""
+
+
+class HttpServer(uvicorn.Server):
+    """Ends at 0 V before it closes its clients' connections.
+
+    Parameters
+    ----------
+    app : ASGI application
+        What `haptix.service.front.application` returns.
+    hub : Hub
+        Is stopped first.
+    listen : Listen, optional
+        Where other machines reach it.
+    end : callable
+        Called before it waits for answers that are under way.
+    """
+
+    def __init__(self, app: Any, hub: Hub, listen: Listen | None, end: Callable[[], None]) -> None:
+        self._hub, self._end, self.crowd = hub, end, Crowd()
+        own = {"crowd": self.crowd}
+        super().__init__(
+            uvicorn.Config(
+                app,
+                http=type("Http", (_Http,), own),
+                ws=type("Socket", (_Socket,), own),
+                log_level="critical",  # what a client did wrong it is told itself
+                backlog=_AT_ONCE,
+                ws_max_size=MOST_TEXT_BYTES,
+                ws_per_message_deflate=False,  # work for bytes that leave no machine
+                ws_ping_interval=None,  # the session's own pings show that the script lives
+                timeout_graceful_shutdown=2,
+                server_header=False,
+                ssl_certfile=listen.certificate if listen else None,
+                ssl_keyfile=listen.key if listen else None,
+            )
+        )
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Listen."""
+        with suppress(ImportError, ValueError, OSError):
+            import resource
+
+            soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+            resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, min(_FILES, hard)), hard))
+        sockets = [Listener(fileno=one.detach()) for one in sockets or ()]
+        await super().startup(sockets)
+        for one in sockets:
+            one.listen(_WAITING)
+
+    async def on_tick(self, counter: int) -> bool:
+        """Look at the connections, ten times a second."""
+        self.crowd.look(time.monotonic())
+        return await super().on_tick(counter)
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """Take a signal to end."""
+        self._hub.stop("the service ends")
+        self._end()
+        super().handle_exit(sig, frame)

@@ -1,0 +1,164 @@
+"""Many connections, floods, and what nobody foresaw: STOP works, and each is told why."""
+
+import errno
+import json
+import resource
+import socket
+import time
+from contextlib import ExitStack, suppress
+
+import httpx
+import pytest
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+from websockets.typing import Subprotocol
+
+from haptix.service import connections
+from haptix.service.connections import MOST_CONNECTIONS, MOST_OF_PEER
+from haptix.service.front import SUBPROTOCOL
+from tests.service.service_under_test import Service
+from tests.service.test_sessions import Client
+from tests.waiting import PATIENCE_S, wait_for
+
+SPOKEN = Subprotocol(SUBPROTOCOL)
+HALF = b"POST /v1/pair HTTP/1.1\r\nHost: 127.0"
+
+
+@pytest.fixture
+def service(tmp_path):
+    running = Service(tmp_path / "service")
+    yield running
+    running.close()
+
+
+def stop(service):
+    """STOP over HTTP, as the button does."""
+    before = len(service.engine.when("stop"))
+    answer = httpx.post(f"http://127.0.0.1:{service.port}/stop", timeout=PATIENCE_S)
+    assert answer.status_code == 204
+    assert len(service.engine.when("stop")) == before + 1
+
+
+@pytest.mark.parametrize("begin", [b"", HALF, HALF + b".0.1\r\nContent-Length: 9\r\n\r\n{"])
+def test_a_crowd_that_says_nothing_keeps_nobody_from_stop(service, begin):
+    with Client(service).holds() as client, ExitStack() as stack:
+        for _ in range(MOST_CONNECTIONS + 50):
+            one = stack.enter_context(socket.create_connection(("127.0.0.1", service.port)))
+            with suppress(ConnectionError):  # its place may be another one's already
+                one.sendall(begin)
+        wait_for(lambda: len(service.server.crowd.connections) <= MOST_OF_PEER)
+        stop(service)
+        assert client.ask("inventory")["type"] == "inventory"  # a session keeps its place
+        with Client(service) as newcomer:
+            assert newcomer.welcome["type"] == "welcome"
+
+
+def test_the_process_may_open_enough_files(service):
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    assert soft >= min(hard, 1024) or hard == resource.RLIM_INFINITY
+
+
+def test_who_takes_too_long_is_closed(service, monkeypatch):
+    address = ("127.0.0.1", service.port)
+    with Client(service) as client, socket.create_connection(address) as slow:
+        monkeypatch.setattr(connections, "REQUEST_S", 0.05)
+        slow.sendall(HALF)
+        slow.settimeout(PATIENCE_S)
+        with suppress(ConnectionResetError):
+            assert slow.recv(100) == b""
+        assert client.ask("inventory")["type"] == "inventory"  # but no session is
+
+
+@pytest.mark.parametrize("kind", ["inventory", "acquire", "stop", "layout_change"])
+def test_a_stop_waits_for_nothing_that_its_client_has_sent(service, kind):
+    """And what was sent before it does nothing after it."""
+    with Client(service) as flooder, Client(service).holds() as other:
+        ops = {"ops": [{"op": "remove", "name": "none"}]} if kind == "layout_change" else {}
+        first = flooder.number + 1
+        for number in range(first, first + 900):  # for 4.5 s, at 200 a second
+            flooder.socket.send(json.dumps({"type": kind, "id": number, **ops}))
+        service.engine.told.clear()
+        began_s = time.monotonic()
+        flooder.socket.send(json.dumps({"type": "arm", "id": first + 900}))
+        flooder.socket.send(json.dumps({"type": "stop", "id": first + 901}))
+        wait_for(lambda: service.engine.when("stop"))
+        sessions = service.hub.sessions
+        flooding = sessions.get(flooder.welcome["session"])
+        if kind != "stop" and time.monotonic() - began_s < 2.0:  # else a slow machine had the time
+            assert flooding is None or flooding.ahead  # others still wait
+        assert other.ask("inventory")["type"] == "inventory"
+        assert not service.engine.when("arm")
+        assert other.welcome["session"] in sessions
+        flooder.socket.socket.close()  # it reads no answers
+
+
+def test_a_flood_is_kept_up_to_a_size_and_told(service):
+    with Client(service) as flooder:
+        number = flooder.number + 1
+        big = json.dumps({"type": "x" * 60_000})
+        session = service.hub.sessions[flooder.welcome["session"]]
+        for _ in range(150):
+            flooder.socket.send(big)
+            assert session.ahead_bytes <= 5 * 2**20
+        told = flooder.until(lambda message: message.get("code") == "limit")
+        assert "left out" in told["sentence"]
+        flooder.socket.send(json.dumps({"type": "stop", "id": number + 1000}))
+        wait_for(lambda: service.engine.when("stop"))
+
+
+PATHS = (
+    *("/studio/%00", "/client/%00", "/studio/" + "x" * 5000, "/studio/" + "a/" * 3000),
+    *("/%ff/\u00e9", "/studio/..%2f..%2f..%2fetc/passwd", "/studio/%2e%2e/x", "/v1/layouts/%00"),
+    "/stop/x" * 900,
+)
+
+
+def test_every_path_is_answered_by_a_sentence(service, capfd):
+    headers = {"authorization": f"Bearer {service.access.native}"}
+    for path in PATHS:
+        for method in ("GET", "PUT", "POST", "DELETE"):
+            url = f"http://127.0.0.1:{service.port}{path}"
+            answer = httpx.request(method, url, headers=headers, timeout=PATIENCE_S)
+            assert 400 <= answer.status_code < 500, (method, path)
+            assert len(answer.json()["sentence"]) > 20, (method, path, answer.text)
+            assert "Traceback" not in answer.text
+    assert "Traceback" not in "".join(capfd.readouterr())
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "words"),
+    [
+        (OSError(errno.ENOSPC, "No space left on device"), 507, "MB free; make room"),
+        (OSError(errno.EIO, "Input/output error"), 500, "cannot be kept: Input/output error"),
+        (ZeroDivisionError("a fault of ours"), 500, "a fault of the service: ZeroDivisionError"),
+    ],
+)
+def test_a_full_disk_and_a_fault_of_ours_are_said_as_such(
+    service, monkeypatch, capfd, error, status, words
+):
+    def fails(*_):
+        raise error
+
+    monkeypatch.setattr("haptix.service.assets.tempfile.mkstemp", lambda **_: fails())
+    answer = httpx.put(
+        f"http://127.0.0.1:{service.port}/v1/assets/{'0' * 64}?suffix=.png",
+        headers={"authorization": f"Bearer {service.access.native}"},
+        content=b"x",
+        timeout=PATIENCE_S,
+    )
+    assert answer.status_code == status
+    assert words in answer.json()["sentence"]
+    assert "Traceback" not in "".join(capfd.readouterr())
+    with Client(service) as client:
+        service.hub.engine.ask = fails
+        told = client.ask("layout_set", document={"regions": []})
+        assert (told["code"], "layout_set: " in told["sentence"]) == ("internal", True)
+
+
+def test_bytes_that_are_no_text_leave_no_traceback(service, capfd):
+    address = f"ws://127.0.0.1:{service.port}/v1/session"
+    with connect(address, subprotocols=[SPOKEN], proxy=None) as client:
+        client.socket.sendall(b"\x81\x82\x00\x00\x00\x00\xff\xfe")
+        with pytest.raises(ConnectionClosed):
+            client.recv(PATIENCE_S)
+    assert "Traceback" not in "".join(capfd.readouterr())
