@@ -10,6 +10,7 @@ import argparse
 import contextlib
 import json
 import os
+import re
 import resource
 import signal
 import socket
@@ -181,10 +182,10 @@ def flood(kind: str) -> dict[str, Any]:
                     began_s = time.monotonic()
                     with contextlib.suppress(Exception):
                         socket_.send(json.dumps({"type": "stop", "id": number}))
-                    answer = f'"id":{number}'
+                    answer = re.compile(rf'"id":{number}\b')
 
-                    def answered(answer: str = answer) -> Any:
-                        return [at for at, text in [*reading] if answer in text or "bye" in text]
+                    def answered(answer: re.Pattern[str] = answer) -> Any:
+                        return [at for at, text in [*reading] if answer.search(text)]
 
                     own.append(wait(answered)[0] - began_s)
     return {
