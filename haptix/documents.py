@@ -120,8 +120,14 @@ class Document(Part):
 
     @classmethod
     def _from_table(cls, fields: dict[str, Any], folder: Path) -> Self:
-        """Make a document from the table of a file in `folder`."""
-        return cls(**fields)
+        """Make a document from the table of a file in `folder`, to which its paths are relative."""
+        if "folder" not in cls.model_fields:
+            return cls(**fields)
+        if "folder" in fields:
+            raise InputError(
+                f"{cls.__name__}.folder: a file has none; its paths are relative to the file"
+            )
+        return cls(**fields, folder=folder)
 
     def save(self, path: str | Path) -> None:
         """Write a file that `load` reads back to an equal document.

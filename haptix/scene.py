@@ -219,12 +219,6 @@ class Scene(Document):
             )
         return self
 
-    @classmethod
-    def _from_table(cls, fields: dict[str, Any], folder: Path) -> Self:
-        if "folder" in fields:
-            raise InputError("Scene.folder: a scene file has none; paths are relative to the file")
-        return cls(**fields, folder=folder)
-
     def save(self, path: str | Path) -> None:
         """Write the scene as TOML, with finger and screen written out and paths kept relative."""
         folder = Path(path).parent

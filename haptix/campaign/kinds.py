@@ -9,7 +9,7 @@ from functools import cached_property
 from importlib import import_module
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar
 
 from pydantic import Field, ValidationError
 
@@ -83,12 +83,6 @@ class Campaign(Document):
     @abstractmethod
     def tasks(self) -> Iterator[CampaignTask]:
         """Yield the tasks, the same ones in the same order each time."""
-
-    @classmethod
-    def _from_table(cls, fields: dict[str, Any], folder: Path) -> Self:
-        if "folder" in fields:
-            raise InputError("folder: a file has none; its paths are relative to the file")
-        return cls(**fields, folder=folder)
 
 
 class Sweep(Campaign):

@@ -111,12 +111,6 @@ class Recipe(Document):
             raise ValueError("expected stimuli or designs, got neither")
         return self
 
-    @classmethod
-    def _from_table(cls, fields: dict[str, Any], folder: Path) -> Self:
-        if "folder" in fields:
-            raise InputError("Recipe.folder: a file has none; its paths are relative to the file")
-        return cls(**fields, folder=folder)
-
     def stimulus_set(self) -> StimulusSet:
         """Make the set.
 
@@ -278,12 +272,6 @@ class ExperimentRecipe(Document):
     break_every: PositiveInt | None = None
     feedback: bool = False
     folder: Annotated[Path, Field(exclude=True)] = Path()
-
-    @classmethod
-    def _from_table(cls, fields: dict[str, Any], folder: Path) -> Self:
-        if "folder" in fields:
-            raise InputError("ExperimentRecipe.folder: a file has none; paths start where it lies")
-        return cls(**fields, folder=folder)
 
     @model_validator(mode="after")
     def _names_differ(self) -> Self:
