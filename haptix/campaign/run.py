@@ -112,6 +112,19 @@ class CampaignResult:
             for key, row in self.by_key.items()
         )
 
+    @property
+    def verdict(self) -> str:
+        """How many tasks ended how."""
+        counts = ", ".join(f"{count} {status}" for status, count in self.counts.items() if count)
+        return f"{counts}, {self.reused} of them before"
+
+    @property
+    def failures(self) -> list[dict[str, Any]]:
+        """Rows of the tasks that have no result, and why."""
+        names = ("status", "worker", "error")
+        wrong = [row for row in self.rows if row["status"] in ("failed", "set aside")]
+        return [{"key": row["key"][:12], **{name: row[name] for name in names}} for row in wrong]
+
 
 def run_campaign(
     campaign: Campaign,
@@ -169,7 +182,7 @@ def run_campaign(
                 rows = tasks.rows
                 text = csv_text(rows[0] if rows else ["status"], (row.values() for row in rows))
                 _write(store, "table.csv", text)
-                _write(store, "report.html", report_html(campaign, rows))
+                _write(store, "report.html", report_html(campaign, tasks))
     return tasks
 
 
@@ -343,14 +356,13 @@ def estimate(
     return f"{campaign.name}: from the costs of {len(done)} tasks, kept in {where}", [row]
 
 
-def report_html(campaign: Campaign, rows: Sequence[dict[str, Any]]) -> str:
-    """Return the page of a campaign, which says what is drawn, and its table."""
-    done = [row for row in rows if row["status"] == "done"]
+def report_html(campaign: Campaign, tasks: CampaignResult) -> str:
+    """Return the page of a campaign: what it cost, its pictures, and what has no result."""
+    done = [row for row in tasks.rows if row["status"] == "done"]
     facts = {
         "kind": campaign.kind,
         "haptix": __version__,
-        "tasks": len(rows),
-        **Counter(row["status"] for row in rows),
+        "tasks": tasks.verdict,
         "processor time [h]": sum(_numbers(done, "cpu_seconds")) / 3600,
         "time of tasks [h]": sum(_numbers(done, "seconds")) / 3600,
         "results [MB]": sum(_numbers(done, "bytes")) / 1e6,
@@ -361,10 +373,8 @@ def report_html(campaign: Campaign, rows: Sequence[dict[str, Any]]) -> str:
         parts += [picture("distributions", figure) for figure in _pictures(campaign, done)]
     except MissingExtraError as error:
         parts.append(paragraph(f"Without pictures: {error}"))
-    if wrong := [row for row in rows if row["status"] in ("failed", "set aside")]:
-        shown = ("key", "status", "worker", "error")
-        listed = [{name: row[name] for name in shown} for row in wrong[:_MOST_FAILURES]]
-        parts.append(table(f"{len(wrong)} without results", listed))
+    wrong = tasks.failures
+    parts.append(table(f"{len(wrong)} without results", wrong[:_MOST_FAILURES]))
     return page(campaign.name, parts)
 
 

@@ -95,14 +95,8 @@ class RunCampaign(Task, command="campaign"):
             ) from None
         for place, why in result.damaged.items():
             context.tell(step=f"{where}/{place}: {why}; its task was done again")
-        counts = ", ".join(f"{count} {status}" for status, count in result.counts.items() if count)
-        title = f"{plan.name}: {counts}, {result.reused} of them before"
-        title += f"; report: {where}/report.html"
-        wrong = [
-            {"key": row["key"][:12], "status": row["status"], "error": row["error"]}
-            for row in result.rows
-            if row["status"] in ("failed", "set aside")
-        ]
+        title = f"{plan.name}: {result.verdict}; report: {where}/report.html"
+        wrong = result.failures
         return Result([*result.rows], [(title, wrong)], failed=bool(wrong))
 
     @contextmanager

@@ -24,7 +24,7 @@ from haptix.tradeoff import run_tradeoff
 @pytest.fixture(autouse=True)
 def page(monkeypatch):
     """Reports are tested elsewhere."""
-    monkeypatch.setattr("haptix.campaign.run.report_html", lambda campaign, rows: "page")
+    monkeypatch.setattr("haptix.campaign.run.report_html", lambda campaign, tasks: "page")
 
 
 @pytest.fixture

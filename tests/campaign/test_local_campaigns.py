@@ -36,7 +36,7 @@ def plan(**fields):
 def pages(monkeypatch, request):
     """Reports without pictures, which take half a second each; tests of pictures ask for them."""
     if "pictures" not in request.fixturenames:
-        monkeypatch.setattr("haptix.campaign.run.report_html", lambda campaign, rows: "page")
+        monkeypatch.setattr("haptix.campaign.run.report_html", lambda campaign, tasks: "page")
 
 
 @pytest.fixture
@@ -188,7 +188,7 @@ def test_what_fails_has_its_reason_and_is_done_again_only_when_asked(tmp_path):
     first = run_campaign(plan(numbers=3, wrong=(1,)), tmp_path)
     assert first.counts["failed"] == 1 and first.counts["done"] == 2
     assert first.rows[1]["error"] == "ValueError: no square of 1"
-    assert "no square of 1" in report_html(plan(numbers=3), first.rows)
+    assert "no square of 1" in report_html(plan(numbers=3), first)
     calls = []
     run_campaign(plan(numbers=3, wrong=(1,)), tmp_path, on_progress=calls.append)
     assert calls == []
@@ -581,6 +581,7 @@ def test_a_wrong_plan_is_one_sentence(tmp_path):
         ('name = "a"\nkind = "os:system"\n', "neither a Task nor a Campaign"),
         ('name = "a"\nkind = "nowhere:Any"\n', "No module named 'nowhere'"),
         ('name = "a"\nkind = "surfaces"\nscene = {}\nfinger = "wet"\n', r"finger: extra"),
+        ('name = "a"\nkind = "surfaces"\nscene = {}\nfolder = "b"\n', r"folder: a file has none"),
     ):
         path.write_text(text)
         with pytest.raises(HaptixError, match=why):
