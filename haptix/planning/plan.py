@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import torch
@@ -31,6 +31,7 @@ from haptix.planning.trials import (
     omissions,
     reporting_terms,
 )
+from haptix.report import Heading, HeadingsOf
 from haptix.scene import Scene
 from haptix.status import Status
 from haptix.surface import LARGEST_BYTES, FrictionSurface
@@ -75,14 +76,14 @@ class Row:
     """One thing that a model can leave out."""
 
     kind: Kind
-    name: str
+    name: Annotated[str, Heading("")]
     """Name of what would be left out."""
-    kept: bool
-    why: str
-    effect: Effect = _NO_EFFECT
+    kept: Annotated[bool, Heading("decision", "dropped|kept")]
+    effect: Annotated[Effect, HeadingsOf(("mu_max", "jnd_max"))] = _NO_EFFECT
     """Effect of leaving out this alone."""
-    cost_s: float = 0.0
+    cost_s: Annotated[float, Heading("costs [s]", ".2g")] = 0.0
     """Time that it adds to a table of the contact and 2000 states; of terms and fidelities."""
+    why: Annotated[str, Heading("why")] = ""
 
     @property
     def decision(self) -> dict[str, Any]:
@@ -213,7 +214,11 @@ def plan_scene(
     free = [omission for omission in everything if omission not in settled]
     chosen, joint, decisions = _spend(trials, base, free, effects)
     decisions |= settled
-    rows = [Row(out.kind, out.name, *decisions[out], *alone[out]) for out in everything]
+    rows = [
+        Row(out.kind, out.name, kept, *alone[out], why)
+        for out in everything
+        for kept, why in [decisions[out]]
+    ]
     rows += [_report_row(trials, chosen, term) for term in reporting_terms(scene)]
     rows += _fixed_rows(scene)
     order = {name: rank for rank, name in enumerate((*TERMS, *AXIS_NAMES))}
@@ -222,7 +227,7 @@ def plan_scene(
     for name, effect in effects_of_materials(scene, trials.model(chosen)):
         felt = effect.jnd_max > spare
         why = "felt" if felt else f"not felt: below the {spare:.2g} JND left of the budget"
-        rows.append(Row("material", name, felt, why, effect))
+        rows.append(Row("material", name, felt, effect, why=why))
     dtype = getattr(torch, override.dtype or "float32")
     model, fidelity = trials.model(chosen, dtype), override.fidelity
     if fidelity is not None and Ability.TABULATE not in FIDELITIES[fidelity].can:
@@ -373,19 +378,19 @@ def _report_row(trials: Trials, chosen: Choice, term: Term) -> Row:
         why = f"{'kept' if is_kept else 'dropped'} by the scene; {why}"
     if is_kept and share >= 1:
         why += ": the surface ends there"
-    return Row("term", term.name, is_kept, why)
+    return Row("term", term.name, is_kept, why=why)
 
 
 def _fixed_rows(scene: Scene) -> Iterator[Row]:
     """Rows that the scene itself decides: single values, and terms whose fields are missing."""
     for name, (low, high) in scene.ranges().items():
         if low == high:
-            yield Row("axis", name, False, f"one value: {low:g}")
+            yield Row("axis", name, False, why=f"one value: {low:g}")
         elif name == "normal_force_n":
-            yield Row("axis", name, True, "friction is asked for by force")
+            yield Row("axis", name, True, why="friction is asked for by force")
     for name in sorted(set(TERMS) - scene.possible_terms()):
         fields = ", ".join(TERMS[name].missing(scene.finger, scene.screen))
-        yield Row("term", name, False, f"{fields} not given")
+        yield Row("term", name, False, why=f"{fields} not given")
 
 
 def effects_of_materials(scene: Scene, model: ContactModel) -> Iterator[tuple[str, Effect]]:

@@ -9,7 +9,7 @@ from itertools import product
 from math import inf, sqrt
 from time import perf_counter
 from timeit import repeat
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 import torch
 from torch import Tensor
@@ -17,6 +17,7 @@ from torch import Tensor
 from haptix.fidelity import FIDELITIES, Ability, FidelityName
 from haptix.friction import ContactModel
 from haptix.perception import WEBER_FRACTION
+from haptix.report import Heading
 from haptix.scene import Scene
 from haptix.states import ContactState
 from haptix.surface import PULL_IN_SHARE
@@ -129,11 +130,11 @@ def kept_reports(scene: Scene) -> frozenset[str]:
 class Effect:
     """Difference of friction between two ways to model a scene, over its points."""
 
-    mu_max: float = 0.0
+    mu_max: Annotated[float, Heading("mu", ".2g")] = 0.0
     """Largest difference in mu."""
     mu_p99: float = 0.0
     """Difference in mu that 1 % of the points exceed."""
-    jnd_max: float = 0.0
+    jnd_max: Annotated[float, Heading("JND", ".2g")] = 0.0
     """Largest, in just-noticeable differences (JND) of the friction there, ``0.11 mu``."""
     jnd_p99: float = 0.0
     overreach: float = 0.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from pydantic import Field
 
@@ -13,9 +13,6 @@ from haptix.desk import Context, Result, Task
 from haptix.fields import Argument, FileThere, Folder
 from haptix.report import record
 from haptix.terminal import accuracy_note, breakdown_note, placeholder_note, warning_note
-
-if TYPE_CHECKING:
-    from haptix.planning import Row
 
 _STAGES = {
     "run": "build, query and invert",
@@ -55,18 +52,7 @@ class PlanScene(Task, command="plan"):
         for row in plan.rows:
             effect = {f"effect_{name}": value for name, value in asdict(row.effect).items()}
             document.append({**row.decision, **effect, "cost_s": row.cost_s, **spread})
-        return Result(document, [(title, [_shown(row) for row in plan.rows])])
-
-
-def _shown(row: Row) -> dict[str, str]:
-    return {
-        "": row.name,
-        "decision": row.decision["decision"],
-        "mu": f"{row.effect.mu_max:.2g}",
-        "JND": f"{row.effect.jnd_max:.2g}",
-        "costs": f"{row.cost_s * 1e3:.2g} ms" if row.cost_s else "-",
-        "why": row.why,
-    }
+        return Result(document, [(title, plan.rows)])
 
 
 class TradeOff(Task, command="tradeoff"):
