@@ -202,6 +202,9 @@ class StrokeRecording:
             assumed = texts(parse_json(stated))
         except ValidationError as error:
             raise FileFormatError(f"{path}: {first_error('stroke', error)}") from None
+        for name in ("signals", *(f"signals/{name}" for name in SIGNALS)):
+            if not isinstance(file.get(name, getlink=True), h5py.HardLink):
+                raise ValueError(f"{name} is a link, perhaps to another file")
         values = {name: _signal(signals[name]) for name in SIGNALS}
         return replace(cls.of(stroke, values, conditions), findings=findings, assumed=assumed)
 

@@ -389,6 +389,64 @@ def test_a_link_to_another_file_is_no_signal(kept):
         StrokeRecording.load(path)
 
 
+def linked(path, how):
+    """Let a signal stand elsewhere: in another recording, in any file, or put together."""
+    other = path.with_name("other.h5")
+    shutil.copy(path, other)
+    with h5py.File(path, "r+") as file:
+        samples = file["signals/t_s"].shape
+        del file["signals/t_s"]
+        if how == "external link":
+            file["signals/t_s"] = h5py.ExternalLink(other, "/signals/t_s")
+        elif how == "external group":
+            del file["signals"]
+            file["signals"] = h5py.ExternalLink(other, "/signals")
+        elif how == "external bytes":
+            file["signals"].create_dataset(
+                "t_s", shape=(100,), dtype="f8", external=[(__file__, 0, 800)]
+            )
+        else:
+            layout = h5py.VirtualLayout(samples, "f8")
+            layout[:] = h5py.VirtualSource(other, "/signals/t_s", samples)
+            file["signals"].create_virtual_dataset("t_s", layout)
+
+
+@pytest.mark.parametrize("how", ["external link", "external group", "external bytes", "virtual"])
+def test_a_recording_reads_no_other_file(kept, how):
+    path = kept / "session/strokes/stroke-001.h5"
+    linked(path, how)
+    with pytest.raises(FileFormatError, match=r"stroke-001\.h5"):
+        StrokeRecording.load(path)
+
+
+LIES = {
+    "an endless chunk": lambda data: data[:40] + b"\xff" * 4 + data[44:],
+    "no samples": lambda data: data[:44],
+    "half a header": lambda data: data[:30],
+    "no channels": lambda data: data[:22] + b"\0\0" + data[24:],
+    "65535 channels": lambda data: data[:22] + b"\xff\xff" + data[24:],
+    "no bits": lambda data: data[:34] + b"\0\0" + data[36:],
+    "a format of nobody": lambda data: data[:20] + b"\x34\x12" + data[22:],
+}
+
+
+@pytest.mark.parametrize("lie", LIES)
+@pytest.mark.parametrize("read", [read_recorded, read_volts])
+def test_a_wav_that_lies_is_refused_or_as_short_as_it_is(tmp_path, lie, read):
+    path = tmp_path / "a.wav"
+    soundfile.write(path, np.zeros(4800), 48_000, "PCM_16")
+    path.write_bytes(LIES[lie](path.read_bytes()))
+    tracemalloc.start()
+    try:
+        read(path)
+    except HaptixError as error:
+        assert "a.wav" in str(error) or "file" in str(error)
+    finally:
+        _, peak_bytes = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+    assert peak_bytes < 50e6  # 4,800 samples take 0.04 MB; libraries that load take the rest
+
+
 def npy(header):
     text = header.encode() + b"\n"
     return b"\x93NUMPY\x01\0" + struct.pack("<H", len(text)) + text
