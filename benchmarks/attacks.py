@@ -141,7 +141,7 @@ def flood(kind: str) -> dict[str, Any]:
         folder = Path(service.environment["HAPTIX_SERVICE"])
         token = json.loads((folder / "service.json").read_text())["token"]
         address = f"ws://127.0.0.1:{service.port}/v1/session"
-        own, others, reading = [], [], []
+        own, others = [], []
         with haptix.client.connect("another") as another:
             for _ in range(10):
                 with connect(
@@ -150,7 +150,7 @@ def flood(kind: str) -> dict[str, Any]:
                     hello = {"type": "hello", "id": 1, "protocol": "1.0", "client": "flood"}
                     socket_.send(json.dumps(hello | {"token": token}))
                     json.loads(socket_.recv())
-                    halted = threading.Event()
+                    halted, reading = threading.Event(), list[tuple[float, Any]]()
                     number = 2
 
                     def floods(socket_: Any = socket_, halted: Any = halted) -> None:
@@ -165,10 +165,11 @@ def flood(kind: str) -> dict[str, Any]:
                                 socket_.send(json.dumps(message))
                         halted.set()
 
-                    def reads(socket_: Any = socket_) -> None:
+                    def reads(socket_: Any = socket_, reading: Any = reading) -> None:
                         with contextlib.suppress(Exception):
                             while True:
-                                reading.append((time.monotonic(), socket_.recv()))
+                                text = socket_.recv()
+                                reading.append((time.monotonic(), text))
 
                     threading.Thread(target=reads, daemon=True).start()
                     threading.Thread(target=floods, daemon=True).start()
@@ -184,7 +185,7 @@ def flood(kind: str) -> dict[str, Any]:
                         socket_.send(json.dumps({"type": "stop", "id": number}))
                     answer = re.compile(rf'"id":{number}\b')
 
-                    def answered(answer: re.Pattern[str] = answer) -> Any:
+                    def answered(answer: Any = answer, reading: Any = reading) -> Any:
                         return [at for at, text in [*reading] if answer.search(text)]
 
                     own.append(wait(answered)[0] - began_s)
