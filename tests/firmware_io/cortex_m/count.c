@@ -97,6 +97,7 @@ void board_main(void) {
         hx_device_play(&device, out, 0, outputs);
         uint32_t played = (begin - SYSTICK) & 0xffffff;
         if (device.samples_played != n) leave("the stream was refused\n", 0);
+        hx_device_play(&device, out, 0, 400); /* the end of a block of the window, for make size */
         say(words[mode][0], received * NS_PER_TICK / outputs);
         say(words[mode][1], played * NS_PER_TICK / outputs);
         uint32_t each = (revised_longer - revised) / 30u;
