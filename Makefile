@@ -1,7 +1,7 @@
 # `make demo` and `make test` work from a bare clone: each sets up .venv first when it has to.
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help demo studio test test-slow test-devices clients docs lint types setup clean
+.PHONY: help demo studio test test-slow test-devices clients docs lint types prove faults size setup clean
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-13s %s\n", $$1, $$2 }' Makefile
@@ -34,6 +34,15 @@ lint: .venv/.ready ## rules and format (ruff), the import contract (import-linte
 
 types: .venv/.ready ## mypy, tests included
 	.venv/bin/mypy
+
+prove: ## what the contracts of the firmware's limiter say, by Frama-C and Z3
+	@$(MAKE) --no-print-directory -C tests/firmware_io/firmware prove
+
+faults: ## a failure at each step of 1,000 sessions, and a million flipped bits of the firmware's memory
+	@$(MAKE) --no-print-directory -C tests/firmware_io/firmware faults
+
+size: .venv/.ready ## code, stack and cycles of the firmware's functions on a Cortex-M, since the last release (ARGS=--store)
+	.venv/bin/python benchmarks/firmware_size.py $(ARGS)
 
 setup: ## set up again, or mend, .venv (PYTHON=... picks the interpreter)
 	@bash scripts/setup.sh

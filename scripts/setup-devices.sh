@@ -17,6 +17,8 @@ packages=(
     gcc libc6-dev make
     # the same core on a Cortex-M
     gcc-arm-none-eabi qemu-system-arm
+    # the proof of the firmware's limiter
+    frama-c-base why3 z3
     # the firmware in the wheel for aarch64
     qemu-user libc6-arm64-cross
     # the one in the wheel for Windows: 100 MB to load, 670 MB on disk

@@ -129,12 +129,14 @@ static uint32_t put_next(hx_device *d, uint8_t *bytes, uint32_t capacity) {
 
 uint32_t hx_device_transmit(hx_device *d, uint8_t *bytes, uint32_t capacity) {
     uint32_t written = 0, frame;
+    if (!hx_device_is_whole(d)) return 0;
     hx_look_again(d);
     while ((frame = put_next(d, bytes + written, capacity - written)) > 0) written += frame;
+    hx_seal(d);
     return written;
 }
 
-uint32_t hx_device_transmit_report(hx_device *d, uint8_t *report, uint32_t capacity) {
+static uint32_t transmit_report(hx_device *d, uint8_t *report, uint32_t capacity) {
     uint32_t size = d->config.report_bytes;
     if (size == 0 || size > capacity) return 0;
     hx_look_again(d);
@@ -155,10 +157,18 @@ uint32_t hx_device_transmit_report(hx_device *d, uint8_t *report, uint32_t capac
     return size;
 }
 
+uint32_t hx_device_transmit_report(hx_device *d, uint8_t *report, uint32_t capacity) {
+    if (!hx_device_is_whole(d)) return 0;
+    uint32_t written = transmit_report(d, report, capacity);
+    hx_seal(d);
+    return written;
+}
+
 int hx_device_touch(hx_device *d, const hx_touch *touch) {
-    if (d->touches == HX_TOUCHES) return 0;
+    if (d->touches == HX_TOUCHES || !hx_device_is_whole(d)) return 0;
     d->touch[d->touches] = *touch;
     d->touch[d->touches].clock = d->clock;
     d->touches++;
+    hx_seal(d);
     return 1;
 }

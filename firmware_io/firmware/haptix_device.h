@@ -46,7 +46,7 @@
 #define HX_DRY_MS 10u
 /* Of the second that energy and mean are taken over: 0.8 % of either is the error. */
 #define HX_WINDOW_BLOCKS 128u
-#define HX_ENERGY_SHIFT 12u
+#define HX_ENERGY_UNIT 4096u
 /* The digital line is high for this long from the sample that was marked on. */
 #define HX_MARK_MS 1u
 /* A frame whose bytes pause for this long is given up. */
@@ -136,6 +136,10 @@ void hx_device_release(hx_device *device);
 /* Output samples until the output has nothing left to play but zeros or a held sample. */
 uint32_t hx_device_pending(const hx_device *device);
 
+/* 0 if memory has gone bad: the output goes to 0 V and stays there until hx_device_init. A board
+ * that resets then stops feeding its watchdog. */
+int hx_device_is_whole(const hx_device *device);
+
 /* Bytes of a STATUS payload, for a board's own panel and for tests. */
 void hx_device_status(const hx_device *device, uint8_t *payload);
 /* Bytes of a FAULT payload: the first cause, with code 0 if there is none. */
@@ -164,7 +168,7 @@ typedef struct {
     int32_t sum;
     int32_t high;
     int32_t low;
-    uint32_t energy; /* in 2^HX_ENERGY_SHIFT codes squared */
+    uint32_t energy; /* in HX_ENERGY_UNIT codes squared */
 } hx_block;
 
 struct hx_device {
@@ -224,7 +228,6 @@ struct hx_device {
     uint32_t gain; /* 0 to ramp_ticks */
 
     /* The last second of the output: belongs to the driver, no session begins it anew. */
-    hx_block blocks[HX_WINDOW_BLOCKS];
     hx_block block; /* under way */
     uint32_t block_at;
     uint32_t block_tick;
@@ -237,6 +240,7 @@ struct hx_device {
     int64_t high_before;
     int64_t low_before;
     int64_t max_sum;
+    uint32_t blocks_seal;
 
     uint64_t clock;
     uint32_t underruns;
@@ -250,25 +254,30 @@ struct hx_device {
     uint16_t answer_sequence;
     uint32_t answer_bytes; /* of a frame on its way in reports */
     uint32_t answer_sent;
-    uint8_t answer[HX_ANSWER_BYTES];
 
     uint32_t touches;
-    hx_touch touch[HX_TOUCHES];
-
     uint32_t marks;
-    hx_mark mark[HX_MARKS];
     uint32_t line_ticks;
     uint32_t line_ticks_left; /* the line is high */
 
     uint32_t head;
     uint32_t queued;
-    int16_t queue[HX_QUEUE_SAMPLES];
 
     uint32_t pause_ticks;
     uint8_t has_paused; /* for too long: what was received is looked at again outside of play */
+    uint8_t is_lost;    /* the window went bad */
     uint32_t work;      /* what the receiver may still spend on what it holds */
     uint32_t awaited;   /* bytes of a frame whose header was checked; 0 if none was */
     uint32_t received;  /* bytes of a frame not yet whole */
+
+    /* All above is sealed between calls; this has seals of its own or may go bad: haptix_seal.c. */
+    hx_block blocks[HX_WINDOW_BLOCKS];
+    uint32_t seal;
+    uint32_t way_out[3]; /* each the last output sample, and the step of its slew */
+    hx_touch touch[HX_TOUCHES];
+    hx_mark mark[HX_MARKS];
+    uint8_t answer[HX_ANSWER_BYTES];
+    int16_t queue[HX_QUEUE_SAMPLES];
     uint8_t buffer[HX_BUFFER_BYTES];
 };
 

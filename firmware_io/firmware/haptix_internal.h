@@ -29,6 +29,16 @@ void hx_take_frame(hx_device *device, const uint8_t *frame);
 /* The bytes of a frame have paused for too long. Short: it is called for an output sample. */
 void hx_meet_pause(hx_device *device);
 
+/* The end of every call that may change the device. */
+void hx_seal(hx_device *device);
+
+/* After every output: what a core whose memory has gone bad ends from. */
+void hx_keep_way_out(hx_device *device);
+
+/* Output samples of such a core, and how many until it is at 0 V. */
+void hx_play_way_out(hx_device *device, int16_t *out, uint8_t *what, uint32_t n);
+uint32_t hx_way_out_ticks(const hx_device *device);
+
 /* Look again at the bytes of a frame that has paused, without its first one. */
 void hx_look_again(hx_device *device);
 

@@ -120,17 +120,10 @@ static enum hx_output advance(hx_device *d) {
     return HX_OUT_STREAM;
 }
 
-/* A code as it goes to the output: below the ceiling, and a step within the slew away.
- *
- * Samples were checked as they came, and ramp and gain keep the slew by themselves. What is limited
- * here is the rounding of a carrier, the first of its ramp, and memory that went bad.
- */
+/* Samples were checked as they came, and ramp and gain keep the slew by themselves: what the limiter
+ * changes is the rounding of a carrier, the first of its ramp, and memory that went bad. */
 static int16_t limited(const hx_device *d, int32_t before, int32_t code) {
-    int32_t most = d->ceiling_code_now;
-    if (code > most) code = most;
-    if (code < -most) code = -most;
-    if (is_in_reach(d, before, code)) return (int16_t)code;
-    return (int16_t)(before + (code > before ? d->step_codes_now : -d->step_codes_now));
+    return (int16_t)hx_limited(d->ceiling_code_now, d->step_codes_now, before, code);
 }
 
 /* The level as it goes to the output. */
@@ -213,10 +206,12 @@ static uint32_t play_run(hx_device *restrict d, int16_t *restrict out, uint8_t *
     return done;
 }
 
-void hx_device_play(hx_device *d, int16_t *out, uint8_t *what, uint32_t n) {
+/* Play until all are played or the window has gone bad; return how many were. */
+static uint32_t play(hx_device *d, int16_t *out, uint8_t *what, uint32_t n) {
     for (uint32_t i = 0; i < n; i++) {
+        if (d->is_lost) return i;
         if (!d->has_carrier) i += play_run(d, out + i, what == NULL ? NULL : what + i, n - i);
-        if (i == n) return;
+        if (i == n) break;
         int16_t before = d->level;
         enum hx_output is = advance(d);
         int16_t code = drive(d, is);
@@ -239,9 +234,22 @@ void hx_device_play(hx_device *d, int16_t *out, uint8_t *what, uint32_t n) {
         if (d->line_ticks_left > 0) d->line_ticks_left--;
         pass_time(d, 1u);
     }
+    return n;
+}
+
+void hx_device_play(hx_device *d, int16_t *out, uint8_t *what, uint32_t n) {
+    uint32_t played = 0;
+    if (hx_device_is_whole(d)) {
+        played = play(d, out, what, n);
+        hx_keep_way_out(d);
+        hx_seal(d);
+    }
+    if (played == n) return;
+    hx_play_way_out(d, out + played, what == NULL ? NULL : what + played, n - played);
 }
 
 uint32_t hx_device_pending(const hx_device *d) {
+    if (!hx_device_is_whole(d)) return hx_way_out_ticks(d);
     uint32_t ramp = d->ramp_ticks_left;
     if (!d->has_begun) return ramp;
     uint32_t before = ramp > d->lead_ticks ? ramp : d->lead_ticks;

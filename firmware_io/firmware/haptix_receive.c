@@ -23,8 +23,7 @@ static int spend(hx_device *d, uint32_t n) {
 
 /* Bytes that the frame at the start of the buffer has, or is believed to have so far. */
 static uint32_t bytes_due(const hx_device *d) {
-    if (d->received < HX_HEADER_BYTES) return HX_FRAME_OVERHEAD_BYTES;
-    return HX_FRAME_OVERHEAD_BYTES + hx_get_u16(d->buffer + 6);
+    return d->awaited > 0 ? d->awaited : HX_FRAME_OVERHEAD_BYTES;
 }
 
 /* Whether a header may be believed; a damaged length must not swallow the frames behind it. */
@@ -49,18 +48,19 @@ static int is_header(hx_device *d, const uint8_t *bytes) {
     return 1;
 }
 
-/* Take the frame at these bytes, or find that none begins here; return the bytes to drop. */
-static uint32_t take_one(hx_device *d, const uint8_t *bytes, uint32_t n, int is_checked) {
+/* Take the frame at these bytes, or find that none begins here; return the bytes to drop. Of a
+ * header that was checked, what it announced counts, and not the bytes that have stood here since. */
+static uint32_t take_one(hx_device *d, const uint8_t *bytes, uint32_t n, uint32_t due) {
     if (bytes[0] != 'H' || (n > 1u && bytes[1] != 'X')) {
         hx_meet_damage(d, 0, 0, 0);
         return 1;
     }
     if (n < HX_HEADER_BYTES) return 0;
-    if (!is_checked) {
+    if (due == 0) {
         if (!spend(d, HX_HEADER_BYTES)) return n;
         if (!is_header(d, bytes)) return 1;
+        due = HX_FRAME_OVERHEAD_BYTES + hx_get_u16(bytes + 6);
     }
-    uint32_t due = HX_FRAME_OVERHEAD_BYTES + hx_get_u16(bytes + 6);
     if (n < due) {
         d->awaited = due;
         return 0;
@@ -78,13 +78,12 @@ static uint32_t take_one(hx_device *d, const uint8_t *bytes, uint32_t n, int is_
 
 /* Take every whole frame out of the buffer, and every byte that belongs to none. */
 static void take_frames(hx_device *d) {
-    uint32_t first = 0, taken = 1;
-    int is_checked = d->awaited > 0;
+    uint32_t first = 0, taken = 1, due = d->awaited;
     d->awaited = 0;
     while (d->received > first && taken > 0) {
-        taken = take_one(d, d->buffer + first, d->received - first, is_checked);
+        taken = take_one(d, d->buffer + first, d->received - first, due);
         first += taken;
-        is_checked = 0;
+        due = 0;
     }
     if (first == 0) return;
     uint32_t rest = d->received - first;
@@ -97,7 +96,7 @@ static void take_frames(hx_device *d) {
     d->received = rest;
 }
 
-void hx_device_receive(hx_device *d, const uint8_t *bytes, uint32_t n) {
+static void receive(hx_device *d, const uint8_t *bytes, uint32_t n) {
     uint32_t most = most_work(d);
     hx_look_again(d);
     if (n > 0) d->pause_ticks = 0;
@@ -117,7 +116,13 @@ void hx_device_receive(hx_device *d, const uint8_t *bytes, uint32_t n) {
     }
 }
 
-void hx_device_receive_report(hx_device *d, const uint8_t *report, uint32_t n) {
+void hx_device_receive(hx_device *d, const uint8_t *bytes, uint32_t n) {
+    if (!hx_device_is_whole(d)) return;
+    receive(d, bytes, n);
+    hx_seal(d);
+}
+
+static void receive_report(hx_device *d, const uint8_t *report, uint32_t n) {
     uint32_t length = n < HX_REPORT_PREFIX_BYTES ? 0u : report[1] & ~HX_REPORT_BEGINS;
     hx_look_again(d);
     if (n < HX_REPORT_PREFIX_BYTES || report[0] != HX_REPORT_ID ||
@@ -130,7 +135,13 @@ void hx_device_receive_report(hx_device *d, const uint8_t *report, uint32_t n) {
         d->received = 0;
         d->awaited = 0;
     }
-    hx_device_receive(d, report + HX_REPORT_PREFIX_BYTES, length);
+    receive(d, report + HX_REPORT_PREFIX_BYTES, length);
+}
+
+void hx_device_receive_report(hx_device *d, const uint8_t *report, uint32_t n) {
+    if (!hx_device_is_whole(d)) return;
+    receive_report(d, report, n);
+    hx_seal(d);
 }
 
 void hx_meet_pause(hx_device *d) {

@@ -70,6 +70,7 @@ int hx_device_init(hx_device *d, const hx_config *config) {
     hx_window_init(d);
     hx_receive_init(d);
     forget_setup(d);
+    hx_seal(d);
     return 1;
 }
 
@@ -430,6 +431,7 @@ void hx_take_frame(hx_device *d, const uint8_t *frame) {
 }
 
 void hx_device_release(hx_device *d) {
+    if (!hx_device_is_whole(d)) return;
     hx_end_output(d);
     forget_setup(d);
     d->received = 0;
@@ -443,4 +445,5 @@ void hx_device_release(hx_device *d) {
     d->answer_sent = 0;
     d->touches = 0;
     d->marks = 0;
+    hx_seal(d);
 }

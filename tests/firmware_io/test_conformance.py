@@ -939,19 +939,26 @@ def test_codes_that_went_bad_in_memory_are_limited(ceiling_mv, slew, expected, m
     assert np.array_equal(ramp, np.trunc(expected[-1] * np.arange(RAMP - 1, -1, -1) / RAMP))
 
 
-def test_a_watchdog_that_went_past_its_end_in_memory_ends_the_output():
+@pytest.mark.parametrize("waits", [False, True], ids=["at once", "when the host has spoken"])
+def test_a_word_that_went_bad_in_memory_ends_the_output(waits):
+    """A changed count of the watchdog, as any other word, is noticed before a sample leaves."""
     rig = Rig()
-    rig.ready(replace(PLAIN, sample_rate_hz=6_000))
+    rig.ready(replace(PLAIN, sample_rate_hz=6_000, max_slew_v_per_s=48_000))  # 1310 codes a sample
     rig.play(1000)
-    rig.stream([1000] * 100)
+    rig.stream([5000] * 100)
     rig.play(20)
     memory = np.frombuffer(memory_of(rig.core), np.uint32)
     before = memory.copy()
-    rig.play(1)
+    assert rig.play(1)[0][0] == 5000
     (place,) = np.flatnonzero((before == 20) & (memory == 21))  # counted from the stream
     memory[place] = 48_000
-    rig.play(1)
-    assert rig.core.fault().code is CODE.STARVED
+    if waits:
+        rig.core.receive(encode(Frame(Stop(), 4)))
+        rig.core.release()
+    assert rig.core.pending_ticks == 4
+    assert rig.core.play(6)[0].tolist() == [3690, 2380, 1070, 0, 0, 0]
+    assert rig.core.transmit() == rig.core.transmit_report() == b""
+    assert not rig.core.play(48_000)[0].any()
 
 
 def test_there_are_golden_sessions():

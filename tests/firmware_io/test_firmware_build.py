@@ -23,9 +23,9 @@ def need(*commands):
             pytest.skip(f"{command} is missing")
 
 
-def make(tmp_path, target):
+def make(tmp_path, target, *values):
     return subprocess.run(
-        ["make", "-C", CHECKS, f"BUILD={tmp_path}", target],
+        ["make", "-C", CHECKS, f"BUILD={tmp_path}", *values, target],
         capture_output=True,
         text=True,
         timeout=600,
@@ -41,6 +41,20 @@ def test_strict_compilation_and_sanitizers(tmp_path):
     for flag in ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "address,undefined"):
         assert flag in done.stdout
     assert "No output above the ceiling" in done.stdout
+
+
+def test_a_failure_at_every_step_and_flipped_bits_end_at_0_v(tmp_path):
+    need("make", "cc")
+    done = make(tmp_path, "faults", "SESSIONS=10", "FLIPS=20000")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert len(re.findall(r" [1-9]\d* well, 0 badly", done.stdout)) == 7
+    assert re.search(r" [1-9]\d* at 0 V within 15 ms, [1-9]\d* within limits, 0 esc", done.stdout)
+
+
+def test_what_the_contracts_of_the_limiter_say_is_proven(tmp_path):
+    need("make", "frama-c", "why3", "z3")
+    done = make(tmp_path, "prove")
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_it_fits_a_microcontroller(tmp_path):

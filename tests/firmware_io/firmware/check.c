@@ -13,6 +13,9 @@ static void fail(int line, const char *wanted) {
 
 #define demand(is_so) ((is_so) ? (void)0 : fail(__LINE__, #is_so))
 
+/* Made by the core's own parts: a test that changes memory seals it as the core would have. */
+#include "haptix_internal.h"
+
 #define RAMP 80u       /* 5 ms */
 #define WATCHDOG 640u  /* 40 ms */
 #define TOP CEILING_CODE
@@ -342,7 +345,7 @@ static void watchdog(void) {
     ready(plain);
     demand(stream_level(10000, 150) == HX_FAULT_NONE);
     play(10);
-    device.silent_ticks = WATCHDOG;
+    device.silent_ticks = WATCHDOG, hx_seal(&device);
     play(1);
     demand(fault() == HX_FAULT_STARVED);
 
@@ -595,6 +598,72 @@ static void bad_memory(void) {
     }
 }
 
+/* A lost core goes from a level to 0 V by the steps of its slew, answers nothing, and stays there. */
+static void is_lost_from(int32_t level) {
+    static uint8_t answer[256];
+    uint32_t ticks = (uint32_t)((level < 0 ? -level : level) + GENTLE_STEP - 1) / GENTLE_STEP;
+    hello();
+    demand(!hx_device_is_whole(&device) && hx_device_pending(&device) == ticks);
+    demand(hx_device_transmit(&device, answer, 256) == 0);
+    demand(hx_device_transmit_report(&device, answer, 64) == 0);
+    hx_device_play(&device, out, what, 4000);
+    for (int32_t i = 0; i < 4000; i++) {
+        int32_t gone = (i + 1) * GENTLE_STEP;
+        int32_t due = level > gone ? level - gone : level < -gone ? level + gone : 0;
+        demand(out[i] == due && (i == 0 || what[i] == (out[i - 1] ? HX_OUT_RAMP : HX_OUT_IDLE)));
+    }
+    demand(hx_device_pending(&device) == 0);
+}
+
+static void lost_memory(void) {
+    set_up_fields s = plain;
+    s.slew = GENTLE;
+    for (int32_t way = 0, level = GENTLE_STEP; way < 7; way++, level = -level) {
+        power_up(&config);
+        ready(s);
+        for (int32_t i = 1; i <= 20; i++) demand(stream_one(i * level) == HX_FAULT_NONE);
+        demand(stream_level(20 * level, 100) == HX_FAULT_NONE);
+        play(40);
+        switch (way) {
+        case 0: device.watchdog_ticks ^= 0x10000u; break;
+        case 1: device.config.ceiling_mv ^= 1u; break;
+        case 2: device.clock ^= 1ull << 63, device.way_out[0] ^= 0x1004u; break;
+        case 3: device.is_armed ^= 0x80u, device.way_out[2] ^= 0x20008000u; break;
+        case 4: device.seal ^= 1u; break;
+        case 5: device.has_begun = 0, device.touches = HX_TOUCHES + 1u; break;
+        default: /* the last word, and the same bit of two */
+            device.received ^= 0x80000000u, device.awaited ^= 0x80000000u;
+        }
+        is_lost_from(20 * level);
+        hx_device_release(&device);
+        hx_device_receive_report(&device, what, 64);
+        demand(!hx_device_is_whole(&device) && hx_device_init(&device, &config));
+        demand(hx_device_is_whole(&device));
+    }
+    /* The window: with the end of its block, and no sample later. */
+    power_up(&config);
+    ready(s);
+    for (int32_t i = 1; i <= 20; i++) demand(stream_one(i * GENTLE_STEP) == HX_FAULT_NONE);
+    demand(stream_level(20 * GENTLE_STEP, 120) == HX_FAULT_NONE);
+    uint32_t left = device.block_ticks - device.block_tick;
+    device.blocks[(device.block_at + 64u) % HX_WINDOW_BLOCKS].energy ^= 0x100u;
+    hx_device_play(&device, out, what, left + 20u);
+    demand(left > 30u && out[left - 1u] == 20 * GENTLE_STEP);
+    for (int32_t i = 0; i < 20; i++) demand(out[(int32_t)left + i] == (19 - i) * GENTLE_STEP);
+    /* What a header has announced counts, and not what has become of its bytes. */
+    power_up(&config);
+    ready(s);
+    hx_put_u32(payload_bytes, 0);
+    uint32_t n = make_frame(frame_bytes, HX_STREAM, device.next_sequence, 0, payload_bytes, 84);
+    hx_device_receive(&device, frame_bytes, 20);
+    device.buffer[7] ^= 0x80u;
+    hx_device_receive(&device, frame_bytes + 20, n - 20u);
+    demand(fault() == HX_FAULT_DAMAGED && !device.is_armed);
+    hx_device_receive(&device, frame_bytes, 13);
+    for (uint32_t i = 0; i < sizeof device; i++) ((uint8_t *)&device)[i] = 0;
+    demand(!hx_device_is_whole(&device)); /* nothing was begun */
+}
+
 /* A set-up amid the ramp of another session, with a lower slew: the ramp stays as it was begun. */
 static void arming(void) {
     set_up_fields s = plain;
@@ -710,6 +779,7 @@ static void weeks_later(void) {
     device.revisions = 0xffff;
     device.clock = 0xffffffffu;
     device.underruns = 0xffffffffu;
+    hx_seal(&device);
     int32_t hill[2] = {200, 100};
     for (int round = 0; round < 3; round++) {
         demand(stream_level(100, 40) == HX_FAULT_NONE);
@@ -765,6 +835,7 @@ int main(int argc, char **argv) {
     revisions();
     energy_and_mean();
     bad_memory();
+    lost_memory();
     arming();
     hostile_host();
     steep_carrier();
