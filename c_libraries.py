@@ -41,6 +41,7 @@ LIBRARIES = {
             "haptix_play.c",
             "haptix_window.c",
             "haptix_seal.c",
+            "haptix_proof.c",
             "haptix_host.c",  # for hosts alone
         ),
         # A desktop has memory for the longest frame of the format and a queue of 2.7 s at 48 kHz.

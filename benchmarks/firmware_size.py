@@ -84,11 +84,11 @@ def measure(core: Path, folder: Path) -> dict[str, dict[str, int]]:
         *("-singlestep", "-d", "exec,nochain", "-D", trace),
     )
     runs = Counter(re.findall(r"/([0-9a-f]{8})/", trace.read_text()))
-    for begin, size, name in begins:
+    for first, length, name in begins:
         spent = sum(
             costs.get(int(at, 16), 1) * count
             for at, count in runs.items()
-            if begin <= int(at, 16) < begin + size
+            if first <= int(at, 16) < first + length
         )
         found[name]["cycles"] = found[name].get("cycles", 0) + spent
     return {name: row for name, row in found.items() if "code bytes" in row}

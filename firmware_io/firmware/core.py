@@ -74,7 +74,13 @@ class Core:
         # Owned as bytes: only the firmware knows the structure.
         self._memory = self._ffi.new("uint64_t[]", self._lib.hx_device_bytes() // 8 + 1)
         self._device = self._ffi.cast("hx_device *", self._memory)
-        if not self._lib.hx_device_init(self._device, self._configuration(config)):
+        chosen = self._configuration(config)
+        if config.has_tested_itself and not (
+            self._lib.hx_test_memory(self._memory, self._ffi.sizeof(self._memory))
+            and self._lib.hx_test_limits(self._device, chosen) in (0, 2**32 - 1)
+        ):
+            raise DeviceError("The firmware fails its own tests; install haptix again.")
+        if not self._lib.hx_device_init(self._device, chosen):
             raise DeviceError(
                 f"Impossible values, see hx_config for the ranges: {config}; correct them."
             )
@@ -94,7 +100,10 @@ class Core:
                     "max_frame_samples": config.max_frame_samples,
                     "max_watchdog_ms": config.max_watchdog_ms,
                     "report_bytes": config.report_bytes,
-                    "flags": config.reports_touch | config.takes_marks << 1,
+                    "flags": config.reports_touch
+                    | config.takes_marks << 1
+                    | config.has_tested_itself << 2
+                    | config.reset_cause << 3,
                     "rate_count": len(config.rates),
                     "rates": [
                         (rate.sample_rate_hz, sum(1 << mode for mode in rate.modes))
@@ -170,6 +179,18 @@ class Core:
         """Report a finger, at the present clock; False if the host has not read the last eight."""
         fields = (0, touch.x_um, touch.y_um, touch.normal_force_mn, touch.contact, touch.phase)
         return bool(self._lib.hx_device_touch(self._device, self._ffi.new("hx_touch *", fields)))
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether its memory is well, and its output is what was sent."""
+        return bool(self._lib.hx_device_is_whole(self._device))
+
+    def read_back(
+        self, sent: npt.NDArray[np.int16], found: npt.NDArray[np.int16], tolerance: int
+    ) -> None:
+        """Take what was measured of output samples; too far off for 8 of them, it ends at 0 V."""
+        codes = (self._ffi.from_buffer("int16_t[]", codes) for codes in (sent, found))
+        self._lib.hx_device_read_back(self._device, *codes, len(sent), tolerance)
 
     def release(self) -> None:
         """Handle the loss of the host: a bus reset, a closed connection."""

@@ -27,6 +27,9 @@
 /* Flags of a configuration. */
 #define HX_SENDS_TOUCH 1u
 #define HX_TAKES_MARK 2u
+#define HX_TESTED 4u /* the board has tested itself at power-up, and all was well */
+/* What reset the board, from bit 3 on: 0 unknown, 1 power, 2 its watchdog. */
+#define HX_RESET_SHIFT 3u
 
 /* No board may be built to drive more, whatever its configuration says. */
 #define HX_ABSOLUTE_CEILING_MV 200000u
@@ -53,6 +56,8 @@
 #define HX_PAUSE_MS 100u
 /* What a received byte buys of check sums and copying; an ordinary frame needs less. */
 #define HX_WORK_PER_BYTE 2u
+/* Readings of the output in turn that are not what was sent: fewer are noise. */
+#define HX_BAD_READINGS 8u
 /* And at most this many times the longest frame, which is where it begins. */
 #define HX_WORK_FRAMES 3u
 
@@ -139,6 +144,17 @@ uint32_t hx_device_pending(const hx_device *device);
 /* 0 if memory has gone bad: the output goes to 0 V and stays there until hx_device_init. A board
  * that resets then stops feeding its watchdog. */
 int hx_device_is_whole(const hx_device *device);
+
+/* For power-up, with the amplifier disabled. March C- over memory, which it leaves at 0: 1 if it is
+ * well. Each limit tripped once on a device that is then as hx_device_init leaves it: 0 if all did,
+ * or a bit for each HX_FAULT that did not come. Takes the time of two seconds of output samples. */
+int hx_test_memory(void *memory, uint32_t bytes);
+uint32_t hx_test_limits(hx_device *device, const hx_config *config);
+
+/* Output samples, and what the board has measured of each at its output, as codes: when
+ * HX_BAD_READINGS in turn differ by more than a tolerance, the core is no longer whole. */
+void hx_device_read_back(hx_device *device, const int16_t *sent, const int16_t *found, uint32_t n,
+                         int32_t tolerance);
 
 /* Bytes of a STATUS payload, for a board's own panel and for tests. */
 void hx_device_status(const hx_device *device, uint8_t *payload);
@@ -265,7 +281,8 @@ struct hx_device {
 
     uint32_t pause_ticks;
     uint8_t has_paused; /* for too long: what was received is looked at again outside of play */
-    uint8_t is_lost;    /* the window went bad */
+    uint8_t is_lost;    /* the window went bad, or the output is not what was sent */
+    uint32_t bad_readings; /* in turn */
     uint32_t work;      /* what the receiver may still spend on what it holds */
     uint32_t awaited;   /* bytes of a frame whose header was checked; 0 if none was */
     uint32_t received;  /* bytes of a frame not yet whole */

@@ -39,6 +39,8 @@ Pace = Literal["virtual", "real", "stepped"]
 _SLOWER_RATES_HZ = (16_000, 8_000)
 _BOTH = frozenset(StreamMode)
 _KEPT_S = 60.0
+# Codes: of the ADC, and of an amplifier that lags behind a carrier.
+_READ_BACK_TOLERANCE = 3000
 # So few bytes that no queue overflows, whatever frames they hold.
 _LEAST_PIECE_BYTES = 512
 _STREAM, _RAMP = np.uint8(Output.STREAM), np.uint8(Output.RAMP)
@@ -136,7 +138,10 @@ class MockDriver:
             reports_touch=True,
             rates=tuple(Rate(_whole("rates_hz", rate, 1, rate_hz), _BOTH) for rate in rates_hz),
             takes_marks=True,
+            has_tested_itself=True,
         )
+        #: Stands for amplifier and ADC: of codes sent, those measured; None reads nothing back.
+        self.amplifier: Callable[[npt.NDArray[np.int16]], npt.NDArray[np.int16]] | None = None
         self.pace = pace
         self.clock = SteppedClock() if pace == "stepped" else clock
         self.bytes_received = 0
@@ -298,13 +303,22 @@ class MockDriver:
             self._play(math.floor(passed_s * self.about.output_rate_hz) - self._ticks)
 
     def _play(self, ticks: int) -> None:
-        # In pieces of a second: the last call may be an hour ago.
+        # In pieces of a second: the last call may be an hour ago. Read back: of a millisecond.
+        rate_hz = self.about.output_rate_hz
+        piece = rate_hz if self.amplifier is None else max(1, rate_hz // 1000)
         while ticks > 0:
-            codes, what = self.core.play(min(ticks, self.about.output_rate_hz))
+            codes, what = self.core.play(min(ticks, piece))
             ticks -= codes.size
             self._record(codes, what)
 
+    @property
+    def is_enabled(self) -> bool:
+        """Whether the core keeps the amplifier's enable line up."""
+        return self.core.is_whole
+
     def _record(self, codes: npt.NDArray[np.int16], what: npt.NDArray[np.uint8]) -> None:
+        if self.amplifier is not None:
+            self.core.read_back(codes, self.amplifier(codes), _READ_BACK_TOLERANCE)
         self._ticks += codes.size
         self._played += int(np.count_nonzero(_is_played(what)))
         self._codes.append(codes)

@@ -112,11 +112,12 @@ def _write_capabilities(report: CapabilitiesReport) -> bytes:
             f"A device has 1 to {_MAX_RATES} sample rates, but {len(report.rates)} are given; "
             "correct the list."
         )
-    *numbers, name, serial, calibration_id, touch, _, guard, marks = vars(report).values()
+    *numbers, name, serial, calibration_id, touch, _, guard, marks, tested, cause = vars(
+        report
+    ).values()
     texts = (_text_bytes(text) for text in (name, serial, calibration_id))
-    head = LAYOUTS[FrameKind.CAPABILITIES].fields.pack(
-        *numbers, *texts, touch | marks << 1, len(report.rates)
-    )
+    flags = touch | marks << 1 | tested << 2 | cause << 3
+    head = LAYOUTS[FrameKind.CAPABILITIES].fields.pack(*numbers, *texts, flags, len(report.rates))
     rates = (_RATE.pack(r.sample_rate_hz, sum(1 << mode for mode in r.modes)) for r in report.rates)
     return head + b"".join(rates) + _GUARD.pack(guard)
 
@@ -134,7 +135,8 @@ def _read_capabilities(payload: bytes, fields: struct.Struct) -> CapabilitiesRep
         for rate_hz, modes in _RATE.iter_unpack(payload[fields.size : rates_end])
     )
     texts = (_text(data) for data in (name, serial, calibration_id))
-    ends = (bool(flags & 1), rates, *_GUARD.unpack_from(payload, rates_end), bool(flags & 2))
+    told = (bool(flags & 2), bool(flags & 4), flags >> 3 & 3)
+    ends = (bool(flags & 1), rates, *_GUARD.unpack_from(payload, rates_end), *told)
     values: tuple[Any, ...] = (*numbers, *texts, *ends)
     return CapabilitiesReport(*values)
 

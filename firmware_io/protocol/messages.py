@@ -337,6 +337,10 @@ class CapabilitiesReport:
         Output samples that a revision must begin ahead of the output; 0 if it takes none.
     takes_marks : bool
         Whether it takes MARK, and has a digital line for it.
+    has_tested_itself : bool
+        Whether its memory, its program and its limits were well at power-up.
+    reset_cause : int
+        0 not told, 1 power, after its watchdog was seen to reset it, 2 its watchdog.
     """
 
     oldest_version: int
@@ -356,6 +360,8 @@ class CapabilitiesReport:
     rates: tuple[Rate, ...] = field(default_factory=tuple)
     guard_ticks: int = 16
     takes_marks: bool = False
+    has_tested_itself: bool = False
+    reset_cause: int = 0
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,11 @@ to write a rule as root.
 
 from __future__ import annotations
 
+import json
 import os
 import platform
 from dataclasses import asdict
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -38,6 +40,14 @@ def doctor(
     ] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
     root: Annotated[Path, option("Folder below which the rule is written.", Folder)] = Path("/"),
+    proof_test: Annotated[
+        str,
+        typer.Option(
+            "--proof-test",
+            metavar="ADDRESS",
+            help="Trip each limit of a driver at 0 V, such as usb: or mock:, and keep a record.",
+        ),
+    ] = "",
 ) -> None:
     """Check this machine: packages, system libraries, cache, and a solve against known numbers.
 
@@ -45,6 +55,9 @@ def doctor(
     """
     from firmware_io import survey_buses
 
+    if proof_test:
+        _prove(proof_test, as_json)
+        return
     if install_udev:
         _install_udev(root, yes)
         return
@@ -83,6 +96,30 @@ def _install_udev(root: Path, yes: bool) -> None:
         typer.echo(f"haptix: {error}; run it as root: sudo haptix doctor --install-udev", err=True)
         raise typer.Exit(2) from None
     typer.echo(f"Wrote {path}. Now run `udevadm control --reload` as root, and replug the driver.")
+
+
+def _prove(address: str, as_json: bool) -> None:
+    from firmware_io.opening import read_address
+    from firmware_io.proof_test import proof_test
+    from haptix.files import write_whole
+
+    scheme, values = read_address(address)
+    if address.startswith("mock:"):
+        values.setdefault("pace", "real")  # its watchdog needs time that passes
+    link = scheme.open(**values)
+    try:
+        proofs = proof_test(link)
+    finally:
+        link.close()
+    rows = [_row(proof.what, proof.holds, proof.seen) for proof in proofs]
+    show("proof test", rows, as_json)
+    now = datetime.now(UTC)
+    path = Path(f"proof-test-{now:%Y%m%dT%H%M%SZ}.json")
+    record = {"date": now.isoformat(), "driver": address, "haptix": __version__, "proofs": rows}
+    write_whole(path, json.dumps(record, indent=1) + "\n")
+    typer.echo(f"Wrote {path}.", err=True)
+    if not all(proof.holds for proof in proofs):
+        raise typer.Exit(1)
 
 
 def _row(what: str, good: bool, detail: str) -> dict[str, Any]:

@@ -949,7 +949,7 @@ def test_a_word_that_went_bad_in_memory_ends_the_output(waits):
     rig.play(20)
     memory = np.frombuffer(memory_of(rig.core), np.uint32)
     before = memory.copy()
-    assert rig.play(1)[0][0] == 5000
+    assert rig.play(1)[0] == 5000
     (place,) = np.flatnonzero((before == 20) & (memory == 21))  # counted from the stream
     memory[place] = 48_000
     if waits:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.firmware_io.firmware.mutants import CORE, MUTANTS, Mutant, survives
+from tests.firmware_io.firmware.mutants import CORE, IN_C_ALONE, MUTANTS, Mutant, survives
 
 HERE = Path(__file__).parent
 #: What finds most of them first.
@@ -32,7 +32,7 @@ def test_the_list_follows_the_core():
 @pytest.mark.parametrize("mutant", MUTANTS, ids=lambda mutant: f"{mutant.file}: {mutant.text}")
 def test_each_mutant_fails_the_check_of_the_firmware_alone_and_the_tests(mutant):
     assert not survives(mutant)
-    assert not survives(mutant, PYTEST)
+    assert mutant in IN_C_ALONE or not survives(mutant, PYTEST)
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ import pytest
 from firmware_io.firmware.core import Output
 from firmware_io.protocol import FaultCode, Ping, Revise, StatusReport, StreamMode
 from tests.firmware_io.test_conformance import BOARD, CARRIED, PLAIN, RAMP, TOP, Rig
-from tests.links import memory_of
+from tests.links import memory_of, seal
 
 GUARD = BOARD.guard_ticks
 
@@ -173,6 +173,7 @@ def test_the_index_may_wrap(rig):
         starts = [i for i in range(0, 1024, 4) if data[i : i + 4] == before]
         for start in starts[-1:] if value == 1000 else starts:
             memory[start : start + 4] = after
+    seal(core)
     assert core.status().samples_played == (ahead + 345) % 2**32
     rig.index = (ahead + 1000) % 2**32
     revise(rig, ahead + 490, [9] * 20)  # over the wrap

@@ -33,6 +33,8 @@ extern hx_device board_device;
 /* output.c: the DAC, its amplifier, and the interrupt that fills its buffer. */
 void board_output_begin(void);
 void board_output_off(void);
+/* Ends in a reset by the independent watchdog, which shows that it works. */
+void board_output_prove_watchdog(void);
 void board_output_interrupt(void);
 /* The main loop is alive. */
 void board_output_loop_ran(void);

@@ -1,10 +1,11 @@
 /* The loop of the board: bytes in, answers out. Everything timed happens in output.c. */
 #include "board.h"
+#include "registers.h"
 
 /* Bytes handed to the core at once: bounds how long the output's interrupt is kept out. */
 #define PIECE_BYTES 32u
 
-static const hx_config config = {
+static hx_config config = {
     .output_rate_hz = BOARD_OUTPUT_HZ,
     .full_scale_mv = 200000u, /* of the amplifier at code 32767: measure it, then write it here */
     .ceiling_mv = 200000u,
@@ -58,7 +59,36 @@ static void hold_a_second(void) {
     }
 }
 
+extern const uint8_t image_begin[];
+extern const uint32_t image_crc;
+__attribute__((section(".crc"), used)) static const uint32_t space_for_crc = 0;
+
+/* What reset the board, after its watchdog has shown that it can: 1 power, 2 the watchdog. */
+static uint32_t reset_cause(void) {
+#ifdef BOARD_EMULATED
+    return 0; /* the emulator has no watchdog */
+#else
+    static uint32_t proving __attribute__((section(".noinit")));
+    uint32_t is_by_watchdog = RCC_CSR >> 29 & 1u, is_shown = proving == 0x50524f56u;
+    RCC_CSR |= 1u << 24;
+    proving = is_by_watchdog ? 0 : 0x50524f56u;
+    if (!is_by_watchdog) board_output_prove_watchdog();
+    return is_shown ? 1u : 2u;
+#endif
+}
+
+/* With the amplifier still disabled: the program, the core's memory, its limits. */
+static int is_well(void) {
+    uint32_t bytes = (uint32_t)((const uint8_t *)&image_crc - image_begin);
+    return hx_crc32(image_begin, bytes) == image_crc &&
+           hx_test_memory(&board_device, sizeof board_device) &&
+           hx_test_limits(&board_device, &config) == 0;
+}
+
 int main(void) {
+    uint32_t cause = reset_cause();
+    if (!is_well()) return 1; /* the output was never switched on */
+    config.flags = (uint16_t)(config.flags | HX_TESTED | cause << HX_RESET_SHIFT);
     if (!hx_device_init(&board_device, &config)) return 1; /* the output was never switched on */
     board_output_begin();
     hold_a_second();

@@ -17,6 +17,8 @@
 #include "registers.h"
 
 #define MIDDLE 2048u
+/* Of the read-back, in codes: the ADC's error, and what the amplifier lags behind a carrier. */
+#define READ_BACK_TOLERANCE 3000
 #define ENABLE_PIN 0u /* PB0 */
 #define LINE_PIN 1u   /* PB1 */
 #define LINE_HIGH (1u << LINE_PIN)
@@ -26,6 +28,8 @@ hx_device board_device;
 
 static uint32_t ring[2u * BOARD_HALF_SAMPLES];
 static uint32_t line_ring[2u * BOARD_HALF_SAMPLES];
+static int16_t codes_sent[2u * BOARD_HALF_SAMPLES];
+static uint16_t adc_ring[2u * BOARD_HALF_SAMPLES];
 static uint32_t half_to_fill;
 static volatile uint32_t patience;
 
@@ -35,8 +39,21 @@ static uint32_t as_dac(int16_t code) {
     return MIDDLE << 16 | moved;
 }
 
-static void fill(uint32_t *half, uint32_t *line_half) {
-    static int16_t codes[BOARD_HALF_SAMPLES];
+/* What left in a half that has been played, against what was sent: the ADC is one sample behind. */
+static void read_back(uint32_t half) {
+#ifndef BOARD_EMULATED
+    static int16_t found[BOARD_HALF_SAMPLES];
+    const uint16_t *measured = adc_ring + half * BOARD_HALF_SAMPLES;
+    for (uint32_t i = 0; i < BOARD_HALF_SAMPLES; i++)
+        found[i] = (int16_t)(((int32_t)measured[i] - (int32_t)MIDDLE) * 16);
+    hx_device_read_back(&board_device, codes_sent + half * BOARD_HALF_SAMPLES, found + 1,
+                        BOARD_HALF_SAMPLES - 1u, READ_BACK_TOLERANCE);
+#else
+    (void)adc_ring, (void)half;
+#endif
+}
+
+static void fill(uint32_t *half, uint32_t *line_half, int16_t *codes) {
     static uint8_t what[BOARD_HALF_SAMPLES];
     static uint32_t line = LINE_LOW; /* of the sample before */
     hx_device_play(&board_device, codes, what, BOARD_HALF_SAMPLES);
@@ -69,9 +86,14 @@ void board_output_interrupt(void) {
     uint32_t half = DMA1_HISR & 1u << 10 ? 0u : 1u; /* half transferred: the first one is free */
     DMA1_HIFCR = 0x3du << 6;
 #endif
-    fill(ring + half * BOARD_HALF_SAMPLES, line_ring + half * BOARD_HALF_SAMPLES);
+    read_back(half);
+    fill(ring + half * BOARD_HALF_SAMPLES, line_ring + half * BOARD_HALF_SAMPLES,
+         codes_sent + half * BOARD_HALF_SAMPLES);
     half_to_fill = half ^ 1u;
-    if (patience > 0) {
+    /* A core that is not whole is at 0 V within 2 halves; then its enable falls, and it is reset. */
+    if (!hx_device_is_whole(&board_device)) {
+        if (hx_device_pending(&board_device) == 0) GPIOB->BSRR = 1u << (16u + ENABLE_PIN);
+    } else if (patience > 0) {
         patience--;
         IWDG_KR = 0xaaaau;
     }
@@ -99,6 +121,28 @@ static void begin_watchdog(void) {
     IWDG_PR = 0;       /* 32 kHz / 4 */
     IWDG_RLR = 64u;    /* 8 ms */
     IWDG_KR = 0xccccu; /* it cannot be stopped again */
+}
+
+void board_output_prove_watchdog(void) {
+    board_output_off();
+    begin_watchdog();
+    for (;;) {
+    }
+}
+
+/* PA1 measures the amplifier's monitor output around half the supply, at the DAC's clock. */
+static void begin_adc(void) {
+    GPIOA->MODER |= 3u << 2;
+    RCC->APB2ENR |= 1u << 8;
+    DMA2_STREAM0->PAR = (uint32_t)&ADC1->DR;
+    DMA2_STREAM0->M0AR = (uint32_t)adc_ring;
+    DMA2_STREAM0->NDTR = 2u * BOARD_HALF_SAMPLES;
+    /* channel 0, half words, memory counts up, circular, from the ADC */
+    DMA2_STREAM0->CR = 2u << 16 | 1u << 13 | 1u << 11 | 1u << 10 | 1u << 8 | 1u;
+    ADC_CCR = 1u << 16; /* 84 MHz / 4 */
+    ADC1->SQR3 = 1u;
+    /* converts with TIM8's update, by DMA for ever */
+    ADC1->CR2 = 1u << 28 | 14u << 24 | 1u << 9 | 1u << 8 | 1u;
 }
 
 static void begin_dac(void) {
@@ -130,6 +174,7 @@ static void begin_dac(void) {
 void board_output_begin(void) {
     board_output_loop_ran();
     board_output_off();
+    begin_adc();
     begin_dac();
     begin_watchdog();
 #ifdef BOARD_EMULATED

@@ -13,6 +13,17 @@ typedef struct {
 } rcc_registers;
 #define RCC ((rcc_registers *)0x40023800u)
 
+/* RM0090, 7.3.21 */
+#define RCC_CSR (*(reg *)0x40023874u)
+
+/* RM0090, 13.13 */
+typedef struct {
+    reg SR, CR1, CR2, SMPR1, SMPR2, JOFR1, JOFR2, JOFR3, JOFR4, HTR, LTR, SQR1, SQR2, SQR3;
+    reg JSQR, JDR1, JDR2, JDR3, JDR4, DR;
+} adc_registers;
+#define ADC1 ((adc_registers *)0x40012000u)
+#define ADC_CCR (*(reg *)0x40012304u)
+
 /* RM0090, 3.9 and 5.4 */
 #define FLASH_ACR (*(reg *)0x40023c00u)
 #define PWR_CR (*(reg *)0x40007000u)
@@ -41,13 +52,14 @@ typedef struct {
 } dac_registers;
 #define DAC ((dac_registers *)0x40007400u)
 
-/* RM0090, 10.5: DMA1, stream 5, and DMA2, stream 1 */
+/* RM0090, 10.5: DMA1, stream 5, and DMA2, streams 0 and 1 */
 #define DMA1_HISR (*(reg *)0x40026004u)
 #define DMA1_HIFCR (*(reg *)0x4002600cu)
 typedef struct {
     reg CR, NDTR, PAR, M0AR, M1AR, FCR;
 } dma_stream_registers;
 #define DMA1_STREAM5 ((dma_stream_registers *)0x40026088u)
+#define DMA2_STREAM0 ((dma_stream_registers *)0x40026410u)
 #define DMA2_STREAM1 ((dma_stream_registers *)0x40026428u)
 
 /* RM0090, 30.6 */

@@ -15,6 +15,7 @@ static void fail(int line, const char *wanted) {
 
 /* Made by the core's own parts: a test that changes memory seals it as the core would have. */
 #include "haptix_internal.h"
+#include "haptix_window.h"
 
 #define RAMP 80u       /* 5 ms */
 #define WATCHDOG 640u  /* 40 ms */
@@ -385,31 +386,33 @@ static void running_dry(void) {
     play(100);
     for (int32_t k = 1; k <= 100; k++) demand(out[k - 1] == (k < 80 ? 300 * k : 24000));
 
-    /* Where the stream needs all of the slew, the gain waits. By hand for each output sample. */
-    set_up_fields s = plain;
-    s.slew = GENTLE;
-    ready(s);
-    int32_t codes[60], at = 0;
-    for (int i = 0; i < 60; i++) codes[i] = at += i < 40 ? GENTLE_STEP : -GENTLE_STEP;
-    demand(stream(codes, 60) == HX_FAULT_NONE);
-    play(60);
-    play(120); /* 40 of the 80 steps to 0 V */
-    int32_t gain = 40, before = out[119];
-    demand(before == at * 40 / 80);
-    for (int i = 0; i < 60; i++) codes[i] = at += i < 30 ? GENTLE_STEP : -GENTLE_STEP;
-    demand(stream(codes, 60) == HX_FAULT_NONE);
-    play(60);
-    int waited = 0;
-    for (int i = 0; i < 60; i++) {
-        if (gain < 80) {
-            int32_t step = codes[i] * (gain + 1) / 80 - before;
-            if (step <= GENTLE_STEP && step >= -GENTLE_STEP) gain++;
-            else waited++;
+    /* Where the stream needs all of the slew, the gain waits, either way. By hand for each sample. */
+    for (int32_t sign = -1; sign < 2; sign += 2) {
+        set_up_fields s = plain;
+        s.slew = GENTLE;
+        ready(s);
+        int32_t codes[60], at = 0;
+        for (int i = 0; i < 60; i++) codes[i] = at += i < 40 ? sign * GENTLE_STEP : -sign * GENTLE_STEP;
+        demand(stream(codes, 60) == HX_FAULT_NONE);
+        play(60);
+        play(120); /* 40 of the 80 steps to 0 V */
+        int32_t gain = 40, before = out[119];
+        demand(before == at * 40 / 80);
+        for (int i = 0; i < 60; i++) codes[i] = at += i < 30 ? sign * GENTLE_STEP : -sign * GENTLE_STEP;
+        demand(stream(codes, 60) == HX_FAULT_NONE);
+        play(60);
+        int waited = 0;
+        for (int i = 0; i < 60; i++) {
+            if (gain < 80) {
+                int32_t step = codes[i] * (gain + 1) / 80 - before;
+                if (step <= GENTLE_STEP && step >= -GENTLE_STEP) gain++;
+                else waited++;
+            }
+            before = codes[i] * gain / 80;
+            demand(out[i] == before);
         }
-        before = codes[i] * gain / 80;
-        demand(out[i] == before);
+        demand(waited > 3 && gain > 60);
     }
-    demand(waited > 3 && gain > 60);
 }
 
 static void revisions(void) {
@@ -562,6 +565,17 @@ static void energy_and_mean(void) {
     breaks(plain, loud_bursts, 128u * BLOCK - 200u, HX_FAULT_ENERGY);
     breaks(plain, opposite, 17000, HX_FAULT_MEAN);
     breaks(carried, gated, 1500, HX_FAULT_MEAN);
+    /* A carrier's ramp counts both ways, whichever side its level is on. */
+    power_up(&config);
+    device.has_carrier = 1, device.half_turn_ticks = 10;
+    for (int32_t level = -100; level <= 100; level += 200)
+        for (int32_t side = -1; side <= 1; side += 2)
+            for (int32_t over = 0; over < 2; over++) {
+                int32_t sum = (int32_t)device.max_sum - 1000 + over;
+                hx_block now = {side * sum, side > 0 ? sum : 0, side > 0 ? 0 : -sum, 0};
+                int due = over ? HX_FAULT_MEAN : HX_FAULT_NONE;
+                demand((int)hx_window_check(&device, &now, 0, level, 0) == due);
+            }
     /* A new session, a host that goes away: the second goes on. */
     power_up(&config);
     int refused = 0;
@@ -662,6 +676,32 @@ static void lost_memory(void) {
     hx_device_receive(&device, frame_bytes, 13);
     for (uint32_t i = 0; i < sizeof device; i++) ((uint8_t *)&device)[i] = 0;
     demand(!hx_device_is_whole(&device)); /* nothing was begun */
+}
+
+/* What a board tests at power-up: it passes, and each limit that does not trip is named. */
+static void own_tests(void) {
+    static uint32_t memory[64];
+    hx_config gentle = config, carrier = config;
+    int16_t sent[16], found[16];
+    demand(hx_test_memory(memory, sizeof memory) && memory[0] == 0 && memory[63] == 0);
+    demand(hx_test_limits(&device, &config) == 0 && device.clock == 0 && !device.is_armed);
+    gentle.max_slew_v_per_s = GENTLE, gentle.ceiling_mv = 100000;
+    demand(hx_test_limits(&device, &gentle) == 0);
+    carrier.rates[0].modes = 2;
+    demand(hx_test_limits(&device, &carrier) == 0);
+    carrier.ceiling_mv = 0;
+    demand(hx_test_limits(&device, &carrier) == 0xffffffffu);
+    power_up(&config);
+    for (int i = 0; i < 16; i++) sent[i] = (int16_t)(100 * i), found[i] = (int16_t)(100 * i + (i % 2 ? 9 : -9));
+    hx_device_read_back(&device, sent, found, 16, 9);
+    demand(hx_device_is_whole(&device));
+    for (int i = 8; i < 15; i++) found[i]++, found[i] = (int16_t)(found[i] + (i % 2 ? 0 : -2));
+    hx_device_read_back(&device, sent, found, 16, 9);
+    demand(hx_device_is_whole(&device)); /* seven in turn, then a good one */
+    hx_device_read_back(&device, sent + 8, found + 8, 7, 9);
+    demand(hx_device_is_whole(&device));
+    hx_device_read_back(&device, sent + 8, found + 8, 1, 9);
+    demand(!hx_device_is_whole(&device));
 }
 
 /* A set-up amid the ramp of another session, with a lower slew: the ramp stays as it was begun. */
@@ -836,6 +876,7 @@ int main(int argc, char **argv) {
     energy_and_mean();
     bad_memory();
     lost_memory();
+    own_tests();
     arming();
     hostile_host();
     steep_carrier();

@@ -38,9 +38,9 @@ class Mutant(NamedTuple):
         path.write_text(source.replace(self.text, self.change))
 
 
-MUTANTS = [
-    Mutant(*fields) for fields in tomllib.loads((HERE / "mutants.toml").read_text())["mutants"]
-]
+_TABLE = tomllib.loads((HERE / "mutants.toml").read_text())
+IN_C_ALONE = [Mutant(*fields) for fields in _TABLE["in_c_alone"]]
+MUTANTS = [Mutant(*fields) for fields in _TABLE["mutants"]] + IN_C_ALONE
 
 
 def survives(mutant: Mutant, command: list[str] | None = None) -> bool:

@@ -1,0 +1,150 @@
+"""What a driver proves of itself, and what it refuses: each limit tripped once, at 0 V."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from firmware_io.clock import HOST_CLOCK
+from firmware_io.link import Link
+from firmware_io.protocol import (
+    Arm,
+    CapabilitiesReport,
+    FaultCode,
+    FaultReport,
+    Frame,
+    FrameParser,
+    Hello,
+    Setup,
+    StreamMode,
+    StreamSamples,
+    encode,
+)
+
+#: Of CAPABILITIES: what reset the driver.
+RESETS = (
+    "not told",
+    "power, and its watchdog has been seen to reset it",
+    "its watchdog",
+    "unknown",
+)
+_ANSWER_S = 0.5
+
+
+class Proof(NamedTuple):
+    """One statement of a driver, whether it held, and what was seen."""
+
+    what: str
+    holds: bool
+    seen: str
+
+
+def proof_test(link: Link, clock: Callable[[], float] = HOST_CLOCK) -> list[Proof]:
+    """Trip each limit of a driver that can be tripped without a volt at its output.
+
+    Only zeros are accepted by the driver; each other sample breaks a limit, and is never played.
+
+    Parameters
+    ----------
+    link : Link
+        To a driver with nobody else at it.
+    clock : callable
+        The host's, in seconds.
+
+    Returns
+    -------
+    list of Proof
+        What the driver says of its own tests at power-up, and each limit.
+    """
+    session = _Session(link, clock)
+    about = session.begin()
+    if about is None:
+        return [Proof("an answer to HELLO", False, f"none in {_ANSWER_S} s")]
+    whole = (about.oldest_version, about.serial, about.output_rate_hz)
+    proofs = [
+        Proof("an answer to HELLO", True, "version {}, serial {!r}, {} Hz".format(*whole)),
+        Proof(
+            "its own tests at power-up: memory, program, limits",
+            about.has_tested_itself,
+            "passed" if about.has_tested_itself else "it does not say so",
+        ),
+        Proof("what reset it last", about.reset_cause != 2, RESETS[about.reset_cause]),
+    ]
+    codes = np.zeros(4, np.int16)
+    high, steep = codes.copy(), codes.copy()
+    high[0] = -32768
+    # At the lowest slew that the driver takes with its ceiling, one step to that is too steep.
+    steep[0] = max(1, about.ceiling_mv * 32767 // about.full_scale_mv)
+    cases = (
+        ("a sample above the ceiling", FaultCode.CEILING, (high, 0, 0, b"")),
+        ("a step above the slew", FaultCode.SLEW, (steep, 0, 0, b"")),
+        ("a frame that was lost", FaultCode.SEQUENCE, (codes, 1, 0, b"")),
+        ("samples that were lost", FaultCode.SAMPLE_INDEX, (codes, 0, 4, b"")),
+        ("a damaged frame", FaultCode.DAMAGED, (codes, 0, 0, b"\1")),
+        ("silence of the host", FaultCode.STARVED, (codes, 0, 0, b"")),
+    )
+    for what, due, (samples, skipped, gap, damage) in cases:
+        seen = session.provoke(about, samples, skipped, gap, damage)
+        proofs.append(Proof(f"{what} ends the output", due.name in seen, seen))
+    session.begin()
+    return proofs
+
+
+class _Session:
+    def __init__(self, link: Link, clock: Callable[[], float]) -> None:
+        self._link, self._clock = link, clock
+        self._parser = FrameParser()
+        self._sequence = 0
+
+    def _say(self, message: object, damage: bytes = b"") -> None:
+        data = bytearray(encode(Frame(message, self._sequence)))  # type: ignore[arg-type]
+        if damage:
+            data[-1] ^= damage[0]
+        self._link.send(bytes(data))
+        self._sequence = (self._sequence + 1) % 2**16
+
+    def _await(self, kind: type, seconds: float = _ANSWER_S) -> object | None:
+        end_s = self._clock() + seconds
+        while True:
+            for item in self._parser.feed(self._link.receive(max(0.0, end_s - self._clock()))):
+                message = getattr(item, "message", None)
+                if isinstance(message, kind):
+                    return message
+            if self._clock() >= end_s:
+                return None
+
+    def begin(self) -> CapabilitiesReport | None:
+        self._say(Hello())
+        about = self._await(CapabilitiesReport)
+        assert about is None or isinstance(about, CapabilitiesReport)
+        return about
+
+    def provoke(
+        self,
+        about: CapabilitiesReport,
+        samples: np.ndarray,
+        skipped: int,
+        gap: int,
+        damage: bytes,
+    ) -> str:
+        """Arm, send samples, and return what the driver says of them."""
+        self.begin()
+        rate = about.rates[0]
+        mode = min(rate.modes)
+        ticks = (about.output_rate_hz * 5 + 999) // 1000
+        step = -(-(about.ceiling_mv * 32767 // about.full_scale_mv) // ticks)
+        lowest = -(-step * about.output_rate_hz * about.full_scale_mv // 32_767_000)
+        carrier = 1_000_000 if mode is StreamMode.ENVELOPE else 0
+        limits = (about.full_scale_mv, about.ceiling_mv, max(1, lowest))
+        self._say(Setup(mode, about.max_watchdog_ms, rate.sample_rate_hz, *limits, carrier, 0, 0))
+        self._say(Arm())
+        self._sequence += skipped
+        self._say(StreamSamples(gap, samples, mode), damage)
+        fault = self._await(FaultReport, _ANSWER_S + about.max_watchdog_ms / 1e3)
+        if not isinstance(fault, FaultReport):
+            return "no FAULT"
+        self._say(Hello())
+        state = self._await(CapabilitiesReport)
+        return f"{fault.code.name}, {'answers' if state else 'then silent'}"
