@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
-import cffi
-
-from firmware_io import c_library
 from firmware_io.opening import read_address
 
 
@@ -20,14 +16,6 @@ def open_link(address: str) -> Any:
 def stream_of(device: Any) -> Any:
     """Return what the host believes of the driver's queue, and how it speaks to it."""
     return device._stream
-
-
-def seal(core: Any) -> None:
-    """Have the firmware believe in the memory that a test has changed."""
-    ffi = cffi.FFI()
-    ffi.cdef("void hx_seal(void *);")
-    firmware = ffi.dlopen(str(c_library._path("haptix-firmware", Path())))
-    firmware.hx_seal(ffi.from_buffer(memory_of(core)))
 
 
 def memory_of(core: Any) -> Any:

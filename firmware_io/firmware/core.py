@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from enum import IntEnum
 from functools import cache
 from pathlib import Path
@@ -75,11 +76,6 @@ class Core:
         self._memory = self._ffi.new("uint64_t[]", self._lib.hx_device_bytes() // 8 + 1)
         self._device = self._ffi.cast("hx_device *", self._memory)
         chosen = self._configuration(config)
-        if config.has_tested_itself and not (
-            self._lib.hx_test_memory(self._memory, self._ffi.sizeof(self._memory))
-            and self._lib.hx_test_limits(self._device, chosen) in (0, 2**32 - 1)
-        ):
-            raise DeviceError("The firmware fails its own tests; install haptix again.")
         if not self._lib.hx_device_init(self._device, chosen):
             raise DeviceError(
                 f"Impossible values, see hx_config for the ranges: {config}; correct them."
@@ -179,6 +175,16 @@ class Core:
         """Report a finger, at the present clock; False if the host has not read the last eight."""
         fields = (0, touch.x_um, touch.y_um, touch.normal_force_mn, touch.contact, touch.phase)
         return bool(self._lib.hx_device_touch(self._device, self._ffi.new("hx_touch *", fields)))
+
+    def test_itself(self, config: CapabilitiesReport) -> CapabilitiesReport:
+        """Begin anew with the tests that a board makes at power-up; return what it then states."""
+        size, chosen = self._ffi.sizeof(self._memory), self._configuration(config)
+        is_well = self._lib.hx_test_memory(self._memory, size) == 1 and (
+            self._lib.hx_test_limits(self._device, chosen) == 0
+        )
+        config = replace(config, has_tested_itself=is_well)
+        self._lib.hx_device_init(self._device, self._configuration(config))
+        return config
 
     @property
     def is_whole(self) -> bool:

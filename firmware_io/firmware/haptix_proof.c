@@ -75,6 +75,7 @@ uint32_t hx_test_limits(hx_device *d, const hx_config *config) {
     int16_t out;
     if (!hx_device_init(d, config)) return ~(uint32_t)0;
     begin(d, config);
+    if (!d->is_armed || config->max_frame_samples < CODES) return ~(uint32_t)0;
     if (stream(d, 0, -32768) != HX_FAULT_CEILING) wrong |= 1u << HX_FAULT_CEILING;
     begin(d, config);
     d->slew_codes_per_s /= 2u * HX_MAX_FRAME_SAMPLES; /* so that a step that fits the ceiling breaks it */

@@ -83,6 +83,8 @@ class MockDriver:
         Length of the record of its output, at least, in seconds. Default: all of it at the virtual
         pace and in steps, which play nothing but what a program sends; a minute at the real one,
         which never ends.
+    tests_itself : bool
+        Whether it makes the tests of a board at power-up, which take some milliseconds.
 
     Raises
     ------
@@ -107,6 +109,7 @@ class MockDriver:
         pace: Pace = "virtual",
         clock: Callable[[], float] = time.perf_counter,
         kept_s: float | None = None,
+        tests_itself: bool = False,
     ) -> None:
         if pace not in get_args(Pace):
             paces = ", ".join(get_args(Pace))
@@ -138,7 +141,6 @@ class MockDriver:
             reports_touch=True,
             rates=tuple(Rate(_whole("rates_hz", rate, 1, rate_hz), _BOTH) for rate in rates_hz),
             takes_marks=True,
-            has_tested_itself=True,
         )
         #: Stands for amplifier and ADC: of codes sent, those measured; None reads nothing back.
         self.amplifier: Callable[[npt.NDArray[np.int16]], npt.NDArray[np.int16]] | None = None
@@ -146,6 +148,8 @@ class MockDriver:
         self.clock = SteppedClock() if pace == "stepped" else clock
         self.bytes_received = 0
         self.core = Core(self.about)
+        if tests_itself:
+            self.about = self.core.test_itself(self.about)
         # The queue is empty, and a frame may wait for its end.
         room = self.about.queue_samples - frame
         self._piece_bytes = max(2 * room, _LEAST_PIECE_BYTES)
@@ -433,6 +437,7 @@ def _open(reports: bool = False, **values: Any) -> MockLink:
 SCHEME = Scheme(
     _open,
     {
+        "tests_itself": yes_or_no,
         "pace": one_of(*get_args(Pace)),
         "reports": yes_or_no,
         "full_scale_v": number,

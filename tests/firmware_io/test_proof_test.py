@@ -11,13 +11,14 @@ import pytest
 from typer.testing import CliRunner
 
 from firmware_io import MockDriver, MockLink
+from firmware_io.clock import SteppedClock
 from firmware_io.firmware.core import compiled
 from firmware_io.proof_test import proof_test
 from haptix.cli.application import app
 
 
 def test_each_limit_trips_without_a_volt():
-    driver = MockDriver(pace="stepped")
+    driver = MockDriver(pace="stepped", tests_itself=True)
     proofs = {proof.what: proof for proof in proof_test(MockLink(driver), driver.clock)}
     assert len(proofs) == 9
     assert all(proof.holds for proof in proofs.values()), proofs
@@ -27,9 +28,13 @@ def test_each_limit_trips_without_a_volt():
     assert not driver.is_armed
 
 
+class DeafDriver(MockDriver):
+    def receive(self, data):
+        """Hear nothing."""
+
+
 def test_a_driver_that_answers_nothing_is_told_of():
-    driver = MockDriver(pace="stepped")
-    driver.receive = lambda data: None
+    driver = DeafDriver(pace="stepped")
     (proof,) = proof_test(MockLink(driver), driver.clock)
     assert not proof.holds
 
@@ -58,6 +63,7 @@ def test_the_command_writes_a_dated_record(tmp_path, monkeypatch):
 def test_an_output_that_is_not_what_was_sent_takes_the_enable_down(amplifier, stays):
     driver = MockDriver(pace="stepped")
     driver.amplifier = amplifier
+    assert isinstance(driver.clock, SteppedClock)
     driver.clock.sleep(0.01)
     assert driver.output[0].size
     assert driver.is_enabled is stays

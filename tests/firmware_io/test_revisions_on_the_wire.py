@@ -5,10 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from firmware_io.firmware.core import Output
 from firmware_io.protocol import FaultCode, Ping, Revise, StatusReport, StreamMode
 from tests.firmware_io.test_conformance import BOARD, CARRIED, PLAIN, RAMP, TOP, Rig
-from tests.links import memory_of, seal
 
 GUARD = BOARD.guard_ticks
 
@@ -155,30 +153,3 @@ def test_arming_again_counts_anew(rig):
     rig.stream([1] * 100)
     revise(rig, 50, [2], revision=0)
     assert rig.play(100)[50] == 2
-
-
-def test_the_index_may_wrap(rig):
-    """The counts of a board that has played for a day, set in its memory."""
-    rig.ready()
-    rig.stream([7] * 1000)
-    rig.play(345)
-    status = rig.core.status()
-    assert status.samples_played == 345
-    core, ahead = rig.core, 2**32 - 500
-    memory = memory_of(core)
-    data = bytes(memory)
-    for value in (1000, 345):
-        # Both counts stand behind the set-up, and nothing else has the value.
-        before, after = (v.to_bytes(4, "little") for v in (value, (ahead + value) % 2**32))
-        starts = [i for i in range(0, 1024, 4) if data[i : i + 4] == before]
-        for start in starts[-1:] if value == 1000 else starts:
-            memory[start : start + 4] = after
-    seal(core)
-    assert core.status().samples_played == (ahead + 345) % 2**32
-    rig.index = (ahead + 1000) % 2**32
-    revise(rig, ahead + 490, [9] * 20)  # over the wrap
-    rig.stream([8] * 10)
-    assert core.fault() is None
-    assert rig.play(665) == [7] * 145 + [9] * 20 + [7] * 490 + [8] * 10
-    _, what = core.play(1)
-    assert what.tolist() == [Output.HELD]

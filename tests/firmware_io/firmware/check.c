@@ -4,6 +4,10 @@
  */
 #include <stdio.h>
 
+/* A test that changes memory seals it as the core would have. */
+#include "haptix_internal.h"
+#include "haptix_window.h"
+
 #include "fuzz.c"
 
 static void fail(int line, const char *wanted) {
@@ -12,10 +16,6 @@ static void fail(int line, const char *wanted) {
 }
 
 #define demand(is_so) ((is_so) ? (void)0 : fail(__LINE__, #is_so))
-
-/* Made by the core's own parts: a test that changes memory seals it as the core would have. */
-#include "haptix_internal.h"
-#include "haptix_window.h"
 
 #define RAMP 80u       /* 5 ms */
 #define WATCHDOG 640u  /* 40 ms */
@@ -571,8 +571,8 @@ static void energy_and_mean(void) {
     for (int32_t level = -100; level <= 100; level += 200)
         for (int32_t side = -1; side <= 1; side += 2)
             for (int32_t over = 0; over < 2; over++) {
-                int32_t sum = (int32_t)device.max_sum - 1000 + over;
-                hx_block now = {side * sum, side > 0 ? sum : 0, side > 0 ? 0 : -sum, 0};
+                int32_t most = (int32_t)device.max_sum - 1000 + over;
+                hx_block now = {side * most, side > 0 ? most : 0, side > 0 ? 0 : -most, 0};
                 int due = over ? HX_FAULT_MEAN : HX_FAULT_NONE;
                 demand((int)hx_window_check(&device, &now, 0, level, 0) == due);
             }
