@@ -110,10 +110,10 @@ export class Connection {
       });
       socket.onmessage = (/** @type {MessageEvent} */ event) => this.#hear(socket, event.data);
       socket.onclose = (/** @type {Ended} */ event) => this.#lost(socket, event);
+      this.#offsets = []; // pings follow the welcome at once, perhaps in the same piece
       const [client, resume] = [this.#options.name, this.welcome?.resume];
       this.welcome = await this.ask("hello", { protocol: PROTOCOL, client, token, resume });
       ({ lease: this.lease, output: this.output } = this.welcome);
-      this.#offsets = [];
       await this.restore();
       this.#watchSilence(socket);
     } catch (error) {
