@@ -10,6 +10,8 @@ p_N. Two laws lead there:
   PRE 87, 062809 (2013); b = 2/3 is Hertz' law for the last tip, ``u(0) - u ~ p^(2/3)``. Near the
   spots the gaps follow the area, which goes on falling with p: the attraction takes the gaps'
   distribution at a pressure in between.
+- ``"mean-gap"``: as smooth, and the attraction takes the distribution at p itself: boundary
+  elements whose pixels resolve the gaps beside the spots say so (docs/mean-field.md).
 """
 
 from __future__ import annotations
@@ -26,12 +28,11 @@ from torch import Tensor
 from haptix.contact.roughness import RoughnessSpectrum
 from haptix.contact.tables import UniformCubic
 
-SizeLaw = Literal["capped", "smooth"]
+SizeLaw = Literal["capped", "smooth", "mean-gap"]
 
 _HERTZ = 2 / 3
-# Of ln p, how far the attraction goes from the load to the pressure of the mean gap: boundary
-# elements say 0.5 for insulators of h_rms/200, and up to 1 for those of h_rms/3.
-_OF_GAP = 0.5
+# Of ln p, how far the attraction goes from the load to the pressure of the mean gap.
+_OF_GAP = {"smooth": 0.5, "mean-gap": 0.0}
 _LONG_WAVES = 16.0  # times the roll-off: what makes an asperity; shorter waves have no height
 _NEWTON_STEPS = 4
 _PEAK_STEPS = 8  # of Newton from above, on a convex function: to 1e-15 for any number of waves
@@ -45,7 +46,7 @@ class Touching:
     ----------
     log_pressure : Tensor, shape (states,)
         ln p_N [Pa].
-    law : {"capped", "smooth"}
+    law : {"capped", "smooth", "mean-gap"}
         What happens around it.
     """
 
@@ -64,8 +65,8 @@ class Touching:
             free = (log_pressure >= self.log_pressure).to(log_pressure.dtype)
             return self.of_gap(log_pressure), free
         free = torch.sigmoid(_HERTZ * (log_pressure - self.log_pressure))
-        at = torch.lerp(log_pressure, self.of_gap(log_pressure), _OF_GAP)
-        return at, 1 + _OF_GAP * (free - 1)
+        share = _OF_GAP[self.law]
+        return torch.lerp(log_pressure, self.of_gap(log_pressure), share), 1 + share * (free - 1)
 
 
 def once_for_equals(of: Callable[[Tensor], Tensor], x: Tensor) -> Tensor:

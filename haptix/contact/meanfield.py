@@ -140,7 +140,7 @@ class MeanField:
     reach : float
         The energy of a wave follows the area in contact as waves this many times shorter leave it,
         1 or more: its own share of the stress is lost where they break the contact up.
-    size : {"capped", "smooth"}
+    size : {"capped", "smooth", "mean-gap"}
         How a contact of finite size leaves that of infinite size (`haptix.contact.finite_size`).
 
     Examples
@@ -167,7 +167,8 @@ class MeanField:
         if not 1 <= reach < inf:
             raise InputError(f"reach: expected a number of 1 or more, got {reach:g}")
         if size not in get_args(SizeLaw):
-            raise InputError(f'size: expected "capped" or "smooth", got {size!r}')
+            names = ", ".join(f'"{name}"' for name in get_args(SizeLaw))
+            raise InputError(f"size: expected one of {names}, got {size!r}")
         if gap_distribution not in get_args(GapDistribution):
             raise InputError(
                 f'gap_distribution: expected "plain" or "combined", got {gap_distribution!r}'
@@ -191,7 +192,7 @@ class MeanField:
         self._separation_integral = SeparationIntegral(gamma, device, self.area, power)
         self._tabulate_waves()
         self._h_rms_m = self.spectrum.h_rms_m
-        self._peaks_per_m2 = peaks_per_area(self.spectrum) if size == "smooth" else None
+        self._peaks_per_m2 = peaks_per_area(self.spectrum) if size != "capped" else None
         h_rms = float(self._h_rms_m.detach())
         decades = np.geomspace(_GAP_RANGE[0] * h_rms, _GAP_RANGE[1] * h_rms, _GAP_BINS)
         self.gap_edges_m = torch.tensor([0.0, *decades], dtype=torch.float64, device=device)
@@ -565,7 +566,7 @@ THEORIES: Mapping[str, Theory] = {
         "as corrected, and the attraction beside the spots widens them (haptix.electro.widening)",
         power=2.0,
         reach=1.3,
-        size="smooth",
+        size="mean-gap",
         usual_terms=frozenset({"finite-size"}),
     ),
 }

@@ -13,8 +13,11 @@ Gaps are ranked by size: the gap of rank n is larger than a share n of the area,
 - The gaps between are those of p_A, lifted as by a flat punch until their mean is that of p_g
   (Johnson, Kendall, Roberts, Proc. R. Soc. A 324, 301 (1971)). Within reach of the attraction the
   lift is half of that: so far does a cohesive zone open a crack, of what its far field would
-  (Dugdale, J. Mech. Phys. Solids 8, 100 (1960)). Edges feel the gaps of p_A, which close there as
-  in contact without attraction.
+  (Dugdale, J. Mech. Phys. Solids 8, 100 (1960)).
+- The gaps beside an edge close as in contact without attraction where the lift is small against
+  the attraction's reach, and are lifted like the others where it is large (JKR). Between the two
+  limits, a share ``z/(1 + z)`` of the lift counts, z the lift over the reach: it is what lifting
+  all of them would take from their attraction, ``(1 + z)^-2``.
 
 No number is fitted (docs/mean-field.md).
 """
@@ -88,7 +91,7 @@ class LiftedGaps:
     work: Tensor
     """The same, weighted by v."""
     edge: Tensor
-    """The same without a lift, weighted by g - 1, shape (nodes, bins)."""
+    """The same, weighted by g - 1."""
 
     @classmethod
     def of_table(
@@ -119,22 +122,23 @@ class LiftedGaps:
         middle = torch.cat([edges_m[1:2] / 2, (edges_m[1:-1] * edges_m[2:]).sqrt()])
         reach = work / mass.clamp(min=_TINY)
         low = mean_gap_m[more:]
+        edge = edge_weight(area[:, None], rank[:, 1:] - area[:, None])
+        edge = torch.cat([edge[:, :1], edge.diff(dim=-1)], -1).clamp(min=0.0)
         opened: list[Tensor] = []
         worked: list[Tensor] = []
+        beside: list[Tensor] = []
         for steps in _LIFT_STEPS:
             lift = (mean_gap_m[more - steps : more - steps + nodes] - low).clamp(min=0.0)
             place = middle + _HALF * lift[:, None] * reach
             above = torch.searchsorted(middle, place.detach()).clamp(1, len(middle) - 1)
             part = (place - middle[above - 1]) / (middle[above] - middle[above - 1])
             part = part.clamp(0.0, 1.0)
-            for kept, moved in ((opened, mass), (worked, work)):
+            for kept, moved in ((opened, mass), (worked, work), (beside, edge)):
                 to = torch.zeros_like(moved)
                 to = to.scatter_add(1, above, moved * part)
                 kept.append(to.scatter_add(1, above - 1, moved * (1 - part)))
-        edge = edge_weight(area[:, None], rank[:, 1:] - area[:, None])
-        edge = torch.cat([edge[:, :1], edge.diff(dim=-1)], -1).clamp(min=0.0)
         lifts = step * torch.tensor(_LIFT_STEPS, dtype=mass.dtype, device=mass.device)
-        return cls(lifts, torch.stack(opened, 1), torch.stack(worked, 1), edge)
+        return cls(lifts, *(torch.stack(masses, 1) for masses in (opened, worked, beside)))
 
     def part(self, at: slice) -> LiftedGaps:
         """Return some of the nodes."""
@@ -162,24 +166,28 @@ def by_share(lifted: LiftedGaps, on_gaps: Callable[[Tensor], Tensor]) -> Tensor:
     """
     nodes, lifts = lifted.open.shape[:2]
     to_lifts = _monomials(tuple(lifted.lifts.tolist())).to(lifted.open.device)
-    edge = on_gaps(lifted.edge)
 
-    def against_lift(mass: Tensor) -> Tensor:
-        values = torch.log(on_gaps(mass.flatten(0, 1)).reshape(nodes, lifts, -1))
-        return torch.einsum("kl,nlc->knc", to_lifts, values)
+    def on_lifted(mass: Tensor) -> Tensor:
+        return on_gaps(mass.flatten(0, 1)).reshape(nodes, lifts, -1)
 
-    gaps, work = against_lift(lifted.open), against_lift(lifted.work)
+    def against_lift(values: Tensor) -> Tensor:
+        return torch.einsum("kl,nlc->knc", to_lifts, torch.log(values))
+
+    gaps, work = against_lift(on_lifted(lifted.open)), against_lift(on_lifted(lifted.work))
+    beside = on_lifted(lifted.edge)
+    reached = (beside[:, :1] / beside).clamp(min=1.0).sqrt() - 1  # the lift over the reach
+    edge = against_lift(beside[:, :1] / (1 + reached**2 / (1 + reached)) ** 2)
     most = float(lifted.lifts[-1])
-    shares = edge.new_tensor(_SHARES)[:, None, None]
-    lift = torch.zeros_like(shares * edge)
+    shares = beside.new_tensor(_SHARES)[:, None, None]
+    lift = torch.zeros_like(shares * beside[:, 0])
     for _ in range(_ROUNDS):
-        total = torch.exp(_polynomial(gaps, lift)) + edge
+        total = torch.exp(_polynomial(gaps, lift)) + torch.exp(_polynomial(edge, lift))
         kept = torch.exp(_polynomial(work, lift)) / total
         lift = -torch.log((1 - shares * (1 - kept)).clamp(min=1e-9))
         lift = lift.clamp(0.0, most)
     pull = torch.exp(_polynomial(gaps, lift))
-    total = pull + edge
+    total = pull + torch.exp(_polynomial(edge, lift))
     work_done = _polynomial(work, lift)
     results = torch.stack([torch.log(total), torch.log(pull / total), work_done - torch.log(total)])
-    to_shares = _monomials(_SHARES).to(edge.device)
+    to_shares = _monomials(_SHARES).to(lift.device)
     return torch.einsum("ks,asnc->aknc", to_shares, results)

@@ -143,7 +143,9 @@ def iterated(field: MeanField, p0_pa: float, spot_pa: float, h0_m: float) -> tup
         opening = np.arccos(np.clip(np.cos(theta) / np.cos(pi / 2 * spots), 0, 1))
         beside = 2 / pi * np.diff(opening - theta)
         pull = float((lifted * share).sum())
-        new = p0_pa + pull + float((spot_pa * (h0_m / (h0_m + gap)) ** 2 * beside).sum())
+        free = float((spot_pa * (h0_m / (h0_m + gap)) ** 2 * beside).sum())
+        reached = np.sqrt(free / float((lifted * beside).sum())) - 1
+        new = p0_pa + pull + free / (1 + reached**2 / (1 + reached)) ** 2
         of_gap = p0_pa + float((lifted * weight).sum())
         lift += 0.5 * (float(at(wide, node(of_gap)) - at(wide, node(of_area))) - lift)
         of_area = float(np.sqrt(of_area * new))
