@@ -598,7 +598,7 @@ def beyond_validation(x: float, rolloff_waves: float) -> list[str]:
 
 def shown_accuracy(theory: TheoryName, x: float) -> str:
     """Say which errors a theory was shown to have at a lowest x; empty where nothing was shown."""
-    if theory != "corrected":
+    if theory not in ("corrected", "local"):  # alike without voltage
         return ""
     for least, median, worst, gap in SHOWN_ERRORS:
         if x >= least:
