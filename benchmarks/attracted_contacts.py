@@ -34,6 +34,7 @@ from numpy.typing import NDArray
 
 from haptix import ContactModel, Finger, Screen
 from haptix.contact import THEORIES, ContactSpots, HalfSpace, Layered, MeanField, RoughnessSpectrum
+from haptix.contact.accuracy import of_states
 from haptix.contact.boundary_elements import Surfaces
 from haptix.contact.boundary_elements.bounded import BoundedProblem
 from haptix.contact.boundary_elements.coupled import AttractedContact
@@ -255,11 +256,12 @@ def closed(surface: Solved, row: Array) -> tuple[float, float, float] | None:
     return area, float(at(gap_at, log_gap)), pull
 
 
-def errors(folder: Path) -> dict[str, dict[tuple[str, float, int], list[tuple[float, ...]]]]:
+Errors = dict[str, dict[tuple[str, float, int], list[tuple[float, ...]]]]
+
+
+def errors(folder: Path) -> Errors:
     """Of the closure and of two theories: pull over p0 and theory over elements, by row."""
-    found: dict[str, dict[tuple[str, float, int], list[tuple[float, ...]]]] = {
-        name: defaultdict(list) for name in ("closure", "local", "corrected")
-    }
+    found: Errors = {name: defaultdict(list) for name in ("closure", "local", "corrected")}
     for surface in solutions(folder):
         theories = {
             "local": by_theory(surface, "widened"), "corrected": by_theory(surface, "excluded")
@@ -330,7 +332,28 @@ def tables(folder: Path, least_surfaces: int = 3) -> str:
             if name == "closure":
                 cells[3] = "-"
             lines.append(f"| {title}, {label} | {len(chosen)} | {' | '.join(cells)} |")
-    return "\n".join(lines)
+    return "\n".join([*lines, "", *coverage(found, least_surfaces)])
+
+
+def coverage(found: Errors, least_surfaces: int) -> Iterator[str]:
+    """How many rows lie inside the intervals that states have, by theory and Hurst exponent."""
+    cells = {cell.name: cell for cell in CELLS if cell.rolloff >= 4}  # 4 waves in the box
+    yield "| theory | rows of | inside the 90 % interval of mu_on/mu_off |"
+    yield "|---|---|---|"
+    for theory in ("local", "corrected"):
+        for title, chosen in (("H = 0.8 (fitted)", (0.8,)), ("H 0.5, 0.65, 0.9", (0.5, 0.65, 0.9))):
+            inside = []
+            for (name, h0, _), states in found[theory].items():
+                if name not in cells or len(states) < least_surfaces:
+                    continue
+                if cells[name].hurst not in chosen:
+                    continue
+                m = np.mean(np.array(states), 0)
+                given = (cells[name].x, h0, m[0] * m[3] / m[4], m[7])
+                width = of_states(theory, *(torch.tensor([v]) for v in given)).ratio
+                if bool(width.isfinite()):
+                    inside.append(abs(np.log(m[7] / m[8])) <= float(width))
+            yield f"| `{theory}` | {title} | {sum(inside)} of {len(inside)} |"
 
 
 def refined(height_m: torch.Tensor, points: int) -> torch.Tensor:

@@ -106,8 +106,8 @@ class StrokePredictor:
             )
         if model.contact_spots != "excluded":
             raise InputError(
-                'theory: expected contact spots "excluded", got "included"; use the theory '
-                '"open-gaps" or "corrected"'
+                f'theory: expected contact spots "excluded", got "{model.contact_spots}"; use the '
+                'theory "open-gaps" or "corrected"'
             )
         self.model = model
         self._modulus_pa = float(model.finger.youngs_modulus_pa)

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from haptix.contact import beyond_validation
+from haptix.contact import Accuracy, beyond_validation
 from haptix.errors import InputError
 from haptix.limits import limits_passed
 
@@ -62,6 +62,7 @@ class ContactState:
     spot_pressure_pa: Tensor
     """Mean pressure in the contact spots: what presses, attraction included, over the real area."""
     find_status: Callable[[], Tensor] = field(repr=False, compare=False)
+    find_accuracy: Callable[[], Accuracy] = field(repr=False, compare=False)
     sum_gaps: Callable[[], GapSums] = field(repr=False, compare=False)
     """These make what many callers do without; use the properties."""
 
@@ -69,6 +70,11 @@ class ContactState:
     def status(self) -> Tensor:
         """Integers of `Status`: OK only within all of `haptix.limits`."""
         return self.find_status()
+
+    @cached_property
+    def accuracy(self) -> Accuracy:
+        """Intervals of mu and of mu(V)/mu(0) that boundary elements showed of the theory."""
+        return self.find_accuracy()
 
     def warnings(self) -> list[str]:
         """Where the states lie below what was validated or past a limit, as outputs quote it."""

@@ -126,12 +126,6 @@ def breakdown_note(share: float) -> str:
     )
 
 
-def accuracy_note(lowest_x: float, accuracy: str) -> str:
-    """Say how lightly a contact is loaded, and what was shown of the theory there."""
-    shown = f": {accuracy} of boundary elements" if accuracy else ""
-    return f"; x = p0/(E* slope) from {lowest_x:.2g}{shown}"
-
-
 def warning_note(warnings: Sequence[str]) -> str:
     """Return what a title says about results beyond what was validated, or past a limit."""
     return f"; beyond what was validated: {'; '.join(warnings)}" if warnings else ""

@@ -1,5 +1,6 @@
 """Area and gaps of a rough contact against pressure: roughness, elasticity, mean field."""
 
+from haptix.contact.accuracy import Accuracy, beyond_validation
 from haptix.contact.area import AreaLaw
 from haptix.contact.elasticity import ElasticSolid, HalfSpace, Layered
 from haptix.contact.meanfield import (
@@ -9,14 +10,13 @@ from haptix.contact.meanfield import (
     MeanField,
     Theory,
     TheoryName,
-    beyond_validation,
-    shown_accuracy,
 )
 from haptix.contact.roughness import RoughnessSpectrum
 from haptix.threads import keep_freed_memory
 
 __all__ = [
     "THEORIES",
+    "Accuracy",
     "AreaLaw",
     "ContactSpots",
     "ElasticSolid",
@@ -28,7 +28,6 @@ __all__ = [
     "Theory",
     "TheoryName",
     "beyond_validation",
-    "shown_accuracy",
 ]
 
 keep_freed_memory()

@@ -571,36 +571,3 @@ THEORIES: Mapping[str, Theory] = {
     ),
 }
 """Forms of the mean field by name."""
-
-VALIDATED_X = 5e-5
-"""Lowest ``x = p0/(E* slope)`` of boundary elements that the corrected theory was tested on without
-having been fitted to them (docs/mean-field.md)."""
-
-VALIDATED_WAVES = 4.0
-"""Fewest waves of the roll-off, ``A0 (q_r/2 pi)^2``, under a contact of that comparison."""
-
-SHOWN_ERRORS = ((5e-4, 3, 9, 8), (VALIDATED_X, 5, 28, 5))
-"""Lowest x, and what was shown from there to the x before: median and largest error of the area,
-largest error of the mean gap, in per cent of boundary elements, without voltage."""
-
-
-def beyond_validation(x: float, rolloff_waves: float) -> list[str]:
-    """Say what of a contact lies below what was validated; lowest values are given."""
-    limits = []
-    if x < VALIDATED_X:
-        limits.append(f"x = p0/(E* slope) from {x:.2g}: validated from {VALIDATED_X:g}")
-    if rolloff_waves < VALIDATED_WAVES:
-        limits.append(
-            f"{rolloff_waves:.3g} waves of the roll-off: validated from {VALIDATED_WAVES:g}"
-        )
-    return limits
-
-
-def shown_accuracy(theory: TheoryName, x: float) -> str:
-    """Say which errors a theory was shown to have at a lowest x; empty where nothing was shown."""
-    if theory not in ("corrected", "local"):  # alike without voltage
-        return ""
-    for least, median, worst, gap in SHOWN_ERRORS:
-        if x >= least:
-            return f"area within {worst} % ({median} % in the median), mean gap within {gap} %"
-    return ""

@@ -13,7 +13,8 @@ import torch
 from torch import Tensor
 
 from haptix.checks import choice, instance
-from haptix.contact import THEORIES, ContactSpots, GapDistribution, TheoryName
+from haptix.contact import THEORIES, Accuracy, ContactSpots, GapDistribution, TheoryName
+from haptix.contact.accuracy import of_states
 from haptix.contact.meanfield import check_contact_spots
 from haptix.electro import Pull, drive_voltage
 from haptix.electro.attraction import Circuit, field_in_time
@@ -326,6 +327,17 @@ class ContactModel:
                 status[past] = int(Status.BREAKDOWN)
             return status.reshape(shape)
 
+        def find_accuracy() -> Accuracy:
+            applied, contact = force / area, self.solver.fidelity.contact
+            states = (
+                solved["x"],
+                thickness.abs() / self.contact.spectrum.h_rms_m,
+                balance.gap_attraction_pa / applied,
+                balance.area_fraction / contact.area_fraction(applied),
+            )
+            theory = self.theory if self.fidelity == MeanFieldBalance.name else None
+            return of_states(theory, *(part.detach().reshape(shape) for part in states))
+
         solved = {
             name: backward_on_one_thread(value.to(self.dtype).reshape(shape))
             for name, value in solved.items()
@@ -333,6 +345,7 @@ class ContactModel:
         return ContactState(
             **solved,
             find_status=find_status,
+            find_accuracy=find_accuracy,
             sum_gaps=partial(
                 self.solver.sum_gaps,
                 force,

@@ -10,7 +10,6 @@ import numpy as np
 import torch
 
 from haptix.checks import Array
-from haptix.contact import shown_accuracy
 from haptix.desk import Context, Result, Task
 from haptix.errors import InputError, ToleranceError
 from haptix.fidelity import FIDELITIES, Ability
@@ -117,7 +116,7 @@ class Plan:
     lowest_x: float
     """Lowest ``p0/(E* slope)`` of the scene."""
     accuracy: str
-    """Errors that the theory was shown to have there, see `haptix.contact.shown_accuracy`."""
+    """Intervals at the scene's highest drives, see `haptix.contact.Accuracy`."""
     warnings: tuple[str, ...]
     """Where the scene lies below what was validated, or its highest voltages past a limit."""
 
@@ -250,7 +249,7 @@ def plan_scene(
         ),
         pull_past_breakdown=float(trials.highest(chosen).pull_past_breakdown.max()),
         lowest_x=float(lightest.x),
-        accuracy=shown_accuracy(model.theory, float(lightest.x)),
+        accuracy=str(trials.highest(chosen).accuracy),
         warnings=(*lightest.warnings(), *limits_passed(trials.highest(chosen).status)),
     )
 

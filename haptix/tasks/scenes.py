@@ -12,7 +12,7 @@ from pydantic import Field
 from haptix.desk import Context, Result, Task
 from haptix.fields import Argument, FileThere, Folder
 from haptix.report import record
-from haptix.terminal import accuracy_note, breakdown_note, placeholder_note, warning_note
+from haptix.terminal import breakdown_note, placeholder_note, warning_note
 
 _STAGES = {
     "run": "build, query and invert",
@@ -44,7 +44,8 @@ class PlanScene(Task, command="plan"):
             f"tolerance {plan.tolerance.value:.3g} {plan.tolerance.unit}; left out "
             f"{plan.effect.jnd_max:.2g} of {plan.scene.budget_jnd:g} JND"
         )
-        title += accuracy_note(plan.lowest_x, plan.accuracy) + warning_note(plan.warnings)
+        title += f"; x = p0/(E* slope) from {plan.lowest_x:.2g}; {plan.accuracy}"
+        title += warning_note(plan.warnings)
         title += placeholder_note(plan.model.placeholders(), plan.placeholder_spread_jnd)
         title += breakdown_note(plan.pull_past_breakdown)
         spread = {"placeholder_spread_jnd": dict(plan.placeholder_spread_jnd)}

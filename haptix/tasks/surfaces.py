@@ -31,7 +31,7 @@ from haptix.fields import (
     is_there,
 )
 from haptix.files import cache_folder, reading
-from haptix.terminal import accuracy_note, breakdown_note, placeholder_note, warning_note
+from haptix.terminal import breakdown_note, placeholder_note, warning_note
 
 if TYPE_CHECKING:
     from haptix.friction import ContactModel
@@ -230,7 +230,6 @@ class Query(OfModel, command="query"):
 
     def run(self, context: Context) -> Result:
         """Solve all combinations."""
-        from haptix.contact import shown_accuracy
         from haptix.friction import placeholder_spread
         from haptix.surface import FrictionSurface
 
@@ -242,7 +241,7 @@ class Query(OfModel, command="query"):
             largest = {name: float(jnd.max()) for name, jnd in spread.items()}
             x = float(state.x.min())
             note = placeholder_note(model.placeholders(), largest)
-            note += accuracy_note(x, shown_accuracy(model.theory, x))
+            note += f"; x = p0/(E* slope) from {x:.2g}; {state.accuracy}"
             names = (
                 "mu",
                 "x",

@@ -12,9 +12,9 @@ import torch
 from scipy.special import erf
 
 from haptix.contact import THEORIES, AreaLaw, HalfSpace, Layered, MeanField, RoughnessSpectrum
+from haptix.contact.accuracy import SHOWN_ERRORS, VALIDATED_X
 from haptix.contact.boundary_elements import Surfaces
 from haptix.contact.finite_size import Touching, highest_peak, once_for_equals, peaks_per_area
-from haptix.contact.meanfield import SHOWN_ERRORS, VALIDATED_X
 
 ROWS = Path(__file__).parents[1] / "data" / "few-spots.csv"
 CORRECTED = THEORIES["corrected"]

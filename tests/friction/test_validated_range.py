@@ -1,16 +1,18 @@
 """x and the waves of the roll-off under a contact, and what is said below the validated ones."""
 
-from math import pi
+from math import inf, pi
 
 import pytest
 import torch
 
 from haptix import ContactModel, Finger, Screen
-from haptix.contact.meanfield import (
+from haptix.contact import Accuracy
+from haptix.contact.accuracy import (
+    UNDER_VOLTAGE,
     VALIDATED_WAVES,
     VALIDATED_X,
     beyond_validation,
-    shown_accuracy,
+    of_states,
 )
 
 
@@ -31,12 +33,56 @@ def test_a_state_says_how_lightly_it_is_loaded_and_by_how_many_waves() -> None:
     assert "validated from 4" in count
 
 
-def test_the_accuracy_that_was_shown() -> None:
-    (usual, light) = (shown_accuracy("corrected", x) for x in (6e-4, 6e-5))
-    assert usual != light
-    assert "28 %" in light
-    assert shown_accuracy("corrected", 0.99 * VALIDATED_X) == ""
-    assert shown_accuracy("open-gaps", 6e-4) == ""
+def accuracy(theory: str | None, x: float, h0: float, pull: float, ratio: float) -> Accuracy:
+    return of_states(theory, *(torch.tensor([value]) for value in (x, h0, pull, ratio)))
+
+
+def test_the_interval_without_voltage_follows_the_load() -> None:
+    usual, light, lightest = (
+        accuracy("local", x, 1e-3, 0.0, 1.0) for x in (6e-4, 6e-5, 0.99 * VALIDATED_X)
+    )
+    assert 0 < float(usual.mu) < float(light.mu) < inf
+    assert float(usual.ratio) == 0
+    assert not usual.not_shown  # an insulator of any thickness: nothing attracts
+    assert float(lightest.mu) == inf
+
+
+def test_the_interval_of_the_ratio_grows_with_the_ratio_and_with_thin_insulators() -> None:
+    weak, strong, thin = (
+        accuracy("local", 1e-3, h0, pull, ratio)
+        for h0, pull, ratio in ((0.5, 1.0, 2.0), (0.5, 8.0, 9.0), (0.06, 1.0, 2.0))
+    )
+    assert 0 < float(weak.ratio) < float(strong.ratio)
+    assert float(weak.ratio) < float(thin.ratio)
+    for one in (weak, strong, thin):
+        assert float(one.mu) > float(one.ratio)
+
+
+@pytest.mark.parametrize("place", range(3))
+@pytest.mark.parametrize("end", [0, 1])
+def test_nothing_is_claimed_beyond_either_end(place: int, end: int) -> None:
+    name, ends = list(UNDER_VOLTAGE.items())[place]
+    values = [1e-3, 0.3, 2.0]
+    values[place] = ends[end] * (1.01 if end else 0.99)
+    if values[place] == 0:  # no attraction, and nothing to say of it
+        return
+    x, h0, pull = values
+    said = accuracy("local", x, h0, pull, 3.0)
+    (reason,) = said.not_shown
+    assert name in reason
+    assert float(said.ratio) == inf
+
+
+def test_other_theories_and_models_have_no_interval() -> None:
+    for theory in ("open-gaps", None):
+        assert float(accuracy(theory, 1e-3, 0.3, 2.0, 3.0).mu) == inf
+
+
+def test_a_state_at_200_v_does_not_have_the_accuracy_of_0_v() -> None:
+    model = ContactModel(Finger.preset("semi-wet"), Screen())
+    assert not model.solve(0.5, 0.0).accuracy.not_shown
+    # Its insulator is 0.006 h_rms, thinner than any of the rows.
+    assert any("h0/h_rms" in reason for reason in model.solve(0.5, 200.0).accuracy.not_shown)
 
 
 def test_nothing_is_said_within_what_was_validated() -> None:
