@@ -215,6 +215,7 @@ export class Connection {
     }
     if (message.type === "lease") this.lease = message;
     if (message.type === "output") this.output = message;
+    if (message.type === "subscribed") this.columns = message.columns; // frames may follow at once
     const answer = this.#asked.get(message.id);
     if (!answer) this.#tell(message.type, message);
     else if (message.type === "error") answer.reject(new Refused(message));
