@@ -88,7 +88,7 @@ class EngineReplay:
 
 _RESTART_S = 0.2  # from the end of a process to its next start: its driver ramps to 0 V
 _RETRY_S, _FINGER_NICE = 1.0, 5
-_SPARE_S = 5.0  # from the start of an engine to that of its spare, which loads for seconds
+_SPARE_S = 5.0  # from the first arming to the start of the spare, which loads for seconds
 
 
 class FeltFingerProcess(Process):
@@ -180,6 +180,7 @@ class EngineProcess(Process):
         self._opening, self._on_event, self._on_telemetry = opening, on_event, on_telemetry
         self._ends = self._is_open = False
         self._spare: asyncio.subprocess.Process | None = None
+        self._sparing: asyncio.Task[None] | None = None
         self._rates: dict[str, float] = {}
         self._replay = EngineReplay()
         self.felt_finger = FeltFingerProcess(on_telemetry)
@@ -192,8 +193,6 @@ class EngineProcess(Process):
         self._is_open = True
         self.has_loaded()
         self.felt_finger.opens({name: opened[name] for name in ("finger", "screen", "carrier_hz")})
-        if self._spare is None:
-            self._sparing = asyncio.create_task(self._start_spare())
         if self._rates:
             self.tell("streams", rates=self._rates)
         for do, fields in self._replay.messages():
@@ -204,12 +203,14 @@ class EngineProcess(Process):
     async def _start_spare(self) -> None:
         """Keep a process that has loaded torch and opened nothing, for when the engine dies."""
         await asyncio.sleep(_SPARE_S)
-        if not self._ends:
-            self._spare = await super()._spawn()
+        self._spare = await super()._spawn()
 
     async def _spawn(self) -> asyncio.subprocess.Process:
         spare, self._spare = self._spare, None
-        if spare is None or spare.returncode is not None:
+        if spare is None:
+            return await super()._spawn()
+        self._sparing = None
+        if spare.returncode is not None:
             return await super()._spawn()
         self.has_loaded(MOST_SILENT_IDLY)  # it may hang, too
         return spare
@@ -220,11 +221,17 @@ class EngineProcess(Process):
             raise Problem("device", f"{do}: the engine is being started again; try anew")
         answer = await super().ask(do, **fields)
         self._replay.record(do, fields)
+        if do == "arm" and self._sparing is None and not self._ends:
+            self._sparing = asyncio.create_task(self._start_spare())
         return answer
 
     async def stop(self) -> None:
         """End at 0 V."""
         self._ends = True
+        if self._sparing is not None:
+            self._sparing.cancel()
+            with suppress(asyncio.CancelledError):
+                await self._sparing
         if self._spare is not None:
             with suppress(ProcessLookupError):
                 self._spare.kill()
