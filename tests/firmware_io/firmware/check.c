@@ -671,7 +671,9 @@ static void lost_memory(void) {
     uint32_t n = make_frame(frame_bytes, HX_STREAM, device.next_sequence, 0, payload_bytes, 84);
     hx_device_receive(&device, frame_bytes, 20);
     device.buffer[7] ^= 0x80u;
-    hx_device_receive(&device, frame_bytes + 20, n - 20u);
+    static uint8_t longer[HX_BUFFER_BYTES + 64u]; /* more than there is room for */
+    for (uint32_t i = 20; i < n; i++) longer[i - 20u] = frame_bytes[i];
+    hx_device_receive(&device, longer, sizeof longer);
     demand(fault() == HX_FAULT_DAMAGED && !device.is_armed);
     hx_device_receive(&device, frame_bytes, 13);
     for (uint32_t i = 0; i < sizeof device; i++) ((uint8_t *)&device)[i] = 0;
