@@ -17,7 +17,7 @@ from typing import Annotated, Any
 import typer
 
 from haptix.cli.tasks import option
-from haptix.fields import Folder
+from haptix.fields import Address, Folder
 from haptix.terminal import AsJson, show
 from haptix.version import __version__
 
@@ -41,13 +41,9 @@ def doctor(
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
     root: Annotated[Path, option("Folder below which the rule is written.", Folder)] = Path("/"),
     proof_test: Annotated[
-        str,
-        typer.Option(
-            "--proof-test",
-            metavar="ADDRESS",
-            help="Trip each limit of a driver at 0 V, such as usb: or mock:, and keep a record.",
-        ),
-    ] = "",
+        str | None,
+        option("Trip each limit of a driver at 0 V, such as usb:, and keep a record.", Address),
+    ] = None,
 ) -> None:
     """Check this machine: packages, system libraries, cache, and a solve against known numbers.
 

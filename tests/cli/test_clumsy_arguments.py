@@ -39,7 +39,7 @@ KINDS = {
         ("", "missing", "mean_field", "FINITE-SIZE", LONG, "\u00fc"),
     ),
     "address": (
-        "--device",
+        "--device --proof-test",
         ("", "usb", "ubs:", "mock:colour=red", "mock:pace=fast", "mock:pace", "mock:lead_s=nan",
          "mock:pace=real,pace=real", "COM3", "tcp:", "tcp:host", LONG),
     ),

@@ -13,7 +13,7 @@ from haptix import ContactModel, ContactState, Finger, Screen, Status
 from haptix.contact import RoughnessSpectrum
 from haptix.finger import Roughness
 
-FLOATS = [f.name for f in fields(ContactState) if f.name not in ("find_status", "sum_gaps")]
+FLOATS = [field.name for field in fields(ContactState) if field.type == "Tensor"]
 FLOATS += ["pull_past_breakdown", "capacitance_f", "conductance_s"]
 PULL_IN = int(Status.PULL_IN)
 SCREEN = Screen(max_voltage_v=5000.0)
