@@ -23,10 +23,10 @@ class CommandResult:
 class CommandLine(Protocol):
     """``haptix ARGUMENTS``, called with the arguments."""
 
-    def __call__(self, *arguments: object) -> CommandResult: ...
+    def __call__(self, *arguments: object, stdin: str | None = None) -> CommandResult: ...
 
 
-def run_haptix(*arguments: object) -> CommandResult:
+def run_haptix(*arguments: object, stdin: str | None = None) -> CommandResult:
     """Run ``haptix ARGUMENTS``; an exception that leaves main is a traceback for the user."""
     out, err = io.StringIO(), io.StringIO()
     code = 0
@@ -36,6 +36,8 @@ def run_haptix(*arguments: object) -> CommandResult:
         contextlib.redirect_stderr(err),
     ):
         patch.setattr(sys, "argv", ["haptix", *map(str, arguments)])
+        if stdin is not None:
+            patch.setattr(sys, "stdin", io.StringIO(stdin))
         try:
             main()
         except SystemExit as end:

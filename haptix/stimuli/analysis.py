@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from itertools import combinations
 from math import inf, isnan, sqrt
 from pathlib import Path
@@ -13,12 +13,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from haptix.checks import Array
-from haptix.errors import FileFormatError, MissingExtraError, from_extra
+from haptix.errors import MissingExtraError, from_extra
 from haptix.files import json_text, reading, write_folder
 from haptix.report import page, paragraph, picture, table
-from haptix.stimuli.adaptive import METHODS, Estimate, Magnitudes, Method, Pairs, UpDown
+from haptix.stimuli.adaptive import (
+    Estimate,
+    Magnitudes,
+    Method,
+    MethodsByCondition,
+    Pairs,
+    UpDown,
+)
 from haptix.stimuli.adaptive.methods import bradley_terry
 from haptix.stimuli.adaptive.psychometric import counted, function_named
+from haptix.stimuli.adaptive.sequence import replayed
 from haptix.stimuli.adaptive.session import SessionPlan, found_by_chance, summary
 from haptix.stimuli.adaptive.trial_log import LoggedSession, read_sessions
 from haptix.stimuli.study import BIDS_VERSION
@@ -47,6 +55,8 @@ class RunOfMethod:
     rows: tuple[Mapping[str, str], ...]
     """Trials that the method has heard of."""
     summary: Mapping[str, Any]
+    remarks: tuple[str, ...] = ()
+    """What of the session's log could not be checked."""
 
     @property
     def place(self) -> dict[str, Any]:
@@ -54,7 +64,8 @@ class RunOfMethod:
         session = self.session
         names = ("participant", "session", "task")
         place = {name: getattr(session, name) for name in names}
-        return {**place, "condition": self.condition, "experiment": self.experiment}
+        place |= {"condition": self.condition, "experiment": self.experiment}
+        return place | {"source": session.source}
 
 
 def runs_of(session: LoggedSession) -> Iterator[RunOfMethod]:
@@ -65,48 +76,32 @@ def runs_of(session: LoggedSession) -> Iterator[RunOfMethod]:
     FileFormatError
         If a row is none of the experiment of its head.
     """
+    sequence, remarks = replayed(session)
+    method = sequence.method
     with reading(session.path, "a log of trials"):
-        described = session.settings["method"]
-        tables = described["methods"] if described["method"] == "conditions" else {"": described}
-        methods = {name: method_of(table) for name, table in tables.items()}
-        heard: dict[str, list[Mapping[str, str]]] = {name: [] for name in methods}
-        for row in session.rows:
-            if row["accepted"] != "true" or row["kind"] not in ("trial", "n/a"):
-                continue
-            condition = row["condition"].replace("n/a", "")
-            if condition not in methods:
-                raise FileFormatError(
-                    f"{session.path}: trial {row['trial']} is of the condition {condition!r}, "
-                    f"which its head does not have: expected one of {', '.join(methods)}"
-                )
-            is_number = row["is_right"] == "n/a"
-            value = float(row["answer"]) if is_number else row["is_right"] == "true"
-            methods[condition].update(value, float(row["level"]))
-            heard[condition].append(row)
-        task, plan = session.settings["task"], SessionPlan(**session.settings.get("plan", {}))
+        task, plan = session.settings["task"], sequence.plan
+        tables = session.settings["method"].get("methods", {"": session.settings["method"]})
+        methods = method.methods if isinstance(method, MethodsByCondition) else {"": method}
         estimates = {
-            name: found_by_chance(method.estimate(), session.rows, task, name)
-            for name, method in methods.items()
+            name: found_by_chance(one.estimate(), session.rows, task, name)
+            for name, one in methods.items()
         }
-        if unfinished := _unfinished(plan, methods.values(), estimates.values()):
+        unfinished = _unfinished(plan, methods.values(), estimates.values())
+        if unfinished and not session.finished:
             estimates = {
                 name: replace(one, warnings=(unfinished, *one.warnings))
                 for name, one in estimates.items()
             }
         said = summary(session.rows, task, plan.exclude)
-        for name, method in methods.items():
-            experiment = _hash(session.settings, name, tables[name])
-            yield RunOfMethod(
-                session, name, experiment, method, estimates[name], (*heard[name],), said
-            )
-
-
-def method_of(table: Mapping[str, Any]) -> Method:
-    """Make a method anew from what `Method.describe` says of it."""
-    kind = METHODS[table["method"]]
-    names = [one.name for one in fields(kind) if one.init]
-    # No limit is None there, and the default here.
-    return kind(**{name: table[name] for name in names if table.get(name) is not None})
+        heard = [
+            row
+            for row in session.rows
+            if row["accepted"] == "true" and row["kind"] in ("trial", "n/a")
+        ]
+        for name, one in methods.items():
+            experiment = _hash(session, name, tables[name])
+            rows = tuple(row for row in heard if row["condition"].replace("n/a", "") == name)
+            yield RunOfMethod(session, name, experiment, one, estimates[name], rows, said, remarks)
 
 
 def _unfinished(plan: SessionPlan, methods: Iterable[Method], found: Iterable[Estimate]) -> str:
@@ -123,12 +118,16 @@ def _unfinished(plan: SessionPlan, methods: Iterable[Method], found: Iterable[Es
     return f"the session is not over: it has {counted} trials that count"
 
 
-def _hash(settings: Mapping[str, Any], condition: str, method: Mapping[str, Any]) -> str:
+def _hash(session: LoggedSession, condition: str, method: Mapping[str, Any]) -> str:
+    settings = session.settings
     hashes = settings.get("hashes", {})
     hashes = hashes.get(condition, hashes) if condition else hashes
     of_stimulus = {name: one for name, one in hashes.items() if name not in _OF_APPARATUS}
     plain = {name: one for name, one in method.items() if name not in _OWN}
-    return digest({"task": settings["task"], "hashes": of_stimulus, "method": plain})[:8]
+    what = {"task": settings["task"], "hashes": of_stimulus, "method": plain}
+    if session.source == "simulated":  # stays apart from people
+        what["source"] = session.source
+    return digest(what)[:8]
 
 
 Row = dict[str, Any]
@@ -427,7 +426,7 @@ def _filled(rows: Iterable[Row]) -> list[Row]:
 
 
 def _notes(runs: Sequence[RunOfMethod]) -> tuple[str, ...]:
-    notes = []
+    notes = [*dict.fromkeys(remark for run in runs for remark in run.remarks)]
     experiments: dict[tuple[str, str], Counter[str]] = {}
     for run in runs:
         experiments.setdefault((run.session.task, run.condition), Counter())[run.experiment] += 1

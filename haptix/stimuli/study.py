@@ -27,13 +27,14 @@ from haptix.files import (
     read_text,
     write_whole,
 )
-from haptix.stimuli.adaptive.trial_log import COLUMNS, SETTINGS, TouchLog, read_log
+from haptix.stimuli.adaptive.sequence import replayed
+from haptix.stimuli.adaptive.trial_log import COLUMNS, SETTINGS, End, TouchLog, read_log
 from haptix.version import __version__
 
 BIDS_VERSION = "1.10.0"
 
 _LOCK_S = 60.0  # an export takes less than one
-_LOGS = ("_log.tsv", "_log_touches.tsv")
+_LOGS = ("_log.tsv", "_log_touches.tsv", "_log_end.json")
 
 _README = """# Data of an experiment with haptix
 
@@ -67,13 +68,26 @@ def session_log(study: Path, participant: str, session: str, task: str) -> Path:
     Raises
     ------
     InputError
-        If a label is none.
+        If a label is none, or the study has the participant in another spelling.
     """
     for name, label in (("participant", participant), ("session", session), ("task", task)):
         if not re.fullmatch(r"[A-Za-z0-9]{1,64}", label):
             raise InputError(f"{name}: BIDS labels have letters and digits alone, got {label!r}")
+    spelled = _spelling(participant)
+    for there in sorted({*study.glob("sub-*"), *study.glob("sourcedata/sub-*")}):
+        other = there.name.removeprefix("sub-")
+        if other != participant and _spelling(other) == spelled:
+            raise InputError(
+                f"participant: the study has {other!r}, which could be the same as "
+                f"{participant!r}; write it as {other!r}, or give another number"
+            )
     place = study / "sourcedata" / f"sub-{participant}" / f"ses-{session}"
     return place / f"sub-{participant}_ses-{session}_task-{task}_log.tsv"
+
+
+def _spelling(participant: str) -> str:
+    """Return what 7, 07 and 007, or p7 and P07, have in common."""
+    return re.sub(r"0*(\d+)$", r"\1", participant.casefold())
 
 
 def keep_recipe(recipe: Path, log: Path) -> None:
@@ -180,7 +194,7 @@ RATE_HZ = 100.0
 
 _GAP_S = 0.1  # between two reports of one touch
 MOST_SAMPLES = 10_000_000  # of a stimulus that is sampled faster than at `RATE_HZ`
-_LEFT_OUT = ("date", "right", "onset_s")
+_LEFT_OUT = ("date", "right", "onset_s", "before")
 
 _TEXTS = {
     "trial": "Number of the trial; rejected attempts have that of the trial that followed",
@@ -203,6 +217,7 @@ _TEXTS = {
     "profile": "Finger and screen, and a hash of their profiles",
     "kind": "practice, catch or (counted) trial",
     "condition": "Condition of the experiment",
+    "source": "Where the answer came from: terminal, page, simulated, imported or program",
     "other_level": "Level that it was compared with; n/a for the reference",
     "onset": "Begin of the first interval since the session began",
     "duration": "Length of the presentation, with its pauses",
@@ -234,11 +249,13 @@ def export(
     InputError
         If a label is none, or the session is there with other trials or changed files.
     FileFormatError
-        If the log is none, or a file cannot be written.
+        If the log is none, was changed, or has other trials than its plan, or a file cannot be
+        written.
     """
     log, study = Path(log), Path(study)
     copy = session_log(study, participant, session, task)
     logged = read_log(log)
+    replayed(logged)
     rows = logged.rows
     touches = TouchLog(log)
     kept = {(row["session"], row["trial"], row["attempt"]) for row in rows}
@@ -254,6 +271,9 @@ def export(
     for path, to in ((log, copy), (touches.path, TouchLog(copy).path)):
         if path.exists() and not (to.exists() and to.samefile(path)):
             files[to] = _grown(path, to)
+    end = End.place(log)
+    if copy in files and end.exists():
+        files[End.place(copy)] = read_bytes(end)
     return write_session(files, study, participant, task, copy.with_name(f"{base}_files.json"))
 
 

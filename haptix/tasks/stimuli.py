@@ -8,7 +8,7 @@ from contextlib import ExitStack, closing, suppress
 from functools import partial
 from math import inf
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import AfterValidator, Field
 
@@ -34,12 +34,15 @@ from haptix.fields import (
 from haptix.presets import FINGERS, SCREENS
 from haptix.terminal import breakdown_note
 
+if TYPE_CHECKING:
+    from haptix.stimuli.adaptive import Experiment
+
 _STAGES = {
     "surface": "build the friction surfaces",
     "render": "render and check",
     "write": "publish, draw the sheet",
 }
-_LABELS = ("session", "task", "condition")
+_LABELS = ("session", "task", "condition", "source")
 _WIDE = (
     "experiment", "share_right", "catch_trials", "hits", "false_alarms", "criterion", "warnings",
     "between", "p", "spread_within",
@@ -63,6 +66,13 @@ def _pseudonym(value: str) -> str:
     return value
 
 
+Hours = Annotated[
+    NotNegative,
+    Field(
+        title="Ask before a session goes on after [h]",
+        description="A session whose last trial is longer ago asks before it goes on [h].",
+    ),
+]
 Pseudonym = Annotated[str, AfterValidator(_pseudonym)]
 AtOnce = Annotated[int, Field(ge=1, le=256)]
 
@@ -185,12 +195,15 @@ class RunExperiment(Task, command="stimuli run"):
     participant: Pseudonym | None = Field(
         None,
         description="Pseudonym: letters and digits. The number at its end decides the order "
-        "of blocks. [default, for a log: 1]",
+        "of blocks. [default, for a log: 1, and trials in the recipe's order]",
     )
-    session: Label = Field("01", description="Label of the session in a study.")
+    session: Label = Field(
+        "01", description="Label of the session; with the participant's it decides what is drawn."
+    )
     task: Label | None = Field(
         None, description="Label of the task in a study. [default: the recipe's name]"
     )
+    ask_after_h: Hours = 12.0
     another_program: bool = Field(
         False, description="Continue a log that another version of haptix began."
     )
@@ -210,12 +223,13 @@ class RunExperiment(Task, command="stimuli run"):
 
         plan = ExperimentRecipe.load(self.recipe)
         labels = who, self.session, self.task or re.sub("[^A-Za-z0-9]", "", plan.name)
-        seed, table = None, self.log
+        table = self.log
+        # Without a participant a log has the order of the recipe.
+        seed = None if self.participant is None else seed_of(plan.seed, who, self.session)
         if self.study is not None:
             from haptix.stimuli.study import keep_recipe, session_log
 
             table = session_log(self.study, *labels)
-            seed = seed_of(plan.seed, who, self.session)
             keep_recipe(self.recipe, table)
         assert table is not None
         keys = Keys()
@@ -234,6 +248,8 @@ class RunExperiment(Task, command="stimuli run"):
                 around["outlets"] = stack.enter_context(closing(LabOutlets(device)))
             around["another_program"] = self.another_program
             experiment = plan.experiment(device, answer, table, _number_of(who), seed, **around)
+            if self.simulate_db is None:
+                ask_to_go_on(context, experiment, self.ask_after_h)
             try:
                 experiment.run()
             finally:
@@ -268,6 +284,7 @@ class ExperimentJob(Task, route="experiments", kind="experiment", plays=True, ke
         title="Number of the participant",
         description="It decides the order of blocks, where a recipe has some.",
     )
+    ask_after_h: Hours = 12.0
     finger: Annotated[FingerName | None, Local()] = None
     screen: Annotated[ScreenName | None, Local()] = None
     device: Address = "mock:"
@@ -284,6 +301,7 @@ class ExperimentJob(Task, route="experiments", kind="experiment", plays=True, ke
                 raise InputError(f"{kind}: expected {used} or one of {words}, got {name!r:.80}")
             recipe[kind] = name
         from haptix.devices import open_device
+        from haptix.stimuli.adaptive.session import seed_of
         from haptix.stimuli.recipe import ExperimentRecipe
         from haptix.units import with_numbers
 
@@ -296,9 +314,12 @@ class ExperimentJob(Task, route="experiments", kind="experiment", plays=True, ke
                 lambda question: judgement(context, question.choices),
                 context.folder / f"{self.log}.csv",
                 self.participant,
+                seed_of(plan.seed, str(self.participant), "01"),
+                source="page",
                 rest=partial(_rest, context),
                 tell=lambda is_right: context.tell(step="right" if is_right else "wrong"),
             )
+            ask_to_go_on(context, experiment, self.ask_after_h)
             experiment.run()
         records = {name: one.record() for name, one in experiment.estimates().items()}
         conditions = records if len(records) > 1 else next(iter(records.values()))
@@ -447,6 +468,25 @@ def judgement(context: Context, choices: tuple[str, ...]) -> str:
         with suppress(ValueError):
             if 0 < float(number) < inf:
                 return number
+
+
+def ask_to_go_on(context: Context, experiment: Experiment, after_h: float) -> None:
+    """Ask whether a session that has rested for long is the one that is meant.
+
+    Raises
+    ------
+    InputError
+        If it is not.
+    """
+    rested_h = experiment.rested_s / 3600
+    if rested_h <= after_h:
+        return
+    experiment.log.close()  # until then
+    question = f"The last trial of {experiment.log.path.name} was {rested_h:.0f} hours ago. Go on?"
+    if context.ask(question, ("no", "yes")) != "yes":
+        raise InputError(
+            f"{experiment.log.path}: stays as it is; name another log, participant or session"
+        )
 
 
 def _rest(context: Context, trials: int) -> None:

@@ -128,7 +128,14 @@ def test_one_who_guesses_and_one_who_is_excluded_are_not_averaged(study, tmp_pat
          if question.level == 40.0 else question.right, {"plan": plan}),
     ):  # fmt: skip
         made = {"low": at_level(WAVE), "high": at_level(WAVE, 0.9)}
-        run(tmp_path / f"{who}.tsv", two_conditions(7), answer, made=made, **more)
+        run(
+            tmp_path / f"{who}.tsv",
+            two_conditions(7),
+            answer,
+            made=made,
+            source="simulated",
+            **more,
+        )
         export(tmp_path / f"{who}.tsv", folder, who, "1", "detection")
     found = analyse(folder)
     rows = rows_by(found)

@@ -24,6 +24,7 @@ from haptix.stimuli.adaptive import (
 from haptix.stimuli.recipe import ExperimentRecipe
 from haptix.stimuli.study import begin, export
 from tests.hand_clock import HandClock
+from tests.stimuli.chained import rows_of, stopped_after, write_rows
 from tests.stimuli.presented import at_level
 
 WAVE = np.sin(2 * np.pi * 120 * np.arange(4800) / 48_000)
@@ -129,14 +130,13 @@ def continuous(study, name):
 
 def at_other_times(path, time_of):
     """Rewrite when the trials of a log were; return its rows."""
-    head, names, *lines = path.read_text().splitlines()
-    rows = [dict(zip(names.split("\t"), line.split("\t"), strict=True)) for line in lines]
+    rows = rows_of(path)
     for row in rows:
         answered_s, reaction_s = float(row["time_s"]), float(row["reaction_s"])
         row["onset_s"] = f"{time_of(float(row['onset_s'])):.4f}"
         row["time_s"] = f"{time_of(answered_s):.3f}"
         row["reaction_s"] = f"{time_of(answered_s) - time_of(answered_s - reaction_s):.4f}"
-    path.write_text("\n".join([head, names, *("\t".join(row.values()) for row in rows)]) + "\n")
+    write_rows(path, rows)
     return rows
 
 
@@ -207,13 +207,15 @@ def test_nothing_of_a_session_is_replaced(log, tmp_path):
     """Neither by another log of the same name, nor what somebody has written into its files."""
     path, _ = log
     study = tmp_path / "study"
-    whole = path.read_bytes()
-    path.write_bytes(b"".join(whole.splitlines(keepends=True)[:-2]))
+    whole, rows = path.read_bytes(), rows_of(path)
+    stopped_after(path, 3)
     export(path, study, "07", "1", "detection")
-    path.write_bytes(whole)
+    write_rows(path, rows)
+    assert path.read_bytes() == whole
     export(path, study, "07", "1", "detection")  # it has gone on
     other = tmp_path / "other.tsv"
-    other.write_bytes(whole.replace(b"MOCK0001", b"MOCK0002"))
+    other.write_bytes(whole)
+    write_rows(other, [{**row, "device": "mock MOCK0002"} for row in rows])
     before = {one: one.read_bytes() for one in study.rglob("*") if one.is_file()}
     assert before[study / "sourcedata/sub-07/ses-1/sub-07_ses-1_task-detection_log.tsv"] == whole
     with pytest.raises(InputError, match="has other trials"):
@@ -229,11 +231,11 @@ def test_nothing_of_a_session_is_replaced(log, tmp_path):
 def test_an_export_that_was_stopped_is_done_again(log, tmp_path, monkeypatch):
     """After any of its files; the log has grown meanwhile, so that every file differs."""
     path, _ = log
-    whole = path.read_bytes()
-    path.write_bytes(b"".join(whole.splitlines(keepends=True)[:-2]))
+    rows = rows_of(path)
+    stopped_after(path, 3)
     export(path, tmp_path / "study", "07", "1", "detection")
-    path.write_bytes(whole)
-    for most in range(1, 12):
+    write_rows(path, rows)
+    for most in range(1, 13):
         study, written = shutil.copytree(tmp_path / "study", tmp_path / str(most)), [0]
 
         def write(file, content, most=most, written=written):

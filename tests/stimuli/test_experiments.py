@@ -25,6 +25,7 @@ from haptix.stimuli.adaptive import (
 )
 from haptix.stimuli.recipe import presentation_of
 from tests.hand_clock import HandClock
+from tests.stimuli.chained import stopped_after
 from tests.stimuli.presented import at_level
 
 RATE = 48_000
@@ -167,24 +168,23 @@ def test_every_trial_is_on_the_disk_before_the_next(device, tmp_path, monkeypatc
     sync = os.fsync
 
     def noted_sync(fd):
-        synced.append(path.stat().st_size if path.exists() else 0)
         sync(fd)
+        synced.append(path.read_text().count("\n") if path.exists() else 0)
 
     monkeypatch.setattr(os, "fsync", noted_sync)
 
     def answer(question):
         lines = path.read_text().splitlines()
-        assert len(lines) == 2 + question.trial  # all before this one
+        assert len(lines) == synced[-1] == 2 + question.trial  # all before this one
         return question.right
 
     experiment(device, path, ConstantStimuli([20.0, 30.0], 3), answer).run()
-    # The head and its folder, and six trials.
-    assert len(synced) == 8 and synced == sorted(synced)
+    assert set(synced) == {0, *range(2, 9)} and synced == sorted(synced)
 
 
-@pytest.mark.parametrize("cut", [0, 1, 25])
-def test_a_run_that_was_cut_off_goes_on_as_if_it_had_not(device, tmp_path, cut):
-    """Stopped after seven trials, with the last `cut` bytes of the log lost."""
+@pytest.mark.parametrize("written", [0, 1, 25])
+def test_a_run_that_was_stopped_goes_on_as_if_it_had_not(device, tmp_path, written):
+    """Stopped while its seventh trial was written, of which some bytes are there."""
 
     def run(path, count=None):
         one = experiment(device, path, UpDown(40.0, (8.0, 4.0), stop_after=4))
@@ -199,8 +199,10 @@ def test_a_run_that_was_cut_off_goes_on_as_if_it_had_not(device, tmp_path, cut):
 
     whole = run(tmp_path / "whole.tsv")
     run(tmp_path / "cut.tsv", 7)
-    data = (tmp_path / "cut.tsv").read_bytes()
-    (tmp_path / "cut.tsv").write_bytes(data[: len(data) - cut])
+    last = (tmp_path / "cut.tsv").read_bytes().splitlines()[-1]
+    stopped_after(tmp_path / "cut.tsv", 6)
+    with (tmp_path / "cut.tsv").open("ab") as file:
+        file.write(last[:written])
     again = run(tmp_path / "cut.tsv")
     assert lines(tmp_path / "cut.tsv") == lines(tmp_path / "whole.tsv")
     assert again.method.estimate() == whole.method.estimate()

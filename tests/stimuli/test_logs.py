@@ -1,5 +1,6 @@
 """Logs of trials: nothing is lost, nothing comes twice, and nothing is mixed."""
 
+import io
 import json
 import os
 import random
@@ -18,18 +19,24 @@ from haptix.stimuli import Constant, Stimulus, StimulusSet
 from haptix.stimuli.adaptive import (
     ConstantStimuli,
     Experiment,
+    Keys,
+    SessionPlan,
     SimulatedObserver,
+    StopRules,
     UpDown,
     trial_log,
 )
+from haptix.stimuli.analysis import analyse
 from haptix.stimuli.recipe import ExperimentRecipe
+from haptix.stimuli.study import export
+from tests.stimuli.chained import hash_of, rows_of, write_rows
 from tests.stimuli.presented import at_level
 
 WAVE = np.sin(2 * np.pi * 120 * np.arange(240) / 48_000)
 KEPT = Path(__file__).parents[1] / "data" / "kept-files"
 
 
-def experiment(device, path, made=None, method=None, **more):
+def experiment(device, path, method=None, made=None, **more):
     return Experiment(
         method or UpDown(40.0, (8.0, 4.0), stop_after=4),
         made or at_level(WAVE),
@@ -49,17 +56,12 @@ def begin(device, path, count, **more):
     run.close()
 
 
-def rows_of(path):
-    _, names, *lines = path.read_text().splitlines()
-    return [dict(zip(names.split("\t"), line.split("\t"), strict=True)) for line in lines]
-
-
 def test_another_drive_does_not_continue_a_log(device, tmp_path):
     begin(device, tmp_path / "t.tsv", 3)
     before = (tmp_path / "t.tsv").read_bytes()
     for other in (at_level(0.9 * WAVE), at_level(WAVE[:-1])):
         with pytest.raises(FileFormatError, match=r"hashes\.drive"):
-            experiment(device, tmp_path / "t.tsv", other)
+            experiment(device, tmp_path / "t.tsv", made=other)
     assert (tmp_path / "t.tsv").read_bytes() == before
     assert experiment(device, tmp_path / "t.tsv").trials == 3
 
@@ -222,7 +224,7 @@ def test_a_clock_that_was_set_back_takes_no_time_back(device, tmp_path):
     begin(device, path, 3)
     last = rows_of(path)[-1]
     later = datetime.fromisoformat(last["date"]) + timedelta(hours=1)
-    path.write_text(path.read_text().replace(last["date"], later.isoformat()))
+    write_rows(path, [*rows_of(path)[:-1], {**last, "date": later.isoformat()}])
     experiment(device, path).run()
     times = [float(row["time_s"]) for row in rows_of(path)]
     assert times == sorted(times) and times[3] < times[2] + 600
@@ -257,6 +259,225 @@ def test_a_disk_that_was_full_has_cost_no_trial(device, tmp_path, monkeypatch):
     experiment(device, path).run()
     trials = [int(row["trial"]) for row in rows_of(path)]
     assert trials == list(range(len(trials))) and path.read_bytes().startswith(before)
+
+
+def altered(lines, draw):
+    """Rows that somebody has edited without care; the same number of columns in each."""
+    lines, kind = list(lines), draw.choice(EDITS)
+    at, other = draw.randrange(len(lines)), draw.randrange(len(lines))
+    if kind == "cell":
+        cells = lines[at].split("\t")
+        cells[draw.randrange(len(cells))] = draw.choice(["1", "2", "true", "false", "n/a", "30.0"])
+        lines[at] = "\t".join(cells)
+    elif kind == "character":
+        place = draw.randrange(len(lines[at]))
+        lines[at] = lines[at][:place] + draw.choice("0123456789abcdef.-") + lines[at][place + 1 :]
+    elif kind == "swap":
+        lines[at], lines[other] = lines[other], lines[at]
+    elif kind == "delete":
+        del lines[min(at, other) : max(at, other) + 1]
+    elif kind == "double":
+        lines.insert(other, lines[at])
+    elif kind == "reverse":
+        lines[min(at, other) : max(at, other) + 1] = lines[min(at, other) : max(at, other) + 1][
+            ::-1
+        ]
+    else:  # cut
+        del lines[at:]
+    return lines
+
+
+EDITS = ("cell", "character", "swap", "delete", "double", "reverse", "cut")
+
+
+@pytest.fixture(scope="module")
+def two_logs(tmp_path_factory):
+    """Lines and end of two finished logs of one plan, which differ in their answers."""
+    folder, logs = tmp_path_factory.mktemp("logs"), []
+    for seed in (2, 3):
+        device = open_device("mock:")
+        path = folder / f"{seed}.tsv"
+        experiment(device, path, answer=SimulatedObserver(24.0, seed=seed)).run()
+        device.close()
+        logs.append((path.read_text().splitlines(), trial_log.End.of(path)))
+    return logs
+
+
+def test_no_careless_edit_is_accepted(two_logs):
+    """What is read is what was written, or the log is refused; 6000 edits, swaps and merges."""
+    draw, refused = random.Random(37), 0
+    (first, end), (second, _) = two_logs
+    head, rows = first[:2], first[2:]
+    for number in range(6000):
+        if number % 4 == 0:  # rows of another session among these
+            at, n = draw.randrange(len(rows)), draw.randrange(1, 4)
+            place = draw.randrange(len(second) - 3) + 2
+            lines = rows[:at] + second[place : place + n] + rows[at + draw.choice([0, n]) :]
+        else:
+            lines = rows
+            for _ in range(draw.choice([1, 1, 2, 5])):
+                lines = altered(lines, draw) if lines else lines
+        if draw.random() < 0.05:
+            head = [first[0].replace("0.15", "0.25"), first[1]]
+        data = "".join(f"{line}\n" for line in [*head, *lines]).encode()
+        data = data[: -draw.randrange(1, 40)] if draw.random() < 0.05 else data
+        is_whole = data.decode() == "".join(f"{line}\n" for line in first)
+        head = first[:2]
+        try:
+            log = trial_log.parse_log(Path("t.tsv"), data, end)
+        except FileFormatError:
+            assert not is_whole
+            refused += 1
+        else:
+            assert ["\t".join(row.values()) for row in log.rows] == rows and is_whole
+    assert refused > 5000  # some edits leave a line as it is
+
+
+def spoil(path, what):
+    """Change a log of some rows; return the number of the row that is named."""
+    head, names, *lines = path.read_text().splitlines()
+    if what == "deleted":
+        del lines[2]
+    elif what == "doubled":
+        lines.insert(3, lines[2])
+    elif what == "reversed":
+        lines[2:5] = lines[2:5][::-1]
+    else:
+        cells = lines[1].split("\t")
+        cells[4] = "12.0"
+        lines[1] = "\t".join(cells)
+    path.write_text("\n".join([head, names, *lines]) + "\n")
+    return {"deleted": 3, "doubled": 4, "reversed": 3, "edited": 3}[what]
+
+
+@pytest.mark.parametrize("what", ["deleted", "doubled", "reversed", "edited"])
+def test_rows_that_were_changed_are_found(device, tmp_path, what):
+    path = tmp_path / "t.tsv"
+    begin(device, path, 7)
+    row = spoil(path, what)
+    for read in (
+        lambda: experiment(device, path),
+        lambda: analyse(path),
+        lambda: export(path, tmp_path / "study", "01", "1", "one"),
+    ):
+        with pytest.raises(FileFormatError, match=rf"t\.tsv: row {row} "):
+            read()
+    assert not (tmp_path / "study").exists()
+
+
+@pytest.mark.parametrize(
+    ("row", "name", "value"),
+    [(2, "level_asked", "12.0"), (3, "level", "12.0"), (3, "right", "other"), (4, "trial", "5"),
+     (0, "attempt", "1"), (1, "kind", "catch"), (5, "condition", "b"), (2, "is_right", "other"),
+     (3, "accepted", "false")],
+)  # fmt: skip
+def test_rows_that_are_not_of_the_plan_are_found(device, tmp_path, row, name, value):
+    """Where the hashes were made anew too, only the plan knows."""
+    path = tmp_path / "t.tsv"
+    begin(device, path, 8)
+    rows = rows_of(path)
+    if value == "other":
+        value = {"1": "2", "2": "1", "true": "false", "false": "true"}[rows[row][name]]
+    rows[row][name] = value
+    write_rows(path, rows)
+    named = row + 2 if name == "accepted" else row + 1  # the next is another attempt then
+    for read in (lambda: experiment(device, path), lambda: analyse(path)):
+        with pytest.raises(FileFormatError, match=rf"row {named} \(trial "):
+            read()
+
+
+def test_rows_of_another_program_that_chose_otherwise_are_a_note(device, tmp_path):
+    path = tmp_path / "t.tsv"
+    begin(device, path, 8)
+    rows = [{**row, "version": "0.0.9+aaaa"} for row in rows_of(path)]
+    rows[3]["level"] = rows[3]["level_asked"] = "12.0"
+    write_rows(path, rows)
+    assert "row 4 (trial 3): level_asked is 12.0" in " ".join(analyse(path).notes)
+    with pytest.raises(FileFormatError, match="cannot continue it"):
+        experiment(device, path, another_program=True)
+
+
+def test_an_end_that_is_missing_is_told_from_a_stop(device, tmp_path):
+    path, end = tmp_path / "t.tsv", tmp_path / "t_end.json"
+    begin(device, path, 5)
+    five = path.read_bytes(), end.read_bytes()
+    begin(device, path, 1)
+    six = path.read_bytes(), end.read_bytes()
+    # Stopped between the row and the second file: six rows, and the next run says so.
+    path.write_bytes(six[0])
+    end.write_bytes(five[1])
+    assert experiment(device, path).trials == 6
+    assert end.read_bytes() == six[1]
+    # Cut off, at a line and within one.
+    for data in (five[0], six[0][:-1], six[0][:-30]):
+        path.write_bytes(data)
+        for read in (lambda: experiment(device, path), lambda: analyse(path)):
+            with pytest.raises(FileFormatError, match=r"has 5 rows, and .*t_end\.json says 6"):
+                read()
+        assert path.read_bytes() == data
+    for data in (b"", None):
+        path.unlink() if data is None else path.write_bytes(data)
+        with pytest.raises(FileFormatError, match="had 6 rows"):
+            experiment(device, path)
+    # Two rows more than the second file knows are no stop.
+    path.write_bytes(six[0])
+    begin(device, path, 1)
+    end.write_bytes(five[1])
+    with pytest.raises(FileFormatError, match="of other rows"):
+        experiment(device, path)
+    # Without the file nobody knows.
+    end.unlink()
+    with pytest.raises(FileFormatError, match=r"expected .*t_end\.json beside it"):
+        experiment(device, path)
+    assert "is not known without" in " ".join(analyse(path).notes)
+
+
+def test_a_finished_session_is_over_whatever_the_clock_says(device, tmp_path):
+    """The rule of minutes begins anew with each resume; the log says that it was reached."""
+    path, seconds = tmp_path / "t.tsv", iter(range(0, 10**6, 2))
+
+    def run():
+        return experiment(
+            device, path, ConstantStimuli([20.0, 25.0], 50), clock=lambda: float(next(seconds)),
+            plan=SessionPlan(stop=StopRules(most_minutes=2.0)),
+        )  # fmt: skip
+
+    run().run()
+    before = path.read_bytes()
+    assert json.loads((tmp_path / "t_end.json").read_text())["finished"]
+    assert run().is_over
+    run().run()
+    assert path.read_bytes() == before
+    assert "not over" not in analyse(path).tables["thresholds"][0]["warnings"]
+
+
+def test_a_log_has_one_source(device, tmp_path):
+    path = tmp_path / "t.tsv"
+    typed = Keys(source=io.StringIO("1" * 3), sink=io.StringIO())
+    with pytest.raises(InputError, match="keys ended"):
+        experiment(device, path, answer=typed).run()
+    assert [row["source"] for row in rows_of(path)] == ["imported"] * 3
+    for other in ({}, {"answer": lambda question: "1"}, {"answer": typed, "source": "page"}):
+        with pytest.raises(FileFormatError, match="of other settings: source"):
+            experiment(device, path, **other)
+    assert experiment(device, path, answer=typed).trials == 3
+    assert json.loads(path.read_text().splitlines()[0][2:])["source"] == "imported"
+
+
+def test_a_log_of_before_is_marked(device, tmp_path):
+    """It is analysed; once it went on, its head says which rows had no hashes."""
+    path = Path(shutil.copy(KEPT / "trials.tsv", tmp_path / "t.tsv"))
+    (note,) = analyse(path).notes
+    assert "has no hashes" in note
+    path.write_bytes(b"".join(path.read_bytes().splitlines(keepends=True)[:-3]))
+    recipe = ExperimentRecipe.load(KEPT / "threshold.toml")
+    experiment(device, path, method=recipe.make_method(), seed=5, another_program=True).run()
+    assert "the first 37 rows had no hashes" in " ".join(analyse(path).notes)
+    head, names, *lines = path.read_text().splitlines()
+    assert rows_of(path)[0]["before"] == hash_of(f"{head}\n{names}")
+    path.write_text("\n".join([head, names, *lines[1:]]) + "\n")
+    with pytest.raises(FileFormatError, match="row 1 "):
+        analyse(path)
 
 
 PLACES = random.Random(22)

@@ -206,7 +206,7 @@ def test_magnitudes_find_the_power(device, tmp_path):
     found = method.estimate().others
     assert found["exponent"] == pytest.approx(0.6, abs=4 * found["exponent_spread"])
     assert experiment(device, tmp_path / "a.tsv", Magnitudes([10.0, 20.0, 30.0, 40.0], 6),
-                      "magnitude").is_over  # fmt: skip
+                      "magnitude", answer=answer).is_over  # fmt: skip
     keys = Keys(source=io.StringIO("soft\n-1\n7.5\n"), sink=io.StringIO())
     assert keys(Question(0, (), 1.0, "")) == "7.5"
     with pytest.raises(InputError, match="number above 0"):

@@ -2,10 +2,13 @@
 
 import json
 import re
+from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
 
 import pytest
+
+from tests.stimuli.chained import rows_of, write_rows
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "stimuli"
 
@@ -146,6 +149,70 @@ def test_a_session_runs_into_a_study_and_is_analysed(haptix_stimuli):
     Path("experiment.toml").write_text(EXPERIMENT.replace("-16.0", "-15.0"))
     edited = haptix_stimuli(*run, "--participant", "01")
     assert edited.code == 2 and "another experiment, or of other settings" in edited.err
+
+
+def test_typed_answers_are_not_continued_by_a_simulated_observer(haptix_stimuli):
+    """Nor the other way round: a log has one source, and says which."""
+    run = ("run", "experiment.toml", "--log", "t.tsv")
+    typed = haptix_stimuli(*run, stdin="llrlr")
+    assert typed.code == 2 and "the keys ended" in typed.err
+    before = Path("t.tsv").read_bytes()
+    assert len(before.splitlines()) == 7
+    other = haptix_stimuli(*run, "--simulate-db", "-22")
+    assert other.code == 2 and "of other settings: source" in other.err
+    assert Path("t.tsv").read_bytes() == before
+    haptix_stimuli(*run, stdin="lr")
+    rows = rows_of(Path("t.tsv"))
+    assert [row["source"] for row in rows] == ["imported"] * 7  # keys of a pipe are nobody's
+
+
+def test_the_order_of_a_log_is_the_participants(haptix_stimuli):
+    """As in a study, by pseudonym and session; without a participant it is the recipe's."""
+    orders = {}
+    for name, *more in (
+        ("plain",), ("one", "--participant", "01"), ("two", "--participant", "02"),
+        ("second", "--participant", "01", "--session", "02"),
+        ("study", "--participant", "01", "--study", "s"),
+    ):  # fmt: skip
+        to = () if "--study" in more else ("--log", f"{name}.tsv")
+        done = haptix_stimuli("run", "experiment.toml", "--simulate-db", "-22", *to, *more)
+        assert done.code == 0, done.err
+        log = Path(f"{name}.tsv") if to else next(Path("s").rglob("*_log.tsv"))
+        orders[name] = [row["right"] for row in rows_of(log)]
+    assert orders["one"] == orders.pop("study")
+    assert len({tuple(order[:6]) for order in orders.values()}) == 4
+
+
+def test_a_session_of_days_ago_goes_on_only_when_asked_to(haptix_stimuli):
+    run = ("run", "experiment.toml", "--log", "t.tsv")
+    haptix_stimuli(*run, stdin="llr")
+    rows = rows_of(Path("t.tsv"))
+    date = (datetime.now(UTC) - timedelta(hours=30)).isoformat(timespec="milliseconds")
+    write_rows(Path("t.tsv"), [{**row, "date": date} for row in rows])
+    before = Path("t.tsv").read_bytes()
+    for typed in ("no\n", "\n", ""):
+        done = haptix_stimuli(*run, stdin=typed)
+        assert done.code == 2 and "was 30 hours ago. Go on? no/yes" in done.err
+        assert Path("t.tsv").read_bytes() == before
+    assert "hours ago" not in haptix_stimuli(*run, "--ask-after-h", "31", stdin="l").err
+    write_rows(Path("t.tsv"), [{**row, "date": date} for row in rows])
+    haptix_stimuli(*run, stdin="yes\nrl")
+    assert len(rows_of(Path("t.tsv"))) == 5
+
+
+def test_one_participant_has_one_spelling_in_a_study(haptix_stimuli):
+    run = ("run", "experiment.toml", "--study", "s", "--simulate-db", "-22", "--participant")
+    assert haptix_stimuli(*run, "07").code == 0
+    for who in ("7", "007"):
+        done = haptix_stimuli(*run, who)
+        assert done.code == 2 and "the study has '07', which could be the same" in done.err
+    for who in ("70", "p7", "17"):
+        assert haptix_stimuli(*run, who).code == 0
+    log = next(Path("s").rglob("sub-07*_log.tsv"))
+    done = haptix_stimuli("bids", log, "--study", "s", "--participant", "7")
+    assert done.code == 2 and "the study has '07'" in done.err
+    names = sorted(one.name for one in Path("s").glob("sub-*"))
+    assert names == ["sub-07", "sub-17", "sub-70", "sub-p7"]
 
 
 def test_who_cannot_be_a_participant(haptix_stimuli):

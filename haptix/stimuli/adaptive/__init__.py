@@ -9,7 +9,7 @@ from haptix.stimuli.adaptive.methods import (
     Pairs,
 )
 from haptix.stimuli.adaptive.observer import Keys, Question, SimulatedObserver
-from haptix.stimuli.adaptive.procedures import Quest, UpDown, weighted_up_down
+from haptix.stimuli.adaptive.procedures import METHODS, Quest, UpDown, weighted_up_down
 from haptix.stimuli.adaptive.psychometric import Estimate, fit
 from haptix.stimuli.adaptive.session import (
     TASKS,
@@ -21,11 +21,6 @@ from haptix.stimuli.adaptive.session import (
     TrialTask,
 )
 from haptix.stimuli.adaptive.trial_log import TrialLog
-
-METHODS: dict[str, type[Method]] = {
-    one.kind: one for one in (UpDown, Quest, ConstantStimuli, Magnitudes, Pairs)
-}
-"""Every method by the name that recipes use."""
 
 __all__ = [
     "METHODS",

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,11 +26,11 @@ from haptix.render.intervals import (
     reported,
 )
 from haptix.stimuli.adaptive.methods import Method, MethodsByCondition
-from haptix.stimuli.adaptive.observer import AnswerTo, Question
+from haptix.stimuli.adaptive.observer import AnswerTo, Question, Source
 from haptix.stimuli.adaptive.psychometric import Estimate
+from haptix.stimuli.adaptive.sequence import TrialSequence, replay
 from haptix.stimuli.adaptive.session import (
     SessionPlan,
-    TrialTask,
     check_plan,
     found_by_chance,
     summary,
@@ -100,47 +100,6 @@ class Presentation:
         return {**self.identity, "drive": digest({"drive": [one.tolist() for one in drives]})}
 
 
-Kind = Literal["practice", "catch", "trial"]
-
-_CATCH = 0x636174  # keeps these draws apart from those of the order
-
-
-@dataclass(frozen=True)
-class NextTrial:
-    """A trial that is to be presented."""
-
-    kind: Kind
-    condition: str
-    """Empty where there is one alone."""
-    level: float
-    other_level: float | None
-    """Level of what it is compared with; None for the reference."""
-    has_target: tuple[bool, ...]
-    """Of each interval."""
-    right: str
-
-
-def next_trial(
-    method: Method, task: TrialTask, plan: SessionPlan, seed: int, trial: int, attempt: int
-) -> NextTrial:
-    """Return the trial that comes after some accepted ones; it depends on nothing else."""
-    kind: Kind = "trial"
-    if plan.practice is not None and trial < plan.practice.trials:
-        kind = "practice"
-    elif plan.catch is not None:
-        is_catch = np.random.default_rng([seed, trial, _CATCH]).random() < plan.catch.share
-        kind = "catch" if is_catch else "trial"
-    level = float(method.level)
-    if kind == "practice" and plan.practice is not None:
-        level = plan.practice.level
-    elif kind == "catch" and plan.catch is not None and plan.catch.level is not None:
-        level = plan.catch.level
-    draw = np.random.default_rng([seed, trial, attempt])
-    has_target, right = task.arrange(draw, kind == "catch")
-    condition = method.condition if isinstance(method, MethodsByCondition) else ""
-    return NextTrial(kind, condition, level, method.other_level, has_target, right)
-
-
 _LOG = logging.getLogger("haptix.stimuli")
 
 _CLOSE = 1e-9
@@ -192,6 +151,8 @@ class Experiment:
         Called at a break with the number of trials so far; returns when the participant goes on.
     tell : callable, optional
         Called with whether an answer was right, where the plan gives feedback.
+    source : Source, optional
+        Where the answers come from, if `answer` does not know; a log has one source.
     outlets : LabOutlets, optional
         Streams that get each interval's mark, drive and touches once it was played.
     another_program : bool
@@ -202,8 +163,9 @@ class Experiment:
     InputError
         If another process writes the log.
     FileFormatError
-        If the log is of another stimulus, finger, screen, method or setting, is none, or was begun
-        by another version of haptix and is not over.
+        If the log is of another stimulus, finger, screen, method, setting or source, is none, was
+        changed, has other trials than the plan, or was begun by another version of haptix and is
+        not over.
     """
 
     method: Method
@@ -225,6 +187,7 @@ class Experiment:
     plan: SessionPlan = field(default_factory=SessionPlan)
     rest: Callable[[int], None] | None = None
     tell: Callable[[bool], None] | None = None
+    source: Source | None = None
     outlets: LabOutlets | None = None
 
     def __post_init__(self) -> None:
@@ -248,40 +211,62 @@ class Experiment:
                 f"{self._ceiling_v:g} V"
             )
         names = ("task", "seed", "pause_s", "normal_force_n", "speed_mm_per_s", "tolerance")
+        if self.source is None:
+            self.source = getattr(self.answer, "answers_are", "program")
         settings = {
             "method": self.method.describe(),
             "ceiling_v": self._ceiling_v,
             **{name: getattr(self, name) for name in names},
             "hashes": self._hashes(),
+            "source": self.source,
         }
         if self.plan != SessionPlan():  # logs of before have none
             settings["plan"] = self.plan.model_dump(mode="json", exclude_defaults=True)
+        self._sequence = TrialSequence(self.method, self._task, self.plan, self.seed)
         self.log = TrialLog(self.log_file, settings)
         self.touches = TouchLog(self.log.path)
         """Path and force of the finger in each trial, where the panel reports them."""
-        self.trials = 0
-        """Accepted trials, those of practice, catch trials and an earlier run included."""
-        self.counted = 0
-        """Of those, the ones that the method has heard of."""
-        self._attempt = 0
-        for row in self.log.rows:
-            if row["accepted"] != "true":
-                self._attempt += 1
-            elif row["is_right"] == "n/a":
-                self._accept(row["kind"], float(row["answer"]), float(row["level"]))
-            else:
-                self._accept(row["kind"], row["is_right"] == "true", float(row["level"]))
         self._began = self.clock()
         self._session, self._start = self.log.resumed(self.clock())
-        if not self.is_over and self.log.version != program():
+        try:
+            self._resume()
+        except BaseException:
+            self.log.close()
+            raise
+
+    def _resume(self) -> None:
+        """Hear the rows of the log again, and see that it may go on."""
+        differences = [*replay(self._sequence, self.log.rows, self.log.path)]
+        if self.is_over:
+            return
+        if differences:
+            raise FileFormatError(
+                f"{differences[0]}; this version of haptix cannot continue it: finish it with "
+                f"{self.log.version}"
+            )
+        if self.log.version != program():
             if not self.another_program:
-                self.log.close()
                 raise FileFormatError(
                     f"{self.log.path}: was begun by haptix {self.log.version}, and this is "
                     f"{program()}: trials of two programs would be mixed. Finish it with that one, "
                     "or ask for another_program (--another-program)"
                 )
             self.log.go_on()
+
+    @property
+    def trials(self) -> int:
+        """Accepted trials, those of practice, catch trials and an earlier run included."""
+        return self._sequence.trials
+
+    @property
+    def counted(self) -> int:
+        """Of those, the ones that the method has heard of."""
+        return self._sequence.counted
+
+    @property
+    def rested_s(self) -> float:
+        """How long ago the last trial of a log was that will be continued; otherwise 0."""
+        return 0.0 if self.is_over else self.log.rested_s
 
     def run(self) -> None:
         """Present trials until the method is done; then others can write the log."""
@@ -294,14 +279,15 @@ class Experiment:
         try:
             while not self.is_over:
                 yield self._present()
+            self.log.finish()
         finally:
             self.log.close()
 
     @property
     def is_over(self) -> bool:
-        """Whether the method is done, or the plan says to stop."""
+        """Whether the log says so, the method is done, or the plan says to stop."""
         stop = self.plan.stop
-        if self.method.is_done or self.counted >= (stop.most_trials or inf):
+        if self.log.finished or self.method.is_done or self.counted >= (stop.most_trials or inf):
             return True
         if self.clock() - self._began > 60 * (stop.most_minutes or inf):
             return True
@@ -353,9 +339,7 @@ class Experiment:
         }
 
     def _present(self) -> dict[str, str]:
-        planned = next_trial(
-            self.method, self._task, self.plan, self.seed, self.trials, self._attempt
-        )
+        planned, attempt = self._sequence.next(), self._sequence.attempt
         made = self._made(planned.condition)
         level, other = self.allowed(planned.level, made), planned.other_level
         target = self._drive(made, level)
@@ -391,13 +375,14 @@ class Experiment:
         is_right: bool | None = None
         if choices:
             is_right = checks.choice("answer", answer, choices) == planned.right
-        value = is_right if is_right is not None else _magnitude(answer)
+        else:
+            _magnitude(answer)
         samples = [replace(at, t_s=round(at.t_s - self._start, 5)) for at in samples]
-        self.touches.append(self._session, self.trials, self._attempt, samples)
+        self.touches.append(self._session, self.trials, attempt, samples)
         self.log.append(
             {
                 "trial": self.trials,
-                "attempt": self._attempt,
+                "attempt": attempt,
                 "time_s": round(answered_s - self._start, 3),
                 "level_asked": planned.level,
                 "level": level,
@@ -419,25 +404,18 @@ class Experiment:
                 "kind": planned.kind,
                 "condition": planned.condition,
                 "other_level": other,
+                "source": self.source,
             }
         )
-        if why:
-            self._attempt += 1
-            if self._attempt >= _MOST_ATTEMPTS:
-                raise InputError(
-                    f"trial {self.trials}: {self._attempt} attempts were off, the last since "
-                    f"{why}; practise the stroke, or correct the sensor"
-                )
-        else:
-            self._accept(planned.kind, value, level)
+        self._sequence.hear(self.log.rows[-1])
+        if not why:
             self._after(planned.kind, is_right)
+        elif attempt + 1 >= _MOST_ATTEMPTS:
+            raise InputError(
+                f"trial {self.trials}: {attempt + 1} attempts were off, the last since {why}; "
+                "practise the stroke, or correct the sensor"
+            )
         return self.log.rows[-1]
-
-    def _accept(self, kind: str, value: float, level: float) -> None:
-        if kind in ("trial", "n/a"):
-            self.method.update(value, level)
-            self.counted += 1
-        self.trials, self._attempt = self.trials + 1, 0
 
     def _after(self, kind: str, is_right: bool | None) -> None:
         """Tell the answer, and let the participant rest, as the plan says."""
@@ -484,8 +462,8 @@ class Experiment:
         return ""
 
 
-def _magnitude(given: str) -> float:
+def _magnitude(given: str) -> None:
     try:
-        return checks.positive("answer", float(given))
+        checks.positive("answer", float(given))
     except ValueError:
         raise InputError(f"answer: expected a number above 0, got {given!r:.80}") from None

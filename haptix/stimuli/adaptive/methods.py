@@ -135,9 +135,11 @@ class MethodsByCondition(Method):
     def is_done(self) -> bool:
         return all(one.is_done for one in self.methods.values())
 
-    def update(self, is_right: float, level: float | None = None) -> None:
-        """Take an answer to the condition of the next trial."""
-        self.methods[self.condition].update(is_right, level)
+    def update(
+        self, is_right: float, level: float | None = None, condition: str | None = None
+    ) -> None:
+        """Take an answer to a condition, by default that of the next trial."""
+        self.methods[self.condition if condition is None else condition].update(is_right, level)
         self._taken, self._drawn = self._taken + 1, None
 
     def estimate(self) -> Estimate:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from math import inf
-from typing import TextIO
+from typing import ClassVar, Literal, TextIO
 
 import numpy as np
 
@@ -17,6 +17,10 @@ from haptix.stimuli.adaptive.psychometric import function_named
 
 AnswerTo = Callable[["Question"], str]
 """Takes a question, returns one of its choices."""
+
+Source = Literal["terminal", "page", "simulated", "imported", "program"]
+"""Where answers come from: a person at a terminal or at a page, a simulated observer, a file or
+another program that is piped in, or any other function."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +55,8 @@ class SimulatedObserver:
     function: str = "weibull"
     seed: int = 0
 
+    answers_are: ClassVar[Source] = "simulated"
+
     def __call__(self, question: Question) -> str:
         """Answer."""
         draw = np.random.default_rng([self.seed, question.trial])
@@ -83,6 +89,12 @@ class Keys:
     prompt: str = "which one? {choices} "
     source: TextIO | None = None
     sink: TextIO | None = None
+
+    @property
+    def answers_are(self) -> Source:
+        """Typed at a terminal, or imported from a file or another program."""
+        is_terminal = (sys.stdin if self.source is None else self.source).isatty()
+        return "terminal" if is_terminal else "imported"
 
     def __call__(self, question: Question) -> str:
         """Answer."""

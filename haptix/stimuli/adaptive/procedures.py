@@ -16,7 +16,7 @@ import numpy as np
 
 from haptix.checks import Array, choice, increasing, number, positive, row, whole
 from haptix.errors import InputError
-from haptix.stimuli.adaptive.methods import Method
+from haptix.stimuli.adaptive.methods import ConstantStimuli, Magnitudes, Method, Pairs
 from haptix.stimuli.adaptive.psychometric import (
     Estimate,
     counted,
@@ -231,6 +231,7 @@ _NAMES = ("threshold", "slope", "guess", "lapse")
 
 _MOST_AT_END = 0.1  # of the posterior, on the first or last threshold of the grid
 _LEAST_ANSWERS = 10  # seven right ones in a row are no chance
+_ENTROPY_DIGITS = 10
 _MOST_PROBABILITIES = 10_000_000  # levels times parameters: 160 MB
 
 
@@ -319,7 +320,8 @@ class Quest(Method):
     @property
     def level(self) -> float:
         if self._next is None:
-            self._next = int(np.argmin(self.expected_entropy()))
+            # Rounded: of two that are alike every machine takes the same.
+            self._next = int(np.argmin(self.expected_entropy().round(_ENTROPY_DIGITS)))
         return float(self._levels[self._next])
 
     @property
@@ -398,3 +400,9 @@ class Quest(Method):
 
 def _some(grid: Sequence[float] | float) -> Sequence[float]:
     return grid if isinstance(grid, Sequence | np.ndarray) else (grid,)
+
+
+METHODS: dict[str, type[Method]] = {
+    one.kind: one for one in (UpDown, Quest, ConstantStimuli, Magnitudes, Pairs)
+}
+"""Every method by the name that recipes use."""

@@ -11,17 +11,19 @@ import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from filelock import FileLock, Timeout
+from pydantic import BaseModel, ConfigDict, NonNegativeInt
 
 from haptix.errors import FileFormatError, InputError
 from haptix.files import (
     LARGEST_TABLE_BYTES,
+    json_text,
     parse_json,
     read_bytes,
     read_json,
@@ -37,12 +39,13 @@ COLUMNS = (
     "trial", "attempt", "time_s", "level_asked", "level", "lowered_to_ceiling", "right", "answer",
     "is_right", "normal_force_n", "speed_mm_per_s", "accepted", "why", "session", "onset_s",
     "reaction_s", "date", "version", "device", "profile", "kind", "condition", "other_level",
+    "source", "before",
 )  # fmt: skip
 """Columns of the table, in their order."""
 
-_COLUMNS_OF_1 = COLUMNS[:13]
+_FORMAT = 3
+_COLUMNS_OF = {1: COLUMNS[:13], 2: COLUMNS[:23], _FORMAT: COLUMNS}
 
-_FORMAT = 2
 _OUTSIDE = ("cli", "client", "service", "studio", "tasks")  # rooms that no trial depends on
 
 
@@ -56,6 +59,128 @@ def program() -> str:
     return f"{__version__}+{code.hexdigest()[:12]}"
 
 
+class End(BaseModel):
+    """What the file beside a log says of it: by that a missing tail is told.
+
+    It is written after each row, and so is at most one row behind.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    rows: NonNegativeInt
+    last: str
+    """Hash of the last row; of the head, where there is none."""
+    finished: bool
+    """Whether the session is over."""
+
+    @staticmethod
+    def place(log: Path) -> Path:
+        """Return where it lies."""
+        return log.with_name(f"{log.stem}_end.json")
+
+    @classmethod
+    def of(cls, log: Path) -> End | None:
+        """Read that of a log; None if there is none."""
+        path = cls.place(log)
+        if not path.exists():
+            return None
+        table = read_json(path)
+        with reading(path, "rows, last and finished"):
+            return cls(**table)
+
+
+@dataclass(frozen=True)
+class LogText:
+    """What the bytes of a log say."""
+
+    settings: dict[str, Any]
+    """Its first line."""
+    rows: list[dict[str, str]]
+    last: str
+    """Hash of the last line."""
+    size: int
+    """Bytes up to the last line that is whole."""
+    format: int
+    finished: bool = False
+    remarks: tuple[str, ...] = ()
+    """What it leaves open."""
+
+
+def parse_log(path: Path, data: bytes, end: End | None) -> LogText:
+    """Check a log against itself and its end file, and return what it says.
+
+    Each row has the hash of the line before, the first that of the head. A last line that was cut
+    off while it was written is no row.
+
+    Raises
+    ------
+    FileFormatError
+        If it is no log, a row was edited, added, taken out or moved, or rows are missing at its
+        end. The first row that is wrong is named.
+    """
+    whole = data[: data.rfind(b"\n") + 1]
+    try:
+        head, names, *lines = [
+            line.removesuffix("\r") for line in whole.decode("utf-8-sig").split("\n")[:-1]
+        ]
+        settings = parse_json(head.removeprefix("# ")) if head.startswith("# ") else None
+    except ValueError:
+        settings = None
+    if not isinstance(settings, dict) or "method" not in settings:
+        raise FileFormatError(f"{path}: is not a log of trials, and stays as it is")
+    kind = settings.get("format", 1)
+    columns = _COLUMNS_OF.get(kind) if isinstance(kind, int) else None
+    if columns is None or tuple(names.split("\t")) != columns:
+        raise FileFormatError(f"{path}: is a log of another version of haptix; name a new file")
+    restore = "restore the log as it was written"
+    rows, last = list[dict[str, str]](), line_hash(f"{head}\n{names}")
+    for number, line in enumerate(lines, 1):
+        cells = line.split("\t")
+        if len(cells) != len(columns):
+            raise FileFormatError(
+                f"{path}: row {number}: expected {len(columns)} columns, got {len(cells)}; "
+                f"{restore}"
+            )
+        row = dict.fromkeys(COLUMNS, "n/a") | dict(zip(columns, cells, strict=True))
+        if kind == _FORMAT and row["before"] != last:
+            raise FileFormatError(
+                f"{path}: row {number} (trial {row['trial']}) does not follow the line before it: "
+                f"one of them was edited, moved, added or taken out; {restore}"
+            )
+        rows.append(row)
+        last = line_hash(line)
+    log = LogText(settings, rows, last, len(whole), kind)
+    if kind == _FORMAT:
+        return _checked_by(end, log, path)
+    return replace(log, remarks=(f"{path}: has no hashes, by which edited rows are found",))
+
+
+def _checked_by(end: End | None, log: LogText, path: Path) -> LogText:
+    place, count, remarks = End.place(path), len(log.rows), []
+    if unchained := log.settings.get("unchained"):
+        remarks.append(f"{path}: the first {unchained} rows had no hashes when they were written")
+    if end is None:
+        remarks.append(f"{path}: whether rows at its end are missing is not known without {place}")
+        return replace(log, remarks=(*remarks,))
+    if count < end.rows:
+        raise FileFormatError(
+            f"{path}: has {count} rows, and {place} says {end.rows}: its end was cut off; restore "
+            "the log as it was written"
+        )
+    # The line at which the end was written: the one after it has its hash.
+    at = log.last if count == end.rows else log.rows[end.rows]["before"]
+    if at != end.last or count > end.rows + (not end.finished):
+        raise FileFormatError(
+            f"{path}: {place} is of other rows than its {count}; restore both as they were written"
+        )
+    return replace(log, finished=end.finished, remarks=(*remarks,))
+
+
+def line_hash(line: str) -> str:
+    """Return the hash of a line, by which the next one says which it follows."""
+    return hashlib.sha256(line.encode()).hexdigest()[:16]
+
+
 class TrialLog:
     """A tab-separated table with a line per trial, on the disk before the next trial begins.
 
@@ -66,7 +191,7 @@ class TrialLog:
     Parameters
     ----------
     path : path
-        The table; a file ``.NAME.lock`` lies beside it.
+        The table; beside it lie ``NAME_end.json`` (see `End`) and a file ``.NAME.lock``.
     experiment : mapping
         Settings and hashes, as plain values.
     """
@@ -80,8 +205,11 @@ class TrialLog:
         self.rows: list[dict[str, str]] = []
         self.version = program()
         """The program that wrote the last line; the head, where there is none yet."""
-        self._is_of_1 = False
+        self.finished = False
+        """Whether the session is over, as its end file says."""
+        self._format = _FORMAT
         self._size = -1
+        self._last = ""
         self.open()
 
     def open(self) -> None:
@@ -92,7 +220,7 @@ class TrialLog:
         InputError
             If another process, or another experiment of this one, writes it.
         FileFormatError
-            If it is no log, or that of another experiment.
+            If it is no log, that of another experiment, or was changed (see `parse_log`).
         """
         if self._lock.is_locked:
             return
@@ -117,12 +245,14 @@ class TrialLog:
         self._lock.release()
 
     def go_on(self) -> None:
-        """Let this program write a log that another began; its rows say so in ``version``."""
+        """Let this program write a log that another began; its rows say so in ``version``.
+
+        The rows of a log of before get hashes now, and its head says how many had none.
+        """
         self.version = program()
-        if self._is_of_1:
-            lines = ["\t".join(row[name] for name in COLUMNS) + "\n" for row in self.rows]
-            self._write(self._head() + "".join(lines))
-            self._is_of_1 = False
+        if self._format != _FORMAT:
+            self._write({"unchained": len(self.rows)} if self.rows else {})
+            self._format = _FORMAT
 
     def _read_file(self) -> None:
         known = b""
@@ -135,25 +265,20 @@ class TrialLog:
             raise _changed(self.path)
         if self._size >= 0:
             return
-        if not known:  # an empty file holds nothing to lose
-            self._write(self._head())
-            return
-        whole = known[: known.rfind(b"\n") + 1]
-        try:
-            first, second, *lines = whole.decode().splitlines()
-            head = parse_json(first.removeprefix("# ")) if first.startswith("# ") else None
-        except ValueError:
-            head = None
-        if not isinstance(head, dict) or "method" not in head:
-            raise FileFormatError(f"{self.path}: is not a log of trials, and stays as it is")
-        self._is_of_1 = "format" not in head
-        columns = _COLUMNS_OF_1 if self._is_of_1 else COLUMNS
-        if head.get("format", _FORMAT) != _FORMAT or tuple(second.split("\t")) != columns:
+        end = End.of(self.path)
+        if not known and end is not None and end.rows:
             raise FileFormatError(
-                f"{self.path}: is a log of another version of haptix; name a new file"
+                f"{self.path}: is gone or empty, and {End.place(self.path)} says that it had "
+                f"{end.rows} rows; restore it, or name a new file"
             )
+        if not known:  # an empty file holds nothing to lose
+            self._write({})
+            return
+        log = parse_log(self.path, known, end)
+        head = dict(log.settings)
         self.version = str(head.pop("version", "0.1"))
-        head.pop("format", None)
+        for name in ("format", "unchained"):
+            head.pop(name, None)
         then, now = _flat(head), _flat(self._experiment)
         # Another program may know more settings.
         names = set(then) | (set(now) if self.version == program() else set())
@@ -162,14 +287,22 @@ class TrialLog:
                 f"{self.path}: is the log of another experiment, or of other settings: "
                 f"{', '.join(different)}; name a new file, or restore them"
             )
-        self.rows = [self._row(line, columns) for line in lines]
-        if self.rows and not self._is_of_1:
+        if log.format == _FORMAT and end is None:
+            raise FileFormatError(
+                f"{self.path}: expected {End.place(self.path)} beside it, which says whether rows "
+                "are missing at its end; restore it"
+            )
+        self.rows, self._format = log.rows, log.format
+        if self.rows and self.rows[-1]["version"] != "n/a":
             self.version = self.rows[-1]["version"]
-        self._size = len(whole)
-        if whole != known:
+        self._size, self._last, self.finished = log.size, log.last, log.finished
+        if log.size != len(known):
             with self.path.open("r+b") as file:
-                file.truncate(len(whole))
+                file.truncate(log.size)
                 os.fsync(file.fileno())
+        # Where it was stopped between the two.
+        if self._format == _FORMAT and end is not None and end.rows < len(self.rows):
+            self._write_end(len(self.rows), self._last)
 
     def append(self, row: Mapping[str, Any]) -> None:
         """Write one trial, and wait until the disk has it.
@@ -179,8 +312,9 @@ class TrialLog:
         InputError
             If it cannot be written; the experiment must stop then.
         """
-        cells = [_cell(row.get(name)) for name in COLUMNS]
-        line = ("\t".join(cells) + "\n").encode()
+        cells = [cell({**row, "before": self._last}.get(name)) for name in COLUMNS]
+        text = "\t".join(cells)
+        line = f"{text}\n".encode()
         try:
             # Never makes a file that somebody took away; nothing waits in a buffer.
             with self.path.open("r+b", buffering=0) as file:
@@ -200,7 +334,15 @@ class TrialLog:
                 f"{write_failure(error, self.path)}; start again: the run continues from its log"
             ) from None
         self._size += len(line)
+        self._last = line_hash(text)
         self.rows.append(dict(zip(COLUMNS, cells, strict=True)))
+        self._write_end(len(self.rows), self._last)
+
+    def finish(self) -> None:
+        """Say that the session is over."""
+        if self._format == _FORMAT and not self.finished:
+            self._write_end(len(self.rows), self._last, finished=True)
+            self.finished = True
 
     def resumed(self, now_s: float) -> tuple[int, float]:
         """Number of this session, and the time by a clock that is 0 s in the log.
@@ -209,27 +351,35 @@ class TrialLog:
         """
         if not self.rows:
             return 1, now_s
-        last, past = self.rows[-1], 0.0
-        if last["date"] != "n/a":
-            past = (datetime.now(UTC) - datetime.fromisoformat(last["date"])).total_seconds()
+        last = self.rows[-1]
         session = 1 if last["session"] == "n/a" else int(last["session"])
-        return session + 1, now_s - float(last["time_s"]) - max(0.0, past)
+        return session + 1, now_s - float(last["time_s"]) - self.rested_s
 
-    def _head(self) -> str:
-        head = {"format": _FORMAT, "version": program(), **self._experiment}
-        return f"# {json.dumps(head)}\n" + "\t".join(COLUMNS) + "\n"
+    @property
+    def rested_s(self) -> float:
+        """Time since the last trial; 0 where there is none, or its date is not known."""
+        date = self.rows[-1]["date"] if self.rows else "n/a"
+        if date == "n/a":
+            return 0.0
+        return max(0.0, (datetime.now(UTC) - datetime.fromisoformat(date)).total_seconds())
 
-    def _write(self, text: str) -> None:
+    def _write(self, more: Mapping[str, Any]) -> None:
+        """Write head and rows anew, the end file first: without the log it says nothing."""
+        head = {"format": _FORMAT, "version": program(), **more, **self._experiment}
+        lines = [f"# {json.dumps(head)}", "\t".join(COLUMNS)]
+        last = line_hash("\n".join(lines))
+        for row in self.rows:
+            row["before"] = last
+            lines.append("\t".join(row[name] for name in COLUMNS))
+            last = line_hash(lines[-1])
+        text = "".join(f"{line}\n" for line in lines)
+        self._write_end(len(self.rows), last)
         write_whole(self.path, text)
-        self._size = len(text.encode())
+        self._size, self._last = len(text.encode()), last
 
-    def _row(self, line: str, columns: tuple[str, ...]) -> dict[str, str]:
-        cells = line.split("\t")
-        if len(cells) != len(columns):
-            raise FileFormatError(
-                f"{self.path}: expected {len(columns)} columns, got {len(cells)} in: {line[:60]!r}"
-            )
-        return dict.fromkeys(COLUMNS, "n/a") | dict(zip(columns, cells, strict=True))
+    def _write_end(self, rows: int, last: str, finished: bool = False) -> None:
+        end = End(rows=rows, last=last, finished=finished)
+        write_whole(End.place(self.path), json_text(end.model_dump()))
 
 
 def _changed(path: Path) -> InputError:
@@ -245,7 +395,8 @@ def _flat(table: Mapping[str, Any], before: str = "") -> dict[str, Any]:
     return flat
 
 
-def _cell(value: Any) -> str:
+def cell(value: Any) -> str:
+    """Return a value as a log has it."""
     if value is None or value == "":
         return "n/a"
     return str(value).lower() if isinstance(value, bool) else " ".join(str(value).split())
@@ -352,6 +503,10 @@ class LoggedSession:
         Head of the log: method, task, seed, hashes, plan.
     rows : tuple of dict
         Attempts, by the columns of the log.
+    finished : bool
+        Whether the log says that the session is over.
+    remarks : tuple of str
+        What of the log could not be checked.
     """
 
     participant: str
@@ -360,6 +515,13 @@ class LoggedSession:
     path: Path
     settings: Mapping[str, Any]
     rows: tuple[Mapping[str, str], ...]
+    finished: bool = False
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def source(self) -> str:
+        """Where the answers came from; "n/a" in logs of before."""
+        return str(self.settings.get("source", "n/a"))
 
     @property
     def name(self) -> str:
@@ -407,28 +569,10 @@ def is_log(path: Path) -> bool:
 
 
 def read_log(path: Path) -> LoggedSession:
-    """Read a log; a last line that was cut off while it was written is no trial."""
-    lines = read_text(path, LARGEST_TABLE_BYTES).splitlines(keepends=True)
-    if len(lines) < 2 or not lines[0].startswith("# {"):
-        raise FileFormatError(f"{path}: is not a log of trials")
-    with reading(path, "a log of trials"):
-        settings = parse_json(lines[0].removeprefix("# "))
-    if lines[1].split() != list(COLUMNS) or "method" not in settings:
-        raise FileFormatError(
-            f"{path}: is a log of another version of haptix; continue it with --another-program "
-            "first"
-        )
-    rows = []
-    for number, line in enumerate(lines[2:], 3):
-        cells = line.rstrip("\r\n").split("\t")
-        if len(cells) == len(COLUMNS) and line.endswith("\n"):
-            rows.append(dict(zip(COLUMNS, cells, strict=True)))
-        elif number < len(lines) or line.endswith("\n"):
-            raise FileFormatError(
-                f"{path}, line {number}: expected {len(COLUMNS)} columns, got {len(cells)}; "
-                "restore the log as it was written"
-            )
-    return LoggedSession(*_labels(path), path, settings, tuple(rows))
+    """Read a log, and check it as `parse_log` does."""
+    log = parse_log(path, read_bytes(path, LARGEST_TABLE_BYTES), End.of(path))
+    rows = (*log.rows,)
+    return LoggedSession(*_labels(path), path, log.settings, rows, log.finished, log.remarks)
 
 
 def _read_beh(path: Path) -> LoggedSession:
