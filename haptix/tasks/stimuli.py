@@ -48,6 +48,7 @@ _WIDE = (
     "between", "p", "spread_within",
 )  # fmt: skip
 """Columns that are in the files, and too many for a terminal."""
+_ASK_AFTER_H = 12.0  # a session that was stopped goes on within a day
 
 
 def _number_of(participant: str) -> int:
@@ -66,13 +67,6 @@ def _pseudonym(value: str) -> str:
     return value
 
 
-Hours = Annotated[
-    NotNegative,
-    Field(
-        title="Ask before a session goes on after [h]",
-        description="A session whose last trial is longer ago asks before it goes on [h].",
-    ),
-]
 Pseudonym = Annotated[str, AfterValidator(_pseudonym)]
 AtOnce = Annotated[int, Field(ge=1, le=256)]
 
@@ -203,7 +197,10 @@ class RunExperiment(Task, command="stimuli run"):
     task: Label | None = Field(
         None, description="Label of the task in a study. [default: the recipe's name]"
     )
-    ask_after_h: Hours = 12.0
+    ask_after_h: NotNegative = Field(
+        _ASK_AFTER_H,
+        description="A session whose last trial is longer ago asks before it goes on [h].",
+    )
     another_program: bool = Field(
         False, description="Continue a log that another version of haptix began."
     )
@@ -282,9 +279,8 @@ class ExperimentJob(Task, route="experiments", kind="experiment", plays=True, ke
     participant: Annotated[int, Field(ge=1, le=10_000)] = Field(
         1,
         title="Number of the participant",
-        description="It decides the order of blocks, where a recipe has some.",
+        description="It decides what is drawn, and the order of blocks, where a recipe has some.",
     )
-    ask_after_h: Hours = 12.0
     finger: Annotated[FingerName | None, Local()] = None
     screen: Annotated[ScreenName | None, Local()] = None
     device: Address = "mock:"
@@ -319,7 +315,7 @@ class ExperimentJob(Task, route="experiments", kind="experiment", plays=True, ke
                 rest=partial(_rest, context),
                 tell=lambda is_right: context.tell(step="right" if is_right else "wrong"),
             )
-            ask_to_go_on(context, experiment, self.ask_after_h)
+            ask_to_go_on(context, experiment)
             experiment.run()
         records = {name: one.record() for name, one in experiment.estimates().items()}
         conditions = records if len(records) > 1 else next(iter(records.values()))
@@ -470,7 +466,7 @@ def judgement(context: Context, choices: tuple[str, ...]) -> str:
                 return number
 
 
-def ask_to_go_on(context: Context, experiment: Experiment, after_h: float) -> None:
+def ask_to_go_on(context: Context, experiment: Experiment, after_h: float = _ASK_AFTER_H) -> None:
     """Ask whether a session that has rested for long is the one that is meant.
 
     Raises
