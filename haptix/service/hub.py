@@ -32,6 +32,7 @@ _FIRST_PINGS = 8
 _MOST_SESSIONS, _MOST_STRANGERS = 16, 8  # who have said hello, and who not yet
 _MANY_REQUESTS, _MOST_REQUESTS = 32, 60  # of one session, that wait for the engine
 _REQUEST_WAIT_S = 0.02
+_QUESTIONS = ("inventory", "watch", "subscribe", "geometry", "bye")  # they move nothing
 
 
 class Hub:
@@ -178,7 +179,8 @@ class Hub:
                 session.refuse_touches(*self.touch(session, message.touches))
                 return wait_s
         if is_stop := isinstance(message, m.Plain) and message.type == "stop":
-            self.stop(f"stopped by session {session.number} ({session.name})")  # whatever its id is
+            # Whatever its id is.
+            self.stop(f"stopped by session {session.number} ({session.name})", session)
         if message.id <= session.last_id:
             raise Problem("order", f"id: expected more than {session.last_id}", "/id")
         session.last_id = message.id
@@ -287,14 +289,20 @@ class Hub:
         for _ in range(_FIRST_PINGS):
             session.ping(self.now_s())
 
-    def stop(self, reason: str) -> None:
-        """End at 0 V, for all sessions, and refuse all requests that wait."""
+    def stop(self, reason: str, by: ServiceSession | None = None) -> None:
+        """End at 0 V, for all sessions, and refuse requests that wait.
+
+        Of the session that says stop all are refused, of others all but questions.
+        """
         self.engine.tell("stop", reason=reason)
         self.jobs.end_playing()  # the engine has lent them the device
         for session in self.welcome():
             requests, session.requests = session.requests, deque()
             for message in requests:
-                session.refuse(message.id, Problem("order", reason))
+                if session is by or message.type not in _QUESTIONS:
+                    session.refuse(message.id, Problem("order", reason))
+                else:
+                    session.requests.append(message)
         if self.control.output.state != "off":  # many stops are no flood to all others
             self.control.set(state="off", reason=reason)
 

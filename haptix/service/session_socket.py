@@ -66,8 +66,8 @@ async def _reads(hub: Hub, socket: WebSocket, client: ServiceSession) -> None:
             data = message["bytes"] if text is None else text
             read += 1
             client.ahead_bytes += len(data)
-            if text is not None and _is_stop(text):
-                hub.receive(client, text)
+            if is_stop := text is not None and _is_stop(text):
+                hub.receive(client, data)
             elif len(client.ahead) < _MOST_AHEAD and client.ahead_bytes <= _MOST_AHEAD_BYTES:
                 client.ahead.append(data)
                 client.has_ahead.set()
@@ -75,7 +75,7 @@ async def _reads(hub: Hub, socket: WebSocket, client: ServiceSession) -> None:
             else:
                 client.refuse_flood(_MOST_AHEAD)
             client.ahead_bytes -= len(data)
-            if read % _EVERY == 0:
+            if is_stop or read % _EVERY == 0:  # the writer sends the answer to a stop
                 await asyncio.sleep(0)
         await asyncio.sleep(1.0)  # its writer says why, and closes
 

@@ -77,6 +77,9 @@ def test_a_stop_waits_for_nothing_that_its_client_has_sent(service, kind):
         first = flooder.number + 1
         for number in range(first, first + 900):  # for 4.5 s, at 200 a second
             flooder.socket.send(json.dumps({"type": kind, "id": number, **ops}))
+            with suppress(TimeoutError):  # who does not read what is answered is closed
+                while True:
+                    flooder.socket.recv(timeout=0)
         service.engine.told.clear()
         began_s = time.monotonic()
         flooder.socket.send(json.dumps({"type": "arm", "id": first + 900}))
@@ -89,7 +92,7 @@ def test_a_stop_waits_for_nothing_that_its_client_has_sent(service, kind):
         assert other.ask("inventory")["type"] == "inventory"
         assert not service.engine.when("arm")
         assert other.welcome["session"] in sessions
-        flooder.socket.socket.close()  # it reads no answers
+        flooder.socket.socket.close()  # answers to hundreds of messages may still come
 
 
 def test_a_flood_is_kept_up_to_a_size_and_told(service):
