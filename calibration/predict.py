@@ -104,7 +104,7 @@ class StrokePredictor:
                 "depends on the voltage; calibrate with a finger that is not dry, or switch the "
                 'term "plasticity" off'
             )
-        if model.contact_spots != "excluded":
+        if model.contact_spots == "included":
             raise InputError(
                 f'theory: expected contact spots "excluded", got "{model.contact_spots}"; use the '
                 'theory "open-gaps" or "corrected"'

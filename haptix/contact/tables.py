@@ -58,8 +58,8 @@ class UniformCubic:
         Position of the first node, a single number.
     step : float
         Distance between nodes.
-    values, slopes : Tensor, shape (nodes,) or (nodes, columns)
-        Node values and derivatives; each column is a function of its own.
+    values, slopes : Tensor, shape (nodes,), (nodes, columns) or (nodes, columns, parts)
+        Node values and derivatives; each column is a function of its own, of so many parts.
     stencil : Tensor, shape (nodes, nodes), optional
         Matrix from values to slopes. Gradients then pass through the values around a point and not
         through `slopes`: a table has far more numbers than are looked up.
@@ -90,37 +90,44 @@ class UniformCubic:
 
     @cached_property
     def _cubics(self) -> Tensor:
-        """Coefficients of 1, t, t^2 and t^3 in each cell, shape (4, cells * columns)."""
-        values = self.values if self.values.ndim == 2 else self.values[:, None]
+        """Coefficients of 1, t, t^2 and t^3 in each cell, shape (4, cells * columns, [parts])."""
+        values = self.values if self.values.ndim > 1 else self.values[:, None]
         rise, slopes = values.diff(dim=0), self.slopes.reshape(values.shape) * self.step
-        return torch.stack(_cubic(values[:-1], rise, slopes[:-1], slopes[1:])).flatten(1)
+        return torch.stack(_cubic(values[:-1], rise, slopes[:-1], slopes[1:])).flatten(1, 2)
 
     def _coefficients(self, cell: Tensor, column: Tensor | None) -> tuple[Tensor, ...]:
         columns = 1 if self.values.ndim == 1 else self.values.shape[1]
-        shape, cell = cell.shape, cell.reshape(-1)
+        parts = self.values.shape[2:]
+        shape, cell = cell.shape + parts, cell.reshape(-1)
         of_column = 0 if column is None else column.reshape(-1)
         if self.stencil is None or not torch.is_grad_enabled():
             cubics = self._cubics.index_select(1, cell * columns + of_column)
             return cubics.view(4, *shape).unbind()
         # Both stencils lie within six nodes, which are gathered at once.
-        count, values = self.values.shape[0], self.values.reshape(-1)
+        count, values = self.values.shape[0], self.values.reshape(-1, *parts)
         first = (cell - 2).clamp(0, max(count - 6, 0))
         near = first + torch.arange(min(count, 6), device=cell.device)[:, None]
-        around = values.index_select(0, (near * columns + of_column).reshape(-1)).view(near.shape)
-        low, high = (around.gather(0, (cell - first + k)[None])[0] for k in (0, 1))
-        slope = [(self.stencil[cell + k, near] * around).sum(0) * self.step for k in (0, 1)]
+        around = values.index_select(0, (near * columns + of_column).reshape(-1))
+        around = around.view(*near.shape, -1)
+        at = torch.arange(len(cell), device=cell.device)
+        low, high = (around[cell - first + k, at] for k in (0, 1))
+        slope = [
+            (self.stencil[cell + k, near][..., None] * around).sum(0) * self.step for k in (0, 1)
+        ]
         return tuple(part.reshape(shape) for part in _cubic(low, high - low, *slope))
 
     def __call__(self, x: Tensor, column: Tensor | None = None) -> Tensor:
         """Value at `x` (any shape; `column` of the same shape picks each point's function)."""
         cell, t = self._cell(x)
         t0, t1, t2, t3 = self._coefficients(cell, column)
+        t = t if self.values.ndim < 3 else t[..., None]
         return t0 + t * (t1 + t * (t2 + t * t3))
 
     def with_slope(self, x: Tensor, column: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """Value and derivative at `x`; outside the nodes the end cubic goes on."""
         cell, t = self._cell(x)
         t0, t1, t2, t3 = self._coefficients(cell, column)
+        t = t if self.values.ndim < 3 else t[..., None]
         bend = t * t3
         value = t0 + t * (t1 + t * (t2 + bend))
         return value, (t1 + t * (2 * t2 + 3 * bend)) / self.step

@@ -131,7 +131,7 @@ class Pull:
     spot: Tensor
     """Kernels in a contact spot, shape (columns, kernels)."""
     column: Tensor | None = None
-    """The column of each state, shape (states,); not needed with weights."""
+    """The column of each state, shape (states,); None where each has one of its own."""
     weight: Tensor | None = None
     """Weights of the kernels, shape (columns, states of each, kernels); None where there is one
     kernel, of weight 1."""
@@ -184,9 +184,8 @@ class Pull:
         stress = VACUUM_PERMITTIVITY / 2 * field(gaps) ** 2
         if limit is not None:
             stress = stress * _held(stress.amax(0) / (VACUUM_PERMITTIVITY / 2), limit(gaps) ** 2)
-        column = torch.arange(len(stress), device=stress.device)
         kernel, spot = stress[:, None, :-1], stress[:, -1:]
-        return cls(torch.ones_like(spot[:, 0]), kernel, spot, column)
+        return cls(torch.ones_like(spot[:, 0]), kernel, spot)
 
     @classmethod
     def of_ripple(
@@ -252,8 +251,7 @@ class Pull:
             return cls(ones, kernel, spot, weight=squares[None])
         most = drive_strength(limit(representative_gaps(gap_edges_m)[:-1]))
         each = torch.minimum((squares @ kernel[0]).clamp(min=0.0), most)
-        column = torch.arange(len(squares), device=squares.device)
-        return cls(ones, each[:, None], (squares @ spot[0])[:, None].clamp(min=0.0), column)
+        return cls(ones, each[:, None], (squares @ spot[0])[:, None].clamp(min=0.0))
 
     def held(self, strength: Tensor) -> Self:
         """Return the attraction whose gaps have `most_pa` at most, at strengths, shape (states,).
@@ -267,9 +265,7 @@ class Pull:
         kernel = kernel * (
             self.most_pa / torch.maximum(strength[:, None, None] * kernel, self.most_pa)
         )
-        column = torch.arange(len(strength), device=strength.device)
-        spot = self.spot[self.column]
-        return replace(self, kernel=kernel, spot=spot, column=column, most_pa=None)
+        return replace(self, kernel=kernel, spot=self.spot[self.column], column=None, most_pa=None)
 
     def on_gaps(self, mass: Tensor) -> Tensor:
         """Attraction per strength, shape (distributions, own columns), for masses of gap bins.

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from math import ceil, exp, floor, log
 
 import torch
@@ -19,7 +18,7 @@ from haptix.contact.finite_size import Touching
 from haptix.contact.meanfield import GapHistogram
 from haptix.contact.tables import UniformCubic
 from haptix.electro.attraction import Circuit, Pull, bin_inverse
-from haptix.electro.widening import LOWER_NODES, POWERS, LiftedGaps, by_share
+from haptix.electro.widening import LARGEST_RISE, LOWER_NODES, LiftedGaps, by_rise
 
 # ln p steps of one lattice for all tables of a contact, so that a node's place, and with it every
 # result, does not depend on the requested pressures. It is anchored to the contact's own
@@ -27,7 +26,7 @@ from haptix.electro.widening import LOWER_NODES, POWERS, LiftedGaps, by_share
 _STEP = log(10) / 24
 _MARGIN = 3  # nodes beyond the ends, so that every slope in use has its full stencil
 _TINY = 1e-300
-_LIMIT_STEPS = 5
+_LIMIT_STEPS = 3
 _STEEPNESS = 0.2, 1.0  # of ln(p0 + gaps' attraction) against ln p_A
 
 WIDEST = 4.0
@@ -139,16 +138,17 @@ class AttractionTable:
         supply: Tensor | None,
         applied_pa: Tensor,
     ) -> WideningAttraction:
-        effect, column = by_share(lifted, pull.on_gaps), pull.own_column
-        if supply is not None:
+        rise, column = None, pull.own_column
+        if pull.column is None:  # each state has a column, and so each column one p0
+            rise = self.log_pressure[:, None] - torch.log(applied_pa)
+            rise = rise.clamp(min=-_MARGIN * _STEP)
+        effect = by_rise(lifted, pull.on_gaps, rise)
+        if supply is not None and rise is None:
             effect, column = effect[..., column], torch.arange(len(column), device=column.device)
-        # From (powers, nodes, columns) to the powers of a column beside each other.
-        total, share, work = (
-            self._against_pressure(part.permute(1, 2, 0).flatten(1)) for part in effect
-        )
+        total, pulled, work = (self._against_pressure(part.movedim(0, -1)) for part in effect)
         log_supply = None if supply is None else self._against_pressure(supply)
         return WideningAttraction(
-            total, column, None, None, touching, log_supply, applied_pa, share, work
+            total, column, None, None, touching, log_supply, applied_pa, pulled, work
         )
 
     def supply(
@@ -248,6 +248,11 @@ class Attraction:
         return value, slope * share
 
     @property
+    def slope_varies(self) -> bool:
+        """Whether dlnI/dlnp of states of one column differs from `log_slopes`."""
+        return self.touching is not None
+
+    @property
     def nodes(self) -> Tensor:
         """Return ln p of the table's nodes."""
         count = self.log_gaps.values.shape[0]
@@ -273,8 +278,9 @@ class Attraction:
 class WideningAttraction(Attraction):
     """``I(p_A)`` of attractions that widen the contact spots, at p0 of each state.
 
-    The columns of `log_gaps`, which has ln I, are coefficients of the powers of the share of p_A
-    that the attraction has, those of one column beside each other (`haptix.electro.widening`).
+    The parts of `log_gaps`, which has ln I, are coefficients of the powers of ``ln p_A/p0``; there
+    is only one where p0 of each column was known at each node (`haptix.electro.widening`). The gaps
+    are those at p_A whatever the contact's size: the law "mean-gap" has no other.
     """
 
     applied_pa: Tensor = field(default_factory=lambda: torch.empty(0))
@@ -286,76 +292,65 @@ class WideningAttraction(Attraction):
 
     def gaps(self, log_pressure: Tensor) -> Tensor:
         """I of the gaps alone at ln p, shape (states,)."""
-        share = self._share_at(self.log_share, log_pressure)
+        share = self._at(self.log_share, log_pressure)[0]
         return torch.exp(self._log_gaps(log_pressure)[0] + share) * self.supply(log_pressure)
 
     def of_gap(self, log_pressure: Tensor) -> Tensor:
         """Ln of the pressure whose mean gap a contact at ln p has, shape (states,)."""
-        work = torch.exp(self._share_at(self.log_work, log_pressure))
+        work = torch.exp(self._at(self.log_work, log_pressure)[0])
         moving = (torch.exp(log_pressure) - self.applied_pa) * work
         return super().of_gap(torch.log(self.applied_pa + moving.clamp(min=0.0)))
 
+    @property
+    def slope_varies(self) -> bool:
+        """Whether dlnI/dlnp of states of one column differs from `log_slopes`."""
+        return self.log_gaps.values.shape[-1] > 1
+
     def limit(self, log_limit: Tensor) -> Tensor:
         """Ln p at which applied pressure and gaps' attraction add up to this, shape (states,)."""
-        last, steepness = log_limit + log(WIDEST), torch.ones_like(log_limit)
+        last, at = log_limit + log(WIDEST), log_limit
         with torch.no_grad():
-            at, before, lack = log_limit, log_limit, torch.zeros_like(log_limit)
-            for number in range(_LIMIT_STEPS):  # of the secant: spots and gaps share p_A smoothly
-                lack, earlier = log_limit - self._log_pulled(at), lack
-                if number:
-                    moved = (at - before).abs().clamp(min=_TINY)
-                    steepness = ((earlier - lack).abs() / moved).clamp(*_STEEPNESS)
-                at, before = torch.minimum(at + lack / steepness, last), at
+            for _ in range(_LIMIT_STEPS):
+                at = torch.minimum(at + self._limit_step(log_limit, at), last)
         # One step more, recorded by autograd: load and material move the limit.
-        lack = log_limit - self._log_pulled(at)
-        return torch.minimum(at + lack / steepness, last)
+        return torch.minimum(at + self._limit_step(log_limit, at), last)
+
+    def _limit_step(self, log_limit: Tensor, log_pressure: Tensor) -> Tensor:
+        """Newton's step of ln p to the limit."""
+        log_share, slope = self._at(self.log_share, log_pressure)
+        pressure, share = torch.exp(log_pressure), torch.exp(log_share)
+        gaps = (pressure - self.applied_pa) * share
+        pulled = self.applied_pa + gaps
+        steepness = ((pressure * share + gaps * slope) / pulled).detach()
+        return (log_limit - torch.log(pulled)) / steepness.clamp(*_STEEPNESS)
 
     def log_slopes(self) -> Tensor:
-        """dlnI/dlnp at the nodes of each column for infinite size: the largest over all shares."""
-        values = self.log_gaps.slopes.reshape(len(self.log_gaps.slopes), -1, POWERS)
-        shares = torch.linspace(0, 1, 9, dtype=values.dtype, device=values.device)
-        powers = shares[:, None] ** torch.arange(POWERS, device=values.device)
-        slopes = (values @ powers.T).amax(-1)
+        """dlnI/dlnp at p0 of the nodes of each column: the largest over all rises."""
+        values, slopes = self.log_gaps.values.detach(), self.log_gaps.slopes
+        rises = torch.linspace(0, LARGEST_RISE, 13, dtype=values.dtype, device=values.device)
+        power = torch.arange(values.shape[-1], device=values.device)
+        powers = rises[:, None] ** power
+        steep = power * rises[:, None] ** (power - 1).clamp(min=0)
+        slopes = (slopes @ powers.T + values @ steep.T).amax(-1)
         return slopes if self.log_supply is None else slopes + self.log_supply.slopes
 
-    def _log_pulled(self, log_pressure: Tensor) -> Tensor:
-        share = torch.exp(self._share_at(self.log_share, log_pressure))
-        return torch.log(self.applied_pa + (torch.exp(log_pressure) - self.applied_pa) * share)
-
     def _log_gaps(self, log_pressure: Tensor) -> tuple[Tensor, Tensor]:
-        at, reach = log_pressure, None
-        if self.touching is not None:
-            at, reach = self.touching.of_pull(log_pressure)
-        values, slopes = self.log_gaps.with_slope(at.expand(POWERS, *at.shape), self._powers)
-        rest = self._rest(log_pressure)
-        share = 1 - rest
-        value, slope, against_share = values[-1], slopes[-1], torch.zeros_like(at)
-        for power in range(POWERS - 2, -1, -1):
-            against_share = against_share * share + value
-            value = value * share + values[power]
-            slope = slope * share + slopes[power]
-        slope = slope if reach is None else slope * reach
-        return value, slope + against_share * rest
+        return self._at(self.log_gaps, log_pressure)
 
-    def _share_at(self, table: UniformCubic | None, log_pressure: Tensor) -> Tensor:
-        """Value of a table whose columns are coefficients, at ln p."""
+    def _at(self, table: UniformCubic | None, log_pressure: Tensor) -> tuple[Tensor, Tensor]:
+        """Value and slope at ln p of a table whose parts are coefficients."""
         assert table is not None
-        at = log_pressure if self.touching is None else self.touching.of_pull(log_pressure)[0]
-        values = table(at.expand(POWERS, *at.shape), self._powers)
-        share, value = 1 - self._rest(log_pressure), values[-1]
-        for power in range(POWERS - 2, -1, -1):
-            value = value * share + values[power]
-        return value
+        values, slopes = table.with_slope(log_pressure, self.column)
+        powers = self._powers(log_pressure)
+        steep = powers[:, :-1] * torch.arange(1, powers.shape[1], device=powers.device)
+        slope = torch.linalg.vecdot(slopes, powers) + torch.linalg.vecdot(values[:, 1:], steep)
+        return torch.linalg.vecdot(values, powers), slope
 
-    def _rest(self, log_pressure: Tensor) -> Tensor:
-        """Return ``p0/p_A``."""
-        return (self.applied_pa * torch.exp(-log_pressure)).clamp(max=1.0)
-
-    @cached_property
-    def _powers(self) -> Tensor:
-        """Column of each power's coefficient, shape (powers, states)."""
-        powers = torch.arange(POWERS, device=self.column.device)[:, None]
-        return self.column * POWERS + powers
+    def _powers(self, log_pressure: Tensor) -> Tensor:
+        """Powers of ``ln p_A/p0``, shape (states, powers)."""
+        rise = (log_pressure - torch.log(self.applied_pa))[:, None]
+        higher = rise.expand(-1, self.log_gaps.values.shape[-1] - 1).cumprod(-1)
+        return torch.cat([torch.ones_like(rise), higher], -1)
 
 
 def _with_slope(area_fraction: AreaFraction, log_pressure: Tensor) -> tuple[Tensor, Tensor]:

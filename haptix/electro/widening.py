@@ -34,15 +34,15 @@ from torch import Tensor
 
 from haptix.contact.tables import differences
 
-_LIFT_STEPS = (0, 4, 10, 20, 36)  # steps of the lattice from p_g to p_A: up to 32 times
+_LIFT_STEPS = (0, 4, 10, 20, 34, 50)  # steps of the lattice from p_g to p_A: up to 120 times
 _HALF = 0.5  # of a flat punch's lift, within reach of the attraction
 _STEEPEST = 4.0  # v, beyond what any gap has: bounds the quotient of nearly empty bins
 _TINY = 1e-300
-# Shares of p_A that the attraction may have; between them ln I is a polynomial. With other shares
-# mu of the semi-wet finger moves by up to 5e-3, whether there are 5 of them or 13.
-_SHARES = (0.0, 0.3, 0.65, 0.9, 1.0)
-POWERS = len(_SHARES)
-_ROUNDS = 8  # of the fixed point for the lift at a share: more move mu by 2e-13
+# ln p_A/p0 at which what the attraction does is worked out; between them it is a polynomial.
+_RISES = (0.0, 0.5, 1.4, 2.6, 3.8, 4.8)
+LARGEST_RISE = _RISES[-1]
+"""ln p_A/p0, beyond the end of light contact."""
+_NEWTON_STEPS = 2  # for the lift at a share: more move mu by 6e-12
 
 
 @cache
@@ -53,12 +53,13 @@ def _monomials(places: tuple[float, ...]) -> Tensor:
     return inverse
 
 
-def _polynomial(coefficients: Tensor, x: Tensor) -> Tensor:
-    """Value at x of polynomials whose coefficients stand along the first axis."""
-    value = coefficients[-1].expand(x.shape)
-    for coefficient in coefficients.flip(0)[1:]:
+def _polynomial(coefficients: Tensor, x: Tensor) -> tuple[Tensor, Tensor]:
+    """Value and slope at x of polynomials whose coefficients stand along the first axis."""
+    value, slope = coefficients[-1].expand(x.shape), torch.zeros_like(x)
+    for coefficient in coefficients[:-1].flip(0):
+        slope = slope * x + value
         value = value * x + coefficient
-    return value
+    return value, slope
 
 
 def edge_weight(area: Tensor, open_share: Tensor) -> Tensor:
@@ -149,8 +150,10 @@ LOWER_NODES = _LIFT_STEPS[-1]
 """Nodes below a table at which `LiftedGaps.of_table` needs the mean gap."""
 
 
-def by_share(lifted: LiftedGaps, on_gaps: Callable[[Tensor], Tensor]) -> Tensor:
-    """Coefficients of what an attraction does, against its share ``r = 1 - p0/p_A`` of p_A.
+def by_rise(
+    lifted: LiftedGaps, on_gaps: Callable[[Tensor], Tensor], rise: Tensor | None = None
+) -> Tensor:
+    """Coefficients of what an attraction does, against the rise ``ln p_A/p0`` that it makes.
 
     Parameters
     ----------
@@ -158,6 +161,8 @@ def by_share(lifted: LiftedGaps, on_gaps: Callable[[Tensor], Tensor]) -> Tensor:
         Gaps of the nodes.
     on_gaps : callable
         Attraction per strength of distributions, shape (distributions, columns).
+    rise : Tensor, shape (nodes, columns), optional
+        The rise of each column at each node, where it is known: one coefficient is then all.
 
     Returns
     -------
@@ -177,17 +182,35 @@ def by_share(lifted: LiftedGaps, on_gaps: Callable[[Tensor], Tensor]) -> Tensor:
     beside = on_lifted(lifted.edge)
     reached = (beside[:, :1] / beside).clamp(min=1.0).sqrt() - 1  # the lift over the reach
     edge = against_lift(beside[:, :1] / (1 + reached**2 / (1 + reached)) ** 2)
-    most = float(lifted.lifts[-1])
-    shares = beside.new_tensor(_SHARES)[:, None, None]
-    lift = torch.zeros_like(shares * beside[:, 0])
-    for _ in range(_ROUNDS):
-        total = torch.exp(_polynomial(gaps, lift)) + torch.exp(_polynomial(edge, lift))
-        kept = torch.exp(_polynomial(work, lift)) / total
-        lift = -torch.log((1 - shares * (1 - kept)).clamp(min=1e-9))
-        lift = lift.clamp(0.0, most)
-    pull = torch.exp(_polynomial(gaps, lift))
-    total = pull + torch.exp(_polynomial(edge, lift))
-    work_done = _polynomial(work, lift)
+    least, most = float(lifted.lifts[1]) * -1, float(lifted.lifts[-1])
+    rises = beside.new_tensor(_RISES)[:, None, None] if rise is None else rise[None]
+    shares = -torch.expm1(-rises)  # of p_A that the attraction has
+
+    def lift_of(lift: Tensor) -> tuple[Tensor, Tensor]:
+        """Lift that what a lift leaves of the attraction makes, and its slope."""
+        (pull, pull_slope), (spots, spots_slope), (moved, moved_slope) = (
+            (torch.exp(value), slope)
+            for value, slope in (_polynomial(one, lift) for one in (gaps, edge, work))
+        )
+        total = pull + spots
+        kept = moved / total
+        total_slope = (pull * pull_slope + spots * spots_slope) / total
+        left = (1 - shares * (1 - kept)).clamp(min=1e-9)
+        return -torch.log(left), -shares * kept * (moved_slope - total_slope) / left
+
+    # The lift is at most the rise: from there Newton's steps go down to the fixed point.
+    lift = (rises + torch.zeros_like(gaps[0])).detach().clamp(least, most)
+    with torch.no_grad():
+        for _ in range(_NEWTON_STEPS):
+            value, slope = lift_of(lift)
+            lift = (lift + (value - lift) / (1 - slope)).clamp(least, most)
+    # One step more, recorded by autograd: contact and drive move the lift.
+    value, slope = lift_of(lift)
+    lift = (lift + (value - lift) / (1 - slope.detach())).clamp(least, most)
+    pull = torch.exp(_polynomial(gaps, lift)[0])
+    total = pull + torch.exp(_polynomial(edge, lift)[0])
+    work_done = _polynomial(work, lift)[0]
     results = torch.stack([torch.log(total), torch.log(pull / total), work_done - torch.log(total)])
-    to_shares = _monomials(_SHARES).to(lift.device)
-    return torch.einsum("ks,asnc->aknc", to_shares, results)
+    if rise is not None:
+        return results
+    return torch.einsum("ks,asnc->aknc", _monomials(_RISES).to(lift.device), results)

@@ -24,7 +24,7 @@ from torch import Tensor
 from haptix.contact.finite_size import Touching
 from haptix.contact.tables import UniformCubic
 from haptix.electro import Attraction, AttractionTable
-from haptix.electro.attraction_table import WIDEST, WideningAttraction
+from haptix.electro.attraction_table import WIDEST
 from haptix.fidelity.balance import (
     LIGHT_CONTACT_LIMIT,
     Ability,
@@ -139,7 +139,7 @@ def _first_fold(applied_pa: Tensor, attraction: Attraction, log_limit: Tensor) -
             return None
         share = (1 - applied_pa[:, None] * torch.exp(-nodes)).clamp(min=0.0)
         of_state = slopes.T[attraction.column]
-        if attraction.touching is not None or isinstance(attraction, WideningAttraction):
+        if attraction.slope_varies:
             of_state = torch.stack([_log_slope(attraction, node) for node in nodes], -1)
         falling = (share * of_state > 1) & (nodes < log_limit[:, None] + step)
         has_fold, first = falling.max(dim=-1)

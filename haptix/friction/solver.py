@@ -20,7 +20,8 @@ from haptix.status import Status
 from haptix.terms import ActiveTerms, FieldInGap, Stage
 from haptix.threads import one_thread
 
-BLOCK = 4096  # states solved together: bounds the memory, and fits the cache
+BLOCK = 16384  # states solved together: bounds the memory
+_BLOCK_OF_OWN = 4096  # the same where each state has a column of its own in the table
 _BLOCK_OF_STATUS = 2048  # the same for one sum, which the cache then holds
 _BLOCK_OF_SUMS = 1024  # states whose gaps are summed together: bounds the memory
 
@@ -122,7 +123,8 @@ class FrictionSolver:
         # Blocks come in the order of the forces: a table that grew with each would be solved often.
         at_rest = self._at_rest(normal_force_n)
         self.fidelity.prepare(at_rest.applied_pa, at_rest.widest_gap_m)
-        blocks = [slice(i, i + BLOCK) for i in range(0, len(normal_force_n), BLOCK)]
+        block = BLOCK if {Stage.PULL, Stage.SUPPLY}.isdisjoint(self.terms.stages) else _BLOCK_OF_OWN
+        blocks = [slice(i, i + block) for i in range(0, len(normal_force_n), block)]
         try:
             solved = [self._solve(self._load(pull_of(at), at_rest.part(at))) for at in blocks]
         finally:

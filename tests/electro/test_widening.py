@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections import defaultdict
+from dataclasses import replace
 from math import pi, sqrt
 from pathlib import Path
 
@@ -110,6 +111,27 @@ def test_the_mean_gap_follows_the_virtual_work(field: MeanField) -> None:
     by_weight = (table.lifted.work[node, 0] / (middle + h0) ** 2).sum()
     # Bins are 4 % wide and the nodes a tenth apart in ln p.
     assert float(by_weight) == pytest.approx(float(by_energy), rel=0.01)
+
+
+@pytest.mark.parametrize("x", [1e-3, 1e-2])
+@pytest.mark.parametrize("relative", [0.05, 0.3])
+def test_tables_are_near_each_state_on_its_own(field: MeanField, x: float, relative: float) -> None:
+    """A shared table is a polynomial of ln p_A/p0; a column of its own has no such step."""
+    p0 = torch.full((40,), x * scale(field), dtype=torch.float64)
+    table = AttractionTable.solve(field, float(p0[0]), 130 * float(p0[0]), widened=True)
+    log_p = torch.log(p0) + torch.linspace(0.0, 3.4, 40, dtype=torch.float64)
+    thickness = tensor(relative * H_RMS_M)
+    none = torch.zeros_like(p0)
+    shared = Pull.of_sine(field.gap_edges_m, none, thickness, none.long())
+    own = replace(
+        shared,
+        kernel=shared.kernel.expand(40, -1, -1),
+        spot=shared.spot.expand(40, -1),
+        column=None,
+    )
+    one, other = (table.attraction(pull, applied_pa=p0)(log_p)[0] for pull in (shared, own))
+    # Six rises from 0 to 4.8 carry the polynomial, up to 30 p0 here: the end of light contact.
+    assert other.tolist() == pytest.approx(one.tolist(), rel=3e-3)
 
 
 def iterated(field: MeanField, p0_pa: float, spot_pa: float, h0_m: float) -> tuple[float, ...]:
