@@ -14,7 +14,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from calibration.parameters import Array, Parameters
 from calibration.predict import StrokeConditions, StrokePredictor
-from calibration.profile import FINGER, SCREEN, finger_at
+from calibration.profile import finger_at
 from calibration.protocol import FORCES_N, Protocol, Stroke
 from calibration.rig import RIG, RigCheck
 from calibration.session import Session
@@ -23,9 +23,10 @@ from haptix.documents import Document
 from haptix.errors import InputError
 from haptix.finger import Finger
 from haptix.friction import ContactModel
+from haptix.pair import FINGER, SCREEN
 from haptix.perception import WEBER_FRACTION
 from haptix.report import Heading
-from haptix.screen import Screen
+from haptix.screen import NO_INSTRUMENT, Screen
 from haptix.virtual_finger import SensorModel, VirtualFinger
 
 _TOUCH_S = 0.08  # to press
@@ -46,7 +47,7 @@ VIRTUAL_RIG = RigCheck(
     pole_hz=1e5,
     resonance_hz=1e5,
     quality=1.0,
-    instruments=("virtual sensor (no instrument)",),
+    instruments=(f"virtual sensor {NO_INSTRUMENT}",),
 )
 """What a check of the virtual finger's sensor gives: no gain is wrong, no pole in reach."""
 _SCREENS_M = (70e-9, 300e-9)
@@ -99,7 +100,7 @@ class VirtualFingerSource(ForceSource):
 
     @property
     def instruments(self) -> Mapping[str, str]:
-        return {"force sensor": "virtual finger (no instrument)"}
+        return {"force sensor": f"virtual finger {NO_INSTRUMENT}"}
 
     def start(self, stroke: Stroke, played: StrokeDrive) -> None:
         t, x, force = self._path(stroke, played.duration_s)

@@ -6,7 +6,7 @@ import zipfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
-from math import exp, hypot
+from math import exp, hypot, nan
 from pathlib import Path
 from typing import Annotated
 
@@ -27,8 +27,6 @@ from haptix.report import Heading
 from haptix.screen import Calibration, Screen
 from haptix.status import Status
 
-SCREEN, FINGER = "screen.toml", "finger.toml"
-"""Names of the two profiles in a session's folder."""
 _VOLTAGES = 81  # of each curve: mu between them within 1e-4
 
 
@@ -152,7 +150,7 @@ def write_archive(folder: Path, path: Path) -> None:
 
 @dataclass(frozen=True)
 class MatchedFriction:
-    """One friction that both screens can give.
+    """One friction that both screens can give, as a mean over the fingers (of the logarithm).
 
     Parameters
     ----------
@@ -163,11 +161,13 @@ class MatchedFriction:
     voltage_a_v, voltage_b_v : float
         Amplitude that gives it on each screen [V].
     difference_jnd : float
-        Friction of B minus that of A where both have A's voltage, in just-noticeable differences;
-        NaN past B's light contact.
+        What is the screens': friction on B minus that on A under the same finger, where both have
+        A's voltage, in just-noticeable differences; NaN past B's light contact.
     uncertainty_jnd : float
-        90 % uncertainty of either difference, from the spread of both profiles' insulators; NaN
-        where a profile states none.
+        90 % uncertainty of that difference, from the spread of both profiles' insulators and from
+        finger to finger; NaN where a profile states none.
+    fingers_jnd : float
+        What is the fingers': highest friction minus lowest on the same screen, at A's voltage.
     """
 
     normal_force_n: float
@@ -175,8 +175,9 @@ class MatchedFriction:
     mu: Annotated[float, Heading("mu", ".3g")]
     voltage_a_v: Annotated[float, Heading("A [V]", ".1f")]
     voltage_b_v: Annotated[float, Heading("B [V]", ".1f")]
-    difference_jnd: Annotated[float, Heading("difference [JND]", "+.2f")]
-    uncertainty_jnd: Annotated[float, Heading("uncertainty [JND]", ".2f")]
+    difference_jnd: Annotated[float, Heading("screens [JND]", "+.2f")]
+    uncertainty_jnd: Annotated[float, Heading("± [JND]", ".2f")]
+    fingers_jnd: Annotated[float, Heading("fingers [JND]", ".2f")]
 
 
 @dataclass(frozen=True)
@@ -199,14 +200,15 @@ class Match:
         return f"both give mu {self.mu_low:.3g} to {self.mu_high:.3g}"
 
 
-def match_profiles(
-    a: tuple[Screen, Finger],
-    b: tuple[Screen, Finger],
+def match_screens(
+    a: Screen,
+    b: Screen,
+    fingers: Sequence[Finger],
     normal_force_n: Sequence[float] = (0.2, 0.5, 0.8),
     frequency_hz: float = 4000.0,
     levels: int = 5,
 ) -> list[Match]:
-    """Compare two profiles, at each force [N].
+    """Compare two screens under the same fingers, at each force [N].
 
     Friction is that of the steady attraction at an amplitude and a frequency, as surfaces hold it:
     by default the carrier of `haptix render`.
@@ -214,59 +216,68 @@ def match_profiles(
     positive("frequency_hz", frequency_hz)
     if levels < 2:
         raise InputError(f"levels: expected 2 or more, got {levels}")
-    curves_a, curves_b = _Curves(*a, frequency_hz), _Curves(*b, frequency_hz)
+    curves_a, curves_b = (_Curves(one, fingers, frequency_hz) for one in (a, b))
     matches = []
     for force in normal_force_n:
         positive("normal_force_n", force)
         of_a, of_b = curves_a.at(force), curves_b.at(force)
-        low, high = max(of_a[1][0], of_b[1][0]), min(of_a[1][-1], of_b[1][-1])
+        mean_a, mean_b = ((log_mu.mean(0), volts) for volts, log_mu in (of_a, of_b))
+        low, high = max(mean_a[0][0], mean_b[0][0]), min(mean_a[0][-1], mean_b[0][-1])
         rows = []
-        for mu in np.linspace(low, high, levels) if high > low else ():
-            volts_a, volts_b = (float(np.interp(mu, curve, level)) for level, curve in (of_a, of_b))
-            mu_of_b = float(np.interp(volts_a, *of_b, right=np.nan))
-            log_sd = hypot(curves_a.spread(force, volts_a), curves_b.spread(force, volts_b))
+        for log_mu in np.linspace(low, high, levels) if high > low else ():
+            at_a, at_b = float(np.interp(log_mu, *mean_a)), float(np.interp(log_mu, *mean_b))
+            each_a, each_b = _at(of_a, at_a), _at(of_b, at_a)
+            difference = each_b - each_a
+            between = float(difference.std(ddof=1)) if len(fingers) > 1 else 0.0
+            log_sd = hypot(curves_a.spread(force, at_a), curves_b.spread(force, at_b), between)
             rows.append(
                 MatchedFriction(
                     force,
                     frequency_hz,
-                    float(mu),
-                    volts_a,
-                    volts_b,
-                    (mu_of_b / float(mu) - 1) / WEBER_FRACTION,
+                    exp(log_mu),
+                    at_a,
+                    at_b,
+                    float(np.expm1(difference.mean())) / WEBER_FRACTION,
                     1.645 * log_sd / WEBER_FRACTION,
+                    float(np.expm1(np.ptp(each_a))) / WEBER_FRACTION,
                 )
             )
-        matches.append(Match(force, float(low), float(high), tuple(rows)))
+        matches.append(Match(force, exp(low), exp(high), tuple(rows)))
     return matches
 
 
-class _Curves:
-    """Friction of one screen over its voltages, as far as the contact stays light."""
+def _at(curves: tuple[Array, Array], voltage_v: float) -> Array:
+    """Ln mu of each finger at a voltage; NaN past the light contact."""
+    volts, log_mu = curves
+    return np.array([np.interp(voltage_v, volts, one, right=np.nan) for one in log_mu])
 
-    def __init__(self, screen: Screen, finger: Finger, frequency_hz: float) -> None:
-        self._model = ContactModel(finger, screen)
-        self._frequency_hz = frequency_hz
-        calibration = screen.calibration
-        self._log_sd = (
-            float("nan") if calibration is None else calibration.spread.get("h0_m", float("nan"))
-        )
+
+class _Curves:
+    """Friction of one screen over its voltages, as far as the contact of all fingers is light."""
+
+    def __init__(self, screen: Screen, fingers: Sequence[Finger], frequency_hz: float) -> None:
+        self._screen, self._frequency_hz = screen, frequency_hz
+        self._models = [ContactModel(one, screen) for one in fingers]
+        made = screen.calibration
+        self._log_sd = nan if made is None else made.spread.get("h0_m", nan)
 
     def at(self, force: float, h0_factor: float = 1.0) -> tuple[Array, Array]:
-        """Voltages [V] and friction at them."""
-        screen = self._model.screen
-        volts = np.linspace(0.0, screen.max_voltage_v, _VOLTAGES)
-        state = self._model.solve(force, volts, self._frequency_hz, screen.h0_m * h0_factor)
-        light = np.cumprod(np.asarray(state.status) == int(Status.OK)).astype(bool)
+        """Voltages [V], shape (volts,), and ln mu at them, shape (fingers, volts)."""
+        volts, h0_m = np.linspace(0.0, self._screen.max_voltage_v, _VOLTAGES), self._screen.h0_m
+        states = [one.solve(force, volts, self._frequency_hz, h0_m * h0_factor)
+                  for one in self._models]  # fmt: skip
+        is_ok = np.all([np.asarray(one.status) == int(Status.OK) for one in states], axis=0)
+        light = np.cumprod(is_ok).astype(bool)
         if not light.any():
-            raise InputError(f"screen {screen.name!r}: no light contact at {force:g} N")
-        return volts[light], np.asarray(state.mu, dtype=float)[light]
+            raise InputError(f"screen {self._screen.name!r}: no light contact at {force:g} N")
+        return volts[light], np.log([np.asarray(one.mu, dtype=float)[light] for one in states])
 
     def spread(self, force: float, voltage_v: float) -> float:
         """Standard deviation of ln mu at a voltage, from that of the insulator."""
         if not self._log_sd > 0:
             return self._log_sd
-        log_mu = [
-            float(np.log(np.interp(voltage_v, *self.at(force, exp(side * self._log_sd)))))
-            for side in (-1, 1)
-        ]
-        return abs(log_mu[1] - log_mu[0]) / 2
+        low, high = (
+            np.interp(voltage_v, volts, log_mu.mean(0))
+            for volts, log_mu in (self.at(force, exp(side * self._log_sd)) for side in (-1, 1))
+        )
+        return float(abs(high - low)) / 2

@@ -26,7 +26,6 @@ from haptix.report import record, row
 
 if TYPE_CHECKING:
     from calibration.parameters import Array
-    from haptix.finger import Finger
     from haptix.screen import Screen
 
 SessionThere = Annotated[FolderThere, Argument]
@@ -138,8 +137,8 @@ class Verify(Task, command="calibrate verify"):
 
     def run(self, context: Context) -> Result:
         """Verify."""
-        from calibration.profile import SCREEN
         from calibration.steps import REPORT, verify_folder
+        from haptix.pair import SCREEN
 
         verification, screen = verify_folder(self.folder, self.tolerance_jnd)
         written = "no profile" if screen is None else self.folder / SCREEN
@@ -167,8 +166,10 @@ class Check(Task, command="calibrate check"):
         from calibration.steps import reduce_folder
         from calibration.verification import check_profile
         from haptix.friction import ContactModel
+        from haptix.pair import described, first_line, profiles
 
-        screen, finger = _profiles(self.profile, self.finger)
+        finger, screen = profiles(self.finger, str(self.profile))
+        about = described(finger, screen)
         predictor = StrokePredictor(ContactModel(finger, screen))
         checked = check_profile(reduce_folder(self.folder), predictor)
         days = _days_between(screen, self.folder)
@@ -177,17 +178,20 @@ class Check(Task, command="calibrate check"):
             "days": days,
             "drift": record(checked.drifts),
             "strokes": record(checked.strokes),
+            **about,
         }
         since = "" if days is None else f", {days} days after its calibration"
         rows = [{"": name.replace("_", " "), **row(one)} for name, one in checked.drifts.items()]
-        title = f"{checked.verdict}: {screen.name}{since}; drift in JND"
+        title = f"{first_line(about)}\n{checked.verdict}: {screen.name}{since}; drift in JND"
         return Result(document, [(title, rows)], failed=not checked.passed)
 
 
 class MatchScreens(Task, command="calibrate match"):
     """Find the friction that two screens can both give, and the voltages for it.
 
-    difference: of the friction at equal voltages, B minus A; uncertainty: 90 %, of equal friction.
+    screens: difference of the friction at A's voltage under the same fingers, B minus A, with its
+    90 % uncertainty; fingers: how far these are apart on the same screen. Without --finger both
+    fingers that were measured with the screens are laid on either.
     """
 
     a: Annotated[FileThere, Argument] = Field(description="screen.toml of the first screen.")
@@ -199,21 +203,30 @@ class MatchScreens(Task, command="calibrate match"):
     levels: Annotated[int, Field(ge=2, le=1000)] = Field(
         5, description="Frictions in the common range."
     )
-    finger: FingerName | None = Field(
-        None, description="Finger: a preset or a file. [default: finger.toml beside the profile]"
+    finger: tuple[FingerName, ...] = Field(
+        (),
+        description="Finger: a preset or a file; may be repeated, for a population. [default: "
+        "finger.toml beside each profile]",
     )
 
     def run(self, context: Context) -> Result:
         """Match them."""
-        from calibration.profile import match_profiles
+        from calibration.profile import match_screens
+        from haptix.pair import described, first_line, profiles
 
-        profiles = _profiles(self.a, self.finger), _profiles(self.b, self.finger)
-        matches = match_profiles(*profiles, self.normal_force_n, self.frequency_hz, self.levels)
-        tables = [
-            (f"at {one.normal_force_n:g} N and {self.frequency_hz:g} Hz: {one.text}", one.levels)
-            for one in matches
-        ]
-        return Result(record(matches), tables)
+        named: tuple[str | None, ...] = self.finger or (None,)
+        pairs = [profiles(one, str(file)) for one in named for file in (self.a, self.b)]
+        fingers, (a, b) = [one for one, _ in pairs], [screen for _, screen in pairs[:2]]
+        if self.finger or fingers[0] == fingers[1]:
+            fingers = fingers[::2]
+        matches = match_screens(a, b, fingers, self.normal_force_n, self.frequency_hz, self.levels)
+        about = [described(*pair) for pair in pairs]
+        first = "\n".join(map(first_line, about))
+        titles = [f"at {one.normal_force_n:g} N and {self.frequency_hz:g} Hz: {one.text}"
+                  for one in matches]  # fmt: skip
+        titles[0] = f"{first}\n{titles[0]}"
+        tables = [(title, one.levels) for title, one in zip(titles, matches, strict=True)]
+        return Result([{**record(one), "profiles": about} for one in matches], tables)
 
 
 class Install(Task, command="calibrate install"):
@@ -236,12 +249,12 @@ class Install(Task, command="calibrate install"):
 
         if (self.serial is None) == (self.device is None):
             raise InputError("expected --serial or --device, one of the two")
-        serial = self.serial
+        serial, is_mock = self.serial, False
         if self.device is not None:
             with closing(open_device(self.device)) as opened:
-                serial = opened.capabilities.serial
+                serial, is_mock = opened.capabilities.serial, opened.mock is not None
         finger = self.finger or self.profile.with_name("finger.toml")
-        installed = install_profile(serial or "", self.profile, finger)
+        installed = install_profile(serial or "", self.profile, finger, is_mock)
         shown = {
             "serial": serial,
             "calibration_id": Screen.load(installed.screen).calibration_id,
@@ -307,22 +320,6 @@ class Period(Task, command="calibrate period"):
         if not signals:
             raise InputError(f"{self.columns}: expected a signal beside time and place")
         return read["t_s"], read["x_mm"], np.stack(signals, axis=-1)
-
-
-def _profiles(path: Path, finger: str | None) -> tuple[Screen, Finger]:
-    from haptix.devices import check_measured_with
-    from haptix.finger import Finger
-    from haptix.screen import Screen
-
-    beside = path.with_name("finger.toml")
-    if finger is None and not beside.exists():
-        raise InputError(f"--finger: expected a finger, since there is no {beside}")
-    screen = Screen.load(path)
-    if finger is not None:
-        return screen, Finger.named(finger)
-    measured_with = Finger.load(beside)
-    check_measured_with(screen, measured_with, beside)
-    return screen, measured_with
 
 
 def _days_between(screen: Screen, folder: Path) -> int | None:

@@ -23,8 +23,6 @@ from calibration.fitting import (
 from calibration.parameters import Parameters
 from calibration.predict import StrokeConditions, StrokePredictor
 from calibration.profile import (
-    FINGER,
-    SCREEN,
     calibrated_finger,
     calibrated_screen,
     check_name,
@@ -50,6 +48,7 @@ from haptix.errors import InputError
 from haptix.files import json_text, parse_json, read_text, reading, write_whole
 from haptix.finger import Finger
 from haptix.friction import ContactModel, in_theory
+from haptix.pair import FINGER, SCREEN
 from haptix.screen import CalibrationWarning, Screen
 from haptix.terms import TERMS
 

@@ -63,18 +63,19 @@ class Planned(Task):
     max_voltage_v: Positive | None = Field(
         None, description="Highest amplitude [V]. [default: the screen's limit]"
     )
-    finger: FingerName = Field(
-        "semi-wet", description="Finger: a preset (semi-wet, wet) or a TOML file."
+    finger: FingerName | None = Field(
+        None,
+        description="Finger: a preset (semi-wet, wet) or a TOML file. [default: finger.toml beside "
+        "a calibrated screen, or semi-wet]",
     )
     screen: ScreenName = Field("3m-sct3250", description="Assumed screen: a preset or a TOML file.")
 
     def plan(self, name: str | None = None) -> tuple[Finger, Screen, PlannedSession]:
         """Return finger, screen, which gets a name, and the plan."""
         from calibration.steps import plan_strokes
-        from haptix.finger import Finger
-        from haptix.screen import Screen
+        from haptix.pair import profiles
 
-        finger, screen = Finger.named(self.finger), Screen.named(self.screen)
+        finger, screen = profiles(self.finger, self.screen)
         planned = plan_strokes(self.protocol, finger, screen, self.minutes, self.max_voltage_v)
         return finger, screen if name is None else screen.replace(name=name), planned
 
@@ -188,7 +189,9 @@ class Measure(Measuring, command="calibrate measure"):
         None, description="Assumed screen: a preset or a file. [default: 3m-sct3250]"
     )
     finger: FingerName | None = Field(
-        None, description="Finger: a preset or a file. [default: semi-wet]"
+        None,
+        description="Finger: a preset or a file. [default: finger.toml beside a calibrated "
+        "screen, or semi-wet]",
     )
     crosstalk: Annotated[float, Field(ge=-1, le=1)] = Field(
         0.0, description="Share of the normal force on the tangential axis."
@@ -217,6 +220,7 @@ class Measure(Measuring, command="calibrate measure"):
         from calibration.profile import check_name
         from calibration.session import Session, SessionInfo
         from haptix.finger import Finger
+        from haptix.pair import profiles
         from haptix.screen import Screen
 
         if self.resume and (plan is None or (self.folder / "session.json").exists()):
@@ -227,12 +231,11 @@ class Measure(Measuring, command="calibrate measure"):
                 finger=before.info.finger if self.finger is None else Finger.named(self.finger),
             )
             return Session.begin(self.folder, plan or before.protocol, info, self.resume)
-        screen = Screen.named(self.screen or "3m-sct3250")
+        finger, screen = profiles(self.finger, self.screen)
         if self.name is None and (screen.name in Screen.presets or self.screen is None):
             raise InputError(_NO_NAME)
         screen = screen if self.name is None else screen.replace(name=self.name)
         check_name(screen)
-        finger = Finger.named(self.finger or "semi-wet")
         info = SessionInfo(
             screen=screen, finger=finger, operator=self.operator, crosstalk=self.crosstalk
         )
@@ -253,10 +256,10 @@ class RunCalibration(Planned, Measuring, command="calibrate run"):
     def run(self, context: Context) -> Result:
         """Do all steps that are left."""
         from calibration.practice import TRUTH
-        from calibration.profile import SCREEN
         from calibration.rig import RIG
         from calibration.session import Session
         from calibration.steps import REPORT
+        from haptix.pair import SCREEN
 
         if self.practice:
             virtual = {"source": "virtual", "device": self.device or "mock:"}
@@ -423,10 +426,10 @@ class CalibrationJob(
         """
         from calibration.measuring import measure_guided
         from calibration.practice import TRUTH, virtual_source
-        from calibration.profile import FINGER, SCREEN
         from calibration.session import Session
         from calibration.sources import open_inputs
         from haptix.devices import install_profile, open_device
+        from haptix.pair import FINGER, SCREEN
 
         assert context.folder is not None
         folder = context.folder / self.name
@@ -447,7 +450,7 @@ class CalibrationJob(
         with closing(open_device("mock:" if practises else self.device)) as device:
             source = virtual_source(session) if practises else open_inputs(inputs)
             still_open = measure_guided(session, source, device, context).still_open
-            serial = device.capabilities.serial
+            serial, is_mock = device.capabilities.serial, device.mock is not None
         numbers = [stroke.number for stroke in still_open]
         result: dict[str, Any] = {"name": self.name, "still_open": numbers, "verdict": None}
         if numbers:
@@ -473,7 +476,7 @@ class CalibrationJob(
                 f"The calibration of {self.name} passed. Install its profile for driver {serial}?"
             )
             if context.ask(prompt, (_INSTALL, _LEAVE)) == _INSTALL:
-                install_profile(serial, folder / SCREEN, folder / FINGER)
+                install_profile(serial, folder / SCREEN, folder / FINGER, is_mock)
                 result["installed_for"] = serial
         return Result(result)
 

@@ -33,9 +33,8 @@ from firmware_io.limits import (
 from haptix.errors import InputError
 from haptix.files import write_folder
 from haptix.finger import Finger
+from haptix.pair import FINGER, SCREEN, check_measured_with, profile_names
 from haptix.screen import CalibrationWarning, Screen
-
-_SCREEN, _FINGER = "screen.toml", "finger.toml"
 
 __all__ = [
     "BODY_CAPACITANCE_F",
@@ -46,7 +45,6 @@ __all__ = [
     "DriveLimits",
     "DriveWindow",
     "ProfileFiles",
-    "check_measured_with",
     "install_profile",
     "installed_profile",
     "open_device",
@@ -71,14 +69,17 @@ def profiles_folder() -> Path:
     return platformdirs.user_data_path("haptix", appauthor=False) / "profiles"
 
 
-def install_profile(serial: str, screen: str | Path, finger: str | Path) -> ProfileFiles:
+def install_profile(
+    serial: str, screen: str | Path, finger: str | Path, is_mock: bool = False
+) -> ProfileFiles:
     """Copy a calibrated screen and its finger for the driver of a serial number.
 
     Raises
     ------
     InputError
         If the serial number is empty, the screen is not calibrated, failed, is old or was edited,
-        or the finger is not the one that was measured with it.
+        the finger is not the one that was measured with it, or it is that of a practice and the
+        driver is not known to be a mock.
     FileFormatError
         If a file is no such profile.
     """
@@ -89,24 +90,16 @@ def install_profile(serial: str, screen: str | Path, finger: str | Path) -> Prof
         raise InputError(f"{screen}: expected a profile of a calibration, got one without")
     if reasons := profile.warnings():
         raise InputError(f"{screen} is not installed: {'; '.join(reasons)}")
+    if profile.calibration.is_virtual and not is_mock:
+        raise InputError(
+            f"{screen} is not installed: a virtual finger was measured, and no screen; install it "
+            "for a mock (--device mock:serial=...), or calibrate the driver's own screen"
+        )
     check_measured_with(profile, Finger.load(finger), finger)
     folder = _folder_of(serial)
-    contents = {_FINGER: Path(finger).read_bytes(), _SCREEN: Path(screen).read_bytes()}
+    contents = {FINGER: Path(finger).read_bytes(), SCREEN: Path(screen).read_bytes()}
     write_folder(folder, contents)
-    return ProfileFiles(folder / _SCREEN, folder / _FINGER)
-
-
-def check_measured_with(screen: Screen, finger: Finger, file: str | Path) -> None:
-    """Raise `InputError` unless a finger is the one that was measured with a calibrated screen.
-
-    Its numbers and the screen's belong together; profiles of older versions do not name a finger.
-    """
-    known = "" if screen.calibration is None else screen.calibration.finger_hash
-    if known and finger.content_hash() != known:
-        raise InputError(
-            f"{file} is not the finger that was measured with screen {screen.name!r}, or was "
-            "edited: take the finger.toml of the same calibration"
-        )
+    return ProfileFiles(folder / SCREEN, folder / FINGER)
 
 
 def installed_profile(serial: str) -> ProfileFiles | None:
@@ -114,7 +107,7 @@ def installed_profile(serial: str) -> ProfileFiles | None:
     if not serial:
         return None
     folder = _folder_of(serial)
-    files = ProfileFiles(folder / _SCREEN, folder / _FINGER)
+    files = ProfileFiles(folder / SCREEN, folder / FINGER)
     return files if files.screen.exists() and files.finger.exists() else None
 
 
@@ -153,9 +146,7 @@ def _folder_of(serial: str) -> Path:
 def profiles_for(device: Device, finger: str | None, screen: str | None) -> tuple[str, str]:
     """Names or files of finger and screen: as given, installed for the device, or presets."""
     files = installed_profile(device.capabilities.serial)
-    if files is None:
-        return finger or "semi-wet", screen or "3m-sct3250"
-    return finger or str(files.finger), screen or str(files.screen)
+    return profile_names(finger, screen or (files and str(files.screen)))
 
 
 def open_device(address: str) -> Device:

@@ -25,6 +25,7 @@ from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.kinds import in_folder
 from haptix.materials.panels import material_of
+from haptix.pair import finger_beside
 from haptix.screen import Screen
 from haptix.surface.axes import AXES
 from haptix.surface.request import low_and_high
@@ -153,6 +154,7 @@ class Scene(Document):
         Name of the scene.
     finger, screen : Finger and Screen
         Or the name of a preset, or the path of a TOML file relative to `folder`, or a table.
+        Without a finger, a file of a calibrated screen takes the ``finger.toml`` beside it.
     normal_force_n : (float, float)
         Range of the normal force [N], or one value.
     drive : DirectDrive or CarrierDrive
@@ -196,17 +198,20 @@ class Scene(Document):
     def _look_names_up(cls, fields: Any) -> Any:
         if not isinstance(fields, dict):
             return fields
-        read = dict(fields)
+        read, folder = dict(fields), Path(fields.get("folder", "."))
+        screen = "" if "finger" in fields else fields.get("screen")
+        if isinstance(screen, str) and (own := finger_beside(screen, folder)):
+            read["finger"] = own
         if isinstance(materials := fields.get("materials"), list | tuple):
-            with in_folder(Path(fields.get("folder", "."))):
+            with in_folder(folder):
                 read["materials"] = [material_of(one) for one in materials]
         kinds: Mapping[str, type[Finger | Screen]] = {"finger": Finger, "screen": Screen}
         for key, kind in kinds.items():
-            match fields.get(key):
+            match read.get(key):
                 case dict() as table:
                     read[key] = kind(**table)
                 case str() as name:
-                    read[key] = kind.named(name, Path(fields.get("folder", ".")))
+                    read[key] = kind.named(name, folder)
         return read
 
     @model_validator(mode="after")

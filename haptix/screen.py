@@ -22,6 +22,10 @@ CALIBRATION_VALID_DAYS = 365
 """Age [days] from which a calibration counts as old: insulators wear and take up water."""
 
 
+NO_INSTRUMENT = "(no instrument)"
+"""What stands behind a virtual instrument in place of its serial number."""
+
+
 class CalibrationWarning(UserWarning):
     """A screen's profile is a placeholder, failed its verification, is old or was edited."""
 
@@ -58,6 +62,11 @@ class Calibration(Part):
     rests_on: tuple[str, ...] = ()
     finger_hash: Annotated[str, Field(exclude_if=lambda value: not value)] = ""
     content_hash: str = ""
+
+    @property
+    def is_virtual(self) -> bool:
+        """Whether a virtual finger was measured, and no screen."""
+        return any(NO_INSTRUMENT in one for one in self.instruments)
 
 
 class Screen(Document):

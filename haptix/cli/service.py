@@ -31,9 +31,10 @@ LogFile = Annotated[
     Path | None,
     option("Log to this file, see docs/log.md; all frames, but for `haptix --log info`.", NewFile),
 ]
-_OWN = "[default: the device's installed profile, or {}]"
-OwnFinger = Annotated[str | None, option(f"Finger. {_OWN.format('semi-wet')}", FingerName)]
-OwnScreen = Annotated[str | None, option(f"Screen. {_OWN.format('3m-sct3250')}", ScreenName)]
+_FINGER = "Finger. [default: finger.toml beside a calibrated screen, or semi-wet]"
+_SCREEN = "Screen. [default: the device's installed profile, or 3m-sct3250]"
+OwnFinger = Annotated[str | None, option(_FINGER, FingerName)]
+OwnScreen = Annotated[str | None, option(_SCREEN, ScreenName)]
 Port = Annotated[int, typer.Option(help="TCP port on this machine.", min=0, max=65535)]
 
 
@@ -62,8 +63,7 @@ def serve(
 
     def ready(access: Access, inventory: Inventory) -> None:
         address = max(access.origins) if listen else min(access.origins)
-        _say(f"haptix serves {inventory.devices[0].name} at {address}")
-        _say(f"finger {inventory.finger}, screen {inventory.screen}")
+        _say(f"haptix serves {inventory.devices[0].name} at {address}; {_used(inventory)}")
         _say_code(access.code())
         access.on_show = _say_code
 
@@ -90,9 +90,8 @@ def studio(
 
     def ready(access: Access, inventory: Inventory) -> None:
         address = f"{min(access.origins)}/#code={access.code()}"
-        _say(f"the studio is at {address} (five minutes, once)")
-        _say(f"driver {inventory.devices[0].name}, finger {inventory.finger}, "
-             f"screen {inventory.screen}; Ctrl+C ends it")  # fmt: skip
+        _say(f"the studio is at {address} (five minutes, once); {_used(inventory)}")
+        _say(f"driver {inventory.devices[0].name}; Ctrl+C ends it")
         access.on_show = _say_code
         if opens and _has_browser():
             page = access.write_entrance(address)
@@ -133,6 +132,10 @@ def _has_browser() -> bool:
     except webbrowser.Error:
         return False
     return True
+
+
+def _used(inventory: Inventory) -> str:
+    return f"finger {inventory.finger}, screen {inventory.screen}"
 
 
 def _say(text: str) -> None:

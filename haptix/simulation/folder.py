@@ -15,6 +15,7 @@ from firmware_io import volts_to_codes
 from firmware_io.limits import Current
 from haptix.errors import MissingExtraError
 from haptix.files import check_folder, csv_text, json_text, write_folder
+from haptix.pair import described
 from haptix.render import SineCarrier
 from haptix.report import record, row
 from haptix.simulation.simulation import PARTS, Simulation
@@ -32,10 +33,11 @@ def summary_of(simulation: Simulation) -> dict[str, Any]:
     stats, device, driver = played.renderer.stats, played.device, played.device.mock
     assert driver is not None
     rendered_s = stats.samples / played.renderer.sample_rate_hz
-    target = simulation.target_mu
+    target, model = simulation.target_mu, simulation.setting.model
     return {
         "haptix": __version__,
-        "placeholders": simulation.setting.model.placeholders(),
+        **described(model.finger, model.screen),
+        "placeholders": model.placeholders(),
         "target_mu": [float(target.min()), float(target.max())],
         "evaluation": record(simulation.evaluation),
         "parts": {

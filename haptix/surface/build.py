@@ -17,6 +17,7 @@ from torch import Tensor
 from haptix.errors import InputError, ToleranceError
 from haptix.friction import ContactModel
 from haptix.limits import LIMITS, limits_passed
+from haptix.pair import described
 from haptix.status import Status
 from haptix.surface.axes import AXIS_NAMES, PULL_IN_DRIVE, Axes, Axis, between
 from haptix.surface.interpolant import Interpolant
@@ -380,6 +381,7 @@ def build_table(
         "key": surface_key(model, scene, tolerance, largest_bytes, past_limits),
         "model": model.describe(),
         "model_hash": digest(model.describe()),
+        "profiles": described(model.finger, model.screen),
         "friction": "at the period's mean attraction",
         "ranges": ranges,
         "screen_h0_m": model.screen.h0_m,

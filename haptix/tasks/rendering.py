@@ -42,7 +42,10 @@ if TYPE_CHECKING:
 _ENDS_S = 0.05  # after the last touch: what it brought is heard
 _BRICKS = "scikit-image brick (CC0)"
 _WITHOUT_PHOTOGRAPHS = "gallery:basket"
-_TOLD = ("placeholders", "target_mu", "evaluation", "parts", "periods", "out_of_range")
+_TOLD = (
+    *("finger", "screen", "pair", "placeholders", "target_mu"),
+    *("evaluation", "parts", "periods", "out_of_range"),
+)
 
 MillimetresWide = Annotated[float, Field(ge=0.1, le=1e4)]
 Touches = Field(min_length=2, max_length=20_000)
@@ -56,7 +59,8 @@ class OnScreen(Task):
     """A finger on a screen, by default those in use."""
 
     finger: FingerName | None = Field(
-        None, description="Finger. [default: the device's installed profile, or semi-wet]"
+        None,
+        description="Finger. [default: finger.toml beside a calibrated screen, or semi-wet]",
     )
     screen: ScreenName | None = Field(
         None, description="Screen. [default: the device's installed profile, or 3m-sct3250]"
@@ -64,12 +68,10 @@ class OnScreen(Task):
 
     def model(self) -> ContactModel:
         """Return the contact model."""
-        from haptix.finger import Finger
         from haptix.friction import ContactModel
-        from haptix.screen import Screen
+        from haptix.pair import profiles
 
-        finger, screen = self.finger or "semi-wet", self.screen or "3m-sct3250"
-        return ContactModel(Finger.named(finger), Screen.named(screen))
+        return ContactModel(*profiles(self.finger, self.screen))
 
 
 class OfPhotograph(OnScreen):
@@ -132,9 +134,6 @@ class Demo(OfPhotograph, command="demo"):
     Writes demo.png, drive.wav with drive.json, felt.csv and summary.json.
     """
 
-    finger: FingerName = Field(
-        "semi-wet", description="Finger: a preset (dry, semi-wet, wet) or a TOML file."
-    )
     screen: ScreenName = Field(
         "3m-sct3250", description="Screen: a preset (3m-sct3250) or a TOML file."
     )
@@ -150,6 +149,7 @@ class Demo(OfPhotograph, command="demo"):
         # torch and matplotlib load here: the bar should already cover these seconds.
         context.progress("solve the contact, build the surface", 0.0)
         from haptix.files import check_folder
+        from haptix.pair import first_line
         from haptix.simulation import FILES, simulate, write
         from haptix.texture import Texture
 
@@ -165,8 +165,6 @@ class Demo(OfPhotograph, command="demo"):
             "photograph": photograph,
             "width_mm": self.width_mm if isinstance(setting.texture, Texture) else None,
             "polarity": self.polarity,
-            "finger": self.finger,
-            "screen": self.screen,
             "is_surface_cached": was_cached,
             "seconds": {
                 "surface": round(built_s - began_s, 3),
@@ -176,10 +174,8 @@ class Demo(OfPhotograph, command="demo"):
         context.progress("write the files", 0.0)
         summary = write(self.out, simulation, about, "demo.png")
         past = breakdown_note(summary["pull_past_breakdown"])
-        return Result(
-            [summary],
-            [(f"haptix demo: outputs in {self.out}{past}", _told(summary, simulation.evaluation))],
-        )
+        title = f"{first_line(summary)}\nhaptix demo: outputs in {self.out}{past}"
+        return Result([summary], [(title, _told(summary, simulation.evaluation))])
 
 
 class OfPath(OfPhotograph):
@@ -263,6 +259,7 @@ class Render(OfPath, command="render", route="renderings", kind="rendering"):
         context.progress("build the surface", 0.0)
         from haptix.devices import open_device, profiles_for
         from haptix.files import check_folder
+        from haptix.pair import first_line
         from haptix.render import LiveSettings
         from haptix.simulation import FILES, errors_of, simulate, write
         from haptix.simulation.folder import summary_of
@@ -290,10 +287,9 @@ class Render(OfPath, command="render", route="renderings", kind="rendering"):
             summary = summary_of(simulation)
             return Result({name: summary[name] for name in _TOLD})
         same = ("touch_hz", "touch_latency_ms", "reaction_ms", "horizon_ms")
-        about = {"photograph": photograph, "finger": finger, "screen": screen}
-        about |= {name: getattr(self, name) for name in same}
+        about = {"photograph": photograph, **{name: getattr(self, name) for name in same}}
         summary = write(context.folder / self.out, simulation, about)
-        title = f"haptix render: outputs in {self.out}; {finger} finger on {screen}"
+        title = f"{first_line(summary)}\nhaptix render: outputs in {self.out}"
         title += f"; current {_current(summary['current'])}"
         title += breakdown_note(summary["pull_past_breakdown"])
         title += placeholder_note(summary["placeholders"])
@@ -319,6 +315,7 @@ class Play(OfPath, command="play"):
         """Play it."""
         context.progress("build the surface", 0.0)
         from haptix.devices import open_device, profiles_for
+        from haptix.pair import described, first_line
         from haptix.render import LiveRenderer, LiveSettings
         from haptix.touch import events_of, paced
 
@@ -350,14 +347,15 @@ class Play(OfPath, command="play"):
             "too_high": stats.above / max(stats.samples, 1),
         }
         more: dict[str, float | str] = {"advice": stats.advice}
-        title = f"haptix play: {self.device}"
+        about = described(model.finger, model.screen)
+        title = f"{first_line(about)}\nhaptix play: {self.device}"
         if stats.revisions:
             p50_ms, p99_ms = stats.reaction_p50_s * 1e3, stats.reaction_p99_s * 1e3
             title += f"; reaction {p50_ms:.2g} ms (99 %: {p99_ms:.2g})"
             more |= {"revisions": stats.revisions, "refused": stats.refused}
             more |= {"reaction_p50_ms": p50_ms, "reaction_p99_ms": p99_ms}
         title = f"{title}; {stats.advice}" if stats.advice else title
-        return Result([seen | more], [(title, [seen])])
+        return Result([seen | more | about], [(title, [seen])])
 
 
 class Headroom(OnScreen, route="headroom", kind="headroom"):
@@ -452,8 +450,7 @@ def _told(summary: Mapping[str, Any], errors: Evaluation) -> list[dict[str, str]
     width = "" if summary["width_mm"] is None else f", {summary['width_mm']:g} mm wide"
     lines = {
         "photograph": f"{summary['photograph']}{width}",
-        "contact": f"{summary['finger']} finger on {summary['screen']}; placeholders: "
-        f"{' and '.join(summary['placeholders'])}",
+        "placeholders": " and ".join(summary["placeholders"]),
         "surface": f"{origin} in {summary['seconds']['surface']:.2f} s, error in mu at most "
         f"{surface['error_max_mu']:.1g}",
         "target friction": f"{low:.3f} to {high:.3f}",

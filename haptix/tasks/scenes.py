@@ -34,13 +34,15 @@ class PlanScene(Task, command="plan"):
     def run(self, context: Context) -> Result:
         """Plan it."""
         context.progress("plan the scene", 0.0)  # torch loads here; the bar shows those seconds too
+        from haptix.pair import described, first_line
         from haptix.planning import plan_scene
         from haptix.scene import Scene
 
         plan = plan_scene(Scene.load(self.scene), partial(context.progress, "plan the scene"))
         dtype = str(plan.dtype).removeprefix("torch.")
+        about = described(plan.model.finger, plan.model.screen)
         title = (
-            f"{plan.scene.name}: {plan.model.fidelity}, {dtype}, "
+            f"{first_line(about)}\n{plan.scene.name}: {plan.model.fidelity}, {dtype}, "
             f"tolerance {plan.tolerance.value:.3g} {plan.tolerance.unit}; left out "
             f"{plan.effect.jnd_max:.2g} of {plan.scene.budget_jnd:g} JND"
         )
@@ -52,7 +54,7 @@ class PlanScene(Task, command="plan"):
         document = []
         for row in plan.rows:
             effect = {f"effect_{name}": value for name, value in asdict(row.effect).items()}
-            document.append({**row.decision, **effect, "cost_s": row.cost_s, **spread})
+            document.append({**row.decision, **effect, "cost_s": row.cost_s, **spread, **about})
         return Result(document, [(title, plan.rows)])
 
 
@@ -72,6 +74,7 @@ class TradeOff(Task, command="tradeoff"):
     def run(self, context: Context) -> Result:
         """Measure, and write the files."""
         context.progress(_STAGES["run"], 0.0)
+        from haptix.pair import described, first_line
         from haptix.scene import Scene
         from haptix.tradeoff import default_scene, write_tradeoff
 
@@ -83,8 +86,9 @@ class TradeOff(Task, command="tradeoff"):
             lambda stage, share: context.progress(_STAGES[stage], share),
             self.boundary_elements,
         )
+        first = first_line(described(scene.finger, scene.screen))
         title = (
-            f"haptix tradeoff: what to take; all {len(study.runs)} runs and the picture in "
-            f"{self.out}; budget {scene.budget_jnd:g} JND"
+            f"{first}\nhaptix tradeoff: what to take; all {len(study.runs)} runs and the picture "
+            f"in {self.out}; budget {scene.budget_jnd:g} JND"
         )
         return Result(record(study.runs), [(title, [run for run in study.runs if run.take])])

@@ -43,8 +43,10 @@ SurfaceThere = Annotated[FileThere, Argument]
 class OfModel(Task):
     """What a contact model is made of."""
 
-    finger: FingerName = Field(
-        "semi-wet", description="Finger: a preset (dry, semi-wet, wet) or a TOML file."
+    finger: FingerName | None = Field(
+        None,
+        description="Finger: a preset (dry, semi-wet, wet) or a TOML file. [default: finger.toml "
+        "beside a calibrated screen, or semi-wet]",
     )
     screen: ScreenName = Field(
         "3m-sct3250", description="Screen: a preset (3m-sct3250) or a TOML file."
@@ -73,17 +75,16 @@ class OfModel(Task):
 
     def model(self) -> ContactModel:
         """Return the contact model."""
-        from haptix.finger import Finger
         from haptix.friction import ContactModel
-        from haptix.screen import Screen
+        from haptix.pair import profiles
 
-        chosen = Finger.named(self.finger)
+        chosen, screen = profiles(self.finger, self.screen)
         if self.skin_dielectric is not None:
             chosen = chosen.replace(dielectric=self.skin_dielectric)
         terms = dict.fromkeys(self.with_terms, True) | dict.fromkeys(self.without_terms, False)
         return ContactModel(
             chosen,
-            Screen.named(self.screen),
+            screen,
             fidelity=self.fidelity,
             theory=self.theory,
             terms=terms,
@@ -145,6 +146,8 @@ class Build(OfModel, command="build"):
 
     def run(self, context: Context) -> Result:
         """Build it, and write it."""
+        from haptix.pair import first_line
+
         scene = self.what if self.what.suffix == ".toml" else None
         if scene is None and self.out is not None:
             raise InputError(f"--out goes with a scene; {self.what} is the file to write")
@@ -154,8 +157,8 @@ class Build(OfModel, command="build"):
                 f"{named}: a scene says this itself; change it there, or in its [override]"
             )
         target = self.what if scene is None else self.out or self.what.with_suffix(".surface")
-        read = [*([] if scene is None else [scene]), Path(self.finger), Path(self.screen)]
-        check_new(target, self.overwrite, *read)
+        read = [one for one in (scene, self.finger, self.screen) if one is not None]
+        check_new(target, self.overwrite, *map(Path, read))
         try:
             surface = self._built(context, scene, target)
         except ToleranceError as error:
@@ -164,10 +167,12 @@ class Build(OfModel, command="build"):
             surface = error.best
         surface.save(target)
         share = surface.info["pull_past_breakdown"]
-        title = f"friction surface{note_of(surface, target)}{breakdown_note(share)}"
+        about = _profiles_of(surface, target)
+        title = f"{first_line(about)}\nfriction surface{note_of(surface, target)}"
+        title += breakdown_note(share)
         row = _summary(target, surface)
         # The title says it in a table, which has no room for more.
-        return Result([{**row, "pull_past_breakdown": share}], [(title, [row])])
+        return Result([{**row, "pull_past_breakdown": share, **about}], [(title, [row])])
 
     def _built(self, context: Context, scene: Path | None, target: Path) -> FrictionSurface:
         """Tabulate a model; boundary elements correct the mean field, and resume if interrupted."""
@@ -231,6 +236,7 @@ class Query(OfModel, command="query"):
     def run(self, context: Context) -> Result:
         """Solve all combinations."""
         from haptix.friction import placeholder_spread
+        from haptix.pair import described, first_line
         from haptix.surface import FrictionSurface
 
         inputs = _product(self, "normal_force_n", "voltage_v", "frequency_hz", "h0_m")
@@ -253,6 +259,7 @@ class Query(OfModel, command="query"):
             outputs = {name: getattr(state, name) for name in names}
             share = float(state.pull_past_breakdown.max())
             status, warnings = state.status, state.warnings()
+            about = described(model.finger, model.screen)
         else:
             table = FrictionSurface.load(self.surface)
             with reading(self.surface, "a surface with its model"):
@@ -265,14 +272,14 @@ class Query(OfModel, command="query"):
                 )
             sample, note = table.evaluate(**inputs), note_of(table, self.surface)
             outputs, status, warnings = {"mu": sample.mu}, sample.status, []
+            about = _profiles_of(table, self.surface)
             # Surfaces of earlier versions do not know.
             share = float(table.info.get("pull_past_breakdown", 0.0))
-        title = f"friction at the period's mean attraction{note}"
+        title = f"{first_line(about)}\nfriction at the period's mean attraction{note}"
         title += breakdown_note(share) + warning_note(warnings)
         spreads = {f"{name.replace(' ', '_')}_spread_jnd": jnd for name, jnd in spread.items()}
-        return Result(
-            _rows(inputs, outputs | spreads, status), [(title, _rows(inputs, outputs, status))]
-        )
+        document = [row | about for row in _rows(inputs, outputs | spreads, status)]
+        return Result(document, [(title, _rows(inputs, outputs, status))])
 
 
 class Invert(Task, command="invert"):
@@ -290,13 +297,16 @@ class Invert(Task, command="invert"):
 
     def run(self, context: Context) -> Result:
         """Invert all combinations."""
+        from haptix.pair import first_line
         from haptix.surface import FrictionSurface
 
         inputs = _product(self, "mu", "normal_force_n", "frequency_hz", "h0_m")
         table = FrictionSurface.load(self.surface)
         inverse = table.voltage(**inputs)
         rows = _rows(inputs, {"voltage_v": inverse.voltage_v}, inverse.status)
-        return Result(rows, [(f"voltage{note_of(table, self.surface)}", rows)])
+        about = _profiles_of(table, self.surface)
+        title = f"{first_line(about)}\nvoltage{note_of(table, self.surface)}"
+        return Result([row | about for row in rows], [(title, rows)])
 
 
 class Export(Task, command="export"):
@@ -396,6 +406,15 @@ def _summary(path: Path, surface: FrictionSurface) -> dict[str, Any]:
         "unit": info["tolerance"]["unit"],
         "met": info["tolerance_met"],
     }
+
+
+def _profiles_of(table: FrictionSurface, file: Path) -> dict[str, str]:
+    """Return of which finger and screen a surface is."""
+    with reading(file, "a surface with its model"):
+        model = table.info["model"]
+        names = {kind: str(model[kind]["name"]) for kind in ("finger", "screen")}
+        # Surfaces of earlier versions do not know.
+        return {**names, "pair": "of an earlier version", **table.info.get("profiles", {})}
 
 
 def note_of(table: FrictionSurface, file: Path) -> str:

@@ -139,10 +139,10 @@ def test_all_the_way_to_a_surface(folder):
         assert (folder / "s" / name).stat().st_size > 100
     screen = haptix.Screen.load(folder / "s" / "screen.toml")
     query = ["query", "--normal-force-n", "0.5", "--voltage-v", "100", "--json"]
-    query += ["--screen", str(folder / "s" / "screen.toml")]
+    query += ["--screen", str(folder / "s" / "screen.toml")]  # whose finger is beside it
     answer = run.invoke(whole, query)
     assert answer.exit_code == 0, answer.output
-    finger = haptix.Finger.preset("semi-wet")
+    finger = haptix.Finger.load(folder / "s" / "finger.toml")
     mu = float(haptix.ContactModel(finger, screen).solve(0.5, 100.0).mu)
     assert json.loads(answer.stdout)[0]["mu"] == pytest.approx(mu, rel=1e-4)
 

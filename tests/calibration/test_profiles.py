@@ -12,13 +12,14 @@ import firmware_io
 import haptix
 from calibration import Parameters, StrokePredictor, full_protocol
 from calibration.practice import TRUTH, compare_with_truth, draw_truth
-from calibration.profile import match_profiles
+from calibration.profile import match_screens
 from calibration.reduction import Reduced
 from calibration.verification import Drift, check_profile
 from firmware_io import Device, MockDriver, MockLink
+from haptix.cli.application import app as whole
 from haptix.cli.tasks import group_of
 from haptix.devices import install_profile, installed_profile, profile_of, profiles_for
-from haptix.screen import Calibration, CalibrationWarning
+from haptix.screen import NO_INSTRUMENT, Calibration, CalibrationWarning
 
 app = group_of("calibrate", "Calibrate a screen.")
 
@@ -79,6 +80,92 @@ def test_what_is_not_to_be_trusted_is_not_installed(files, screen):
         with pytest.raises(haptix.InputError, match=said):
             install_profile("S1", *files)
     assert installed_profile("S1") is None
+
+
+def test_a_practice_is_installed_for_a_mock_alone(files, screen):
+    calibrated(screen, instruments=(f"force sensor: virtual finger {NO_INSTRUMENT}",)).save(
+        files[0]
+    )
+    refused = CliRunner().invoke(app, ["install", str(files[0]), "--serial", "S1"])
+    assert "a virtual finger was measured, and no screen" in str(refused.exception)
+    assert installed_profile("S1") is None
+    mock = ["install", str(files[0]), "--device", "mock:serial=S1"]
+    assert CliRunner().invoke(app, mock).exit_code == 0
+    assert installed_profile("S1") is not None
+
+
+@pytest.fixture
+def measured(tmp_path, screen, finger):
+    """A screen, and the finger that was measured with it, which is no preset."""
+    own = finger.replace(frictional_shear_stress_pa=1.33 * finger.frictional_shear_stress_pa)
+    calibrated(screen, finger_hash=own.content_hash()).save(tmp_path / "screen.toml")
+    own.save(tmp_path / "finger.toml")
+    return tmp_path / "screen.toml", tmp_path / "finger.toml"
+
+
+QUERY = ["query", "--normal-force-n", "0.5", "--voltage-v", "100"]
+
+
+def test_a_calibrated_screen_takes_the_finger_beside_it(measured):
+    command = [*QUERY, "--screen", str(measured[0])]
+    (row,) = json.loads(CliRunner().invoke(whole, [*command, "--json"]).stdout)
+    own, screen = haptix.Finger.load(measured[1]), haptix.Screen.load(measured[0])
+    assert row["mu"] == float(haptix.ContactModel(own, screen).solve(0.5, 100.0).mu)
+    said = {"finger": "semi-wet", "screen": "panel 7", "pair": "measured together"}
+    assert {name: row[name] for name in said} == said
+    shown = CliRunner().invoke(whole, command).stdout
+    assert shown.startswith("finger 'semi-wet', screen 'panel 7' (measured together)\n")
+    named = CliRunner().invoke(whole, [*command, "--finger", "semi-wet"]).stdout
+    assert named.startswith("finger 'semi-wet', screen 'panel 7' (screen measured with another")
+
+
+def test_without_the_finger_that_was_measured_with_it_a_screen_is_refused(measured):
+    command = [*QUERY, "--screen", str(measured[0])]
+    measured[1].rename(measured[1].with_name("moved.toml"))
+    refused = str(CliRunner().invoke(whole, command).exception)
+    assert "expected a finger: screen 'panel 7' is calibrated, and there is no" in refused
+    haptix.Finger.preset("wet").save(measured[1])
+    refused = str(CliRunner().invoke(whole, command).exception)
+    assert "is not the finger that was measured with screen 'panel 7'" in refused
+    named = CliRunner().invoke(whole, [*command, "--finger", str(measured[1])])
+    assert named.exit_code == 0
+
+
+def test_a_surface_says_of_which_pair_it_is(measured, tmp_path):
+    made = ["build", str(tmp_path / "my.surface"), "--screen", str(measured[0]), "--json"]
+    (row,) = json.loads(CliRunner().invoke(whole, [*made, "--tolerance", "0.01"]).stdout)
+    assert row["pair"] == "measured together"
+    invert = ["invert", str(tmp_path / "my.surface"), "--mu", "0.5", "--normal-force-n", "0.5"]
+    first = "finger 'semi-wet', screen 'panel 7' (measured together)\n"
+    assert CliRunner().invoke(whole, invert).stdout.startswith(first)
+    (row,) = json.loads(CliRunner().invoke(whole, [*invert, "--json"]).stdout)
+    assert (row["finger"], row["screen"], row["pair"]) == (
+        "semi-wet", "panel 7", "measured together",
+    )  # fmt: skip
+
+
+def test_a_scene_of_a_calibrated_screen_takes_the_finger_beside_it(measured):
+    drive = {"scheme": "carrier", "carrier_hz": 4000.0}
+    fields = {"screen": "screen.toml", "normal_force_n": 0.5, "drive": drive}
+    scene = haptix.Scene(**fields, folder=measured[0].parent)
+    assert scene.finger == haptix.Finger.load(measured[1])
+    assert haptix.Scene(**fields, finger="wet", folder=measured[0].parent).finger.name == "wet"
+    with pytest.raises(haptix.InputError, match=r"Scene\.finger: field required"):
+        haptix.Scene(**{**fields, "screen": "3m-sct3250"})
+
+
+def test_a_screen_given_beside_an_installed_one_keeps_its_own_finger(files, tmp_path, screen):
+    install_profile("S1", *files)
+    (tmp_path / "other").mkdir()
+    other, wet = tmp_path / "other" / "screen.toml", haptix.Finger.preset("wet")
+    calibrated(screen, finger_hash=wet.content_hash()).save(other)
+    wet.save(other.with_name("finger.toml"))
+    with haptix.open_device("mock:serial=S1") as device:
+        assert profiles_for(device, None, str(other)) == (
+            str(other.with_name("finger.toml")),
+            str(other),
+        )
+        assert profiles_for(device, None, "3m-sct3250") == ("semi-wet", "3m-sct3250")
 
 
 def opened(calibration_id):
@@ -143,7 +230,7 @@ def test_too_few_strokes_for_a_check(strokes, predictor):
 
 def test_matched_screens_give_the_same_friction(finger, screen):
     thick = screen.replace(insulator_thickness_m=1.6e-6, name="other")
-    found = match_profiles((calibrated(screen), finger), (thick, finger), (0.3,), 4000.0, 4)
+    found = match_screens(calibrated(screen), thick, [finger], (0.3,), 4000.0, 4)
     (place,) = found
     assert len(place.levels) == 4
     for row in place.levels:
@@ -158,7 +245,7 @@ def test_matched_screens_give_the_same_friction(finger, screen):
 
 def test_the_uncertainty_of_a_match_is_that_of_both_profiles(finger, screen):
     one = calibrated(screen)
-    (place,) = match_profiles((one, finger), (one, finger), (0.3,), 4000.0, 3)
+    (place,) = match_screens(one, one, [finger], (0.3,), 4000.0, 3)
     row = place.levels[-1]
     assert row.difference_jnd == pytest.approx(0.0, abs=1e-9)
     low, high = (
@@ -170,6 +257,45 @@ def test_the_uncertainty_of_a_match_is_that_of_both_profiles(finger, screen):
     assert row.uncertainty_jnd == pytest.approx(expected, rel=0.02)
 
 
+def test_what_is_the_screens_and_what_the_fingers(finger, screen):
+    moist = finger.replace(frictional_shear_stress_pa=1.33 * finger.frictional_shear_stress_pa)
+    thick = calibrated(screen.replace(insulator_thickness_m=1.6e-6, name="other"))
+    (place,) = match_screens(calibrated(screen), thick, [finger, moist], (0.3,), 4000.0, 3)
+    row = place.levels[-1]
+
+    def mu(of, panel, volts=row.voltage_a_v):
+        return float(haptix.ContactModel(of, panel).solve(0.3, volts, 4000.0).mu)
+
+    shares = [mu(one, thick) / mu(one, screen) for one in (finger, moist)]
+    both = np.sqrt(shares[0] * shares[1])
+    assert row.difference_jnd == pytest.approx((both - 1) / 0.11, abs=2e-3)
+    # A third more shear stress is a third more friction on any screen: three JND, and no screen's.
+    assert row.fingers_jnd == pytest.approx(0.33 / 0.11, rel=2e-3)
+    for share in shares:
+        assert abs((share - 1) / 0.11 - row.difference_jnd) <= row.uncertainty_jnd
+    at_b = np.sqrt(mu(finger, thick, row.voltage_b_v) * mu(moist, thick, row.voltage_b_v))
+    assert at_b == pytest.approx(row.mu, rel=2e-4)  # 81 voltages, straight between
+
+
+def test_match_lays_both_measured_fingers_on_both_screens(tmp_path, finger, screen):
+    wet = haptix.Finger.preset("wet")
+    paths = []
+    for name, own in (("a", finger), ("b", wet)):
+        (tmp_path / name).mkdir()
+        panel = calibrated(screen.replace(name=name), finger_hash=own.content_hash())
+        panel.save(tmp_path / name / "screen.toml")
+        own.save(tmp_path / name / "finger.toml")
+        paths.append(str(tmp_path / name / "screen.toml"))
+    command = ["match", *paths, "--levels", "2", "--normal-force-n", "0.5"]
+    (place,) = json.loads(CliRunner().invoke(app, [*command, "--json"]).stdout)
+    (expected,) = match_screens(screen, screen, [finger, wet], (0.5,), 4000.0, 2)
+    assert place["levels"][1]["fingers_jnd"] == pytest.approx(expected.levels[1].fingers_jnd)
+    assert place["levels"][1]["difference_jnd"] == 0.0  # equal screens
+    assert [one["pair"] for one in place["profiles"]] == ["measured together"] * 2
+    (place,) = json.loads(CliRunner().invoke(app, [*command, "--json", "--finger", "wet"]).stdout)
+    assert place["levels"][1]["fingers_jnd"] == 0.0
+
+
 def test_match_and_its_json(files):
     command = ["match", str(files[0]), str(files[0]), "--levels", "2", "--normal-force-n", "0.5"]
     made = CliRunner().invoke(app, [*command, "--json"])
@@ -177,7 +303,7 @@ def test_match_and_its_json(files):
     (place,) = json.loads(made.stdout)
     assert place["levels"][1]["voltage_a_v"] == place["levels"][1]["voltage_b_v"]
     files[1].unlink()
-    assert "--finger: expected a finger" in str(CliRunner().invoke(app, command).exception)
+    assert "expected a finger" in str(CliRunner().invoke(app, command).exception)
 
 
 def test_a_practice_s_truth_is_its_own_and_light(tmp_path, finger, screen, predictor):

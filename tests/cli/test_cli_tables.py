@@ -115,6 +115,8 @@ def test_query_of_the_model(haptix_cli):
     for row in rows:
         state = model().solve(row["normal_force_n"], row["voltage_v"])
         assert row.pop("status") == "OK"
+        assert (row.pop("finger"), row.pop("screen")) == ("semi-wet", "3m-sct3250")
+        assert row.pop("pair") == "screen not measured"
         del row["normal_force_n"], row["voltage_v"], row["roughness_spread_jnd"]
         for name, value in row.items():
             # The tables of attraction are laid out for the forces asked for, and so differ between
@@ -189,7 +191,8 @@ def test_query_of_a_surface(haptix_cli, surface_file):
     rows = json.loads(shown.out)
     assert [row["status"] for row in rows] == ["OUT_OF_RANGE"] * 2 + ["OK"] * 2
     for row in rows:
-        assert set(row) == {"normal_force_n", "voltage_v", "mu", "status"}
+        names = {"finger", "screen", "pair"}
+        assert set(row) == {"normal_force_n", "voltage_v", "mu", "status", *names}
         # Outside, the value is that of the nearest force, 0.2 N.
         force = max(row["normal_force_n"], 0.2)
         assert row["mu"] == pytest.approx(float(surface.mu(force, row["voltage_v"])), rel=1e-12)
@@ -350,6 +353,9 @@ def test_a_table_fits_its_terminal_whole(haptix_cli, more):
     assert max(map(len, lines)) <= 80
     # What others in place of placeholders change has no columns: the title says it, whole.
     spreads = [[row.pop(name) for row in rows] for name in [*rows[0]] if name.endswith("_jnd")]
+    # Nor have finger and screen: they stand in the first line.
+    names = [{row.pop(name) for row in rows} for name in ("finger", "screen", "pair")]
+    assert all(name in lines[0] for (name,) in names)
     assert all(f"{max(spread):.2g} JND" in " ".join(lines) for spread in spreads)
     assert "from gaps whose field is past what they bear:" in " ".join(shown.out.split())
     # Every word of the headings, where there is room for words, and every value in one piece.
