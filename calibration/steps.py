@@ -11,7 +11,7 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from pydantic import TypeAdapter
+from pydantic import ConfigDict, TypeAdapter
 
 from calibration.fit import Fit, TermNeed
 from calibration.fitting import (
@@ -21,6 +21,7 @@ from calibration.fitting import (
     other_forms,
 )
 from calibration.parameters import Parameters
+from calibration.practice import TRUTH, PracticeResult, compare_with_truth
 from calibration.predict import StrokeConditions, StrokePredictor
 from calibration.profile import (
     calibrated_finger,
@@ -51,10 +52,75 @@ from haptix.friction import ContactModel, in_theory
 from haptix.pair import FINGER, SCREEN
 from haptix.screen import CalibrationWarning, Screen
 from haptix.terms import TERMS
+from haptix.version import __version__
 
 REDUCED, FIT, NEEDS = "reduced.csv", "fit.json", "terms.json"
 REPORT, ARCHIVE = "report.html", "archive.zip"
+FINISHED = "finished.json"
+_RESULTS = (REDUCED, RIG, NEEDS, FIT, SCREEN, FINGER, REPORT, ARCHIVE)
 RESTS_ON = (REDUCED, RIG, NEEDS)  # beside plan, session and strokes: what a verdict is made from
+
+
+class Finished(NamedTuple):
+    """What was found at the end of a session, and of which files: the same again computes nothing.
+
+    Parameters
+    ----------
+    verification : Verification
+        The verdict.
+    practice : PracticeResult or None
+        How far a practice was off.
+    strokes_used : int
+        Number of strokes in the fit.
+    made_from : dict
+        SHA-256 of each file that it rests on, or that was written.
+    made_by : str
+        Version of haptix.
+    """
+
+    verification: Verification
+    practice: PracticeResult | None
+    strokes_used: int
+    made_from: dict[str, str]
+    made_by: str = __version__
+
+    @classmethod
+    def load(cls, folder: Path) -> Finished | None:
+        """Return what `finish_folder` kept, if no file and no version has changed since."""
+        session, path = Session.open(folder), folder / FINISHED
+        if session.open_strokes or not path.exists():
+            return None
+        try:
+            kept = _FINISHED.validate_json(path.read_bytes())
+        except ValueError:  # damaged, or of another version: found anew
+            return None
+        now = session.hashes(*_RESULTS)
+        return kept if (kept.made_from, kept.made_by) == (now, __version__) else None
+
+
+_FINISHED = TypeAdapter(Finished, config=ConfigDict(ser_json_inf_nan="constants"))
+
+
+def finish_folder(folder: Path, context: Context) -> Finished:
+    """Reduce, fit, verify, and compare a practice with its truth."""
+    context.progress("fit", 0.0)
+    reduce_folder(folder)
+    fit, _ = fit_folder(folder)
+    context.progress("verify", 0.0)
+    verification, screen = verify_folder(folder)
+    session, off = Session.open(folder), None
+    if screen is not None and (folder / TRUTH).exists():
+        off = compare_with_truth(folder, max(one.voltage_v for one in session.protocol.strokes))
+    found = Finished(verification, off, len(fit.strokes), session.hashes(*_RESULTS))
+    write_whole(folder / FINISHED, _FINISHED.dump_json(found).decode())
+    return found
+
+
+def written_screen(folder: Path) -> Screen | None:
+    """Return the screen's profile that was written, if there is one."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", CalibrationWarning)  # the verdict says it
+        return Screen.load(folder / SCREEN) if (folder / SCREEN).exists() else None
 
 
 class PlannedSession(NamedTuple):

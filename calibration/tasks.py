@@ -30,13 +30,10 @@ from haptix.fields import (
 from haptix.report import record
 
 if TYPE_CHECKING:
-    from calibration.fit import Fit
-    from calibration.practice import PracticeResult
     from calibration.rig import RigCheck
     from calibration.session import Session
     from calibration.sources import ForceSource
     from calibration.steps import PlannedSession
-    from calibration.verification import Verification
     from haptix.finger import Finger
     from haptix.screen import Screen
 
@@ -258,7 +255,7 @@ class RunCalibration(Planned, Measuring, command="calibrate run"):
         from calibration.practice import TRUTH
         from calibration.rig import RIG
         from calibration.session import Session
-        from calibration.steps import REPORT
+        from calibration.steps import REPORT, Finished, finish_folder, written_screen
         from haptix.pair import SCREEN
 
         if self.practice:
@@ -286,19 +283,23 @@ class RunCalibration(Planned, Measuring, command="calibrate run"):
             if faults := checked.faults():
                 raise InputError(f"the rig is not right: {'; '.join(faults)}")
             checked.save(folder / RIG)
-        measured = self.measured(session, context)
-        if measured.failed:
+        if session.open_strokes and (measured := self.measured(session, context)).failed:
             return measured
-        fit, verification, panel, off = _verified(folder, context)
+        known = Finished.load(folder)
+        verification, off, strokes_used, *_ = known or finish_folder(folder, context)
+        panel = written_screen(folder)
         document: dict[str, object] = {
             **record(verification),
-            "strokes_used": len(fit.strokes),
+            "strokes_used": strokes_used,
             "h0_m": None if panel is None else panel.h0_m,
             "screen": None if panel is None else str(folder / SCREEN),
             "report": str(folder / REPORT),
             "practice": None if off is None else record(off),
         }
-        tables = [(f"{verification.verdict}: {folder / REPORT}", ()), *verification.parts]
+        title = f"{verification.verdict}: {folder / REPORT}"
+        if known is not None:
+            title += "; this session was finished before, and nothing is computed again"
+        tables = [(title, ()), *verification.parts]
         if off is not None:
             tables.append(("how far the practice was off", [off]))
         return Result(document, tables, failed=bool(verification.failures))
@@ -428,6 +429,7 @@ class CalibrationJob(
         from calibration.practice import TRUTH, virtual_source
         from calibration.session import Session
         from calibration.sources import open_inputs
+        from calibration.steps import Finished, finish_folder, written_screen
         from haptix.devices import install_profile, open_device
         from haptix.pair import FINGER, SCREEN
 
@@ -455,13 +457,15 @@ class CalibrationJob(
         result: dict[str, Any] = {"name": self.name, "still_open": numbers, "verdict": None}
         if numbers:
             return Result(result)
-        fit, verification, screen, off = _verified(folder, context)
+        known = Finished.load(folder)
+        verification, off, strokes_used, *_ = known or finish_folder(folder, context)
+        screen = written_screen(folder)
         result |= {
             "verdict": verification.verdict,
             "failures": list(verification.failures),
             "untested": list(verification.untested),
             "worst_jnd": verification.worst_jnd,
-            "strokes_used": len(fit.strokes),
+            "strokes_used": strokes_used,
             "h0_nm": None if screen is None else 1e9 * screen.h0_m,
             "installed_for": None,
         }
@@ -490,23 +494,3 @@ def _recorded(inputs: Path, device: str | None, weight_n: float, context: Contex
     with ExitStack() as stack:
         driver = None if device is None else stack.enter_context(closing(open_device(device)))
         return measure_rig(open_inputs(inputs), weight_n, context.ask, driver)
-
-
-def _verified(
-    folder: Path, context: Context
-) -> tuple[Fit, Verification, Screen | None, PracticeResult | None]:
-    """Reduce, fit, verify, and compare a practice with its truth."""
-    from calibration.practice import TRUTH, compare_with_truth
-    from calibration.session import Session
-    from calibration.steps import fit_folder, reduce_folder, verify_folder
-
-    context.progress("fit", 0.0)
-    reduce_folder(folder)
-    fit, _ = fit_folder(folder)
-    context.progress("verify", 0.0)
-    verification, screen = verify_folder(folder)
-    off = None
-    if screen is not None and (folder / TRUTH).exists():
-        strokes = Session.open(folder).protocol.strokes
-        off = compare_with_truth(folder, max(stroke.voltage_v for stroke in strokes))
-    return fit, verification, screen, off

@@ -3,12 +3,13 @@
 import json
 import re
 import shutil
+from functools import partial
 
 import pytest
 from typer.testing import CliRunner
 
 import haptix
-from calibration import Fit, Protocol, Session
+from calibration import Fit, Protocol, Session, steps
 from calibration.rig import RIG, RigCheck
 from calibration.steps import RESTS_ON, fit_folder, reduce_folder, verify_folder
 from haptix.campaign import run_campaign
@@ -145,6 +146,30 @@ def test_all_the_way_to_a_surface(folder):
     finger = haptix.Finger.load(folder / "s" / "finger.toml")
     mu = float(haptix.ContactModel(finger, screen).solve(0.5, 100.0).mu)
     assert json.loads(answer.stdout)[0]["mu"] == pytest.approx(mu, rel=1e-4)
+
+
+def test_a_finished_session_is_not_computed_again(fitted, tmp_path, monkeypatch):
+    shutil.copytree(fitted, tmp_path / "s")
+    known = {"youngs_modulus_pa": 4e7, "h_rms_m": 22e-6}
+    area = {"apparent_area_at_1n_m2": (45.65e-6, 0.05)}
+    quick = partial(fit_folder, fixed=known, priors=area, compare=False)
+    monkeypatch.setattr(steps, "fit_folder", quick)
+    command = ["run", str(tmp_path / "s"), "--name", "panel 7", "--source", "virtual", "--json"]
+    first = run.invoke(app, command)
+    calls = []
+    monkeypatch.setattr(steps, "reduce_folder", lambda path: calls.append(path))
+    again = run.invoke(app, command)
+    assert (again.stdout, again.exit_code) == (first.stdout, first.exit_code)
+    assert json.loads(again.stdout)["verdict"] == "provisional"
+    shown = " ".join(run.invoke(app, command[:-1]).stdout.split())
+    assert "finished before, and nothing is computed again" in shown
+    assert not calls
+    monkeypatch.setattr(steps, "reduce_folder", reduce_folder)
+    right = RigCheck(normal_gain=1.0, tangential_gain=1.0, voltage_gain=1.0)
+    right.save(tmp_path / "s" / RIG)
+    assert json.loads(run.invoke(app, command).stdout)["verdict"] == "passed"
+    (tmp_path / "s" / "finished.json").write_text("{")
+    assert json.loads(run.invoke(app, command).stdout)["verdict"] == "passed"
 
 
 @pytest.mark.parametrize(
