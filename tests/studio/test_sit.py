@@ -233,6 +233,13 @@ def test_every_task_of_the_product_is_sat(front, page, tmp_path):
             page.keyboard.press("Enter")
         until_given(page, played, given)
         if task == "yes-no":
+            old = "The last trial of a.csv was 30 hours ago. Go on?"
+            job.change(state="asking", prompt=old, choices=("no", "yes"))
+            page.get_by_text(old).wait_for()
+            assert not page.get_by_text("Trial 2").count()
+            page.get_by_role("button", name="yes").click()
+            given.append("yes")
+            until_given(page, played, given)
             job.on_message({"step": "wrong"})
             page.get_by_text("That was not right.").wait_for()
             job.change(state="asking", prompt="Rest a moment", choices=("continue",))

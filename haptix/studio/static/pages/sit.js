@@ -13,6 +13,7 @@ import { texts } from "../texts.js";
 const t = texts.sit;
 const REST_EVERY = 20; // where the recipe says nothing of it
 const CONTINUE = "continue"; // the one answer to a rest
+const NO = "no"; // or yes: to go on with a session of before
 
 /** @param {HTMLElement} root @param {App} app */
 export function mount(root, app) {
@@ -97,8 +98,9 @@ export function mount(root, app) {
           const tires = !recipe.break_every && trials && trials % REST_EVERY === 0;
           if (rests || tires) await screen([t.rest(trials)], t.goOn);
           if (rests) return jobs.answer(job, CONTINUE);
+          if (job.choices?.[0] === NO) return ask(job, job.prompt ?? "");
           trials += 1;
-          ask(job, recipe.task ?? "2ifc", trials);
+          ask(job, t.tasks[recipe.task ?? "2ifc"][1], trials);
         } else if (job.state === "running") {
           // Of the trial before, where the recipe tells.
           const told_so = goes_on ? { right: t.right, wrong: t.wrong }[job.step ?? ""] : null;
@@ -111,17 +113,17 @@ export function mount(root, app) {
     });
   }
 
-  /** @param {Job} job @param {string} task @param {number} trial */
-  function ask(job, task, trial) {
+  /** @param {Job} job @param {string} words @param {number} [trial] none for what is asked beside trials */
+  function ask(job, words, trial) {
     const answer = (/** @type {string} */ text) => jobs.answer(job, text);
     const { choices = [] } = job;
-    const question = el("p.large", { role: "status" }, t.tasks[task][1]);
+    const question = el("p.large", { role: "status" }, words);
     if (!choices.length) {
       const number = el("input.large", { type: "number", min: "1e-6", step: "any", required: true, "aria-label": t.number });
       const form = el("form.card", { onsubmit: (/** @type {Event} */ event) => {
         event.preventDefault();
         answer(number.value);
-      } }, question, number, el("button.main.large", {}, t.give), el("p.quiet", {}, t.trialOf(trial)));
+      } }, question, number, el("button.main.large", {}, t.give), el("p.quiet", {}, t.trialOf(trial ?? 0)));
       fill(stage, form);
       number.focus();
       return;
@@ -130,7 +132,7 @@ export function mount(root, app) {
       el("button.choice", { type: "button", "data-key": choice, onclick: () => answer(choice) },
         el("b", {}, choice), t.choices[choice] ?? ""));
     const card = el("div.card", { tabIndex: -1 }, question,
-      el("div.choices", {}, buttons), el("p.quiet", {}, t.trial(trial)));
+      el("div.choices", {}, buttons), trial ? el("p.quiet", {}, t.trial(trial)) : null);
     fill(stage, card);
     card.focus(); // on neither: a space bar that is pressed by habit is no answer
   }
@@ -139,7 +141,7 @@ export function mount(root, app) {
   function take(job) {
     if (ended) return;
     const before = seen.get(job.job);
-    const is_new = job.state === "asking" && before?.job.state !== "asking" && job.choices?.[0] !== CONTINUE;
+    const is_new = job.state === "asking" && before?.job.state !== "asking" && ![CONTINUE, NO].includes(job.choices?.[0] ?? "");
     seen.set(job.job, { job, trials: (before?.trials ?? 0) + (is_new ? 1 : 0), at_ms: performance.now() });
     if (job_here?.job === job.job && (before?.job.state !== job.state || job.state === "running")) {
       void follow?.(job, before?.job.state === job.state);
