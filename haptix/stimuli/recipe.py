@@ -38,6 +38,7 @@ from haptix.stimuli.adaptive import (
     Presentation,
     SessionPlan,
     StopRules,
+    StrokeRanges,
 )
 from haptix.stimuli.adaptive.observer import AnswerTo
 from haptix.stimuli.adaptive.session import BlockOrder, order_for, task_named
@@ -249,6 +250,8 @@ class ExperimentRecipe(Document):
     order : str
         "interleaved": each trial's condition is drawn; or the order of blocks, by the number of the
         participant: "williams", "latin-square", "random", or "as-listed".
+    touch : table
+        Ranges of the stroke that counts, as `haptix.stimuli.adaptive.StrokeRanges` has them.
     practice, catch, stop, exclude, break_every, feedback
         As in `haptix.stimuli.adaptive.SessionPlan`.
     """
@@ -265,6 +268,7 @@ class ExperimentRecipe(Document):
     ceiling_v: PositiveFloat | None = None
     conditions: tuple[ConditionTable, ...] = ()
     order: Literal["interleaved"] | BlockOrder = "interleaved"
+    touch: StrokeRanges = StrokeRanges()
     practice: Practice | None = None
     catch: Catch | None = None
     stop: StopRules = StopRules()
@@ -327,6 +331,8 @@ class ExperimentRecipe(Document):
             self.ceiling_v,
             self.pause_s,
             plan=self.session_plan(),
+            normal_force_n=self.touch.normal_force_n,
+            speed_mm_per_s=self.touch.speed_mm_per_s,
             **around,
         )
 

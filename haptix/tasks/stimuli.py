@@ -231,7 +231,7 @@ class RunExperiment(Task, command="stimuli run"):
         assert table is not None
         keys = Keys()
         answer: Any = keys
-        around: dict[str, Any] = {"rest": keys.rest, "tell": keys.tell}
+        around: dict[str, Any] = {"rest": keys.rest, "tell": keys.tell, "show": keys.show}
         if self.simulate_db is not None:
             guess = TASKS[plan.task].guess or 0.05
             drawn = plan.seed if seed is None else seed

@@ -200,6 +200,23 @@ def test_a_session_of_days_ago_goes_on_only_when_asked_to(haptix_stimuli):
     assert len(rows_of(Path("t.tsv"))) == 5
 
 
+def test_the_ranges_of_a_recipe_are_checked(haptix_stimuli):
+    """Nobody touches the mock; a simulated observer has no finger."""
+    path = Path("experiment.toml")
+    path.write_text(EXPERIMENT + "[touch]\nnormal_force_n = [0.4, 0.6]\n")
+    done = haptix_stimuli("run", path, "--log", "t.tsv", stdin="l" * 30)
+    assert done.code == 2 and "20 attempts were off, the last since no touch" in done.err
+    assert "force [" in done.err and "not counted: no touch" in done.err
+    rows = rows_of(Path("t.tsv"))
+    assert [(row["accepted"], row["why"]) for row in rows] == [("false", "no touch")] * 20
+    simulated = haptix_stimuli("run", path, "--log", "s.tsv", "--simulate-db", "-22")
+    assert simulated.code == 0, simulated.err
+    assert {row["normal_force_n"] for row in rows_of(Path("s.tsv"))} == {"n/a"}
+    path.write_text(EXPERIMENT + "[touch]\nnormal_force_n = [0.6, 0.4]\n")
+    wrong = haptix_stimuli("run", path, "--log", "u.tsv", stdin="l")
+    assert wrong.code == 2 and "expected [least, most]" in wrong.err
+
+
 def test_one_participant_has_one_spelling_in_a_study(haptix_stimuli):
     run = ("run", "experiment.toml", "--study", "s", "--simulate-db", "-22", "--participant")
     assert haptix_stimuli(*run, "07").code == 0

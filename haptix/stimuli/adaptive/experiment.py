@@ -12,10 +12,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from haptix import checks
 from haptix.checks import Array
 from haptix.devices import Device
+from haptix.documents import first_error
 from haptix.errors import FileFormatError, InputError, LimitError
 from haptix.render.intervals import (
     TouchSample,
@@ -36,6 +38,7 @@ from haptix.stimuli.adaptive.session import (
     summary,
     task_named,
 )
+from haptix.stimuli.adaptive.stroke import StrokeRanges, Touch
 from haptix.stimuli.adaptive.trial_log import TouchLog, TrialLog, program
 from haptix.surface.request import digest
 
@@ -43,14 +46,6 @@ if TYPE_CHECKING:
     from haptix.render.lab_streams import LabOutlets
 
 _STEP_V = 0.01  # far below what is felt, far above the rounding of a sum
-
-
-@dataclass(frozen=True)
-class Touch:
-    """Mean force and speed of the finger in a trial."""
-
-    normal_force_n: float
-    speed_mm_per_s: float
 
 
 @dataclass(frozen=True)
@@ -112,9 +107,10 @@ class Experiment:
 
     In "2ifc" target and reference come one after the other with a pause between; in "2afc" they
     are the left and the right half of one stroke, without one; `TASKS` has all. Which is which is
-    drawn from the seed and the trial's number. A trial whose force or speed was off by more than
-    15 % is logged as not accepted and presented again at the same level. The voltage never exceeds
-    the ceiling: a level above it is lowered, and the log and the method get the lowered level.
+    drawn from the seed and the trial's number. A trial whose force or speed was off is logged as
+    not accepted and presented again: by a method of a fixed order at its end, by others at once, at
+    the same level. The voltage never exceeds the ceiling: a level above it is lowered, and the log
+    and the method get the lowered level.
 
     Parameters
     ----------
@@ -138,17 +134,20 @@ class Experiment:
         Pause between the intervals of "2ifc".
     touch : callable, optional
         Returns the `Touch` of the trial that was just played. None, for no touch, counts as a wrong
-        one.
-    normal_force_n, speed_mm_per_s : float, optional
-        Force and speed that `touch` is checked against.
+        one. By default it is that of each interval, by the reports of the device's panel.
+    normal_force_n, speed_mm_per_s : float or tuple of float, optional
+        Force and speed that the touch is checked against: least and most, or a middle. A simulated
+        observer touches nothing, and is checked by `touch` alone.
     tolerance : float
-        Relative tolerance of `touch`.
+        Relative tolerance about a middle.
     clock, wait : callable
         Time [s] for the log, and a function that waits [s].
     plan : SessionPlan
         Practice, catch trials, breaks, when to stop.
     rest : callable, optional
         Called at a break with the number of trials so far; returns when the participant goes on.
+    show : callable, optional
+        Called after each interval with a text that shows force and speed in their ranges.
     tell : callable, optional
         Called with whether an answer was right, where the plan gives feedback.
     source : Source, optional
@@ -178,8 +177,8 @@ class Experiment:
     ceiling_v: float | None = None
     pause_s: float = 0.5
     touch: Callable[[], Touch | None] | None = None
-    normal_force_n: float | None = None
-    speed_mm_per_s: float | None = None
+    normal_force_n: float | tuple[float, float] | None = None
+    speed_mm_per_s: float | tuple[float, float] | None = None
     tolerance: float = 0.15
     clock: Callable[[], float] = time.monotonic
     wait: Callable[[float], None] = time.sleep
@@ -187,6 +186,7 @@ class Experiment:
     plan: SessionPlan = field(default_factory=SessionPlan)
     rest: Callable[[int], None] | None = None
     tell: Callable[[bool], None] | None = None
+    show: Callable[[str], None] | None = None
     source: Source | None = None
     outlets: LabOutlets | None = None
 
@@ -195,8 +195,20 @@ class Experiment:
         check_plan(self.plan, self._task, self.task)
         checks.number("pause_s", self.pause_s, 0.0)
         checks.positive("tolerance", self.tolerance)
-        is_checked = self.normal_force_n is not None or self.speed_mm_per_s is not None
-        if self.touch is not None and not is_checked:
+        asked = {"normal_force_n": self.normal_force_n, "speed_mm_per_s": self.speed_mm_per_s}
+        most = self.tolerance * (1 + _CLOSE)
+        try:
+            self._ranges = StrokeRanges(
+                **{
+                    name: (max(0.0, one * (1 - most)), one * (1 + most))
+                    if isinstance(one, float | int)
+                    else one
+                    for name, one in asked.items()
+                }
+            )
+        except ValidationError as error:
+            raise InputError(first_error("touch", error)) from None
+        if self.touch is not None and not self._ranges.given():
             raise InputError("touch: expected a normal_force_n or speed_mm_per_s to check it by")
         if self.device.mode != "waveform":
             raise InputError(
@@ -351,7 +363,8 @@ class Experiment:
         parts = [target if has_target else reference for has_target in planned.has_target]
         if self._task.in_one_stroke:
             parts = [np.concatenate(parts)]
-        onsets, samples = [], list[TouchSample]()
+        onsets, samples, strokes = [], list[TouchSample](), list[Touch | None]()
+        by_panel = self._ranges.given() and self.touch is None and self.source != "simulated"
         for number, part in enumerate(parts):
             if number:
                 self.wait(self.pause_s)
@@ -359,13 +372,21 @@ class Experiment:
             played = play(self.device, part, self.clock, code_of(self.trials, number))
             onsets.append(played.onset_s)
             reports = reported(self.device)
-            samples += on_log_time(reports, self.device, self.clock)
+            reported_now = on_log_time(reports, self.device, self.clock)
+            samples += reported_now
+            if by_panel:
+                strokes.append(Touch.of(reported_now))
+                if self.show is not None:
+                    self.show(self._ranges.bars(strokes[-1]))
             if self.outlets is not None:
                 self.outlets.marks(played.marked)  # first: they say when the samples were played
                 self.outlets.drive(0, part)
                 self.outlets.reports(reports)
-        felt = None if self.touch is None else self.touch()
-        why = self._objection(felt)
+        felt = Touch.mean(strokes)
+        if self.touch is not None:
+            felt = self.touch()
+            strokes.append(felt)
+        why = next(filter(None, map(self._ranges.objection, strokes)), "")
         asked_s = self.clock()
         choices = self._task.choices
         is_empty = not any(planned.has_target)
@@ -408,6 +429,8 @@ class Experiment:
             }
         )
         self._sequence.hear(self.log.rows[-1])
+        if why and self.show is not None:
+            self.show(f"not counted: {why}; the trial comes again\n")
         if not why:
             self._after(planned.kind, is_right)
         elif attempt + 1 >= _MOST_ATTEMPTS:
@@ -447,19 +470,6 @@ class Experiment:
         """Return the level, lowered to the highest whose voltage is within the ceiling."""
         condition = self.method.condition if isinstance(self.method, MethodsByCondition) else ""
         return (presentation or self._made(condition)).allowed(level, self._ceiling_v)
-
-    def _objection(self, felt: Touch | None) -> str:
-        """Why a touch does not count; empty if it does."""
-        if self.touch is None:
-            return ""
-        if felt is None:
-            return "no touch"
-        most = self.tolerance * (1 + _CLOSE)
-        for name in ("normal_force_n", "speed_mm_per_s"):
-            expected, was = getattr(self, name), getattr(felt, name)
-            if expected is not None and not abs(was - expected) <= most * expected:
-                return f"{name} was {was:g}, not {expected:g} within {self.tolerance:.0%}"
-        return ""
 
 
 def _magnitude(given: str) -> None:

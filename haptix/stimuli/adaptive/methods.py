@@ -48,6 +48,9 @@ class Method:
         """
         raise NotImplementedError
 
+    def postpone(self) -> None:
+        """Hear that the presentation did not count; by default the same is next."""
+
     def estimate(self) -> Estimate:
         """Estimate from the answers so far."""
         raise NotImplementedError
@@ -79,6 +82,10 @@ class FixedOrder(Method):
     @property
     def is_done(self) -> bool:
         return len(self.answers) >= len(self._order)
+
+    def postpone(self) -> None:
+        """Present it again at the end."""
+        self._order.append(self._order.pop(len(self.answers)))
 
 
 def shuffled(levels: Sequence[float], repeats: int, seed: int) -> list[tuple[float, ...]]:
@@ -141,6 +148,9 @@ class MethodsByCondition(Method):
         """Take an answer to a condition, by default that of the next trial."""
         self.methods[self.condition if condition is None else condition].update(is_right, level)
         self._taken, self._drawn = self._taken + 1, None
+
+    def postpone(self) -> None:
+        self.methods[self.condition].postpone()
 
     def estimate(self) -> Estimate:
         """Return the estimate of a single condition; several have one each, in `methods`."""

@@ -114,7 +114,11 @@ class Keys:
 
     def tell(self, is_right: bool) -> None:
         """Tell whether the answer was right."""
-        (sys.stderr if self.sink is None else self.sink).write("right\n" if is_right else "wrong\n")
+        self.show("right\n" if is_right else "wrong\n")
+
+    def show(self, text: str) -> None:
+        """Show lines of text."""
+        (sys.stderr if self.sink is None else self.sink).write(text)
 
     def rest(self, trials: int) -> None:
         """Wait for a key after a number of trials."""

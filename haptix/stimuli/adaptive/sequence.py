@@ -73,6 +73,8 @@ class TrialSequence:
     def hear(self, row: Mapping[str, str]) -> None:
         """Take the row of an attempt."""
         if row["accepted"] != "true":
+            if row["kind"] in ("trial", "n/a") and not self.method.is_done:
+                self.method.postpone()
             self.attempt += 1
             return
         if row["kind"] in ("trial", "n/a"):
