@@ -107,7 +107,7 @@ class StrokePredictor:
         if model.contact_spots == "included":
             raise InputError(
                 f'theory: expected contact spots "excluded", got "{model.contact_spots}"; use the '
-                'theory "open-gaps" or "corrected"'
+                'theory "local", "corrected" or "open-gaps"'
             )
         self.model = model
         self._modulus_pa = float(model.finger.youngs_modulus_pa)

@@ -42,6 +42,7 @@ _TINY = 1e-300
 _RISES = (0.0, 0.5, 1.4, 2.6, 3.8, 4.8)
 LARGEST_RISE = _RISES[-1]
 """ln p_A/p0, beyond the end of light contact."""
+_COLUMNS = 32  # of an attraction that are worked out together: what fits the cache
 _NEWTON_STEPS = 2  # for the lift at a share: more move mu by 6e-12
 
 
@@ -57,8 +58,8 @@ def _polynomial(coefficients: Tensor, x: Tensor) -> tuple[Tensor, Tensor]:
     """Value and slope at x of polynomials whose coefficients stand along the first axis."""
     value, slope = coefficients[-1].expand(x.shape), torch.zeros_like(x)
     for coefficient in coefficients[:-1].flip(0):
-        slope = slope * x + value
-        value = value * x + coefficient
+        slope = torch.addcmul(value, slope, x)
+        value = torch.addcmul(coefficient, value, x)
     return value, slope
 
 
@@ -171,6 +172,7 @@ def by_rise(
     """
     nodes, lifts = lifted.open.shape[:2]
     to_lifts = _monomials(tuple(lifted.lifts.tolist())).to(lifted.open.device)
+    bounds = -float(lifted.lifts[1]), float(lifted.lifts[-1])
 
     def on_lifted(mass: Tensor) -> Tensor:
         return on_gaps(mass.flatten(0, 1)).reshape(nodes, lifts, -1)
@@ -178,12 +180,27 @@ def by_rise(
     def against_lift(values: Tensor) -> Tensor:
         return torch.einsum("kl,nlc->knc", to_lifts, torch.log(values))
 
-    gaps, work = against_lift(on_lifted(lifted.open)), against_lift(on_lifted(lifted.work))
-    beside = on_lifted(lifted.edge)
-    reached = (beside[:, :1] / beside).clamp(min=1.0).sqrt() - 1  # the lift over the reach
-    edge = against_lift(beside[:, :1] / (1 + reached**2 / (1 + reached)) ** 2)
-    least, most = float(lifted.lifts[1]) * -1, float(lifted.lifts[-1])
-    rises = beside.new_tensor(_RISES)[:, None, None] if rise is None else rise[None]
+    def of_columns(
+        pull: Tensor, work: Tensor, beside: Tensor, rise: Tensor | None = None
+    ) -> Tensor:
+        reached = (beside[:, :1] / beside).clamp(min=1.0).sqrt() - 1  # the lift over the reach
+        edge = against_lift(beside[:, :1] / (1 + reached**2 / (1 + reached)) ** 2)
+        rises = beside.new_tensor(_RISES)[:, None, None] if rise is None else rise[None]
+        return _at_rises(against_lift(pull), against_lift(work), edge, rises, bounds)
+
+    sums = [on_lifted(mass) for mass in (lifted.open, lifted.work, lifted.edge)]
+    sums = sums if rise is None else [*sums, rise]
+    parts = zip(*(of_kind.split(_COLUMNS, -1) for of_kind in sums), strict=True)
+    results = torch.cat([of_columns(*part) for part in parts], -1)
+    if rise is not None:
+        return results
+    return torch.einsum("ks,asnc->aknc", _monomials(_RISES).to(results.device), results)
+
+
+def _at_rises(
+    gaps: Tensor, work: Tensor, edge: Tensor, rises: Tensor, bounds: tuple[float, float]
+) -> Tensor:
+    """Ln I, and ln of its shares, at rises, from polynomials of a lift within bounds."""
     shares = -torch.expm1(-rises)  # of p_A that the attraction has
 
     def lift_of(lift: Tensor) -> tuple[Tensor, Tensor]:
@@ -199,18 +216,15 @@ def by_rise(
         return -torch.log(left), -shares * kept * (moved_slope - total_slope) / left
 
     # The lift is at most the rise: from there Newton's steps go down to the fixed point.
-    lift = (rises + torch.zeros_like(gaps[0])).detach().clamp(least, most)
+    lift = (rises + torch.zeros_like(gaps[0])).detach().clamp(*bounds)
     with torch.no_grad():
         for _ in range(_NEWTON_STEPS):
             value, slope = lift_of(lift)
-            lift = (lift + (value - lift) / (1 - slope)).clamp(least, most)
+            lift = (lift + (value - lift) / (1 - slope)).clamp(*bounds)
     # One step more, recorded by autograd: contact and drive move the lift.
     value, slope = lift_of(lift)
-    lift = (lift + (value - lift) / (1 - slope.detach())).clamp(least, most)
+    lift = (lift + (value - lift) / (1 - slope.detach())).clamp(*bounds)
     pull = torch.exp(_polynomial(gaps, lift)[0])
     total = pull + torch.exp(_polynomial(edge, lift)[0])
     work_done = _polynomial(work, lift)[0]
-    results = torch.stack([torch.log(total), torch.log(pull / total), work_done - torch.log(total)])
-    if rise is not None:
-        return results
-    return torch.einsum("ks,asnc->aknc", _monomials(_RISES).to(lift.device), results)
+    return torch.stack([torch.log(total), torch.log(pull / total), work_done - torch.log(total)])

@@ -123,7 +123,9 @@ class FrictionSolver:
         # Blocks come in the order of the forces: a table that grew with each would be solved often.
         at_rest = self._at_rest(normal_force_n)
         self.fidelity.prepare(at_rest.applied_pa, at_rest.widest_gap_m)
-        block = BLOCK if {Stage.PULL, Stage.SUPPLY}.isdisjoint(self.terms.stages) else _BLOCK_OF_OWN
+        own = pull_of(slice(0, 1)).column is None
+        own = own or not {Stage.PULL, Stage.SUPPLY}.isdisjoint(self.terms.stages)
+        block = _BLOCK_OF_OWN if own else BLOCK
         blocks = [slice(i, i + block) for i in range(0, len(normal_force_n), block)]
         try:
             solved = [self._solve(self._load(pull_of(at), at_rest.part(at))) for at in blocks]
