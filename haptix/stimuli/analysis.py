@@ -295,7 +295,7 @@ def _scale(
             "level_db": level,
             "comparisons": int(wins[k].sum() + wins[:, k].sum()),
             "scale_logit": float(value[k]),
-            "spread_logit": float(spread[k]),
+            "spread_logit": _known(float(spread[k])),
             "fit_p": None if isnan(fit_p) else fit_p,
         }
         for k, level in enumerate(levels)
