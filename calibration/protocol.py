@@ -6,7 +6,7 @@ The strokes of a short protocol are chosen for their information about the param
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from itertools import chain, product
+from itertools import chain, cycle, islice, product
 from math import pi
 from typing import Annotated, Self
 
@@ -193,7 +193,19 @@ def _scaled(rows: Iterable[Sequence[float]], max_voltage_v: float) -> list[Seque
 
 def _held_out(count: int, max_voltage_v: float) -> list[Sequence[float]]:
     highest = min(max_voltage_v, VOLTAGES_V[-1])
-    return [(force, share * highest, hertz) for force, share, hertz in _HELD_OUT[:count]]
+    places = islice(cycle(_HELD_OUT), count)
+    return [(force, share * highest, hertz) for force, share, hertz in places]
+
+
+def with_held_out(protocol: Protocol, count: int, max_voltage_v: float) -> Protocol:
+    """Return the protocol with `count` held-out strokes in place of its own."""
+    fitted = [
+        (one.normal_force_n, one.voltage_v, one.frequency_hz)
+        for one in protocol.strokes
+        if not one.held_out
+    ]
+    held_out = _held_out(count, max_voltage_v)
+    return Protocol.shuffled(protocol.name, fitted, held_out, protocol.strokes[0].there_and_back)
 
 
 def expected_rows(
@@ -281,6 +293,4 @@ def short_protocol(
         gain[~usable] = -np.inf
         chosen.append(int(gain.argmax()))
         information += added[:, chosen[-1]]
-    shares = _HELD_OUT[:held_out]
-    kept_out = [(force, share * max_voltage_v, hertz) for force, share, hertz in shares]
-    return Protocol.shuffled("short", places[chosen].tolist(), kept_out)
+    return Protocol.shuffled("short", places[chosen].tolist(), _held_out(held_out, max_voltage_v))

@@ -21,6 +21,7 @@ from calibration.fitting import (
     other_forms,
 )
 from calibration.parameters import Parameters
+from calibration.power import chance_of_passing, with_enough_held_out
 from calibration.practice import TRUTH, PracticeResult, compare_with_truth
 from calibration.predict import StrokeConditions, StrokePredictor
 from calibration.profile import (
@@ -31,6 +32,7 @@ from calibration.profile import (
     write_archive,
 )
 from calibration.protocol import (
+    MU_ERROR,
     Protocol,
     expected_rows,
     expected_spread,
@@ -124,20 +126,41 @@ def written_screen(folder: Path) -> Screen | None:
 
 
 class PlannedSession(NamedTuple):
-    """A protocol, the expected spread of each parameter, and the strokes that snap in."""
+    """A protocol, the expected spread of each parameter, and the strokes that snap in.
+
+    `chance` is that of a good screen to pass where strokes repeat within `repeatability`.
+    """
 
     protocol: Protocol
     expected_spread: dict[str, float]
     past_light_contact: int
+    repeatability: float
+    chance: float
+
+    @property
+    def text(self) -> str:
+        """One line for people."""
+        minutes = self.protocol.duration_s / 60
+        return (
+            f"{self.protocol.name}, {len(self.protocol.strokes)} strokes, some {minutes:.1f} "
+            f"minutes; where strokes repeat within {self.repeatability:.2g}, a good screen passes "
+            f"in {self.chance:.0%} of sessions"
+        )
 
 
 def plan_strokes(
-    kind: str, finger: Finger, screen: Screen, minutes: float, max_voltage_v: float | None = None
+    kind: str,
+    finger: Finger,
+    screen: Screen,
+    minutes: float,
+    max_voltage_v: float | None = None,
+    repeatability: float | None = None,
 ) -> PlannedSession:
     """Plan a calibration by the protocol "paper", "full" or "short".
 
     Finger and screen are the assumed ones. A short protocol takes `minutes`. The highest
-    amplitude [V] is the screen's limit by default.
+    amplitude [V] is the screen's limit by default. With the rig's `repeatability` (standard
+    deviation of ln mu) held-out strokes are added until a good screen passes in 90 % of sessions.
 
     Raises
     ------
@@ -158,10 +181,17 @@ def plan_strokes(
         protocol = paper_protocol(limit) if kind == "paper" else full_protocol(limit)
     else:
         raise InputError(f"--protocol: expected paper, full or short, got {kind!r}")
+    if repeatability is None:
+        repeatability = MU_ERROR
+        chance = chance_of_passing(predictor, parameters, protocol, repeatability)
+    else:
+        protocol, chance = with_enough_held_out(
+            predictor, parameters, protocol, repeatability, limit
+        )
     strokes = StrokeConditions.of(one for one in protocol.strokes if not one.held_out)
     spread = expected_spread(predictor, parameters, strokes)
     _, is_light = expected_rows(predictor, parameters, strokes)
-    return PlannedSession(protocol, spread, int((~is_light).sum()))
+    return PlannedSession(protocol, spread, int((~is_light).sum()), repeatability, chance)
 
 
 def reduce_folder(folder: str | Path) -> Reduced:

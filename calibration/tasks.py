@@ -60,6 +60,11 @@ class Planned(Task):
     max_voltage_v: Positive | None = Field(
         None, description="Highest amplitude [V]. [default: the screen's limit]"
     )
+    repeatability_percent: Annotated[float, Field(ge=0.1, le=20)] | None = Field(
+        None,
+        description="Within which strokes repeat on this rig, as a report says: strokes are added "
+        "until a good screen passes in 90 % of sessions.",
+    )
     finger: FingerName | None = Field(
         None,
         description="Finger: a preset (semi-wet, wet) or a TOML file. [default: finger.toml beside "
@@ -73,7 +78,15 @@ class Planned(Task):
         from haptix.pair import profiles
 
         finger, screen = profiles(self.finger, self.screen)
-        planned = plan_strokes(self.protocol, finger, screen, self.minutes, self.max_voltage_v)
+        repeats = self.repeatability_percent
+        planned = plan_strokes(
+            self.protocol,
+            finger,
+            screen,
+            self.minutes,
+            self.max_voltage_v,
+            None if repeats is None else repeats / 100,
+        )
         return finger, screen if name is None else screen.replace(name=name), planned
 
 
@@ -88,11 +101,13 @@ class PlanStrokes(Planned, command="calibrate plan"):
 
         finger, screen, planned = self.plan()
         planned.protocol.save(self.out)
+        power = {"minutes": planned.protocol.duration_s / 60, "chance_of_passing": planned.chance}
         rows = [
             {
                 "name": name,
                 "expected_spread": record(sd),
                 "is_reported": sd <= reported_within(name),
+                **power,
             }
             for name, sd in planned.expected_spread.items()
         ]
@@ -101,11 +116,8 @@ class PlanStrokes(Planned, command="calibrate plan"):
                 step=f"{planned.past_light_contact} strokes are past the light contact of "
                 f"{finger.name!r} on {screen.name!r} and will not be used: lower --max-voltage-v"
             )
-        title = (
-            f"{self.out}: {planned.protocol.name}, {len(planned.protocol.strokes)} strokes, some "
-            f"{planned.protocol.duration_s / 60:.1f} minutes; expected errors"
-        )
-        return Result(rows, [(title, rows)])
+        shown = [{k: v for k, v in row.items() if k not in power} for row in rows]
+        return Result(rows, [(f"{self.out}: {planned.text}; expected errors", shown)])
 
 
 class Measuring(Task):
@@ -265,7 +277,8 @@ class RunCalibration(Planned, Measuring, command="calibrate run"):
         folder = self.folder
         self.opening()
         if not (folder / "session.json").exists():
-            session = self.begin()
+            session, planned = self.begin()
+            context.tell(step=planned.text)
         elif self.practice != (folder / TRUTH).exists():
             kind = "a measured one" if self.practice else "a practice"
             raise InputError(
@@ -304,7 +317,7 @@ class RunCalibration(Planned, Measuring, command="calibrate run"):
             tables.append(("how far the practice was off", [off]))
         return Result(document, tables, failed=bool(verification.failures))
 
-    def begin(self) -> Session:
+    def begin(self) -> tuple[Session, PlannedSession]:
         """Plan, and begin the session; a practice draws a truth."""
         from calibration.practice import draw_practice
         from calibration.profile import check_name
@@ -318,7 +331,7 @@ class RunCalibration(Planned, Measuring, command="calibrate run"):
             self.folder.mkdir(parents=True, exist_ok=True)
             draw_practice(self.folder, finger, screen, planned.protocol, self.seed)
         info = SessionInfo(screen=screen, finger=finger, operator=self.operator)
-        return Session.begin(self.folder, planned.protocol, info)
+        return Session.begin(self.folder, planned.protocol, info), planned
 
 
 class CheckRig(Task, command="calibrate rig"):

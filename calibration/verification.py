@@ -258,15 +258,17 @@ def verify(
             f"expected {FEWEST_HELD_OUT} good strokes kept out of the fit or more, got {len(rows)}"
             + " in light contact" * (len(rows) < len(predicted))
         )
-    groups = _groups(rows, fit, predictor, rig)
+    groups = groups_of(rows, fit, predictor, rig)
     for one in groups:
         if one.bound_jnd > tolerance_jnd:
             failures.append(
                 f"{one.group} (strokes {', '.join(map(str, one.strokes))}): friction is "
                 f"{one.mean_jnd:+.2g} ± {one.uncertainty_jnd:.2g} JND from the "
                 f"prediction{_of_rig(one)}, which may be more than {tolerance_jnd:g}"
+                + _undecided(fit)
+                * (abs(one.mean_jnd) + one.rig_jnd <= tolerance_jnd)
             )
-    bound = _fit_bound(fit, reduced, rows, predictor)
+    bound = fit_bound(fit, reduced, rows, predictor)
     if bound > tolerance_jnd:
         failures.append(
             f"the fit knows friction within {bound:.2g} JND only, somewhere in the range of use; "
@@ -326,11 +328,19 @@ def _gains_not_checked(
     )
 
 
+def _undecided(fit: Fit) -> str:
+    """Say which session would decide what the scatter leaves open."""
+    return (
+        "; its scatter leaves that open: a session planned with --repeatability-percent "
+        f"{100 * fit.repeatability.log_mu:.2g} holds out strokes enough to decide"
+    )
+
+
 def _of_rig(one: Equivalence) -> str:
     return f", and {one.rig_jnd:.2g} JND by the rig's gains" if one.rig_jnd else ""
 
 
-def _groups(
+def groups_of(
     rows: tuple[HeldOutStroke, ...], fit: Fit, predictor: StrokePredictor, rig: RigCheck | None
 ) -> tuple[Equivalence, ...]:
     """Mean errors of the groups that have two strokes or more."""
@@ -385,7 +395,7 @@ def _volts_power(points: Sequence[Point], predictor: StrokePredictor) -> Array:
     return np.asarray((high - low) / np.log1p(_VOLTS_STEP))
 
 
-def _fit_bound(
+def fit_bound(
     fit: Fit, reduced: Reduced, rows: tuple[HeldOutStroke, ...], predictor: StrokePredictor
 ) -> float:
     """Largest error of friction [JND] that the fit's covariance leaves, at 95 %, in use.

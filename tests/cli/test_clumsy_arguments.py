@@ -47,8 +47,8 @@ KINDS = {
         "--width-mm --carrier-hz --direct-hz --touch-hz --touch-latency-ms --reaction-ms "
         "--horizon-ms --largest-mb --memory-gb --simulate-db --difference-db --between-db "
         "--max-voltage-v --minutes --crosstalk --temperature-c --humidity-percent --weight-n "
-        "--tolerance-jnd --normal-reading-n --tangential-reading-n --monitor-v "
-        "--voltmeter-v --speed-mm-per-s --shortest-mm --longest-mm --ask-after-h",
+        "--repeatability-percent --tolerance-jnd --normal-reading-n --tangential-reading-n "
+        "--monitor-v --voltmeter-v --speed-mm-per-s --shortest-mm --longest-mm --ask-after-h",
         NOT_A_NUMBER,
     ),
     "numbers": (
