@@ -15,6 +15,7 @@ import pytest
 
 from firmware_io import open_device
 from haptix.errors import FileFormatError, InputError
+from haptix.files import read_bytes
 from haptix.stimuli import Constant, Stimulus, StimulusSet
 from haptix.stimuli.adaptive import (
     ConstantStimuli,
@@ -430,6 +431,23 @@ def test_an_end_that_is_missing_is_told_from_a_stop(device, tmp_path):
     with pytest.raises(FileFormatError, match=r"expected .*t_end\.json beside it"):
         experiment(device, path)
     assert "is not known without" in " ".join(analyse(path).notes)
+
+
+def test_a_log_is_read_while_its_session_runs(device, tmp_path, monkeypatch):
+    """A trial that ends just after the log was read has not cut it."""
+    path, read = tmp_path / "t.tsv", read_bytes
+    begin(device, path, 3)
+
+    def read_and_go_on(*given):
+        data = read(*given)
+        with monkeypatch.context() as patch:
+            patch.setattr(trial_log, "read_bytes", read)
+            begin(device, path, 1)
+        return data
+
+    monkeypatch.setattr(trial_log, "read_bytes", read_and_go_on)
+    assert len(trial_log.read_log(path).rows) == 3
+    assert len(rows_of(path)) == 4
 
 
 def test_a_finished_session_is_over_whatever_the_clock_says(device, tmp_path):

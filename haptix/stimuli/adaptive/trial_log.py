@@ -570,7 +570,8 @@ def is_log(path: Path) -> bool:
 
 def read_log(path: Path) -> LoggedSession:
     """Read a log, and check it as `parse_log` does."""
-    log = parse_log(path, read_bytes(path, LARGEST_TABLE_BYTES), End.of(path))
+    end = End.of(path)  # first: a session that runs meanwhile may write a row
+    log = parse_log(path, read_bytes(path, LARGEST_TABLE_BYTES), end)
     rows = (*log.rows,)
     return LoggedSession(*_labels(path), path, log.settings, rows, log.finished, log.remarks)
 
