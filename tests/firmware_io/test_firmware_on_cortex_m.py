@@ -1,6 +1,7 @@
 """The firmware as it would run on a board: the golden sessions on an emulated Cortex-M3."""
 
 import json
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -49,10 +50,14 @@ def c_header(session):
     return "\n".join(lines) + "\n"
 
 
-def run(tmp_path, session):
+def needs_a_board():
     for command in ("arm-none-eabi-gcc", "qemu-system-arm"):
         if shutil.which(command) is None:
             pytest.skip(f"{command} is missing (apt install gcc-arm-none-eabi qemu-system-arm)")
+
+
+def run(tmp_path, session):
+    needs_a_board()
     (tmp_path / "session.h").write_text(c_header(session))
     program = tmp_path / "board.elf"
     subprocess.run(
@@ -90,3 +95,26 @@ def test_a_wrong_sample_would_be_seen(tmp_path):
     played[-1] += 1
     done = run(tmp_path, session)
     assert (done.returncode, done.stdout + done.stderr) == (1, "other samples\n")
+
+
+def go_bad(tmp_path, *settings):
+    """Failures at every step of a session, and flipped bits, in the memory of the board."""
+    needs_a_board()
+    make = ("make", "-C", str(BOARD.parent / "firmware"), "faults-cortex-m", f"BUILD={tmp_path}")
+    return subprocess.run([*make, *settings], capture_output=True, text=True, timeout=600)
+
+
+def test_what_goes_bad_in_a_board_s_memory_ends_at_0_v(tmp_path):
+    done = go_bad(tmp_path, "EMULATED_SESSIONS=1", "EMULATED_FLIPS=2000")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert " 0 badly;" in done.stderr and " 0 escaped" in done.stderr
+
+
+def test_a_core_that_trusts_its_memory_would_be_seen(tmp_path):
+    core = shutil.copytree(ROOM / "firmware", tmp_path / "core")
+    seal = (core / "haptix_seal.c").read_text()
+    assert seal.count(" && seal_of(d) == d->seal") == 1
+    (core / "haptix_seal.c").write_text(seal.replace(" && seal_of(d) == d->seal", ""))
+    done = go_bad(tmp_path, "EMULATED_SESSIONS=1", "EMULATED_FLIPS=2000", f"CORE={core}")
+    assert done.returncode != 0
+    assert re.search(r" [1-9]\d* escaped|a hard fault", done.stderr), done.stderr

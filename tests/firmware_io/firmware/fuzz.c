@@ -8,7 +8,11 @@
  */
 #include <stddef.h>
 #include <stdint.h>
+#ifdef HX_EMULATED /* a board without a library */
+void abort(void);
+#else
 #include <stdlib.h>
+#endif
 
 #include "haptix_device.h"
 
