@@ -63,7 +63,7 @@ def serve(
 
     def ready(access: Access, inventory: Inventory) -> None:
         address = max(access.origins) if listen else min(access.origins)
-        _say(f"haptix serves {inventory.devices[0].name} at {address}; {_used(inventory)}")
+        _say(f"haptix serves {inventory.devices[0].name} at {address} with {_used(inventory)}")
         _say_code(access.code())
         access.on_show = _say_code
 
@@ -90,7 +90,7 @@ def studio(
 
     def ready(access: Access, inventory: Inventory) -> None:
         address = f"{min(access.origins)}/#code={access.code()}"
-        _say(f"the studio is at {address} (five minutes, once); {_used(inventory)}")
+        _say(f"the studio is at {address} (five minutes, once) with {_used(inventory)}")
         _say(f"driver {inventory.devices[0].name}; Ctrl+C ends it")
         access.on_show = _say_code
         if opens and _has_browser():

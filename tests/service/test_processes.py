@@ -88,8 +88,8 @@ class Running:
         )
         first = self.process.stdout.readline()
         assert "haptix serves" in first, first
-        self.lines = [first, *(self.process.stdout.readline() for _ in range(2))]
-        self.port = int(re.search(r":(\d+)$", first)[1])
+        self.lines = [first, self.process.stdout.readline()]
+        self.port = int(re.search(r"http://127.0.0.1:(\d+) with finger semi-wet,", first)[1])
 
     @property
     def helpers(self):
