@@ -115,7 +115,7 @@ class Service:
         assert self.process.stdout is not None
         line = self.process.stdout.readline()
         self.started_s = time.monotonic() - began_s
-        found = re.search(r":(\d+)$", line)
+        found = re.search(r"http://127.0.0.1:(\d+)", line)
         assert found, line
         self.port = int(found[1])
 
