@@ -41,7 +41,8 @@ assert locale.localeconv()["decimal_point"] == sys.argv.pop(1)
 from haptix.cli import main
 main()
 """
-OF_THE_RUN = {"time_s", "onset_s", "reaction_s", "date"}
+# Times, and the hash of the line above, which has times in it.
+OF_THE_RUN = {"time_s", "onset_s", "reaction_s", "date", "before"}
 
 
 @pytest.mark.devices  # needs Debian's locales, and processes with torch
