@@ -3,15 +3,9 @@
 from haptix.contact.accuracy import Accuracy, beyond_validation
 from haptix.contact.area import AreaLaw
 from haptix.contact.elasticity import ElasticSolid, HalfSpace, Layered
-from haptix.contact.meanfield import (
-    THEORIES,
-    ContactSpots,
-    GapDistribution,
-    MeanField,
-    Theory,
-    TheoryName,
-)
+from haptix.contact.meanfield import ContactSpots, GapDistribution, MeanField
 from haptix.contact.roughness import RoughnessSpectrum
+from haptix.contact.theories import THEORIES, Theory, TheoryName
 from haptix.threads import keep_freed_memory
 
 __all__ = [

@@ -1,20 +1,21 @@
 """Real contact area against pressure: Persson's law, a correction that needs no fit, plasticity.
 
-The two laws of elastic contact are written as ``A/A0 = erf(t)``: Persson has ``t = p / tau``. His
-theory lets stress diffuse the same way whether or not the spots are small; boundary elements find a
-third more area at light load. Xu et al. let the diffusion slow down with the area that is lost
+Both laws of elastic contact are written as ``A/A0 = erf(t)``. In Persson's law ``t = p / tau``.
+There the stress diffuses in the same way for small and for large spots; boundary elements give a
+third more area at light load. In the law of Xu et al. the diffusion slows down as area is lost
 (physics page, section 6b)::
 
     A = erf( p / (tau sqrt(g + (1 - g) A)) )
 
-so that ``t sqrt(g + (1 - g) erf t) = p / tau``: the area is ``1/sqrt(g)`` times Persson's for light
-contact, and his near complete contact.
+so that ``t sqrt(g + (1 - g) erf t) = p / tau``. In light contact the area is ``1/sqrt(g)`` times
+Persson's; near complete contact it equals Persson's.
 
-A light contact rests on few asperities, each a rounded tip at the scale of its own spot: waves much
-longer than the spot do not spread its stress. A tip's radius grows as p^(1/3) (Hertz). With
-``<f> = int f dT`` over the waves, T the stress variance that they add, the curvature of the tips is
-set by waves of ``q_c^2 = <q^-2> / <q^-4>`` and their stress by ``T_c = <q^-2> q_c^2``: moments in
-which short waves do not count, so that both hold for any band. Then ``tau^2`` is replaced by
+A light contact rests on few asperities. Each is a rounded tip at the scale of its spot, and waves
+much longer than the spot do not spread its stress. The radius of a spot grows as p^(1/3) (Hertz).
+Let ``<f> = int f dT`` over the waves, where T is the stress variance that they add. Waves of
+``q_c^2 = <q^-2> / <q^-4>`` set the curvature of the tips, and ``T_c = <q^-2> q_c^2`` their stress.
+Short waves add nothing to these moments, so that both are valid for any band. ``tau^2`` is then
+replaced by
 
     T_s(p) = int dT / (1 + (q_s/q)^2),    q_s^2 = c q_c^2 (p^2 / T_c)^(-1/3)
 
@@ -22,9 +23,9 @@ and the area of a light contact falls as p^(2/3) where its spots are smooth, and
 shorter than ``1/q_s`` roughen them (docs/mean-field.md).
 
 In elastoplastic contact the stress distribution is cut off at the hardness. In Persson's theory the
-distribution of contact stress P(sigma) broadens by diffusion as shorter waves are added, with the
-variance ``tau^2 / 2`` at magnification zeta. Stress that falls to zero is area lost, stress that
-rises to the hardness sigma_Y is area that yields: two absorbing walls.
+distribution of contact stress P(sigma) broadens by diffusion as shorter waves are added; its
+variance is ``tau^2 / 2`` at magnification zeta. Where the stress falls to zero, contact is lost;
+where it rises to the hardness sigma_Y, the skin yields. Both are absorbing walls of the diffusion.
 """
 
 from __future__ import annotations
@@ -38,9 +39,9 @@ from torch import Tensor
 from haptix.errors import InputError
 
 _TERMS = 40
-# Both series converge to double precision within _TERMS on their own side of this ratio.
+# Spread over hardness: above it the sine series converges within _TERMS, below it the images do.
 _SPREAD_AT_SWITCH = 0.08
-_NEWTON_STEPS = 7  # three suffice in the middle, and the start is exact at both ends
+_NEWTON_STEPS = 7  # three suffice in the middle of the range; at both ends the start is exact
 
 
 @dataclass(frozen=True)
@@ -114,9 +115,9 @@ def elastoplastic_area(
 
     Source: Persson, J. Chem. Phys. 115, 3840 (2001); Phys. Rev. Lett. 87, 116101 (2001). With
     ``a_n = n pi p / sigma_Y`` the elastic share is ``(2/pi) sum sin(a_n)/n (1 - (-1)^n) exp(-a_n^2
-    G)``; the plastic share follows from the load balance, since its own series converges as 1/N.
-    For stresses that spread little the same two sums are taken over mirror images instead, which
-    converge where the series does not.
+    G)``. The plastic share follows from the load balance, because its series converges only as 1/N.
+    Where stresses spread little, the series converges slowly, and sums over mirror images replace
+    it.
 
     Parameters
     ----------
@@ -130,7 +131,7 @@ def elastoplastic_area(
     Returns
     -------
     PlasticSplit
-        Where p reaches the hardness all of the area is plastic.
+        From the pressure at which p reaches the hardness, all of the area is plastic.
     """
     # In units of the hardness; the walls are at 0 and 1.
     mean = (pressure_pa / hardness_pa).clamp(max=1.0)
@@ -145,7 +146,7 @@ def elastoplastic_area(
 
 
 def _by_modes(mean: Tensor, spread: Tensor) -> PlasticSplit:
-    """Sine series of the elastic area and of the load it carries; the rest of the load yields."""
+    """Shares by the sine series: elastic area and its load; the plastic area bears the rest."""
     n = torch.arange(1, _TERMS + 1, dtype=mean.dtype, device=mean.device)
     sign = 1 - 2 * (n % 2)  # (-1)^n
     wave = n * pi
@@ -153,13 +154,13 @@ def _by_modes(mean: Tensor, spread: Tensor) -> PlasticSplit:
     elastic = 2 / pi * ((1 - sign) / n * mode).sum(-1)
     load = -2 / pi * (sign / n * mode).sum(-1)
     plastic = (mean - load).clamp(min=0.0)
-    # Rounding of the difference of two nearly equal loads; real plastic shares are far larger.
+    # So small a difference of two nearly equal loads is rounding: real plastic shares are larger.
     plastic = torch.where(plastic < 1e-13 * mean, torch.zeros_like(plastic), plastic)
     return PlasticSplit(elastic.clamp(0.0, 1.0), plastic)
 
 
 def _by_images(mean: Tensor, spread: Tensor) -> PlasticSplit:
-    """Gaussians mirrored at the walls: what lies beyond a wall has been absorbed there."""
+    """Shares by Gaussians that are mirrored at the walls; a wall absorbs the part beyond it."""
     width = 2**0.5 * spread
 
     def beyond(wall: float) -> Tensor:

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from haptix import checks
+from haptix.display import Displayed
 from haptix.errors import InputError
 
 
@@ -26,7 +27,7 @@ def _check_poisson(name: str, value: float | Tensor) -> None:
 
 
 @dataclass(frozen=True)
-class HalfSpace:
+class HalfSpace(Displayed):
     """Homogeneous elastic half-space, ``E* = E / (1 - nu^2)``.
 
     Parameters
@@ -50,12 +51,18 @@ class HalfSpace:
         _check_poisson("poisson_ratio", self.poisson_ratio)
 
     def effective_modulus(self, q: Tensor) -> Tensor:
-        """``E*`` [Pa], the same at every wavenumber."""
+        """``E*`` [Pa], the same at every wavenumber.
+
+        Examples
+        --------
+        >>> HalfSpace(3e6, 0.5).effective_modulus(torch.tensor([1e3, 1e6])).tolist()  # of any wave
+        [4000000.0, 4000000.0]
+        """
         return self.youngs_modulus_pa / (1 - self.poisson_ratio**2) * torch.ones_like(q)
 
 
 @dataclass(frozen=True)
-class Layered:
+class Layered(Displayed):
     """A layer (the stratum corneum) bonded to a half-space (the tissue below).
 
     ``E*(q) = E_layer* / S(q d)``: short waves feel the layer, long waves the half-space. S is the
@@ -70,6 +77,13 @@ class Layered:
         Poisson ratios, in (-1, 0.5].
     thickness_m : float or Tensor
         Thickness d of the layer [m].
+
+    Examples
+    --------
+    >>> skin = Layered(4e7, 0.5, 2e-4, 1e4, 0.5)
+    >>> short, long = skin.effective_modulus(torch.tensor([1e6, 1.0], dtype=torch.float64))
+    >>> round(float(short / HalfSpace(4e7).effective_modulus(torch.tensor(1.0))), 2)  # the layer
+    1.0
     """
 
     layer_modulus_pa: float | Tensor
@@ -85,7 +99,15 @@ class Layered:
             _check_poisson(name, getattr(self, name))
 
     def effective_modulus(self, q: Tensor) -> Tensor:
-        """``E*(q)`` [Pa] for wavenumbers [1/m] of any shape."""
+        """``E*(q)`` [Pa] for wavenumbers [1/m] of any shape.
+
+        Examples
+        --------
+        >>> skin = Layered(1e7, 0.5, thickness_m=1e-4, bulk_modulus_pa=1e5, bulk_poisson_ratio=0.5)
+        >>> short, long = skin.effective_modulus(torch.tensor([1e7, 1e2]))
+        >>> bool(short > long)  # short waves feel the stiff layer, long ones what lies below
+        True
+        """
         layer = self.layer_modulus_pa / (1 - self.layer_poisson_ratio**2)
         return layer / self.surface_response(q * self.thickness_m)
 

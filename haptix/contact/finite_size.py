@@ -1,17 +1,18 @@
 """Finite size of the contact: its surfaces cannot be further apart than its highest asperity.
 
-The mean gap of an infinite contact grows without end as the load falls. A finite one rests on its
-highest asperity alone in the end. Let that height be the infinite theory's mean gap at a pressure
-p_N. Two laws lead there:
+As the load falls, the mean gap of an infinite contact grows without end; a finite contact at last
+rests on its highest asperity alone. Let p_N be the pressure at which the mean gap of the infinite
+theory equals the height of that asperity. Three laws describe the transition:
 
 - ``"capped"``: below p_N the gaps are those at p_N. It has the kink of the paper's Fig. 3C.
 - ``"smooth"``: the mean gap is that of the infinite theory at ``(p^b + p_N^b)^(1/b)``, b = 2/3. Its
-  slope ``du/dlnp`` then is the infinite one times ``1 / (1 + (p_N/p)^b)``, after Pastewka et al.,
+  slope ``du/dlnp`` is the infinite theory's times ``1 / (1 + (p_N/p)^b)``, after Pastewka et al.,
   PRE 87, 062809 (2013); b = 2/3 is Hertz' law for the last tip, ``u(0) - u ~ p^(2/3)``. Near the
-  spots the gaps follow the area, which goes on falling with p: the attraction takes the gaps'
-  distribution at a pressure in between.
-- ``"mean-gap"``: as smooth, and the attraction takes the distribution at p itself: boundary
-  elements whose pixels resolve the gaps beside the spots say so (docs/mean-field.md).
+  spots the gaps follow the area, which falls further with p. The attraction therefore uses the
+  gaps' distribution at a pressure between p and that of the mean gap.
+- ``"mean-gap"``: the mean gap is that of ``"smooth"``, and the attraction uses the distribution at
+  p itself, as boundary elements show whose pixels resolve the gaps beside the spots
+  (docs/mean-field.md).
 """
 
 from __future__ import annotations
@@ -31,23 +32,23 @@ from haptix.contact.tables import UniformCubic
 SizeLaw = Literal["capped", "smooth", "mean-gap"]
 
 _HERTZ = 2 / 3
-# Of ln p, how far the attraction goes from the load to the pressure of the mean gap.
-_OF_GAP = {"smooth": 0.5, "mean-gap": 0.0}
-_LONG_WAVES = 16.0  # times the roll-off: what makes an asperity; shorter waves have no height
+# Where the attraction's pressure lies in ln p: 0 is the load, 1 the pressure of the mean gap.
+_SHARE_OF_GAP = {"smooth": 0.5, "mean-gap": 0.0}
+_LONG_WAVES = 16.0  # times the roll-off: shorter waves add no height to an asperity
 _NEWTON_STEPS = 4
 _PEAK_STEPS = 8  # of Newton from above, on a convex function: to 1e-15 for any number of waves
 
 
 @dataclass(frozen=True)
 class Touching:
-    """Finite size of a batch of states.
+    """The pressure at which the highest asperity alone touches, for a batch of states.
 
     Parameters
     ----------
     log_pressure : Tensor, shape (states,)
         ln p_N [Pa].
     law : {"capped", "smooth", "mean-gap"}
-        What happens around it.
+        How the gaps change around it.
     """
 
     log_pressure: Tensor
@@ -65,15 +66,15 @@ class Touching:
             free = (log_pressure >= self.log_pressure).to(log_pressure.dtype)
             return self.of_gap(log_pressure), free
         free = torch.sigmoid(_HERTZ * (log_pressure - self.log_pressure))
-        share = _OF_GAP[self.law]
+        share = _SHARE_OF_GAP[self.law]
         return torch.lerp(log_pressure, self.of_gap(log_pressure), share), 1 + share * (free - 1)
 
 
 def once_for_equals(of: Callable[[Tensor], Tensor], x: Tensor) -> Tensor:
-    """Return ``of(x)``, number by number, worked out once for neighbours that are equal.
+    """Return ``of(x)``, elementwise; equal neighbours are computed once.
 
-    A batch repeats a few forces over many voltages. A GPU would wait for their number, and
-    autograd needs each for itself.
+    A batch repeats a few forces over many voltages. On a GPU the CPU would have to wait for the
+    number of runs, and autograd needs every element; there each element is computed.
     """
     if x.ndim != 1 or x.is_cuda or x.requires_grad:
         return of(x)
@@ -96,8 +97,8 @@ def highest_asperity(h_rms_m: Tensor, rolloff_per_m: float, apparent_area_m2: Te
 def peaks_per_area(spectrum: RoughnessSpectrum) -> Tensor:
     """Density [1/m^2] of the points that may be the highest: ``slope^2 / (2 h_rms^2 (2 pi)^1.5)``.
 
-    The slope is that of waves up to 16 times the roll-off: drawn surfaces peak within 4 % of it
-    (docs/mean-field.md).
+    The slope is that of the waves up to 16 times the roll-off. The peaks of random surfaces are
+    within 4 % of the result (docs/mean-field.md).
     """
     slope_squared = spectrum.moment(3)
     end = _LONG_WAVES * spectrum.q_rolloff
@@ -110,14 +111,15 @@ def peaks_per_area(spectrum: RoughnessSpectrum) -> Tensor:
 def highest_peak(h_rms_m: Tensor, peaks_per_m2: Tensor, apparent_area_m2: Tensor) -> Tensor:
     """Mean height [m] of the highest of all points of a random surface, for A0 [m^2].
 
-    The expected number of separate regions above a height ``x h_rms`` is ``k x exp(-x^2/2)``,
-    ``k = A0`` times `peaks_per_area` (Adler, The Geometry of Random Fields, 1981). It is 1 at x,
-    and the mean of the maximum lies Euler's constant over x above (Gumbel). For small k the 1
-    added in the logarithm keeps x above 0.
+    The expected number of separate regions above a height ``x h_rms`` is ``k x exp(-x^2/2)``, where
+    k is A0 times `peaks_per_area` (Adler, The Geometry of Random Fields, 1981). We solve for the x
+    at which it is 1; the mean of the maximum lies higher by Euler's constant over x (Gumbel). The 1
+    that is added in the logarithm keeps x above 0 where k is small.
     """
     number = apparent_area_m2 * peaks_per_m2
     with torch.no_grad():
-        x = torch.minimum(1 + torch.sqrt(2 * torch.log1p(number)), 2 * number)  # both are above
+        # Both bounds lie above the solution.
+        x = torch.minimum(1 + torch.sqrt(2 * torch.log1p(number)), 2 * number)
         for _ in range(_PEAK_STEPS):
             x = x - (x * x / 2 - torch.log1p(number * x)) / (x - number / (1 + number * x))
     # One Newton step, recorded by autograd: the area and the roughness move the height.
@@ -132,7 +134,7 @@ def touching_log_pressure(log_mean_gap: UniformCubic, log_height: Tensor) -> Ten
     step, values = log_mean_gap.step, log_mean_gap.values.detach()
     start = torch.as_tensor(log_mean_gap.start).detach()
     with torch.no_grad():
-        # The gap falls with the pressure: the cell, its chord, and Newton inside the cell.
+        # The gap falls with the pressure: find the cell, start on its chord, and use Newton in it.
         cell = torch.searchsorted(-values, -log_height.detach().contiguous())
         cell = cell.clamp(1, len(values) - 1) - 1
         share = (log_height - values[cell]) / (values[cell + 1] - values[cell])

@@ -1,14 +1,14 @@
 """Persson's mean-field theory of one rough contact: area, mean gap, gap distribution.
 
-Everything is a function of the nominal pressure p alone and is solved for a batch of pressures at
-once. The magnification zeta is represented by the stress variance T(q) = tau^2(1, zeta) that the
-waves up to q = zeta q0 add, on a grid uniform in ``ln(T / (T1 - T))``: it resolves both the first
-waves, where a light contact breaks up within 1e-4 of q0, and the last ones, where the gaps close.
+All results are functions of the nominal pressure p alone, and are solved for a batch of pressures
+at once. The stress variance T(q) = tau^2(1, zeta) that the waves up to q = zeta q0 add stands for
+the magnification zeta. Its grid is uniform in ``ln(T / (T1 - T))``. It resolves the first waves,
+where a light contact breaks up within 1e-4 of q0, and the last waves, where the gaps close.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from math import ceil, inf, log, pi, sqrt
@@ -34,29 +34,36 @@ from haptix.contact.tables import Y_MAX, PiecewiseLinear, SeparationIntegral, Un
 from haptix.errors import InputError
 from haptix.threads import one_thread
 
+LATTICE_STEP = log(10) / 24
+"""Step of ln p. All tables of a contact use one lattice, so that no result depends on which other
+pressures were requested. The lattice starts at the contact's rms stress and so scales with the
+moduli. With 24 nodes a decade a cubic is exact within a few 1e-6."""
+
 GapDistribution = Literal["plain", "combined"]
 ContactSpots = Literal["excluded", "included", "widened"]
-TheoryName = Literal["local", "corrected", "open-gaps", "as-published"]
 
-_NARROW = 0.05  # below, what five terms of the series leave out is t^10/11 < 1e-14
+_NARROW = 0.05  # t below which the error of five terms of the series, t^10/11, is below 1e-14
 _WAVE_NODES = 4096  # nodes of T(q); T is integrated to 1e-12, q(T) interpolated to 1e-6
-_WAVE_RANGE = log(1e16)  # they reach from q1 down to where q/q0 - 1 is this much smaller
+_WAVE_RANGE = log(1e16)  # of ln(q/q0 - 1), from the first node to that at q1
 _STRIPS = 512  # strips in magnification
-_DENSE_AT, _DENSE_WIDTH = 1.5, 2.0  # in ln(T / (T1 - T))
-_LAST_LOGIT = 56.0  # there T1 - T is below rounding
-_PER_WAVE = 0.2  # strips in ln(q/q0 - 1) for one in asinh(ln(T / (T1 - T)))
+_DENSE_AT, _DENSE_WIDTH = 1.5, 2.0  # of ln(T / (T1 - T)): where the strips are densest
+_LAST_LOGIT = 56.0  # of ln(T / (T1 - T)): from there T1 - T is below rounding
+_PER_WAVE = 0.2  # weight of ln(q/q0 - 1) against asinh(ln(T / (T1 - T))) in placing the strips
 _TINY = 1e-300
 _TOUCHING_RANGE, _TOUCHING_STEP = (-46.0, 2.0), log(10) / 12  # of ln p/tau
 _LEAST_EXCESS = 1e-7  # q/q0 - 1 from which a separation with a reach is integrated
-_SPOT_RANGE = -30.0, 40.0  # of ln (q_s/q_c)^2: all waves count, or none
-_SPOT_NODES = 351  # of the share that counts, on steps of 0.2: the cubic is right to 1e-6
+_SPOT_RANGE = -30.0, 40.0  # of ln (q_s/q_c)^2: at the lower end all waves count, at the upper none
+_SPOT_NODES = 351  # steps of 0.2: the cubic for the share of the waves that count is exact to 1e-6
 _SEPARATION_POINTS = 32  # Gauss points, at most, in each panel of one mean separation
-_FIRST_SPAN, _PER_SPAN = 8.0, 2.0  # of ln(q/q0 - 1) in the first panel; points for each 1 of it
-_MOST_BENDS = 20  # of a spectrum that is integrated from bend to bend
-_LEAST_BAND = 3.0  # q1/q0; the theory is one of many waves, two decades of them are usual
+_FIRST_SPAN, _PER_SPAN = 8.0, 2.0  # span of the first panel in ln(q/q0 - 1); points per unit of it
+_MOST_BENDS = 20  # a spectrum with more is integrated over even panels, not from bend to bend
+_LEAST_BAND = 3.0  # q1/q0: the theory is one of many waves, and two decades of them are usual
 _Y_FLAT = 5.9  # erfc(5.9) = 7e-17: contact at this y is complete to double precision
 _GAP_BINS = 600  # with the strips: I within 3e-4 for any contact, 1e-4 usually
 _GAP_RANGE = (1e-9, 1e2)  # bins from and to, in units of h_rms
+# Nodes of the lattice that are solved together. Blocks start at fixed nodes, so that the bits of a
+# node's result do not depend on the requested pressures; the arrays of a block fit the CPU's cache.
+_PER_BLOCK = 24
 
 
 @dataclass(frozen=True)
@@ -81,9 +88,9 @@ class GapHistogram:
     edges_m: Tensor
     """Bin edges [m], shape (bins + 1,), from 0 up; the last bin also holds everything above."""
     mass: Tensor
-    """Shares, shape (..., bins); they sum to ``1 - A/A0``. Under the "combined" distribution the
-    strips that are closed to double precision have no width and are left out: 1.2 % of A in light
-    contact, but most of what is still open near complete contact, where "plain" is better."""
+    """Shares, shape (..., bins); they sum to ``1 - A/A0``. Under the "combined" distribution,
+    strips that are closed to double precision have no width and are left out. They are 1.2 % of A
+    in light contact, but near complete contact most of the open area: use "plain" there."""
 
     def inverse_square(self, h0_m: Tensor) -> Tensor:
         """``sum over gaps of 1/|u + h0|^2`` [1/m^2]; `h0_m` broadcasts with the batch of masses."""
@@ -101,10 +108,10 @@ def bin_inverse_square(edges_m: Tensor, h0_m: Tensor) -> Tensor:
     real = h0.real if h0.is_complex() else h0
     imaginary = h0.imag if h0.is_complex() else torch.zeros_like(real)
     low, high = edges_m[:-1] + real, edges_m[1:] + real
-    # |u + h0|^2 itself at the lower edge for the open-ended last bin: what lies there is noise.
+    # The last bin also holds all larger gaps; they are too few to matter.
     divisor = imaginary**2 + low * high
     t = (high - low) * imaginary.abs() / divisor
-    # Nearly all bins are narrow against their gaps, where a series gives atan(t)/t.
+    # Nearly all bins are narrow compared with their gaps; there a series gives atan(t)/t.
     square = t * t
     if float(square.detach().max()) < _NARROW**2:
         ratio = 1 - square * (1 / 3 - square * (1 / 5 - square * (1 / 7 - square / 9)))
@@ -138,8 +145,8 @@ class MeanField:
     power : float
         Power of the area with which the rest of the elastic energy grows, above 1.
     reach : float
-        The energy of a wave follows the area in contact as waves this many times shorter leave it,
-        1 or more: its own share of the stress is lost where they break the contact up.
+        The energy of a wave follows the area that is in contact at waves this many times shorter, 1
+        or more, since those break up the contact on which the wave's stress acts.
     size : {"capped", "smooth", "mean-gap"}
         How a contact of finite size leaves that of infinite size (`haptix.contact.finite_size`).
 
@@ -191,6 +198,8 @@ class MeanField:
         self.size: SizeLaw = size
         self._separation_integral = SeparationIntegral(gamma, device, self.area, power)
         self._tabulate_waves()
+        self._blocks: dict[tuple[str, int], Tensor] = {}
+        self._kept_log_mean_gap: UniformCubic | None = None
         self._h_rms_m = self.spectrum.h_rms_m
         self._peaks_per_m2 = peaks_per_area(self.spectrum) if size != "capped" else None
         h_rms = float(self._h_rms_m.detach())
@@ -224,8 +233,8 @@ class MeanField:
         logit = torch.log(below[:-1]) - torch.log(above)
         self._log_excess = PiecewiseLinear.through(logit, excess[:-1])
         self._logit_range = float(logit[0].detach()), float(logit[-1].detach())
-        # Strips are densest where the gaps close (T near T1) and sparser towards both ends; where a
-        # layer makes T stand still while q runs over decades, they follow q.
+        # Strips are densest where the gaps close (T near T1), and sparser towards both ends. A
+        # layer may hold T nearly constant over decades of q; there the strips follow q.
         place = torch.asinh((logit - _DENSE_AT) / _DENSE_WIDTH) + _PER_WAVE * excess[:-1]
         self._strip_place = PiecewiseLinear.through(logit, place)
         self._strip_logit = PiecewiseLinear.through(place, logit)
@@ -238,8 +247,8 @@ class MeanField:
             shorter = torch.log(self.reach * (1 + torch.exp(excess)) - 1).clamp(max=top)
             log_below = PiecewiseLinear.through(excess, log_below)(shorter)
         self._log_waves = PiecewiseLinear.through(excess, torch.stack([log_below, log_opening], -1))
-        # Panels of the separation integral: up to where q doubles q0, then from bend to bend of the
-        # spectrum, or evenly where a measured one has many.
+        # Panels of the separation integral: the first ends where q is twice q0, the others at the
+        # bends of the spectrum, or evenly where a measured spectrum has many bends.
         last = float(excess[-1])
         bends = [0.0, *(float(kink) for kink in kinks)]
         if len(bends) > _MOST_BENDS:
@@ -247,7 +256,7 @@ class MeanField:
         ends = [*sorted(bend for bend in bends if bend < last), last]
         counts = [_SEPARATION_POINTS // 2 if len(bends) > 4 else _SEPARATION_POINTS] * len(ends)
         if self.reach > 1 and len(bends) <= _MOST_BENDS:
-            # With a reach no wave's tau vanishes, and a short panel needs few points.
+            # With a reach above 1 tau is 0 at no wave, and a short panel needs few points.
             spans = [_FIRST_SPAN, *np.diff(ends)]
             counts = [min(_SEPARATION_POINTS, 6 + ceil(_PER_SPAN * span)) for span in spans]
         rules = (np.stack(np.polynomial.legendre.leggauss(count), -1) for count in counts)
@@ -272,29 +281,22 @@ class MeanField:
     def _variance_per_wave(self, q: Tensor) -> Tensor:
         return pi * q**3 * self.spectrum(q) * self.modulus.effective_modulus(q) ** 2
 
-    def equals(self, other: MeanField) -> bool:
-        """Whether another has the same numbers, and so the same gaps at every pressure."""
-        mine, theirs = (
-            (
-                *(field.gamma, field.gap_distribution, field.area, field.device),
-                *(field._separation_integral.power, field.reach),
-            )
-            for field in (self, other)
-        )
-        pairs = (
-            (self.spectrum.wavenumber, other.spectrum.wavenumber),
-            (self.spectrum.density, other.spectrum.density),
-            (self._log_waves.slope, other._log_waves.slope),
-        )
-        return mine == theirs and all(torch.equal(one, two) for one, two in pairs)
-
     @property
     def stress_rms_pa(self) -> Tensor:
         """``tau(1, zeta1)`` [Pa], ``E* slope / sqrt(2)`` for a half-space: the scale of p."""
         return self.stress_variance.sqrt()
 
     def area_fraction(self, pressure_pa: Any) -> Tensor:
-        """A/A0 at full magnification, for pressures [Pa] of any shape: erf(p / tau) by Persson."""
+        """A/A0 at full magnification, for pressures [Pa] of any shape: erf(p / tau) by Persson.
+
+        Examples
+        --------
+        >>> from haptix.contact import HalfSpace, RoughnessSpectrum
+        >>> rough = RoughnessSpectrum.self_affine(1, 0.8, 1, 1, 1e3)
+        >>> light, firm = MeanField(rough, HalfSpace(0.75, 0.5)).area_fraction([1e-2, 2e-2])
+        >>> round(float(firm / light), 1)  # in proportion to the load while it is light
+        2.0
+        """
         return torch.erf(self.area_argument(self._pressures(pressure_pa)))
 
     def area_argument(self, pressure_pa: Tensor) -> Tensor:
@@ -307,22 +309,29 @@ class MeanField:
         if self.area.tips:
             at = self._log_tip_stress - 2 / 3 * torch.log(pressure_pa)
             low, high = _SPOT_RANGE
-            # Beyond the table all waves count, or T_s is proportional to q_s^-2.
+            # Below the table all waves count; above it T_s is proportional to q_s^-2.
             inside = self._log_spot_share(at.clamp(low, high))
             y = y * torch.exp((at.clamp(min=high) - high - inside) / 2)
         return y
 
     def highest_asperity(self, apparent_area_m2: Tensor) -> Tensor:
-        """Height [m] that the mean gap of unloaded surfaces has, for A0 [m^2] of any shape."""
+        """Height [m] of the highest asperity, where an unloaded contact rests, for A0 [m^2]."""
         if self._peaks_per_m2 is None:
             return highest_asperity(self._h_rms_m, self.spectrum.q_rolloff, apparent_area_m2)
         of_area = partial(highest_peak, self._h_rms_m, self._peaks_per_m2)
         return once_for_equals(of_area, apparent_area_m2)
 
     def touching(self, height_m: Tensor, log_mean_gap: UniformCubic | None = None) -> Touching:
-        """Finite size of states whose highest asperity is given, in any shape.
+        """Finite size of states, from the height [m] of their highest asperity, of any shape.
 
-        The table of `log_mean_gap` may be given as well, where it is needed often.
+        A caller who needs it often passes the table of `log_mean_gap`.
+
+        Parameters
+        ----------
+        height_m : Tensor
+            Height [m] of the highest asperity above the mean plane, of any shape.
+        log_mean_gap : UniformCubic, optional
+            The table of the method `log_mean_gap`, where it is needed often.
         """
         table = log_mean_gap or self.log_mean_gap()
         log_pressure = once_for_equals(partial(touching_log_pressure, table), torch.log(height_m))
@@ -331,15 +340,74 @@ class MeanField:
     @one_thread()
     def log_mean_gap(self) -> UniformCubic:
         """Tabulate ln of the mean gap [m] against ln p [Pa], down to the lightest contacts."""
+        if self._kept_log_mean_gap is not None:
+            return self._kept_log_mean_gap
         low, high = _TOUCHING_RANGE
         nodes = torch.arange(low, high, _TOUCHING_STEP, dtype=torch.float64, device=self.device)
         at = torch.log(self.stress_rms_pa) + nodes
         gap = torch.log(self.mean_gap(torch.exp(at)).clamp(min=_TINY))
-        return UniformCubic.through(at[0], _TOUCHING_STEP, gap)
+        table = UniformCubic.through(at[0], _TOUCHING_STEP, gap)
+        if not gap.requires_grad:
+            self._kept_log_mean_gap = table
+        return table
+
+    def log_lattice(self, first: int, last: int) -> Tensor:
+        """Ln p [Pa] of the lattice's nodes `first` to `last`, both included.
+
+        Parameters
+        ----------
+        first, last : int
+            Numbers of the first and last node; both are included.
+        """
+        nodes = torch.arange(first, last + 1, dtype=torch.float64, device=self.device)
+        return torch.log(self.stress_rms_pa) + nodes * LATTICE_STEP
+
+    def lattice_mass(self, first: int, last: int) -> Tensor:
+        """Masses of `gap_histogram` at nodes of `log_lattice`, shape (nodes, bins).
+
+        Parameters
+        ----------
+        first, last : int
+            Numbers of the first and last node; both are included.
+        """
+        return self._on_lattice("mass", lambda p: self.gap_histogram(p).mass, first, last)
+
+    def lattice_mean_gap(self, first: int, last: int) -> Tensor:
+        """Mean gap [m] at nodes of `log_lattice`.
+
+        Parameters
+        ----------
+        first, last : int
+            Numbers of the first and last node; both are included.
+        """
+        return self._on_lattice("mean gap", self.mean_gap, first, last)
+
+    def _on_lattice(
+        self, what: str, solve: Callable[[Tensor], Tensor], first: int, last: int
+    ) -> Tensor:
+        if self.stress_variance.requires_grad:  # a graph must not outlive its solve
+            return solve(torch.exp(self.log_lattice(first, last)))
+        low, high = first // _PER_BLOCK, last // _PER_BLOCK
+        for block in range(low, high + 1):
+            if (what, block) not in self._blocks:
+                start = block * _PER_BLOCK
+                nodes = torch.exp(self.log_lattice(start, start + _PER_BLOCK - 1))
+                self._blocks[what, block] = solve(nodes)
+        blocks = torch.cat([self._blocks[what, block] for block in range(low, high + 1)])
+        return blocks[first - low * _PER_BLOCK : last - low * _PER_BLOCK + 1]
 
     @one_thread()
     def mean_gap(self, pressure_pa: Any) -> Tensor:
-        """Mean separation [m] of the two surfaces, for pressures [Pa] of any shape."""
+        """Mean separation [m] of the two surfaces, for pressures [Pa] of any shape.
+
+        Examples
+        --------
+        >>> from haptix.contact import HalfSpace, RoughnessSpectrum
+        >>> rough = RoughnessSpectrum.self_affine(1, 0.8, 1, 1, 1e3)
+        >>> light, firm = MeanField(rough, HalfSpace(0.75, 0.5)).mean_gap([1e-2, 2e-2])
+        >>> bool(firm < light)
+        True
+        """
         pressure = self._pressures(pressure_pa)
         return self._separation(pressure, torch.zeros_like(pressure), self.stress_variance)
 
@@ -355,6 +423,15 @@ class MeanField:
         contact_spots : {"included", "excluded"}
             Count the area in contact as gaps of zero, as Eq. 3 reads, or open gaps only. This
             is the paper's mean; what loads the contact is the choice of `ContactModel`.
+
+        Examples
+        --------
+        >>> from haptix.contact import HalfSpace, RoughnessSpectrum
+        >>> rough = RoughnessSpectrum.self_affine(2e-6, hurst=0.8, q0=1e3, q_rolloff=1e4, q1=1e7)
+        >>> contact = MeanField(rough, HalfSpace(youngs_modulus_pa=1e6, poisson_ratio=0.5))
+        >>> thin, thick = (contact.inverse_square_gap(1e4, h0_m=h0_m) for h0_m in (1e-7, 1e-6))
+        >>> bool(thin > thick)
+        True
         """
         check_contact_spots(contact_spots)
         pressure = self._pressures(pressure_pa)
@@ -372,6 +449,22 @@ class MeanField:
         """P(u) [1/m] of the open gaps; pressures [Pa] and gaps [m] broadcast.
 
         The contact spots' delta function at u = 0 is left out: the integral is ``1 - A/A0``.
+
+        Parameters
+        ----------
+        pressure_pa : float or Tensor
+        gap_m : float or Tensor
+            Gaps u [m], above 0; they broadcast with the pressures.
+
+        Examples
+        --------
+        >>> import torch
+        >>> from haptix.contact import HalfSpace, RoughnessSpectrum
+        >>> rough = RoughnessSpectrum.self_affine(2e-6, hurst=0.8, q0=1e3, q_rolloff=1e4, q1=1e7)
+        >>> contact = MeanField(rough, HalfSpace(youngs_modulus_pa=1e6, poisson_ratio=0.5))
+        >>> near, far = contact.gap_density(1e4, torch.tensor([1e-6, 1e-4], dtype=torch.float64))
+        >>> bool(near > far)
+        True
         """
         pressure = self._pressures(pressure_pa)
         gap = torch.as_tensor(gap_m, dtype=torch.float64, device=self.device)[..., None]
@@ -407,7 +500,8 @@ class MeanField:
         """Resolve the contact by magnification, for pressures [Pa] of any shape."""
         pressure = pressure_pa[..., None]
         total = self.stress_variance
-        # From the magnification where contact is still complete to the last wave.
+        # The strips reach from the magnification at which contact is still complete to the last
+        # wave.
         start = ((pressure / _Y_FLAT) ** 2 / total).clamp(max=1 - 1e-6)
         low = torch.log(start) - torch.log1p(-start)
         low = self._strip_place(low)
@@ -420,7 +514,8 @@ class MeanField:
         area, open_area = torch.erf(y), torch.erfc(y)
         share = torch.where(y[..., 1:] > 0.5, open_area.diff(dim=-1), -area.diff(dim=-1))
         separation = self._separation(pressure / area, variance, rest)
-        # u1 = ubar + A dubar/dA = d(A ubar)/dA: as a difference over the strip it keeps the mean.
+        # u1 = ubar + A dubar/dA = d(A ubar)/dA. As a difference over the strip it conserves the
+        # mean.
         lost = -(area * separation).diff(dim=-1)
         empty = share <= 0
         u1 = torch.where(empty, torch.zeros_like(lost), lost / share.masked_fill(empty, 1.0))
@@ -434,18 +529,18 @@ class MeanField:
         return Strips(share.clamp(min=0.0), u1, rough)
 
     def _separation(self, pressure: Tensor, variance: Tensor, rest: Tensor) -> Tensor:
-        """Mean gap at a magnification: waves from T = `variance` on, local pressure given.
+        """Mean gap [m] at the magnification T = `variance`, from the local `pressure` [Pa].
 
-        ``ubar = (2/sqrt(pi)) int dtau J(p/tau) / (q E*)``, tau from 0 to ``sqrt(T1 - T)`` (given as
-        `rest`). Where J does not vanish, tau is no less than a sixth of sqrt(T): the integral is
-        smooth in ``w = ln(q/q0 - 1)``, whatever the solid's layers make of tau(q).
+        ``ubar = (2/sqrt(pi)) int dtau J(p/tau) / (q E*)``, for tau from 0 to ``sqrt(T1 - T)``;
+        `rest` is T1 - T. Where J is not 0, tau is at least a sixth of sqrt(T). So the integral is
+        smooth in ``w = ln(q/q0 - 1)`` for any layers of the solid.
         """
         rest = rest.expand_as(pressure)
         start = (pressure / Y_MAX) ** 2
         open_ = rest > start
         above = torch.where(open_, rest - start, torch.ones_like(rest))
         low = self._log_excess_at(variance + start, above)
-        if self.reach > 1:  # from where the shorter waves reach that stress, or from this wave on
+        if self.reach > 1:  # start where the shorter waves reach that stress, not before this wave
             low = torch.log(((1 + torch.exp(low)) / self.reach - 1).clamp(min=_LEAST_EXCESS))
             whole = torch.where(open_, rest, torch.ones_like(rest))
             low = torch.maximum(low, self._log_excess_at(variance.clamp(min=_TINY), whole))
@@ -470,7 +565,7 @@ class MeanField:
         return pressure
 
     def _numbers(self, name: str, value: Any) -> Tensor:
-        """Return a float64 or complex128 tensor; other values are read by numpy."""
+        """Return a float64 or complex128 tensor of a value that is a tensor or that numpy reads."""
         try:
             tensor = value if isinstance(value, Tensor) else torch.as_tensor(np.asarray(value))
             wide = torch.complex128 if tensor.is_complex() else torch.float64
@@ -480,94 +575,8 @@ class MeanField:
 
 
 def check_contact_spots(contact_spots: str) -> None:
-    """Raise `InputError` unless `contact_spots` is "excluded" or "included"."""
+    """Raise `InputError` unless `contact_spots` is "excluded", "included" or "widened"."""
     if contact_spots not in get_args(ContactSpots):
         raise InputError(
             f'contact_spots: expected "excluded", "included" or "widened", got {contact_spots!r}'
         )
-
-
-@dataclass(frozen=True)
-class Theory:
-    """One form of the mean field: choices that belong together, under one name."""
-
-    area: AreaLaw
-    """Law of the real contact area."""
-    gamma: float
-    """Factor of the elastic energy in the separation."""
-    gap_distribution: GapDistribution
-    """Variance of the gaps."""
-    contact_spots: ContactSpots
-    """Whether the attraction inside the contact spots presses on the contact."""
-    source: str
-    """Where the choices come from."""
-    power: float = 3.0
-    """Power of the area in the rest of the elastic energy."""
-    reach: float = 1.0
-    """How many times shorter the waves are that a wave's own energy follows."""
-    size: SizeLaw = "capped"
-    """How a contact of finite size leaves that of infinite size."""
-    usual_terms: frozenset[str] = frozenset()
-    """Terms on request that this form has on by default."""
-
-    def mean_field(
-        self,
-        spectrum: RoughnessSpectrum,
-        modulus: ElasticSolid,
-        gamma: float | None = None,
-        gap_distribution: GapDistribution | None = None,
-        device: torch.device | str = "cpu",
-    ) -> MeanField:
-        """Contact of a rough solid in this form, unless gamma or the gaps are given."""
-        return MeanField(
-            spectrum,
-            modulus,
-            gamma=self.gamma if gamma is None else gamma,
-            gap_distribution=gap_distribution or self.gap_distribution,
-            device=device,
-            area=self.area,
-            power=self.power,
-            reach=self.reach,
-            size=self.size,
-        )
-
-
-THEORIES: Mapping[str, Theory] = {
-    "as-published": Theory(
-        AreaLaw(),
-        0.45,
-        "plain",
-        "included",
-        "Ayyildiz et al., PNAS 115, 12668 (2018), Eq. 1-3",
-    ),
-    "open-gaps": Theory(
-        AreaLaw(),
-        0.45,
-        "plain",
-        "excluded",
-        "the same, without the attraction inside the contact spots (physics page, section 1)",
-    ),
-    "corrected": Theory(
-        AreaLaw(0.48, tips=0.022),
-        0.315,
-        "combined",
-        "excluded",
-        "area after Xu (2024); gamma, reach, power, tips by boundary elements (docs/mean-field.md)",
-        power=2.0,
-        reach=1.3,
-        size="smooth",
-        usual_terms=frozenset({"finite-size"}),
-    ),
-    "local": Theory(
-        AreaLaw(0.48, tips=0.022),
-        0.315,
-        "combined",
-        "widened",
-        "as corrected, and the attraction beside the spots widens them (haptix.electro.widening)",
-        power=2.0,
-        reach=1.3,
-        size="mean-gap",
-        usual_terms=frozenset({"finite-size"}),
-    ),
-}
-"""Forms of the mean field by name."""

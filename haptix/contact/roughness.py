@@ -11,13 +11,14 @@ import torch
 from torch import Tensor
 
 from haptix import checks
+from haptix.display import Displayed
 from haptix.errors import InputError
 
 _RINGS_PER_DECADE = 10  # over which a measured map's spectrum is averaged
 
 
 @dataclass(frozen=True)
-class RoughnessSpectrum:
+class RoughnessSpectrum(Displayed):
     """Power spectrum of a randomly rough surface, linear in log-log between its nodes.
 
     The convention is ``h_rms^2 = 2 pi int q C(q) dq`` and ``slope^2 = 2 pi int q^3 C(q) dq``
@@ -81,10 +82,23 @@ class RoughnessSpectrum:
     def from_table(cls, q: Any, c: Any) -> RoughnessSpectrum:
         """Take a measured spectrum: wavenumbers [1/m] and C [m^4], array-likes of one length.
 
+        Parameters
+        ----------
+        q : array-like, shape (n,)
+            Wavenumbers [1/m], increasing.
+        c : array-like, shape (n,)
+            Spectrum C [m^4] at them.
+
         Raises
         ------
         InputError
             If the table is not one-dimensional, finite, positive and increasing in q.
+
+        Examples
+        --------
+        >>> measured = RoughnessSpectrum.from_table([1e3, 1e4, 1e5], [1e-19, 1e-20, 1e-23])
+        >>> bool(measured.h_rms_m > 0)
+        True
         """
         try:
             wavenumber = torch.as_tensor(q, dtype=torch.float64)
@@ -107,8 +121,8 @@ class RoughnessSpectrum:
     def from_topography(cls, height_m: Any, pixel_m: float | None = None) -> RoughnessSpectrum:
         """Radially averaged spectrum of a measured height map, mean plane removed.
 
-        A Hann window suppresses the jump at the borders of a map that is not periodic. The band is
-        ``2 pi / side`` to ``pi / pixel_m``, and no more: `statement` says so.
+        A Hann window suppresses the jump at the borders of a map that is not periodic. The spectrum
+        has no waves outside ``2 pi / side`` to ``pi / pixel_m``; `statement` prints its band.
 
         Parameters
         ----------
@@ -121,6 +135,13 @@ class RoughnessSpectrum:
         ------
         InputError
             If the map is not finite, too small or flat, or its unit or pixels are not known.
+
+        Examples
+        --------
+        >>> height_m = torch.randn(64, 64, dtype=torch.float64) * 1e-6
+        >>> spectrum = RoughnessSpectrum.from_topography(height_m, pixel_m=1e-5)
+        >>> bool(0 < spectrum.h_rms_m < 2e-6)
+        True
         """
         if hasattr(height_m, "heights"):
             height_m, pixel_m = _read_topography(height_m, pixel_m)
@@ -146,7 +167,7 @@ class RoughnessSpectrum:
         density = np.abs(waves) ** 2 / height.size**2 * side_x * side_y / (2 * pi) ** 2
         down, across = np.fft.fftfreq(rows, pixel_m), np.fft.fftfreq(columns, pixel_m)
         q = 2 * pi * np.hypot(down[:, None], across)
-        # A hair wider than the band, so that waves on its very ends count whatever the rounding.
+        # A little wider than the band: rounding must not leave out the waves at its ends.
         low, high = 2 * pi / min(side_x, side_y) * (1 - 1e-9), pi / pixel_m * (1 + 1e-9)
         edges = np.geomspace(low, high, max(3, round(_RINGS_PER_DECADE * np.log10(high / low))) + 1)
         ring = np.digitize(q, edges)
@@ -172,7 +193,14 @@ class RoughnessSpectrum:
 
     @property
     def h_rms_m(self) -> Tensor:
-        """Root-mean-square roughness [m]."""
+        """Root-mean-square roughness [m].
+
+        Examples
+        --------
+        >>> rough = RoughnessSpectrum.self_affine(1e-6, 0.8, 1e3, 1e4, 1e6)
+        >>> round(float(rough.h_rms_m) * 1e6, 6)
+        1.0
+        """
         return self.moment(1).sqrt()
 
     @property
@@ -197,6 +225,19 @@ class RoughnessSpectrum:
         """``2 pi int_q^q1 q'^power C dq'`` in closed form, for each lower limit in `above`.
 
         ``moment(1, q)`` is the mean square of the roughness above the wavenumber q.
+
+        Parameters
+        ----------
+        power : int
+            Power of the wavenumber: 1 for heights, 3 for slopes.
+        above : Tensor, optional
+            Lower limits q [1/m], of any shape; all waves if not given.
+
+        Examples
+        --------
+        >>> rough = RoughnessSpectrum.self_affine(2e-6, hurst=0.8, q0=1e3, q_rolloff=1e4, q1=1e7)
+        >>> round(float(rough.moment(1)) ** 0.5 * 1e6, 6)  # the heights' root mean square, in um
+        2.0
         """
         q, c = self.wavenumber, self.density
         exponent = torch.log(c[1:] / c[:-1]) / torch.log(q[1:] / q[:-1])

@@ -1,7 +1,7 @@
 """Tables for torch, batched and differentiable, that a contact looks up millions of times.
 
-The waves against their stress, the attraction against pressure, and the separation integral J(y) of
-Persson's theory, which is tabulated once per gamma.
+They hold the waves against their stress, the attraction against pressure, and the separation
+integral J(y) of Persson's theory, which is tabulated once per gamma.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from torch import Tensor
 from haptix.contact.area import AreaLaw
 from haptix.errors import InputError
 
-# J falls as exp(-y^2); beyond this it is below 1e-15 of its values at y ~ 1 and is set to zero.
-# A strip so deep in contact has a theoretical gap of some 1e-23 m: it is closed.
+# J falls as exp(-y^2). Beyond this y it is below 1e-15 of its values at y ~ 1, and is set to zero:
+# a strip at such a pressure has a theoretical gap of some 1e-23 m and is closed.
 Y_MAX = 5.6
 _Y_MIN = 1e-6
 _NODES = 2048
@@ -41,7 +41,7 @@ class PiecewiseLinear:
         return cls(nodes, values[:-1] - slope * at[:-1], slope)
 
     def __call__(self, x: Tensor) -> Tensor:
-        """Value at `x` of any shape; with columns they are the last axis."""
+        """Value at `x` of any shape; the columns, if any, are the last axis."""
         inner = self.nodes.detach()[1:-1]
         cell = torch.searchsorted(inner, x.detach().contiguous(), right=True)
         x = x if self.slope.ndim == 1 else x[..., None]
@@ -59,10 +59,10 @@ class UniformCubic:
     step : float
         Distance between nodes.
     values, slopes : Tensor, shape (nodes,), (nodes, columns) or (nodes, columns, parts)
-        Node values and derivatives; each column is a function of its own, of so many parts.
+        Node values and derivatives. Each column is a separate function with `parts` components.
     stencil : Tensor, shape (nodes, nodes), optional
         Matrix from values to slopes. Gradients then pass through the values around a point and not
-        through `slopes`: a table has far more numbers than are looked up.
+        through `slopes`, because only few of a table's many numbers are looked up.
     """
 
     start: float | Tensor
@@ -103,7 +103,7 @@ class UniformCubic:
         if self.stencil is None or not torch.is_grad_enabled():
             cubics = self._cubics.index_select(1, cell * columns + of_column)
             return cubics.view(4, *shape).unbind()
-        # Both stencils lie within six nodes, which are gathered at once.
+        # The stencils of a cell's two ends lie within six nodes, which are gathered at once.
         count, values = self.values.shape[0], self.values.reshape(-1, *parts)
         first = (cell - 2).clamp(0, max(count - 6, 0))
         near = first + torch.arange(min(count, 6), device=cell.device)[:, None]
@@ -117,14 +117,14 @@ class UniformCubic:
         return tuple(part.reshape(shape) for part in _cubic(low, high - low, *slope))
 
     def __call__(self, x: Tensor, column: Tensor | None = None) -> Tensor:
-        """Value at `x` (any shape; `column` of the same shape picks each point's function)."""
+        """Value at `x` of any shape; `column`, of the same shape, selects each point's function."""
         cell, t = self._cell(x)
         t0, t1, t2, t3 = self._coefficients(cell, column)
         t = t if self.values.ndim < 3 else t[..., None]
         return t0 + t * (t1 + t * (t2 + t * t3))
 
     def with_slope(self, x: Tensor, column: Tensor | None = None) -> tuple[Tensor, Tensor]:
-        """Value and derivative at `x`; outside the nodes the end cubic goes on."""
+        """Value and derivative at `x`; outside the nodes those of the first or last cubic."""
         cell, t = self._cell(x)
         t0, t1, t2, t3 = self._coefficients(cell, column)
         t = t if self.values.ndim < 3 else t[..., None]
@@ -154,8 +154,8 @@ class SeparationIntegral:
     """``J(y) = int_y^inf dx/x [gamma + n (1 - gamma) erf(t)^(n-1)] exp(-t^2) dt/dx``.
 
     Source: Yang & Persson, J. Phys.: Condens. Matter 20, 215214 (2008); physics page, section 2.
-    The elastic energy depends on the area A as ``gamma A + (1 - gamma) A^n``; Persson has n = 3 and
-    t = x. With another law of the area than erf(x) it follows that one.
+    The elastic energy depends on the area A as ``gamma A + (1 - gamma) A^n``. Persson has n = 3 and
+    the area erf(x), so that t = x; another law of the area gives another t(x).
 
     Parameters
     ----------
@@ -223,17 +223,17 @@ class SeparationIntegral:
         Parameters
         ----------
         pressure, variance, low : Tensor
-            Pressure [Pa], T up to which tau is 0, and w; they broadcast.
+            Pressure [Pa], the T up to which tau is 0, and the w at which to start; they broadcast.
         waves : PiecewiseLinear
             ln T and ``ln(dT/dw / (2 q E*))`` against w.
         panels : sequence of (float, Tensor)
             Ends of the panels in w, with the points and weights of each, shape (points, 2).
         """
-        # Rounding must not take tau below where the integral starts.
+        # Rounding must not take tau below its value at the start of the integral.
         least = 0.5 * (pressure / Y_MAX) ** 2
         total = torch.zeros_like(low)
-        # Loops over panels and points, not over the batch, keep every array within the cache. All
-        # of it is in this file: it is the inner loop of every solve.
+        # This is the inner loop of every solve. Looping over panels and points, and not over the
+        # batch, keeps every array within the CPU's cache.
         for end, rule in panels:
             high = low.clamp(min=end)
             for point, weight in rule:

@@ -1,7 +1,8 @@
 """The whole contact's attraction against pressure, tabulated once per solid.
 
-`AttractionTable` holds the gaps of a contact at pressures on a lattice; `Attraction` is what loads
-a batch of states, `WideningAttraction` where the attraction beside the spots widens them.
+`AttractionTable` holds the gaps of a contact at the pressures of a lattice. `Attraction` is the
+attraction that loads a batch of states; `WideningAttraction` replaces it where the attraction
+beside the spots widens them.
 """
 
 from __future__ import annotations
@@ -15,28 +16,25 @@ from torch import Tensor
 
 from haptix.contact import MeanField
 from haptix.contact.finite_size import Touching
-from haptix.contact.meanfield import GapHistogram
+from haptix.contact.meanfield import LATTICE_STEP, GapHistogram
 from haptix.contact.tables import UniformCubic
 from haptix.electro.attraction import Circuit, Pull, bin_inverse
 from haptix.electro.widening import LARGEST_RISE, LOWER_NODES, LiftedGaps, by_rise
 
-# ln p steps of one lattice for all tables of a contact, so that a node's place, and with it every
-# result, does not depend on the requested pressures. It is anchored to the contact's own
-# stress, so that it scales with the moduli. 24 a decade: the cubic is within a few 1e-6.
-_STEP = log(10) / 24
 _MARGIN = 3  # nodes beyond the ends, so that every slope in use has its full stencil
+_LIFTED_MARGIN = 2  # further nodes: lifted gaps are themselves differences from node to node
 _TINY = 1e-300
 _LIMIT_STEPS = 3
-_STEEPNESS = 0.2, 1.0  # of ln(p0 + gaps' attraction) against ln p_A
+_STEEPNESS = 0.2, 1.0  # bounds of the slope of ln(p0 + gaps' attraction) against ln p_A
 
 WIDEST = 4.0
-"""Largest p_A over what applied pressure and the gaps' attraction add up to."""
+"""Largest ratio of p_A to the sum of applied pressure and the gaps' attraction."""
 
 AreaFraction = Callable[[Tensor], Tensor]
 """A/A0 at pressures [Pa]: elastic, or elastoplastic."""
 
 VoltageShare = Callable[[Tensor], Tensor]
-"""Share of the drive's voltage that is left for a contact of given capacitance [F], complex."""
+"""Complex share of the drive's voltage that lies on a contact, from its capacitance [F]."""
 
 
 @dataclass(frozen=True)
@@ -57,44 +55,64 @@ class AttractionTable:
     def solve(
         cls, contact: MeanField, lowest_pa: float, highest_pa: float, widened: bool = False
     ) -> AttractionTable:
-        """Tabulate from `lowest_pa` to `highest_pa`; `widened` for spots that it widens."""
-        anchor = torch.log(contact.stress_rms_pa)
-        first = floor((log(lowest_pa) - float(anchor.detach())) / _STEP) - _MARGIN
-        last = ceil((log(highest_pa) - float(anchor.detach())) / _STEP) + _MARGIN
-        nodes = torch.arange(first, last + 1, dtype=torch.float64, device=contact.device)
-        log_pressure = anchor + nodes * _STEP
-        pressure = torch.exp(log_pressure)
-        gaps = contact.gap_histogram(pressure)
-        lower = log_pressure[0] + _STEP * torch.arange(
-            -LOWER_NODES if widened else 0, 0, dtype=torch.float64, device=contact.device
-        )
-        mean_gap = contact.mean_gap(torch.cat([torch.exp(lower), pressure]))
+        """Tabulate from `lowest_pa` to `highest_pa`; `widened` also tabulates the lifted gaps.
+
+        Parameters
+        ----------
+        contact : MeanField
+            The rough contact.
+        lowest_pa, highest_pa : float
+            Pressures [Pa] that the table must cover.
+        widened : bool
+            Whether the attraction widens the contact spots.
+        """
+        anchor = float(torch.log(contact.stress_rms_pa.detach()))
+        margin = _MARGIN + _LIFTED_MARGIN
+        first = floor((log(lowest_pa) - anchor) / LATTICE_STEP) - margin
+        last = ceil((log(highest_pa) - anchor) / LATTICE_STEP) + margin
+        log_pressure = contact.log_lattice(first, last)
+        gaps = GapHistogram(contact.gap_edges_m, contact.lattice_mass(first, last))
+        more = LOWER_NODES if widened else 0
+        mean_gap = contact.lattice_mean_gap(first - more, last)
         lifted = None
         if widened:
-            area = contact.area_fraction(pressure)
-            lifted = LiftedGaps.of_table(gaps.edges_m, gaps.mass, area, mean_gap, _STEP)
-        log_gap = torch.log(mean_gap[len(lower) :].clamp(min=_TINY))
-        log_mean_gap = UniformCubic.through(log_pressure[0], _STEP, log_gap)
+            area = contact.area_fraction(torch.exp(log_pressure))
+            lifted = LiftedGaps.of_table(gaps.edges_m, gaps.mass, area, mean_gap, LATTICE_STEP)
+        log_gap = torch.log(mean_gap[more:].clamp(min=_TINY))
+        log_mean_gap = UniformCubic.through(log_pressure[0], LATTICE_STEP, log_gap)
         return cls(contact, log_pressure, gaps, log_mean_gap, lifted)
 
     def covers(self, lowest_pa: float, highest_pa: float) -> bool:
-        """Whether every slope between these pressures has its full stencil."""
-        low = exp(float(self.log_pressure[_MARGIN].detach()))
-        high = exp(float(self.log_pressure[-1 - _MARGIN].detach()))
+        """Whether every slope between these pressures has its full stencil.
+
+        Parameters
+        ----------
+        lowest_pa, highest_pa : float
+        """
+        margin = _MARGIN + _LIFTED_MARGIN
+        low = exp(float(self.log_pressure[margin].detach()))
+        high = exp(float(self.log_pressure[-1 - margin].detach()))
         return low <= lowest_pa and highest_pa <= high
 
     def part(self, lowest_pa: float, highest_pa: float) -> AttractionTable:
-        """Return the nodes that are used between these pressures, which must be covered."""
+        """Return the nodes that are used between these pressures, which must be covered.
+
+        Parameters
+        ----------
+        lowest_pa, highest_pa : float
+        """
         start, last = self.log_pressure[0].detach(), len(self.log_pressure)
-        first = max(0, floor((log(lowest_pa) - float(start)) / _STEP) - _MARGIN)
-        last = min(last, ceil((log(highest_pa) - float(start)) / _STEP) + _MARGIN + 1)
+        first = max(0, floor((log(lowest_pa) - float(start)) / LATTICE_STEP) - _MARGIN)
+        last = min(last, ceil((log(highest_pa) - float(start)) / LATTICE_STEP) + _MARGIN + 1)
         at, gap = slice(first, last), self.log_mean_gap
         log_pressure = self.log_pressure[at]
         return replace(
             self,
             log_pressure=log_pressure,
             gaps=replace(self.gaps, mass=self.gaps.mass[at]),
-            log_mean_gap=UniformCubic(log_pressure[0], _STEP, gap.values[at], gap.slopes[at]),
+            log_mean_gap=replace(
+                gap, start=log_pressure[0], values=gap.values[at], slopes=gap.slopes[at]
+            ),
             lifted=None if self.lifted is None else self.lifted.part(at),
         )
 
@@ -112,17 +130,25 @@ class AttractionTable:
         supply: Tensor | None = None,
         applied_pa: Tensor | None = None,
     ) -> Attraction:
-        """Attraction of a batch of states against pressure, with the fields of `Attraction`.
+        """Attraction of a batch of states against pressure.
 
-        `supply` has ln of the squared share of the voltage, shape (nodes, states), see `supply`;
-        `applied_pa` their p0 [Pa], for spots that the attraction widens.
+        Parameters
+        ----------
+        pull : Pull
+            Attraction of each gap.
+        spots, touching
+            Fields of `Attraction`.
+        supply : Tensor, shape (nodes, states), optional
+            ln of the squared share of the voltage, from the method `supply`.
+        applied_pa : Tensor, shape (states,), optional
+            p0 [Pa], needed where the attraction widens the spots.
         """
         if self.lifted is not None and applied_pa is not None:
             return self._widening(self.lifted, pull, touching, supply, applied_pa)
         log_gaps, column = torch.log(pull.on_gaps(self.gaps.mass)), pull.own_column
         spot_pull = None if spots is None else pull.on_spots()
         log_supply = None
-        if supply is not None:  # every state has a column of its own
+        if supply is not None:  # the share of the voltage differs by state: so does the column
             log_supply = self._against_pressure(supply)
             log_gaps = log_gaps[:, column]
             spot_pull = None if spot_pull is None else spot_pull[column]
@@ -139,10 +165,15 @@ class AttractionTable:
         applied_pa: Tensor,
     ) -> WideningAttraction:
         rise, column = None, pull.own_column
-        if pull.column is None:  # each state has a column, and so each column one p0
+        if pull.column is None:  # every column belongs to one state, and so has one p0
             rise = self.log_pressure[:, None] - torch.log(applied_pa)
-            rise = rise.clamp(min=-_MARGIN * _STEP)
-        effect = by_rise(lifted, pull.on_gaps, rise)
+            rise = rise.clamp(min=-_MARGIN * LATTICE_STEP)
+        on_lattice = None if rise is not None else pull.on_lattice(self.gaps.edges_m)
+        if on_lattice is None:
+            effect = by_rise(lifted, pull.on_gaps, rise)
+        else:  # the effect is smooth in h0, and an interpolation is far cheaper than computing it
+            lattice, weights = on_lattice
+            effect = by_rise(lifted, lattice.on_gaps) @ weights
         if supply is not None and rise is None:
             effect, column = effect[..., column], torch.arange(len(column), device=column.device)
         total, pulled, work = (self._against_pressure(part.movedim(0, -1)) for part in effect)
@@ -159,7 +190,21 @@ class AttractionTable:
         area_fraction: AreaFraction,
         touching: Touching | None,
     ) -> Tensor:
-        """Return ln of the squared share of the voltage at each node, shape (nodes, states)."""
+        """Return ln of the squared share of the voltage at each node, shape (nodes, states).
+
+        Parameters
+        ----------
+        circuit : Circuit
+            Insulators and gaps of the states.
+        area_m2 : Tensor, shape (states,)
+            Apparent areas A0 [m^2].
+        share : callable
+            Share of the voltage that a capacitance [F] gets.
+        area_fraction : callable
+            A/A0 at pressures [Pa].
+        touching : Touching or None
+            Finite size of each state.
+        """
         mass, edges = self.gaps.mass, self.gaps.edges_m
         inverse = bin_inverse(edges, circuit.thickness_m)
         gaps = mass.to(inverse.dtype) @ inverse.T
@@ -174,7 +219,15 @@ class AttractionTable:
         return 2 * torch.log(left.abs())
 
     def at(self, supply: Tensor | None, pressure_pa: Tensor) -> Tensor:
-        """Squared share of the voltage of each state at a pressure [Pa], see `supply`."""
+        """Squared share of the voltage of each state at a pressure [Pa], see `supply`.
+
+        Parameters
+        ----------
+        supply : Tensor or None
+            What `supply` returned; None for the whole voltage.
+        pressure_pa : Tensor, shape (states,)
+            Pressure of each state [Pa].
+        """
         if supply is None:
             return torch.ones_like(pressure_pa)
         states = torch.arange(len(pressure_pa), device=pressure_pa.device)
@@ -182,12 +235,12 @@ class AttractionTable:
 
     def _cell(self, log_pressure: Tensor) -> tuple[Tensor, Tensor]:
         """Node below ln p of any shape, and the share of the step to the next one."""
-        place = (log_pressure - self.log_pressure[0]) / _STEP
+        place = (log_pressure - self.log_pressure[0]) / LATTICE_STEP
         cell = place.detach().floor().clamp(0, len(self.log_pressure) - 2).long()
         return cell, place - cell
 
     def _against_pressure(self, values: Tensor) -> UniformCubic:
-        return UniformCubic.through(self.log_pressure[0], _STEP, values)
+        return UniformCubic.through(self.log_pressure[0], LATTICE_STEP, values)
 
 
 @dataclass(frozen=True)
@@ -203,9 +256,10 @@ class Attraction:
     spots: AreaFraction | None = None
     """A/A0 at pressures [Pa], where the attraction inside the spots loads the contact."""
     touching: Touching | None = None
-    """Finite size of each state, of which its gaps are narrower than those of an infinite one."""
+    """Finite size of each state, which makes its gaps narrower than those of an infinite
+    contact."""
     log_supply: UniformCubic | None = None
-    """ln of the squared share of the drive's voltage that the contact has, against ln p."""
+    """ln of the squared share of the drive's voltage on the contact, against ln p."""
 
     def gaps(self, log_pressure: Tensor) -> Tensor:
         """I of the gaps alone at ln p, shape (states,)."""
@@ -216,11 +270,11 @@ class Attraction:
         return log_pressure if self.touching is None else self.touching.of_gap(log_pressure)
 
     def limit(self, log_limit: Tensor) -> Tensor:
-        """Ln p at which applied pressure and gaps' attraction add up to this, shape (states,)."""
+        """Ln p at which ln of applied pressure plus gaps' attraction is `log_limit`, by state."""
         return log_limit
 
     def supply(self, log_pressure: Tensor) -> Tensor:
-        """Squared share of the drive's voltage that the contact has at ln p, shape (states,)."""
+        """Squared share of the drive's voltage on the contact at ln p, shape (states,)."""
         if self.log_supply is None:
             return torch.ones_like(log_pressure)
         return torch.exp(self.log_supply(log_pressure, self.column))
@@ -262,8 +316,8 @@ class Attraction:
     def log_slopes(self) -> Tensor:
         """dlnI/dlnp at the nodes of each column, shape (nodes, columns), for infinite size.
 
-        Finite size lets the gaps' share of the slope fall; that of the spots is below 1: neither
-        makes a fold where there was none.
+        These slopes suffice to exclude a fold: finite size only lowers the gaps' part of the slope,
+        and the spots' part is below 1.
         """
         slope = self.log_gaps.slopes
         if self.spot_pull is not None and self.spots is not None:
@@ -278,21 +332,21 @@ class Attraction:
 class WideningAttraction(Attraction):
     """``I(p_A)`` of attractions that widen the contact spots, at p0 of each state.
 
-    The parts of `log_gaps`, which has ln I, are coefficients of the powers of ``ln p_A/p0``; there
-    is only one where p0 of each column was known at each node (`haptix.electro.widening`). The gaps
-    are those at p_A whatever the contact's size: the law "mean-gap" has no other.
+    `log_gaps` holds ln I. Its parts are coefficients of the powers of ``ln p_A/p0``. Where each
+    column has one p0, there is a single coefficient (`haptix.electro.widening`). The gaps are
+    always those at p_A, as the size law "mean-gap" has it.
     """
 
     applied_pa: Tensor = field(default_factory=lambda: torch.empty(0))
     """p0 [Pa] of each state."""
     log_share: UniformCubic | None = None
-    """ln of the gaps' own share of I, in the same form."""
+    """ln of the gaps' share of I, in the same form."""
     log_work: UniformCubic | None = None
     """ln of the share of I that moves the mean gap, in the same form."""
 
     def gaps(self, log_pressure: Tensor) -> Tensor:
         """I of the gaps alone at ln p, shape (states,)."""
-        share = self._at(self.log_share, log_pressure)[0]
+        share = self._at(self.log_share, log_pressure)[0].clamp(max=0.0)
         return torch.exp(self._log_gaps(log_pressure)[0] + share) * self.supply(log_pressure)
 
     def of_gap(self, log_pressure: Tensor) -> Tensor:
@@ -307,13 +361,14 @@ class WideningAttraction(Attraction):
         return self.log_gaps.values.shape[-1] > 1
 
     def limit(self, log_limit: Tensor) -> Tensor:
-        """Ln p at which applied pressure and gaps' attraction add up to this, shape (states,)."""
+        """Ln p at which ln of applied pressure plus gaps' attraction is `log_limit`, by state."""
         last, at = log_limit + log(WIDEST), log_limit
         with torch.no_grad():
             for _ in range(_LIMIT_STEPS):
-                at = torch.minimum(at + self._limit_step(log_limit, at), last)
-        # One step more, recorded by autograd: load and material move the limit.
-        return torch.minimum(at + self._limit_step(log_limit, at), last)
+                at = (at + self._limit_step(log_limit, at)).clamp(log_limit, last)
+        # One more step, recorded by autograd: load and material move the limit. The gaps'
+        # attraction is at most the whole one, so that the result is at least `log_limit`.
+        return (at + self._limit_step(log_limit, at)).clamp(log_limit, last)
 
     def _limit_step(self, log_limit: Tensor, log_pressure: Tensor) -> Tensor:
         """Newton's step of ln p to the limit."""
@@ -325,7 +380,7 @@ class WideningAttraction(Attraction):
         return (log_limit - torch.log(pulled)) / steepness.clamp(*_STEEPNESS)
 
     def log_slopes(self) -> Tensor:
-        """dlnI/dlnp at p0 of the nodes of each column: the largest over all rises."""
+        """Largest dlnI/dlnp over all rises, at the nodes of each column, taken as p0."""
         values, slopes = self.log_gaps.values.detach(), self.log_gaps.slopes
         rises = torch.linspace(0, LARGEST_RISE, 13, dtype=values.dtype, device=values.device)
         power = torch.arange(values.shape[-1], device=values.device)
@@ -354,7 +409,7 @@ class WideningAttraction(Attraction):
 
 
 def _with_slope(area_fraction: AreaFraction, log_pressure: Tensor) -> tuple[Tensor, Tensor]:
-    """A/A0 and dA/dlnp; the slope is for steps only and carries no gradient of its own."""
+    """A/A0 and dA/dlnp; the slope serves Newton's steps only and carries no gradient."""
     with torch.enable_grad():
         at = log_pressure.detach().requires_grad_()
         (slope,) = torch.autograd.grad(area_fraction(torch.exp(at)).sum(), at)

@@ -23,10 +23,11 @@ def peak_field(voltage_v: Tensor, thickness_m: Tensor) -> Tensor:
 def bearable_field(
     gap_m: Tensor, insulator_permittivity: float, insulator_strength_v_per_m: float
 ) -> Tensor:
-    """Largest field [V/m] that gaps of given widths [m], and the insulator beside them, bear.
+    """Largest field [V/m] that gaps of given widths [m], and the insulator beside them, withstand.
 
-    Paschen's law scaled to its minimum, ``V = 327 V x / (1 + ln x)`` with ``x = u / 7.5 um``; gaps
-    under some 3 um, where it would give more, bear 350 V/um until electrons leave the surface.
+    In wide gaps it is Paschen's law scaled to its minimum, ``V = 327 V x / (1 + ln x)`` with
+    ``x = u / 7.5 um``. Under some 3 um that law would give more than 350 V/um, at which electrons
+    leave the surface; there the limit is 350 V/um.
 
     Parameters
     ----------
@@ -36,7 +37,7 @@ def bearable_field(
         eps1, and the field that the insulator withstands [V/m].
     """
     least = PASCHEN_MINIMUM_V / PASCHEN_MINIMUM_GAP_M
-    # Below some picometres nothing changes any more: a gap of 0 has a gradient too.
+    # The logarithm is cut off at some picometres, so that a gap of 0 has a gradient too.
     law = 1 + torch.log((gap_m / PASCHEN_MINIMUM_GAP_M).clamp(min=1e-6))
     air = least / law.clamp(min=least / NARROW_GAP_FIELD_V_PER_M)
     return air.clamp(max=insulator_strength_v_per_m * insulator_permittivity)
@@ -55,8 +56,10 @@ def breakdown_voltage(
         As for `bearable_field`.
     """
     gaps, borne = _weakest(insulator_permittivity, insulator_strength_v_per_m)
-    each = [field * (gap + thickness_m).abs() for gap, field in zip(gaps, borne, strict=True)]
-    return torch.minimum(*each)
+    narrow, wide = (
+        field * (gap + thickness_m).abs() for gap, field in zip(gaps, borne, strict=True)
+    )
+    return torch.minimum(narrow, wide)
 
 
 def breaks_down(
@@ -79,23 +82,23 @@ def breaks_down(
 
 
 def _weakest(permittivity: float, strength_v_per_m: float) -> tuple[tuple[float, ...], list[float]]:
-    """Gaps [m] that break down first, and the fields [V/m] that they bear."""
+    """Gaps [m] that break down first, and the fields [V/m] that they withstand."""
     gaps = (0.0, PASCHEN_MINIMUM_GAP_M)
     borne = bearable_field(torch.tensor(gaps, dtype=torch.float64), permittivity, strength_v_per_m)
     return gaps, borne.tolist()
 
 
 def share_past(attraction: Tensor, field_at_edges: Tensor, bearable_at_edges: Tensor) -> Tensor:
-    """Share of an attraction that comes from gaps whose field is past what they bear.
+    """Share of an attraction that comes from gaps whose field is above what they withstand.
 
     Parameters
     ----------
     attraction : Tensor, shape (..., bins)
         Attraction of the gaps in each bin, in any unit.
     field_at_edges, bearable_at_edges : Tensor, shape (..., bins + 1)
-        Field [V/m], and what a gap bears, at the bins' edges.
+        Field [V/m], and the field that a gap withstands, at the bins' edges.
     """
-    # A bin that the boundary crosses counts in part, as if the excess were linear across it.
+    # A bin that the boundary crosses counts in part: its excess is taken as linear across the bin.
     excess = field_at_edges - bearable_at_edges
     low, high = excess[..., :-1], excess[..., 1:]
     span = (low.abs() + high.abs()).clamp(min=1e-300)

@@ -27,16 +27,16 @@ VACUUM_PERMITTIVITY = 8.8541878128e-12
 
 _NOISE = 1.05  # a measured column may rise by this factor from row to row
 
-# Left out where it is 1: a skin without it is written and hashed as it was before there was one.
+# A scale of 1 is not written: files and hashes from before this field existed stay valid.
 _Scale = Annotated[PositiveFloat, Field(exclude_if=lambda scale: scale == 1)]
 
 
 @dataclass(frozen=True)
 class MonotoneCubic:
-    """A C1 cubic that rises and falls only where its values do, and holds its ends beyond them.
+    """A C1 cubic that rises and falls only where its values do, and is constant beyond its ends.
 
-    Source of the slopes: Fritsch & Butland, SIAM J. Sci. Stat. Comput. 5, 300 (1984); 0 at the
-    ends, so that nothing has a corner there either.
+    Source of the slopes: Fritsch & Butland, SIAM J. Sci. Stat. Comput. 5, 300 (1984). They are 0 at
+    the ends, so that there is no corner there.
     """
 
     nodes: Tensor
@@ -73,12 +73,12 @@ class SkinDielectric(Part):
     """Permittivity and resistivity of the stratum corneum against frequency.
 
     ``eps2(w) = eps_SC + i / (w eps0 rho_SC)`` (paper, Eq. 4), by a monotone cubic over logarithms;
-    beyond its ends the table holds its last values. The built-in table is an order of magnitude
-    only and says so.
+    beyond its ends the table keeps its last values. The built-in table is an order of magnitude
+    only, and its `source` says so.
 
-    A table must be one of relaxations, which is what causality allows for skin at these
-    frequencies: by the relations of Kramers and Kronig, neither permittivity nor resistivity then
-    rises with frequency (5 % from row to row is taken for noise).
+    Skin at these frequencies shows relaxations only. By the relations of Kramers and Kronig neither
+    permittivity nor resistivity then rises with frequency, and a table in which one does is
+    rejected (a rise of up to 5 % from row to row counts as noise).
 
     Parameters
     ----------
@@ -91,6 +91,14 @@ class SkinDielectric(Part):
         True while the numbers are not measured ones.
     source : str
         Where the numbers come from.
+
+    Examples
+    --------
+    >>> skin = SkinDielectric()
+    >>> frequency_hz = torch.tensor([100.0, 1e5], dtype=torch.float64)
+    >>> low, high = skin.relative_permittivity(frequency_hz).abs()
+    >>> bool(low > high)
+    True
     """
 
     frequency_hz: tuple[PositiveFloat, ...] = (1e1, 1e2, 1e3, 1e4, 1e5, 1e6)
@@ -108,12 +116,12 @@ class SkinDielectric(Part):
         if list(self.frequency_hz) != sorted(set(self.frequency_hz)):
             raise ValueError("expected frequencies in increasing order")
         for name in ("permittivity", "resistivity_ohm_m"):
-            for number, (one, two) in enumerate(pairwise(getattr(self, name)), start=1):
-                if two > _NOISE * one:
+            for row, (value, following) in enumerate(pairwise(getattr(self, name)), start=1):
+                if following > _NOISE * value:
                     raise ValueError(
                         f"{name}: expected a causal table, whose {name.split('_')[0]} does not "
-                        f"rise with frequency, but it rises from {one:g} in row {number} to "
-                        f"{two:g}; check the rows, or drop them"
+                        f"rise with frequency, but it rises from {value:g} in row {row} to "
+                        f"{following:g}; check the rows, or drop them"
                     )
         return self
 
@@ -133,8 +141,8 @@ class SkinDielectric(Part):
 class ColeCole(Part):
     """Permittivity as a sum of relaxations after Cole and Cole.
 
-    ``eps2(w) = eps_inf + sum D / (1 + (i w tau)^(1-a)) + sigma / (i w eps0)``, whose complex
-    conjugate is meant where, as here, a loss is positive.
+    ``eps2(w) = eps_inf + sum D / (1 + (i w tau)^(1-a)) + sigma / (i w eps0)``. Here a loss is
+    positive, and the value is the complex conjugate of this.
 
     Parameters
     ----------

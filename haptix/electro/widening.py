@@ -1,30 +1,30 @@
 """Attraction beside the contact spots: it widens them, and the gaps keep less of their pull.
 
-A gap's attraction t(u) loads the contact where it acts. Three sums over the gaps say what it does.
-Gaps are ranked by size: the gap of rank n is larger than a share n of the area, spots (A) included.
+The attraction t(u) of a gap loads the contact where it acts. Gaps are ranked by size: the gap of
+rank n is larger than a share n of the area, contact spots (A) included.
 
-- The area is that of ``p_A = p0 + int g t dn``. A traction beside a spot drives its edge outwards
-  more than a distant one. For spots like strips of a period, ``g = sin th / sqrt(sin^2 th - sin^2
-  al)`` with ``th = pi n/2`` and ``al = pi A/2`` (Westergaard, J. Appl. Mech. 6, A49 (1939)). Its
-  mean is 1: an even attraction acts as a pressure.
-- The mean gap is that of ``p_g = p0 + int v t dn``, where ``v = (du/dp) / (dubar/dp)`` at constant
-  n: by reciprocity (Betti), a traction moves the mean gap as the mean pressure moves its own gap.
-  This is the virtual work of the attraction.
-- The gaps between are those of p_A, lifted as by a flat punch until their mean is that of p_g
-  (Johnson, Kendall, Roberts, Proc. R. Soc. A 324, 301 (1971)). Within reach of the attraction the
-  lift is half of that: so far does a cohesive zone open a crack, of what its far field would
-  (Dugdale, J. Mech. Phys. Solids 8, 100 (1960)).
-- The gaps beside an edge close as in contact without attraction where the lift is small against
-  the attraction's reach, and are lifted like the others where it is large (JKR). Between the two
-  limits, a share ``z/(1 + z)`` of the lift counts, z the lift over the reach: it is what lifting
-  all of them would take from their attraction, ``(1 + z)^-2``.
+- The area is that at the pressure ``p_A = p0 + int g t dn``. A traction beside a spot drives the
+  spot's edge outwards more than a distant one does. For spots in the form of periodic strips, ``g =
+  sin th / sqrt(sin^2 th - sin^2 al)`` with ``th = pi n/2`` and ``al = pi A/2`` (Westergaard, J.
+  Appl. Mech. 6, A49 (1939)). The mean of g is 1, so that an even attraction acts as a pressure.
+- The mean gap is that at the pressure ``p_g = p0 + int v t dn``, where ``v = (du/dp) / (dubar/dp)``
+  at constant n. By reciprocity (Betti), a traction moves the mean gap as much as the mean pressure
+  moves the gap at the traction. So this sum is the virtual work of the attraction.
+- The gaps are those at p_A, lifted as by a flat punch until their mean is that at p_g (Johnson,
+  Kendall, Roberts, Proc. R. Soc. A 324, 301 (1971)). Within reach of the attraction they are lifted
+  by half of that: a cohesive zone opens a crack half as far as its far field would (Dugdale, J.
+  Mech. Phys. Solids 8, 100 (1960)).
+- The gaps beside an edge close as in contact without attraction where the lift is small against the
+  attraction's reach. Where it is large, they are lifted like the others (JKR). Let z be the lift
+  over the reach. Between these limits a share ``z/(1 + z)`` of the lift counts; z follows from the
+  factor ``(1 + z)^-2`` by which lifting all of these gaps would weaken their attraction.
 
 No number is fitted (docs/mean-field.md).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from math import pi
@@ -34,16 +34,16 @@ from torch import Tensor
 
 from haptix.contact.tables import differences
 
-_LIFT_STEPS = (0, 4, 10, 20, 34, 50)  # steps of the lattice from p_g to p_A: up to 120 times
-_HALF = 0.5  # of a flat punch's lift, within reach of the attraction
-_STEEPEST = 4.0  # v, beyond what any gap has: bounds the quotient of nearly empty bins
+_LIFT_STEPS = (0, 4, 10, 20, 34, 50)  # steps of the lattice from p_g to p_A: a ratio of up to 120
+_PUNCH_SHARE = 0.5  # of a flat punch's lift, for gaps within reach of the attraction
+_STEEPEST = 4.0  # bound of v, above that of any gap: nearly empty bins have meaningless quotients
 _TINY = 1e-300
-# ln p_A/p0 at which what the attraction does is worked out; between them it is a polynomial.
+# ln p_A/p0 at which the effect of an attraction is computed; between them it is a polynomial.
 _RISES = (0.0, 0.5, 1.4, 2.6, 3.8, 4.8)
 LARGEST_RISE = _RISES[-1]
-"""ln p_A/p0, beyond the end of light contact."""
-_COLUMNS = 32  # of an attraction that are worked out together: what fits the cache
-_NEWTON_STEPS = 2  # for the lift at a share: more move mu by 6e-12
+"""Largest ln p_A/p0 of the table, beyond the end of light contact."""
+_COLUMNS = 128  # computed together: few calls, and arrays that fit the CPU's cache
+_NEWTON_STEPS = 2  # for the lift; more steps would move mu by 6e-12
 
 
 @cache
@@ -54,8 +54,22 @@ def _monomials(places: tuple[float, ...]) -> Tensor:
     return inverse
 
 
+def _combined(weights: Tensor, parts: Sequence[Tensor]) -> Tensor:
+    """Sum of the parts with each row of weights, in a fixed order.
+
+    A matrix product could give other bits for another number of nodes.
+    """
+    rows = []
+    for row in weights:
+        total = row[0] * parts[0]
+        for weight, part in zip(row[1:], parts[1:], strict=True):
+            total = total + weight * part
+        rows.append(total)
+    return torch.stack(rows)
+
+
 def _polynomial(coefficients: Tensor, x: Tensor) -> tuple[Tensor, Tensor]:
-    """Value and slope at x of polynomials whose coefficients stand along the first axis."""
+    """Value and slope at x of polynomials; the first axis of `coefficients` is the power."""
     value, slope = coefficients[-1].expand(x.shape), torch.zeros_like(x)
     for coefficient in coefficients[:-1].flip(0):
         slope = torch.addcmul(value, slope, x)
@@ -64,14 +78,14 @@ def _polynomial(coefficients: Tensor, x: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def edge_weight(area: Tensor, open_share: Tensor) -> Tensor:
-    """``int (g - 1) dn`` from A to ``A + open_share``; over all gaps it is A.
+    """Return ``int (g - 1) dn`` from A to ``A + open_share``; the integral over all gaps is A.
 
     Parameters
     ----------
     area : Tensor
         A/A0.
     open_share : Tensor
-        Share of the area in gaps up to a size; it broadcasts with `area`.
+        Share of the area in gaps up to some size; it broadcasts with `area`.
     """
     start = pi / 2 * area
     beyond = torch.minimum(pi / 2 * open_share, pi / 2 - start)
@@ -110,9 +124,10 @@ class LiftedGaps:
         area : Tensor, shape (nodes,)
             A/A0.
         mean_gap_m : Tensor, shape (more + nodes,)
-            Mean gap [m] at the nodes, and at the `more` nodes below that the largest lift takes.
+            Mean gap [m] at the nodes, and at the `more` nodes below them that the largest lift
+            needs.
         step : float
-            Of ln p from node to node.
+            Step of ln p from node to node.
         """
         nodes, more = len(mass), len(mean_gap_m) - len(mass)
         rank = area[:, None] + torch.cat([torch.zeros_like(area)[:, None], mass.cumsum(-1)], -1)
@@ -131,19 +146,20 @@ class LiftedGaps:
         beside: list[Tensor] = []
         for steps in _LIFT_STEPS:
             lift = (mean_gap_m[more - steps : more - steps + nodes] - low).clamp(min=0.0)
-            place = middle + _HALF * lift[:, None] * reach
+            place = middle + _PUNCH_SHARE * lift[:, None] * reach
             above = torch.searchsorted(middle, place.detach()).clamp(1, len(middle) - 1)
             part = (place - middle[above - 1]) / (middle[above] - middle[above - 1])
             part = part.clamp(0.0, 1.0)
-            for kept, moved in ((opened, mass), (worked, work), (beside, edge)):
-                to = torch.zeros_like(moved)
-                to = to.scatter_add(1, above, moved * part)
-                kept.append(to.scatter_add(1, above - 1, moved * (1 - part)))
+            # A lifted bin is divided between the two bins about its new place.
+            for by_lift, moved in ((opened, mass), (worked, work), (beside, edge)):
+                lifted = torch.zeros_like(moved)
+                lifted = lifted.scatter_add(1, above, moved * part)
+                by_lift.append(lifted.scatter_add(1, above - 1, moved * (1 - part)))
         lifts = step * torch.tensor(_LIFT_STEPS, dtype=mass.dtype, device=mass.device)
         return cls(lifts, *(torch.stack(masses, 1) for masses in (opened, worked, beside)))
 
     def part(self, at: slice) -> LiftedGaps:
-        """Return some of the nodes."""
+        """Return the gaps at some of the nodes."""
         return LiftedGaps(self.lifts, self.open[at], self.work[at], self.edge[at])
 
 
@@ -154,21 +170,22 @@ LOWER_NODES = _LIFT_STEPS[-1]
 def by_rise(
     lifted: LiftedGaps, on_gaps: Callable[[Tensor], Tensor], rise: Tensor | None = None
 ) -> Tensor:
-    """Coefficients of what an attraction does, against the rise ``ln p_A/p0`` that it makes.
+    """Polynomials of an attraction's effect against the rise ``ln p_A/p0`` that it causes.
 
     Parameters
     ----------
     lifted : LiftedGaps
         Gaps of the nodes.
     on_gaps : callable
-        Attraction per strength of distributions, shape (distributions, columns).
+        Attraction per strength of gap distributions, shape (distributions, columns).
     rise : Tensor, shape (nodes, columns), optional
-        The rise of each column at each node, where it is known: one coefficient is then all.
+        The rise of each column at each node, where it is known. The polynomials then are constants.
 
     Returns
     -------
     Tensor, shape (3, powers, nodes, columns)
-        Of ln I, and ln of the shares of I that pull as gaps and that move the mean gap.
+        Coefficients of ln I, of ln of the gaps' share of I, and of ln of the share of I that moves
+        the mean gap.
     """
     nodes, lifts = lifted.open.shape[:2]
     to_lifts = _monomials(tuple(lifted.lifts.tolist())).to(lifted.open.device)
@@ -178,13 +195,13 @@ def by_rise(
         return on_gaps(mass.flatten(0, 1)).reshape(nodes, lifts, -1)
 
     def against_lift(values: Tensor) -> Tensor:
-        return torch.einsum("kl,nlc->knc", to_lifts, torch.log(values))
+        return _combined(to_lifts, torch.log(values).unbind(1))
 
     def of_columns(
         pull: Tensor, work: Tensor, beside: Tensor, rise: Tensor | None = None
     ) -> Tensor:
-        reached = (beside[:, :1] / beside).clamp(min=1.0).sqrt() - 1  # the lift over the reach
-        edge = against_lift(beside[:, :1] / (1 + reached**2 / (1 + reached)) ** 2)
+        relative_lift = (beside[:, :1] / beside).clamp(min=1.0).sqrt() - 1  # z: lift over reach
+        edge = against_lift(beside[:, :1] / (1 + relative_lift**2 / (1 + relative_lift)) ** 2)
         rises = beside.new_tensor(_RISES)[:, None, None] if rise is None else rise[None]
         return _at_rises(against_lift(pull), against_lift(work), edge, rises, bounds)
 
@@ -194,20 +211,20 @@ def by_rise(
     results = torch.cat([of_columns(*part) for part in parts], -1)
     if rise is not None:
         return results
-    return torch.einsum("ks,asnc->aknc", _monomials(_RISES).to(results.device), results)
+    return _combined(_monomials(_RISES).to(results.device), results.unbind(1)).movedim(0, 1)
 
 
 def _at_rises(
     gaps: Tensor, work: Tensor, edge: Tensor, rises: Tensor, bounds: tuple[float, float]
 ) -> Tensor:
-    """Ln I, and ln of its shares, at rises, from polynomials of a lift within bounds."""
-    shares = -torch.expm1(-rises)  # of p_A that the attraction has
+    """Ln I and ln of its two shares at rises, from polynomials of the lift within bounds."""
+    shares = -torch.expm1(-rises)  # of p_A: the part that is the attraction
 
     def lift_of(lift: Tensor) -> tuple[Tensor, Tensor]:
-        """Lift that what a lift leaves of the attraction makes, and its slope."""
+        """Lift that the attraction causes after gaps were lifted by `lift`, and its slope."""
         (pull, pull_slope), (spots, spots_slope), (moved, moved_slope) = (
             (torch.exp(value), slope)
-            for value, slope in (_polynomial(one, lift) for one in (gaps, edge, work))
+            for value, slope in (_polynomial(part, lift) for part in (gaps, edge, work))
         )
         total = pull + spots
         kept = moved / total
@@ -215,13 +232,13 @@ def _at_rises(
         left = (1 - shares * (1 - kept)).clamp(min=1e-9)
         return -torch.log(left), -shares * kept * (moved_slope - total_slope) / left
 
-    # The lift is at most the rise: from there Newton's steps go down to the fixed point.
+    # The lift is at most the rise. Newton's steps start there and fall to the fixed point.
     lift = (rises + torch.zeros_like(gaps[0])).detach().clamp(*bounds)
     with torch.no_grad():
         for _ in range(_NEWTON_STEPS):
             value, slope = lift_of(lift)
             lift = (lift + (value - lift) / (1 - slope)).clamp(*bounds)
-    # One step more, recorded by autograd: contact and drive move the lift.
+    # One more step, recorded by autograd: contact and drive move the lift.
     value, slope = lift_of(lift)
     lift = (lift + (value - lift) / (1 - slope.detach())).clamp(*bounds)
     pull = torch.exp(_polynomial(gaps, lift)[0])

@@ -16,6 +16,7 @@ from haptix.checks import choice, instance
 from haptix.contact import THEORIES, Accuracy, ContactSpots, GapDistribution, TheoryName
 from haptix.contact.accuracy import of_states
 from haptix.contact.meanfield import check_contact_spots
+from haptix.display import Displayed
 from haptix.electro import Pull, drive_voltage
 from haptix.electro.attraction import Circuit, field_in_time
 from haptix.electro.breakdown import breakdown_voltage, peak_field
@@ -41,18 +42,18 @@ from haptix.threads import backward_on_one_thread, one_thread
 from haptix.waves import Waveform
 
 LOWEST_FORCE_N, HIGHEST_FORCE_N = 1e-9, 1e6
-"""Forces that are solved: far beyond any finger, and far from the ends of double precision."""
+"""Range of forces: far beyond those of any finger, and far from the ends of double precision."""
 
 REFERENCE_FORCE_N = 0.5
-"""Where friction without voltage is kept: the middle of the paper's 0.1 to 0.9 N, and the force of
-its Fig. 4."""
+"""Force at which `in_theory` keeps friction without voltage: the middle of the paper's 0.1 to 0.9
+N, and the force of its Fig. 4."""
 
-_FAINT_V = 1e-9  # in place of 0 V: attraction is tabulated by its logarithm
+_FAINT_V = 1e-9  # in place of 0 V, whose attraction has no logarithm to tabulate
 _COSINE = Waveform(shift_turns=0.25)  # the drive of the paper
-_BEYOND = 2.0  # times the screen's limit: past it, the end of light contact is of no use
+_BEYOND = 2.0  # times the screen's limit: a pull-in voltage above that is cut to it
 
 
-class ContactModel:
+class ContactModel(Displayed):
     """Friction of a finger on a screen under voltage.
 
     ``p = F_N/A0 + p_a``, ``p_a = eps0 V0^2 I(p, h0)/4``, ``mu = tau_f A(p)/F_N`` (Ayyildiz et al.,
@@ -70,11 +71,11 @@ class ContactModel:
         Precision of the results. The arithmetic is float64: float32 is within 6e-8, relative.
     device : str
         Device of the tables.
-    theory : {"corrected", "local", "open-gaps", "as-published"}, optional
-        Form of the mean field: what agrees with boundary elements; the paper's without the
-        attraction inside the contact spots; or the paper as printed, see
-        `haptix.contact.THEORIES`. By default the finger's; in another, the model's `finger` has
-        the tau_f of `haptix.friction.in_theory`.
+    theory : {"local", "corrected", "open-gaps", "as-published"}, optional
+        Form of the mean field (`haptix.contact.THEORIES`). "local" agrees with boundary elements
+        with and without voltage, "corrected" without voltage; "open-gaps" is the paper without the
+        attraction inside the contact spots, "as-published" the paper as printed. By default the
+        finger's. In another form the model's `finger` has the tau_f of `haptix.friction.in_theory`.
     contact_spots : {"excluded", "included", "widened"}, optional
         Whether the attraction inside the contact spots loads the contact, or the attraction beside
         them widens them; by default the theory's.
@@ -83,13 +84,13 @@ class ContactModel:
     gamma : float, optional
         Factor of the elastic energy in the separation; by default the theory's.
     terms : set of str, or mapping of str to bool, optional
-        Names of all terms that are on, or single ones to switch. Without it those are on that
-        finger and screen have values for. `haptix.terms.TERMS` lists them all.
+        A set names all terms that are on; a mapping switches single terms on or off. By default the
+        terms are on for which finger and screen have values. `haptix.terms.TERMS` lists all terms.
     boundary_elements : BoundaryElementBox, optional
-        Surfaces of fidelity "boundary-element". The default holds only a part of a finger's
+        Surfaces of fidelity "boundary-element". The default box holds only a part of a finger's
         roughness, and warns of it. `contact` and `theory` are then the mean field of that part.
-        Pull-in is searched up to the highest requested voltage at a place; it is infinite where
-        none is met.
+        Pull-in is searched up to the highest voltage that is requested at a place; it is infinite
+        if the contact does not pull in below that.
     on_progress : callable, optional
         Called during a solve by boundary elements with the share that is done.
 
@@ -97,7 +98,19 @@ class ContactModel:
     ------
     InputError
         If a name is unknown, or terms contradict each other, the profiles or the fidelity.
+
+    Examples
+    --------
+    >>> import haptix
+    >>> finger, screen = haptix.Finger.preset("dry"), haptix.Screen()
+    >>> model = haptix.ContactModel(finger, screen, theory="corrected")
+    >>> model.theory, model.fidelity
+    ('corrected', 'mean-field')
     """
+
+    def _shown(self) -> dict[str, Any]:
+        parts = {"finger": self.finger.name, "screen": self.screen.name}
+        return {**parts, "fidelity": self.fidelity, "theory": self.theory}
 
     def __init__(
         self,
@@ -157,7 +170,15 @@ class ContactModel:
         self.solver = FrictionSolver(active, how(contact))
 
     def require(self, ability: Ability, who: str) -> None:
-        """Raise `InputError` unless the fidelity has an ability that `who` needs."""
+        """Raise `InputError` unless the fidelity has an ability that `who` needs.
+
+        Parameters
+        ----------
+        ability : Ability
+            What is needed.
+        who : str
+            Name of the caller, with which the message begins.
+        """
         if ability not in FIDELITIES[self.fidelity].can:
             raise InputError(
                 f"{who}: expected a fidelity that {ability} ({_able(ability)}), got "
@@ -169,9 +190,16 @@ class ContactModel:
         return any(term.reports == status for term in self.solver.terms.all)
 
     def describe(self) -> dict[str, Any]:
-        """Everything that determines the model's numbers, as plain values for files and hashes."""
-        # The response smooths friction in time: it changes none of the model's numbers. The theory
-        # has an entry of its own.
+        """Everything that determines the model's numbers, as plain values for files and hashes.
+
+        Examples
+        --------
+        >>> import haptix
+        >>> model = haptix.ContactModel(haptix.Finger(), haptix.Screen(), fidelity="closed-form")
+        >>> model.describe()["fidelity"]
+        'closed-form'
+        """
+        # The response smooths friction in time only, and the theory has its entry below.
         finger = self.finger.model_dump(mode="json", exclude={"response_hz_per_mm_per_s", "theory"})
         screen = self.screen.model_dump(mode="json")
         values = {"finger": finger, "screen": screen}
@@ -205,7 +233,14 @@ class ContactModel:
         }
 
     def placeholders(self) -> list[str]:
-        """Names of the unmeasured values that the model's numbers rest on."""
+        """Names of the unmeasured values that the model's numbers rest on.
+
+        Examples
+        --------
+        >>> import haptix
+        >>> haptix.ContactModel(haptix.Finger.preset("wet"), haptix.Screen()).placeholders()
+        ['roughness spectrum of the finger', 'dielectric of the skin']
+        """
         names = []
         if self.finger.roughness.is_placeholder:
             names.append("roughness spectrum of the finger")
@@ -253,23 +288,26 @@ class ContactModel:
     def at_drive(
         self, normal_force_n: Any, drive: Any, frequency_hz: Any = None, h0_m: Any = None
     ) -> ContactState:
-        """Solve at shares of each contact's own pull-in: ``drive = (V0 / V_pull-in)^2``.
+        """Solve at shares of each contact's pull-in: ``drive = (V0 / V_pull-in)^2``.
 
-        A surface tabulates this. The screen's limit does not apply, since it may lie between two
-        nodes. Other parameters, the result and the errors are those of `solve`.
+        Surfaces are tabulated in these shares. The screen's voltage limit is not checked, because
+        it may lie between two nodes of a surface. Other parameters, the result and the errors are
+        those of `solve`.
 
         Parameters
         ----------
+        normal_force_n, frequency_hz, h0_m : float or Tensor
+            As in `solve`.
         drive : float or Tensor
             0 or more.
         """
         self.require(Ability.TABULATE, "at_drive")
         share = self._checked("drive", drive, "of 0 or more", zero=True)
         places = self._places(normal_force_n, frequency_hz, h0_m)
-        pull_in = self._solve(share.new_zeros(()), *places).pull_in_voltage_v
         if Stage.PULL not in self.solver.terms.stages:
-            return self._solve(pull_in.to(torch.float64) * share.sqrt(), *places)
-        # Light contact may have no end: one that no drive reaches takes its place.
+            return self._solve(share, *places, of_end=True)
+        pull_in = self._solve(share.new_zeros(()), *places).pull_in_voltage_v
+        # Light contact may have no end; a voltage that no drive reaches takes its place.
         unit = pull_in.to(torch.float64).clamp(max=_BEYOND * self.screen.max_voltage_v)
         state = self._solve(unit * share.sqrt(), *places)
         return replace(state, pull_in_voltage_v=unit.to(self.dtype).expand(state.mu.shape))
@@ -290,12 +328,23 @@ class ContactModel:
         return force, frequency_hz, h0
 
     def _solve(
-        self, voltage: Tensor, force: Tensor, frequency_hz: Tensor | None, h0: Tensor
+        self,
+        voltage: Tensor,
+        force: Tensor,
+        frequency_hz: Tensor | None,
+        h0: Tensor,
+        of_end: bool = False,
     ) -> ContactState:
+        """Solve at voltages, or with `of_end` at squared shares of those that end light contact."""
         force, voltage, circuit, shape = self._flat(voltage, force, frequency_hz, h0)
-        mu, balance = self.solver.solve_in_blocks(
-            force, lambda at: self._pull(voltage[at], circuit.part(at))
-        )
+
+        def pull(at: slice | Tensor) -> Pull:
+            of_voltage = self._pull(voltage[at], circuit.part(at))
+            return replace(of_voltage, strength=voltage[at]) if of_end else of_voltage
+
+        mu, balance = self.solver.solve_in_blocks(force, pull, circuit.column, of_end)
+        if of_end:
+            voltage = drive_voltage(balance.strength_at_end) * voltage.sqrt()
         thickness = circuit.thickness_m[circuit.column]
         at_contact = voltage * balance.voltage_share
         breakdown = breakdown_voltage(
@@ -370,7 +419,7 @@ class ContactModel:
         medium = torch.ones_like(thickness)
         if frequency_hz is not None:
             medium = medium * self.solver.terms.gap_permittivity(frequency_hz)
-        circuit = Circuit(thickness.reshape(-1), medium.reshape(-1), column)
+        circuit = Circuit(thickness.reshape(-1), medium.reshape(-1), column).shared()
         return force, voltage, circuit, shape
 
     def _pull(self, voltage: Tensor, circuit: Circuit) -> Pull:
@@ -383,10 +432,15 @@ class ContactModel:
     def scatter(
         self, normal_force_n: Any, voltage_v: Any, frequency_hz: Any = None, h0_m: Any = None
     ) -> Scatter:
-        """Return what each surface of the boundary elements gives; after a `solve` at no cost.
+        """Return the equilibrium on each surface of the boundary elements; free after a `solve`.
 
-        Inputs and errors are those of `solve`; tensors have the broadcast shape of the inputs, and
-        (surfaces,). Another fidelity is an `InputError` too.
+        Inputs and errors are those of `solve`; another fidelity raises `InputError` too. Tensors
+        have the broadcast shape of the inputs, with the surfaces as the last axis.
+
+        Parameters
+        ----------
+        normal_force_n, voltage_v, frequency_hz, h0_m : float or Tensor
+            As in `solve`.
         """
         self.require(Ability.SCATTER, "scatter")
         fidelity = self.solver.fidelity
@@ -407,7 +461,7 @@ class ContactModel:
         h0_m: float | None = None,
         samples: int = 256,
     ) -> PeriodState:
-        """Solve one drive period in time, with a contact that follows the attraction without delay.
+        """Solve one drive period in time; the contact follows the attraction without delay.
 
         Parameters
         ----------
@@ -424,6 +478,14 @@ class ContactModel:
         ------
         InputError, LimitError
             As `solve` does.
+
+        Examples
+        --------
+        >>> import haptix
+        >>> model = haptix.ContactModel(haptix.Finger.preset("semi-wet"), haptix.Screen())
+        >>> period = model.over_period(0.5, 100.0, frequency_hz=125.0, samples=32)
+        >>> len(period.mu), float(period.t_s[16]) * 125.0  # half a period
+        (32, 0.5)
         """
         waveform = _COSINE if waveform is None else waveform
         self.require(Ability.INSTANTS, "over_period")
@@ -446,7 +508,7 @@ class ContactModel:
                 phase,
             )
 
-        # The circuit divides the voltage as at the drive's own frequency.
+        # The circuit divides the voltage at all instants as at the drive's fundamental frequency.
         thickness = self.solver.terms.thickness(h0, frequency)
         medium = thickness.new_ones(()) * self.solver.terms.gap_permittivity(frequency)
         pull = replace(
@@ -491,34 +553,41 @@ def _able(ability: Ability) -> str:
 
 
 def in_theory(finger: Finger, theory: TheoryName) -> Finger:
-    """Return the finger with a tau_f that fits a form of the mean field.
+    """Return the finger with the tau_f that belongs to another form of the mean field.
 
-    tau_f is fitted, and mu is tau_f times the area: each form has an area of its own, so that the
-    same measured friction gives each its own tau_f. Friction at 0.5 N without voltage stays.
+    tau_f is fitted to measured friction. mu is tau_f times the area over the force, and each form
+    gives another area, so that the same friction needs another tau_f. Friction at 0.5 N without
+    voltage does not change.
 
     Parameters
     ----------
     finger : Finger
-        A finger with the tau_f of its own `theory`.
-    theory : {"corrected", "local", "open-gaps", "as-published"}
-        The form to carry it over to.
+        A finger with the tau_f of its `theory`.
+    theory : {"local", "corrected", "open-gaps", "as-published"}
+        The form to convert it to.
 
     Raises
     ------
     InputError
         If there is no such form.
+
+    Examples
+    --------
+    >>> import haptix
+    >>> in_theory(haptix.Finger.preset("wet"), "corrected").theory
+    'corrected'
     """
     choice("theory", theory, THEORIES)
     if theory == finger.theory:
         return finger
     ratio = _area_at_rest(finger, finger.theory) / _area_at_rest(finger, theory)
     stress = finger.frictional_shear_stress_pa * ratio
-    kept = stress if stress.requires_grad else float(stress)
-    return finger.replace(theory=theory, frictional_shear_stress_pa=kept)
+    new_stress = stress if stress.requires_grad else float(stress)
+    return finger.replace(theory=theory, frictional_shear_stress_pa=new_stress)
 
 
 def _area_at_rest(finger: Finger, theory: TheoryName) -> Tensor:
-    """A/A0 at the reference force without voltage; no screen changes it."""
+    """A/A0 at the reference force without voltage; it does not depend on the screen."""
     screen, form = Screen(), THEORIES[theory]
     terms = chosen_terms(None, finger, screen, MeanFieldBalance)
     active = ActiveTerms(Properties(finger, screen), terms)

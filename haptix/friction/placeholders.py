@@ -1,4 +1,4 @@
-"""What values that were not measured leave open: friction with others in their place."""
+"""The uncertainty that unmeasured values leave: friction with other values in their place."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from haptix.finger import Finger, Roughness
 from haptix.friction.model import ContactModel
 from haptix.perception import WEBER_FRACTION
 
-_SHORTEST_WAVES = (1e7, 1e8, 1e9)  # q1 [1/m]: from waves of 0.6 um to what a molecule leaves
+_SHORTEST_WAVES = (1e7, 1e8, 1e9)  # q1 [1/m]: from waves of 0.6 um to the size of molecules
 
 DIELECTRIC, ROUGHNESS = "skin dielectric", "roughness"
 
@@ -26,30 +26,30 @@ def placeholder_spread(
     frequency_hz: Any = None,
     **more: Any,
 ) -> dict[str, Tensor]:
-    """Difference that other values in place of unmeasured ones make, in JND of the friction.
+    """Change of friction when other values replace the unmeasured ones, in JND of friction.
 
-    The skin's dielectric is replaced by each of `haptix.electro.SKIN_DIELECTRICS`, the roughness
-    by spectra of equal h_rms, rms slope and Hurst exponent that end at other wavelengths.
+    Each of `haptix.electro.SKIN_DIELECTRICS` replaces the skin's dielectric. Spectra of equal
+    h_rms, rms slope and Hurst exponent that end at other wavelengths replace the roughness.
 
     Parameters
     ----------
     model : ContactModel
-        Boundary elements are replaced by the mean field.
+        The model; one of boundary elements is replaced by its mean field.
     normal_force_n, voltage_v, frequency_hz, more
-        As for `ContactModel.solve`, which takes others of its inputs by name.
+        Inputs of `ContactModel.solve`; `more` are its other inputs by name.
 
     Returns
     -------
     dict of str to Tensor
-        By "skin dielectric" and "roughness", where the model rests on a placeholder of it: the
-        largest ``|ln(mu_other / mu)| / 0.11``, of the broadcast shape of the inputs.
+        The largest ``|ln(mu_other / mu)| / 0.11``, of the broadcast shape of the inputs, under
+        "skin dielectric" and "roughness"; only for values that are placeholders in the model.
     """
     at = {"voltage_v": voltage_v, "frequency_hz": frequency_hz, **more}
-    unchanged = _with_finger(model, model.finger)
+    unchanged = with_finger(model, model.finger)
     mu = unchanged.solve(normal_force_n, **at).mu
     largest: dict[str, Tensor] = {}
     for name, finger in _others(model, has_frequency=frequency_hz is not None):
-        other = _with_finger(model, finger)
+        other = with_finger(model, finger)
         other.solver.fidelity.borrow(unchanged.solver.fidelity)
         spread = (other.solve(normal_force_n, **at).mu / mu).log().abs() / WEBER_FRACTION
         largest[name] = torch.maximum(largest[name], spread) if name in largest else spread
@@ -59,13 +59,13 @@ def placeholder_spread(
 def largest_spread(
     model: ContactModel, places: Mapping[str, Any], voltage_v: Any
 ) -> dict[str, float]:
-    """Largest `placeholder_spread` [JND] over places, by name of the axis, and voltages."""
+    """Largest `placeholder_spread` [JND] over voltages and places, which are named by axis."""
     spreads = placeholder_spread(model, **{"voltage_v": voltage_v, **places})
     return {name: float(spread.max()) for name, spread in spreads.items()}
 
 
 def _others(model: ContactModel, has_frequency: bool) -> Iterator[tuple[str, Finger]]:
-    """Fingers with another value in place of one placeholder each, under its name."""
+    """Yield fingers in which one placeholder has another value, with the placeholder's name."""
     finger = model.finger
     if has_frequency and "skin-dielectric" in model.terms and finger.dielectric.is_placeholder:
         for skin in SKIN_DIELECTRICS.values():
@@ -77,21 +77,21 @@ def _others(model: ContactModel, has_frequency: bool) -> Iterator[tuple[str, Fin
 
 
 def alike(roughness: Roughness) -> list[Roughness]:
-    """Other spectra of the same h_rms, slope and Hurst exponent, whose waves end elsewhere."""
-    from scipy.optimize import brentq  # half a second of every start
+    """Spectra of the same h_rms, slope and Hurst exponent that end at other wavelengths."""
+    from scipy.optimize import brentq  # here, since it takes half a second to import
 
     slope = _slope(roughness)
     spectra = []
     for q1 in sorted({*_SHORTEST_WAVES} - {roughness.q1_per_m}):
-        ends = roughness.model_copy(update={"q1_per_m": q1})
+        with_q1 = roughness.model_copy(update={"q1_per_m": q1})
 
-        def excess(q_rolloff: float, ends: Roughness = ends) -> float:
-            return _slope(ends.model_copy(update={"q_rolloff_per_m": q_rolloff})) - slope
+        def excess(q_rolloff: float, with_q1: Roughness = with_q1) -> float:
+            return _slope(with_q1.model_copy(update={"q_rolloff_per_m": q_rolloff})) - slope
 
         low, high = roughness.q0_per_m, q1 / 3
         if low < high and excess(low) < 0 < excess(high):
             rolloff = brentq(excess, low, high, rtol=1e-9)
-            spectra.append(ends.model_copy(update={"q_rolloff_per_m": rolloff}))
+            spectra.append(with_q1.model_copy(update={"q_rolloff_per_m": rolloff}))
     return spectra
 
 
@@ -99,8 +99,8 @@ def _slope(roughness: Roughness) -> float:
     return float(roughness.spectrum().slope_rms.detach())
 
 
-def _with_finger(model: ContactModel, finger: Finger) -> ContactModel:
-    """The same model of another finger; by the mean field instead of boundary elements."""
+def with_finger(model: ContactModel, finger: Finger) -> ContactModel:
+    """The model with another finger; the mean field replaces boundary elements."""
     fidelity: FidelityName = "mean-field" if model.boxed is not None else model.fidelity
     return ContactModel(
         finger,

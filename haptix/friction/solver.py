@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import pi
 from typing import NamedTuple
@@ -20,10 +20,11 @@ from haptix.status import Status
 from haptix.terms import ActiveTerms, FieldInGap, Stage
 from haptix.threads import one_thread
 
-BLOCK = 16384  # states solved together: bounds the memory
-_BLOCK_OF_OWN = 4096  # the same where each state has a column of its own in the table
-_BLOCK_OF_STATUS = 2048  # the same for one sum, which the cache then holds
-_BLOCK_OF_SUMS = 1024  # states whose gaps are summed together: bounds the memory
+# Numbers of states that are computed together; they bound the memory.
+BLOCK = 16384
+_BLOCK_OF_COLUMNS = 4096  # where each state has a separate column in the table
+_BLOCK_OF_STATUS = 2048  # for the sum of `past_breakdown`: its arrays then fit the CPU's cache
+_BLOCK_OF_SUMS = 1024  # for the sums over gaps
 
 
 class _AtRest(NamedTuple):
@@ -33,7 +34,7 @@ class _AtRest(NamedTuple):
     applied_pa: Tensor  # in the fidelity's unit
     widest_gap_m: Tensor | None
 
-    def part(self, at: slice) -> _AtRest:
+    def part(self, at: slice | Tensor) -> _AtRest:
         widest = self.widest_gap_m
         return _AtRest(
             self.area_m2[at], self.applied_pa[at], None if widest is None else widest[at]
@@ -52,18 +53,18 @@ class FrictionSolver:
         return self._solve(self.load(normal_force_n, pull))
 
     def _solve(self, load: Load) -> tuple[Tensor, Balance]:
-        properties, balance = self.terms.given, self.fidelity.solve(load)
-        shear = properties.finger.frictional_shear_stress_pa
-        return shear * balance.area_fraction / (load.applied_pa * properties.unit_pa), balance
+        shear, balance = self.terms.shear_stress_pa(), self.fidelity.solve(load)
+        pressure = load.applied_pa * self.terms.given.unit_pa
+        return shear * balance.area_fraction / pressure, balance
 
     def spot_pressure_pa(self, mu: Tensor, balance: Balance) -> Tensor:
-        """Mean pressure [Pa] in the contact spots: ``tau_f/mu`` by the load, and the attraction."""
-        given = self.terms.given
-        pull = given.unit_pa * (balance.gap_attraction_pa + balance.spot_attraction_pa)
-        return given.finger.frictional_shear_stress_pa / mu + pull / balance.area_fraction
+        """Mean pressure [Pa] in the contact spots: the load's ``tau_f/mu`` plus the attraction."""
+        unit_pa = self.terms.given.unit_pa
+        pull = unit_pa * (balance.gap_attraction_pa + balance.spot_attraction_pa)
+        return self.terms.shear_stress_pa() / mu + pull / balance.area_fraction
 
     def status(self, mu: Tensor, balance: Balance, field: FieldInGap) -> Tensor:
-        """`haptix.Status` of states, but for the share of `past_breakdown`."""
+        """`haptix.Status` of states; `past_breakdown` then finds those that break down."""
         status = self.terms.status(balance.is_stable, field)
         return past_limits(status, mu, self.spot_pressure_pa(mu, balance))
 
@@ -78,9 +79,10 @@ class FrictionSolver:
         pull_of: Callable[[Tensor, Circuit], Pull],
         balance: Balance,
     ) -> Tensor:
-        """Return those of some states whose attraction is past the limit of `Status.BREAKDOWN`.
+        """Return those of the `states` whose attraction is past the limit of `Status.BREAKDOWN`.
 
-        Parameters are those of `sum_gaps`. Where discharge holds the gaps, none is.
+        Other parameters are those of `sum_gaps`. With the term that models discharge no state is
+        past it.
         """
         gaps, most = balance.gap_attraction_pa, LIMITS[Status.BREAKDOWN].most
         allowed = most * (gaps + balance.spot_attraction_pa)
@@ -100,42 +102,58 @@ class FrictionSolver:
                 at_rest.applied_pa, at_rest.widest_gap_m, balance.pressure_pa[at]
             )
             pull = pull_of(voltage_v[at], circuit.part(at))
-            each = pull.strength[:, None] * pull.kernel[pull.own_column][:, 0]
-            broken = torch.where(each > most_pa, each, 0.0)
+            attraction = pull.strength[:, None] * pull.kernel[pull.own_column][:, 0]
+            broken = torch.where(attraction > most_pa, attraction, 0.0)
             past.append(at[torch.linalg.vecdot(broken, mass) > allowed[at]])
         return torch.cat(past)
 
     def load(self, normal_force_n: Tensor, pull: Pull) -> Load:
-        """Return what the fidelity is given for these states."""
+        """Return the load of these states, as the fidelity takes it."""
         return self._load(pull, self._at_rest(normal_force_n))
 
-    def _load(self, pull: Pull, at_rest: _AtRest) -> Load:
-        pull = replace(pull, strength=pull.strength / self.terms.given.unit_pa)
+    def _load(self, pull: Pull, at_rest: _AtRest, of_end: bool = False) -> Load:
+        if not of_end:
+            pull = replace(pull, strength=pull.strength / self.terms.given.unit_pa)
+        load = Load(at_rest.applied_pa, pull, at_rest.widest_gap_m, of_end=of_end)
         if Stage.SUPPLY not in self.terms.stages:
-            return Load(at_rest.applied_pa, pull, at_rest.widest_gap_m)
-        share = self.terms.voltage_share
-        return Load(at_rest.applied_pa, pull, at_rest.widest_gap_m, at_rest.area_m2, share)
+            return load
+        return replace(load, area_m2=at_rest.area_m2, voltage_share=self.terms.voltage_share)
 
     def solve_in_blocks(
-        self, normal_force_n: Tensor, pull_of: Callable[[slice], Pull]
+        self,
+        normal_force_n: Tensor,
+        pull_of: Callable[[slice | Tensor], Pull],
+        column: Tensor | None = None,
+        of_end: bool = False,
     ) -> tuple[Tensor, Balance]:
-        """Solve many states a block at a time, with the `Pull` that `pull_of` gives for each."""
-        # Blocks come in the order of the forces: a table that grew with each would be solved often.
+        """Solve many states block by block; `pull_of` gives the `Pull` of a block.
+
+        States are sorted by `column`, so that each block has few columns. With `of_end` a pull's
+        strength is a share of the one at which light contact ends.
+        """
+        # One table for all forces: a table that grows block by block would be solved many times.
         at_rest = self._at_rest(normal_force_n)
         self.fidelity.prepare(at_rest.applied_pa, at_rest.widest_gap_m)
-        own = pull_of(slice(0, 1)).column is None
-        own = own or not {Stage.PULL, Stage.SUPPLY}.isdisjoint(self.terms.stages)
-        block = _BLOCK_OF_OWN if own else BLOCK
-        blocks = [slice(i, i + block) for i in range(0, len(normal_force_n), block)]
+        has_columns = pull_of(slice(0, 1)).column is None
+        has_columns = has_columns or not {Stage.PULL, Stage.SUPPLY}.isdisjoint(self.terms.stages)
+        block = _BLOCK_OF_COLUMNS if has_columns else BLOCK
+        states = len(normal_force_n)
+        blocks: Sequence[slice | Tensor] = [slice(i, i + block) for i in range(0, states, block)]
+        back: slice | Tensor = slice(None)
+        if column is not None and states > block:
+            order = column.argsort(stable=True)
+            blocks, back = order.split(block), order.argsort()
         try:
-            solved = [self._solve(self._load(pull_of(at), at_rest.part(at))) for at in blocks]
+            solved = [
+                self._solve(self._load(pull_of(at), at_rest.part(at), of_end)) for at in blocks
+            ]
         finally:
             self.fidelity.release()
         mu, balances = zip(*solved, strict=True)
-        return torch.cat(mu), Balance.joined(balances)
+        return torch.cat(mu)[back], Balance.joined(balances, lambda parts: torch.cat(parts)[back])
 
     def prepare(self, normal_force_n: Tensor) -> None:
-        """Make what all states of these normal forces [N] share, such as tables."""
+        """Make the tables that all states of these normal forces [N] share."""
         at_rest = self._at_rest(normal_force_n)
         self.fidelity.prepare(at_rest.applied_pa, at_rest.widest_gap_m)
 
@@ -150,18 +168,18 @@ class FrictionSolver:
         balance: Balance,
         like: Tensor,
     ) -> GapSums:
-        """Sum over the gaps of solved states, which most callers do without.
+        """Sum over the gaps of solved states; it is separate because most callers do not need it.
 
         Parameters
         ----------
         normal_force_n, voltage_v, frequency_hz : Tensor, shape (states,)
             Normal force [N], amplitude on the contact [V], and frequency [Hz] or None.
         circuit, balance : Circuit, Balance
-            Of all states.
+            Circuit and equilibrium of all states.
         pull_of : callable
-            Attraction of states at amplitudes [V] with their part of the circuit.
+            Gives the attraction of states from amplitudes [V] and their part of the circuit.
         like : Tensor
-            Gives shape and precision of the results.
+            A tensor of the shape and precision of the results.
         """
         edges, screen = self.fidelity.contact.field.gap_edges_m, self.terms.given.screen
         bearable = bearable_field(

@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from haptix.display import Displayed
 from haptix.errors import InputError, RangeError
 from haptix.native import Struct
 from haptix.screen import Screen
@@ -20,8 +21,8 @@ _MOST_PLACES = 4096
 
 _COMPLEX = (torch.complex64, torch.complex128, np.complex64, np.complex128)
 PULL_IN_SHARE = 0.9
-"""Share of the pull-in voltage at which a surface ends: friction there is some five times that
-without voltage, and doubles within the next 5 %."""
+"""Share of the pull-in voltage at which a surface ends. Friction there is some five times that
+without voltage, and it doubles within the next 5 % of voltage."""
 
 PULL_IN_DRIVE = PULL_IN_SHARE**2
 """``(V / V_pull-in)^2`` at which a surface ends."""
@@ -33,10 +34,10 @@ SLACK = 1e-6  # relative; a node rounded to float32 is still on the axis
 class Cells:
     """Find the cell between increasing nodes in which a value lies, without a branch.
 
-    An even grid, finer than the nodes, holds the cell of each of its places. Nodes that a build has
-    placed lie on such a grid. For others a fixed number of steps corrects a value between two
-    places. Bisection takes several times as long, since the processor cannot predict its branches
-    for random values.
+    A table, `guide`, has the cell of each place of an even grid that is finer than the nodes. The
+    nodes that a build chooses lie on such a grid, so that one look-up suffices. For other nodes a
+    fixed number of steps then corrects the cell. Bisection takes several times as long, because the
+    processor cannot predict its branches for random values.
 
     Parameters
     ----------
@@ -73,7 +74,7 @@ class Cells:
         narrowest = float(width.min())
         places = aligned or min(_MOST_PLACES, max(16, int((high - low) / narrowest) + 2))
         at = torch.linspace(low, high, places, dtype=nodes.dtype, device=nodes.device)
-        if aligned:  # the middles of the places: no rounding puts a node beyond its own
+        if aligned:  # take the middles of the places, so that rounding cannot move a node across
             at = at + (high - low) / (2 * (places - 1))
         guide = torch.bucketize(at, nodes[1:-1].contiguous(), right=True, out_int32=True)
         scale = 1 / width
@@ -84,12 +85,12 @@ class Cells:
             torch.cat([nodes[1:-1], nodes.new_tensor([torch.inf])]),
             scale,
             -nodes[:-1] * scale,
-            # A value that rounding takes across a node is at the node: nothing jumps there.
+            # Rounding may put a value into the next cell only at the node, where both cells agree.
             0 if aligned else int(guide.diff().max()),
         )
 
     def find(self, x: Tensor) -> tuple[Tensor, Tensor]:
-        """Return cell, and position in it from 0 to 1; values beyond the ends are held there."""
+        """Return the cell and the position in it, 0 to 1; values beyond an end count as the end."""
         place = ((x.detach() - self.start) * self.per_width).clamp_(0, len(self.guide) - 1)
         cell = self.guide.index_select(0, place.int())
         for _ in range(self.steps):
@@ -115,9 +116,9 @@ class Cells:
 
 
 def _aligned_places(nodes: Tensor, rounding: float) -> int:
-    """Number of even places, the last node's included, among which are all nodes; 0 for none."""
+    """Number of places of the even grid on which all nodes lie; 0 if there is no such grid."""
     share = (nodes - nodes[0]) / (nodes[-1] - nodes[0])
-    parts = 96  # of the points from which a build chooses, or a doubling of it
+    parts = 96  # steps between the points from which a build chooses; it doubles them if needed
     while parts < _MOST_PLACES:
         if float((share * parts - (share * parts).round()).abs().max()) < rounding:
             return parts + 1
@@ -138,7 +139,7 @@ class Quantity:
     default : callable
         Range, value or None (left out) for a `Screen`, if a surface's ranges do not name it.
     is_collapsible : bool
-        Whether planning may hold it at one value.
+        Whether planning may replace the range by a single value.
     """
 
     name: str
@@ -176,7 +177,7 @@ def numbers(name: str, value: Any, like: Tensor) -> Tensor:
 
 
 def within(x: Tensor, least: float, least_counts: bool = True) -> bool:
-    """Whether all values are finite and above `least`, in one pass; False for NaN."""
+    """Whether all values are finite and above `least`, or with `least_counts` at least that."""
     if x.numel() == 0:
         return True
     low, high = (float(end) for end in torch.aminmax(x.detach()))
@@ -184,7 +185,7 @@ def within(x: Tensor, least: float, least_counts: bool = True) -> bool:
 
 
 @dataclass(frozen=True)
-class Axis:
+class Axis(Displayed):
     """One axis, linear in the logarithm of its quantity.
 
     Parameters
@@ -192,8 +193,8 @@ class Axis:
     name : str
         Quantity with its unit, such as ``"normal_force_n"``.
     nodes : Tensor, shape (nodes,)
-        Increasing positive values. A single node is an axis that does not vary; a single NaN is a
-        quantity that the surface was built without.
+        Increasing positive values. An axis with a single node does not vary. A single NaN means
+        that the surface was built without the quantity.
     """
 
     name: str
@@ -254,7 +255,7 @@ class Axis:
         return above.logical_and_(x <= self.high * (1 + SLACK))
 
     def locate(self, x: Tensor) -> tuple[Tensor, Tensor]:
-        """Cell and position in the cell (0 to 1); values beyond the ends are held there."""
+        """Cell and position in the cell (0 to 1); values beyond an end count as the end."""
         return self.cells.find(torch.log(x))
 
     def locate_one(self, value: Any) -> tuple[int, float]:
@@ -276,16 +277,16 @@ class Axis:
 
 @dataclass(frozen=True)
 class Corners:
-    """The columns around each point: what `Axes.blend` blends, number by number.
+    """The columns around each point that `Axes.blend` interpolates between.
 
     Parameters
     ----------
     row : Tensor of int, shape (points,)
-        Number of the first column, whose place is the lower end of every cell.
+        Row of the first column in the flat table: the one at the lower end of the cell on all axes.
     parts : tuple of Tensor, shape (points,)
         Position in the cell (0 to 1) along each axis that varies.
     offsets : tuple of int
-        Numbers of all columns after the first, the last axis running fastest.
+        Rows of all columns around the point, relative to the first; the last axis varies fastest.
     """
 
     row: Tensor
@@ -311,7 +312,7 @@ class Corners:
     def blend(self, columns: Tensor, first: Tensor, entry: int) -> Tensor:
         """Blend one number of each column, at `first` + `entry` in its flat table."""
         flat, width = columns.reshape(-1), columns.shape[-1]
-        # Views that begin at each corner: one row of indices serves all of them.
+        # Each corner has a view of the table that begins at it, so that all use the same indices.
         starts = [entry + offset * width for offset in self.offsets]
         corners = [flat.narrow(0, at, len(flat) - at).index_select(0, first) for at in starts]
         for part in reversed(self.parts):
@@ -323,7 +324,7 @@ class Corners:
 
 
 @dataclass(frozen=True)
-class Axes:
+class Axes(Displayed):
     """The axes of one surface, in the order of `AXES`.
 
     Parameters
@@ -388,7 +389,7 @@ class Axes:
             cell, part = axis.locate(place)
             row = cell if row is None else row.mul_(len(axis.nodes)).add_(cell)
             parts.append(part)
-            offsets = [one * len(axis.nodes) + end for one in offsets for end in (0, 1)]
+            offsets = [offset * len(axis.nodes) + end for offset in offsets for end in (0, 1)]
         if inside is None:
             inside = torch.ones_like(like, dtype=torch.bool)
         if row is None:
@@ -407,12 +408,12 @@ class Axes:
         columns : Tensor, shape (*shape, entries)
             Table over the axes.
         like : Tensor, shape (points,)
-            Gives the number of points where no place does.
+            Gives the number of points, in case all places are None.
 
         Returns
         -------
         column : Tensor, shape (points, entries)
-            Beyond the ends of an axis, the column of the end.
+            The blended column; beyond an end of an axis, the column at the end.
         is_inside : Tensor of bool, shape (points,)
             Whether the point is on all axes.
         """

@@ -1,9 +1,9 @@
-"""Surfaces from few boundary elements: the mean-field surface, corrected by what they measure.
+"""Surfaces from few boundary elements: the mean-field surface, corrected by their results.
 
-A surface needs thousands of states, and boundary elements take seconds for one. Only a few places
-are solved. There, the ratio of the friction to that of the mean field with the same waves is taken.
-The mean-field surface is multiplied by this ratio; its logarithm is interpolated linearly in the
-logarithms of the axes and in the squared voltage.
+A surface needs thousands of states, and boundary elements take seconds for one. So they are solved
+at a few places only. There we take the ratio of their friction to the mean field's with the same
+waves, and multiply the mean-field surface by it. Between the places the logarithm of the ratio is
+interpolated, linearly in the logarithms of the axes and in the squared voltage.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from haptix.surface.request import digest, read_ranges, surface_key
 from haptix.surface.tolerance import Tolerance
 
 Band = Literal["finger", "box"]
-_DRIVES_BETWEEN = 4  # nodes for each solved voltage: the ratio bends elsewhere in each column
+_DRIVES_BETWEEN = 4  # nodes for each solved voltage: every column bends at other drives
 
 
 @dataclass(frozen=True)
@@ -129,25 +129,25 @@ class MeasuringJob:
 
 def measured_table(
     job: MeasuringJob,
-    asked: Tolerance,
+    tolerance: Tolerance,
     on_progress: Progress | None,
     largest_bytes: int,
     notes: Mapping[str, Any] | None,
     checkpoint: str | os.PathLike[str] | None = None,
 ) -> tuple[Interpolant, dict[str, Any]]:
-    """Solve and describe a table; see `FrictionSurface.measured`."""
+    """Solve a table and describe it; see `FrictionSurface.measured`."""
     report = on_progress or (lambda share: None)
     prior, info = build_table(
         job.mean_field(job.points.band),
         job.scene,
-        asked,
+        tolerance,
         lambda share: report(0.1 * share),
         largest_bytes,
         notes,
         job.past_limits,
     )
     measured = _measure(job, prior, checkpoint, lambda share: report(0.1 + 0.9 * share))
-    return _corrected(job, prior, info, measured, surface_key(job.model, job.scene, asked))
+    return _corrected(job, prior, info, measured, surface_key(job.model, job.scene, tolerance))
 
 
 def _nodes(span: tuple[float, float] | None, count: int) -> list[float | None]:
@@ -202,7 +202,8 @@ def _corrected(
     job: MeasuringJob, prior: Interpolant, info: dict[str, Any], measured: Row, key: str
 ) -> tuple[Interpolant, dict[str, Any]]:
     log_ratio = torch.log(measured["mu"] / measured["mean_field_mu"])
-    # Past pull-in both frictions are those of the end: keep the last ratio before it.
+    # Past pull-in both models give the friction at the end of light contact, so their ratio means
+    # nothing there: keep the last ratio before it.
     for level in range(1, log_ratio.shape[1]):
         stable = measured["is_stable"][:, level]
         log_ratio[:, level] = torch.where(stable, log_ratio[:, level], log_ratio[:, level - 1])
@@ -244,7 +245,7 @@ def _corrected(
 
 
 def _refined(table: Interpolant, job: MeasuringJob) -> Interpolant:
-    """Return the interpolant with additional nodes, those of the correction."""
+    """Return the interpolant with the nodes of the correction added to its nodes."""
     columns, axes = table.columns.to("cpu", torch.float64), list(table.axes.each)
     for dim, (axis, known) in enumerate(zip(table.axes, job.nodes, strict=True)):
         if not axis.varies:
@@ -278,7 +279,7 @@ def _on_axes(grid: Tensor, job: MeasuringJob, table: Interpolant) -> Tensor:
 
 
 def _along(grid: Tensor, dim: int, nodes: Tensor, x: Tensor) -> Tensor:
-    """Interpolate one dimension linearly between two nodes or more; held beyond the ends."""
+    """Interpolate one dimension linearly between two nodes or more; constant beyond the ends."""
     x = x.clamp(nodes[0], nodes[-1])
     cell = torch.searchsorted(nodes[1:-1].contiguous(), x, right=True)
     part = (x - nodes[cell]) / (nodes[cell + 1] - nodes[cell])

@@ -18,9 +18,11 @@ from haptix.errors import InputError, ToleranceError
 from haptix.friction import ContactModel
 from haptix.limits import LIMITS, limits_passed
 from haptix.pair import described
+from haptix.states import ContactState
 from haptix.status import Status
 from haptix.surface.axes import AXIS_NAMES, PULL_IN_DRIVE, Axes, Axis, between
 from haptix.surface.interpolant import Interpolant
+from haptix.surface.intervals import record_of
 from haptix.surface.request import Ranges, digest, read_ranges, surface_key
 from haptix.surface.tolerance import Tolerance
 from haptix.version import __version__
@@ -28,24 +30,24 @@ from haptix.version import __version__
 CellError = Callable[[int, int], float]
 """Largest error inside a cell between two points; it grows with the cell."""
 
-_NARROWEST = 1e-5  # relative width of an axis that single precision still divides into cells
-_LINES = 6  # along an axis at random, besides those at all corners of the others
-_LEVELS = 5  # of drive on each line
-_INSULATORS = 512  # pairs of f and h0 held out; each has its own table of attraction
-_DIRECT_BELOW_HZ = 1000.0  # skin feels up to here: slower drives are felt themselves
+_NARROWEST = 1e-5  # relative width of the narrowest axis with several cells, by float32
+_LINES = 6  # lines along an axis at random places, besides those at all corners of the other axes
+_LEVELS = 5  # drives on each line
+_INSULATORS = 512  # held-out pairs of f and h0; each needs a separate table of attraction
+_DIRECT_BELOW_HZ = 1000.0  # skin feels up to this frequency: it feels a slower drive directly
 _INSTANTS_SHARE = 0.5  # a sine's squared voltage is above its mean for half of the period
 _HELD_OUT = 8192  # points of an error estimate; 80 of them lie above the 99th percentile
 UnitInMu = Callable[[Tensor], Tensor]
 """Size of the tolerance's unit in mu, at frictions of any shape."""
 
-_PILOT_POINTS = 97  # along an axis at first; doubled where cells come down to single steps
+_PILOT_POINTS = 97  # along an axis at first; doubled where a cell would be a single step
 _MOST_PILOT_POINTS = 3000
-_KEPT_BACK = 0.9  # share of the tolerance that the first held-out points may use
+_FIRST_CHECK = 0.9  # share of the tolerance that the first held-out points may use
 _MOST_ROUNDS = 16
-_COARSER = 8.0  # factor on a share whose table is too large
-_HALVINGS = 16  # of the drive at which a limit of the model is reached
+_COARSER = 8.0  # factor on the share after a table was too large
+_HALVINGS = 16  # bisection steps to the drive at which a limit of the model is reached
 _BOUNDARY = 0.01  # largest relative error of the breakdown voltage, where that ends the surface
-_CLOSE = 1.2  # stop when the largest share that fits is this near the smallest that does not
+_CLOSE = 1.2  # stop if the smallest share that fits and the largest that does not are this close
 _LN2 = log(2)
 # The errors of the axes peak at different places, so their sum may exceed the tolerance.
 _FIRST_SHARE = 1.8
@@ -55,9 +57,9 @@ Progress = Callable[[float], None]
 def fewest_nodes(points: int, error: CellError, tolerance: float) -> list[int]:
     """Choose nodes among points so that the error of no cell exceeds the tolerance.
 
-    Each cell is made as long as possible. Then all cells are made a little shorter, as long as this
-    costs no node, so that the last cell is not the only short one. The first and the last point are
-    always nodes. The error of a cell between neighbouring points is taken as 0.
+    First each cell is made as long as possible, which may leave a short last cell. Then all cells
+    are made shorter by equal shares of the tolerance, if that needs no more nodes. The first and
+    the last point are always nodes. The error of a cell between neighbouring points is taken as 0.
     """
     nodes = _longest_cells(points, error, tolerance, points)
     for share in (0.5, 0.7, 0.85):
@@ -68,7 +70,7 @@ def fewest_nodes(points: int, error: CellError, tolerance: float) -> list[int]:
 
 
 def _longest_cells(points: int, error: CellError, tolerance: float, most: int) -> list[int]:
-    """Nodes from the first point on: up to the last, or as far as `most` of them go."""
+    """Nodes from the first point on, up to the last point, but no more than `most`."""
     nodes = [0]
     while nodes[-1] < points - 1 and len(nodes) < most:
         start, good, bad = nodes[-1], nodes[-1] + 1, points
@@ -103,12 +105,12 @@ class Columns:
     log_pull_in: Tensor
     """ln of the pull-in voltage [V]."""
     log_breakdown: Tensor
-    """ln of the voltage [V] of breakdown, or of a limit of the model that comes before."""
+    """ln of the voltage [V] of breakdown, or of an earlier limit of the model."""
 
 
 @dataclass(frozen=True)
 class HeldOutPoints:
-    """Solved points of one shape that took no part in placing the nodes.
+    """Solved points of one shape that were not used to choose the nodes.
 
     Parameters
     ----------
@@ -119,7 +121,7 @@ class HeldOutPoints:
     end_v, end_drive : Tensor
         Amplitude [V] and drive at which the contact's column ends.
     log_breakdown : Tensor or None
-        ln of that voltage [V], where it ends columns, see `Columns`.
+        ln of the breakdown voltage [V] as in `Columns`; None where it ends no column.
     """
 
     places: Mapping[str, Tensor | None]
@@ -160,7 +162,7 @@ class Sampler:
     model: ContactModel
     ranges: Ranges
     past_limits: bool = False
-    """Whether states past the limits of the model count as well."""
+    """Whether columns go on past the limits of the model."""
 
     @property
     def limit_v(self) -> float:
@@ -178,7 +180,7 @@ class Sampler:
 
     @cached_property
     def limited_by(self) -> Status:
-        """What ends columns besides pull-in and the voltage limit; OK for nothing."""
+        """The status that ends columns besides pull-in and the voltage limit; OK for none."""
         breaks = self.model.reports(Status.BREAKDOWN)
         return self._limit or (Status.BREAKDOWN if breaks else Status.OK)
 
@@ -186,31 +188,33 @@ class Sampler:
     def _limit(self) -> Status:
         """The limit of the model that ends most columns at corners and random places; OK for none.
 
-        All that limits bound rises with the voltage.
+        Every limited quantity rises with the voltage, so that it suffices to look at the ends.
         """
         if self.past_limits:
             return Status.OK
-        places, none = self._lines(), torch.zeros((), dtype=torch.float64)
-        rest = self.model.at_drive(drive=none, **places)
+        places, no_drive = self._lines(), torch.zeros((), dtype=torch.float64)
+        rest = self.model.at_drive(drive=no_drive, **places)
         if past := limits_passed(rest.status):
             raise InputError(
                 f"finger {self.model.finger.name!r}: {'; '.join(past)}, without voltage already; "
                 "take another finger or other ranges, or pass past_limits (--past-limits)"
             )
-        own = {Status.PULL_IN}  # limits that end columns without being looked for
+        expected = {Status.PULL_IN}  # limits that end columns in any case
         end = torch.full_like(rest.mu, self.limit_v, dtype=torch.float64)
         if self.model.reports(Status.BREAKDOWN):
-            own.add(Status.BREAKDOWN)
+            expected.add(Status.BREAKDOWN)
             end = torch.minimum(end, rest.breakdown_voltage_v)
         drive = (end / rest.pull_in_voltage_v).square().clamp(max=PULL_IN_DRIVE)
         counts = Counter(self.model.at_drive(drive=drive, **places).status.flatten().tolist())
-        found = [(counts[one], one) for one in LIMITS if one not in own and counts[one]]
-        return max(found)[1] if found else Status.OK
+        passed = [
+            (counts[limit], limit) for limit in LIMITS if limit not in expected and counts[limit]
+        ]
+        return max(passed)[1] if passed else Status.OK
 
     def columns(self, places: Mapping[str, Tensor | None], drive: Tensor) -> Columns:
         """Solve at places that broadcast, for every drive, shape (drives,)."""
-        each = {name: None if at is None else at[..., None] for name, at in places.items()}
-        state = self.model.at_drive(drive=drive, **each)
+        by_drive = {name: None if at is None else at[..., None] for name, at in places.items()}
+        state = self.model.at_drive(drive=drive, **by_drive)
         log_pull_in = torch.log(state.pull_in_voltage_v[..., 0].to("cpu", torch.float64))
         if self._limit:
             log_breakdown = log_pull_in + torch.log(self._last_ok(places, log_pull_in)) / 2
@@ -234,14 +238,18 @@ class Sampler:
             end = torch.minimum(end, columns.log_breakdown)
         return torch.exp(2 * (end - columns.log_pull_in)).clamp(max=PULL_IN_DRIVE)
 
-    def pull_past_breakdown(self) -> float:
-        """Largest share of the attraction that no gap bears, see `ContactState`, at columns' ends.
+    def at_ends(self) -> ContactState:
+        """Return the states where columns end, at all corners of the axes and a few random places.
 
-        At all corners of the axes and a few random places; the thinnest insulator has the most.
+        The corners include the thinnest insulator. There the share of the attraction beyond
+        breakdown is largest, and the interval of the accuracy widest.
         """
-        places = self._lines()
+        return self.ends_of(self._lines())
+
+    def ends_of(self, places: Mapping[str, Tensor | None]) -> ContactState:
+        """Return the states where the columns of these places end."""
         drive = self.top(self.columns(places, torch.zeros(1, dtype=torch.float64)))
-        return float(self.model.at_drive(drive=drive, **places).pull_past_breakdown.max())
+        return self.model.at_drive(drive=drive, **places)
 
     def span(self, name: str) -> tuple[float, float]:
         """``(low, high)`` of a range that is not absent."""
@@ -278,7 +286,7 @@ class Sampler:
         slope = torch.gradient(inverse, spacing=(drive,), dim=-1)[0]
         level = torch.minimum(drive, self.top(columns)[..., None])
         weight = 1 / (inverse**2 * unit(-1 / inverse))
-        # An error of the pull-in voltage is an error of the drive.
+        # An error of the pull-in voltage shifts the drive, and so tilts the friction.
         tilt = 2 * level * slope * weight
         boundary = columns.log_breakdown / boundary_error
 
@@ -296,8 +304,8 @@ class Sampler:
     def along_drive(self, points: int, last_drive: float, unit: UnitInMu) -> Pilot:
         """Solve columns finely along the drive.
 
-        Beyond its end a column holds the instants of a direct drive: there an error counts by its
-        share of friction, as it does in the mean of a period.
+        Beyond its end a column serves the instants of a direct drive. There an error is weighted by
+        its effect on the mean friction over the period.
         """
         drive = torch.linspace(0, last_drive, points, dtype=torch.float64)
         columns = self.columns(self._lines(), drive)
@@ -324,9 +332,9 @@ class Sampler:
             return stretched.clamp(0.0, 1.0)
 
         insulators = _INSULATORS if set(self.varying()) - {"normal_force_n"} else 1
-        each = {"normal_force_n": _HELD_OUT // insulators}  # forces for each pair of f and h0
+        counts = {"normal_force_n": _HELD_OUT // insulators}  # forces for each pair of f and h0
         places = {
-            name: self._place(name, draw(insulators, each.get(name, 1))) for name in AXIS_NAMES
+            name: self._place(name, draw(insulators, counts.get(name, 1))) for name in AXIS_NAMES
         }
         at_rest = self.columns(places, torch.zeros(1, dtype=torch.float64))
         top = self.top(at_rest)
@@ -367,7 +375,7 @@ def build_table(
 ) -> tuple[Interpolant, dict[str, Any]]:
     """Solve a table and describe it; see `FrictionSurface.build`.
 
-    Where the tolerance cannot be met, this is the best table, and its description says so.
+    If the tolerance cannot be met, the result is the best table, with ``"tolerance_met": False``.
     """
     ranges, notes = read_ranges(model, scene), dict(notes or {})
     try:
@@ -376,6 +384,7 @@ def build_table(
         raise InputError(f"notes: expected plain values that JSON can hold: {error}") from None
     build = _Build(Sampler(model, ranges, past_limits), tolerance, largest_bytes)
     attempt = build.run(on_progress or (lambda _: None))
+    at_ends = build.sampler.at_ends()
     info = {
         "haptix": __version__,
         "key": surface_key(model, scene, tolerance, largest_bytes, past_limits),
@@ -391,7 +400,9 @@ def build_table(
         "tolerance_met": attempt.is_met,
         "mu_low": build.low,
         "mu_high": build.high,
-        "pull_past_breakdown": build.sampler.pull_past_breakdown(),
+        "pull_past_breakdown": float(at_ends.pull_past_breakdown.max()),
+        "accuracy": at_ends.accuracy.record(),
+        "intervals": build.intervals(attempt.table.axes),
         "error_max": float(attempt.error.max()),
         "error_p99": float(attempt.error.quantile(0.99)),
         "error_max_in_units": attempt.worst,
@@ -403,7 +414,7 @@ def build_table(
 
 @dataclass(frozen=True)
 class _Attempt:
-    """A table and its errors at held-out points, in mu and at worst in units of the tolerance."""
+    """A table, its errors in mu at held-out points, and the worst in units of the tolerance."""
 
     table: Interpolant
     corrections: int
@@ -413,7 +424,7 @@ class _Attempt:
 
 
 class _Build:
-    """One build: share the tolerance between the axes until the held-out points agree."""
+    """One build: divide the tolerance among the axes until the held-out points agree."""
 
     def __init__(self, sampler: Sampler, tolerance: Tolerance, largest_bytes: int) -> None:
         self.sampler = sampler
@@ -427,7 +438,7 @@ class _Build:
         held_out = self.sampler.held_out(seed=1)
         self._check_reach(held_out)
         self.low, self.high = float(held_out.mu.min()), float(held_out.mu.max())
-        # With a margin for states between the points.
+        # 5 % more, for states between the points.
         end_drive = 1.05 * float(held_out.end_drive.max())
         self.end_drive = min(end_drive, PULL_IN_DRIVE)
         self.last_drive = min(self.sampler.peak_attraction * end_drive, PULL_IN_DRIVE)
@@ -448,7 +459,8 @@ class _Build:
                     best = attempt
                 fits = min(fits, share)
             if not exceeds:
-                share *= min(0.8, max(0.2, 0.9 * _KEPT_BACK * self.tolerance.value / attempt.worst))
+                wanted = 0.9 * _FIRST_CHECK * self.tolerance.value / attempt.worst
+                share *= min(0.8, max(0.2, wanted))
             elif fits == inf:
                 share = _COARSER * exceeds
             elif fits > _CLOSE * exceeds:
@@ -462,11 +474,15 @@ class _Build:
             )
         return best
 
+    def intervals(self, axes: Axes) -> dict[str, Any]:
+        """Intervals of the theory in each cell, see `haptix.surface.intervals`."""
+        return record_of(axes, self.sampler.ends_of(_places_of(axes)).accuracy)
+
     def _attempt(self, nodes: Mapping[str, Tensor], held_out: HeldOutPoints) -> _Attempt:
         table, corrections = self._tabulate(nodes)
         error = held_out.error(table)
         worst = self._worst(error, held_out, table)
-        is_met = worst <= _KEPT_BACK * self.tolerance.value
+        is_met = worst <= _FIRST_CHECK * self.tolerance.value
         if is_met:  # confirm at fresh points
             fresh = self.sampler.held_out(seed=2)
             other = fresh.error(table)
@@ -485,7 +501,7 @@ class _Build:
             )
 
     def _place(self, share: float) -> dict[str, Tensor]:
-        """Nodes of every axis, for a share of the tolerance that the axes divide."""
+        """Nodes of every axis, if the axes divide `share` of the tolerance equally."""
         tolerance = share * self.tolerance.value / len(self.points)
         nodes = {}
         for name in self.points:
@@ -515,16 +531,12 @@ class _Build:
 
     def _tabulate(self, nodes: Mapping[str, Tensor]) -> tuple[Interpolant, int]:
         axes = Axes(tuple(self._axis(name, nodes) for name in AXIS_NAMES))
-        grid = torch.meshgrid(*(axis.nodes for axis in axes), indexing="ij")
-        places = {
-            axis.name: None if axis.is_absent else at for axis, at in zip(axes, grid, strict=True)
-        }
-        columns = self.sampler.columns(places, nodes["drive"])
-        # Solved friction rises with voltage; this holds for the last bit as well.
+        columns = self.sampler.columns(_places_of(axes), nodes["drive"])
+        # Friction rises with voltage; `cummax` makes this true of the last bit as well.
         inverse = columns.inverse.cummax(-1).values
         corrections = int((inverse != columns.inverse).sum())
         voltages = torch.stack([columns.log_pull_in, columns.log_breakdown], -1)
-        # A power of two well below all of them keeps the logarithms above 0.
+        # In a unit well below all voltages their logarithms are above 0; a power of two is exact.
         unit_v = 2.0 ** (floor(float(voltages.min()) / _LN2) - 2)
         table = Interpolant(
             axes,
@@ -559,3 +571,9 @@ class _Build:
         """Largest error in units of the tolerance, the breakdown voltage included."""
         boundary = held_out.boundary_error(table) * (self.tolerance.value / _BOUNDARY)
         return max(float((error / self._unit(held_out.mu)).max()), float(boundary.max()))
+
+
+def _places_of(axes: Axes) -> dict[str, Tensor | None]:
+    """Place of each column, of the shape of the axes."""
+    grid = torch.meshgrid(*(axis.nodes for axis in axes), indexing="ij")
+    return {axis.name: None if axis.is_absent else at for axis, at in zip(axes, grid, strict=True)}

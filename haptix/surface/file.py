@@ -123,7 +123,8 @@ def _read(path: Path) -> tuple[Any, dict[str, Tensor]]:
                 header = parse_json((file.metadata() or {}).get("haptix", "null"))
                 tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
         except (SafetensorError, OSError, RuntimeError, ValueError) as error:
-            # The library opens the file twice; it may have been replaced in between.
+            # The library opens the file twice. If another process replaced it in between, try
+            # again.
             if _is_same(path, before):
                 raise FileFormatError(
                     f"{path} is not a friction surface, or is damaged: {error}"
@@ -137,7 +138,7 @@ def _is_same(path: Path, before: os.stat_result) -> bool:
     try:
         now = path.stat()
     except OSError:
-        return True  # it is gone: nothing to try again
+        return True  # the file is gone, so that trying again is of no use
     return (now.st_ino, now.st_mtime_ns) == (before.st_ino, before.st_mtime_ns)
 
 
@@ -148,7 +149,7 @@ def _assemble(path: Path, header: Info, tensors: dict[str, Tensor]) -> tuple[Int
         tensors["columns"],
         float(header["unit_v"]),
         float(header["voltage_limit_v"]),
-        # Files of before there were other limits name none.
+        # Files from before there were other limits have no "limited_by".
         Status[header.get("limited_by", "BREAKDOWN" if header["ends_at_breakdown"] else "OK")],
     )
     info = dict(header["info"])
@@ -174,7 +175,7 @@ def _assemble(path: Path, header: Info, tensors: dict[str, Tensor]) -> tuple[Int
 
 
 def _increases(nodes: Tensor) -> bool:
-    """Whether these are nodes; neighbours may coincide in single precision."""
+    """Whether nodes increase; neighbours may be equal, as single precision can make them."""
     if nodes.ndim != 1 or len(nodes) < 2:
         return nodes.ndim == 1 and len(nodes) == 1
     is_row = nodes.isfinite().all() & (nodes.diff() >= 0).all() & (nodes[-1] > nodes[0])
@@ -187,7 +188,7 @@ def _check_model(path: Path, info: Info, model: ContactModel | None) -> None:
         raise FileFormatError(f"{path} is damaged: its model does not match its hash")
     if model is None:
         return
-    # Terms that are off change nothing: those that a file does not know were added since.
+    # A term that is off changes no number. Leave out those that were added after the file was made.
     described = model.describe()
     known = info["model"]["terms"]
     described["terms"] = {
@@ -201,7 +202,7 @@ def _check_model(path: Path, info: Info, model: ContactModel | None) -> None:
 
 
 def _checksum(tensor: Tensor) -> int:
-    """CRC-32 of the bytes: against damage, and fast enough to check each time a file is opened."""
+    """CRC-32 of the bytes: it reveals damage, and is fast enough for every opening of a file."""
     return zlib.crc32(tensor.reshape(-1).contiguous().view(torch.uint8).numpy().data)
 
 
@@ -248,7 +249,7 @@ def export_netcdf(table: Interpolant, info: Mapping[str, Any], path: Path) -> No
 
 def _dataset(table: Interpolant, info: Mapping[str, Any]) -> xarray.Dataset:
     with from_extra("netcdf"):
-        import h5netcdf  # noqa: F401  # by which xarray writes
+        import h5netcdf  # noqa: F401  # xarray writes with it
         import xarray
 
     def variable(name: str, dims: tuple[str, ...], values: Tensor) -> xarray.Variable:

@@ -12,6 +12,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from haptix.display import Displayed
 from haptix.errors import InputError
 from haptix.native import Struct, doubles, ffi, library
 from haptix.states import broadcast_shape
@@ -19,27 +20,27 @@ from haptix.status import Status
 from haptix.surface.axes import PULL_IN_DRIVE, SLACK, Axes, Cells
 from haptix.threads import one_thread
 
-_BLOCK = 65536  # larger gains nothing; at an eighth of it, calls take half of the time
-_LEAST_PER_THREAD = 2 * _BLOCK  # below, starting a thread costs more than it saves
+_BLOCK = 65536  # points; larger blocks gain nothing, and with 8192 calls take half of the time
+_LEAST_PER_THREAD = 2 * _BLOCK  # with fewer points a thread's start costs more than it saves
 
 Answer = Callable[..., tuple[Tensor, ...]]
 Query = Mapping[str, Any]
-"""Values by name of the axis, which broadcast; a missing one is None."""
+"""Values by name of the axis, which broadcast; None for an axis that is left out."""
 
-_EXTRA = 2  # numbers of a column after those of mu: ln of the pull-in and breakdown voltage
+_EXTRA = 2  # entries of a column after those of mu: ln of the pull-in and breakdown voltage
 _OK, _ABOVE, _BELOW = int(Status.OK), int(Status.ABOVE), int(Status.BELOW)
 _PULL_IN, _OUT_OF_RANGE = int(Status.PULL_IN), int(Status.OUT_OF_RANGE)
 
 
 @dataclass(frozen=True)
-class Interpolant:
+class Interpolant(Displayed):
     """mu(F_N, V0, f, h0) on a grid.
 
     Each column, at one force, frequency and thickness, holds 1/mu at nodes of the drive
-    ``s = (V0 / V_pull-in)^2`` and its own pull-in voltage. By the closed form
-    ``mu = mu_0 / (1 - s)``, 1/mu is nearly linear in s. Columns are blended linearly in the
-    logarithms of their axes. 1/mu falls along every column, and so along every blend of columns.
-    The inverse is therefore unique, and exact on the interpolant.
+    ``s = (V0 / V_pull-in)^2``, and its pull-in voltage. By the closed form ``mu = mu_0 / (1 - s)``,
+    1/mu is nearly linear in s. Columns are blended linearly in the logarithms of the axes. Since
+    1/mu falls along every column, it also falls along every blend of columns. The inverse is
+    therefore unique, and exact on the interpolant.
 
     Parameters
     ----------
@@ -48,16 +49,16 @@ class Interpolant:
     drive : Tensor, shape (drives,)
         Nodes of s, from 0 up to 0.81 or to the highest that occurs within the voltage limit.
     columns : Tensor, shape (*axes.shape, drives + 2)
-        ``-1/mu`` at each drive, not falling; then ln of the pull-in voltage and of that at which
-        gap or insulator break down, or `limited_by` ends the column: each in units of `unit_v` and
-        above 0.
+        ``-1/mu`` at each drive, not falling. Then come ln of the pull-in voltage and ln of the
+        voltage at which gap or insulator break down or `limited_by` ends the column, both in units
+        of `unit_v` and above 0.
     unit_v : float
         Unit of these voltages [V], below all of them.
     voltage_limit_v : float
-        Highest amplitude asked for [V].
+        Highest amplitude of the surface [V].
     limited_by : Status
-        What ends columns at the last of their voltages: breakdown, or a declared limit of the model
-        (`haptix.limits`), with most columns. OK where nothing does.
+        The limit to which the last entry of the columns belongs: breakdown, or the declared limit
+        of the model (`haptix.limits`) that ends most columns. OK if there is none.
     """
 
     axes: Axes
@@ -89,17 +90,31 @@ class Interpolant:
         return self.columns.nbytes + self.drive.nbytes + axes
 
     def evaluate(self, voltage_v: Tensor, places: Query) -> tuple[Tensor, Tensor]:
-        """Friction and status at amplitudes [V] and places on the axes, which broadcast."""
+        """Friction and status at amplitudes [V] and places on the axes, which broadcast.
+
+        Parameters
+        ----------
+        voltage_v : Tensor
+        places : sequence of Tensor
+            Places on each axis, in its unit; they broadcast with the amplitudes.
+        """
         mu, status = self._ask(self._evaluate, voltage_v, places)
         return mu, status
 
     def invert(self, mu: Tensor, places: Query) -> tuple[Tensor, Tensor]:
-        """Amplitude [V] and status for frictions and places on the axes."""
+        """Amplitude [V] and status for frictions and places on the axes.
+
+        Parameters
+        ----------
+        mu : Tensor
+        places : sequence of Tensor
+            Places on each axis, in its unit; they broadcast with the frictions.
+        """
         voltage, status = self._ask(self._invert, mu, places)
         return voltage, status
 
     def end(self, places: Query) -> Tensor:
-        """Amplitude [V] at which the columns end: by limit, pull-in or what `limited_by` says."""
+        """Amplitude [V] at which the columns end: the voltage limit, pull-in or `limited_by`."""
         return self._ask(self._limits, torch.zeros_like(self.drive[0]), places)[0]
 
     def breakdown(self, places: Query) -> Tensor:
@@ -107,12 +122,20 @@ class Interpolant:
         return self._ask(self._limits, torch.zeros_like(self.drive[0]), places)[1]
 
     def at(self, places: Query) -> Interpolant:
-        """Slice axes away at one value each; None keeps an axis."""
+        """Reduce axes to one value each; None leaves an axis as it is."""
         axes, columns = self.axes.at(places, self.columns)
         return replace(self, axes=axes, columns=columns)
 
     def to(self, dtype: torch.dtype, device: torch.device | str) -> Interpolant:
-        """Return a copy in another precision or on another device."""
+        """Return a copy in another precision or on another device.
+
+        Parameters
+        ----------
+        dtype : torch.dtype
+            Precision of the numbers.
+        device : torch.device or str
+            Where they are.
+        """
         if dtype not in (torch.float32, torch.float64):
             raise InputError(f"dtype: expected torch.float32 or torch.float64, got {dtype}")
         return replace(
@@ -134,7 +157,7 @@ class Interpolant:
         is_plain = self.columns.dtype == torch.float64 and self.columns.device.type == "cpu"
         if is_plain and not any(t.requires_grad for t in tensors):
             return self._evaluate_in_c(voltage, places)
-        # Of each column two neighbours are used: to blend it whole took twice as long.
+        # Only two entries of each column are needed: blending whole columns took twice as long.
         corners, inside = self.axes.corners(places, voltage)
         width = self.columns.shape[-1]
         first = corners.row * width
@@ -184,24 +207,24 @@ class Interpolant:
         pull_in, breakdown, top = self._ends(*self._log_ends(column))
         tiny = torch.finfo(wanted.dtype).tiny
         target = wanted.clamp(min=tiny**0.5).reciprocal().neg()
-        # -1/mu rises along a column, and the voltages after it are above 0: the search through the
-        # whole row finds the cell.
+        # -1/mu rises along a column and is below 0; the two entries after it are above 0. So a
+        # whole row is sorted, and a search through it finds the cell.
         after = torch.searchsorted(column.detach(), target.detach()[:, None], right=True)[:, 0]
         cell = after.sub_(1).clamp_(0, len(self.drive) - 2)
         low, high = self._pair(column, cell)
-        # Per unit of drive; a column that does not rise is left at once.
+        # Slope per unit of drive; the least one avoids a division by 0 where a column is flat.
         slope = (high - low).clamp(min=tiny) * self._drive_cells.scale.index_select(0, cell)
         at = self.drive.index_select(0, cell) + (target - low) / slope
-        # Rounding does not put a column's own end out of range.
+        # With this slack rounding does not put the end of a column out of range.
         slack = max(1e-9, 8 * torch.finfo(wanted.dtype).eps) * target
         above = (top - at) * slope < slack
         below = target < column[:, 0] + slack
         status = _small(above) * self._limited_by(pull_in, breakdown, top) + _small(below) * _BELOW
-        # Without drive the voltage is 0; its gradient is set to 0, since the root's is infinite.
+        # At a drive of 0 the root has an infinite gradient: set voltage and gradient to 0.
         driven = at > 0
         root = torch.where(driven, torch.minimum(at, top), 1.0).sqrt()
         voltage = pull_in * torch.where(driven, root, 0.0)
-        # Rounding must not exceed the limit.
+        # Rounding must not take a voltage above the limit.
         return voltage.clamp(max=self.voltage_limit_v), _outside(status, inside)
 
     def _limited_by(self, pull_in: Tensor, breakdown: Tensor, top: Tensor) -> Tensor:
@@ -223,13 +246,13 @@ class Interpolant:
 
     @staticmethod
     def _log_ends(column: Tensor) -> tuple[Tensor, Tensor]:
-        """The numbers of a column after those of mu, contiguous: exp is vectorised then."""
+        """The last two entries of the columns, contiguous, so that exp is vectorised."""
         return column[:, -2].contiguous(), column[:, -1].contiguous()
 
     def _ends(
         self, log_pull_in: Tensor, log_breakdown: Tensor | None
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """Pull-in and breakdown voltage, and the drive at which the surface ends."""
+        """Pull-in voltage [V], breakdown voltage [V], and the drive at which the surface ends."""
         pull_in = self.unit_v * torch.exp(log_pull_in)
         if log_breakdown is None or not self.limited_by:
             end = (self.voltage_limit_v / pull_in).square()
@@ -254,7 +277,7 @@ class Interpolant:
 
     @cached_property
     def _slack(self) -> float:
-        """Factor by which rounding may pass an end."""
+        """Factor by which a value may exceed an end through rounding."""
         return 1 + max(1e-9, 8 * torch.finfo(self.drive.dtype).eps)
 
     @cached_property
@@ -281,7 +304,7 @@ class Interpolant:
 
 
 def _small(truth: Tensor) -> Tensor:
-    """Truth values as bytes: a status is combined at an eighth of its final width."""
+    """Truth values as bytes, so that statuses are combined at an eighth of their final width."""
     return truth.view(torch.int8)
 
 
@@ -294,8 +317,8 @@ def _outside(status: Tensor, inside: Tensor) -> Tensor:
 def in_blocks(answer: Answer, inputs: Sequence[Tensor | None]) -> tuple[Tensor, ...]:
     """Return ``answer(*inputs)``, block by block, on all of torch's threads.
 
-    Inputs are flat tensors of one length, or None; the answer's tensors have that length. Where
-    autograd records, or on a GPU, they go in one piece.
+    Inputs are flat tensors of one length, or None; the answer's tensors have that length. With
+    autograd or on a GPU there is one block only.
     """
     tensors = [t for t in inputs if t is not None]
     count = len(tensors[0])

@@ -1,4 +1,4 @@
-"""Request for a surface: its ranges, its largest error, and the key of both."""
+"""Request for a surface: its ranges, and the key under which the cache stores the result."""
 
 from __future__ import annotations
 
@@ -66,9 +66,9 @@ def _read_range(name: str, value: Any) -> tuple[float, float] | None:
 
 
 def low_and_high(value: Any, zero: bool = False) -> tuple[float, float]:
-    """Return a finite range above 0, or with `zero` from 0; one number stands for both ends.
+    """Return a finite range above 0, or with `zero` from 0; a single number is both ends.
 
-    Anything else raises `ValueError`, which pydantic reports.
+    Other values raise `ValueError`, which pydantic turns into its error.
     """
     if hasattr(value, "tolist"):
         value = value.tolist()
@@ -100,7 +100,21 @@ def surface_key(
     largest_bytes: int = LARGEST_BYTES,
     past_limits: bool = False,
 ) -> str:
-    """Hash of everything that decides a surface's numbers; the name of its cache entry."""
+    """Hash of everything that determines a surface's numbers; the name of its cache entry.
+
+    Parameters
+    ----------
+    model, scene, tolerance, largest_bytes, past_limits
+        As in `FrictionSurface.build`.
+
+    Examples
+    --------
+    >>> import haptix
+    >>> model = haptix.ContactModel(haptix.Finger(), haptix.Screen())
+    >>> keys = {surface_key(model, {"normal_force_n": (0.1, 1.0)}, jnd) for jnd in (0.01, 0.02)}
+    >>> len(keys)  # another tolerance, another file
+    2
+    """
     return digest(
         {
             "haptix": __version__,
@@ -118,7 +132,7 @@ def surface_key(
 
 @cache
 def _code_digest() -> str:
-    """Hash of the source code: a surface of an earlier solver is never found in the cache."""
+    """Hash of the source code, so that the cache never returns a surface of an earlier solver."""
     code = hashlib.sha256()
     package = Path(__file__).parent.parent
     files = list(package.glob("*.py"))

@@ -1,4 +1,4 @@
-"""Columns of friction against voltage: one, and those of one frequency and thickness by force."""
+"""Friction against voltage: one `Column`, and a `Slice` of columns over the normal force."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from haptix.checks import Array
+from haptix.display import Displayed
 from haptix.errors import InputError
 from haptix.native import Struct, doubles, library, room
 from haptix.status import Status
@@ -20,18 +21,18 @@ from haptix.surface.interpolant import Interpolant
 
 Codes = npt.NDArray[np.int8]
 
-_SLACK = 1e-9  # relative; rounding does not put a column's own end out of its range
-_LEAST_MU = 1e-150  # frictions of 0 and below have no inverse
-_MEDIAN_NODES = 4097  # where the columns of several fingers cross anywhere
+_SLACK = 1e-9  # relative: with it rounding does not put the end of a column out of range
+_LEAST_MU = 1e-150  # in place of frictions of 0 and below, which have no inverse
+_MEDIAN_NODES = 4097  # of a median column: the columns of several fingers may cross anywhere
 
-_AVERAGED_NODES = 65  # over the drive; lines between them are within 1e-4
-_STEEPEST = 0.05  # share of 1/mu without voltage: friction never counts as more than 20 times that
-_NEAR = 1e-6  # relative, of an end: rounding does not change what ends a column
+_AVERAGED_NODES = 65  # over the drive; linear interpolation between them is exact to 1e-4
+_STEEPEST = 0.05  # least share of 1/mu: friction is at most 20 times that without voltage
+_NEAR = 1e-6  # relative: with it rounding does not change which limit ends a column
 _ABOVE, _PULL_IN = Status.ABOVE, Status.PULL_IN
 
 
 @dataclass(frozen=True, eq=False)
-class Column:
+class Column(Displayed):
     """Friction against voltage at one force.
 
     Parameters
@@ -45,7 +46,7 @@ class Column:
     end_drive, end_v : float
         Drive, and amplitude [V], at which the column ends.
     ends_by : Status
-        That of friction above the end: ABOVE (the voltage limit) or one of `haptix.limits`.
+        Status of a friction above the end: ABOVE (the voltage limit) or one of `haptix.limits`.
     is_inside : bool
         Whether the force is on the surface's axis.
     """
@@ -63,10 +64,10 @@ class Column:
         """Median friction of several fingers, each at one force, up to the lowest of their ends."""
         if len(columns) == 1:
             return columns[0]
-        lowest = min(columns, key=lambda one: float(one.end_v))
+        lowest = min(columns, key=lambda column: float(column.end_v))
         drive = np.linspace(0, 1, _MEDIAN_NODES)
-        mu = np.median([one.mu(lowest.end_v * np.sqrt(drive)) for one in columns], axis=0)
-        # A median of rising curves rises; this makes it true of the last bit as well.
+        mu = np.median([column.mu(lowest.end_v * np.sqrt(drive)) for column in columns], axis=0)
+        # The median of rising curves rises; this makes it true of the last bit as well.
         inverse = np.maximum.accumulate(-1 / mu)
         return cls(drive, inverse, lowest.end_v, 1.0, lowest.end_v, lowest.ends_by)
 
@@ -103,16 +104,16 @@ class Column:
         Returns
         -------
         voltage_v : ndarray, shape (points,)
-            Amplitude of that friction, or of the nearest in the reachable range.
+            Amplitude of that friction, or of the nearest one in the reachable range.
         status : ndarray of int8, shape (points,)
-            OK, BELOW, OUT_OF_RANGE or what `ends_by` says.
+            OK, BELOW, OUT_OF_RANGE or the value of `ends_by`.
         """
         goal = -1 / np.maximum(mu, _LEAST_MU)
         drive = np.minimum(np.interp(goal, self.inverse, self.drive), self.end_drive)
         voltage = np.minimum(self.unit_v * np.sqrt(drive), self.end_v)
         if not self.is_inside:
             return voltage, np.full(goal.shape, Status.OUT_OF_RANGE, np.int8)
-        # All of these are below 0: the slack widens the range.
+        # These values are negative, so that the slack widens the range.
         most, least = (_SLACK - 1) / self.highest_mu, -(1 + _SLACK) / self.lowest_mu
         status = (goal > most) * np.int8(self.ends_by) + (goal < least) * np.int8(Status.BELOW)
         return voltage, status
@@ -122,8 +123,8 @@ class Column:
 class Slice:
     """Columns of a surface over the normal force.
 
-    It answers as `FrictionSurface` does. For the dozen points of a block, torch's calls would cost
-    many times the arithmetic.
+    It gives the results of `FrictionSurface` without torch, whose calls would cost many times the
+    arithmetic for the dozen points of a block.
 
     Parameters
     ----------
@@ -153,7 +154,11 @@ class Slice:
     def of(cls, table: Interpolant, limit_v: float | None = None) -> Self:
         """Take the columns of a table whose frequency and thickness do not vary.
 
-        `limit_v` replaces the table's highest amplitude [V].
+        Parameters
+        ----------
+        table : Interpolant
+        limit_v : float, optional
+            Highest amplitude [V], instead of the table's.
 
         Raises
         ------
@@ -186,17 +191,27 @@ class Slice:
         pull_in_drive = self.pull_in_drive / float(attraction.max())
         drive = np.linspace(0.0, min(pull_in_drive, float(self.drive[-1])), _AVERAGED_NODES)
         at = drive[:, None] * attraction
-        # Within the period the drive goes beyond a column's last node. There the column goes on as
-        # a straight line, as the closed form ``1/mu ~ 1 - s`` does.
+        # Within the period the drive exceeds a column's last node. There the column continues as a
+        # straight line, as in the closed form ``1/mu ~ 1 - s``.
         beyond = np.maximum(at - self.drive[-1], 0.0)
         rows = []
         for column in self.columns:
             slope = (column[-3] - column[-4]) / (self.drive[-1] - self.drive[-2])
             inverse = np.interp(at, self.drive, column[:-2]) + slope * beyond
-            # Pull-in bounds the drive and keeps friction finite; this does so where lines bend.
+            # Pull-in bounds the drive, which keeps friction finite for a straight column; where a
+            # column bends, this bound does.
             friction = (-1 / np.minimum(inverse, _STEEPEST * column[0])).mean(axis=1)
             rows.append(np.concatenate([-1 / friction, column[-2:]]))
         return replace(self, drive=drive, columns=np.array(rows), pull_in_drive=pull_in_drive)
+
+    def attracted(self, log_gain: float) -> Self:
+        """Return the slice of a finger whose attraction is larger by the factor ``exp(log_gain)``.
+
+        Friction without voltage, the highest amplitude and that of breakdown do not change.
+        """
+        columns = self.columns.copy()
+        columns[:, -1] += log_gain / 2
+        return replace(self, columns=columns, unit_v=self.unit_v * exp(-log_gain / 2))
 
     def column(self, normal_force_n: float) -> Column:
         """Column at one force [N], finite and above 0."""
@@ -230,6 +245,11 @@ class Slice:
         """Friction at forces [N] and amplitudes [V], both of shape (points,).
 
         Above the end of a force's column it is that of the end.
+
+        Parameters
+        ----------
+        normal_force_n : array, shape (points,)
+        amplitude_v : array, shape (points,)
         """
         force_n, volts = np.broadcast_arrays(normal_force_n, amplitude_v)
         mu, at = room(force_n.size)

@@ -7,12 +7,13 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from math import inf
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor
 
 from haptix.checks import Array, instance
+from haptix.display import Displayed, axes_or_new
 from haptix.errors import FileFormatError, InputError, RangeError, ToleranceError
 from haptix.files import cache_folder, file_at
 from haptix.finger import Finger
@@ -24,36 +25,40 @@ from haptix.surface.boundary_elements import MeasuringJob, measured_table
 from haptix.surface.build import build_table
 from haptix.surface.file import export_netcdf, load_table, save_table
 from haptix.surface.interpolant import Interpolant, Query
+from haptix.surface.intervals import Intervals, intervals_at
 from haptix.surface.request import LARGEST_BYTES, surface_key
 from haptix.surface.slice import Column, Slice
 from haptix.surface.tolerance import Tolerance
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _FILE = "friction.surface"
 
 
 @dataclass(frozen=True)
-class SurfaceSample:
+class SurfaceSample(Displayed):
     """Friction at query points, of their broadcast shape."""
 
     mu: Tensor
-    """Friction coefficient; where the status is not OK, of the nearest point inside."""
+    """Friction coefficient; where the status is not OK, that of the nearest point inside."""
     status: Tensor
     """Integers of `Status`: OK, OUT_OF_RANGE, or the one of `haptix.limits` that is passed."""
 
 
 @dataclass(frozen=True)
-class Inversion:
+class Inversion(Displayed):
     """Voltages for frictions, of their broadcast shape."""
 
     voltage_v: Tensor
-    """Amplitude [V] that gives the friction, or the nearest in the reachable range."""
+    """Amplitude [V] of the friction, or of the nearest one in the reachable range."""
     status: Tensor
-    """Integers of `Status`: OK, BELOW, OUT_OF_RANGE, or what limits the friction: ABOVE (by the
-    voltage limit), or one of `haptix.limits`."""
+    """Integers of `Status`: OK, BELOW or OUT_OF_RANGE; for a friction that is too high, ABOVE (the
+    voltage limit) or the one of `haptix.limits` that prevents it."""
 
 
 @dataclass(frozen=True)
-class FrictionSurface:
+class FrictionSurface(Displayed):
     """mu(F_N, V0, f, h0), precomputed: evaluated and inverted by interpolation.
 
     Parameters
@@ -78,7 +83,7 @@ class FrictionSurface:
         notes: Mapping[str, Any] | None = None,
         past_limits: bool = False,
     ) -> FrictionSurface:
-        """Solve the model on axes that are refined until held-out solver points agree.
+        """Solve the model on axes, and refine these until held-out points agree.
 
         A model of boundary elements is solved at few points only, see `measured`.
 
@@ -87,9 +92,9 @@ class FrictionSurface:
         model : ContactModel
             The model to tabulate.
         scene : Scene or mapping, optional
-            Ranges ``(low, high)`` or single values for ``normal_force_n`` (0.1 to 1 N),
-            ``voltage_v`` (0 V to the screen's limit), ``frequency_hz`` (none) and ``h0_m`` (the
-            screen's own); the brackets hold the defaults.
+            Ranges ``(low, high)`` or single values, with their defaults in brackets:
+            ``normal_force_n`` (0.1 to 1 N), ``voltage_v`` (0 V to the screen's limit),
+            ``frequency_hz`` (none) and ``h0_m`` (the screen's).
         tolerance : Tolerance, float or str
             Largest error in mu against the model at held-out points; in mu, or as
             ``"0.05 JND"`` or ``"0.2 %"``, see `Tolerance`.
@@ -100,15 +105,15 @@ class FrictionSurface:
         notes : mapping, optional
             Plain values to keep with the surface, in ``info["notes"]``.
         past_limits : bool
-            Offer states past the model's limits (`haptix.limits`) as well, up to 90 % of pull-in.
+            Include states past the model's limits (`haptix.limits`), up to 90 % of pull-in.
 
         Raises
         ------
         InputError
-            If a range is invalid, or lies past pull-in everywhere, or a state without voltage is
-            past a limit.
+            If a range is invalid or lies wholly past pull-in, or a state without voltage is past a
+            limit.
         ToleranceError
-            If the tolerance cannot be met within the size; it carries the best surface reached.
+            If the tolerance cannot be met within the size; it holds the best surface.
 
         Examples
         --------
@@ -152,14 +157,14 @@ class FrictionSurface:
         tolerance, on_progress, largest_bytes, notes
             As for `build`; the tolerance is that of the mean field between the points.
         checkpoint : path, optional
-            File (.npz) that keeps finished columns: the same call resumes from it.
+            File (.npz) of finished columns; the same call with this file resumes the work.
 
         Raises
         ------
         InputError, ToleranceError
             As in `build`.
         FileFormatError
-            If the checkpoint is damaged or belongs to something else.
+            If the checkpoint is damaged, or was made by a different call.
         """
         largest_error = Tolerance.read(tolerance)
         table = measured_table(job, largest_error, on_progress, largest_bytes, notes, checkpoint)
@@ -177,7 +182,20 @@ class FrictionSurface:
         return self
 
     def save(self, path: str | Path) -> None:
-        """Write the surface to one file, whole or not at all."""
+        """Write the surface to one file, whole or not at all.
+
+        Examples
+        --------
+        >>> import haptix
+        >>> from tempfile import TemporaryDirectory
+        >>> model = haptix.ContactModel(haptix.Finger(), haptix.Screen(), fidelity="closed-form")
+        >>> surface = haptix.FrictionSurface.build(model, {"normal_force_n": (0.4, 0.6)}, 0.01)
+        >>> with TemporaryDirectory() as folder:
+        ...     surface.save(f"{folder}/wet.surface")
+        ...     loaded = haptix.FrictionSurface.load(f"{folder}/wet.surface")
+        >>> loaded == surface
+        True
+        """
         save_table(self.table, self.info, Path(path))
 
     def to_netcdf(self, path: str | Path) -> None:
@@ -199,8 +217,58 @@ class FrictionSurface:
         ------
         FileFormatError
             If the file is missing, foreign, damaged, of a later version or of another model.
+
+        Examples
+        --------
+        >>> import haptix
+        >>> finger, screen = haptix.Finger.preset("wet"), haptix.Screen.preset("3m-sct3250")
+        >>> model = haptix.ContactModel(finger, screen, fidelity="closed-form")
+        >>> surface = haptix.FrictionSurface.build(model, {"normal_force_n": (0.4, 0.6)}, 0.01)
+        >>> from pathlib import Path
+        >>> from tempfile import TemporaryDirectory
+        >>> with TemporaryDirectory() as folder:
+        ...     surface.save(Path(folder) / "wet.surface")
+        ...     loaded = haptix.FrictionSurface.load(Path(folder) / "wet.surface")
+        >>> bool(loaded.mu(0.5, 60.0) == surface.mu(0.5, 60.0))
+        True
         """
         return cls(*load_table(file_at("path", path), model))
+
+    def _shown(self) -> dict[str, Any]:
+        axes = {axis.name: axis.nodes for axis in self.table.axes if not axis.is_absent}
+        return {**axes, "voltage_limit_v": self.voltage_limit_v, "mu": self.mu_table}
+
+    def plot(
+        self, ax: Axes | None = None, frequency_hz: float | None = None, h0_m: float | None = None
+    ) -> Axes:
+        """Draw friction against voltage, a line for each of five forces.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Axes of matplotlib to draw into; without them, those of a new figure.
+        frequency_hz, h0_m : float, optional
+            Where to cut the surface, see `driven_at`.
+
+        Returns
+        -------
+        Axes
+            The axes.
+
+        Raises
+        ------
+        InputError, RangeError
+            As in `driven_at`.
+        """
+        cut = self.driven_at(frequency_hz, h0_m)
+        ax = axes_or_new(ax)
+        low, high = cut.normal_force_n.nodes[[0, -1]].log10()
+        for force_n in torch.logspace(low, high, 5 if high > low else 1):
+            voltage_v = torch.linspace(0, float(cut.highest_voltage(force_n)), 200)
+            ax.plot(voltage_v, cut.evaluate(force_n, voltage_v).mu.cpu(), label=f"{force_n:.2g} N")
+        ax.set(xlabel="voltage (V)", ylabel="friction coefficient")
+        ax.legend(title="normal force")
+        return ax
 
     @property
     def normal_force_n(self) -> Axis:
@@ -224,7 +292,7 @@ class FrictionSurface:
 
     @property
     def voltage_limit_v(self) -> float:
-        """Highest amplitude asked for [V]."""
+        """Highest amplitude of the surface [V]."""
         return self.table.voltage_limit_v
 
     @property
@@ -250,11 +318,32 @@ class FrictionSurface:
     ) -> Tensor:
         """Friction coefficient at points that broadcast together.
 
+        Parameters
+        ----------
+        normal_force_n : float or array
+            Normal force F_N [N].
+        voltage_v : float or array
+            Amplitude V0 [V], peak.
+        frequency_hz : float or array, optional
+            Frequency of the drive [Hz]; not needed where the surface has one only.
+        h0_m : float or array, optional
+            Insulator's thickness over permittivity [m]; likewise.
+
         Raises
         ------
         RangeError
             If a point lies outside the surface or past its end; `evaluate` returns a status
             instead.
+
+        Examples
+        --------
+        >>> import haptix
+        >>> finger, screen = haptix.Finger.preset("wet"), haptix.Screen.preset("3m-sct3250")
+        >>> model = haptix.ContactModel(finger, screen, fidelity="closed-form")
+        >>> surface = haptix.FrictionSurface.build(model, {"normal_force_n": (0.4, 0.6)}, 0.01)
+        >>> resting, driven = surface.mu(0.5, [0.0, 60.0])
+        >>> bool(driven > resting)
+        True
         """
         return self.evaluate(normal_force_n, voltage_v, frequency_hz, h0_m, strict=True).mu
 
@@ -268,17 +357,34 @@ class FrictionSurface:
     ) -> SurfaceSample:
         """Friction coefficient and status at points that broadcast together.
 
+        Parameters
+        ----------
+        normal_force_n, voltage_v, frequency_hz, h0_m : float or array
+            As in `mu`.
+        strict : bool
+            Raise where a status is not OK, instead of telling it.
+
         Raises
         ------
         RangeError
             With `strict`, if a status is not OK.
+
+        Examples
+        --------
+        >>> import haptix
+        >>> finger, screen = haptix.Finger.preset("wet"), haptix.Screen.preset("3m-sct3250")
+        >>> model = haptix.ContactModel(finger, screen, fidelity="closed-form")
+        >>> surface = haptix.FrictionSurface.build(model, {"normal_force_n": (0.4, 0.6)}, 0.01)
+        >>> sample = surface.evaluate(normal_force_n=[0.5, 2.0], voltage_v=60.0)
+        >>> [haptix.Status(int(status)).name for status in sample.status]
+        ['OK', 'OUT_OF_RANGE']
         """
         voltage = numbers("voltage_v", voltage_v, self.table.drive)
         if not within(voltage, 0.0):
             raise InputError("voltage_v: expected finite amplitudes of 0 V or more")
         mu, status = self.table.evaluate(voltage, _places(normal_force_n, frequency_hz, h0_m))
         if strict:
-            self._demand_ok(status)
+            self._demand_ok(status, "evaluate")
         return SurfaceSample(mu, status)
 
     def voltage(
@@ -291,39 +397,122 @@ class FrictionSurface:
     ) -> Inversion:
         """Amplitude [V] that gives a friction, for points that broadcast together.
 
+        Parameters
+        ----------
+        mu : float or array
+            Friction coefficient that is wanted.
+        normal_force_n, frequency_hz, h0_m : float or array
+            As in `mu`.
+        strict : bool
+            Raise where a status is not OK, instead of telling it.
+
         Raises
         ------
         RangeError
             With `strict`, if a status is not OK.
+
+        Examples
+        --------
+        >>> import haptix
+        >>> finger, screen = haptix.Finger.preset("wet"), haptix.Screen.preset("3m-sct3250")
+        >>> model = haptix.ContactModel(finger, screen, fidelity="closed-form")
+        >>> surface = haptix.FrictionSurface.build(model, {"normal_force_n": (0.4, 0.6)}, 0.01)
+        >>> low, high = surface.reachable(0.5)
+        >>> inversion = surface.voltage(mu=(low + high) / 2, normal_force_n=0.5)
+        >>> abs(float(surface.mu(0.5, inversion.voltage_v)) - float(low + high) / 2) < 1e-6
+        True
         """
         wanted = numbers("mu", mu, self.table.drive)
         if not within(wanted, -inf, least_counts=False):
             raise InputError("mu: expected finite friction coefficients")
         voltage, status = self.table.invert(wanted, _places(normal_force_n, frequency_hz, h0_m))
         if strict:
-            self._demand_ok(status)
+            self._demand_ok(status, "voltage")
         return Inversion(voltage, status)
 
     def reachable(
         self, normal_force_n: Any, frequency_hz: Any = None, h0_m: Any = None
     ) -> tuple[Tensor, Tensor]:
-        """Reachable range: lowest and highest friction coefficient."""
+        """Reachable range: lowest and highest friction coefficient.
+
+        Parameters
+        ----------
+        normal_force_n, frequency_hz, h0_m : float or array
+            As in `mu`.
+
+        Examples
+        --------
+        >>> import haptix
+        >>> finger, screen = haptix.Finger.preset("wet"), haptix.Screen.preset("3m-sct3250")
+        >>> model = haptix.ContactModel(finger, screen, fidelity="closed-form")
+        >>> surface = haptix.FrictionSurface.build(model, {"normal_force_n": (0.4, 0.6)}, 0.01)
+        >>> low, high = surface.reachable(0.5)
+        >>> bool(low == surface.mu(0.5, 0.0))
+        True
+        """
         places = _places(normal_force_n, frequency_hz, h0_m)
-        none = torch.zeros_like(self.table.drive[0])
-        low, _ = self.table.evaluate(none, places)
-        high, _ = self.table.evaluate(none + inf, places)
+        no_voltage = torch.zeros_like(self.table.drive[0])
+        low, _ = self.table.evaluate(no_voltage, places)
+        high, _ = self.table.evaluate(no_voltage + inf, places)
         return low, high
+
+    def intervals(
+        self, normal_force_n: Any, frequency_hz: Any = None, h0_m: Any = None
+    ) -> Intervals:
+        """90 % intervals of the theory around places, in JND, at the highest voltages.
+
+        Parameters
+        ----------
+        normal_force_n, frequency_hz, h0_m : float or array
+            As in `mu`.
+
+        Raises
+        ------
+        InputError
+            If the surface is of an earlier version, or a place on one of its axes is missing.
+
+        Examples
+        --------
+        >>> import haptix
+        >>> model = haptix.ContactModel(haptix.Finger.preset("wet"), haptix.Screen())
+        >>> surface = haptix.FrictionSurface.build(model, {"normal_force_n": (0.4, 0.6)}, 0.01)
+        >>> float(surface.intervals(0.5).contrast_jnd)  # not compared for so thin an insulator
+        inf
+        """
+        return intervals_at(self.info, _places(normal_force_n, frequency_hz, h0_m))
 
     def highest_voltage(
         self, normal_force_n: Any, frequency_hz: Any = None, h0_m: Any = None
     ) -> Tensor:
-        """Amplitude [V] at which the surface ends: see `Interpolant.end`."""
+        """Amplitude [V] at which the surface ends: see `Interpolant.end`.
+
+        Parameters
+        ----------
+        normal_force_n, frequency_hz, h0_m : float or array
+            As in `mu`.
+
+        Examples
+        --------
+        >>> import haptix
+        >>> finger, screen = haptix.Finger.preset("wet"), haptix.Screen.preset("3m-sct3250")
+        >>> model = haptix.ContactModel(finger, screen, fidelity="closed-form")
+        >>> surface = haptix.FrictionSurface.build(model, {"normal_force_n": (0.4, 0.6)}, 0.01)
+        >>> bool(surface.highest_voltage(0.5) <= surface.voltage_limit_v)
+        True
+        """
         return self.table.end(_places(normal_force_n, frequency_hz, h0_m))
 
     def at(self, frequency_hz: float | None = None, h0_m: float | None = None) -> FrictionSurface:
         """Slice at one frequency or thickness, for queries that do not vary them.
 
-        None keeps an axis.
+        None leaves an axis as it is.
+
+        Parameters
+        ----------
+        frequency_hz : float, optional
+            Frequency [Hz] to cut at; None keeps the axis.
+        h0_m : float, optional
+            Thickness over permittivity [m] to cut at; None keeps the axis.
         """
         return FrictionSurface(self.table.at(_places(None, frequency_hz, h0_m)), self.info)
 
@@ -333,9 +522,9 @@ class FrictionSurface:
         Parameters
         ----------
         frequency_hz : float or None
-            Frequency of the drive; of no effect on a surface without frequency.
+            Frequency of the drive [Hz]; a surface without frequency ignores it.
         h0_m : float, optional
-            Effective thickness; without it, that of the screen for which the surface was built.
+            Effective thickness [m]; by default that of the screen for which the surface was built.
 
         Raises
         ------
@@ -358,12 +547,32 @@ class FrictionSurface:
     ) -> Column:
         """Friction against voltage at one force, frequency and thickness, see `driven_at`.
 
-        With `attraction` over a period of the drive it is the mean over it, see `Slice.averaged`.
+        With `attraction`, its course over a period of the drive, friction is the mean over that
+        period, see `Slice.averaged`.
+
+        Parameters
+        ----------
+        normal_force_n : float
+        frequency_hz, h0_m : float, optional
+            Where to cut the surface, see `driven_at`.
+        attraction : array, optional
+            Attraction over one period of the drive: the mean over it is taken, see
+            `Slice.averaged`.
 
         Raises
         ------
         InputError, RangeError
             If a value is missing or lies outside the surface.
+
+        Examples
+        --------
+        >>> import haptix
+        >>> finger, screen = haptix.Finger.preset("wet"), haptix.Screen.preset("3m-sct3250")
+        >>> model = haptix.ContactModel(finger, screen, fidelity="closed-form")
+        >>> surface = haptix.FrictionSurface.build(model, {"normal_force_n": (0.4, 0.6)}, 0.01)
+        >>> column = surface.column(0.5, None)
+        >>> abs(float(column.mu([60.0])[0]) - float(surface.mu(0.5, 60.0))) < 1e-6
+        True
         """
         columns = Slice.of(self.driven_at(frequency_hz, h0_m).table)
         column = (columns if attraction is None else columns.averaged(attraction)).column(
@@ -378,10 +587,28 @@ class FrictionSurface:
         return column
 
     def to(self, dtype: torch.dtype, device: torch.device | str = "cpu") -> FrictionSurface:
-        """Return a copy in another precision or on another device."""
+        """Return a copy in another precision or on another device.
+
+        Parameters
+        ----------
+        dtype : torch.dtype
+            Precision of the numbers.
+        device : torch.device or str
+            Where they are.
+
+        Examples
+        --------
+        >>> import haptix
+        >>> finger, screen = haptix.Finger.preset("wet"), haptix.Screen.preset("3m-sct3250")
+        >>> model = haptix.ContactModel(finger, screen, fidelity="closed-form")
+        >>> surface = haptix.FrictionSurface.build(model, {"normal_force_n": (0.4, 0.6)}, 0.01)
+        >>> import torch
+        >>> surface.to(torch.float32).mu(0.5, 60.0).dtype
+        torch.float32
+        """
         return FrictionSurface(self.table.to(dtype, device), self.info)
 
-    def _demand_ok(self, status: Tensor) -> None:
+    def _demand_ok(self, status: Tensor, method: str) -> None:
         bad = status[status != int(Status.OK)]
         if len(bad) == 0:
             return
@@ -391,17 +618,17 @@ class FrictionSurface:
             if not axis.is_absent
         )
         counts = ", ".join(
-            f"{int((bad == one).sum())} {Status(one).name}" for one in bad.unique().tolist()
+            f"{int((bad == code).sum())} {Status(code).name}" for code in bad.unique().tolist()
         )
         raise RangeError(
             f"{len(bad)} of {status.numel()} points lie outside the surface ({counts}): expected "
             f"{spans}, voltage_v 0 to {self.voltage_limit_v:g} and short of pull-in; build it for "
-            "a wider range, or ask without `strict` for a status per point"
+            f"a wider range, or take `{method}` without `strict`: it gives a status per point"
         )
 
 
 def _places(*values: Any) -> Query:
-    """Values by name of the axis, given in the order of `AXES`."""
+    """Values by name of the axis, from values in the order of `AXES`."""
     return dict(zip(AXIS_NAMES, values, strict=True))
 
 
@@ -411,10 +638,15 @@ def cached_surface(
     tolerance: Tolerance | float | str,
     on_progress: Callable[[float], None] | None = None,
 ) -> tuple[FrictionSurface, bool]:
-    """Load the surface of these inputs, or build and keep it; also return whether it was found.
+    """Load the surface from the cache, or build and store it; also return whether it was loaded.
 
-    An entry that is not what was written is built again. A cache that cannot be read or written is
-    not used. Neither changes a result.
+    A damaged entry is built again, and a cache that cannot be read or written is not used. The
+    result is the same in every case.
+
+    Parameters
+    ----------
+    model, scene, tolerance, on_progress
+        As in `FrictionSurface.build`.
     """
     key = surface_key(model, scene, tolerance)
     store = ResultStore(cache_folder())

@@ -1,4 +1,4 @@
-"""Largest error of a surface, as people write it: read before torch loads."""
+"""Largest error of a surface, as a person writes it; this module does not import torch."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _SPELLINGS: dict[str, Unit] = {
     **dict.fromkeys(("%", "percent", "percent of range"), "percent of range"),
 }
 
-# The model's own tables are no more exact: a finer surface would grow until its limit of size.
+# The model's tables are no more exact than this: a finer surface would grow to its largest size.
 LEAST: dict[Unit, float] = {"mu": 1e-6, "JND": 1e-5, "percent of range": 1e-4}
 """Smallest value of a tolerance, by its unit."""
 
@@ -35,12 +35,17 @@ class Tolerance:
         At least 1e-6 in mu, 1e-5 JND or 1e-4 percent: the model is no more exact.
     unit : {"mu", "JND", "percent of range"}
         Friction coefficient; just-noticeable differences, of ``0.11 mu`` each; or percent of the
-        span between lowest and highest mu in the ranges asked for.
+        span between the lowest and the highest mu of the surface.
 
     Raises
     ------
     InputError
         If the value is not finite or below the least, or the unit is unknown.
+
+    Examples
+    --------
+    >>> str(Tolerance.read("0.05 JND"))
+    '0.05 JND'
     """
 
     value: float
@@ -61,7 +66,13 @@ class Tolerance:
 
     @classmethod
     def read(cls, value: Self | float | str) -> Self:
-        """Read ``0.002``, ``"0.002"``, ``"0.05 JND"`` or ``"0.2 %"``."""
+        """Read ``0.002``, ``"0.002"``, ``"0.05 JND"`` or ``"0.2 %"``.
+
+        Examples
+        --------
+        >>> Tolerance.read(0.01)
+        Tolerance(value=0.01, unit='mu')
+        """
         if isinstance(value, cls):
             return value
         if isinstance(value, bool):
@@ -80,7 +91,14 @@ class Tolerance:
         return f"{self.value:g} {self.unit}"
 
     def unit_in_mu(self, mu: Tensor, low: float, high: float) -> Tensor | float:
-        """Size of the unit at friction `mu`, where mu runs from `low` to `high`."""
+        """Size of the unit at friction `mu`, where mu runs from `low` to `high`.
+
+        Parameters
+        ----------
+        mu : Tensor
+        low, high : float
+            Range of friction of the whole surface.
+        """
         if self.unit == "JND":
             from haptix.perception import WEBER_FRACTION  # with numpy and torch
 

@@ -1,4 +1,4 @@
-"""Touches: one report at a time, from a touchscreen, a recording or a path; and their clock."""
+"""Touch events from a touchscreen, a recording or a path, and the clock of their time stamps."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ TouchKind = Literal["down", "move", "up"]
 KINDS: tuple[TouchKind, ...] = ("down", "move", "up")
 
 LARGEST_MM = 1e4
-"""Ten metres; larger numbers are not in millimetres."""
+"""Ten metres; a larger number is not in millimetres."""
 LEAST_AREA_M2, LARGEST_AREA_M2 = 1e-8, 1e-2
-"""A tenth of a millimetre across, and a whole hand."""
+"""Areas of a spot of a tenth of a millimetre, and of a whole hand."""
 LARGEST_S = 1e10
-"""Some 300 years, so clocks that count from 1970 pass; larger numbers are in ms or ns."""
+"""Some 300 years, so that clocks that count from 1970 pass; a larger number is in ms or ns."""
 
 
 class TouchEvent(NamedTuple):
@@ -42,6 +42,11 @@ class TouchEvent(NamedTuple):
         Normal force [N], above 0, where the screen measures it.
     contact_area_m2 : float, optional
         Area of contact [m^2], above 0, where the screen measures it.
+
+    Examples
+    --------
+    >>> TouchEvent(0.0, 1, 10.0, 20.0, "down").x_mm
+    10.0
     """
 
     t_s: float
@@ -54,9 +59,9 @@ class TouchEvent(NamedTuple):
 
 
 def problem_of(event: Any, checks_force: bool = True) -> str | None:
-    """Return what is wrong with an event: field, expected and given value; or None.
+    """Return the problem of an event (field, expected and actual value), or None.
 
-    Without `checks_force` any force and area pass.
+    Without `checks_force` any force and area are accepted.
     """
     values: Any = event
     if not isinstance(event, TouchEvent):
@@ -105,17 +110,17 @@ class TouchCounts:
     taken: int = 0
     """Events that went into a filter, including the next two kinds."""
     reordered: int = 0
-    """Arrived after a later one and were sorted in."""
+    """Events that arrived after a later one and were sorted in."""
     coalesced: int = 0
-    """Replaced the report before, of the same or nearly the same time."""
+    """Events that replaced the report before, of the same or nearly the same time."""
     late: int = 0
     """Dropped: too old to be sorted in, or of a touch that has ended."""
     clock_jumps: int = 0
     """Times that a touch was restarted because its clock ran backwards."""
     from_the_future: int = 0
-    """Dropped: stamped later than they arrived, so by another clock."""
+    """Dropped: the stamp is later than the arrival, and so from another clock."""
     stale: int = 0
-    """Dropped: on arrival so old that the touch was lost; another clock, or a stall."""
+    """Dropped: so old on arrival that the touch was lost; from another clock, or after a stall."""
     invalid: int = 0
     """Dropped: not finite, too large, or not an event."""
     bad_force: int = 0
@@ -174,14 +179,28 @@ def read_events(path: str | Path) -> list[TouchEvent]:
     if not events:
         raise InputError(f"{path}: expected at least one touch, got none; is the file empty?")
     if not has_kinds:
-        # From the end, so that the places still to come stay where they are.
+        # Insert from the end, so that the indices before stay valid.
         for last in sorted(seen.values(), reverse=True):
             events.insert(last + 1, events[last]._replace(kind="up"))
     return events
 
 
 def events_of(path: Trajectory, touch_id: int = 0) -> list[TouchEvent]:
-    """Return a path as the events of one touch: down, moves, and up at the last place."""
+    """Return a path as the events of one touch: down, moves, and up at the last place.
+
+    Parameters
+    ----------
+    path : Trajectory
+        Times, places and forces.
+    touch_id : int
+
+    Examples
+    --------
+    >>> from haptix.motion import Trajectory
+    >>> first, *_ = events_of(Trajectory.of([0.0, 0.1], [5.0, 10.0], 20.0, 0.5))
+    >>> first.t_s, first.x_mm, first.normal_force_n
+    (0.0, 5.0, 0.5)
+    """
     instance("path", path, Trajectory, "haptix.Trajectory.from_csv reads a file")
     columns = (path.t_s, path.x_mm, path.y_mm, path.normal_force_n)
     rows = zip(*(column.tolist() for column in columns), strict=True)
@@ -214,21 +233,21 @@ def paced(
         if offset_s is None:
             offset_s = clock() - event.t_s / speed
         due_s = event.t_s / speed + offset_s
-        # Written so that a time that is not a number comes at once.
+        # In this form an event whose time is NaN comes at once.
         if (wait_s := due_s - clock()) > 0:
             sleep(wait_s)
         yield event._replace(t_s=due_s)
 
 
 MARGIN_S = 0.02
-"""A stamp may be so far ahead of its arrival, as clocks and drivers round."""
+"""A stamp may be ahead of its arrival by this time, because clocks and drivers round."""
 
 _UNITS = {"seconds": 1.0, "milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
-_LIKE = 60.0
-"""A stamp within so many seconds of another clock was taken from that one."""
+_SAME_CLOCK_S = 60.0
+"""A stamp that is this close to another clock was taken from that clock."""
 
 Misplaced = Literal["from_the_future", "stale"]
-"""Kinds of stamps that cannot be, as `TouchCounts` names them."""
+"""Kinds of impossible stamps, as `TouchCounts` names them."""
 
 
 def misplaced(
@@ -255,17 +274,18 @@ def about_clock(t_s: float, arrival_s: float, oldest_s: float, uncertainty_s: fl
     """Return a sentence about a misplaced stamp: the clock, the unit, and what to do."""
     off_s = t_s - arrival_s
     margin_s = MARGIN_S + uncertainty_s
-    said = (
+    problem = (
         f"t_s: expected seconds of the renderer's clock (now_s(), in real time time.monotonic()), "
         f"from {(oldest_s + margin_s) * 1e3:.3g} ms ago to {margin_s * 1e3:.3g} ms ahead, got "
         f"{t_s:g}, which is {abs(off_s):.3g} s {'ahead' if off_s > 0 else 'old'}"
     )
     for clock, now_s in (("time.monotonic()", arrival_s), ("time.time()", time.time())):
         for unit, per_s in _UNITS.items():
-            if abs(off_s) > _LIKE < now_s and abs(t_s / per_s - now_s) < _LIKE:
-                return f"{said}; that is {clock} in {unit}: map it with haptix.touch.AppClock"
+            is_close = abs(t_s / per_s - now_s) < _SAME_CLOCK_S
+            if abs(off_s) > _SAME_CLOCK_S < now_s and is_close:
+                return f"{problem}; that is {clock} in {unit}: map it with haptix.touch.AppClock"
     return (
-        f"{said}; map the clock of the stamps with haptix.touch.AppClock, or, if the program "
+        f"{problem}; map the clock of the stamps with haptix.touch.AppClock, or, if the program "
         "stalled, drop such touches with strict=False"
     )
 
@@ -305,11 +325,11 @@ class AppClock:
         now: Callable[[], float] = time.monotonic,
         duration_s: float = 0.05,
     ) -> Self:
-        """Read the app's clock between two looks at the renderer's, again and again.
+        """Measure the offset by many readings of the app's clock between two of the renderer's.
 
-        Each reading bounds the offset from both sides. Where the bounds of two readings contradict
-        each other, the app's clock ticks coarsely: it shows a past time, so the earliest of a tick
-        counts, and the contradiction adds to the uncertainty.
+        Each reading bounds the offset from both sides. If the bounds of two readings contradict
+        each other, the app's clock has coarse ticks and shows a past time. Then the earliest
+        reading of a tick counts, and the contradiction adds to the uncertainty.
 
         Parameters
         ----------
@@ -337,11 +357,11 @@ class AppClock:
             after_s = now()
             lowest, highest = max(lowest, before_s - at), min(highest, after_s - at)
             narrowest = min(narrowest, after_s - before_s)
-        ran = at - first
-        if not 0.5 < ran / (after_s - begun_s) < 2:
+        elapsed_s = at - first
+        if not 0.5 < elapsed_s / (after_s - begun_s) < 2:
             raise InputError(
                 f"unit_s: expected the unit of the app's clock, but by {unit_s:g} s it ran "
-                f"{ran:.3g} s in {after_s - begun_s:.3g} s; milliseconds are 1e-3"
+                f"{elapsed_s:.3g} s in {after_s - begun_s:.3g} s; milliseconds are 1e-3"
             )
         return cls(unit_s, highest - narrowest / 2, narrowest / 2 + max(0.0, lowest - highest))
 

@@ -1,4 +1,4 @@
-"""Filters of a touch's place: what it was, and where the finger goes on to."""
+"""Filters of a touch's place, which smooth its reports and predict its path."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from haptix.checks import NotNegative, Positive, check_fields
 from haptix.errors import InputError
 
 FilterState = tuple[float, ...]
-"""t [s], x, y [mm], vx, vy [mm/s]; the rest is the filter's own."""
+"""t [s], x, y [mm], vx, vy [mm/s]; then numbers that only the filter uses."""
 
 
 class Course(NamedTuple):
@@ -35,18 +35,41 @@ class PlaceFilter(ABC):
 
     @abstractmethod
     def start(self, t_s: float, x_mm: float, y_mm: float) -> FilterState:
-        """State after the first report."""
+        """State after the first report.
+
+        Parameters
+        ----------
+        t_s : float
+        x_mm, y_mm : float
+        """
 
     @abstractmethod
     def step(self, state: FilterState, t_s: float, x_mm: float, y_mm: float) -> FilterState:
-        """State after a report at `t_s`, which is not before that of `state`."""
+        """State after a report at `t_s`, which is not before that of `state`.
+
+        Parameters
+        ----------
+        state : FilterState
+            State after the report before.
+        t_s : float
+            Time of this report [s], not before that of `state`.
+        x_mm, y_mm : float
+        """
 
     def course(self, state: FilterState) -> Course:
-        """Return how the finger goes on; here at constant velocity."""
+        """Return the predicted path; here at constant velocity."""
         return Course._make((*state[1:5], 0.0, 0.0, 1.0))
 
     def ahead(self, state: FilterState, ahead_s: float) -> tuple[float, float, float, float]:
-        """Place and velocity `ahead_s` after the state's report, or before it if below 0."""
+        """Place and velocity `ahead_s` after the state's report, or before it if below 0.
+
+        Parameters
+        ----------
+        state : FilterState
+            State after a report.
+        ahead_s : float
+            Time from that report [s]; below 0 is before it.
+        """
         x, y, vx, vy, ax, ay, lasting_s = self.course(state)
         to_speed = -lasting_s * expm1(-ahead_s / lasting_s)
         to_place = lasting_s * (ahead_s - to_speed)
@@ -129,6 +152,13 @@ class OneEuroFilter(PlaceFilter):
         Rise of the cut-off [Hz] per speed [mm/s].
     derivative_cutoff_hz : float
         Cut-off for dx.
+
+    Examples
+    --------
+    >>> smooth = OneEuroFilter()
+    >>> state = smooth.step(smooth.start(0.0, 0.0, 0.0), 0.01, 1.0, 0.0)
+    >>> 0.0 < state[1] < 1.0  # x [mm] follows with delay
+    True
     """
 
     min_cutoff_hz: Positive = 5.0
@@ -157,11 +187,11 @@ class OneEuroFilter(PlaceFilter):
         return (t_s, x + weight * dx, y + weight * dy, weight * sx, weight * sy, sx, sy)
 
 
-_ASSUMED_REPORTS = 6.0  # as many as the assumed noise of a panel counts for
-_LEAST_NOISE_MM = 0.01  # a tenth of what capacitive panels resolve
-_LONGEST_S = 0.1  # of five reports
-_WITHIN = 15  # numbers of five reports
-_LEAST_WEIGHT = 0.001  # of a model: it can come back within a few reports
+_ASSUMED_REPORTS = 6.0  # number of reports that the assumed noise of a panel stands for
+_LEAST_NOISE_MM = 0.01  # a tenth of the resolution of capacitive panels
+_LONGEST_S = 0.1  # longest duration of five reports from which noise is estimated
+_FIVE_REPORTS = 15  # numbers of five reports
+_LEAST_WEIGHT = 0.001  # of a model, so that it can regain weight within a few reports
 
 
 class _Interval(NamedTuple):
@@ -183,16 +213,16 @@ class _Interval(NamedTuple):
 class SingerKalman(PlaceFilter):
     """Acceleration as a first-order Markov process (Singer, IEEE Trans. AES-6, 473, 1970).
 
-    A finger turns and brakes over tenths of a second, so its acceleration is worth estimating. The
-    prediction uses it for as long as it is likely to last: ahead by h the place is
+    A finger turns and brakes over tenths of a second, so that its acceleration is worth estimating.
+    The prediction lets it decay: after h the place is
     ``x + v h + a tau^2 (exp(-h/tau) - 1 + h/tau)``. The transition is Singer's. The noise of an
     interval is that of intervals much shorter than `correlation_s`. Both axes are alike and
-    independent. The rest of the state is ax, ay [mm/s^2], the covariance of each axis, and what is
-    known of the reports' noise.
+    independent. The rest of the state is ax, ay [mm/s^2], the covariance of each axis, and the
+    estimate of the reports' noise.
 
-    Panels differ in their noise, and what is trusted too little lags. So the noise is estimated
-    from each report's distance to the cubic through the two before and the two behind it, which a
-    finger's path leaves by a few micrometres in 40 ms.
+    Panels differ in their noise, and a filter that assumes too much noise lags. So the noise is
+    estimated from the distance of each report to the cubic through the two reports before and the
+    two after it. A finger's path differs from such a cubic by a few micrometres in 40 ms.
 
     Parameters
     ----------
@@ -242,9 +272,9 @@ class SingerKalman(PlaceFilter):
         before: tuple[float, ...],
         report: tuple[float, float, float],
     ) -> tuple[float, float, tuple[float, ...]]:
-        """Return the variance of a report, the reports that tell it, and the last ones."""
+        """Return the variance of a report, the number of reports it rests on, and the last ones."""
         recent = (*before, *report)
-        if len(recent) < _WITHIN:
+        if len(recent) < _FIVE_REPORTS:
             return variance, reports, recent
         if self.noise_reports and (newest := _noise(recent)) is not None:
             reports = min(reports + 1.0, self.noise_reports)
@@ -298,20 +328,20 @@ class SingerKalman(PlaceFilter):
         ), -0.5 * (dx * dx + dy * dy) / total - log(total)  # fmt: skip
 
     def course(self, state: FilterState) -> Course:
-        """Return how the finger goes on; its acceleration lasts for a while."""
+        """Return the predicted path, with an acceleration that decays."""
         return Course._make((*state[1:7], self.correlation_s))
 
 
 @dataclass(frozen=True)
 class InteractingSinger(SingerKalman):
-    """Two Singer filters, of which reports say which is the likelier: a gentle and an agile hand.
+    """Two Singer filters, for a gentle and an agile hand, weighted by their likelihood.
 
-    A hand that follows a texture moves evenly for most of the time and turns in between. One
-    filter that keeps up with the turns follows the panel's noise along the way. Here one of the
-    two lets the acceleration vary by less, and the place is their mean, weighted by the likelihood
+    A hand that follows a texture moves evenly for most of the time and turns in between. A single
+    filter that keeps up with the turns follows the panel's noise in between. Here one of two
+    filters lets the acceleration vary less, and the place is their mean, weighted by the likelihood
     of each (interacting multiple models: Blom and Bar-Shalom, IEEE Trans. Autom. Control 33, 780,
-    1988). Behind the reports' noise the state holds the weight of the gentle one, and mean and
-    covariance of each.
+    1988). After the reports' noise the state has the weight of the gentle filter, and mean and
+    covariance of each filter.
 
     Parameters
     ----------
@@ -349,8 +379,8 @@ class InteractingSinger(SingerKalman):
             _mixed((1.0 - self.stay) * weight / (1.0 - before), gentle, agile),
         )
         (gentle, likely), (agile, other) = (
-            self._moved(one, interval, share, variance, x_mm, y_mm)
-            for one, share in zip(mixed, (self.gentle, 1.0), strict=True)
+            self._moved(model, interval, share, variance, x_mm, y_mm)
+            for model, share in zip(mixed, (self.gentle, 1.0), strict=True)
         )
         odds = (1.0 - before) / before * exp(min(max(other - likely, -50.0), 50.0))
         weight = min(max(1.0 / (1.0 + odds), _LEAST_WEIGHT), 1.0 - _LEAST_WEIGHT)
@@ -358,18 +388,18 @@ class InteractingSinger(SingerKalman):
         return (t_s, *mean, variance, reports, weight, *gentle, *agile, *recent)
 
 
-def _mixed(weight: float, one: tuple[float, ...], other: tuple[float, ...]) -> tuple[float, ...]:
-    """Return mean and covariance of two models, of which the first has a weight."""
+def _mixed(weight: float, first: tuple[float, ...], second: tuple[float, ...]) -> tuple[float, ...]:
+    """Return mean and covariance of a mixture of two models; the first has the weight."""
     rest = 1.0 - weight
-    x, y, vx, vy, ax, ay, xx, xv, xa, vv, va, aa = one
-    x1, y1, vx1, vy1, ax1, ay1, xx1, xv1, xa1, vv1, va1, aa1 = other
+    x, y, vx, vy, ax, ay, xx, xv, xa, vv, va, aa = first
+    x1, y1, vx1, vy1, ax1, ay1, xx1, xv1, xa1, vv1, va1, aa1 = second
     x1 -= x
     y1 -= y
     vx1 -= vx
     vy1 -= vy
     ax1 -= ax
     ay1 -= ay
-    # Both axes have one covariance: so their spread is the mean of both.
+    # Both axes share one covariance, so that their spread is the mean over the axes.
     half = 0.5 * weight * rest
     return (
         x + rest * x1, y + rest * y1, vx + rest * vx1, vy + rest * vy1,
@@ -384,10 +414,10 @@ def _mixed(weight: float, one: tuple[float, ...], other: tuple[float, ...]) -> t
 
 
 def _noise(recent: tuple[float, ...]) -> float | None:
-    """Variance of a report along each axis [mm^2], from five of them; None if they tell nothing."""
+    """Variance of a report along each axis [mm^2], from five reports; None if it is not known."""
     t0, x0, y0, t1, x1, y1, t2, x2, y2, t3, x3, y3, t4, x4, y4 = recent
     if t4 - t0 > _LONGEST_S or (x0 == x1 == x2 == x3 == x4 and y0 == y1 == y2 == y3 == y4):
-        return None  # a path is no cubic for so long, or rests within the panel's resolution
+        return None  # too long for a path to be a cubic, or at rest within the resolution
     # Lagrange's weights of the cubic at t2.
     a0, a1, a3, a4 = t2 - t0, t2 - t1, t2 - t3, t2 - t4
     w0 = a1 * a3 * a4 / ((t0 - t1) * (t0 - t3) * (t0 - t4))

@@ -18,7 +18,16 @@ ForceSource = Literal["axis", "area", "assumed"]
 
 
 class ForceEstimate(NamedTuple):
-    """A normal force [N], its standard deviation [N], and where it comes from."""
+    """A normal force [N], its standard deviation [N], and where it comes from.
+
+    Parameters
+    ----------
+    normal_force_n : float
+    sigma_n : float
+        Its standard deviation [N].
+    source : str
+        Where it comes from.
+    """
 
     normal_force_n: float
     sigma_n: float
@@ -70,11 +79,24 @@ class AreaProxy:
         `log_sigma` is that of the residuals; `force_range_n` is half the smallest to twice the
         largest force given.
 
+        Parameters
+        ----------
+        contact_area_m2 : array-like, shape (n,)
+            Reported areas [m^2].
+        normal_force_n : array-like, shape (n,)
+            Measured forces [N].
+
         Raises
         ------
         InputError
             If there are fewer than 3 pairs, a value is not above 0, or force does not grow with
             area.
+
+        Examples
+        --------
+        >>> law = AreaProxy.fit([5e-5, 1e-4, 2e-4], [0.25, 0.5, 1.0])
+        >>> round(law.force(1e-4).normal_force_n, 6)
+        0.5
         """
         area, force = row("contact_area_m2", contact_area_m2), row("normal_force_n", normal_force_n)
         if len(area) != len(force) or len(area) < 3:
@@ -105,6 +127,12 @@ class AreaProxy:
         """Median force and standard deviation (log-normal) for an area above 0.
 
         None where the force is outside `force_range_n`.
+
+        Examples
+        --------
+        >>> law = AreaProxy.fit([5e-5, 1e-4, 2e-4], [0.25, 0.5, 1.0])
+        >>> law.force(2e-4).normal_force_n > law.force(1e-4).normal_force_n
+        True
         """
         ln_force = log(contact_area_m2 / self.area_at_1n_m2) / self.exponent
         low, high = self.force_range_n
@@ -144,13 +172,21 @@ class ForceModel:
             )
         if self.area_proxy is not None:
             instance("area_proxy", self.area_proxy, AreaProxy)
-        made = ForceEstimate(self.assumed_n, self.assumed_sigma_n, "assumed")
-        object.__setattr__(self, "assumed", made)
+        assumed = ForceEstimate(self.assumed_n, self.assumed_sigma_n, "assumed")
+        object.__setattr__(self, "assumed", assumed)
 
     def estimate(
         self, normal_force_n: float | None, contact_area_m2: float | None
     ) -> ForceEstimate | None:
-        """Force of a report, or None where the report has none that can be used."""
+        """Force of a report, or None if the report has neither a usable force nor a usable area.
+
+        Parameters
+        ----------
+        normal_force_n : float or None
+            Force [N] in the report.
+        contact_area_m2 : float or None
+            Contact area [m^2] in the report.
+        """
         if normal_force_n is not None and _usable(normal_force_n, LIFTED_BELOW_N, HARDEST_N):
             force = float(normal_force_n)
             return ForceEstimate(force, self.axis_sigma * force, "axis")

@@ -1,4 +1,4 @@
-"""All touches on a screen: each from its reports to the finger's place now."""
+"""All touches on a screen: from the reports of each to the present place of the finger."""
 
 from __future__ import annotations
 
@@ -24,15 +24,16 @@ from haptix.touch.filters import Course, FilterState, InteractingSinger, PlaceFi
 from haptix.touch.force import ForceEstimate, ForceModel, ForceSource
 
 _LOG = logging.getLogger("haptix.touch")
-# Events are kept for `reorder_s` at `least_interval_s` apart; with other settings this bounds them.
-_KEPT = 64
-# Reports closer than this count as simultaneous: their speed would be noise over nothing.
+# Longest history of reports. It holds `reorder_s` of them at `least_interval_s` by the defaults.
+_HISTORY_LENGTH = 64
+# Reports closer than this count as simultaneous: the speed between them would be noise over
+# nothing.
 _SIMULTANEOUS_S = 1e-5
-# After this many late events in a row, each after the one before, the clock has jumped.
+# After this many late events in a row, each later than the one before, the clock has jumped.
 _LATE_IN_A_ROW = 3
-# Ended touches that are remembered, so that their late events do not start them again.
+# Number of ended touches whose ids are remembered: late events must not start them again.
 _REMEMBERED = 32
-# What the renderer reads: time of the last report, the filter after it, the force, sliding or not.
+# Time of the last report, the filter's state after it, the force, and whether the finger slides.
 _Now = tuple[float, FilterState, ForceEstimate, bool]
 
 
@@ -101,7 +102,23 @@ class TouchSettings:
 
 
 class TouchState(NamedTuple):
-    """A touch at one time; names hold the units."""
+    """A touch at one time; names hold the units.
+
+    Parameters
+    ----------
+    t_s : float
+    x_mm, y_mm : float
+    vx_mm_s, vy_mm_s, speed_mm_s : float
+        Velocity and speed [mm/s].
+    age_s : float
+        Time since the last report [s]; below 0 if its time stamp is later.
+    normal_force_n, force_sigma_n : float
+        Normal force and its standard deviation [N].
+    force_source : str
+        Where the force comes from.
+    is_sliding, is_lost, is_down : bool
+        Whether it slides; its reports have stopped; it touches.
+    """
 
     t_s: float
     x_mm: float
@@ -110,7 +127,6 @@ class TouchState(NamedTuple):
     vy_mm_s: float
     speed_mm_s: float
     age_s: float
-    """Time since the last report; below 0 if its time stamp is later."""
     normal_force_n: float
     force_sigma_n: float
     force_source: ForceSource
@@ -137,7 +153,7 @@ class _Entry(NamedTuple):
 class TouchTracker:
     """Follows one touch from down to up.
 
-    One thread may push reports while another asks: the second reads one tuple that the first
+    One thread may push reports while another reads: the second reads one tuple, which the first
     replaces.
 
     Parameters
@@ -170,7 +186,7 @@ class TouchTracker:
         self.counts = TouchCounts() if counts is None else counts
         self.is_down = True
         self._filter = settings.filter
-        self._history: deque[_Entry] = deque(maxlen=_KEPT)
+        self._history: deque[_Entry] = deque(maxlen=_HISTORY_LENGTH)
         self._force = settings.force.assumed
         self._late_t_s = -1e300
         self._late = 0
@@ -193,7 +209,17 @@ class TouchTracker:
         normal_force_n: float | None = None,
         contact_area_m2: float | None = None,
     ) -> bool:
-        """Take a further report; all numbers finite. False if it came too late and was dropped."""
+        """Take a further report; all numbers finite. False if it came too late and was dropped.
+
+        Parameters
+        ----------
+        t_s : float
+        x_mm, y_mm : float
+        normal_force_n : float, optional
+            Normal force [N], if measured.
+        contact_area_m2 : float, optional
+            Contact area [m^2], if measured.
+        """
         history = self._history
         last = history[-1]
         settings = self.settings
@@ -208,7 +234,7 @@ class TouchTracker:
             self.counts.coalesced += 1
             history.pop()
             self._add(max(t_s, last.t_s), x_mm, y_mm)
-        elif dt >= -settings.reorder_s and (t_s > history[0].t_s or len(history) < _KEPT):
+        elif dt >= -settings.reorder_s and (t_s > history[0].t_s or len(history) < _HISTORY_LENGTH):
             self._insert(t_s, x_mm, y_mm)
         elif not self._is_clock_jump(t_s):
             self.counts.late += 1
@@ -231,13 +257,25 @@ class TouchTracker:
 
     @property
     def now(self) -> Any:
-        """What is known now: a mark for `at` that changes, as an object, with every report."""
+        """The present state, for `at` and `course`; every report replaces it by a new object."""
         return self._now
 
     def at(self, t_s: float, now: Any = None) -> TouchState:
-        """Place, velocity and force of the finger at a time, by prediction over the latency.
+        """Place, velocity and force of the finger at a time, predicted over the latency.
 
-        With an earlier `now`, as it was predicted then.
+        Parameters
+        ----------
+        t_s : float
+        now : optional
+            An earlier state of the tracker: predict as it was predicted then.
+
+        Examples
+        --------
+        >>> track = TouchTracker(TouchSettings(), 0.0, 10.0, 20.0, normal_force_n=0.5)
+        >>> track.push(0.01, 10.5, 20.0, normal_force_n=0.5)
+        True
+        >>> track.at(0.015).is_down
+        True
         """
         t, filtered, force, slides = self._now if now is None else now
         age = t_s - t
@@ -252,7 +290,7 @@ class TouchTracker:
         )  # fmt: skip
 
     def course(self, now: Any) -> Course:
-        """Return how the finger went on as was known then."""
+        """Return the predicted path by an earlier value of the property `now`."""
         return self._filter.course(now[1])
 
     def _ahead_s(self, age_s: float) -> float:
@@ -275,7 +313,7 @@ class TouchTracker:
             settings.rest_below_mm_s if last.is_sliding else settings.slide_above_mm_s
         )
         moved_s = t_s if moved else last.moved_s
-        # Where a finger turns, its velocity averages to nothing and its speed does not.
+        # While a finger turns, its velocity averages to zero, but its speed does not.
         turns = slow_speed > settings.turn_above_mm_s and t_s - moved_s < settings.turn_s
         slides = moved or (last.is_sliding and turns)
         return _Entry(t_s, x_mm, y_mm, filtered, slow_vx, slow_vy, slow_speed, slides, moved_s)
@@ -294,16 +332,16 @@ class TouchTracker:
     def _insert(self, t_s: float, x_mm: float, y_mm: float) -> None:
         """Undo the later reports, add the late one, and add the others again."""
         history = self._history
-        again = []
+        later = []
         while history and history[-1].t_s > t_s + _SIMULTANEOUS_S:
-            again.append(history.pop())
+            later.append(history.pop())
         if history and t_s - history[-1].t_s <= _SIMULTANEOUS_S:
             t_s = history.pop().t_s
             self.counts.coalesced += 1
         else:
             self.counts.reordered += 1
         self._add(t_s, x_mm, y_mm)
-        for entry in reversed(again):
+        for entry in reversed(later):
             self._add(entry.t_s, entry.x_mm, entry.y_mm)
 
     def _is_clock_jump(self, t_s: float) -> bool:
@@ -338,6 +376,12 @@ class Touches:
     max_touches : int
         Largest number at once. A further touch replaces the one that is lost for longest; if none
         is lost, it is dropped.
+
+    Examples
+    --------
+    >>> touches = Touches()
+    >>> touches.touch(0.0, x_mm=10.0, y_mm=20.0), len(touches.active)
+    (True, 1)
     """
 
     def __init__(
@@ -398,7 +442,7 @@ class Touches:
             self.counts.without_up += 1
             self._end(touch_id, tracker)
             return self._begin(event)
-        # A "down" that comes after its first "move" is just an earlier report.
+        # A "down" that arrives after its first "move" is treated as an earlier report.
         taken = tracker.push(event.t_s, event.x_mm, event.y_mm, force, area)
         return taken or self._late(event, tracker.last_t_s)
 
@@ -411,7 +455,26 @@ class Touches:
         touch_id: int = 0,
         contact_area_m2: float | None = None,
     ) -> bool:
-        """Take a report of a finger that is down; the first of an id brings it down."""
+        """Take a report of a finger that is down; the first of an id brings it down.
+
+        Parameters
+        ----------
+        t_s : float
+        x_mm, y_mm : float
+        normal_force_n : float, optional
+            Normal force [N], if measured.
+        touch_id : int
+        contact_area_m2 : float, optional
+            Contact area [m^2], if measured.
+
+        Examples
+        --------
+        >>> touches = Touches()
+        >>> touches.touch(0.0, x_mm=10.0, y_mm=20.0, normal_force_n=0.5)
+        True
+        >>> len(touches.active)
+        1
+        """
         is_there = type(touch_id) is int and touch_id in self._trackers
         kind: TouchKind = "move" if is_there else "down"
         return self.push(
@@ -419,7 +482,20 @@ class Touches:
         )
 
     def lift(self, touch_id: int = 0, t_s: float = nan) -> bool:
-        """End a touch, at a time if one is given."""
+        """End a touch, at a time if one is given.
+
+        Parameters
+        ----------
+        touch_id : int
+        t_s : float
+            Time [s]; NaN for that of its last report.
+
+        Examples
+        --------
+        >>> touches = Touches()
+        >>> touches.touch(0.0, x_mm=10.0, y_mm=20.0) and touches.lift(t_s=0.1)
+        True
+        """
         return self.push(TouchEvent(t_s, touch_id, 0.0, 0.0, "up"))
 
     def __getitem__(self, touch_id: int) -> TouchTracker:
@@ -433,7 +509,10 @@ class Touches:
         return len(self._trackers)
 
     def _misplaced(self, event: TouchEvent, arrival_s: float) -> str | None:
-        """Count an event whose stamp cannot be, and say so; what is no event is found later."""
+        """Count an event with an impossible stamp, and return the problem.
+
+        An object that is not an event returns None here; `problem_of` reports it later.
+        """
         clock = (arrival_s, self.settings.lost_after_s, self.settings.clock_uncertainty_s)
         try:
             error = None if event.kind == "up" else misplaced(event.t_s, *clock)
@@ -443,7 +522,7 @@ class Touches:
             return None
         setattr(self.counts, error, getattr(self.counts, error) + 1)
         if not self.strict:
-            return error  # nobody reads the sentence, and a late app sends many such
+            return error  # the long message is for strict mode only: such events may be many
         return f"touch {event.touch_id}: {about_clock(event.t_s, *clock)}"
 
     def _begin(self, event: TouchEvent) -> bool:
@@ -472,7 +551,7 @@ class Touches:
         self._active = tuple(self._trackers.items())
         last_t_s = tracker.last_t_s
         try:
-            # An "up" may carry any time, nan too: the touch was certainly there until its last.
+            # An "up" may have any time, even NaN: the touch lasted at least until its last report.
             self._ended[touch_id] = t_s if last_t_s < t_s <= LARGEST_S else last_t_s
         except TypeError:
             self._ended[touch_id] = last_t_s

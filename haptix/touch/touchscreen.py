@@ -30,7 +30,7 @@ SLOT_CODES = (
     ABS_MT_TRACKING_ID, ABS_MT_POSITION_X, ABS_MT_POSITION_Y, ABS_MT_TOUCH_MAJOR,
     ABS_MT_TOUCH_MINOR, ABS_MT_PRESSURE, ABS_MT_TOOL_TYPE,
 )  # fmt: skip
-"""Codes whose values are kept for each slot."""
+"""Codes whose values the decoder stores for each slot."""
 
 INPUT_EVENT = struct.Struct("llHHi")
 """struct input_event: seconds, microseconds, type, code, value."""
@@ -46,7 +46,20 @@ _EVIOCSCLOCKID = 0x400445A0
 
 @dataclass(frozen=True)
 class AxisRange:
-    """An axis in its own units: lowest and highest value, and units per millimetre."""
+    """An axis in units of the device: lowest and highest value, and units per millimetre.
+
+    Parameters
+    ----------
+    low, high : int
+        Lowest and highest value.
+    per_mm : float
+        Units per millimetre.
+
+    Examples
+    --------
+    >>> AxisRange(low=0, high=4095, per_mm=20.0).mm(200)
+    10.0
+    """
 
     low: int
     high: int
@@ -90,7 +103,7 @@ class ScreenAxes:
 
 @dataclass
 class _Slot:
-    """Last values of a slot. They outlive a touch, since unchanged values are not sent again."""
+    """Last values of a slot. They stay after a touch, since the device sends only changes."""
 
     values: dict[int, int] = field(default_factory=dict)
     touch_id: int | None = None
@@ -116,7 +129,7 @@ class SlotDecoder:
     def __init__(self, axes: ScreenAxes, ask: SlotValues | None = None) -> None:
         self.axes = axes
         self.dropped = 0
-        """How often the kernel has dropped events."""
+        """Number of times that the kernel has dropped events."""
         self._ask = ask
         self._slots: dict[int, _Slot] = {}
         self._current = 0
@@ -135,7 +148,15 @@ class SlotDecoder:
         ]
 
     def feed(self, sec: int, usec: int, kind: int, code: int, value: int) -> list[TouchEvent]:
-        """Take one event; at a SYN_REPORT, return the touches since the one before."""
+        """Take one event; at a SYN_REPORT, return the touches since the one before.
+
+        Parameters
+        ----------
+        sec, usec : int
+            Time of the event, seconds and microseconds.
+        kind, code, value : int
+            The event, as in Linux' ``input_event``.
+        """
         if kind == EV_SYN:
             if code == SYN_DROPPED:
                 self.dropped += 1
@@ -264,7 +285,7 @@ class Touchscreen:
 
     @property
     def dropped(self) -> int:
-        """How often the kernel has dropped events because they were not read in time."""
+        """Number of times that the kernel has dropped events that were not read in time."""
         return self._decoder.dropped
 
     def read(self, timeout_s: float = 0.0) -> list[TouchEvent]:
@@ -325,7 +346,7 @@ def _eviocgmtslots(length: int) -> int:
 
 
 def _fcntl() -> Any:
-    import fcntl  # Linux only, as all of this; the module is imported on other systems too
+    import fcntl  # here, because other systems, which lack it, import this module too
 
     return fcntl
 

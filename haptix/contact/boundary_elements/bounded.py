@@ -23,6 +23,7 @@ import torch
 from torch import Tensor
 
 from haptix.contact.elasticity import ElasticSolid
+from haptix.display import Displayed
 
 COARSEST_POINTS = 64
 _COARSE_TOLERANCE = 1e-3
@@ -81,7 +82,7 @@ def _filtered(field: Tensor, factor: Tensor) -> Tensor:
 
 
 @dataclass(frozen=True)
-class BoundedSolution:
+class BoundedSolution(Displayed):
     """Pressures and gaps of a batch of surfaces.
 
     Parameters

@@ -28,6 +28,7 @@ from haptix.contact.boundary_elements.ensemble import (
 )
 from haptix.contact.boundary_elements.rough_surfaces import Surfaces
 from haptix.contact.elasticity import ElasticSolid
+from haptix.display import Displayed
 from haptix.errors import InputError
 from haptix.status import Status
 from haptix.threads import given_threads
@@ -48,7 +49,7 @@ _FIRST_PULL = 0.3
 
 
 @dataclass(frozen=True)
-class ContactSolution:
+class ContactSolution(Displayed):
     """Solved states, all of shape (loads, surfaces) or (loads, strengths, surfaces)."""
 
     pressure_pa: Tensor

@@ -14,6 +14,7 @@ from torch import Tensor
 from haptix import checks
 from haptix.contact.boundary_elements.bounded import wavenumbers
 from haptix.contact.roughness import RoughnessSpectrum
+from haptix.display import Displayed
 from haptix.errors import InputError
 
 # The shares in the messages: H = 0.8, x = p/(E* slope) = 1e-3 to 1e-1, against 32 pixels per
@@ -68,7 +69,7 @@ def check_resolution(pixels: float, waves: float, border_jump: float = 0.0) -> N
 
 
 @dataclass(frozen=True)
-class Surfaces:
+class Surfaces(Displayed):
     """A batch of periodic square height maps, towards the solid that is pressed on them.
 
     Build one with `random` or `measured`.
