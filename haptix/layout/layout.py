@@ -1,106 +1,44 @@
 """A layout: regions that are added, moved, changed and removed while it is felt.
 
-`Patch` is a region as an app holds it; `Controls` know what value each control has; `Listeners`
-tell the app, in its own thread, what fingers do.
+A `Patch` is an app's handle of a region. `Controls` have the value of each control. `Listeners`
+call the app, in its thread, when fingers do something.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from math import nan, sqrt
+from math import nan
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
 from haptix.checks import Array, choice, number
 from haptix.errors import InputError
-from haptix.layout.region_state import Control, LayoutFacts, RegionState, blended
-from haptix.layout.regions import GLIDE_S, Region, Regions, control_of
+from haptix.layout.region_state import LayoutFacts, RegionState, blended, is_later, sliding_share
+from haptix.layout.regions import GLIDE_S, Controls, Region, Regions
 from haptix.motion import FARTHEST_MM, Depends, Facts, Motion, Report
 from haptix.region import Place
 from haptix.texture import Evaluator, Feelable, TargetKind, as_mu, check_feelable
-from haptix.texture.field import check_target
+from haptix.texture.field import Mapped, check_target
 
 LayoutEventKind = Literal["enter", "leave", "press", "release", "detent"]
 
 
-class _FingerOn(NamedTuple):
-    touch_id: int
-    x_mm: float
-    y_mm: float
-
-
-class Controls:
-    """Values of the controls on a layout. Any thread may ask and push."""
-
-    def __init__(self, regions: Regions) -> None:
-        self._regions = regions
-        self._values: dict[int, float] = {}
-        self._fingers: dict[int, _FingerOn] = {}  # by the control: the last that was on it
-
-    def heard(self, touch_id: int, report: Report) -> None:
-        """Take a real report of a finger, on the clock of samples."""
-        regions = self._regions
-        for region in regions.shown.controls:
-            key, control = region.key, region.control
-            if control is None or region.opacity.after[0] == 0.0:
-                continue
-            finger = self._fingers.get(key)
-            is_its_own = finger is not None and finger.touch_id == touch_id
-            if not (is_its_own or region.is_near(report)):
-                continue
-            local, on = region.on_outline(report)
-            with regions.lock:
-                if on:
-                    self._fingers[key] = _FingerOn(touch_id, local.x_mm, local.y_mm)
-                    inner = region.within(local)
-                    self._values[key] = control.value(inner.x_mm, inner.y_mm)
-                elif is_its_own:
-                    del self._fingers[key]
-                    if region.inner is not None:
-                        regions.show(key, None)
-
-    def forget(self) -> None:
-        """Forget all fingers; a renderer starts anew."""
-        self._fingers.clear()
-
-    def value(self, key: int) -> float:
-        """Value of a control; 0 before a finger or the app has set it.
-
-        Raises
-        ------
-        InputError
-            If the region is no control.
-        """
-        self._control(key)
-        return self._values.get(key, 0.0)
-
-    def push(self, key: int, value: float) -> None:
-        """Set the value of a control; a finger on it has that value from then on."""
-        control = self._control(key)
-        value = number("value", value, 0.0)
-        if value > 1:
-            raise InputError(f"value: expected 0 to 1, got {value:g}")
-        with self._regions.lock:
-            self._values[key] = value
-            finger = self._fingers.get(key)
-            if finger is not None:
-                frame = control.frame_at(value, finger.x_mm, finger.y_mm)
-                self._regions.show(key, frame)
-
-    def _control(self, key: int) -> Control:
-        control = control_of(self._regions.given(key).material)
-        if control is None:
-            raise InputError(
-                "value: expected a control, such as haptix.materials.Slider; this material has "
-                "no value"
-            )
-        return control
-
-
 class Patch:
-    """A region on a layout; any thread may change it, at any time."""
+    """A region on a layout; any thread may change it, at any time.
+
+    `Layout.add` makes it.
+
+    Parameters
+    ----------
+    regions, controls
+        The layout's regions, and the values of its controls.
+    key : int
+        Number of the region.
+    material : Feelable
+        What is felt there.
+    """
 
     def __init__(self, regions: Regions, controls: Controls, key: int, material: Feelable) -> None:
         self._regions = regions
@@ -116,7 +54,7 @@ class Patch:
         over_s: float = GLIDE_S,
         **place: float | None,
     ) -> None:
-        """Move along a line, from where it is; what is left out stays.
+        """Move along a line from the present place; values that are left out stay the same.
 
         Parameters
         ----------
@@ -126,19 +64,28 @@ class Patch:
             Time that it takes; at 0 it jumps.
         **place
             The rotation and `scale`, see `haptix.region.RegionFields`.
+
+        Examples
+        --------
+        >>> from haptix.texture import Grating
+        >>> layout = Layout()
+        >>> ribs = layout.add(Grating(period_mm=2.0), x_mm=10, y_mm=5, width_mm=30, height_mm=20)
+        >>> ribs.move(x_mm=20, y_mm=5)
+        >>> ribs.x_mm
+        20.0
         """
         choices = Place.model_fields.keys() | {"scale"}
-        values = {choice("move", name, choices): one for name, one in place.items()}
+        values = {choice("move", name, choices): value for name, value in place.items()}
         fields = {"x_mm": x_mm, "y_mm": y_mm, **values}
-        changed = {name: one for name, one in fields.items() if one is not None}
+        changed = {name: value for name, value in fields.items() if value is not None}
         self._regions.move(self.key, changed, number("over_s", over_s, 0.0))
 
     def set(self, **changes: Any) -> None:
-        """Change the material, or anything else that `Layout.add` takes, in a cross-fade.
+        """Change the material, or another field of `Layout.add`, in a cross-fade.
 
-        With `value`, set that of a control: a slider, toggle or dial. A finger that is on it is at
-        this value from then on: detents move with the value, and none counts as crossed. Once that
-        finger has left, they lie where they were.
+        `value` sets the value of a control: a slider, toggle or dial. If a finger is on the
+        control, its detents are shifted so that the finger is at that value, and no detent counts
+        as crossed. When that finger leaves, the shift ends.
         """
         value = changes.pop("value", None)
         with self._regions.change():
@@ -149,27 +96,37 @@ class Patch:
                 self._controls.push(self.key, value)
 
     def remove(self) -> None:
-        """Take it off the layout; it fades out. Nothing happens if it is gone."""
+        """Remove the region from the layout; it fades out. A second call has no effect.
+
+        Examples
+        --------
+        >>> from haptix.texture import Grating
+        >>> layout = Layout()
+        >>> ribs = layout.add(Grating(period_mm=2.0), x_mm=10, y_mm=5, width_mm=30, height_mm=20)
+        >>> ribs.remove()
+        >>> ribs.is_there
+        False
+        """
         self._regions.remove(self.key)
 
     @property
     def value(self) -> float:
-        """Value of a control, 0 to 1: of the finger that was on it last, or what was set."""
+        """Value of a control, 0 to 1, as the last finger on it or the app has set it."""
         return self._controls.value(self.key)
 
     @property
     def is_there(self) -> bool:
-        """Whether it is on the layout."""
+        """Whether the region is on the layout."""
         return self._regions.has(self.key)
 
     @property
     def region(self) -> Region:
-        """Its fields; where a move goes."""
-        return self._regions.given(self.key)
+        """The region's fields; while it moves, those at the end of the move."""
+        return self._regions.fields(self.key)
 
     @property
     def x_mm(self) -> float:
-        """Corner, before it is turned; where a move goes."""
+        """Corner before the rotation [mm]; during a move, that at its end."""
         return self.region.x_mm or 0.0
 
     @property
@@ -179,7 +136,7 @@ class Patch:
 
     @property
     def scale(self) -> float:
-        """Millimetres on the screen for one of the material's; where a move goes."""
+        """Millimetres on the screen for one of the material; during a move, that at its end."""
         return self.region.scale or 1.0
 
     @property
@@ -196,12 +153,12 @@ class Patch:
         return f"Patch({self.key}, {self.material!r:.60})"
 
 
-class Layout:
+class Layout(Mapped):
     """Materials in regions of the screen, which any thread may change while it is felt.
 
-    A renderer asks for a block and reads the regions once, so that a block is of one state. What
-    changes fades or glides, from the first sample that can still be changed. Without a renderer it
-    changes at once.
+    A renderer reads the regions once for each block, so that a block shows one state. A change
+    fades or glides, from the first sample that can still be changed. Without a renderer it has
+    effect at once.
 
     Parameters
     ----------
@@ -231,10 +188,10 @@ class Layout:
             check_feelable("background", background)
             self._background = background.evaluator
         self.regions = Regions()
-        """What is shown, and what changes it."""
+        """The regions, and the methods that change them."""
         self._controls = Controls(self.regions)
         self.patches: dict[int, Patch] = {}
-        """Patches by their keys, also those that have gone while a finger was on them."""
+        """Patches by their keys, with those that were removed while a finger was on them."""
 
     def add(
         self,
@@ -263,6 +220,14 @@ class Layout:
         ------
         InputError
             If a value is outside its range, or the size is missing.
+
+        Examples
+        --------
+        >>> from haptix.texture import Grating
+        >>> layout = Layout(background=0.1)
+        >>> ribs = layout.add(Grating(period_mm=2.0), x_mm=10, y_mm=5, width_mm=30, height_mm=20)
+        >>> ribs.x_mm, ribs.width_mm
+        (10.0, 30.0)
         """
         check_feelable("material", material)
         place = {"x_mm": x_mm, "y_mm": y_mm, "width_mm": width_mm, "height_mm": height_mm}
@@ -276,27 +241,49 @@ class Layout:
         return patch
 
     def change(self) -> AbstractContextManager[None]:
-        """Gather changes, so that a block has all of them or none; on an error, none."""
+        """Collect changes in a context: a block shows all or none, and after an error none."""
         return self.regions.change()
 
     def clear(self) -> None:
-        """Remove all regions."""
+        """Remove all regions.
+
+        Examples
+        --------
+        >>> from haptix.texture import Grating
+        >>> layout = Layout()
+        >>> ribs = layout.add(Grating(period_mm=2.0), x_mm=10, y_mm=5, width_mm=30, height_mm=20)
+        >>> layout.clear()
+        >>> ribs.is_there
+        False
+        """
         self.regions.clear()
 
     def attach(self, now: Callable[[], float], changed: Callable[[], None] = lambda: None) -> None:
         """Take the clock of a renderer: the first time [s] that can still be changed.
 
-        `changed` is called after each change, in its thread.
+        Parameters
+        ----------
+        now : callable
+            Returns the first time [s] of the renderer's clock that can still be changed.
+        changed : callable
+            Called after each change, in the thread that makes it.
         """
         regions = self.regions
         with regions.lock:
             regions.attach(now, changed)
             self._controls.forget()
-            self.patches = {key: one for key, one in self.patches.items() if regions.has(key)}
+            self.patches = {key: patch for key, patch in self.patches.items() if regions.has(key)}
 
-    def heard(self, touch_id: int, report: Report) -> None:
-        """Take a real report of a finger, on the clock of samples: controls follow it."""
-        self._controls.heard(touch_id, report)
+    def report(self, touch_id: int, report: Report) -> None:
+        """Let the controls follow a real report of a finger, on the clock of samples.
+
+        Parameters
+        ----------
+        touch_id : int
+        report : Report
+            Its place and force, on the clock of samples.
+        """
+        self._controls.report(touch_id, report)
 
     @property
     def evaluator(self) -> Layout:
@@ -320,7 +307,7 @@ class Layout:
 
     @property
     def depends_on(self) -> Depends:
-        """What the answers depend on, as the regions are now."""
+        """Quantities that the friction depends on, for the present regions."""
         below = self._background
         depends_on_all = Depends.PLACE if isinstance(below, float) else below.depends_on
         now_s = self.regions.now()
@@ -330,7 +317,7 @@ class Layout:
 
     @property
     def drives_at_rest(self) -> bool:
-        """Whether any region is felt at rest; the others fade there."""
+        """Whether any region drives fingers at rest; the others then fade out by themselves."""
         return self.regions.shown.drives_at_rest
 
     def wanted(self, motion: Motion) -> Array:
@@ -372,7 +359,7 @@ class Layout:
                 continue
             layers.append((region, on, cover))
             if isinstance(cover, float) and cover == 1.0 and region.blend == "over":
-                hidden = True  # and so is all below it
+                hidden = True  # this region hides all that is below it
                 break
         below = self._background
         rests = shown.drives_at_rest
@@ -382,7 +369,7 @@ class Layout:
         elif isinstance(below, float):
             value = self._converted(np.full(x.shape, below), self.target, motion, rests)
         else:
-            value = self._asked(below, motion, rests)
+            value = self._wanted_of(below, motion, rests)
         for region, on, cover in reversed(layers):
             if Depends.FACTS in region.evaluator.depends_on:
                 on = on.with_history(region.history(on.history))
@@ -391,7 +378,7 @@ class Layout:
             if region.blend == "multiply":
                 felt = region.evaluator.wanted(on)
             else:
-                felt = self._asked(region.evaluator, on, rests)
+                felt = self._wanted_of(region.evaluator, on, rests)
             if isinstance(cover, float) and cover == 1.0:
                 value = blended(region.blend, value, felt)
             else:
@@ -399,17 +386,27 @@ class Layout:
         return np.asarray(value)
 
     def react(self, facts: Facts, before: Report | None, now: Report) -> Facts:
-        """Return a finger's facts after a real report: of each region that it is on."""
+        """Return a finger's facts after a real report, with those on each region under it.
+
+        Parameters
+        ----------
+        facts : Facts
+            What the finger has done so far.
+        before : Report or None
+            The report before; None when it comes down.
+        now : Report
+            The new report.
+        """
         of: dict[int, Facts] = {}
         states: dict[int, int] = {}
         facts = facts if isinstance(facts, LayoutFacts) else LayoutFacts.newest({}, facts)
         of_regions, left, shown = facts.of, facts, self.regions.shown
         near = shown.near(now.x_mm, now.x_mm, now.y_mm, now.y_mm)
-        if of_regions.keys() - {one.key for one in near}:
+        if of_regions.keys() - {region.key for region in near}:
             near = shown.regions
         for region in near:
             if region.opacity.after[0] == 0.0:
-                continue  # it goes
+                continue  # the region is being removed
             known = of_regions.get(region.key)
             if known is None and not region.is_near(now):
                 continue
@@ -418,19 +415,29 @@ class Layout:
                 continue
             local_before = None if before is None or known is None else region.seen(before)[0]
             if known is not None and facts.states.get(region.key, 0) != region.state:
-                known = known._replace(detent=nan)  # where it is now, without having crossed any
+                known = known._replace(detent=nan)  # start at the present detent, without crossing
             facts_now = region.evaluator.react(known or Facts(down_s=now.t_s), local_before, here)
             if on:
                 of[region.key], states[region.key] = facts_now, region.state
             else:
                 left = LayoutFacts.newest({0: facts_now}, left)
         is_same = left is facts and states == facts.states and of.keys() == of_regions.keys()
-        if is_same and all(one is of_regions[key] for key, one in of.items()):
-            return facts  # as mostly
+        if is_same and all(unchanged is of_regions[key] for key, unchanged in of.items()):
+            return facts  # the usual case
         return LayoutFacts.newest(of, left, states)
 
     def under(self, report: Report) -> list[int]:
-        """Keys of the regions under a report, the highest first."""
+        """Keys of the regions under a report, the top one first.
+
+        Examples
+        --------
+        >>> from haptix.texture import Grating
+        >>> layout = Layout()
+        >>> ribs = layout.add(Grating(period_mm=2.0), x_mm=10, y_mm=5, width_mm=30, height_mm=20)
+        >>> from haptix.motion import Report
+        >>> layout.under(Report(0.0, x_mm=20.0, y_mm=10.0, normal_force_n=0.5)) == [ribs.key]
+        True
+        """
         return [
             region.key
             for region in self.regions.shown.near(*(report.x_mm,) * 2, *(report.y_mm,) * 2)
@@ -438,7 +445,7 @@ class Layout:
         ]
 
     def priorities(self, motion: Motion) -> Array | None:
-        """Priority of each finger at each point; None where all are alike."""
+        """Priority of each finger at each point; None if no region has a priority."""
         shown = self.regions.shown
         if not shown.has_priorities:
             return None
@@ -450,19 +457,19 @@ class Layout:
             priority[inside] = region.priority
         return priority
 
-    def _asked(self, evaluator: Evaluator, motion: Motion, rests: bool) -> Array:
-        """Answer of a material, in the target of the layout."""
+    def _wanted_of(self, evaluator: Evaluator, motion: Motion, rests: bool) -> Array:
+        """Wanted friction of a material, in the target of the layout."""
         fades = rests and not evaluator.drives_at_rest
         return self._converted(evaluator.wanted(motion), evaluator.target, motion, fades)
 
     def _converted(self, value: Array, kind: TargetKind, motion: Motion, fades: bool) -> Array:
-        """Numbers of a kind in the target of the layout; with `fades`, none where fingers rest."""
+        """Convert numbers of a kind to the layout's target; with `fades` they fade out at rest."""
         if kind == self.target and not (fades and kind == "mu"):
-            return value * _sliding(motion) if fades else value
+            return value * sliding_share(motion) if fades else value
         lowest, highest = motion.reach
         mu = as_mu(kind, value, lowest, highest)
         if fades:
-            mu = lowest + (mu - lowest) * _sliding(motion)
+            mu = lowest + (mu - lowest) * sliding_share(motion)
         if self.target == "mu":
             return np.asarray(mu)
         if self.target == "contrast":
@@ -470,24 +477,19 @@ class Layout:
         return np.asarray((mu - lowest) / np.maximum(highest - lowest, 1e-12))
 
 
-def _sliding(motion: Motion) -> Array:
-    """Share that is left of what a finger at rest does not feel: whole from 2 mm/s on."""
-    return np.asarray(np.minimum(sqrt(2) * np.hypot(motion.ux, motion.uy), 1.0))
-
-
 class LayoutEvent(NamedTuple):
-    """What a finger did, by a real report of it and never by prediction."""
+    """An event of a finger, by a real report and never by prediction."""
 
     kind: LayoutEventKind
     patch: Patch | None
-    """On which region; None on a material that fills the screen."""
+    """The region; None on a material that fills the screen."""
     touch_id: int
     t_s: float
-    """Stamp of the report."""
+    """Time of the report, as the app has stamped it."""
     x_mm: float
     y_mm: float
     detent: float
-    """Number of the detent, for that kind; else NaN."""
+    """Number of the detent; NaN for other kinds of event."""
 
 
 class _Reported(NamedTuple):
@@ -496,25 +498,44 @@ class _Reported(NamedTuple):
 
 
 class Listeners:
-    """Callbacks of an app, called while it gives touches."""
+    """Callbacks of an app, called while it passes touches."""
 
     def __init__(self) -> None:
         self._callbacks: dict[str, list[Callable[[LayoutEvent], None]]] = {}
         self._fingers: dict[int, _Reported] = {}
 
     def on(self, kind: LayoutEventKind, callback: Callable[[LayoutEvent], None]) -> None:
-        """Call a function at each event of a kind."""
+        """Call a function at each event of a kind.
+
+        Parameters
+        ----------
+        kind : str
+            "enter", "leave", "press", "release" or "detent".
+        callback : callable
+            Takes the `LayoutEvent`.
+        """
         choice("on", kind, get_args(LayoutEventKind))
         if not callable(callback):
             raise InputError(f"on: expected a function of the event, got {callback!r:.80}")
         self._callbacks.setdefault(kind, []).append(callback)
 
     def forget(self) -> None:
-        """Forget all fingers; a renderer starts anew."""
+        """Forget all fingers, when a renderer starts."""
         self._fingers.clear()
 
     def report(self, texture: Feelable, touch_id: int, t_s: float, now: Report) -> None:
-        """Take a real report of a finger; `now` is on the clock of samples, `t_s` its stamp."""
+        """Take a real report of a finger; `now` is on the clock of samples, `t_s` its stamp.
+
+        Parameters
+        ----------
+        texture : Feelable
+            What the finger is on.
+        touch_id : int
+        t_s : float
+            Time stamp of the report [s].
+        now : Report
+            The report, on the clock of samples.
+        """
         if not self._callbacks:
             return
         before = self._fingers.pop(touch_id, None)
@@ -525,7 +546,7 @@ class Listeners:
         if now.is_down:
             self._fingers[touch_id] = _Reported(facts, now)
             if facts is was and before is not None:
-                return  # as mostly: nothing has happened
+                return  # the usual case: nothing has happened
         place = now if now.is_down or before is None else before.report
         for kind, patch, detent in _changes(texture, was, facts, now.is_down):
             event = LayoutEvent(kind, patch, touch_id, t_s, place.x_mm, place.y_mm, detent)
@@ -537,7 +558,6 @@ def _changes(
     texture: Feelable, was: Facts, now: Facts, is_down: bool
 ) -> list[tuple[LayoutEventKind, Patch | None, float]]:
     events: list[tuple[LayoutEventKind, Patch | None, float]] = []
-    nan = float("nan")
     old: dict[int, Facts] = was.of if isinstance(was, LayoutFacts) else {}
     new: dict[int, Facts] = now.of if isinstance(now, LayoutFacts) else {}
     patches: dict[int, Patch] = {}
@@ -555,19 +575,15 @@ def _changes(
         if before is None:
             events.append(("enter", patch, nan))
             before = Facts()
-        if _is_later(facts.press_s, before.press_s):
+        if is_later(facts.press_s, before.press_s):
             events.append(("press", patch, nan))
-        if _is_later(facts.release_s, before.release_s):
+        if is_later(facts.release_s, before.release_s):
             events.append(("release", patch, nan))
-        if _is_later(facts.detent_s, before.detent_s):
+        if is_later(facts.detent_s, before.detent_s):
             events.append(("detent", patch, facts.detent))
     return events
 
 
 def _is_pressed(facts: Facts) -> bool:
-    # NaN, for what has not happened, compares false.
+    # An event that has not happened is NaN, with which every comparison is false.
     return facts.press_s == facts.press_s and not facts.release_s >= facts.press_s
-
-
-def _is_later(now_s: float, before_s: float) -> bool:
-    return now_s == now_s and not now_s <= before_s

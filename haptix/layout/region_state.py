@@ -1,9 +1,9 @@
-"""One region at one state of a layout: where it is, what its material answers, how much counts."""
+"""One region at one state of a layout: its place, its outline, its opacity and its material."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from math import cos, hypot, inf, sin
+from math import cos, hypot, inf, sin, sqrt
 from typing import Any, Protocol
 
 import numpy as np
@@ -32,11 +32,11 @@ class Glide:
 
     @classmethod
     def resting(cls, *values: float) -> Glide:
-        """Numbers that stay."""
+        """Return constant numbers."""
         return cls(values, values)
 
     def to(self, values: Row, from_s: float, over_s: float) -> Glide:
-        """Glide to other numbers, from what these are then."""
+        """Glide to other numbers, from the numbers at `from_s`."""
         return Glide(self.at(from_s), values, from_s, from_s + over_s)
 
     def at(self, t_s: float) -> Row:
@@ -49,7 +49,7 @@ class Glide:
         return tuple(a + part * (b - a) for a, b in zip(self.before, self.after, strict=True))
 
     def parts(self, t_s: Array) -> Array:
-        """Share of the way gone at times."""
+        """Share of the glide that is done at times, 0 to 1."""
         if not self.end_s > self.start_s:
             return (t_s >= self.end_s).astype(np.float64)
         return np.asarray(np.clip((t_s - self.start_s) / (self.end_s - self.start_s), 0.0, 1.0))
@@ -65,6 +65,12 @@ class Outline:
         Size of the rectangle.
     shape : {"rectangle", "ellipse"} or sequence of (x_mm, y_mm)
         The shape; a polygon need not be convex, and its edges may not cross.
+
+    Examples
+    --------
+    >>> disc = Outline(20.0, 20.0, "ellipse")
+    >>> disc.contains(10.0, 10.0), disc.contains(1.0, 1.0)  # its middle, a corner
+    (True, False)
     """
 
     width_mm: float
@@ -72,11 +78,25 @@ class Outline:
     shape: Shape = "rectangle"
 
     def cover(self, x_mm: Array, y_mm: Array, ramp_mm: float) -> Array:
-        """Share of each place that is inside, 0 to 1: a ramp across the edge, or a step at 0."""
+        """Share of each place that is inside, 0 to 1: a ramp across the edge, or a step at 0.
+
+        Parameters
+        ----------
+        x_mm, y_mm : array
+        ramp_mm : float
+            Width of the ramp across the edge [mm]; 0 for a step.
+
+        Examples
+        --------
+        >>> x_mm, y_mm = np.array([5.0, 12.0]), np.array([5.0, 5.0])
+        >>> edge = Outline(10.0, 10.0).cover(x_mm, y_mm, ramp_mm=0.0)
+        >>> edge.tolist()
+        [1.0, 0.0]
+        """
         ramp = max(ramp_mm, 1e-9)
         width, height = self.width_mm, self.height_mm
         if self.shape == "rectangle":
-            # A step less the next one is right for regions narrower than the ramps, too.
+            # The difference of two steps is right for regions narrower than the ramps too.
             inside = _step(x_mm, ramp) - _step(x_mm - width, ramp)
             inside *= _step(y_mm, ramp) - _step(y_mm - height, ramp)
             return inside
@@ -87,7 +107,19 @@ class Outline:
         return _step(_depth_in(self.shape, x_mm, y_mm), ramp)
 
     def contains(self, x_mm: float, y_mm: float) -> bool:
-        """Whether a place is inside."""
+        """Whether a place is inside.
+
+        Parameters
+        ----------
+        x_mm, y_mm : float
+
+        Examples
+        --------
+        >>> Outline(10.0, 10.0, "ellipse").contains(5.0, 5.0)
+        True
+        >>> Outline(10.0, 10.0, "ellipse").contains(0.5, 0.5)
+        False
+        """
         if self.shape == "rectangle":
             return 0.0 <= x_mm <= self.width_mm and 0.0 <= y_mm <= self.height_mm
         if self.shape == "ellipse":
@@ -126,27 +158,31 @@ class Control(Protocol):
         """Axes of the control in which a finger at a place has a value."""
 
 
+def is_later(now_s: float, before_s: float) -> bool:
+    """Whether an event happened after another one; a time is NaN until its event happens."""
+    return now_s == now_s and not now_s <= before_s
+
+
 class LayoutFacts(Facts):
     """Facts of a finger on a layout: the newest of all regions, and those of each."""
 
     of: dict[int, Facts]
-    """By the key of the region; of those that the finger is on."""
+    """Facts on each region under the finger, by the region's key."""
     states: dict[int, int]
-    """Of these: number of the state of its material that the facts are of."""
+    """Number of the material's state that these facts belong to, by the region's key."""
 
     @classmethod
     def newest(
         cls, of: dict[int, Facts], before: Facts, states: dict[int, int] | None = None
     ) -> LayoutFacts:
-        """Take the newest time of each kind, over the regions and what was before."""
-        every = [before, *of.values()]
+        """Take the newest time of each kind, over the regions and the facts before."""
+        candidates = [before, *of.values()]
 
         def latest(name: str) -> Facts:
-            # NaN compares false: what has not happened is never the latest.
-            newest_facts = every[0]
-            for facts in every[1:]:
+            newest_facts = candidates[0]
+            for facts in candidates[1:]:
                 this_s, newest_s = getattr(facts, name), getattr(newest_facts, name)
-                if this_s == this_s and not newest_s >= this_s:
+                if is_later(this_s, newest_s):
                     newest_facts = facts
             return newest_facts
 
@@ -157,14 +193,12 @@ class LayoutFacts(Facts):
         return made
 
     def _replace(self, /, **changed: float) -> LayoutFacts:
-        """Replace times, in the regions that have them too."""
+        """Replace times, also in those regions whose facts have the same time."""
         made = LayoutFacts(*Facts._replace(Facts(*self), **changed))
-        made.of = {
-            key: one._replace(
-                **{n: new for n, new in changed.items() if getattr(one, n) == getattr(self, n)}
-            )
-            for key, one in self.of.items()
-        }
+        made.of = {}
+        for key, facts in self.of.items():
+            same = [name for name in changed if getattr(facts, name) == getattr(self, name)]
+            made.of[key] = facts._replace(**{name: changed[name] for name in same})
         made.states = self.states
         return made
 
@@ -211,13 +245,13 @@ class RegionState:
     way: Box = field(init=False)
     """Box around both ends of the glide."""
     box: Box = field(init=False)
-    """Box around where it ends."""
+    """Box around the region at the end of the glide."""
     core: Box = field(init=False)
-    """Box of what is inside both, and so all the way."""
+    """Intersection of the boxes at both ends, which the region covers during the whole glide."""
     frame: LocalFrame = field(init=False)
     """Axes at the end of the glide."""
     is_level: bool = field(init=False)
-    """An upright rectangle without a mask: inside its box it covers all."""
+    """Whether it is an upright rectangle without a mask, which covers its whole box."""
 
     def __post_init__(self) -> None:
         left, right, top, bottom = self._box(*self.place.before)
@@ -233,7 +267,7 @@ class RegionState:
         object.__setattr__(self, "is_level", level)
 
     def depends_on(self, now_s: float) -> Depends:
-        """What the region's part of an answer depends on, from a time on."""
+        """Quantities that the region's friction depends on, from a time on."""
         changes = max(self.place.end_s, self.opacity.end_s) > now_s
         flags = Depends.PLACE | self.evaluator.depends_on
         if self.mask is not None:
@@ -241,23 +275,23 @@ class RegionState:
         return flags | Depends.TIME if changes else flags
 
     def moved(self, place: Glide) -> RegionState:
-        """Return the same region on its way to another place."""
+        """Return the region, gliding to another place."""
         return RegionState(
             self.key, self.evaluator, self.outline, place, self.opacity, self.z, self.blend,
             self.priority, self.mask, self.inner, self.state,
         )  # fmt: skip
 
     def settled(self) -> RegionState:
-        """Return the same region at the end of its fade and its way."""
+        """Return the region at the end of its fade and its glide."""
         place, opacity = Glide.resting(*self.place.after), Glide.resting(*self.opacity.after)
         return replace(self, place=place, opacity=opacity)
 
     def is_gone(self, t_s: float) -> bool:
-        """Whether it has faded out for good."""
+        """Whether the region has been removed and has faded out."""
         return self.opacity.after[0] == 0.0 and t_s >= self.opacity.end_s
 
     def axes(self, motion: Motion, first_s: float) -> LocalFrame:
-        """Axes of the region during a block that begins at a time."""
+        """Axes of the region during a block that begins at `first_s`."""
         place = self.place
         if first_s >= place.end_s:
             return self.frame
@@ -265,7 +299,7 @@ class RegionState:
         span_s, t_s = place.end_s - place.start_s, motion.t_s
         parts: Array
         moving: float | Array
-        if place.start_s <= first_s and t_s[-1] <= place.end_s:  # all of a block on its way
+        if place.start_s <= first_s and t_s[-1] <= place.end_s:  # the glide lasts the whole block
             parts, moving = (t_s - place.start_s) / span_s, 1 / span_s
         else:
             parts = place.parts(t_s)
@@ -279,7 +313,7 @@ class RegionState:
         )  # fmt: skip
 
     def cover(self, on: Motion, motion: Motion, first_s: float, inside: bool) -> float | Array:
-        """Opacity at the places of a motion that is `on` the region; one number where it can be."""
+        """Opacity at the places of `on`, the motion in the region's axes; a number if constant."""
         opacity: float | Array
         if first_s >= self.opacity.end_s:
             opacity = self.opacity.after[0]
@@ -299,10 +333,10 @@ class RegionState:
         return tuple(
             tuple(
                 (from_s, facts.of.get(self.key, Facts()))
-                for from_s, facts in one
+                for from_s, facts in of_finger
                 if isinstance(facts, LayoutFacts)
             )
-            for one in of_layout
+            for of_finger in of_layout
         )
 
     def is_near(self, report: Report) -> bool:
@@ -323,7 +357,7 @@ class RegionState:
         return Report(t_s, x, y, force_n, on), on
 
     def within(self, there: Report) -> Report:
-        """Return a report in the region's axes in those of its material."""
+        """Convert a report from the region's axes to those of its material."""
         inner = self.inner
         if inner is None:
             return there
@@ -350,7 +384,7 @@ class RegionState:
 
 
 def blended(blend: Blend, below: float | Array, felt: Array) -> Array:
-    """Friction of a layer on what is below it."""
+    """Blend the friction of a layer with the friction below it."""
     rule = _RULES.get(blend)
     return felt if rule is None else np.asarray(rule(below, felt))
 
@@ -361,3 +395,8 @@ def _turned(
     """Return a place in other axes."""
     x, y, c, s = x_mm - x0_mm, y_mm - y0_mm, cos(angle) / scale, sin(angle) / scale
     return x * c + y * s, y * c - x * s
+
+
+def sliding_share(motion: Motion) -> Array:
+    """Share of the friction by speed: 0 at rest, 1 from 2 mm/s on."""
+    return np.asarray(np.minimum(sqrt(2) * np.hypot(motion.ux, motion.uy), 1.0))

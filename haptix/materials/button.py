@@ -15,7 +15,7 @@ from haptix.texture.material import Scaled
 EDGE_MM = 0.3
 """Width of a step of friction: no more than a finger at 100 mm/s needs for the slew limit."""
 
-_RISES_FROM = 0.3  # of press_n
+_RISES_FROM = 0.3  # share of press_n from which friction rises
 _DROP_S, _LOW_S, _RISE_S = 1e-3, 0.03, 0.1
 
 
@@ -39,6 +39,11 @@ class Button(Scaled):
         Normal forces at which it is pressed and let go.
     rim_mm : float
         Width of the rim, by which a sliding finger finds the button.
+
+    Examples
+    --------
+    >>> Button(width_mm=20.0, height_mm=12.0, press_n=0.8).press_n
+    0.8
     """
 
     kind: Literal["button"] = "button"
@@ -64,7 +69,7 @@ class Button(Scaled):
         return (-2.0, self.width_mm + 2.0, -2.0, self.height_mm + 2.0)
 
     def wanted(self, motion: Motion) -> Array:
-        """Friction under the fingers: of the rim where one slides, of the face by force."""
+        """Friction under the fingers: of the rim for one that slides, of the face by its force."""
         depth = self._depth_mm(motion.x_mm, motion.y_mm)
         ramp = max(EDGE_MM, 4 * motion.footprint_mm)
         inside, face = (np.clip(0.5 + (depth - at) / ramp, 0.0, 1.0) for at in (0.0, self.rim_mm))
@@ -89,7 +94,7 @@ class Button(Scaled):
         return facts._replace(press_s=at) if at is not None and self._on_face(before) else facts
 
     def _depth_mm(self, x_mm: Array, y_mm: Array) -> Array:
-        """How far places are inside the outline."""
+        """Distance of places from the outline, above 0 inside."""
         across = np.minimum(x_mm, self.width_mm - x_mm)
         return np.minimum(across, np.minimum(y_mm, self.height_mm - y_mm))
 
@@ -98,14 +103,14 @@ class Button(Scaled):
         return bool(depth >= self.rim_mm)
 
     def _pressing(self, motion: Motion) -> Array:
-        """Level of the face: by force until it is pressed, then by the time since."""
+        """Level of the face: by force until it is pressed, then by the time since that."""
         start = _RISES_FROM * self.press_n
         known = np.repeat(motion.force_known or (True,) * motion.fingers, motion.points)
         by_force = np.clip((motion.normal_force_n - start) / (self.press_n - start), 0.0, 1.0)
         by_force *= known
         facts, t = motion.facts, motion.t_s
         since_press, since_release = t - facts.press_s, t - facts.release_s
-        # NaN, for what has not happened, compares false.
+        # An event that has not happened is NaN, with which every comparison is false.
         pressed = (since_press >= 0) & ~(facts.release_s >= facts.press_s)
         lasting = np.maximum(_dropped(since_press), _risen(since_press))
         after = np.maximum(_dropped(since_release), by_force * _risen(since_release))

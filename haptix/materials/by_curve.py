@@ -17,8 +17,9 @@ from haptix.texture.material import Answering, AnyMaterial, Material
 Row = Annotated[tuple[float, ...], Field(min_length=2)]
 
 SIDE_BANDS = 1.4
-"""A factor that varies moves the waves of what it multiplies to both sides. Their field is asked
-for this many footprints, which leaves room for a factor of 0.3 times its highest frequency."""
+"""Factor on the footprint of a material that is multiplied by a varying factor. The product has
+waves on both sides of the material's waves; this leaves room for a factor that varies at up to 0.3
+times the highest frequency."""
 
 
 class _ByCurve(Material):
@@ -35,7 +36,7 @@ class _ByCurve(Material):
     """
 
     corners: ClassVar[str]
-    read: ClassVar[Callable[[Motion], Array]]
+    _read: ClassVar[Callable[[Motion], Array]]
 
     share: Row | None = None
     mu: Row | None = None
@@ -59,7 +60,7 @@ class _ByCurve(Material):
 
     def factor(self, motion: Motion) -> Array:
         """The curve's value under the fingers."""
-        return np.asarray(np.interp(type(self).read(motion), *self._points))
+        return np.asarray(np.interp(type(self)._read(motion), *self._points))
 
     @cached_property
     def evaluator(self) -> Evaluator:
@@ -77,13 +78,19 @@ class BySpeed(_ByCurve):
     ----------
     speed_mm_s : list of float
         Corners of the curve [mm/s].
+
+    Examples
+    --------
+    >>> drag = BySpeed(speed_mm_s=(10.0, 100.0), share=(0.2, 0.8))
+    >>> drag.speed_mm_s
+    (10.0, 100.0)
     """
 
     kind: Literal["by-speed"] = "by-speed"
     speed_mm_s: Row
     depends_on = Depends.SPEED
     corners = "speed_mm_s"
-    read = lambda motion: motion.speed_mm_s  # noqa: E731
+    _read = lambda motion: motion.speed_mm_s  # noqa: E731
 
 
 class ByForce(_ByCurve):
@@ -93,13 +100,19 @@ class ByForce(_ByCurve):
     ----------
     normal_force_n : list of float
         Corners of the curve [N].
+
+    Examples
+    --------
+    >>> stiff = ByForce(normal_force_n=(0.2, 1.0), share=(0.2, 0.8))
+    >>> stiff.share
+    (0.2, 0.8)
     """
 
     kind: Literal["by-force"] = "by-force"
     normal_force_n: Row
     depends_on = Depends.FORCE
     corners = "normal_force_n"
-    read = lambda motion: motion.normal_force_n  # noqa: E731
+    _read = lambda motion: motion.normal_force_n  # noqa: E731
 
 
 def product(of: Evaluator, factor: Callable[[Motion], Array], depends_on: Depends) -> Answering:

@@ -18,11 +18,14 @@ from haptix.texture.material import Scaled
 LEAST_PITCH_MM = 3.0
 """Closer detents run together: places of live touches err by 0.8 mm (95 %)."""
 
-_HYSTERESIS = 0.05  # of the way to the next detent, past the ridge, before it counts as crossed
+_HYSTERESIS = 0.05  # share of the pitch past the ridge's top from which a detent counts as crossed
 
 
 def ridge(distance_mm: Array, width_mm: float, footprint_mm: float) -> Array:
-    """Level of a raised cosine about 0, as wide as the drive can follow and then as much lower."""
+    """Level of a ridge, a raised cosine about 0.
+
+    Where the drive cannot follow it, the ridge is wider and lower, with the same area.
+    """
     width = max(width_mm, 4 * footprint_mm)
     part = np.clip(np.abs(distance_mm) / width, 0.0, 0.5)
     return np.asarray(width_mm / width * (0.5 + 0.5 * np.cos(2 * pi * part)))
@@ -49,7 +52,7 @@ class _Control(Scaled):
         return now - before
 
     def react(self, facts: Facts, before: Report | None, now: Report) -> Facts:
-        """Cross a detent where the finger has passed the ridge to the next."""
+        """Count a detent as crossed when the finger has passed the ridge before it."""
         if not now.is_down:
             return facts
         place = self._detent(now.x_mm, now.y_mm)
@@ -61,7 +64,7 @@ class _Control(Scaled):
         steps = float(round(away))
         at_s = now.t_s
         if before is not None:
-            # When it passed the top of the last ridge.
+            # The time at which the finger passed the top of the last ridge.
             start = self._step(facts.detent, self._detent(before.x_mm, before.y_mm))
             top = steps - 0.5 if steps > 0 else steps + 0.5
             part = (top - start) / (away - start) if away != start else 1.0
@@ -88,6 +91,11 @@ class Slider(_Control):
     start_mm : float
         Place of the first detent; places of `detents` count from it. A region needs room before
         it for the wall.
+
+    Examples
+    --------
+    >>> Slider(travel_mm=60.0, detents=5).detents
+    5
     """
 
     kind: Literal["slider"] = "slider"
@@ -115,7 +123,18 @@ class Slider(_Control):
         return self.start_mm + np.array(self.detents)
 
     def value(self, x_mm: float, y_mm: float = 0.0) -> float:
-        """Value at a place, 0 at the first detent and 1 at the last; of the nearest with `snap`."""
+        """Value at a place, 0 at the first detent and 1 at the last; of the nearest with `snap`.
+
+        Parameters
+        ----------
+        x_mm, y_mm : float
+            The place, in the slider's axes [mm].
+
+        Examples
+        --------
+        >>> Slider(travel_mm=60.0, detents=5).value(60.0)
+        1.0
+        """
         along = self._along(x_mm, y_mm)
         places = self.places_mm
         if self.snap:
@@ -123,7 +142,15 @@ class Slider(_Control):
         return float(np.clip((along - places[0]) / (places[-1] - places[0]), 0.0, 1.0))
 
     def frame_at(self, value: float, x_mm: float, y_mm: float) -> LocalFrame:
-        """Axes in which a finger at a place has a value."""
+        """Axes in which a finger at a place has a value.
+
+        Parameters
+        ----------
+        value : float
+            0 at the first detent, 1 at the last.
+        x_mm, y_mm : float
+            The finger's place [mm].
+        """
         places, angle = self.places_mm, radians(self.orientation_deg)
         goal = float(places[0] + value * (places[-1] - places[0]))
         away = self._along(x_mm, y_mm) - goal
@@ -167,6 +194,11 @@ class Toggle(_Control):
         Width; the middle is at half of it.
     throw_mm : float
         Way over which friction rises.
+
+    Examples
+    --------
+    >>> Toggle(width_mm=20.0).value(0.0)
+    0.0
     """
 
     kind: Literal["toggle"] = "toggle"
@@ -182,11 +214,25 @@ class Toggle(_Control):
         return self
 
     def value(self, x_mm: float, y_mm: float = 0.0) -> float:
-        """Value at a place: 0 on the left side, 1 on the right one."""
+        """Value at a place: 0 on the left side, 1 on the right one.
+
+        Parameters
+        ----------
+        x_mm, y_mm : float
+            The place, in the toggle's axes [mm].
+        """
         return float(x_mm > self.width_mm / 2)
 
     def frame_at(self, value: float, x_mm: float, y_mm: float) -> LocalFrame:
-        """Axes in which a finger at a place has a value: its own, or as far from the other side."""
+        """Axes in which a finger at a place has a value: unchanged, or mirrored at the middle.
+
+        Parameters
+        ----------
+        value : float
+            0 for the left side, 1 for the right one.
+        x_mm, y_mm : float
+            The finger's place [mm].
+        """
         is_there = self.value(x_mm) == round(value)
         return LocalFrame(0.0 if is_there else 2 * x_mm - self.width_mm)
 
@@ -223,6 +269,11 @@ class Dial(_Control):
         Radii between which there are ridges.
     centre_mm : (float, float)
         Its middle; in a region, from the region's corner.
+
+    Examples
+    --------
+    >>> Dial(detents=12, inner_mm=8.0, outer_mm=25.0).detents
+    12
     """
 
     kind: Literal["dial"] = "dial"
@@ -243,11 +294,25 @@ class Dial(_Control):
         return self
 
     def value(self, x_mm: float, y_mm: float = 0.0) -> float:
-        """Part of a turn at a place, of the nearest detent: 0 to the right, rising from x to y."""
+        """Part of a turn at a place, of the nearest detent: 0 to the right, rising from x to y.
+
+        Parameters
+        ----------
+        x_mm, y_mm : float
+            The place, in the dial's axes [mm].
+        """
         return float(round(self._detent(x_mm, y_mm)) % self.detents) / self.detents
 
     def frame_at(self, value: float, x_mm: float, y_mm: float) -> LocalFrame:
-        """Axes in which a finger at a place has a value: turned about the centre."""
+        """Axes in which a finger at a place has a value: turned about the centre.
+
+        Parameters
+        ----------
+        value : float
+            Part of a turn.
+        x_mm, y_mm : float
+            The finger's place [mm].
+        """
         x, y = self.centre_mm
         angle = atan2(y_mm - y, x_mm - x) - 2 * pi * value
         c, s = cos(angle), sin(angle)

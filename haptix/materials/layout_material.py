@@ -53,7 +53,7 @@ class LayoutMaterial(Material):
 
     @model_validator(mode="after")
     def _has_names_of_its_own(self) -> Self:
-        names = [one.name for one in self.regions if one.name is not None]
+        names = [region.name for region in self.regions if region.name is not None]
         if len(set(names)) < len(names):
             raise ValueError("expected regions of different names")
         if self.target == "plain":
@@ -63,22 +63,22 @@ class LayoutMaterial(Material):
     @cached_property
     def evaluator(self) -> Layout:
         """A `haptix.Layout`, which an app may change while it is felt."""
-        made = Layout(self.background, self.target)
-        for one in self.regions:
-            made.put(one)
-        return made
+        layout = Layout(self.background, self.target)
+        for region in self.regions:
+            layout.put(region)
+        return layout
 
     @classmethod
     def upgrade(cls, fields: dict[str, Any], version: int) -> dict[str, Any]:
-        """Read a composition: sprites were regions of still materials, in the background's kind."""
+        """Read a document of the former kind "composition", whose regions were called sprites."""
         if fields.get("kind") != "composition":
             return fields
         sprites = fields.pop("sprites", ())
         regions = [
-            {("material" if key == "of" else key): value for key, value in one.items()}
-            if isinstance(one, Mapping)
-            else one
-            for one in sprites
+            {("material" if key == "of" else key): value for key, value in sprite.items()}
+            if isinstance(sprite, Mapping)
+            else sprite
+            for sprite in sprites
         ]
         below = fields.get("background")
         below = below if isinstance(below, Mapping) else {}
@@ -88,7 +88,7 @@ class LayoutMaterial(Material):
 
     def patch(self, name: str) -> Patch:
         """Return the patch of a region by its name."""
-        names = [one.name for one in self.regions]
+        names = [region.name for region in self.regions]
         if name not in names:
             raise InputError(f"patch: expected the name of a region, got {name!r:.80}")
         return self.evaluator.patches[1 + names.index(name)]

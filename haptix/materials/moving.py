@@ -32,6 +32,11 @@ class PathTable(Part):
         How far it has turned, from x towards y.
     loop : bool
         Whether the path begins again at its end.
+
+    Examples
+    --------
+    >>> PathTable(t_s=[0.0, 1.0], x_mm=[0.0, 50.0], y_mm=[0.0, 0.0]).loop
+    False
     """
 
     t_s: Row
@@ -85,6 +90,13 @@ class Moving(Material):
         The place in the material about which it turns.
     path : table, optional
         Places against time, added to the velocity's.
+
+    Examples
+    --------
+    >>> from haptix.texture import Grating
+    >>> belt = Moving(of=Grating(period_mm=2.0), velocity_mm_s=(10.0, 0.0))
+    >>> belt.of.period_mm
+    2.0
     """
 
     kind: Literal["moving"] = "moving"
@@ -114,7 +126,7 @@ class Moving(Material):
 
     @cached_property
     def evaluator(self) -> Evaluator:
-        """The other one's, asked in its own axes."""
+        """The evaluator of the material that moves, with motion in that material's axes."""
         of = self.of.evaluator
         return Answering(
             lambda motion: of.wanted(self.seen(motion)),

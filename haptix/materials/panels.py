@@ -1,8 +1,8 @@
-"""What a panel shows of a material: its kind's JSON Schema with help, and what steps change.
+"""Panels of a material's fields: the JSON Schema with help, and the effect of a step of a field.
 
-Title, help, unit, step and a usual range of a field are annotations in the JSON Schema. Help comes
-from the docstrings, the unit from the end of a field's name, the range from its limits, or else
-from around its default.
+The JSON Schema has title, help, unit, step and usual range of each field as annotations. Help comes
+from the docstrings, the unit from the end of the field's name, and the range from the field's
+limits or, without limits, from its default.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ __all__ = [
     "schema",
     "steps_of",
 ]
-"""With the names of all materials, which `haptix.materials` gives out."""
+"""Names that `haptix.materials` exports."""
 
 _FAMILIES = {"material": KINDS, "signal": SIGNALS}
 _MATERIAL, _SIGNAL = {"$ref": "#/$defs/material"}, {"$ref": "#/$defs/signal"}
@@ -66,11 +66,11 @@ _STATES = 2000
 _SECONDS = 2.0
 _SPEED_MM_S = (20.0, 200.0)
 _FORCES_N = (0.2, 1.2)
-_FELT = 95.0  # percentile: an edge that moves changes few places, but these much
+_FELT = 95.0  # percentile: an edge that moves changes few places, but changes them much
 
 
 def describe(model: type[Kind], definition: dict[str, Any]) -> None:
-    """Add to a kind's definition in the JSON Schema what a panel shows."""
+    """Add the annotations of a panel to a kind's definition in the JSON Schema."""
     help_texts = _help_of(model)
     doc = inspect.cleandoc(model.__doc__ or "")
     definition["title"] = str(model.model_fields["kind"].default).replace("-", " ").capitalize()
@@ -106,27 +106,27 @@ def _help_of(model: type[Kind]) -> dict[str, str]:
 
 def _number(field: dict[str, Any]) -> dict[str, Any] | None:
     """Return the numeric alternative of a field; None if it has none."""
-    ways = [field, *field.get("anyOf", [])]
-    return next((way for way in ways if way.get("type") in ("number", "integer")), None)
+    alternatives = [field, *field.get("anyOf", [])]
+    return next((one for one in alternatives if one.get("type") in ("number", "integer")), None)
 
 
-def _range(way: dict[str, Any], default: Any, unit: str) -> tuple[float, float]:
-    """Return a range for a slider: the field's limits, or what is usual."""
+def _range(number: dict[str, Any], default: Any, unit: str) -> tuple[float, float]:
+    """Return a slider's range for a number: the field's limits, or the usual range of the unit."""
     low, high = _USUAL.get(unit, (0.0, 1.0))
-    if way["type"] == "integer":
+    if number["type"] == "integer":
         low, high = 0, 4 * default if isinstance(default, int) and default else 40
     elif isinstance(default, int | float) and default > high:
         high = 4.0 * default
     step = _STEPS.get(unit, 0.01)
-    if "exclusiveMinimum" in way:
-        low = max(low, way["exclusiveMinimum"] + step)
-    if "exclusiveMaximum" in way:
-        high = min(high, way["exclusiveMaximum"] - step)
-    return max(low, way.get("minimum", low)), min(high, way.get("maximum", high))
+    if "exclusiveMinimum" in number:
+        low = max(low, number["exclusiveMinimum"] + step)
+    if "exclusiveMaximum" in number:
+        high = min(high, number["exclusiveMaximum"] - step)
+    return max(low, number.get("minimum", low)), min(high, number.get("maximum", high))
 
 
 def _step(low: float, high: float) -> float:
-    """A hundredth of a range, rounded down to 1, 2 or 5 of a power of ten."""
+    """A hundredth of a range, rounded down to 1, 2 or 5 times a power of ten."""
     rough = (high - low) / 100
     power = 10.0 ** floor(log10(rough))
     return float(f"{max(part for part in (1, 2, 5) if part * power <= rough * 1.0001) * power:g}")
@@ -185,7 +185,7 @@ def _with_references(part: Any) -> Any:
 
 
 def effects_of_steps(material: Material, lowest_mu: float, highest_mu: float) -> dict[str, float]:
-    """Return what a step up of each numeric field changes, or down where up is refused.
+    """Return the effect of a step of each numeric field, upwards or, if that is refused, downwards.
 
     Parameters
     ----------
@@ -212,13 +212,13 @@ def effects_of_steps(material: Material, lowest_mu: float, highest_mu: float) ->
         if isinstance(value, bool) or not isinstance(value, int | float):
             continue
         for by in (step, -step):
-            try:  # some rules are those of what is made of the document
+            try:  # some rules are checked only when the evaluator is made
                 changed = material.replace(**{name: value + by})
                 after = _friction(changed, motion, lowest_mu, highest_mu)
             except InputError:
                 continue
-            away = np.abs(after - before) / (WEBER_FRACTION * before)
-            effects[name] = float(np.percentile(away, _FELT))
+            change_jnd = np.abs(after - before) / (WEBER_FRACTION * before)
+            effects[name] = float(np.percentile(change_jnd, _FELT))
             break
     return effects
 

@@ -1,4 +1,4 @@
-"""Pictures of materials: what they ask for on a grid, and by everything that they depend on."""
+"""Pictures of materials: the wanted friction on a grid, and against all that it depends on."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from haptix.checks import Array, positive, whole
 from haptix.errors import from_extra
 from haptix.motion import Depends, Facts, Motion, Trajectory
 from haptix.motion.block import History, facts_on
+from haptix.texture.field import FORCE_N, SPEED_MM_S, WORDS
 from haptix.texture.material import Material
 
 if TYPE_CHECKING:
@@ -17,19 +18,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-SPEED_MM_S = 80.0
-"""Speed, to the right, of the finger for which a picture holds."""
-FORCE_N = 0.5
 _EVENT_S = 0.1
 _LONGEST_S = 0.5
 _FASTEST_MM_S = 200.0
 
-_PIXELS = 400
-_STROKE = 0.7  # of the height: a stroke through a dial's centre would cross no ridge
+_STROKE = 0.7  # share of the height; a stroke through a dial's centre would cross no ridge
 _SECONDS = 1.2
 _STORY_EVENT_S = 0.2
-_WORDS = {"share": "share of the reachable friction", "mu": "friction coefficient",
-          "contrast": "relative change of friction"}  # fmt: skip
 
 
 def picture(
@@ -41,7 +36,7 @@ def picture(
     sweeps: bool = False,
     corner_mm: tuple[float, float] = (0.0, 0.0),
 ) -> Array:
-    """Return what a material asks for on a grid, in its target's values.
+    """Return the wanted friction of a material on a grid, in its target's values.
 
     Parameters
     ----------
@@ -89,7 +84,7 @@ def picture(
 
 
 def draw(material: Material) -> Figure:
-    """Draw a material: a panel for each thing that it depends on.
+    """Draw a material, with a panel for each quantity that it depends on.
 
     The map and the strokes are those of a finger at 80 mm/s, 0.5 N. Against time, the finger slides
     through the middle; its force goes from 0.2 to 1.1 N and back, and an event happens at 0.2 s.
@@ -109,11 +104,11 @@ def draw(material: Material) -> Figure:
     rows = (len(drawn) + 1) // 2
     figure = Figure(figsize=(11, 3.4 * rows), layout="constrained")
     axes = np.atleast_1d(figure.subplots(rows, min(len(drawn), 2))).ravel()
-    for panel, one in zip(axes, drawn, strict=False):
-        one(panel, material)
+    for panel, draw_panel in zip(axes, drawn, strict=False):
+        draw_panel(panel, material)
     for unused in axes[len(drawn) :]:
         unused.remove()
-    figure.suptitle(f"{material.kind}: {_WORDS[material.evaluator.target]}")
+    figure.suptitle(f"{material.kind}: {WORDS[material.evaluator.target]}")
     return figure
 
 
@@ -123,17 +118,7 @@ def _middle(material: Material) -> tuple[float, float]:
 
 
 def _map(axes: Axes, material: Material) -> None:
-    left, right, top, bottom = material.extent_mm
-    pixel_mm = (right - left) / _PIXELS
-    x = np.arange(left, right, pixel_mm) + pixel_mm / 2
-    y = np.arange(top, bottom, pixel_mm) + pixel_mm / 2
-    places = np.meshgrid(x, y)
-    motion = Motion.of(*places, 0.0, SPEED_MM_S, normal_force_n=0.5, footprint_mm=pixel_mm / 2)
-    value = material.evaluator.wanted(motion).reshape(places[0].shape)
-    picture = axes.imshow(value, extent=(left, right, bottom, top), cmap="viridis")
-    assert axes.figure is not None
-    axes.figure.colorbar(picture, ax=axes, shrink=0.8)
-    axes.set(xlabel="x (mm)", ylabel="y (mm)", title="on the way to the right, at 0 s")
+    material.plot(axes).set_title("on the way to the right, at 0 s")
 
 
 def _strokes(axes: Axes, material: Material) -> None:
@@ -183,7 +168,7 @@ def story(material: Material) -> tuple[Array, Array, Array]:
     force = np.interp(t, [0, _STORY_EVENT_S, 0.4, 0.7, 0.9], [0.2, 0.2, 1.1, 1.1, 0.2])
     evaluator = material.evaluator
     history = facts_on(Trajectory.of(t[::60], x, y, force[::60]), evaluator.react, 0.0)
-    if len(history) < 2:  # nothing of its own happens
+    if len(history) < 2:  # the material made no event of this stroke
         at = _STORY_EVENT_S
         history = ((at, Facts(at, at, at, 1.0, at)),)
     motion = Motion.of(x, y, t, SPEED_MM_S, 0.0, force, history=history)

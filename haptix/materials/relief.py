@@ -99,7 +99,7 @@ class Relief(Scaled):
 
     @cached_property
     def slopes(self) -> Slopes:
-        """Its slopes, shared by documents of the same picture."""
+        """The slopes; documents of the same picture share them."""
         asset = self.normals or self.heights
         assert asset is not None  # checked above
         is_normals, width_mm = self.normals is not None, self.width_mm
@@ -119,7 +119,7 @@ class Relief(Scaled):
         return self.scaled(level)
 
     def _bias_at(self, x_mm: Array, y_mm: Array) -> Array:
-        """Bias: nothing outside, whole from `edge_mm` within."""
+        """Bias at places: 0 outside, rising over `edge_mm` from the edge to the full bias."""
         width, height = self.slopes.width_mm, self.slopes.height_mm
         ramp = max(self.edge_mm, 1e-9)
         depth = np.minimum(np.minimum(x_mm, width - x_mm), np.minimum(y_mm, height - y_mm))

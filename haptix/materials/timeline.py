@@ -1,4 +1,4 @@
-"""Materials in time: envelopes, transients and effects, of curves low-passed to what skin feels."""
+"""Materials in time: envelopes, transients and effects. Their curves are low-passed to 1 kHz."""
 
 from __future__ import annotations
 
@@ -23,13 +23,14 @@ RATE_HZ = 12_000.0
 """Rate of the tables: that of the renderer's control points."""
 
 FELT_HZ = 1000.0
-"""Skin feels no vibration above."""
+"""Skin feels no vibration above this frequency."""
 
 LONGEST_S = 60.0
 
 _HALF = 12
+# The taps of scipy's `firwin`, whose import would take a second at each start.
 _TAPS = np.sinc(2 * FELT_HZ / RATE_HZ * np.arange(-_HALF, _HALF + 1)) * np.hamming(2 * _HALF + 1)
-_TAPS /= _TAPS.sum()  # scipy's `firwin`, without the second that its import takes at each start
+_TAPS /= _TAPS.sum()
 
 Begins = Literal["start", "down", "press", "release", "detent"]
 """The event from which a curve's time counts: the first sample, or a fact of the finger."""
@@ -42,8 +43,8 @@ _EFFECTS = {
     "tick": Pulse(0.8, 0.012, length_s=0.012),
     "align": Points((0.0, 0.008, 0.0081, 0.048, 0.0481), (1.0, 1.0, -0.3, -0.3, 0.0)),
 }
-"""Shares against time. The names are those of the WICG's proposal of haptics for the web, which
-says what they mean and gives no values; these are ours."""
+"""Shares against time. The names come from the WICG's proposal of haptics for the web, which
+defines their meaning and no values; the values are ours."""
 
 
 def _signal(table: Any) -> Signal:
@@ -86,13 +87,13 @@ class Timeline:
     def of(cls, curve: Signal, ends: Literal["rest", "hold", "loop"]) -> Self:
         """Tabulate a curve that ends in 0 ("rest"), stays at its ends, or begins again.
 
-        A curve that starts from rest is late by a millisecond: it has no earlier time to rise in.
+        A curve that starts from rest is a millisecond late, since the low-pass needs time to rise.
         """
         count = max(curve.samples(RATE_HZ) or 0, 1)
         values = curve.values(0, count, RATE_HZ)
-        how: Any = {"rest": "constant", "hold": "edge", "loop": "wrap"}[ends]
+        padding: Any = {"rest": "constant", "hold": "edge", "loop": "wrap"}[ends]
         width = _HALF if ends == "loop" else 2 * _HALF
-        smooth = np.convolve(np.pad(values, width, mode=how), _TAPS, mode="valid")
+        smooth = np.convolve(np.pad(values, width, mode=padding), _TAPS, mode="valid")
         first = -_HALF if ends == "hold" else 0
         if ends == "loop":
             smooth = np.append(smooth, smooth[0])
@@ -107,7 +108,7 @@ class Timeline:
         return float(self.t_s[-1])
 
     def at(self, age_s: Array) -> Array:
-        """Values at times since its beginning; what has not begun (NaN) is at its first value."""
+        """Values at times [s] since its beginning; the first value where it has not begun (NaN)."""
         if self.period_s is not None:
             age_s = age_s % self.period_s
         values = np.interp(age_s, self.t_s, self.value)
@@ -135,6 +136,13 @@ class Envelope(Material):
         Whether it begins again at its end.
     begins : {"start", "down", "press", "release", "detent"}
         From when its time counts.
+
+    Examples
+    --------
+    >>> from haptix.texture import Grating
+    >>> curve = {"kind": "ramp", "start": 0.0, "end": 1.0, "length_s": 0.5}
+    >>> Envelope(of=Grating(period_mm=2.0), curve=curve).curve.length_s
+    0.5
     """
 
     kind: Literal["envelope"] = "envelope"
@@ -192,6 +200,12 @@ class Transient(_FromEvent):
         Shares of the reachable range against time.
     begins : {"start", "down", "press", "release", "detent"}
         The event with which it begins.
+
+    Examples
+    --------
+    >>> click = Transient(curve={"kind": "pulse", "height": 1.0, "width_s": 0.01, "length_s": 0.02})
+    >>> click.begins
+    'down'
     """
 
     kind: Literal["transient"] = "transient"
@@ -217,6 +231,11 @@ class WebEffect(_FromEvent):
         How strong, 0 to 1.
     begins : {"start", "down", "press", "release", "detent"}
         The event with which it begins.
+
+    Examples
+    --------
+    >>> WebEffect(name="tick").name
+    'tick'
     """
 
     kind: Literal["effect"] = "effect"

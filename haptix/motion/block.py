@@ -1,4 +1,4 @@
-"""One block of the fingers' motion, and what they did: all that a material may depend on."""
+"""One block of the fingers' motion, and facts of what they did: all that a material depends on."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from haptix.errors import InputError
 from haptix.motion.trajectory import LIFTED_BELOW_N, Trajectory
 
 SLOW_MM_PER_S = 2.0
-"""A direction is that of the velocity, shortened where the finger is about as slow as this."""
+"""At this speed and below, `Motion.ux` and `uy` are shorter than 1."""
 
 Velocity = Callable[[], tuple[Array, Array]]
 Reachable = Callable[[Array, Array], tuple[Array, Array]]
@@ -24,7 +24,7 @@ Reachable = Callable[[Array, Array], tuple[Array, Array]]
 
 
 class Depends(Flag):
-    """What of a `Motion` an answer depends on."""
+    """Quantities of a `Motion` that wanted friction depends on."""
 
     NOTHING = 0
     PLACE = auto()
@@ -36,38 +36,39 @@ class Depends(Flag):
 
 
 class Facts(NamedTuple):
-    """What one finger has done on a material: times [s] on the clock of `Motion.t_s`.
+    """Past events of one finger on a material: times [s] on the clock of `Motion.t_s`.
 
-    NaN for what has not happened. Facts change with real reports of a touch, never by prediction.
+    A time is NaN until the event happens. Only real reports of a touch change facts, not
+    predictions.
     """
 
     down_s: float = nan
-    """It came down on the material."""
+    """Time at which the finger came down on the material."""
     press_s: float = nan
-    """It pressed."""
+    """Time at which it last pressed."""
     release_s: float = nan
-    """It let go."""
+    """Time at which it last released."""
     detent: float = nan
     """Number of the last detent that it crossed."""
     detent_s: float = nan
-    """When it did."""
+    """Time at which it crossed that detent."""
 
 
 class Report(NamedTuple):
     """One real report of a touch, in the axes of the material that it is on."""
 
     t_s: float
-    """On the clock of `Motion.t_s`."""
+    """Time [s] on the clock of `Motion.t_s`."""
     x_mm: float
     y_mm: float
     normal_force_n: float | None
-    """None where it was not measured."""
+    """Normal force [N]; None if it was not measured."""
     is_down: bool = True
     """False once the finger is lifted, or has left the material."""
 
 
 History = tuple[tuple[float, Facts], ...]
-"""Facts of one finger, each from a time [s] on; in the order of time."""
+"""Facts of one finger in the order of time, each with the time [s] from which it holds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +89,12 @@ class LocalFrame:
         How fast they turn.
     growth_per_s : float or ndarray
         Rate of the scale's logarithm.
+
+    Examples
+    --------
+    >>> frame = LocalFrame(x_mm=10.0, y_mm=20.0)
+    >>> frame.angle_rad
+    0.0
     """
 
     x_mm: float | Array = 0.0
@@ -112,7 +119,7 @@ class Motion:
     """Fingers during a block, at points one step apart; it never changes.
 
     Arrays have the shape (fingers * points,), finger after finger. Those of time and velocity are
-    made when they are first asked for, so what depends on places alone costs no more.
+    computed at first use, so that a material that depends on places alone does not pay for them.
 
     Parameters
     ----------
@@ -197,7 +204,13 @@ class Motion:
 
     @classmethod
     def none(cls, points: int) -> Motion:
-        """No finger touches."""
+        """Return a block without fingers.
+
+        Examples
+        --------
+        >>> Motion.none(4).fingers
+        0
+        """
         return cls(0, points, *(np.empty(0),) * 3, 0.0, 0.0)
 
     @classmethod
@@ -215,10 +228,29 @@ class Motion:
     ) -> Motion:
         """One finger, at places, times, velocities and forces that broadcast to one row.
 
+        Parameters
+        ----------
+        x_mm, y_mm : array-like
+        t_s : array-like
+        vx_mm_s, vy_mm_s : array-like
+        normal_force_n : array-like
+        footprint_mm : float
+            Diameter of the contact [mm]; 0 for a point.
+        history : sequence
+            Facts of the finger, each with the time [s] from which it holds.
+        reachable : callable, optional
+            Gives the reachable friction at forces and speeds.
+
         Raises
         ------
         InputError
             If these are not numbers, or are of shapes that do not broadcast.
+
+        Examples
+        --------
+        >>> motion = Motion.of([1.0, 2.0], 20.0, vx_mm_s=30.0, vy_mm_s=40.0)
+        >>> motion.speed_mm_s.tolist()
+        [50.0, 50.0]
         """
         columns = (x_mm, y_mm, t_s, vx_mm_s, vy_mm_s, normal_force_n)
         try:
@@ -227,10 +259,10 @@ class Motion:
             raise InputError("motion: expected numbers, or rows of them of one length") from None
         x, y, t, vx, vy, force = (np.atleast_1d(a).ravel() for a in rows)
         step_s = float(t[1] - t[0]) if len(t) > 1 else 0.0
-        whose = (history,) if history else ()
+        histories = (history,) if history else ()
         velocity = lambda: (vx, vy)  # noqa: E731
         return cls(
-            1, len(x), x, y, force, footprint_mm, step_s, t, velocity, None, whose, reachable
+            1, len(x), x, y, force, footprint_mm, step_s, t, velocity, None, histories, reachable
         )  # fmt: skip
 
     @property
@@ -287,16 +319,16 @@ class Motion:
 
     @property
     def history(self) -> tuple[History, ...]:
-        """Dated facts of each finger; empty where nobody keeps them."""
+        """Dated facts of each finger; empty if they are not known."""
         return self._history
 
     @property
     def facts(self) -> Facts:
-        """Facts as they stand at each point: arrays, in place of numbers."""
+        """Facts at each point; the fields are arrays instead of numbers."""
         if self._facts is None:
             rows = [
-                _facts_at(one, times)
-                for one, times in zip(
+                _facts_at(history, times)
+                for history, times in zip(
                     self._history or ((),) * self.fingers,
                     self.t_s.reshape(self.fingers, -1),
                     strict=True,
@@ -312,7 +344,7 @@ class Motion:
         Raises
         ------
         InputError
-            If nobody renders, and it is not known.
+            If no renderer has set `reachable`.
         """
         if self.reachable is None:
             raise InputError("motion.reach: known only while a renderer asks; give friction as mu")
@@ -323,11 +355,30 @@ class Motion:
         return self._at(self.x_mm, self.y_mm, self.footprint_mm, lambda: self._velocities, history)
 
     def at_places(self, x_mm: Array, y_mm: Array) -> Motion:
-        """Return the same motion at other places."""
+        """Return the same motion at other places.
+
+        Parameters
+        ----------
+        x_mm, y_mm : array, shape (fingers * points,)
+
+        Examples
+        --------
+        >>> moved = Motion.of([1.0, 2.0], 20.0).at_places(np.array([5.0, 6.0]), np.zeros(2))
+        >>> moved.x_mm.tolist()
+        [5.0, 6.0]
+        """
         return self._at(x_mm, y_mm, self.footprint_mm, lambda: self._velocities, self._history)
 
     def begun_at(self, start_s: float, history: tuple[History, ...]) -> Motion:
-        """Return the same motion on a clock that starts at a time, with facts on that clock."""
+        """Return the same motion on a clock that starts at a time, with facts on that clock.
+
+        Parameters
+        ----------
+        start_s : float
+            Time [s] on today's clock at which the other one is 0.
+        history : tuple
+            Facts of each finger, on the other clock.
+        """
         motion = self.with_history(history)
         motion.start_s = self.start_s - start_s
         motion._t_s = None if self._t_s is None else self._t_s - start_s
@@ -336,7 +387,15 @@ class Motion:
     def changed(
         self, t_s: Array | None, normal_force_n: Array | None, velocity: Velocity | None
     ) -> Motion:
-        """Return the same motion at other times, forces or velocities; None keeps them."""
+        """Return the same motion at other times, forces or velocities; None keeps them.
+
+        Parameters
+        ----------
+        t_s : array or None
+        normal_force_n : array or None
+        velocity : callable or None
+            Gives the velocities [mm/s] along x and y.
+        """
         motion = self._at(
             self.x_mm, self.y_mm, self.footprint_mm, velocity or (lambda: self._velocities),
             self._history,
@@ -348,14 +407,20 @@ class Motion:
         return motion
 
     def with_footprint(self, footprint_mm: float) -> Motion:
-        """Return the same motion with another footprint."""
+        """Return the same motion with another footprint.
+
+        Examples
+        --------
+        >>> Motion.of([1.0, 2.0], 20.0).with_footprint(0.5).footprint_mm
+        0.5
+        """
         return self._at(self.x_mm, self.y_mm, footprint_mm, lambda: self._velocities, self._history)
 
     def seen_from(self, frame: LocalFrame) -> Motion:
-        """Return the motion in other axes; where they move, places and velocities are relative.
+        """Return the motion in other axes; if these move, places and velocities are relative.
 
-        The footprint is the longest relative way from one point to the next; 0, which asks for all
-        detail, stays 0.
+        The footprint is the longest relative way from one point to the next. A footprint of 0,
+        which stands for all detail, stays 0.
         """
         x, y = self.x_mm - frame.x_mm, self.y_mm - frame.y_mm
         if frame.is_still:
@@ -376,12 +441,18 @@ class Motion:
     def ahead(self, steps: Array, footprint_mm: float) -> Motion:
         """Return copies of each finger's points, moved along their paths by parts of a step.
 
-        The copies follow each other, shape (len(steps) * fingers * points,). Steps are the same at
-        all points, shape (copies,), or differ, shape (copies, points).
+        The copies follow each other, shape (len(steps) * fingers * points,).
+
+        Parameters
+        ----------
+        steps : array, shape (copies,) or (copies, points)
+            Parts of a step of the block to move by.
+        footprint_mm : float
+            Diameter of the contact of the copies [mm].
         """
         shape = (self.fingers, self.points)
         by = steps.reshape(len(steps), 1, -1)
-        # One point has no direction; its footprint alone is left.
+        # A single point has no direction, and is not moved.
         moved = self.points > 1
         x, y = (
             (a + by * (np.gradient(a, axis=1) if moved else 0.0)).ravel()
@@ -441,31 +512,39 @@ def _facts_at(history: History, t_s: Array) -> Array:
 
 React = Callable[[Facts, Report | None, Report], Facts]
 
-_KEPT = 64  # changes of facts of one finger; a block of a quarter of a second has fewer
+_HISTORY_LENGTH = 64  # changes of facts of one finger; a block of a quarter second has fewer
 _TIMES = ("down_s", "press_s", "release_s", "detent_s")
 
 
 def unmoved(facts: Facts, before: Report | None, now: Report) -> Facts:
-    """Return the facts as they are: a material that does not react."""
+    """Return the facts unchanged, for a material that does not react.
+
+    Parameters
+    ----------
+    facts : Facts
+        What the finger has done so far.
+    before, now : Report
+        Reports of it, which change nothing.
+    """
     return facts
 
 
 class Reactions:
-    """Facts of one touch, from down to up; the last changes that are kept, or all.
+    """The facts of one touch, from down to up: the last `kept` changes, or with None all changes.
 
-    One thread may report while another reads `history`, which is replaced and never changed.
+    One thread may report while another reads `history`, because each report makes a new tuple.
     """
 
-    def __init__(self, kept: int | None = _KEPT) -> None:
-        self._kept = 0 if kept is None else -kept
+    def __init__(self, kept: int | None = _HISTORY_LENGTH) -> None:
+        self._first_kept = 0 if kept is None else -kept
         self.history: History = ()
         self._last: Report | None = None
 
     def report(self, now: Report, react: React, from_s: float = nan) -> None:
         """Take a real report, on the clock of samples.
 
-        What the material makes of it holds from `from_s` on, the first time that can still be
-        rendered. Where that is NaN, a recorded path, it holds from when it happened.
+        The new facts hold from `from_s` on, the first time that can still be rendered. With NaN,
+        for a recorded path, they hold from the time of the event.
         """
         history = self.history
         before = history[-1][1] if history else None
@@ -474,14 +553,15 @@ class Reactions:
         if facts is before:
             return
         then = before or Facts()
-        new = {n: getattr(facts, n) for n in _TIMES if _differ(getattr(facts, n), getattr(then, n))}
+        times = {name: (getattr(then, name), getattr(facts, name)) for name in _TIMES}
+        new = {name: t_s for name, (earlier_s, t_s) in times.items() if _differ(t_s, earlier_s)}
         if before is not None and not new and not _differ(facts.detent, before.detent):
             return
         since_s = min((t_s for t_s in new.values() if not isnan(t_s)), default=now.t_s)
         if since_s < from_s:
             since_s = from_s
             facts = facts._replace(**{name: max(t_s, from_s) for name, t_s in new.items()})
-        self.history = (*history[self._kept :], (since_s, facts))
+        self.history = (*history[self._first_kept :], (since_s, facts))
 
 
 def _differ(one: float, other: float) -> bool:
@@ -489,7 +569,7 @@ def _differ(one: float, other: float) -> bool:
 
 
 def facts_on(path: Trajectory, react: React, start_s: float) -> History:
-    """Dated facts of a finger on a path, on a clock that starts at `start_s` of the path's."""
+    """Dated facts of a finger on a path; time 0 of the facts is `start_s` of the path."""
     reactions = Reactions(kept=None)
     columns = (path.t_s - start_s, path.x_mm, path.y_mm, path.normal_force_n)
     for t_s, x_mm, y_mm, force_n in zip(*(column.tolist() for column in columns), strict=True):

@@ -6,37 +6,41 @@ from dataclasses import dataclass
 from functools import cached_property
 from numbers import Real
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from haptix.checks import Array, increasing, row
+from haptix.display import Displayed, axes_or_new
 from haptix.errors import InputError
 from haptix.files import read_csv
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 FARTHEST_MM = 1e6
 """Places farther from the origin than this are not on a screen."""
 
 HARDEST_N = 100.0
-"""No finger presses with more: a larger number is in another unit."""
+"""Largest force of a finger; a larger number was probably meant in another unit."""
 
 LIFTED_BELOW_N = 1e-3
-"""Below this normal force the finger does not touch."""
+"""Normal force below which the finger does not touch."""
 
 STANDING_BELOW_MM_PER_S = 0.1
-"""A slower finger stands: its friction would take more than 0.1 s to follow the voltage."""
+"""A slower finger counts as standing: its friction takes more than 0.1 s to follow the voltage."""
 
 VELOCITY_OVER_S = 0.01
-"""The velocity of a recorded path is the mean over this time: the noise of touches does not become
-speed, and what a hand does in 10 ms is small."""
+"""The velocity of a recorded path is the mean over this time. This averages the noise of touches,
+and a hand's velocity changes little in 10 ms."""
 
 _COLUMNS = ("t_s", "x_mm", "y_mm", "normal_force_n")
 
 
 @dataclass(frozen=True)
-class Trajectory:
-    """Where the finger is and how hard it presses; linear between samples.
+class Trajectory(Displayed):
+    """Place and normal force of a finger against time; linear between samples.
 
     Parameters
     ----------
@@ -101,7 +105,23 @@ class Trajectory:
         y_mm: npt.ArrayLike,
         normal_force_n: npt.ArrayLike,
     ) -> Self:
-        """Make a path of sequences; x, y and force may be one number for all times."""
+        """Make a path of sequences; x, y and force may be one number for all times.
+
+        Parameters
+        ----------
+        t_s : array-like, shape (n,)
+            Times [s], increasing.
+        x_mm, y_mm : array-like
+            Places [mm], of the times' shape or one number for all.
+        normal_force_n : array-like
+            Normal forces [N], likewise.
+
+        Examples
+        --------
+        >>> path = Trajectory.of([0.0, 1.0], [0.0, 50.0], 20.0, 0.5)
+        >>> path.y_mm.tolist()
+        [20.0, 20.0]
+        """
         time = row("t_s", t_s)
         columns: tuple[Any, ...] = (x_mm, y_mm, normal_force_n)
         return cls(time, *(np.full(len(time), c) if isinstance(c, Real) else c for c in columns))
@@ -116,6 +136,12 @@ class Trajectory:
             If the file is not such a table.
         InputError
             If its numbers are not a path, or a normal force is not above 0 N.
+
+        Examples
+        --------
+        >>> from haptix.simulation import FINGER_PATH
+        >>> bool(Trajectory.from_csv(FINGER_PATH).duration_s > 1.0)
+        True
         """
         table = [[line.number(name) for name in _COLUMNS] for line in read_csv(path, _COLUMNS)]
         try:
@@ -129,29 +155,77 @@ class Trajectory:
 
     @property
     def duration_s(self) -> float:
-        """Time from the first to the last sample [s]."""
+        """Time from the first to the last sample [s].
+
+        Examples
+        --------
+        >>> Trajectory.of([1.0, 4.0], [0.0, 30.0], 20.0, 0.5).duration_s
+        3.0
+        """
         return float(self.t_s[-1] - self.t_s[0])
 
     def at(self, t_s: npt.ArrayLike) -> tuple[Array, Array, Array]:
-        """Place x, y [mm] and normal force [N] at times of any shape."""
+        """Place x, y [mm] and normal force [N] at times of any shape.
+
+        Examples
+        --------
+        >>> x, y, force = Trajectory.of([0.0, 1.0], [0.0, 50.0], 20.0, 0.5).at(0.5)
+        >>> float(x), float(force)
+        (25.0, 0.5)
+        """
         time = np.asarray(t_s, dtype=float)
         columns = (self.x_mm, self.y_mm, self.normal_force_n)
         x, y, force = (np.interp(time, self.t_s, column) for column in columns)
         return x, y, force
 
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the path over the screen, y down, into axes of matplotlib or new ones; return them.
+
+        The colour is the normal force.
+        """
+        ax = axes_or_new(ax)
+        points = ax.scatter(self.x_mm, self.y_mm, c=self.normal_force_n, s=6)
+        assert ax.figure is not None
+        ax.figure.colorbar(points, ax=ax, label="normal force (N)")
+        ax.set(xlabel="x on the screen (mm)", ylabel="y (mm)")
+        ax.yaxis.set_inverted(True)
+        return ax
+
     def distance_mm(self, t_s: npt.ArrayLike) -> Array:
-        """Distance slid since the first sample [mm], at times of any shape."""
+        """Distance slid since the first sample [mm], at times of any shape.
+
+        Examples
+        --------
+        >>> path = Trajectory.of([0.0, 1.0, 2.0], [0.0, 30.0, 0.0], 20.0, 0.5)  # there and back
+        >>> float(path.distance_mm(2.0))
+        60.0
+        """
         slid = np.concatenate([[0.0], np.cumsum(self._steps_mm)])
         return np.asarray(np.interp(np.asarray(t_s, dtype=float), self.t_s, slid))
 
     def speed_mm_per_s(self, t_s: npt.ArrayLike) -> Array:
-        """Sliding speed [mm/s] at times of any shape: constant between two samples."""
+        """Sliding speed [mm/s] at times of any shape: constant between two samples.
+
+        Examples
+        --------
+        >>> path = Trajectory.of([0.0, 1.0], [0.0, 30.0], [0.0, 40.0], 0.5)
+        >>> round(float(path.speed_mm_per_s(0.5)), 6)
+        50.0
+        """
         speed = self._steps_mm / np.diff(self.t_s)
         segment = np.searchsorted(self.t_s[1:-1], np.asarray(t_s, dtype=float), side="right")
         return np.asarray(speed[segment])
 
     def velocity_mm_per_s(self, t_s: npt.ArrayLike) -> tuple[Array, Array]:
-        """Velocity along x and y [mm/s] at times of any shape: the mean over 10 ms around each."""
+        """Velocity along x and y [mm/s] at times of any shape: the mean over 10 ms around each.
+
+        Examples
+        --------
+        >>> path = Trajectory.of([0.0, 1.0], [0.0, 30.0], [0.0, 40.0], 0.5)
+        >>> x, y = path.velocity_mm_per_s(0.5)
+        >>> round(float(x), 6), round(float(y), 6)
+        (30.0, 40.0)
+        """
         time = np.asarray(t_s, dtype=float)
         before, after = (
             self.at(time + half) for half in (-VELOCITY_OVER_S / 2, VELOCITY_OVER_S / 2)

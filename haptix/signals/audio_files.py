@@ -21,13 +21,14 @@ Array = npt.NDArray[np.float64]
 Container = Literal["wav", "flac"]
 Encoding = Literal["float32", "24-bit"]
 
-_CODES = 1 << 23  # of 24 bits; every reader divides by this
-_FULL_BYTES = 1_000_000  # free, with a block half written: a block has at most as much
-_LARGEST_WAV = 4_000_000_000  # bytes: sizes in its header have 32 bits
+_CODES = 1 << 23  # positive codes of 24 bits; every reader divides by this
+_FULL_BYTES = 1_000_000  # a disk with less free space counts as full: a block has at most that
+_LARGEST_WAV = 4_000_000_000  # bytes: sizes in the header have 32 bits
 MOST_SAMPLES = 50_000_000
-"""Read or resampled at once: 17 minutes at 48 kHz, 0.4 GB."""
+"""Largest number of samples that is read or resampled at once: 17 minutes at 48 kHz, 0.4 GB."""
 HIGHEST_RATE_HZ = 1_000_000
-"""Above those of all interfaces; a filter that resamples has 20 coefficients per hertz at most."""
+"""Highest sample rate, above those of all interfaces. It bounds the filter that resamples, which
+has 20 coefficients per hertz at most."""
 
 
 def check_format(container: str, encoding: str) -> None:
@@ -46,7 +47,7 @@ def step_v(encoding: Encoding, full_scale_v: float, at_v: float) -> float:
 
 
 class AudioWriter:
-    """Writes a file in blocks; whole when the context is left without an error.
+    """Writes a file in blocks; the file is complete when the context ends without an error.
 
     Parameters
     ----------
@@ -101,7 +102,8 @@ class AudioWriter:
                 self._file.write(shares.astype(np.float32))
             else:
                 self._file.write(np.rint(shares * _CODES).astype(np.int32) << 8)
-        except (AssertionError, soundfile.SoundFileError) as error:  # a short write is an assertion
+        # soundfile asserts that all samples were written.
+        except (AssertionError, soundfile.SoundFileError) as error:
             raise _failure("write all of", self.path, error) from None
 
     def __enter__(self) -> Self:
@@ -117,14 +119,14 @@ class AudioWriter:
 
 
 def _failure(did: str, path: Path, error: Exception) -> OSError:
-    """Tell a full disk from all else, of which libsndfile says "System error." as well."""
+    """Return the error; libsndfile says "System error." for a full disk and for all others."""
     if shutil.disk_usage(path.parent).free < _FULL_BYTES:
         return OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
     return OSError(f"cannot {did} {path.name}: {error}")
 
 
 def _forget_time(path: Path) -> None:
-    """Clear the time of writing that float WAV files keep: equal samples make equal bytes."""
+    """Clear the time of writing in a float WAV file, so that equal samples make equal files."""
     with path.open("r+b") as file:
         head = file.read(4096)
         at = head.find(b"PEAK")
@@ -149,7 +151,7 @@ def read_audio(path: str | Path, first: int = 0, count: int = -1) -> tuple[Array
         first.
     """
     with reading(path, "a WAV or FLAC file"), Path(path).open("rb") as opened:
-        # libsndfile knows many formats more, whose decoders nobody needs here.
+        # libsndfile has decoders for many more formats, which are not needed here.
         if opened.read(4) not in (b"RIFF", b"fLaC"):
             raise ValueError("it begins otherwise")
         opened.seek(0)

@@ -30,7 +30,22 @@ _BLOCK = 1 << 16  # samples
 
 
 class Step(Signal):
-    """`before` until `at_s`, `after` from there on."""
+    """`before` until `at_s`, `after` from there on.
+
+    Parameters
+    ----------
+    before, after : float
+        Value before the step, and from it on.
+    at_s : float
+        When it steps [s].
+    length_s : float
+        Length of the signal [s]; endless if not given.
+
+    Examples
+    --------
+    >>> Step(0.0, 1.0, at_s=1.0).values(0, 4, 2.0).tolist()
+    [0.0, 0.0, 1.0, 1.0]
+    """
 
     before: Number
     after: Number
@@ -44,7 +59,19 @@ class Step(Signal):
 
 
 class Ramp(Signal):
-    """A straight line from `start` at 0 to `end` at the length."""
+    """A straight line from `start` at 0 to `end` at the length.
+
+    Parameters
+    ----------
+    start, end : float
+        First and last value.
+    length_s : float
+
+    Examples
+    --------
+    >>> Ramp(0.0, 1.0, length_s=1.0).values(0, 4, 4.0).tolist()
+    [0.0, 0.25, 0.5, 0.75]
+    """
 
     start: Number
     end: Number
@@ -57,7 +84,24 @@ class Ramp(Signal):
 
 
 class Pulse(Signal):
-    """`height` for `width_s` from `at_s` on, `rest` before and after."""
+    """`height` for `width_s` from `at_s` on, `rest` before and after.
+
+    Parameters
+    ----------
+    height, rest : float
+        Value within the pulse, and outside.
+    width_s : float
+        Its width [s].
+    at_s : float
+        When it begins [s].
+    length_s : float
+        Length of the signal [s]; endless if not given.
+
+    Examples
+    --------
+    >>> Pulse(height=1.0, width_s=0.5, at_s=0.5).values(0, 4, 2.0).tolist()
+    [0.0, 1.0, 0.0, 0.0]
+    """
 
     height: Number
     width_s: Positive
@@ -75,6 +119,16 @@ class Pulse(Signal):
 
 class Sine(Signal):
     """``offset + amplitude * sin(2 pi f t + phase)``.
+
+    Parameters
+    ----------
+    amplitude, offset : float
+        Amplitude, and the value about which it swings.
+    frequency_hz : float
+    phase_rad : float
+        Phase at the start [rad].
+    length_s : float
+        Length [s]; endless if not given.
 
     Examples
     --------
@@ -97,7 +151,23 @@ class Sine(Signal):
 
 
 class Square(Signal):
-    """``offset + amplitude`` for the first `duty` of a period, ``offset - amplitude`` then."""
+    """``offset + amplitude`` for the first `duty` of a period, ``offset - amplitude`` then.
+
+    Parameters
+    ----------
+    amplitude, offset : float
+        Amplitude, and the value about which it swings.
+    frequency_hz : float
+    duty : float
+        Share of a period with the higher value, between 0 and 1.
+    length_s : float
+        Length [s]; endless if not given.
+
+    Examples
+    --------
+    >>> Square(1.0, frequency_hz=1.0).values(0, 4, 4.0).tolist()
+    [1.0, 1.0, -1.0, -1.0]
+    """
 
     amplitude: Number
     frequency_hz: Positive
@@ -108,14 +178,32 @@ class Square(Signal):
 
     def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         below_nyquist(self.frequency_hz, sample_rate_hz)
-        # A millionth of a sample early, so that an edge on a sample is not lost by rounding.
+        # Start a millionth of a sample early, so that rounding cannot move an edge off a sample.
         early = 1e-6 * self.frequency_hz / sample_rate_hz
         phase = turns(first, count, self.frequency_hz, sample_rate_hz) + early
         return self.offset + self.amplitude * Waveform("square", self.duty).at(phase)
 
 
 class Chirp(Signal):
-    """A sine whose frequency goes from `start_hz` to `end_hz`, linearly or by equal ratios."""
+    """A sine whose frequency goes from `start_hz` to `end_hz`, linearly or by equal ratios.
+
+    Parameters
+    ----------
+    amplitude, offset : float
+        Amplitude of the sine, and the value about which it swings.
+    start_hz, end_hz : float
+        First and last frequency [Hz].
+    length_s : float
+    law : str
+        "linear", or "logarithmic" for equal ratios in equal times.
+    phase_rad : float
+        Phase at the start [rad].
+
+    Examples
+    --------
+    >>> Chirp(1.0, start_hz=50.0, end_hz=400.0, length_s=2.0).length_s
+    2.0
+    """
 
     amplitude: Number
     start_hz: Positive
@@ -140,7 +228,20 @@ class Chirp(Signal):
 
 
 class Points(Signal):
-    """Straight lines between corners; the last corner is the end."""
+    """Straight lines between corners; the last corner is the end.
+
+    Parameters
+    ----------
+    t_s : sequence of float
+        Times of the corners [s], increasing.
+    values_at : sequence of float
+        Values at them.
+
+    Examples
+    --------
+    >>> Points(t_s=(0.0, 1.0, 2.0), values_at=(0.0, 1.0, 0.0)).values(0, 5, 2.0).tolist()
+    [0.0, 0.5, 1.0, 0.5, 0.0]
+    """
 
     t_s: Row
     values_at: Row
@@ -229,7 +330,7 @@ class Recorded(Signal):
 
 
 def below_nyquist(frequency_hz: float, sample_rate_hz: float) -> None:
-    """Refuse what the sample rate cannot carry."""
+    """Raise `InputError` for a frequency that the sample rate cannot carry."""
     if frequency_hz >= sample_rate_hz / 2:
         raise InputError(
             f"frequency_hz: expected less than half of the {sample_rate_hz:g} samples per second, "
@@ -266,6 +367,12 @@ class TimeNoise(Signal):
         Mean value.
     length_s : float
         Length [s].
+
+    Examples
+    --------
+    >>> noise = TimeNoise(0.1, frequency_hz=(50.0, 500.0), seed=1, length_s=1.0)
+    >>> bool((noise.values(0, 9, 48000.0) == noise.values(0, 9, 48000.0)).all())
+    True
     """
 
     deviation: NotNegative
@@ -333,7 +440,7 @@ def _piece(
     power = np.interp(frequency, corners_hz, density, left=0.0, right=0.0)
     if exponent:
         power *= np.maximum(frequency, frequency[1]) ** -exponent
-    power[[0, -1]] = 0.0  # mean and Nyquist have no phase
+    power[[0, -1]] = 0.0  # no power in the mean and at the Nyquist frequency, which have no phase
     total = power.sum()
     if total == 0:
         raise InputError(
@@ -341,11 +448,12 @@ def _piece(
             "noise resolves; widen it"
         )
     draw = np.random.Generator(np.random.Philox(key=seed, counter=[0, 0, 0, index]))
-    kept = np.flatnonzero(power)
+    lines = np.flatnonzero(power)
     spectrum = np.zeros(len(frequency), dtype=complex)
-    # Each line is A cos + B sin of variance P / total: the transform of size N carries N / 2 of it.
-    pair = draw.standard_normal((2, len(kept)))
-    spectrum[kept] = (pair[0] + 1j * pair[1]) * (np.sqrt(power[kept] / total) * _HOP)
+    # Each line is A cos + B sin of variance P / total; in a transform of size N its factor is N /
+    # 2.
+    pair = draw.standard_normal((2, len(lines)))
+    spectrum[lines] = (pair[0] + 1j * pair[1]) * (np.sqrt(power[lines] / total) * _HOP)
     return np.asarray(np.fft.irfft(spectrum, 2 * _HOP))
 
 
@@ -403,12 +511,12 @@ def _even(morph: Morph, sample_rate_hz: float) -> tuple[float, float, float, flo
     first_values: Array | None = None
     for first in range(0, total, _BLOCK):
         count = min(_BLOCK, total - first)
-        both = [one.values(first, count, sample_rate_hz) for one in (morph.start, morph.end)]
+        both = [part.values(first, count, sample_rate_hz) for part in (morph.start, morph.end)]
         if first_values is None:
-            first_values = np.array([one[0] for one in both])
-        changes = [one - at for one, at in zip(both, first_values, strict=True)]
-        sums += [float(one.sum()) for one in changes]
-        # Not np.dot: its last bit depends on the threads of the algebra library.
+            first_values = np.array([values[0] for values in both])
+        changes = [values - at for values, at in zip(both, first_values, strict=True)]
+        sums += [float(change.sum()) for change in changes]
+        # Not np.dot, whose last bit depends on the threads of the algebra library.
         products += [[float(np.sum(a * b)) for b in changes] for a in changes]
     assert first_values is not None  # a signal has a sample
     mean = sums / total

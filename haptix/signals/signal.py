@@ -117,7 +117,20 @@ class Signal(Described):
         return None if self.length_s == inf else round(self.length_s * sample_rate_hz)
 
     def values(self, first: int, count: int, sample_rate_hz: float) -> Array:
-        """Values at `count` samples from number `first` on, shape (count,); 0 past the end."""
+        """Values at `count` samples from number `first` on, shape (count,); 0 past the end.
+
+        Parameters
+        ----------
+        first : int
+            Number of the first sample; 0 is at the signal's start.
+        count : int
+        sample_rate_hz : float
+
+        Examples
+        --------
+        >>> Constant(0.3, length_s=1.0).values(0, 2, 48000.0).tolist()
+        [0.3, 0.3]
+        """
         total = self.samples(sample_rate_hz)
         within = count if total is None else min(count, max(0, total - first))
         if within == count:
@@ -170,15 +183,33 @@ class Signal(Described):
         return Product((signal_from(other), self))
 
     def then(self, *others: Signal) -> Signal:
-        """Play other signals after this one; all but the last must be finite."""
+        """Play other signals after this one; all but the last must be finite.
+
+        Examples
+        --------
+        >>> Constant(1.0, length_s=0.5).then(Constant(0.0, length_s=0.5)).length_s
+        1.0
+        """
         return Concatenation((self, *others))
 
     def repeat(self, times: float = inf) -> Signal:
-        """Repeat the signal; without end if no number is given."""
+        """Repeat the signal; without end if no number is given.
+
+        Examples
+        --------
+        >>> Constant(1.0, length_s=0.5).repeat(3).length_s
+        1.5
+        """
         return Repetition(self, times)
 
     def lasting(self, length_s: float) -> Signal:
-        """Cut to a length, or fill up with 0."""
+        """Cut to a length, or fill up with 0.
+
+        Examples
+        --------
+        >>> Constant(1.0).lasting(2.0).length_s
+        2.0
+        """
         return Excerpt(self, length_s)
 
     def window(
@@ -188,17 +219,45 @@ class Signal(Described):
         shape: Literal["raised-cosine", "linear"] = "raised-cosine",
         rest: float = 0.0,
     ) -> Signal:
-        """Fade in from `rest` and out to it; the signal must be finite."""
+        """Fade in from `rest` and out to it; the signal must be finite.
+
+        Parameters
+        ----------
+        rise_s : float
+            Time of the fade in [s].
+        fall_s : float, optional
+            Time of the fade out [s]; the same if not given.
+        shape : str
+            "raised-cosine" or "linear".
+        rest : float
+            Value before and after.
+
+        Examples
+        --------
+        >>> Constant(1.0, length_s=1.0).window(0.1).length_s
+        1.0
+        """
         return Window(self, rise_s, rise_s if fall_s is None else fall_s, shape, rest)
 
 
 def signal_from(table: Any, place: str = "") -> Signal:
     """Read a signal from a table as `Signal.describe` writes it; a number is a constant.
 
+    Parameters
+    ----------
+    table : mapping, float or Signal
+    place : str
+        Where it stands in its document, for messages.
+
     Raises
     ------
     InputError
         If a kind or a field is unknown, missing or wrong; the message begins with `place`.
+
+    Examples
+    --------
+    >>> signal_from({"kind": "constant", "value": 0.3}).value
+    0.3
     """
     if isinstance(table, Signal):
         return table
@@ -228,7 +287,20 @@ AnySignal = Annotated[
 
 
 class Constant(Signal):
-    """A constant value."""
+    """A constant value.
+
+    Parameters
+    ----------
+    value : float
+        The value.
+    length_s : float
+        Length [s]; endless if not given.
+
+    Examples
+    --------
+    >>> Constant(0.3, length_s=1.0).values(0, 3, 48000.0).tolist()
+    [0.3, 0.3, 0.3]
+    """
 
     value: Number
     length_s: Length = inf
@@ -248,6 +320,11 @@ class Sum(_OfParts):
     """Signals added; as long as the longest. A signal that has ended adds 0.
 
     A constant without end takes the length of the others.
+
+    Examples
+    --------
+    >>> (Constant(0.25, length_s=1.0) + 0.5).values(0, 2, 48000.0).tolist()
+    [0.75, 0.75]
     """
 
     kind: Literal["sum"] = "sum"
@@ -270,7 +347,13 @@ class Sum(_OfParts):
 
 
 class Product(_OfParts):
-    """Signals multiplied; as long as the shortest."""
+    """Signals multiplied; as long as the shortest.
+
+    Examples
+    --------
+    >>> (Constant(0.5, length_s=1.0) * Constant(0.5)).values(0, 2, 48000.0).tolist()
+    [0.25, 0.25]
+    """
 
     kind: Literal["product"] = "product"
 
@@ -287,7 +370,13 @@ class Product(_OfParts):
 
 
 class Concatenation(_OfParts):
-    """Signals one after the other."""
+    """Signals one after the other.
+
+    Examples
+    --------
+    >>> Constant(1.0, length_s=0.5).then(Constant(0.0, length_s=0.25)).length_s
+    0.75
+    """
 
     kind: Literal["concatenation"] = "concatenation"
 
@@ -336,7 +425,19 @@ class _OfOne(Signal):
 
 
 class Repetition(_OfOne):
-    """A finite signal repeated; `times` may be infinite."""
+    """A finite signal repeated; `times` may be infinite.
+
+    Parameters
+    ----------
+    of : Signal
+    times : float
+        How often; endless if not given.
+
+    Examples
+    --------
+    >>> Constant(0.3, length_s=0.5).repeat(4).length_s
+    2.0
+    """
 
     times: Length = inf
     kind: Literal["repetition"] = "repetition"
@@ -376,7 +477,18 @@ class Repetition(_OfOne):
 
 
 class Excerpt(_OfOne):
-    """The first `length_s` of a signal; 0 where it has ended before."""
+    """The first `length_s` of a signal; 0 where it has ended before.
+
+    Parameters
+    ----------
+    of : Signal
+    length_s : float
+
+    Examples
+    --------
+    >>> Constant(0.3).lasting(0.5).length_s
+    0.5
+    """
 
     length_s: Positive
     kind: Literal["excerpt"] = "excerpt"
@@ -386,7 +498,24 @@ class Excerpt(_OfOne):
 
 
 class Window(_OfOne):
-    """A finite signal faded in from `rest` and out to it."""
+    """A finite signal faded in from `rest` and out to it.
+
+    Parameters
+    ----------
+    of : Signal
+    rise_s, fall_s : float
+        Times of the fades in and out [s].
+    shape : str
+        "raised-cosine" or "linear".
+    rest : float
+        Value before and after.
+
+    Examples
+    --------
+    >>> faded = Constant(1.0, length_s=1.0).window(0.25, shape="linear")
+    >>> faded.values(0, 5, 4.0).tolist()[:2]
+    [0.0, 1.0]
+    """
 
     rise_s: NotNegative
     fall_s: NotNegative
