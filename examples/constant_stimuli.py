@@ -55,7 +55,8 @@ def main() -> None:
     found = method.estimate()
     print(
         f"{experiment.trials} trials in {log}: threshold {found.threshold:+.2f} dB "
-        f"(spread {found.spread:.2f} dB; the observer's is 0 dB), slope {found.others['slope']:.1f}"
+        f"(95 %: {found.low:+.2f} to {found.high:+.2f} dB; the observer's is 0 dB), "
+        f"slope {found.others['slope']:.1f}"
     )
 
 

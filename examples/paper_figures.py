@@ -180,7 +180,7 @@ SKIN = HalfSpace(40e6, 0.5)
 PRESSURES_PA = (3e3, 1e4, 3e4, 1e5, 3e5, 1e6)
 
 BOUNDARY_ELEMENTS = Path(__file__).with_name("paper_figures_2d.csv")
-THEORY_STYLES = {"as-published": "--", "corrected": "-"}
+THEORY_STYLES = {"as-published": "--", "local": "-"}
 LINE_PRESSURES_PA = np.geomspace(2e3, 1.5e6, 121)
 
 
@@ -205,7 +205,7 @@ def area_against_pressure() -> PaperFigure:
         for voltage, color in zip(VOLTAGES_V, COLD_TO_HOT, strict=False):
             for name, style in THEORY_STYLES.items():
                 area = columns[f"area_fraction_{name}_{voltage:g}v"]
-                label = f"{voltage:g} V" if name == "corrected" else None
+                label = f"{voltage:g} V" if name == "local" else None
                 axes.plot(pressure, area, style, color=color, label=label)
             column = f"area_fraction_boundary_elements_{voltage:g}v"
             axes.errorbar(
@@ -226,7 +226,7 @@ def area_against_pressure() -> PaperFigure:
             f"and h0 = {H0_M * 1e6:g} µm. Circles: boundary elements, the attraction acting on "
             "every point, mean and standard deviation over random surfaces "
             "(benchmarks/figure_2d.py). Dashed: the mean field as published, whose contact spots "
-            "attract too; solid: corrected, as all else uses it (docs/mean-field.md). A line ends "
+            "attract too; solid: local, as all else uses it (docs/mean-field.md). A line ends "
             f"where its light contact does. Placeholder of a finger: half-space of "
             f"40 MPa, {SPECTRUM.statement()}, which is what the grid can hold."
         ),

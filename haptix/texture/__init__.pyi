@@ -13,6 +13,7 @@ from .penn import Penn as Penn
 from .penn import PennModel as PennModel
 from .recorded import RecordedProfile as RecordedProfile
 from .recorded import Recording as Recording
+from .spectral import Spectral as Spectral
 from .texture import HeightRule as HeightRule
 from .texture import Heights as Heights
 from .texture import Photograph as Photograph

@@ -1,7 +1,7 @@
-"""Pixels of pictures that another process has decoded.
+"""A cache of the pixels of pictures that another process has decoded.
 
-A decoder is the place where a hostile file does its harm, and where a large one takes its time. The
-service's engine decodes nothing: a worker does, in a process that may die, and keeps the pixels.
+A hostile file does its harm in a decoder, and a large one takes long there. So the service's engine
+decodes nothing. A worker decodes, in a process that may die, and writes the pixels to the cache.
 """
 
 from __future__ import annotations
@@ -18,17 +18,20 @@ import numpy as np
 
 from haptix.errors import InputError
 
-LARGEST_BYTES = 1_500_000_000
-"""Default limit of the memory that making a texture takes: some 24 megapixels."""
+LARGEST_BYTES = 2_200_000_000
+"""Default limit of the memory that making a texture takes: `MOST_KEPT` in colour, with opacity."""
+
+MOST_PIXELS, MOST_KEPT = 200_000_000, 24_000_000
+"""Pixels of a picture's file, and those that are kept of it: 0.05 mm of 245 mm by 245 mm."""
 
 FOLDER = "decoded"
-"""Beside the service's folder of assets."""
+"""Name of the cache's folder, beside the service's folder of assets."""
 
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
-"""Files that are decoded, by their ends."""
+"""Suffixes of the files that are decoded."""
 
 MOST_BYTES = 2 * 2**30
-"""Of the pixels that are kept; the oldest go first."""
+"""Size of the cache; the oldest pixels are deleted first."""
 
 Pixels = tuple[np.ndarray[Any, Any], bool]
 
@@ -46,21 +49,22 @@ _place: _Place | None = None
 
 
 def keep_in(folder: Path, makes: bool) -> None:
-    """Let this process keep pixels in a folder, or read no others.
+    """Let this process read pixels from a folder, and write to it if it may decode.
 
     Parameters
     ----------
     folder : Path
-        Of pixels, by the hash of their file.
+        The cache: pixels by the hash of their file.
     makes : bool
-        Whether it decodes what is not there; otherwise that raises `InputError`.
+        Whether this process decodes a file that is not in the cache; if not, `decoded` raises
+        `InputError`.
     """
     global _place
     _place = _Place(folder, makes)
 
 
 def is_kept(folder: Path, digest: str) -> bool:
-    """Whether the pixels of a file are there."""
+    """Whether the cache has the pixels of a file."""
     return any((folder / f"{digest}{ending}").is_file() for ending in _ENDINGS.values())
 
 
@@ -70,14 +74,14 @@ def decoded(path: Path, make: Callable[[], Pixels]) -> Pixels:
     Parameters
     ----------
     path : Path
-        Of a file that is called by the hash of its content.
+        A file whose name is the hash of its content.
     make : callable
-        Decodes it.
+        Decodes the file.
 
     Raises
     ------
     InputError
-        If this process decodes nothing, and nothing is kept.
+        If this process may not decode, and the cache does not have the file.
     """
     if _place is None or not _HASH.fullmatch(path.stem):
         return make()
@@ -93,13 +97,13 @@ def decoded(path: Path, make: Callable[[], Pixels]) -> Pixels:
 
 def _write(target: Path, pixels: np.ndarray[Any, Any]) -> None:
     target.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-    files = sorted(target.parent.glob("*.npy"), key=lambda one: one.stat().st_mtime)
-    size = pixels.nbytes + sum(one.stat().st_size for one in files)
+    files = sorted(target.parent.glob("*.npy"), key=lambda file: file.stat().st_mtime)
+    size = pixels.nbytes + sum(file.stat().st_size for file in files)
     for oldest in files:
         if size <= MOST_BYTES:
             break
         size -= oldest.stat().st_size
-        with suppress(OSError):  # another process maps it, on systems that mind
+        with suppress(OSError):  # some systems refuse while another process maps the file
             oldest.unlink()
     handle, draft = tempfile.mkstemp(dir=target.parent)
     try:

@@ -1,4 +1,4 @@
-"""What the renderer asks: an evaluator, and its base for a field of friction over the screen."""
+"""Evaluators, which give the renderer the wanted friction, and fields of friction."""
 
 from __future__ import annotations
 
@@ -10,15 +10,27 @@ import numpy as np
 import numpy.typing as npt
 
 from haptix.checks import Array, choice, shown
+from haptix.display import axes_or_new
 from haptix.errors import InputError
 from haptix.motion import FARTHEST_MM, Depends, Facts, Motion, Report
 from haptix.motion.block import unmoved
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+SPEED_MM_S = 80.0
+"""Speed of the finger of a picture, which moves to the right."""
+FORCE_N = 0.5
+_PIXELS = 400  # along the width of a map
+WORDS = {"share": "share of the reachable friction", "mu": "friction coefficient",
+         "contrast": "relative change of friction", "plain": ""}  # fmt: skip
+"""Quantity of a target's numbers, for labels."""
 
 Floats = Any
 """Numbers of any shape, or one number."""
 
 TargetKind = Literal["mu", "contrast", "share", "plain"]
-"""What the numbers of a field are, see `as_mu`; "plain" ones are not friction."""
+"""Quantity of a field's numbers, see `as_mu`; "plain" ones are not friction."""
 
 
 def check_target(target: str) -> None:
@@ -41,7 +53,7 @@ def check_range(name: str, target: TargetKind, low: float, high: float) -> None:
 
 
 def as_mu(target: TargetKind, value: Floats, lowest_mu: Floats, highest_mu: Floats) -> Any:
-    """Friction coefficients that values of a field ask for; arrays or tensors that broadcast.
+    """Convert values of a field to friction coefficients; arrays or tensors that broadcast.
 
     Parameters
     ----------
@@ -54,6 +66,13 @@ def as_mu(target: TargetKind, value: Floats, lowest_mu: Floats, highest_mu: Floa
     lowest_mu, highest_mu
         Friction without voltage and at the highest voltage, at the finger's force, see
         `FrictionSurface.reachable`.
+
+    Examples
+    --------
+    >>> round(as_mu("share", 0.5, lowest_mu=0.2, highest_mu=0.4), 6)  # half of what is reachable
+    0.3
+    >>> as_mu("mu", 0.35, lowest_mu=0.2, highest_mu=0.4)
+    0.35
     """
     if target == "plain":
         raise InputError("target: plain numbers are not friction; give mu, contrast or share")
@@ -64,13 +83,57 @@ def as_mu(target: TargetKind, value: Floats, lowest_mu: Floats, highest_mu: Floa
     return lowest_mu + value * (highest_mu - lowest_mu)
 
 
-class FrictionField(ABC):
+class Mapped:
+    """Base of objects that can be drawn as a map of friction: fields and materials."""
+
+    if TYPE_CHECKING:
+
+        @property
+        def evaluator(self) -> Evaluator:
+            """The object that gives the friction."""
+
+    @property
+    def extent_mm(self) -> tuple[float, float, float, float]:
+        """Left, right, top and bottom of the part that is worth drawing, in its axes."""
+        return (0.0, 40.0, 0.0, 20.0)
+
+    def plot(
+        self, ax: Axes | None = None, extent_mm: tuple[float, float, float, float] | None = None
+    ) -> Axes:
+        """Draw the wanted friction for a finger that moves right at 80 mm/s and 0.5 N.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Axes of matplotlib to draw into; without them, those of a new figure.
+        extent_mm : (float, float, float, float), optional
+            Left, right, top and bottom; without it, all that is worth drawing.
+
+        Returns
+        -------
+        Axes
+            The axes.
+        """
+        left, right, top, bottom = extent_mm or self.extent_mm
+        pixel_mm = (right - left) / _PIXELS
+        x = np.arange(left, right, pixel_mm) + pixel_mm / 2
+        y = np.arange(top, bottom, pixel_mm) + pixel_mm / 2
+        places = np.meshgrid(x, y)
+        to_the_right = Motion.of(*places, 0.0, SPEED_MM_S, 0.0, FORCE_N, footprint_mm=pixel_mm / 2)
+        value = self.evaluator.wanted(to_the_right).reshape(places[0].shape)
+        ax = axes_or_new(ax)
+        picture = ax.imshow(value, extent=(left, right, bottom, top), cmap="viridis")
+        assert ax.figure is not None
+        ax.figure.colorbar(picture, ax=ax, shrink=0.8, label=WORDS[self.evaluator.target])
+        ax.set(xlabel="x (mm)", ylabel="y (mm)")
+        return ax
+
+
+class FrictionField(Mapped, ABC):
     """Target friction at every place of the screen, band-limited to what the drive can follow.
 
-    It is its own `evaluator`: it depends on places alone.
-
-    x points right and y down, in millimetres from the screen's corner. A field has no state, so any
-    thread may use it.
+    A field depends on places alone, and so is its evaluator itself. x points right and y down, in
+    millimetres from the screen's corner. A field has no state, so that any thread may use it.
     """
 
     depends_on = Depends.PLACE
@@ -80,7 +143,7 @@ class FrictionField(ABC):
 
         @property
         def target(self) -> TargetKind:
-            """What the numbers are, see `as_mu`."""
+            """Quantity of the numbers, see `as_mu`."""
 
         @property
         def outside(self) -> float:
@@ -178,19 +241,19 @@ def turned(x_mm: Array, y_mm: Array, angle_deg: float) -> tuple[Array, Array]:
 
 
 class Evaluator(Protocol):
-    """Answers for blocks of motion; any thread may ask. Every `FrictionField` is one."""
+    """Gives the wanted friction for blocks of motion, in any thread. A `FrictionField` is one."""
 
     @property
     def target(self) -> TargetKind:
-        """What the answers are, see `haptix.texture.as_mu`."""
+        """Quantity of the numbers, see `haptix.texture.as_mu`."""
 
     @property
     def outside(self) -> float:
-        """The answer where there is nothing to feel."""
+        """The number where there is nothing to feel."""
 
     @property
     def depends_on(self) -> Depends:
-        """What the answers depend on: what has not changed need not be asked again."""
+        """The quantities on which the numbers depend; while these stay, the numbers stay."""
 
     @property
     def drives_at_rest(self) -> bool:
@@ -200,20 +263,38 @@ class Evaluator(Protocol):
         """Friction wanted under the fingers, of the motion's shape."""
 
     def react(self, facts: Facts, before: Report | None, now: Report) -> Facts:
-        """Return a finger's facts after a real report; without `before` it has come down."""
+        """Return a finger's facts after a report; if `before` is None, it has just come down.
+
+        Parameters
+        ----------
+        facts : Facts
+            What the finger has done so far.
+        before : Report or None
+            The report before; None when it comes down.
+        now : Report
+            The new report.
+        """
 
 
 class Feelable(Protocol):
-    """What a renderer takes: a field of friction, a material, a layout."""
+    """An object that a renderer can render: a field of friction, a material, a layout."""
 
     @property
     def evaluator(self) -> Evaluator:
-        """What answers for it."""
+        """The object that gives the friction."""
 
 
 def check_feelable(name: str, texture: Any) -> None:
-    """Raise `InputError` unless a renderer can ask a texture."""
-    # First the class, whose property is not asked: it may make much.
+    """Raise `InputError` unless a renderer can render the texture.
+
+    Parameters
+    ----------
+    name : str
+        Name of the argument, with which the message begins.
+    texture : object
+        What was given.
+    """
+    # Look at the class first: reading the instance's property may compute much.
     has_one = hasattr(type(texture), "evaluator") or hasattr(texture, "evaluator")
     if isinstance(texture, type) or not has_one:
         hint = "haptix.Texture.from_image(path, width_mm=60) reads a photograph"

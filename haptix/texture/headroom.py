@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from haptix import checks
 from haptix.checks import Array
+from haptix.display import Displayed
 from haptix.errors import InputError, from_extra
 from haptix.limits import LIMITS
 from haptix.motion import Motion
@@ -31,7 +32,7 @@ _DPI = 110
 
 
 @dataclass(frozen=True)
-class HeadroomMap:
+class HeadroomMap(Displayed):
     """Target friction at each place, and the reachable range at one force."""
 
     x_mm: Array
@@ -65,16 +66,16 @@ class HeadroomMap:
 
     @property
     def shortfall_mu(self) -> Array:
-        """Target less the nearest reachable friction, shape (rows, columns)."""
-        return self.target_mu - self._given_mu
+        """Target minus the nearest reachable friction, shape (rows, columns)."""
+        return self.target_mu - self._nearest_mu
 
     @property
     def worst_jnd(self) -> float:
         """Largest shortfall of either sign, in just-noticeable differences (JND)."""
-        return float((np.abs(self.shortfall_mu) / (WEBER_FRACTION * self._given_mu)).max())
+        return float((np.abs(self.shortfall_mu) / (WEBER_FRACTION * self._nearest_mu)).max())
 
     @property
-    def _given_mu(self) -> Array:
+    def _nearest_mu(self) -> Array:
         return np.clip(self.target_mu, self.lowest_mu, self.highest_mu)
 
     def numbers(self) -> dict[str, float]:
@@ -93,7 +94,7 @@ class HeadroomMap:
         }
 
     def draw(self) -> Figure:
-        """Map of the places out of range, and the target friction beside the reachable range."""
+        """Draw the target friction, the places out of range, and the reachable range."""
         with from_extra("figures"):
             from matplotlib.colors import ListedColormap
             from matplotlib.figure import Figure
@@ -170,6 +171,16 @@ def headroom(
         If the size is missing or a value is outside its range.
     RangeError
         If the force lies outside the surface.
+
+    Examples
+    --------
+    >>> import haptix
+    >>> model = haptix.ContactModel(haptix.Finger(), haptix.Screen(), fidelity="closed-form")
+    >>> surface = haptix.FrictionSurface.build(model, {"frequency_hz": 240.0}, 0.01)
+    >>> ribs = haptix.texture.Grating(period_mm=2.0)
+    >>> found = headroom(ribs, surface, normal_force_n=0.5, width_mm=10.0, height_mm=10.0)
+    >>> found.lowest_mu < found.highest_mu
+    True
     """
     if width_mm is None or height_mm is None:
         if not isinstance(field, Texture):

@@ -18,7 +18,7 @@ from haptix.files import json_text, read_json, read_toml, write_whole
 from haptix.kinds import Kind, Kinds, document_path, in_folder, kinds_of
 from haptix.motion import Depends, Facts, Motion, Report
 from haptix.motion.block import React, unmoved
-from haptix.texture.field import Evaluator, TargetKind, check_range
+from haptix.texture.field import Evaluator, Mapped, TargetKind, check_range
 from haptix.units import with_numbers
 
 KINDS = Kinds(
@@ -26,14 +26,14 @@ KINDS = Kinds(
     {**kinds_of("texture"), **kinds_of("materials")},
     {"composition": "layout"},
 )
-"""Every kind of material by its name in documents; a subclass enters itself."""
+"""Every kind of material by its name in documents; a subclass registers itself."""
 
 
 ANY_KIND = "a material of any kind"
-"""Stands in schemas for all kinds: pydantic knows no reference to what is registered later."""
+"""Placeholder for all kinds in schemas: pydantic has no reference to kinds registered later."""
 
 
-class Material(Kind):
+class Material(Mapped, Kind):
     """What a surface feels like: a document that answers for blocks of motion.
 
     A subclass is one kind. It gives `kind` its name, adds fields, and defines `wanted`, or
@@ -53,7 +53,7 @@ class Material(Kind):
     kinds: ClassVar[Kinds] = KINDS
     depends_on: ClassVar[Depends] = Depends.PLACE
     drives_at_rest: ClassVar[bool] = False
-    """True: the renderer does not fade the drive out at rest, the material does where it should."""
+    """If true, the renderer does not fade the drive out at rest; the material has to do it."""
 
     @classmethod
     def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
@@ -64,7 +64,7 @@ class Material(Kind):
 
     @cached_property
     def evaluator(self) -> Evaluator:
-        """What answers for this material; made once."""
+        """The object that gives this material's friction; it is made once."""
         return Answering(
             self.wanted,
             getattr(self, "target", "share"),
@@ -75,18 +75,28 @@ class Material(Kind):
         )
 
     def wanted(self, motion: Motion) -> Array:
-        """Friction wanted under the fingers, of the motion's shape; no state, any thread."""
+        """Friction wanted under the fingers, of the motion's shape; any thread may call it."""
         return self.evaluator.wanted(motion)
 
     def react(self, facts: Facts, before: Report | None, now: Report) -> Facts:
-        """Return the finger's facts after a real report; without `before` it has come down."""
+        """Return the finger's facts after a report; if `before` is None, it has just come down.
+
+        Parameters
+        ----------
+        facts : Facts
+            What the finger has done so far.
+        before : Report or None
+            The report before; None when it comes down.
+        now : Report
+            The new report.
+        """
         return facts
 
     @property
     def extent_mm(self) -> tuple[float, float, float, float]:
-        """Left, right, top and bottom of what is worth drawing, in its own axes."""
+        """Left, right, top and bottom of the part that is worth drawing, in its axes."""
         of = getattr(self, "of", None)
-        return of.extent_mm if isinstance(of, Material) else (0.0, 40.0, 0.0, 20.0)
+        return of.extent_mm if isinstance(of, Material) else super().extent_mm
 
     def save(self, path: str | Path) -> None:
         """Write a document that `load` reads back; paths of assets are relative to its folder."""
@@ -99,7 +109,7 @@ class Material(Kind):
 
 @dataclass(frozen=True)
 class Answering:
-    """An evaluator of parts; see `haptix.texture.Evaluator`."""
+    """A `haptix.texture.Evaluator` whose properties and methods are passed to it."""
 
     wanted: Callable[[Motion], Array]
     target: TargetKind = "share"
@@ -138,20 +148,33 @@ def load(path: str | Path) -> Material:
 
 
 def material_of(table: Any, version: int = 1) -> Material:
-    """Return a material, or what a table describes, or a file: a path that ends in .toml or .json.
+    """Return a material: itself, or read from a table or from a file (.toml or .json).
 
-    Anything else with an evaluator, such as a `haptix.Texture`, passes too; no document holds it.
+    Other objects with an evaluator, such as a `haptix.Texture`, are accepted too, but cannot be
+    written to a document.
+
+    Parameters
+    ----------
+    table : Material, mapping, str or Path
+        A material, its table, or the path of a file.
+    version : int
+        The `schema_version` of the table.
+
+    Examples
+    --------
+    >>> material_of({"kind": "grating", "period_mm": 2.0}).period_mm
+    2.0
     """
     if isinstance(table, str):
         return load(document_path(table))
     if not isinstance(table, Mapping):
-        # First the class, whose property is not asked: it may make much.
+        # Look at the class first: reading the instance's property may compute much.
         if not (hasattr(type(table), "evaluator") or hasattr(table, "evaluator")):
             raise InputError(f'material: expected a table with a "kind", got {table!r:.80}')
-        made_before: Material = table
-        return made_before
-    made: Material = KINDS.read("material", table, version)
-    return made
+        existing: Material = table
+        return existing
+    material: Material = KINDS.read("material", table, version)
+    return material
 
 
 def table_of(material: Any) -> Any:

@@ -28,10 +28,23 @@ def power_law(exponent: float, shortest_mm: float, longest_mm: float) -> Spectru
     An exponent of 0 is white; 2 (1 + H) is that of a self-affine surface of Hurst exponent H in two
     dimensions, 1 + 2 H in one.
 
+    Parameters
+    ----------
+    exponent : float
+        How fast the power falls with the wavenumber.
+    shortest_mm, longest_mm : float
+        The two wavelengths [mm].
+
     Raises
     ------
     InputError
         If the wavelengths are not above 0 and increasing.
+
+    Examples
+    --------
+    >>> density = power_law(2.0, shortest_mm=0.5, longest_mm=10.0)
+    >>> density(np.array([1.0, 2.0, 4.0])).tolist()  # 4 per mm is shorter than 0.5 mm
+    [1.0, 0.25, 0.0]
     """
     number("exponent", exponent)
     if not positive("shortest_mm", shortest_mm) < positive("longest_mm", longest_mm):
@@ -84,6 +97,12 @@ class Noise(FrictionField, Material):
     InputError
         If a value is outside its range, or the spectrum has nothing between the tile and two
         pixels.
+
+    Examples
+    --------
+    >>> rough = Noise(mean=0.5, deviation=0.1, seed=1)
+    >>> rough.replace(seed=2) == rough
+    False
     """
 
     kind: Literal["noise"] = "noise"
@@ -121,7 +140,7 @@ class Noise(FrictionField, Material):
 
     @property
     def evaluator(self) -> Self:
-        """Itself, ready to be felt."""
+        """Itself, with its tile computed."""
         _ = self._pyramid
         return self
 
@@ -142,7 +161,7 @@ class Noise(FrictionField, Material):
         k = np.hypot(np.fft.fftfreq(rows, pixel)[:, None], across)
         spectrum = self.spectrum or power_law(self.exponent, self.shortest_mm, self.longest_mm)
         density = np.broadcast_to(np.asarray(spectrum(k), dtype=np.float64), k.shape).copy()
-        density[0, 0] = 0.0  # the mean is given
+        density[0, 0] = 0.0  # the field `mean` sets the mean
         if not (np.isfinite(density).all() and (density >= 0).all() and density.any()):
             raise InputError(
                 "spectrum: expected finite densities of 0 or more, and some above 0 for waves from "

@@ -10,11 +10,11 @@ At one speed v and force F the process has a spectrum over frequency f. A patter
 that speed has the same spectrum over wavenumber ``k = f / v``. A mass m turns accelerations into
 friction: ``mu(x) = mu + m a(x) / F``.
 
-This has limits. The pattern is right at its one speed and force. At other speeds its frequencies
-shift with the speed and its depth stays, while the toolkit's change by the triangulation. The
-tool's resonances are part of the pattern. The toolkit folds the acceleration into one direction,
-which is here taken as the finger's. A tool is not a finger: this transfers a spectrum, not a
-sensation.
+This has limits. The pattern is right at one speed and force only. At other speeds its frequencies
+shift with the speed and its depth stays the same, while in the toolkit both change by the
+triangulation. The pattern contains the tool's resonances. The toolkit combines the acceleration
+into one direction, which is taken as the finger's here. A tool is not a finger: this transfers a
+spectrum, not a sensation.
 
 In its XML the root ``modelSet`` holds::
 
@@ -88,7 +88,7 @@ def root_of(path: Path) -> ET.Element:
 
 
 def contents_of(root: ET.Element) -> Contents:
-    """Read what is below the root; `ValueError` if it contradicts itself or is not stable."""
+    """Read the elements of the root; `ValueError` if they contradict each other or are unstable."""
     for name, start in _UNITS.items():
         unit = (root.findtext(name) or start).strip()
         if not unit.startswith(start):
@@ -99,18 +99,18 @@ def contents_of(root: ET.Element) -> Contents:
     order, ma_order = int(_number(root, "numARCoeff")), int(_number(root, "numMACoeff", 0))
     speed = np.array([_number(model, "speedMod") for model in models])
     force = np.array([_number(model, "forceMod") for model in models])
-    for name, own in (("speedList", speed), ("forceList", force)):
+    for name, of_models in (("speedList", speed), ("forceList", force)):
         listed = _numbers(root.find(name))
-        # Both are printed with six decimals.
+        # The file has both with six decimals.
         if root.find(name) is not None and not (
-            len(listed) == len(own) and np.allclose(listed, own, rtol=0, atol=2e-6)
+            len(listed) == len(of_models) and np.allclose(listed, of_models, rtol=0, atol=2e-6)
         ):
             raise ValueError(f"{name}: expected those of the models in their order")
     rate, mu = _number(root, "SampleRate"), _number(root, "mu")
     variance = np.array([_number(model, "var") for model in models])
     if not (rate > 0 and mu >= 0 and (variance >= 0).all()):
         raise ValueError("expected a SampleRate above 0 and mu and var of 0 or more")
-    # A pure autoregression has no gain, whatever is written.
+    # A pure autoregression has no gain, whatever the file says.
     gain = [_number(model, "gain", 1.0) if ma_order else 1.0 for model in models]
     return Contents(
         (root.findtext("material") or "").strip() or "unnamed",
@@ -127,7 +127,7 @@ def contents_of(root: ET.Element) -> Contents:
 
 
 def _lsf(model: ET.Element, kind: str, order: int) -> Array:
-    """Line spectral frequencies as the file gives them, or from the coefficients."""
+    """Line spectral frequencies from the file, or from the file's coefficients."""
     if order == 0:
         return np.empty(0)
     element = model.find(f"{kind}lsf")
@@ -143,18 +143,18 @@ def _lsf(model: ET.Element, kind: str, order: int) -> Array:
 
 
 def _triangles(root: ET.Element, speed: Array, force: Array) -> npt.NDArray[np.intp]:
-    listed = [_numbers(one) for one in root.findall("tri")]
+    listed = [_numbers(triangle) for triangle in root.findall("tri")]
     if not listed:
         from scipy.spatial import Delaunay
 
         points = np.column_stack([speed, force])
         try:
             return np.asarray(Delaunay(points / np.ptp(points, axis=0)).simplices, dtype=np.intp)
-        except Exception:  # qhull has errors of its own
+        except Exception:  # qhull raises its own classes of errors
             raise ValueError("expected models that are not all in one line") from None
     if int(_number(root, "numTri", len(listed))) != len(listed):
         raise ValueError(f"tri: expected numTri triangles, got {len(listed)}")
-    if any(len(one) != 3 for one in listed):
+    if any(len(vertices) != 3 for vertices in listed):
         raise ValueError("tri: expected 3 vertices each")
     corners = np.array(listed)
     if (corners != np.round(corners)).any() or corners.min() < 1 or corners.max() > len(speed):
@@ -227,8 +227,8 @@ def _circle(angles: Array) -> Array:
 
 
 TOOL_MASS_KG = 0.05
-"""Mass that turns the toolkit's accelerations into forces unless another is given: the order of a
-hand-held tool with the fingers on it, an assumption and no measurement."""
+"""Default of the mass that turns the toolkit's accelerations into forces: of the order of a
+hand-held tool with the fingers on it. It is assumed and not measured."""
 
 _PIXELS = 16384
 
@@ -293,7 +293,12 @@ class PennModel:
             raise FileFormatError(f"{path}: {error}") from None
 
     def at(self, speed_mm_per_s: float, normal_force_n: float) -> ProcessAt:
-        """Interpolate to a speed and a force; those beyond the models are held at the nearest.
+        """Interpolate to a speed and a force; beyond the models, those at the nearest place.
+
+        Parameters
+        ----------
+        speed_mm_per_s : float
+        normal_force_n : float
 
         Raises
         ------
@@ -319,8 +324,15 @@ class PennModel:
         points = np.column_stack([self.contents.speed_mm_per_s, self.contents.normal_force_n])
         scale = np.ptp(points, axis=0)  # nearness must not depend on the units
         points, place = points / scale, place / scale
-        weighted = [(one, _closest_weights(points[one], place)) for one in self.contents.triangles]
-        return min(weighted, key=lambda one: float(np.linalg.norm(one[1] @ points[one[0]] - place)))
+        weighted = [
+            (nodes, _closest_weights(points[nodes], place)) for nodes in self.contents.triangles
+        ]
+
+        def distance(candidate: tuple[npt.NDArray[np.intp], Array]) -> float:
+            nodes, weights = candidate
+            return float(np.linalg.norm(weights @ points[nodes] - place))
+
+        return min(weighted, key=distance)
 
     def texture(
         self,
@@ -380,7 +392,7 @@ class PennModel:
 
 def _closest_weights(corners: Array, place: Array) -> Array:
     """Barycentric weights of the point of a triangle, shape (3, 2), that is nearest to a place."""
-    from scipy.optimize import nnls  # it takes half a second
+    from scipy.optimize import nnls  # here, since it takes half a second to import
 
     # Least squares with weights of 0 or more; the heavy row makes their sum 1.
     weights, _ = nnls(np.vstack([corners.T, np.full(3, _HEAVY)]), np.append(place, _HEAVY))

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import io
+import logging
 import struct
-import warnings
+import threading
 from functools import cache
-from math import prod
+from math import ceil, prod, sqrt
 from pathlib import Path
 from typing import Any
 
@@ -15,21 +16,23 @@ import numpy.typing as npt
 
 from haptix.checks import Array, positive
 from haptix.errors import InputError, from_extra
-from haptix.texture.decoded import LARGEST_BYTES, decoded
+from haptix.texture.decoded import LARGEST_BYTES, MOST_KEPT, MOST_PIXELS, decoded
 
 with from_extra("photographs"):
     import tifffile
     from PIL import Image, ImageCms, ImageOps
 
-# For each pixel: grey and level, the levels of the pyramid (7/3) and one more that is being made,
-# each as a float64.
+_LOG = logging.getLogger("haptix.texture")
+
+# For each pixel, as float64: grey, level, the pyramid (7/3 in all its levels), and a level that is
+# being computed.
 _BYTES_PER_PIXEL = 8 * 6
 
-# Pillow knows many formats more, whose decoders nobody needs here; one of them runs a program.
+# Pillow has many more decoders, which are not needed here; one of them runs a program.
 _FORMATS = ("PNG", "JPEG", "TIFF", "GIF", "BMP", "WEBP", "PPM", "JPEG2000", "AVIF")
 _EXPECTED = "expected PNG, JPEG, TIFF, GIF, WebP, AVIF, JPEG 2000, BMP or PPM"
 
-# How files begin that are pictures, or are taken for such, and are not read.
+# Offset and first bytes of files that are pictures, or are taken for pictures, and are not read.
 _NOT_READ = (
     (0, b"8BPS", "a Photoshop document"),
     (0, b"%PDF", "a PDF"),
@@ -50,26 +53,27 @@ _NOT_READ = (
     (0, b"<?xml", "an XML document or SVG drawing"),
 )
 _MOST_PAGES = 100  # of a TIFF: pyramids and thumbnails have a few
-_KEPT_AS_THEY_ARE = (tifffile.PHOTOMETRIC.MINISWHITE, tifffile.PHOTOMETRIC.MINISBLACK,
+_READ_BY_TIFFFILE = (tifffile.PHOTOMETRIC.MINISWHITE, tifffile.PHOTOMETRIC.MINISBLACK,
                      tifffile.PHOTOMETRIC.RGB)  # fmt: skip
-_CONVERTED = ("PALETTE", "SEPARATED", "YCBCR", "CIELAB")  # by Pillow
+_CONVERTED_BY_PILLOW = ("PALETTE", "SEPARATED", "YCBCR", "CIELAB")
 
 
 @cache
 def _formats() -> tuple[str, ...]:
-    """Return those that this Pillow was built with."""
+    """Return the formats that this build of Pillow can read."""
     Image.init()
-    return tuple(one for one in _FORMATS if one in Image.OPEN)
+    return tuple(name for name in _FORMATS if name in Image.OPEN)
 
 
 def read_grey(image: str | Path | npt.ArrayLike, largest_bytes: int = LARGEST_BYTES) -> Array:
     """Return grey pixels, shape (rows, columns), from a file or from grey or colour pixels.
 
-    A picture is turned as its camera noted, shown over white where it is transparent, and
+    A picture is turned upright by the camera's note, put over white where it is transparent, and
     converted from palettes, inks and colour profiles to sRGB. Of an animation the first frame is
-    taken. `largest_bytes` limits the memory for reading it and making a texture of it. A larger
-    image raises `InputError` before more than its header is read. So does a file that is not an
-    image, and one of a format that is not read, by its name.
+    read. In a file of more than 24 megapixels, boxes of pixels are averaged. `InputError` is raised
+    for a file of more than 200 megapixels (only its header is read), for one whose texture would
+    take more memory than `largest_bytes`, and for one that is not a picture of a format that is
+    read.
     """
     positive("largest_bytes", largest_bytes)
     if isinstance(image, str | Path):
@@ -103,7 +107,7 @@ def read_normals(path: Path, largest_bytes: int = LARGEST_BYTES) -> tuple[Array,
     range is 0.
     """
     with from_extra("photographs"):
-        from skimage.util import img_as_float64  # takes a third of a second
+        from skimage.util import img_as_float64  # here, since it takes a third of a second
 
     pixels, _ = read_pixels(f"normals: {path}", path, largest_bytes)
     if pixels.ndim != 3 or pixels.shape[2] < 3:
@@ -114,9 +118,9 @@ def read_normals(path: Path, largest_bytes: int = LARGEST_BYTES) -> tuple[Array,
 
 
 def _grey(pixels: npt.NDArray[Any], premultiplied: bool) -> Array:
-    """Grey of 1 to 4 channels; an even number of them ends with the opacity."""
+    """Grey of pixels with 1 to 4 channels; with 2 or 4 the last is the opacity."""
     with from_extra("photographs"):
-        from skimage.color import rgb2gray  # these take a third of a second
+        from skimage.color import rgb2gray  # here, since these take a third of a second
         from skimage.util import img_as_float64
 
     if pixels.ndim == 2:
@@ -140,53 +144,96 @@ def _grey(pixels: npt.NDArray[Any], premultiplied: bool) -> Array:
 def read_pixels(
     name: str, path: Path, largest_bytes: int = LARGEST_BYTES
 ) -> tuple[npt.NDArray[Any], bool]:
-    """Return pixels, 1 to 4 channels, and whether colours have been multiplied by opacity.
+    """Return pixels of 1 to 4 channels, and whether colours have been multiplied by opacity.
 
-    `name` is what errors call the file. See `haptix.texture.decoded` for who decodes it.
+    Errors call the file `name`. `haptix.texture.decoded` says which process decodes it.
     """
     if not path.is_file():
         what = name.partition(":")[0]
         raise InputError(f"{what}: no file at {path}; give the path of a photograph")
-    return decoded(path, lambda: _decode(name, path, largest_bytes))
+    return decoded(path, lambda: _averaged(name, *_decode(name, path, largest_bytes)))
 
 
 def _decode(name: str, path: Path, largest_bytes: int) -> tuple[npt.NDArray[Any], bool]:
     check_picture(name, path, largest_bytes)
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # size is checked
-            if path.suffix.lower() in (".tif", ".tiff"):
-                with tifffile.TiffFile(path) as tiff:
-                    if tiff.pages.first.photometric in _KEPT_AS_THEY_ARE:
-                        try:
-                            return _of_tiff(tiff)
-                        except ValueError:  # a compression that tifffile leaves to others
-                            pass
-            with Image.open(path, formats=_formats()) as picture:
-                return _of_pillow(picture), False
-    except Exception:  # each format has errors of its own
+        if path.suffix.lower() in (".tif", ".tiff"):
+            with tifffile.TiffFile(path) as tiff:
+                if tiff.pages.first.photometric in _READ_BY_TIFFFILE:
+                    try:
+                        return _of_tiff(tiff)
+                    except ValueError:  # a compression that only Pillow can read
+                        pass
+        with _opened(path) as picture:
+            return _of_pillow(picture), False
+    except Exception:  # each decoder raises its own classes of errors
         raise _no_image(name, path) from None
+
+
+def _opened(file: Path | io.BytesIO) -> Image.Image:
+    """Open a picture without Pillow's limit of size; this module has checked the size."""
+    with _LOCK:
+        limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
+        try:
+            return Image.open(file, formats=_formats())
+        finally:
+            Image.MAX_IMAGE_PIXELS = limit
+
+
+_LOCK = threading.Lock()  # all threads share Pillow's limit
+
+
+def _boxes(shape: tuple[int, ...]) -> tuple[int, int]:
+    """Rows and columns of the box of pixels that is averaged to one pixel."""
+    rows, columns = shape[:2]
+    step = ceil(sqrt(rows * columns / MOST_KEPT) - 1e-3)  # a decoder that halves sizes rounds up
+    return max(1, min(step, rows)), max(1, min(step, columns))
+
+
+def _averaged(
+    name: str, pixels: npt.NDArray[Any], premultiplied: bool
+) -> tuple[npt.NDArray[Any], bool]:
+    """Average boxes of pixels; colours are weighted by their opacity."""
+    high, wide = _boxes(pixels.shape)
+    if high == wide == 1:
+        return pixels, premultiplied
+    rows, columns, *channels = pixels.shape
+    kept = np.empty((rows // high, columns // wide, *channels), pixels.dtype)
+    has_opacity = channels in ([2], [4])
+    white = np.iinfo(pixels.dtype).max if pixels.dtype.kind in "ui" else 1.0
+    for row, mean in enumerate(kept):
+        band = pixels[row * high : (row + 1) * high, : mean.shape[0] * wide].astype(np.float64)
+        if has_opacity and not premultiplied:
+            band[..., :-1] *= band[..., -1:] / white
+        boxes = band.reshape(high, mean.shape[0], wide, *channels).mean((0, 2))
+        mean[...] = np.rint(boxes) if pixels.dtype.kind in "ui" else boxes
+    size = " x ".join(map(str, kept.shape[1::-1]))
+    _LOG.info("%s: %d x %d pixels are averaged to %s", name, columns, rows, size)
+    return kept, premultiplied or has_opacity
 
 
 def _of_pillow(picture: Image.Image) -> npt.NDArray[Any]:
     """Pixels of the first frame, upright and in grey or sRGB."""
+    step = max(_boxes((picture.height, picture.width)))
+    if step in (2, 4, 8):  # a JPEG's decoder can do this, with less time and memory
+        picture.draft(None, (picture.width // step, picture.height // step))
     picture.load()
-    seen: Image.Image = ImageOps.exif_transpose(picture)
-    if seen.mode in ("CMYK", "LAB", "RGB", "RGBA"):
-        seen = _in_srgb(seen)
-    if seen.mode[0] in "IF":  # more than 8 bits
-        return np.asarray(seen)
-    if seen.mode in ("1", "L", "LA", "La") and seen.has_transparency_data:
-        seen = seen.convert("LA")
-    elif seen.has_transparency_data:
-        seen = seen.convert("RGBA")
-    elif seen.mode in ("P", "CMYK", "YCbCr", "HSV", "RGBX"):
-        seen = seen.convert("RGB")
-    return np.asarray(seen)
+    upright: Image.Image = ImageOps.exif_transpose(picture)
+    if upright.mode in ("CMYK", "LAB", "RGB", "RGBA"):
+        upright = _in_srgb(upright)
+    if upright.mode[0] in "IF":  # more than 8 bits
+        return np.asarray(upright)
+    if upright.mode in ("1", "L", "LA", "La") and upright.has_transparency_data:
+        upright = upright.convert("LA")
+    elif upright.has_transparency_data:
+        upright = upright.convert("RGBA")
+    elif upright.mode in ("P", "CMYK", "YCbCr", "HSV", "RGBX"):
+        upright = upright.convert("RGB")
+    return np.asarray(upright)
 
 
 def _in_srgb(picture: Image.Image) -> Image.Image:
-    """Apply the profile of a picture's colours, as viewers do; without one inks are ideal."""
+    """Apply a picture's colour profile, as viewers do; without a profile inks count as ideal."""
     mode = "RGBA" if picture.mode == "RGBA" else "RGB"
     data = picture.info.get("icc_profile")
     converted: Image.Image | None = None
@@ -199,13 +246,13 @@ def _in_srgb(picture: Image.Image) -> Image.Image:
             if "srgb" not in ImageCms.getProfileDescription(profile).lower():
                 to = ImageCms.createProfile("sRGB")
                 converted = ImageCms.profileToProfile(picture, profile, to, outputMode=mode)
-        except (ImageCms.PyCMSError, OSError):  # a damaged profile says nothing
+        except (ImageCms.PyCMSError, OSError):  # ignore a damaged profile
             pass
     return picture if converted is None else converted
 
 
 def _of_tiff(tiff: tifffile.TiffFile) -> tuple[npt.NDArray[Any], bool]:
-    """Pixels of grey and RGB with all their bits, upright; what else is stored is left out."""
+    """Upright pixels of grey or RGB and opacity, with all their bits, without other channels."""
     page = tiff.pages.first
     pixels = np.asarray(tiff.series[0].asarray())
     if tiff.series[0].axes.startswith("S"):  # channel by channel
@@ -216,8 +263,8 @@ def _of_tiff(tiff: tifffile.TiffFile) -> tuple[npt.NDArray[Any], bool]:
     extra = [int(kind) for kind in page.extrasamples]
     alphas = [i for i, kind in enumerate(extra) if kind in (1, 2)]
     if pixels.ndim == 3:
-        kept = [*range(colours), *(colours + i for i in alphas[:1])]
-        pixels = pixels[..., kept] if len(kept) > 1 else pixels[..., 0]
+        channels = [*range(colours), *(colours + i for i in alphas[:1])]
+        pixels = pixels[..., channels] if len(channels) > 1 else pixels[..., 0]
     tag = page.tags.get("Orientation")
     pixels = _turned(pixels, 1 if tag is None else int(tag.value))
     return pixels, bool(alphas) and extra[alphas[0]] == 1
@@ -234,8 +281,13 @@ def _turned(pixels: npt.NDArray[Any], orientation: int) -> npt.NDArray[Any]:
     return pixels
 
 
-def check_picture(name: str, file: Path | io.BytesIO, largest_bytes: int = LARGEST_BYTES) -> None:
-    """Refuse, by its header alone, a file that is no single picture or has too many pixels.
+def check_picture(
+    name: str,
+    file: Path | io.BytesIO,
+    largest_bytes: int = LARGEST_BYTES,
+    most_pixels: int = MOST_PIXELS,
+) -> None:
+    """Refuse, by its header alone, a file that is not a single picture or has too many pixels.
 
     Parameters
     ----------
@@ -245,6 +297,8 @@ def check_picture(name: str, file: Path | io.BytesIO, largest_bytes: int = LARGE
         Of any format.
     largest_bytes : int
         Limit of the memory for reading it and making a texture of it.
+    most_pixels : int
+        Of the file; `MOST_KEPT` where they are not averaged.
 
     Raises
     ------
@@ -253,46 +307,42 @@ def check_picture(name: str, file: Path | io.BytesIO, largest_bytes: int = LARGE
     """
     try:
         shape, kind = _header(name, file)
-    except Image.DecompressionBombError as error:
-        raise InputError(f"{name} is too large ({error}); scale it down") from None
     except InputError:
         raise
-    except Exception:  # each format has errors of its own
+    except Exception:  # each decoder raises its own classes of errors
         raise _no_image(name, file) from None
-    _check_size(name, shape, kind, largest_bytes)
+    _check_size(name, shape, kind, largest_bytes, most_pixels)
 
 
 def _no_image(name: str, file: Path | io.BytesIO) -> InputError:
-    """Say what a file is, if it is known and not read."""
+    """Return the error for a file that is not read; it names the file's format if it is known."""
     head = b""
     try:
         with io.BytesIO(file.getvalue()) if isinstance(file, io.BytesIO) else file.open("rb") as f:
             head = f.read(64).lstrip(b"\xef\xbb\xbf \r\n\t")
     except OSError:
         pass
-    for at, begins, what in _NOT_READ:
-        if head[at:].startswith(begins):
-            return InputError(f"{name} is {what}, which is not read; save it as PNG")
+    for at, first_bytes, kind in _NOT_READ:
+        if head[at:].startswith(first_bytes):
+            return InputError(f"{name} is {kind}, which is not read; save it as PNG")
     return InputError(f"{name} is not an image that can be read; {_EXPECTED}")
 
 
 def _header(name: str, file: Path | io.BytesIO) -> tuple[tuple[int, ...], int]:
-    """Shape of the pixels, and bytes of each channel of one."""
+    """Shape of the pixels, and the bytes of each channel of a pixel."""
     # TIFF is read by tifffile, which may take more of a file than Pillow's first frame.
     if isinstance(file, Path) and file.suffix.lower() in (".tif", ".tiff"):
         _check_pages(name, file)
         with tifffile.TiffFile(file) as tiff:
             return _tiff_header(name, tiff)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", Image.DecompressionBombWarning)
-        with Image.open(file, formats=_formats()) as picture:
-            # A palette, and what is transparent by one colour, become channels.
-            channels = max(len(picture.getbands()), 4 if picture.has_transparency_data else 1)
-            return (picture.height, picture.width, 3 if picture.mode == "P" else channels), 2
+    with _opened(file) as picture:
+        # A palette becomes three channels, and one transparent colour becomes a channel of opacity.
+        channels = max(len(picture.getbands()), 4 if picture.has_transparency_data else 1)
+        return (picture.height, picture.width, 3 if picture.mode == "P" else channels), 2
 
 
 def _check_pages(name: str, file: Path) -> None:
-    """Refuse a TIFF whose pages are many, or lead back: tifffile would follow them for ever."""
+    """Refuse a TIFF with too many pages, or with pages in a loop, which tifffile would not end."""
     with file.open("rb") as opened:
         head = opened.read(16)
         order = "<" if head[:2] == b"II" else ">"
@@ -316,7 +366,8 @@ def _tiff_header(name: str, tiff: tifffile.TiffFile) -> tuple[tuple[int, ...], i
     if "DNGVersion" in page.tags:
         raise InputError(f"{name} is a camera's raw picture (DNG), which is not read; develop it")
     if not isinstance(page.photometric, tifffile.PHOTOMETRIC) or (
-        page.photometric not in _KEPT_AS_THEY_ARE and page.photometric.name not in _CONVERTED
+        page.photometric not in _READ_BY_TIFFFILE
+        and page.photometric.name not in _CONVERTED_BY_PILLOW
     ):
         kind = getattr(page.photometric, "name", page.photometric)
         raise InputError(f"{name} is a TIFF of colours {kind}, which is not read; save it as RGB")
@@ -326,14 +377,22 @@ def _tiff_header(name: str, tiff: tifffile.TiffFile) -> tuple[tuple[int, ...], i
     return (rows, columns, page.samplesperpixel), int(series.dtype.itemsize)
 
 
-def _check_size(name: str, shape: tuple[int, ...], kind: int, largest_bytes: int) -> None:
+def _check_size(
+    name: str, shape: tuple[int, ...], kind: int, largest_bytes: int, of_file: int | None = None
+) -> None:
+    size = f"{name} has {' x '.join(map(str, shape[1::-1]))} pixels"
+    hint = "scale it down, since a fingertip feels nothing below some 0.05 mm"
+    if of_file is not None:
+        if prod(shape[:2]) > of_file:
+            raise InputError(f"{size}; expected at most {of_file / 1e6:g} megapixels: {hint}")
+        high, wide = _boxes(shape)
+        shape = (shape[0] // high, shape[1] // wide, *shape[2:])
     pixels = prod(shape[:2])
-    # Colour is converted in one float64 for each channel.
+    # The conversion of colour takes a float64 for each channel.
     channels = prod(shape[2:])
     needed = pixels * (_BYTES_PER_PIXEL + channels * kind + (8 * channels if channels > 2 else 0))
     if needed > largest_bytes:
         raise InputError(
-            f"{name} has {' x '.join(map(str, shape[1::-1]))} pixels, a texture of some "
-            f"{needed / 1e9:.3g} GB; expected at most {largest_bytes / 1e9:.3g} GB: scale it down, "
-            "since a fingertip feels nothing below some 0.05 mm, or raise largest_bytes"
+            f"{size}, a texture of some {needed / 1e9:.3g} GB; expected at most "
+            f"{largest_bytes / 1e9:.3g} GB: {hint}, or raise largest_bytes"
         )

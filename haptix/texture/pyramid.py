@@ -1,14 +1,14 @@
 """A sampled map at falling resolutions, read at the resolution of the finger's footprint.
 
-Level 0 is the map itself, bilinear between its pixels. Level 1 is the map smoothed by the binomial
-kernel of 9 taps, whose response ``cos^8(pi k p)`` at wavenumber k leaves 6 % at a quarter of the
-pixels' rate 1/p and nothing at half of it. Each further level takes every second pixel of the one
-before and smooths again. So a level holds only waves of 4 of its pixels or longer, twice as long as
-it could hold. Bilinear interpolation then adds little of waves that the map does not have.
+Level 0 is the map itself, bilinear between its pixels of side p. Level 1 is the map smoothed by the
+binomial kernel of 9 taps. Its response ``cos^8(pi k p)`` at wavenumber k is 6 % at a quarter of the
+pixels' rate 1/p and zero at half of it. Each further level takes every second pixel of the level
+before and smooths again. So a level has only waves of 4 of its pixels or longer, twice as long as
+it could hold, and bilinear interpolation adds few waves that the map does not have.
 
 A footprint f carries waves longer than 2 f. Level 0 serves footprints up to p/2, level 1 those from
 p to 2 p, and each further level twice the footprint of the one before. In between, two levels are
-blended linearly in the footprint's logarithm, so nothing jumps when the speed changes.
+blended linearly in the footprint's logarithm, so that nothing jumps when the speed changes.
 """
 
 from __future__ import annotations
@@ -65,8 +65,8 @@ class Pyramid:
         self.outside = outside
         self._modes: tuple[Beyond, Beyond] = (beyond_y, beyond_x)
         levels = [self._level(values, (0, 0), 1)]
-        # Levels go on until a pixel spans the shorter period, or the map twice: a finger that moves
-        # farther from one sample to the next misses it anyway.
+        # The last level has pixels as wide as the shorter period, or twice as wide as the map. A
+        # finger that moves farther from one sample to the next does not meet the map's details.
         repeated = [
             n for n, mode in zip(values.shape, self._modes, strict=True) if mode == "repeat"
         ]
@@ -91,7 +91,7 @@ class Pyramid:
         )
 
     def _padded(self, values: Array, origin: _Origin, by: int) -> tuple[Array, _Origin]:
-        """The map with more pixels on every side but those where it repeats."""
+        """The map with `by` more pixels on every side, except where the map repeats."""
         first = list(origin)
         for axis, mode in enumerate(self._modes):
             if mode == "repeat":
@@ -106,11 +106,11 @@ class Pyramid:
         return values, (first[0], first[1])
 
     def _smoothed(self, values: Array, origin: _Origin) -> tuple[Array, _Origin]:
-        from scipy.ndimage import correlate1d  # a tenth of a second of every start
+        from scipy.ndimage import correlate1d  # here, since it takes a tenth of a second to import
 
         values, origin = self._padded(values, origin, _REACH)
         for axis, mode in enumerate(self._modes):
-            # What lies beyond the padding is as it was, and stays so.
+            # Beyond the padding the values are constant, and smoothing does not change them.
             ends = {"outside": "constant", "hold": "nearest", "repeat": "wrap"}[mode]
             values = correlate1d(values, _KERNEL, axis=axis, mode=ends, cval=self.outside)
         return values, origin
@@ -122,17 +122,18 @@ class Pyramid:
         return values[row::2, column::2], ((origin[0] + row) // 2, (origin[1] + column) // 2)
 
     def _level(self, values: Array, origin: _Origin, step: int) -> Struct:
-        # Two pixels: between them, where places beyond are held, there is no trace of the map.
+        # Places beyond the level are moved to between its two outermost pixels, which the map does
+        # not reach.
         values, origin = self._padded(values, origin, 2)
         around = [int(mode == "repeat") for mode in self._modes]
-        values = np.pad(values, [(one, one) for one in around], mode="wrap")
+        values = np.pad(values, [(pixels, pixels) for pixels in around], mode="wrap")
         # The centre of the map's first pixel is half a pixel from its corner.
         row, column = (
             -0.5 / step - start + more for start, more in zip(origin, around, strict=True)
         )
         pixel_mm, (rows, columns) = self.pixel_mm * step, values.shape
-        # A hair inside, so that rounding cannot reach a pixel that is not there.
-        hair = 1e-9 * max(rows, columns)
+        # The limits lie slightly inside, so that rounding cannot reach a pixel that does not exist.
+        slack = 1e-9 * max(rows, columns)
         return Struct(
             "hx_level",
             values=np.ascontiguousarray(values).view(_FLOAT),
@@ -140,23 +141,23 @@ class Pyramid:
             per_mm=1 / pixel_mm,
             column=column,
             row=row,
-            low_x=(hair - column) * pixel_mm,
-            high_x=(columns - 1 - hair - column) * pixel_mm,
-            low_y=(hair - row) * pixel_mm,
-            high_y=(rows - 1 - hair - row) * pixel_mm,
+            low_x=(slack - column) * pixel_mm,
+            high_x=(columns - 1 - slack - column) * pixel_mm,
+            low_y=(slack - row) * pixel_mm,
+            high_y=(rows - 1 - slack - row) * pixel_mm,
         )
 
     def sample(self, x_mm: Array, y_mm: Array, footprint_mm: float | Array) -> Array:
-        """Values at places, shape (places,), of a footprint for all or one for each.
+        """Values at places, shape (places,), with one footprint [mm] for all or one for each.
 
-        At places that are NaN or farther than `FARTHEST_MM` it is the outside value.
+        Places that are NaN or farther than `FARTHEST_MM` have the value `outside`.
         """
         wide = footprint_mm / self.pixel_mm
         depth, depths = 0.0, NULL
         if isinstance(wide, np.ndarray):
             with np.errstate(divide="ignore"):
-                each = np.log2(wide)
-            depths = doubles(np.maximum(np.minimum(each + 1, 1.0), each))
+                log_width = np.log2(wide)
+            depths = doubles(np.maximum(np.minimum(log_width + 1, 1.0), log_width))
         elif wide > 0.5:
             depth = log2(wide)
             if depth < 1.0:

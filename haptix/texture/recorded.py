@@ -13,6 +13,7 @@ import numpy.typing as npt
 from pydantic import PositiveFloat
 
 from haptix.checks import Array, Positive, check_fields, choice, increasing, row
+from haptix.display import Displayed
 from haptix.errors import FileFormatError, InputError
 from haptix.files import read_csv
 from haptix.kinds import AnyAsset
@@ -24,7 +25,7 @@ _MOST_SAMPLES = 4_000_000
 
 
 @dataclass(frozen=True)
-class RecordedProfile(FrictionField):
+class RecordedProfile(Displayed, FrictionField):
     """Friction recorded along a line, the same all across it.
 
     Between the positions the values are linear. At a point they are these lines; with a footprint
@@ -50,6 +51,13 @@ class RecordedProfile(FrictionField):
     InputError
         If positions or values are not finite, too few, or not increasing, or the grid would have
         more than 4 million steps.
+
+    Examples
+    --------
+    >>> from haptix.motion import Motion
+    >>> profile = RecordedProfile([0.0, 10.0], [0.2, 0.4])
+    >>> round(float(profile.wanted(Motion.of(5.0, 0.0))[0]), 6)
+    0.3
     """
 
     position_mm: npt.ArrayLike
@@ -154,7 +162,7 @@ class RecordedProfile(FrictionField):
         if not isinstance(footprint_mm, np.ndarray) and footprint_mm == 0:
             beyond = self.outside if self.beyond == "outside" else None
             return np.interp(along, position, value, beyond, beyond)
-        # The first value is at its position, which the pyramid has half a step from its corner.
+        # The pyramid's first value lies half a step from its corner.
         start = float(position[0]) - self._pyramid.pixel_mm / 2
         return self._pyramid.sample(along - np.array(start), across, footprint_mm)
 

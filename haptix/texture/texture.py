@@ -13,6 +13,7 @@ import numpy.typing as npt
 from pydantic import Field, PositiveFloat, model_validator
 
 from haptix.checks import Array, choice, number, positive, shown
+from haptix.display import Displayed
 from haptix.documents import Document
 from haptix.errors import FileFormatError, InputError
 from haptix.kinds import AnyAsset
@@ -27,7 +28,7 @@ direction, the more. ``"slope-along"``: what a finger that strokes along `direct
 lateral force, more uphill and less downhill, with level 0.5 on the flat (Robles-De-La-Torre and
 Hayward, Nature 412, 445 (2001)); a stroke against the direction feels it inside out."""
 
-_CLIPPED = 99.0  # percentile of steepness that becomes the end of the range
+_CLIPPED = 99.0  # percentile of steepness that is the end of the range
 
 
 def levels_by_rule(heights: Array, rule: HeightRule, direction_deg: float) -> Array:
@@ -56,7 +57,7 @@ def levels_by_rule(heights: Array, rule: HeightRule, direction_deg: float) -> Ar
 
 
 def stretched(values: Array) -> Array:
-    """Levels from 0 to 1 between the 1st and 99th percentile: single pixels do not decide."""
+    """Levels from 0 to 1 between the 1st and 99th percentile, which single pixels do not move."""
     low, high = np.percentile(values, (1.0, 99.0))
     if high <= low:
         raise InputError("image: expected some contrast, got pixels of one grey")
@@ -112,13 +113,13 @@ class Sidecar(Document):
         return super().load(path)
 
 
-_COARSE_MM = 0.5  # of a pixel; a fingertip resolves about a millimetre
+_COARSE_MM = 0.5  # coarser pixels are split; a fingertip resolves about a millimetre
 
-_MOST_PIXELS = 4_000_000  # of a map that is refined
+_MOST_PIXELS = 4_000_000  # of a map after its pixels are split
 
 
 @dataclass(frozen=True)
-class Texture(FrictionField):
+class Texture(Displayed, FrictionField):
     """Friction over a rectangle with its corner at (0, 0), x to the right and y downwards.
 
     Without a range a level is a share of the reachable friction range at the finger's force. Beyond
@@ -144,6 +145,15 @@ class Texture(FrictionField):
     ------
     InputError
         If a value is outside its range, or more than one range is given.
+
+    Examples
+    --------
+    >>> from haptix.motion import Motion
+    >>> stripes = Texture([[0.0, 1.0, 0.0, 1.0]], width_mm=4.0)
+    >>> stripes.pixel_mm, stripes.height_mm
+    (1.0, 1.0)
+    >>> stripes.evaluator.wanted(Motion.of([1.5, 2.5], 0.5)).tolist()  # amid two pixels
+    [1.0, 0.0]
     """
 
     level: Array
@@ -209,6 +219,13 @@ class Texture(FrictionField):
         ------
         InputError
             If the file is missing, not an image or too large, or a value is outside its range.
+
+        Examples
+        --------
+        >>> grey = np.tile(np.linspace(0.0, 1.0, 64), (32, 1))
+        >>> texture = Texture.from_image(grey, width_mm=32.0, mu_range=(0.2, 0.4))
+        >>> texture.target, texture.value_range
+        ('mu', (0.2, 0.4))
         """
         from haptix.texture.pictures import read_grey  # needs an extra
 
@@ -221,6 +238,13 @@ class Texture(FrictionField):
     @classmethod
     def load(cls, image: str | Path, largest_bytes: int = LARGEST_BYTES) -> Self:
         """Read a photograph with the JSON beside it, see `haptix.texture.Sidecar`.
+
+        Parameters
+        ----------
+        image : str or Path
+            The photograph; the other file has the same name with ``.json``.
+        largest_bytes : int
+            Size in memory that it may take.
 
         Raises
         ------
@@ -271,7 +295,7 @@ class Texture(FrictionField):
 
     @cached_property
     def _pyramid(self) -> Pyramid:
-        """Made when it is first asked for: a layout asks a copy that is held beyond the edges."""
+        """Computed at first use: a layout uses a copy of the texture that is held at its edges."""
         low, high = self.value_range
         level = self.level
         values = level if (low, high) == (0.0, 1.0) else low + (high - low) * level
@@ -284,7 +308,7 @@ class Texture(FrictionField):
 
     @property
     def evaluator(self) -> Self:
-        """Itself, ready to be felt."""
+        """Itself, with its pyramid computed."""
         _ = self._pyramid
         return self
 
@@ -293,7 +317,7 @@ class Texture(FrictionField):
         ranges: dict[TargetKind, Range | None] = {
             "mu": self.mu_range, "contrast": self.contrast_range, "share": self.share_range,
         }  # fmt: skip
-        return {kind: one for kind, one in ranges.items() if one is not None}
+        return {kind: ends for kind, ends in ranges.items() if ends is not None}
 
     @property
     def target(self) -> TargetKind:
@@ -311,6 +335,11 @@ class Texture(FrictionField):
         return self.value_range[0]
 
     @property
+    def extent_mm(self) -> tuple[float, float, float, float]:
+        """Left, right, top and bottom [mm]."""
+        return (0.0, self.width_mm, 0.0, self.height_mm)
+
+    @property
     def pixel_mm(self) -> float:
         """Side of a pixel."""
         return self.width_mm / int(self.level.shape[1])
@@ -326,7 +355,7 @@ class Texture(FrictionField):
         return super()._anywhere(x_mm, y_mm, 0.0)
 
     def _sample(self, x_mm: Array, y_mm: Array, footprint_mm: float | Array) -> Array:
-        # At a point the edge is a step: the rim, a ramp in the pyramid, is held level.
+        # At a point the edge is a step. The pyramid has a ramp there, so read inside of it.
         half, width, height = self.pixel_mm / 2, self.width_mm, self.height_mm
         inside = (x_mm >= 0) & (x_mm <= width) & (y_mm >= 0) & (y_mm <= height)
         x_mm, y_mm = x_mm.clip(half, width - half), y_mm.clip(half, height - half)
@@ -336,8 +365,8 @@ class Texture(FrictionField):
 def _finer(pixel_mm: float, shape: tuple[int, ...]) -> int:
     """Parts into which a coarse map's pixels are split.
 
-    The ramp at the map's edge is a pixel wide, which would be most of a map of a few pixels. An odd
-    number of parts has one at every old centre, so that no corner is cut.
+    The ramp at the map's edge is a pixel wide, which would be most of a map of a few pixels. With
+    an odd number of parts one lies at every old centre, so that the values there stay.
     """
     parts = min(pixel_mm / _COARSE_MM, (_MOST_PIXELS / (shape[0] * shape[1])) ** 0.5)
     return max(1, 2 * int(parts / 2) + 1)
