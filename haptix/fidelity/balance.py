@@ -68,7 +68,9 @@ class Load:
     area_m2: Tensor | None = None
     """Apparent area A0, shape (states,), where the next one is given."""
     voltage_share: VoltageShare | None = None
-    """What the contact has of the drive's voltage; None for all of it."""
+    """Share of the drive's voltage that lies on the contact; None for all of it."""
+    of_end: bool = False
+    """Whether the pull's strength is a share of the one at which light contact ends."""
 
 
 Join = Callable[[list[Tensor]], Tensor]
@@ -87,12 +89,19 @@ class Balance:
     """``eps0 V0^2/4`` [N] at which the light contact ends."""
     is_stable: Tensor
     voltage_share: Tensor
-    """Size of the share of the drive's voltage that the contact has."""
+    """Magnitude of the share of the drive's voltage that lies on the contact."""
 
     @classmethod
     def joined(cls, parts: Sequence[Self], join: Join = torch.cat) -> Self:
-        """One batch after the other, or with `torch.stack` one state after the other."""
-        columns = ([getattr(part, one.name) for part in parts] for one in fields(cls))
+        """Join batches (by `torch.cat`), or single states (by `torch.stack`).
+
+        Parameters
+        ----------
+        parts : sequence of Balance
+        join : callable
+            Makes one tensor of a list of them.
+        """
+        columns = ([getattr(part, field.name) for part in parts] for field in fields(cls))
         return cls(*(join(column) for column in columns))
 
 
@@ -118,18 +127,35 @@ class Fidelity(ABC):
     ) -> Tensor:
         """Share of the area in each bin of the field's `gap_edges_m`, shape (states, bins).
 
-        Of solved states: their applied pressure, widest gap, and pressure [Pa]. By default that of
-        the mean field.
+        The states are solved ones, with their applied pressure [Pa], widest gap [m] and effective
+        pressure [Pa]. By default the shares are those of the mean field.
+
+        Parameters
+        ----------
+        applied_pa : Tensor, shape (states,)
+            Applied pressure p0 of the solved states [Pa].
+        widest_gap_m : Tensor or None
+            Largest mean gap of each [m]; None for no limit.
+        pressure_pa : Tensor, shape (states,)
+            Pressure that each carries [Pa].
         """
         pressure, state = pressure_pa.unique(return_inverse=True)
         return self.contact.field.gap_histogram(pressure).mass[state]
 
     def prepare(self, applied_pa: Tensor, widest_gap_m: Tensor | None) -> None:  # noqa: B027
-        """Compute once what all loads to be solved share, such as tables; by default nothing."""
+        """Make the tables that all of these loads share; by default there are none.
+
+        Parameters
+        ----------
+        applied_pa : Tensor, shape (states,)
+            Applied pressures p0 [Pa] of all loads.
+        widest_gap_m : Tensor or None
+            Largest mean gap of each [m]; None for no limit.
+        """
 
     def release(self) -> None:  # noqa: B027
-        """Drop what must not outlive the loads that it was prepared for; by default nothing."""
+        """Drop the tables of `prepare` that must not outlive its loads; by default none exist."""
 
     def borrow(self, other: Fidelity) -> bool:
-        """Use what another has prepared for the same elastic contact; return whether it had any."""
+        """Use the tables of another fidelity of the same contact; return whether it has any."""
         return False

@@ -19,12 +19,13 @@ from haptix.status import Status
 from haptix.terms import Stage
 from haptix.threads import given_threads
 
-# Of one surface at one voltage: 500 where the grid resolves h0, 2,000 to 10,000 where it does not.
+# Fourier transforms for one surface at one voltage: 500 where the grid resolves h0, 2,000 to 10,000
+# where it does not.
 _TRANSFORMS = 8000
-_FEW_PIXELS = 100  # one more or less is a hundredth of the area
+_FEW_PIXELS = 100  # in contact: one pixel is then a hundredth of the area
 
 Place = tuple[float, complex]
-"""Applied pressure [Pa] and h0 [m]: states of one place lie on one branch."""
+"""Applied pressure [Pa] and h0 [m]. States of one place differ in voltage only."""
 
 
 class UnsettledWarning(UserWarning):
@@ -35,7 +36,7 @@ class UnsettledWarning(UserWarning):
 class Scatter(Balance):
     """Equilibria of every surface, all of shape (..., surfaces).
 
-    `strength_at_end` is infinite where the end of the branch was not met.
+    `strength_at_end` is infinite where the search did not reach the end of the branch.
     """
 
     converged: Tensor
@@ -45,10 +46,10 @@ class Scatter(Balance):
 class BoundaryElementBalance(Fidelity):
     """Equilibria as the mean over the surfaces of a box.
 
-    The attraction acts on every point; in a contact spot the spot's own pressure balances it, which
-    the mean field calls spots "excluded": ``pressure_pa`` is ``p0`` and the attraction of the gaps.
-    A state has pulled in where half of its surfaces have snapped in, or are attracted so much by
-    their gaps that the contact is no longer light (`LIGHT_CONTACT_LIMIT`).
+    The attraction acts on every point. In a contact spot the contact pressure balances it, which
+    the mean field calls spots "excluded": ``pressure_pa`` is ``p0`` plus the attraction of the
+    gaps. A state has pulled in when half of its surfaces have snapped in, or when their gaps
+    attract them so much that the contact is no longer light (`LIGHT_CONTACT_LIMIT`).
     """
 
     name = "boundary-element"
@@ -79,13 +80,14 @@ class BoundaryElementBalance(Fidelity):
     def solve(self, load: Load) -> Balance:
         """Return the mean equilibrium of every state on the lowest branch."""
         scattered = self.scatter(load)
-        mean = {one.name: getattr(scattered, one.name).double().mean(-1) for one in fields(Balance)}
+        names = [field.name for field in fields(Balance)]
+        mean = {name: getattr(scattered, name).double().mean(-1) for name in names}
         mean["strength_at_end"] = scattered.strength_at_end.median(-1).values
         mean["is_stable"] = mean["is_stable"] > 0.5
         return Balance(**mean)
 
     def scatter(self, load: Load) -> Scatter:
-        """Return every state of every surface; what was solved before is not solved again."""
+        """Return every state of every surface; a state is solved only once."""
         thickness = self._thickness(load)
         columns = (load.applied_pa, load.pull.own_column, load.pull.strength)
         states = [
@@ -105,7 +107,7 @@ class BoundaryElementBalance(Fidelity):
         return Scatter.joined(rows, lambda column: torch.stack(column).to(self.device))
 
     def seconds_per_state(self) -> float:
-        """Rough time of one state, from that of a transform on this machine."""
+        """Rough time [s] of one state, from the time of a transform on this machine."""
         box = self.boxed.box
         grid = PeriodicSolid.on_grid(
             self.contact.field.modulus, box.points, self.boxed.side_m, self.device
@@ -132,7 +134,7 @@ class BoundaryElementBalance(Fidelity):
     @staticmethod
     def _thickness(load: Load) -> list[complex]:
         thickness = load.pull.thickness_m
-        assert thickness is not None  # without the ability to solve instants: a sine's mean
+        assert thickness is not None  # only the mean of a sine: no ability to solve instants
         tensors = (load.applied_pa, load.pull.strength, thickness)
         if any(tensor.requires_grad for tensor in tensors):
             raise InputError(
@@ -142,10 +144,18 @@ class BoundaryElementBalance(Fidelity):
         return [complex(value) for value in thickness.tolist()]
 
     def follow_loads(self, place: Place, strengths: list[float]) -> None:
-        """Solve one place along its rising strengths."""
+        """Solve one place along its rising strengths.
+
+        Parameters
+        ----------
+        place : tuple of float and complex
+            Applied pressure [Pa] and h0 [m].
+        strengths : list of float
+            Strengths of the attraction, rising.
+        """
         applied, thickness = place
         if strengths[-1] > 0 and self.boxed.gap_step_m > abs(thickness):
-            coarse = self.boxed.gap_step_m / abs(thickness)  # of the pixels at which it is h0
+            coarse = self.boxed.gap_step_m / abs(thickness)  # pixel size over that of a step h0
             warnings.warn(
                 f"the gap changes by {self.boxed.gap_step_m:.2g} m from pixel to pixel, "
                 f"{coarse:.2g} times h0: the attraction next to the spots is not resolved. At 1.5, "
@@ -184,17 +194,17 @@ class BoundaryElementBalance(Fidelity):
         self._known.setdefault(place, {}).update(zip(strengths, rows, strict=True))
 
 
-def _row(found: ContactSolution, strength: int) -> Scatter:
+def _row(solution: ContactSolution, strength: int) -> Scatter:
     at = (0, strength)
-    end = found.snap_in_strength[at].mean(-1)
+    end = solution.snap_in_strength[at].mean(-1)
     return Scatter(
-        found.pressure_pa[at] + found.attraction_gaps_pa[at],
-        found.area_fraction[at],
-        found.attraction_gaps_pa[at],
-        found.attraction_spots_pa[at],
-        found.mean_gap_m[at],
+        solution.pressure_pa[at] + solution.attraction_gaps_pa[at],
+        solution.area_fraction[at],
+        solution.attraction_gaps_pa[at],
+        solution.attraction_spots_pa[at],
+        solution.mean_gap_m[at],
         torch.where(end.isnan(), inf, end),
-        found.status[at] == int(Status.OK),
-        torch.ones_like(found.mean_gap_m[at]),
-        found.converged[at],
+        solution.status[at] == int(Status.OK),
+        torch.ones_like(solution.mean_gap_m[at]),
+        solution.converged[at],
     )

@@ -1,4 +1,4 @@
-"""The box of boundary elements that represents a finger, and the roughness that it holds."""
+"""The box of boundary elements that represents a finger, and the part of its roughness in it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from haptix.errors import InputError
 from haptix.finger import Finger, MeasuredRoughness
 
 _PIXELS = 4.0  # per shortest wavelength: the corrected area is then off by up to 4 %
-_ALL = 0.98  # of h_rms and of the slope: a box that holds less is warned of
+_ALL = 0.98  # share of h_rms and of the slope below which a box warns
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class BoundaryElementBox:
     points : int
         Pixels along a side.
     surfaces : int
-        Surfaces whose mean is the result, 2 or more give its scatter.
+        Number of surfaces. The result is their mean; 2 or more also give its scatter.
     seed : int
         Seed of the surfaces' phases.
     waves : float
@@ -38,7 +38,8 @@ class BoundaryElementBox:
     side_m : float, optional
         Side of the box [m].
     q_high_per_m : float, optional
-        Highest wavenumber kept [1/m]; by default that of 4 pixels per wavelength, or the finger's.
+        Highest wavenumber kept [1/m]; by default the lower of the finger's highest and that of 4
+        pixels per wavelength.
     tolerance : float
         Tolerance of the contact conditions, over h_rms.
     most_states : int
@@ -64,7 +65,7 @@ class BoundaryElementBox:
 
 @dataclass(frozen=True)
 class BoxedFinger:
-    """A finger's roughness as a box holds it."""
+    """The part of a finger's roughness that a box holds."""
 
     finger: Finger
     """The finger, with its whole band; no field may require grad."""
@@ -94,7 +95,7 @@ class BoxedFinger:
 
     @cached_property
     def surfaces(self) -> Surfaces:
-        """The height maps; warns of what the box leaves out and how coarse it is."""
+        """The height maps; warns if the box leaves out roughness or is too coarse."""
         box, whole = self.box, self._whole
         with warnings.catch_warnings(record=True) as coarse:
             warnings.simplefilter("always", ResolutionWarning)
@@ -118,8 +119,8 @@ class BoxedFinger:
     def roughness(self) -> MeasuredRoughness:
         """The spectrum of the surfaces: the finger's, cut to the box.
 
-        Each wavevector of a box stands for a cell of side ``2 pi / side``; the cell at 0 has none,
-        which leaves out a disc of radius ``2 pi / side / sqrt(pi)``.
+        Each wavevector of a box stands for a square cell of side ``2 pi / side``. The box has no
+        wave in the cell at 0, whose area is that of a disc of radius ``2 pi / side / sqrt(pi)``.
         """
         whole = self._whole
         low = max(whole.q0, 2 * pi / (self.side_m * sqrt(pi)))
@@ -136,12 +137,12 @@ class BoxedFinger:
 
     @cached_property
     def gap_step_m(self) -> float:
-        """Step of the gap from pixel to pixel [m], by the rms slope: the resolution in gaps."""
+        """Resolution in gaps [m]: the gap's change from pixel to pixel, by the rms slope."""
         drawn = self.surfaces
         return float(drawn.slope_rms.mean()) * drawn.pixel_m
 
     def describe(self) -> dict[str, Any]:
-        """Plain values: the box, its band and sampling, and its share of the finger's roughness."""
+        """Box, band, sampling and share of the finger's roughness, as plain values."""
         drawn = self.surfaces
         h_rms, slope = self._shares(drawn)
         return {

@@ -1,15 +1,16 @@
 """Equilibrium of applied pressure, contact pressure and attraction by the mean field.
 
-``p = p0 + c I(p)`` with ``c = eps0 V0^2 / 4`` (paper, Eq. 2 and 3). As the voltage rises from zero
-p follows a branch that ends where ``c(p) = (p - p0) / I(p)`` has its first maximum: there the
-contact snaps in. Between p0 and that fold c(p) is monotone, so the root is unique and bracketed.
+``p = p0 + c I(p)`` with ``c = eps0 V0^2 / 4`` (paper, Eq. 2 and 3). As the voltage rises from zero,
+p follows a branch. The branch ends where ``c(p) = (p - p0) / I(p)`` has its first maximum (a fold);
+there the contact snaps in. Between p0 and the fold c(p) rises, so that the root is unique and
+bracketed.
 
-For self-affine roughness I grows a little slower than p, and the snap is a steep rise instead of a
-fold: within a few volts of the critical voltage p grows a hundredfold. There the contact is held by
-its own attraction, so the light branch is taken to end at `LIGHT_CONTACT_LIMIT` times p0 at most
-(times the touching pressure, where a contact of finite size has the larger one).
+For self-affine roughness I grows a little more slowly than p, and the snap is a steep rise instead
+of a fold: within a few volts of the critical voltage p grows a hundredfold. There mostly the
+attraction holds the contact. The light branch therefore ends at `LIGHT_CONTACT_LIMIT` times p0 at
+the latest. For a contact of finite size the touching pressure replaces p0 where it is larger.
 
-`MeanFieldBalance` has I(p) in full, in tables; `ClosedForm` in proportion to p.
+`MeanFieldBalance` tabulates I(p); `ClosedForm` takes it as proportional to p.
 """
 
 from __future__ import annotations
@@ -36,12 +37,12 @@ from haptix.fidelity.balance import (
 from haptix.terms import Stage
 
 _BISECTIONS = 48
-_FURTHEST = 1e4  # of a strength: a hundred times the voltage
-_NEARBY = 1e-4  # in ln p: distance of the difference that gives the fold its curvature
+_FURTHEST = 1e4  # factor of the strength up to which an end is searched: a hundredfold voltage
+_NEARBY = 1e-4  # in ln p: half the distance over which the curvature at the fold is taken
 _LEAST_CURVATURE = 1e-6
 _NEWTON_STEPS = 80
-_STEPS_UNASKED = 8  # on a GPU: to ask whether all are settled makes the CPU wait for it
-_SETTLED = 1e-13  # relative; the step that follows is below rounding
+_STEPS_BETWEEN_CHECKS = 8  # on a GPU, where each check for convergence makes the CPU wait
+_SETTLED = 1e-13  # relative; the next step would be below rounding
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,9 @@ class Equilibrium:
     """True where a solution exists on the lowest branch."""
 
 
-def lowest_branch(applied_pa: Tensor, strength: Tensor, attraction: Attraction) -> Equilibrium:
+def lowest_branch(
+    applied_pa: Tensor, strength: Tensor, attraction: Attraction, of_end: bool = False
+) -> Equilibrium:
     """Solve a flat batch of states.
 
     Parameters
@@ -67,6 +70,8 @@ def lowest_branch(applied_pa: Tensor, strength: Tensor, attraction: Attraction) 
         c = eps0 V0^2 / 4 [N].
     attraction : Attraction
         I(p) of each state.
+    of_end : bool
+        Whether the strength is a share of the one at which light contact ends.
     """
     light = torch.log(applied_pa)
     if attraction.touching is not None:
@@ -76,9 +81,11 @@ def lowest_branch(applied_pa: Tensor, strength: Tensor, attraction: Attraction) 
     log_end = log_limit if log_fold is None else torch.minimum(log_fold, log_limit)
     end = torch.exp(log_end)
     bearable = (end - applied_pa) / attraction(log_end)[0]
+    if of_end:
+        strength = strength * bearable
     stable = strength <= bearable
     with torch.no_grad():
-        # A drive of zero in place of one that has no root: it is found at once.
+        # Where there is no root, a drive of zero is solved instead: it needs no steps.
         bearing = torch.where(stable, strength, torch.zeros_like(strength))
         pressure = torch.where(stable, _root(applied_pa, bearing, attraction, end), end)
     # One more Newton step, recorded for autograd, carries the implicit derivative dp = -dF/F'.
@@ -103,37 +110,39 @@ def end_of_voltage(applied_pa: Tensor, attraction: Callable[[Tensor], Attraction
     Returns
     -------
     Tensor, shape (states,)
-        The strength c [N] at which `lowest_branch` with I of c ends; infinite where light contact
-        bears `_FURTHEST` times the strength at which it would end without that fall. No gradients.
+        The strength c [N] at which `lowest_branch` ends if I is taken at c. It is infinite where
+        the contact is still light at `_FURTHEST` times the strength at which it would end without
+        that fall. It carries no gradients.
     """
-    none = torch.zeros_like(applied_pa)
+    no_drive = torch.zeros_like(applied_pa)
 
     def bearable(log_strength: Tensor) -> Tensor:
-        equilibrium = lowest_branch(applied_pa, none, attraction(torch.exp(log_strength)))
+        equilibrium = lowest_branch(applied_pa, no_drive, attraction(torch.exp(log_strength)))
         return torch.log(equilibrium.strength_at_end)
 
     with torch.no_grad():
-        low = bearable(torch.full_like(applied_pa, -inf))  # I of no strength is the largest
+        low = bearable(torch.full_like(applied_pa, -inf))  # I is largest at a strength of 0
         high = low + log(_FURTHEST)
-        for_ever = bearable(high) > high
-        if not bool(for_ever.all()):
+        has_no_end = bearable(high) > high
+        if not bool(has_no_end.all()):
             for _ in range(_BISECTIONS):
                 middle = (low + high) / 2
                 is_light = bearable(middle) > middle
                 low, high = torch.where(is_light, middle, low), torch.where(is_light, high, middle)
-        return torch.where(for_ever, torch.full_like(low, inf), torch.exp(low))
+        return torch.where(has_no_end, torch.full_like(low, inf), torch.exp(low))
 
 
 def _first_fold(applied_pa: Tensor, attraction: Attraction, log_limit: Tensor) -> Tensor | None:
-    """Return ln p of the first fold of each state, infinite where there is none; None without any.
+    """Return ln p of the first fold of each state, or None where no state has one.
 
-    The fold is where the slope of (p - p0)/I vanishes: ``1 - (1 - p0/p) dlnI/dlnp`` turns negative.
+    It is infinite for a state without a fold. At the fold the slope of (p - p0)/I is zero, and
+    ``1 - (1 - p0/p) dlnI/dlnp`` turns negative.
     """
     with torch.no_grad():
         nodes, step = attraction.nodes, attraction.log_gaps.step
         slopes = attraction.log_slopes()
-        # 1 - p0/p is at most 1 - 1/31 on the branch, and below 1 for a finite size: the usual case
-        # has no fold, and is spared the search.
+        # On the branch 1 - p0/p is at most 1 - 1/31, and below 1 for a finite size. Where the
+        # slopes are too small for a fold, as usual, there is no search.
         least = 1.0 if attraction.touching is not None else 1 / (1 - 1 / LIGHT_CONTACT_LIMIT)
         if float(slopes.max()) <= least:
             return None
@@ -172,13 +181,13 @@ def _rise(applied_pa: Tensor, attraction: Attraction, log_pressure: Tensor) -> T
 
 
 def _root(applied_pa: Tensor, strength: Tensor, attraction: Attraction, end: Tensor) -> Tensor:
-    """Newton from p0 upwards, with bisection whenever a step would leave the bracket.
+    """Newton's method from p0 upwards, with bisection whenever a step would leave the bracket.
 
-    The unknown is ``w = p0/p``: where I is proportional to p the balance ``1 - w = c I/p`` is
-    linear in it, so that few steps do even close to the critical voltage.
+    The unknown is ``w = p0/p``. Where I is proportional to p, the balance ``1 - w = c I/p`` is
+    linear in w, so that few steps suffice even close to the critical voltage.
     """
     low, high, pressure = applied_pa, end, applied_pa
-    patience = _STEPS_UNASKED if pressure.is_cuda else 1
+    patience = _STEPS_BETWEEN_CHECKS if pressure.is_cuda else 1
     for number in range(1, _NEWTON_STEPS + 1):
         value, slope = attraction(torch.log(pressure))
         share = applied_pa / pressure
@@ -187,8 +196,8 @@ def _root(applied_pa: Tensor, strength: Tensor, attraction: Attraction, end: Ten
         high = torch.where(lack < 0, high, pressure)
         steepness = 1 + (1 / share - 1) * (1 - slope / value)
         trial = applied_pa / (share + lack / steepness)
-        # At the root rounding decides on which side of it the bracket closes: a step that small
-        # is taken wherever it leads.
+        # Near the root rounding decides which side of the bracket moves. A step as small as that
+        # is taken even if it leaves the bracket.
         settled = (trial - pressure).abs() <= _SETTLED * pressure
         inside = (trial > low) & (trial < high)
         pressure = torch.where(inside | settled, trial, (low + high) / 2)
@@ -198,7 +207,7 @@ def _root(applied_pa: Tensor, strength: Tensor, attraction: Attraction, end: Ten
 
 
 class MeanFieldBalance(Fidelity):
-    """Equilibria from tables that are solved once and extended when a load lies beyond them."""
+    """Equilibria from a table that is solved once, and again when a load lies outside it."""
 
     name = "mean-field"
     assumes = "averages the attraction over the contact"
@@ -215,14 +224,14 @@ class MeanFieldBalance(Fidelity):
         self._widened = contact.contact_spots == "widened"
 
     def borrow(self, other: Fidelity) -> bool:
-        """Use what another has tabulated, where its mean field is equal to this one's.
+        """Use the table of another fidelity with the same mean field; return whether it did.
 
-        Area fraction, finite size and contact spots may differ: the table does not depend on them,
-        but for spots that are widened, which take more of it.
+        Area fraction, finite size and contact spots may differ, since the table does not depend on
+        them; only widened spots need a table that was made for them.
         """
         if not isinstance(other, MeanFieldBalance) or other._kept is None:
             return False
-        if not self.contact.field.equals(other.contact.field):
+        if self.contact.field is not other.contact.field:
             return False
         if self._widened and other._kept.lifted is None:
             return False
@@ -235,7 +244,7 @@ class MeanFieldBalance(Fidelity):
             self._log_mean_gap = self.contact.field.log_mean_gap()
         table = self._table(applied_pa, self._touching_of(widest_gap_m))
         if not self._keeps_table:
-            self._kept = table  # until `release`: one table for all blocks, not one for each
+            self._kept = table  # until `release`: all blocks of states share one table
 
     def release(self) -> None:
         """Drop a table that autograd records."""
@@ -246,7 +255,7 @@ class MeanFieldBalance(Fidelity):
         """Return the equilibrium of every state on the lowest branch."""
         pull, touching = load.pull, self._touching_of(load.widest_gap_m)
         table = self._table(load.applied_pa, touching)
-        counts = self.contact.contact_spots == "included"
+        spots_attract = self.contact.contact_spots == "included"
         area_fraction = self.contact.area_fraction
         supply = None
         if load.voltage_share is not None:
@@ -254,16 +263,16 @@ class MeanFieldBalance(Fidelity):
             supply = table.supply(
                 pull.circuit, load.area_m2, load.voltage_share, area_fraction, touching
             )
-        spots = area_fraction if counts else None
-        # Gaps are held by the voltage that the contact has at rest, the largest share of all.
+        spots = area_fraction if spots_attract else None
+        # Discharge limits the gaps at the voltage on the contact at rest: no state has more.
         rest = table.at(supply, load.applied_pa)
 
         def at(strength: Tensor) -> Attraction:
-            held = pull.held(strength * rest)
-            return table.attraction(held, spots, touching, supply, load.applied_pa)
+            attracted = pull.held(strength * rest)
+            return table.attraction(attracted, spots, touching, supply, load.applied_pa)
 
         attraction = at(pull.strength)
-        equilibrium = lowest_branch(load.applied_pa, pull.strength, attraction)
+        equilibrium = lowest_branch(load.applied_pa, pull.strength, attraction, load.of_end)
         end = equilibrium.strength_at_end
         if pull.most_pa is not None:
             end = end_of_voltage(load.applied_pa, at)
@@ -271,8 +280,9 @@ class MeanFieldBalance(Fidelity):
         area = area_fraction(pressure)
         log_pressure = torch.log(pressure)
         of_gap = attraction.of_gap(log_pressure)
-        # Past its end a state has the values of the end, and so its voltage too.
-        strength = torch.minimum(pull.strength, equilibrium.strength_at_end)
+        # A state past the end of its branch has the values at the end, and so the voltage there.
+        strength = pull.strength * equilibrium.strength_at_end if load.of_end else pull.strength
+        strength = torch.minimum(strength, equilibrium.strength_at_end)
         left = attraction.supply(log_pressure)
         return Balance(
             pressure_pa=pressure,
@@ -288,9 +298,9 @@ class MeanFieldBalance(Fidelity):
     def gap_mass(
         self, applied_pa: Tensor, widest_gap_m: Tensor | None, pressure_pa: Tensor
     ) -> Tensor:
-        """Return the masses that the table holds at the pressures of solved states.
+        """Return the table's masses at the pressures of solved states.
 
-        With finite size those that attract.
+        For a contact of finite size they are the masses that its attraction uses.
         """
         touching, log_pressure = self._touching_of(widest_gap_m), torch.log(pressure_pa)
         table = self._table(applied_pa, touching)
@@ -308,22 +318,24 @@ class MeanFieldBalance(Fidelity):
                 high = max(high, float(torch.exp(touching.of_gap(light).max())))
         if self._widened:  # the spots' own share of p comes on top of the gaps'
             high *= WIDEST
+        lowest, highest = low, high
         if self._kept is not None:
             if self._kept.covers(low, high):
-                # A part would leave out the stencil through which gradients pass.
+                # With gradients the whole table is used: `part` drops the stencil that they need.
                 return self._kept.part(low, high) if self._keeps_table else self._kept
             nodes = self._kept.log_pressure.exp()
-            low, high = min(low, float(nodes[0])), max(high, float(nodes[-1]))
-        table = AttractionTable.solve(self.contact.field, low, high, self._widened)
-        if self._keeps_table:
-            self._kept = table
-        return table
+            lowest, highest = min(low, float(nodes[0])), max(high, float(nodes[-1]))
+        table = AttractionTable.solve(self.contact.field, lowest, highest, self._widened)
+        if not self._keeps_table:
+            return table
+        self._kept = table
+        return table.part(low, high)
 
     def _touching_of(self, widest_gap_m: Tensor | None) -> Touching | None:
         """Finite size of states with these heights of the highest asperity."""
         if widest_gap_m is None:
             return None
-        # `prepare` and `solve` ask for the same states; autograd needs each for itself.
+        # `prepare` and `solve` come with the same states; with gradients nothing is cached.
         keeps = self._keeps_table and not widest_gap_m.requires_grad
         if keeps and self._touching and torch.equal(self._touching[0], widest_gap_m):
             return self._touching[1]
@@ -341,10 +353,10 @@ class MeanFieldBalance(Fidelity):
 class ClosedForm(Fidelity):
     """Equilibria by the critical-voltage formula, without a table.
 
-    In light contact area and attraction are proportional to p. ``I(p, h0) = Lambda(h0) p`` makes
-    the equilibrium linear: ``p = p0 / (1 - (V0/Vc)^2)`` with ``Vc = 2 / sqrt(eps0 Lambda)``
-    (physics page, section 3). Lambda is taken from the mean field at one pressure, and its slow
-    fall with pressure is the error of this fidelity.
+    In light contact area and attraction are proportional to p. With ``I(p, h0) = Lambda(h0) p`` the
+    equilibrium is ``p = p0 / (1 - (V0/Vc)^2)``, where ``Vc = 2 / sqrt(eps0 Lambda)`` (physics page,
+    section 3). Lambda is that of the mean field at one pressure. In fact it falls slowly with
+    pressure, which is the error of this fidelity.
     """
 
     name = "closed-form"
@@ -361,7 +373,7 @@ class ClosedForm(Fidelity):
         gap = field.mean_gap(pressure)
         self._gap_m = gap[0]
         self._gap_fall_m = (gap[0] - gap[1]) / torch.log(pressure[1] / pressure[0])
-        # Light contact, even where the reference pressure would close it: erf t = 2 t / sqrt(pi).
+        # The law of light contact, erf t = 2 t / sqrt(pi), whatever the reference pressure.
         light = 2 / sqrt(pi) * field.area.light
         self._area_per_pa = light * field.relative_pressure(pressure[0]) / pressure[0]
 
@@ -376,13 +388,14 @@ class ClosedForm(Fidelity):
         column, strength = load.pull.own_column, load.pull.strength
         gap_pull = load.pull.on_gaps(self._mass)[0] / self.contact.reference_pa
         spot_pull = self._area_per_pa * load.pull.on_spots()
-        counts = self.contact.contact_spots == "included"
-        loading = (gap_pull + spot_pull if counts else gap_pull)[column]
+        spots_attract = self.contact.contact_spots == "included"
+        loading = (gap_pull + spot_pull if spots_attract else gap_pull)[column]
         end = 1 - 1 / LIGHT_CONTACT_LIMIT
+        strength = strength * (end / loading) if load.of_end else strength
         share = strength * loading
         pressure = load.applied_pa / (1 - share.clamp(max=end))
         attraction = torch.minimum(strength, end / loading) * pressure
-        # Logarithmic in p, as light contact has it.
+        # In light contact the mean gap falls with ln p.
         fall = self._gap_fall_m * torch.log(pressure / self.contact.reference_pa)
         return Balance(
             pressure_pa=pressure,

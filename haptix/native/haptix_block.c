@@ -170,7 +170,7 @@ static void combine(const hx_rendering *r, const hx_block *b, double *target_mu,
                     double *amplitude_v)
 {
     for (int64_t point = 0; point < b->points; point++)
-        amplitude_v[point] = 0.0;
+        amplitude_v[point] = b->fingers ? 0.0 : b->idle_v;
     for (int64_t finger = 0; finger < b->fingers; finger++) {
         column less = {0}, more = {0};
         for (int64_t point = 0; point < b->points; point++) {
@@ -186,8 +186,9 @@ static void combine(const hx_rendering *r, const hx_block *b, double *target_mu,
                 double mu;
                 int8_t other;
                 double more_v = wanted_v(r, b, b->more, &more, at, point, &mu, &other);
-                v = between(v, more_v, b->part);
-                target_mu[at] = between(target_mu[at], mu, b->part);
+                double part = b->parts ? b->parts[point] : b->part;
+                v = between(v, more_v, part);
+                target_mu[at] = between(target_mu[at], mu, part);
                 status[at] = status[at] == OK ? other : status[at];
             }
             v *= b->gain[at];

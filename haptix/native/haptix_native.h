@@ -72,12 +72,14 @@ typedef struct {
     const double *added;     /* [fingers * points] shares of the reachable range; NULL: 0 */
     const hx_slice *less;    /* how friction is inverted: by one slice, */
     const hx_slice *more;    /* or if not NULL by a blend of two, */
-    double part;             /* with this part of the second */
+    double part;             /* with this part of the second, */
+    const double *parts;     /* or if not NULL with these, [points] */
     double before_v;         /* amplitude before the block */
     const double *queued_v;  /* [queued] amplitudes at its last points, to be joined */
     int64_t queued;
     const double *wave;      /* [period] of 1 V */
     int64_t period, phase;   /* sample of the wave at the first sample */
+    double idle_v;           /* amplitude without fingers */
 } hx_block;
 
 /* Render a block, and write its numbers one after the other: friction asked for [fingers * points],

@@ -1,6 +1,7 @@
 from .core import Fingers as Fingers
 from .core import RenderCore as RenderCore
 from .core import RenderedBlock as RenderedBlock
+from .core import RenderStats as RenderStats
 from .drive import DirectWave as DirectWave
 from .drive import Drive as Drive
 from .drive import SineCarrier as SineCarrier
@@ -12,4 +13,3 @@ from .settings import RenderSettings as RenderSettings
 from .settings import Sliding as Sliding
 from .stream import LiveRenderer as LiveRenderer
 from .stream import Renderer as Renderer
-from .stream import RenderStats as RenderStats

@@ -1,38 +1,46 @@
-"""One block: from fingers on a texture to drive samples."""
+"""One block: from fingers on a texture to drive samples, and the counts of blocks."""
 
 from __future__ import annotations
 
+from collections import deque
+from dataclasses import dataclass, field
 from math import sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from firmware_io import Device
+from firmware_io import Device, PlaybackStats
+from firmware_io.reviser import percentile
 from haptix.checks import Array, instance
 from haptix.errors import InputError
 from haptix.finger_response import FingerResponse
 from haptix.layout import Layout
+from haptix.limits import LIMITS
 from haptix.motion import Motion
 from haptix.native import DOUBLES, NULL, Struct, ffi, library
+from haptix.render.adapting import Adaptation
 from haptix.render.drive import Drive, DriverCarrier, SineCarrier
 from haptix.render.master import Mix
 from haptix.render.settings import Combination, RenderSettings
+from haptix.sensing import FingerEstimate
+from haptix.status import Status
 from haptix.surface import FrictionSurface, Slice
 from haptix.texture import Evaluator, Feelable, TargetKind, check_feelable
 from haptix.waves import turns
 
 CONTROL_HZ = 12_000.0
-"""Rate at which friction is asked for and inverted; the amplitude is a line in between. Skin feels
-up to 1 kHz, and a line between points 12 times as dense follows that within 3 %."""
+"""Rate of the control points, at which friction is evaluated and inverted. Between them the
+amplitude is a straight line. Skin feels up to 1 kHz; lines between points 12 times as dense follow
+that within 3 %."""
 
 _SHARES = 8
-"""Parts of the ripple's square, from none to all of it followed, between which lines will do."""
+"""Steps of the share of the ripple's square that the finger follows, 0 to 1; linear in between."""
 
-_ROUNDED = 1e-9  # of a quarter: rounding does not move a point into the next one
+_ROUNDED = 1e-9  # of a quarter of a period: rounding must not move a point into the next quarter
 _PARTS = 4  # places of the texture in a quarter of a period
 
-_JOIN_S = 0.002  # over which a window that is rendered again meets what is queued behind it
+_JOIN_S = 0.002  # over which a revised window is blended into the samples queued after it
 
 _TARGETS: tuple[TargetKind, ...] = ("mu", "contrast", "share")
 _COMBINATIONS: tuple[Combination, ...] = ("strongest", "first", "mean")
@@ -42,37 +50,39 @@ _new, _address, _render = ffi.new, ffi.from_buffer, library.hx_render
 _row, _FLOAT64 = np.ascontiguousarray, np.dtype(np.float64)
 _ALL = Mix()  # full intensity, and no effects
 
+_BLOCK_TIMES = 100_000  # that the statistics keep
+
 DEFAULT_CARRIER_HZ = 4000.0
-"""Above what skin feels, and a whole twelfth of the usual 48 kHz."""
+"""Too high to be felt, and exactly a twelfth of the usual 48 kHz."""
 
 
 class Fingers(NamedTuple):
-    """Fingers of a block, and what each gets of the drive."""
+    """Fingers of a block, and the share of the drive for each."""
 
     motion: Motion
-    """Where they are, at the control points."""
+    """The motion of the fingers at the control points."""
     gain: Array
     """Share of its amplitude that each finger gets, 0 to 1, of the motion's shape."""
     touch_ids: tuple[int, ...] = ()
-    """Which finger each is; live ones only."""
+    """Touch id of each finger; live fingers only."""
 
     @classmethod
     def none(cls, points: int) -> Fingers:
-        """No finger touches."""
+        """Return a block without fingers."""
         return cls(Motion.none(points), np.empty(0))
 
 
 class RenderedBlock(NamedTuple):
-    """Target and drive at control points, which end equal steps of samples."""
+    """Target and drive of a block; each control point is at the end of a step of samples."""
 
     first_sample: int
     """First sample of the block."""
     step: int
     """Samples from one point to the next."""
     fingers: int
-    """How many touched."""
+    """Number of fingers that touched."""
     target_mu: Array
-    """Friction that the texture asks for, shape (fingers * points,)."""
+    """Friction that the texture wants, shape (fingers * points,)."""
     status: npt.NDArray[np.int8]
     """Numbers of `Status`, shape (fingers * points,)."""
     gain: Array
@@ -89,13 +99,75 @@ class RenderedBlock(NamedTuple):
         return np.asarray(self.first_sample + self.step * points)
 
 
-class RenderCore:
-    """Renders single blocks; it holds no clock and no thread, and remembers nothing.
+@dataclass
+class RenderStats(PlaybackStats):
+    """Counts and times since the renderer was entered; those of a playback are 0 without one."""
 
-    The contact is too slow for a carrier and follows the mean attraction. It follows part of the
-    ripple of a direct drive, at twice the drive's frequency: this raises the mean friction of a
-    period, the more the faster the finger slides. Friction is that mean, with the finger's
-    response: nearly linear in the square of the ripple that the finger follows.
+    samples: int = 0
+    """Samples rendered."""
+    below: int = 0
+    """Samples, of all fingers, whose target was below the friction without voltage."""
+    above: int = 0
+    """Samples whose target was above the friction that the highest voltage or `haptix.limits`
+    allow."""
+    outside: int = 0
+    """Samples whose force was outside the surface's range."""
+    finger: FingerEstimate | None = None
+    """Latest estimate of the finger by sensing; None before the first one, or without sensing."""
+    block_s: deque[float] = field(default_factory=lambda: deque(maxlen=_BLOCK_TIMES), repr=False)
+    """Time to compute each of the last blocks [s]."""
+
+    def add(self, block: RenderedBlock, seconds: float) -> None:
+        """Count a block.
+
+        Parameters
+        ----------
+        block : RenderedBlock
+        seconds : float
+            Time that it took to render [s].
+        """
+        self.samples += len(block.drive_v)
+        self.block_s.append(seconds)
+        if block.status.any():
+            counts = np.bincount(block.status.ravel(), minlength=len(Status)) * block.step
+            self.below += int(counts[Status.BELOW])
+            self.above += int(sum(counts[status] for status in (Status.ABOVE, *LIMITS)))
+            self.outside += int(counts[Status.OUT_OF_RANGE])
+
+    def __str__(self) -> str:
+        line = (
+            f"{self.samples} samples ({self.below} below reach, {self.above} above, "
+            f"{self.outside} outside the surface), {len(self.block_s)} blocks of "
+            f"{self.p50_block_s * 1e3:.2f} ms (p99 {self.p99_block_s * 1e3:.2f}, longest "
+            f"{self.max_block_s * 1e3:.2f}), {self.revisions} revisions, {self.underruns} underruns"
+        )
+        if self.finger is not None:
+            line = f"{line}; finger: {self.finger}"
+        return f"{line}; {self.advice}" if self.advice else line
+
+    @property
+    def p50_block_s(self) -> float:
+        """Median time to compute a block [s]; nan without blocks."""
+        return percentile(self.block_s, 50)
+
+    @property
+    def p99_block_s(self) -> float:
+        """99th percentile of the time to compute a block [s]."""
+        return percentile(self.block_s, 99)
+
+    @property
+    def max_block_s(self) -> float:
+        """Longest time to compute a block [s]."""
+        return percentile(self.block_s, 100)
+
+
+class RenderCore:
+    """Renders single blocks, without a clock, a thread or a state.
+
+    The contact is too slow for a carrier, and follows its mean attraction. It partly follows the
+    ripple of a direct drive, which has twice the drive's frequency. This raises the mean friction
+    of a period, and more so for a faster finger. The rendered friction is that mean. It is nearly
+    linear in the square of the ripple that the finger follows by its response.
 
     Parameters
     ----------
@@ -145,7 +217,7 @@ class RenderCore:
         """Time from one control point to the next."""
         self.points = max(1, round(settings.block_s * rate / self.step))
         peak, ripple = drive.peak_per_sine, drive.attraction
-        # The current through the person limits the slew: at 4 kHz, 186 V.
+        # The limit of the current through the person limits the slew: to 186 V at 4 kHz.
         screen = surface.info.get("model", {}).get("screen", {})
         if (capacitance_f := screen.get("body_capacitance_f")) is not None:
             device.raise_capacitance(max(capacitance_f, device.limits.capacitance_f))
@@ -164,18 +236,19 @@ class RenderCore:
             ]
         )
         self._response = FingerResponse(surface.response_hz_per_mm_per_s)
-        # The drive stays below the limit, rounding included.
+        # The drive must stay below the limit even after rounding.
         self._most_v = highest_v / (1.0 if peak <= 1 else 1 + 1e-12)
         self.most_step_v = change_v_per_s * self.step / rate
         self._period = drive.period(rate)
         self._period_at = (
             NULL if self._period is None else _address(DOUBLES, _row(self._period, _FLOAT64))
         )
+        self.adapted: Adaptation | None = None
         self.texture = texture
 
     @property
     def texture(self) -> Feelable:
-        """What to feel. Another one may be given at any time, and counts from the next block."""
+        """The texture; it can be replaced at any time, from the next block on."""
         return self._felt[0]
 
     @texture.setter
@@ -184,7 +257,7 @@ class RenderCore:
 
     def _feel(self, texture: Feelable) -> None:
         check_feelable("texture", texture)
-        # One tuple, so that a thread that renders sees the old one or the new one.
+        # One tuple, so that another thread that renders sees either the old or the new texture.
         evaluator = texture.evaluator
         span = self.settings.compress
         rendering = Struct(
@@ -203,7 +276,7 @@ class RenderCore:
 
     @property
     def drives_at_rest(self) -> bool:
-        """Whether what is felt gives drive to fingers that rest."""
+        """Whether the texture drives fingers that rest."""
         return self._felt[1].drives_at_rest
 
     def block(
@@ -214,24 +287,41 @@ class RenderCore:
         queued_v: Array | None = None,
         mix: Mix = _ALL,
     ) -> RenderedBlock:
-        """Render the steps that end at a motion's points, from the amplitude before them.
+        """Render the steps that end at the motion's points.
 
-        Of amplitudes `queued_v` that are queued at the points, the last stays, and those before it
-        are blended into. `mix` has the intensity, and effects that are added to what is felt.
+        Parameters
+        ----------
+        fingers : Fingers
+            Where they are, and what each gets of the drive, at control points.
+        first_sample : int
+            Number of the block's first sample.
+        amplitude_v : float
+            Amplitude [V] before the block.
+        queued_v : array, optional
+            Amplitudes [V] already queued at the points: the last stays, the block blends into
+            those before.
+        mix : Mix
+            Intensity, and effects that are added to what is felt.
         """
         _, evaluator, rendering = self._felt
         motion, gain = fingers.motion, fingers.gain
         count, points, step = motion.fingers, motion.points, self.step
+        idle_v = 0.0 if self.adapted is None else self.adapted.probe_v
         value = force = intensity = added = queued = NULL
-        less, more, part = self._compiled, NULL, 0.0
+        less, more, part, parts = self._compiled, NULL, 0.0, NULL
         if count:
             motion.reachable = self.reachable
             if self._averaged:
                 values = self._over_the_quarter(evaluator, motion, first_sample)
                 speed = motion.footprint_mm * self.sample_rate_hz / step
                 cell, part = self._followed(np.float64(speed))
-                less, more = (one.compiled.at for one in self._averaged[cell : cell + 2])
+                pair = self._averaged[cell : cell + 2]
+                less, more = (columns.compiled.at for columns in pair)
             else:
+                if self.adapted is not None:
+                    slices, along = self.adapted.over(self.slice, points)
+                    less, more = (columns.compiled.at for columns in slices)
+                    parts = _address(DOUBLES, along)
                 values = evaluator.wanted(motion)
             if values.size != count * points:
                 raise InputError(
@@ -259,8 +349,8 @@ class RenderCore:
         gain_at = _address(DOUBLES, _row(gain, _FLOAT64))
         block = _new(_BLOCK, (
             count, points, value, force, gain_at, intensity, added, less, more, part,
-            amplitude_v, queued, 0 if queued_v is None else len(queued_v), wave_at, len(wave),
-            phase,
+            parts, amplitude_v, queued, 0 if queued_v is None else len(queued_v), wave_at,
+            len(wave), phase, idle_v,
         ))  # fmt: skip
         targets = count * points
         end = targets + points
@@ -272,43 +362,73 @@ class RenderCore:
         )  # fmt: skip
 
     def reachable(self, normal_force_n: Array, speed_mm_per_s: Array) -> tuple[Array, Array]:
-        """Lowest and highest friction coefficient at forces and speeds, shape (points,)."""
+        """Lowest and highest friction coefficient at forces and speeds, shape (points,).
+
+        Parameters
+        ----------
+        normal_force_n : array, shape (points,)
+        speed_mm_per_s : array, shape (points,)
+
+        Examples
+        --------
+        >>> import haptix
+        >>> model = haptix.ContactModel(haptix.Finger(), haptix.Screen(), fidelity="closed-form")
+        >>> surface = haptix.FrictionSurface.build(model, {"frequency_hz": 240.0}, 0.01)
+        >>> ribs = haptix.texture.Grating(period_mm=2.0)
+        >>> with haptix.Renderer(surface, ribs, haptix.open_device("mock:")) as renderer:
+        ...     low, high = renderer.reachable(np.array([0.5]), np.array([50.0]))
+        >>> bool((low < high).all())
+        True
+        """
         try:
             normal_force_n = np.asarray(normal_force_n, dtype=np.float64)
             speed_mm_per_s = np.asarray(speed_mm_per_s, dtype=np.float64)
         except (TypeError, ValueError):
             raise InputError("reachable: expected rows of forces and speeds") from None
-        lowest, highest = self.slice.reach(normal_force_n)
+        lowest, highest = self._known.reach(normal_force_n)
         if not self._averaged:
             return lowest, highest
-        highs = np.array([one.reach(normal_force_n)[1] for one in self._averaged])
+        highs = np.array([columns.reach(normal_force_n)[1] for columns in self._averaged])
         cell, part = self._followed(speed_mm_per_s)
         at = np.arange(highs.shape[1])
         return lowest, (1 - part) * highs[cell, at] + part * highs[cell + 1, at]
 
     def friction(self, normal_force_n: Array, speed_mm_per_s: Array, amplitude_v: Array) -> Array:
-        """Friction coefficient at forces, speeds and amplitudes [V], each of shape (points,)."""
+        """Friction coefficient at forces, speeds and amplitudes [V], each of shape (points,).
+
+        Parameters
+        ----------
+        normal_force_n : array, shape (points,)
+        speed_mm_per_s : array, shape (points,)
+        amplitude_v : array, shape (points,)
+            Amplitudes of the drive [V].
+        """
         if not self._averaged:
-            return self.slice.mu(normal_force_n, amplitude_v)
-        mu = np.array([one.mu(normal_force_n, amplitude_v) for one in self._averaged])
+            return self._known.mu(normal_force_n, amplitude_v)
+        mu = np.array([columns.mu(normal_force_n, amplitude_v) for columns in self._averaged])
         cell, part = self._followed(speed_mm_per_s)
         at = np.arange(mu.shape[1])
         return np.asarray((1 - part) * mu[cell, at] + part * mu[cell + 1, at])
 
     @property
+    def _known(self) -> Slice:
+        """Slice of the finger that sensing has learned, or else of the surface's finger."""
+        return self.slice if self.adapted is None else self.adapted.now(self.slice)
+
+    @property
     def highest_v(self) -> float:
-        """Highest amplitude [V] that is ever sent."""
+        """Highest amplitude [V] that the renderer sends."""
         return self._most_v
 
     def _over_the_quarter(self, evaluator: Evaluator, motion: Motion, first_sample: int) -> Array:
         """Numbers of the texture, averaged over the quarter of the drive's period around a point.
 
-        The attraction comes in pulses, two in a period. What the texture changes faster would be
-        felt as a slow change that it does not have. A pulse of a sine weighs its halves alike, so
-        that the mean friction over each of them is that of the texture.
+        The attraction comes in pulses, two in a period. They would turn faster changes of the
+        texture into slow changes that it does not have. Both halves of a sine's pulse have the same
+        weight, so that the mean friction over each half is that of the texture.
         """
         steps = self.sample_rate_hz / self.step / (4 * self.drive.frequency_hz)
-        # A point ends its step: where two quarters meet, it belongs to the first.
+        # A point is at the end of its step: where two quarters meet, it belongs to the first.
         last = 4 * turns(first_sample + self.step, 1, self.drive.frequency_hz, self.sample_rate_hz)
         passed = 1 - (_ROUNDED - last - np.arange(motion.points) / steps) % 1.0
         ahead = steps * ((np.arange(_PARTS)[:, None] + 0.5) / _PARTS - passed)
@@ -324,7 +444,7 @@ class RenderCore:
 
     @staticmethod
     def _shared(gain: Array, evaluator: Layout, motion: Motion) -> Array:
-        """Gains without those of fingers that another one's priority leaves out."""
+        """Gains; 0 for a finger while another one is on a region of higher priority."""
         priority = evaluator.priorities(motion)
         if priority is None:
             return gain
@@ -333,7 +453,7 @@ class RenderCore:
 
 
 def carrier_hz(surface: FrictionSurface) -> float:
-    """Return the frequency of the carrier that a surface is driven at where none is chosen."""
+    """Return the default frequency [Hz] of the carrier for a surface."""
     frequency = surface.frequency_hz
     if frequency.is_absent:
         return DEFAULT_CARRIER_HZ
@@ -341,7 +461,7 @@ def carrier_hz(surface: FrictionSurface) -> float:
 
 
 def _on_device(drive: Drive, device: Device) -> Drive:
-    """Return the drive as the device plays it: a driver in envelope mode makes the carrier."""
+    """Return the drive for the device: in envelope mode the driver makes the carrier itself."""
     if device.mode == "envelope":
         if not isinstance(drive, SineCarrier):
             raise InputError(

@@ -13,12 +13,13 @@ import numpy.typing as npt
 
 from haptix import checks
 from haptix.checks import Array
+from haptix.display import Displayed
 from haptix.errors import InputError
 from haptix.waves import Waveform, sine_table, turns
 
 _LEAST_DC_FREE = 1e-6
-"""Largest mean of a waveform over its peak: what rounding of a thousand samples leaves."""
-_PLACES = 4096  # samples of a square wave's period
+"""Largest mean of a waveform over its peak, as the rounding of a thousand samples may leave it."""
+_PLACES = 4096  # samples in a period of a square wave
 _AMPLITUDES = np.ones(1)
 
 
@@ -61,13 +62,37 @@ class Drive(ABC):
         return None
 
     def highest_v(self, slew_v_per_s: float, change_v_per_s: float, sample_rate_hz: float) -> float:
-        """Highest amplitude [V] whose drive keeps a slew limit while the amplitude changes."""
-        # Change and wave are steepest a quarter of a period apart.
-        turning = sqrt(max(slew_v_per_s**2 - change_v_per_s**2, 0.0))
-        return turning / (2 * pi * self.frequency_hz)
+        """Highest amplitude [V] whose drive keeps a slew limit while the amplitude changes.
+
+        Parameters
+        ----------
+        slew_v_per_s : float
+            The limit [V/s].
+        change_v_per_s : float
+            How fast the amplitude changes at most [V/s].
+        sample_rate_hz : float
+        """
+        # The slopes of wave and amplitude peak a quarter of a period apart, and so add as squares.
+        wave_v_per_s = sqrt(max(slew_v_per_s**2 - change_v_per_s**2, 0.0))
+        return wave_v_per_s / (2 * pi * self.frequency_hz)
 
     def modulate(self, amplitude_v: Array, first_sample: int, sample_rate_hz: float) -> Array:
-        """Drive signal [V] for amplitudes at consecutive samples, shape (samples,)."""
+        """Drive signal [V] for amplitudes at consecutive samples, shape (samples,).
+
+        Parameters
+        ----------
+        amplitude_v : array, shape (samples,)
+        first_sample : int
+            Number of the first, on the clock of samples.
+        sample_rate_hz : float
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from haptix.render import SineCarrier
+        >>> SineCarrier(1000.0).modulate(np.full(4, 50.0), 0, 4000.0).round(6).tolist()
+        [0.0, 50.0, 0.0, -50.0]
+        """
         period = self.period(sample_rate_hz)
         if period is None:
             return amplitude_v * self.wave(first_sample, len(amplitude_v), sample_rate_hz)
@@ -79,6 +104,21 @@ class Drive(ABC):
 
         The amplitude is a least-squares fit of the known wave within each period. The signal
         starts at sample 0 of the clock.
+
+        Parameters
+        ----------
+        drive_v : array, shape (samples,)
+            The signal [V].
+        sample_rate_hz : float
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from haptix.render import SineCarrier
+        >>> drive_v = SineCarrier(1000.0).modulate(np.full(480, 50.0), 0, 48000.0)
+        >>> _, amplitude_v = SineCarrier(1000.0).demodulate(drive_v, 48000.0)
+        >>> float(amplitude_v.max().round(3))
+        50.0
         """
         period = sample_rate_hz / self.frequency_hz
         bounds = np.arange(0, len(drive_v) + 1e-9, period).round().astype(int)
@@ -89,17 +129,37 @@ class Drive(ABC):
         return (bounds[:-1] + bounds[1:] - 1) / 2, product / energy
 
     def period(self, sample_rate_hz: float) -> Array | None:
-        """Samples of amplitude 1 V from sample 0 until the wave comes again; None if too many."""
+        """Samples of a wave of 1 V from sample 0 until it repeats; None if that takes too many."""
         return None
 
     @abstractmethod
     def wave(self, first_sample: int, count: int, sample_rate_hz: float) -> Array:
-        """Samples of the wave of amplitude 1 V, shape (count,)."""
+        """Samples of the wave of amplitude 1 V, shape (count,).
+
+        Parameters
+        ----------
+        first_sample : int
+            Number of the first, on the clock of samples.
+        count : int
+        sample_rate_hz : float
+
+        Examples
+        --------
+        >>> from haptix.render import SineCarrier
+        >>> SineCarrier(1000.0).wave(0, 4, 4000.0).round(6).tolist()
+        [0.0, 1.0, 0.0, -1.0]
+        """
 
 
 @dataclass(frozen=True)
 class SineCarrier(Drive):
-    """A sine that is too fast to be felt; its amplitude is the envelope."""
+    """A sine whose frequency is too high to be felt; its amplitude is the envelope.
+
+    Examples
+    --------
+    >>> SineCarrier(4000.0).frequency_hz
+    4000.0
+    """
 
     def period(self, sample_rate_hz: float) -> Array | None:
         """Samples until the sine comes again, see `Drive.period`."""
@@ -107,25 +167,25 @@ class SineCarrier(Drive):
 
     def wave(self, first_sample: int, count: int, sample_rate_hz: float) -> Array:
         """Samples of the sine, see `Drive.wave`."""
-        # In blocks of a millisecond, twice as fast as adding angles by `haptix.waves.sine`.
+        # For blocks of a millisecond this is twice as fast as `haptix.waves.sine`.
         phase = turns(first_sample, count, self.frequency_hz, sample_rate_hz)
         return np.sin(2 * np.pi * phase)
 
 
 @dataclass(frozen=True)
 class DriverCarrier(SineCarrier):
-    """A carrier that the driver makes itself: it is sent the envelope."""
+    """A carrier that the driver makes itself; the samples are its envelope."""
 
     def check_rate(self, sample_rate_hz: float) -> None:
         """Accept any rate: the samples hold only the envelope."""
         checks.positive("sample_rate_hz", sample_rate_hz)
 
     def highest_v(self, slew_v_per_s: float, change_v_per_s: float, sample_rate_hz: float) -> float:
-        """Highest amplitude [V]; a driver adds the slews of amplitude and carrier."""
+        """Highest amplitude [V]; the driver counts the slews of amplitude and carrier together."""
         return max(slew_v_per_s - change_v_per_s, 0.0) / (2 * pi * self.frequency_hz)
 
     def period(self, sample_rate_hz: float) -> Array | None:
-        """What the amplitudes are multiplied with: they are sent themselves."""
+        """A constant 1 V, because the amplitudes themselves are sent."""
         return _AMPLITUDES
 
     def demodulate(self, drive_v: Array, sample_rate_hz: float) -> tuple[Array, Array]:
@@ -134,7 +194,7 @@ class DriverCarrier(SineCarrier):
 
 
 @dataclass(frozen=True)
-class DirectWave(Drive):
+class DirectWave(Displayed, Drive):
     """A wave of any shape at the frequency that is felt.
 
     Contact area follows the mean of the squared voltage, so an amplitude is that of the sine with
@@ -145,6 +205,12 @@ class DirectWave(Drive):
     waveform : "sine", "square" or array_like, shape (samples,)
         One period, or its samples. They may not all be 0. Their mean must be 0, since a constant
         voltage charges the skin and then attracts no more.
+
+    Examples
+    --------
+    >>> wave = DirectWave(125.0).wave(0, 4, sample_rate_hz=500.0)
+    >>> (wave + 0.0).round(6).tolist()
+    [0.0, 1.0, 0.0, -1.0]
     """
 
     waveform: Literal["sine", "square"] | npt.ArrayLike = "sine"
@@ -175,7 +241,7 @@ class DirectWave(Drive):
         return sqrt(0.5 / self._waveform.mean_square)
 
     def highest_v(self, slew_v_per_s: float, change_v_per_s: float, sample_rate_hz: float) -> float:
-        """Highest amplitude [V]: the wave's steepest step from one sample to the next counts."""
+        """Highest amplitude [V], by the wave's largest step from one sample to the next."""
         phase = np.arange(_PLACES) / _PLACES
         after = self._waveform.at((phase + self.frequency_hz / sample_rate_hz) % 1.0)
         step = self.peak_per_sine * float(np.abs(after - self._waveform.at(phase)).max())
@@ -184,8 +250,14 @@ class DirectWave(Drive):
 
     @property
     def attraction(self) -> Array | None:
-        """Attraction at even times of a period over its mean; None if it is constant."""
-        # The mean of a period converges fast. No time lies at an edge.
+        """Attraction at even times of a period over its mean; None if it is constant.
+
+        Examples
+        --------
+        >>> DirectWave(125.0, "square").attraction is None  # steady: a square's square
+        True
+        """
+        # 64 times suffice for the mean of a period; the offset keeps them away from edges.
         attraction = np.square(self._waveform.at((np.arange(64) + 0.37) / 64))
         attraction /= attraction.mean()
         return None if np.ptp(attraction) < 0.1 else attraction

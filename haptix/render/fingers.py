@@ -19,26 +19,26 @@ from haptix.render.settings import LiveSettings, Sliding
 from haptix.touch import Touches, TouchEvent, TouchState, TouchTracker
 
 LOST_S = 0.1
-"""A recorded finger without touches for so long, while others go on, counts as lifted."""
+"""A recorded finger counts as lifted if it has no touch for this time while others go on."""
 
-_ROUNDING_S = 1e-6  # of a clock: a fade continues over it
+_ROUNDING_S = 1e-6  # of a clock; a fade continues for this time
 _address, _line = ffi.from_buffer, library.hx_line
 
 
 @dataclass
 class _KnownTrack:
-    """One finger, from the touch up to which it is rendered."""
+    """One recorded finger, from the last rendered touch on."""
 
     touches: Array
     """Time [s], place x and y [mm] and normal force [N], shape (4, touches)."""
     gains: list[tuple[float, float]]
-    """Time [s], and share of its amplitude that the finger gets then."""
+    """Times [s] and the share of its amplitude that the finger gets then."""
     is_sliding: bool = False
     is_down: bool = True
     force_known: bool = True
     react: React = unmoved
     reports: deque[tuple[float, Report, React]] = field(default_factory=deque)
-    """Time [s] of each that does not count yet, and how the material reacts."""
+    """Reports that do not count yet, with their time [s] and the reaction of the material."""
     reactions: Reactions = field(default_factory=Reactions)
 
     def fade(self, start_s: float, end_s: float, goal: float, fade_s: float) -> None:
@@ -60,7 +60,10 @@ class _KnownTrack:
         return hypot(x[i] - x[i - 1], y[i] - y[i - 1]) / float(t[i] - t[i - 1]) if i else 0.0
 
     def history_until(self, t_s: float) -> History:
-        """Let reports count up to the first after a time, which may date facts before it."""
+        """Let the reports until a time count, and the first one after it.
+
+        That one may show that a fact came about before the time.
+        """
         while self.reports:
             at_s, report, react = self.reports.popleft()
             self.reactions.report(report, react)
@@ -69,7 +72,7 @@ class _KnownTrack:
         return self.reactions.history
 
     def forget_before(self, t_s: float) -> None:
-        """Drop what lies before `t_s`, except the start of the line through it."""
+        """Drop touches and gains before `t_s`, except those where the line through it starts."""
         first = int(self.touches[0].searchsorted(t_s - VELOCITY_OVER_S, side="right")) - 1
         self.touches = self.touches[:, max(min(first, self.touches.shape[1] - 2), 0) :]
         while len(self.gains) > 2 and self.gains[1][0] <= t_s:
@@ -123,9 +126,9 @@ class RecordedFingers:
             if track.gains[-1][1] != track.is_sliding:
                 track.fade(float(t[i]), float(t[i + 1]), float(track.is_sliding), sliding.fade_s)
         track.force_known, track.react = force_known, react
-        # A material that does not react needs no more than the ends.
-        turning = touches[:, [0, -1]] if react is unmoved else touches
-        for at_s, x_at, y_at, force in turning.T.tolist():
+        # A material that does not react needs the first and last report only.
+        relevant = touches[:, [0, -1]] if react is unmoved else touches
+        for at_s, x_at, y_at, force in relevant.T.tolist():
             report = Report(at_s - start_s, x_at, y_at, force if force_known else None)
             track.reports.append((at_s, report, react))
         self._latest_s = max(self._latest_s, float(t[-1]))
@@ -159,10 +162,10 @@ class RecordedFingers:
     def motion(
         self, t0_s: float, step_s: float, points: int, since_s: float, at_rest: bool = False
     ) -> Fingers:
-        """Fingers at ``t0_s + step_s * (1 ... points)``; the first ends a step from `since_s`.
+        """Fingers at ``t0_s + step_s * (1 ... points)``, on the clock of touches.
 
-        Touches have a clock of their own; `since_s` is on that of samples, see `Motion`. Those that
-        get drive at rest were told with their touches.
+        `since_s` is `t0_s` on the clock of samples, see `Motion`. `at_rest` has no effect: `touch`
+        has said whether a finger is driven at rest.
         """
         self.tracks = {
             touch_id: track
@@ -204,7 +207,7 @@ class RecordedFingers:
 
 
 def _velocities(t_s: Array, paths: list[Array]) -> tuple[Array, Array]:
-    """Mean velocities over the time before each point: what comes after is not known yet."""
+    """Mean velocities [mm/s] over the time before each point, as a live finger would have them."""
     vx, vy = (
         np.concatenate(
             [
@@ -221,15 +224,15 @@ def _velocities(t_s: Array, paths: list[Array]) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, slots=True)
 class _PredictedTrack:
-    """One finger from a time on, as the reports until then predict it; it never changes.
+    """One finger from a time on, predicted by the reports until then; it never changes.
 
-    What was played before then was of an older prediction: the difference in place and force decays
-    over `TouchSettings.blend_s`, and the gain goes on from where it was.
+    Samples before that time followed an older prediction. The difference in place and force decays
+    over `TouchSettings.blend_s`, and the gain continues from its last value.
     """
 
     tracker: TouchTracker
     now: Any
-    """What the tracker knew, by identity."""
+    """State of the tracker at that time; a newer state is another object."""
     is_down: bool
     start_s: float
     offset: tuple[float, float, float]
@@ -246,13 +249,13 @@ class _PredictedTrack:
         return state.x_mm + dx, state.y_mm + dy, state.normal_force_n + df
 
     def left(self, t_s: float) -> tuple[float, float, float]:
-        """Return what is left of the offset at a time."""
+        """Return the rest of the offset at a time."""
         dx, dy, df = self.offset
         decay = exp(-max(t_s - self.start_s, 0.0) / self.tracker.settings.blend_s)
         return decay * dx, decay * dy, decay * df
 
     def _driven_until_s(self, settings: LiveSettings, at_rest: bool) -> float:
-        """Return until when the finger gets drive."""
+        """Return the time [s] until which the finger gets drive."""
         if not (self.is_down and (self.now[-1] or at_rest)):
             return self.start_s
         reported_s: float = self.now[0]
@@ -275,10 +278,11 @@ class _PredictedTrack:
 
 
 class PredictedFingers:
-    """Live fingers, as the reports until now predict them. Only `update` lets a new report count.
+    """Live fingers, predicted by the reports until the last `update`.
 
-    So what is appended goes on from what is queued, and any window can be rendered again. One
-    thread may take touches while another asks for the motion.
+    New reports count from the next `update` on. Therefore appended samples continue the queued
+    ones, and any window can be rendered again. One thread may take touches while another calls
+    `motion`.
     """
 
     def __init__(self, settings: LiveSettings) -> None:
@@ -303,12 +307,12 @@ class PredictedFingers:
 
     @property
     def is_live(self) -> bool:
-        """Whether a finger is on the screen, still fades out, or has drive in what is queued."""
+        """Whether a finger is on the screen, is fading out, or has drive in queued samples."""
         is_here = bool(self.tracks or self.touches.active)
         return is_here or self._updated_s < self._driven_until_s
 
     def update(self, t0_s: float) -> None:
-        """Let what has been reported count from a time on."""
+        """Let all reports until now count, from a time on."""
         self._updated_s = t0_s
         down = [tracker for _, tracker in self.touches.active]
         tracks = self.tracks
@@ -328,13 +332,13 @@ class PredictedFingers:
             offset = (x - new.x_mm, y - new.y_mm, force - new.normal_force_n)
             gain = self._gain(old, t0_s)
             if not gain and old.now[0] + self._settings.touch.lost_after_s < t0_s:
-                offset = (0.0, 0.0, 0.0)  # it was lost, and its drive had faded out
+                offset = (0.0, 0.0, 0.0)  # the finger was lost, and its drive had faded out
             tracks[tracker] = _PredictedTrack(tracker, now, is_down, t0_s, offset, gain)
 
         if tracks != before:
             self._rows = ffi.new("hx_track[]", [track.row for track in tracks.values()])
-            self._known = tuple(one.now[2].source != "assumed" for one in tracks.values())
-            self._ids = tuple(one.tracker.touch_id for one in tracks.values())
+            self._known = tuple(track.now[2].source != "assumed" for track in tracks.values())
+            self._ids = tuple(track.tracker.touch_id for track in tracks.values())
 
     def _gain(self, track: _PredictedTrack, t_s: float) -> float:
         return track.gain_at(t_s, self._settings, self._at_rest)
@@ -344,8 +348,9 @@ class PredictedFingers:
     ) -> Report | None:
         """Take a touch event, see `Touches.push`; a move of an unknown finger brings it down.
 
-        `react` is that of the material, see `Evaluator`. What it makes of the event holds from when
-        that can be played. Returns the report that it got; None for an event that was dropped.
+        `react` is that of the material, see `Evaluator`. The facts that it returns hold from the
+        first time that can still be played. Returns the report for `react`, or None for an event
+        that was dropped.
         """
         kind = getattr(event, "kind", None)
         if kind == "move" and event.touch_id not in self.touches:
@@ -356,11 +361,11 @@ class PredictedFingers:
             return None
         touch_id = event.touch_id
         tracker = dict(touches.active).get(touch_id) or before[touch_id]
-        heard_s = 0.0
+        playable_s = 0.0
         if self._ahead_s is None:
             self._ahead_s = tracker.last_t_s
         elif arrival_s is not None:
-            heard_s = arrival_s + self._settings.reaction_s - self._ahead_s
+            playable_s = arrival_s + self._settings.reaction_s - self._ahead_s
         t_s = tracker.last_t_s - self._ahead_s
         if kind == "up":
             now = Report(t_s, nan, nan, None, is_down=False)
@@ -368,15 +373,16 @@ class PredictedFingers:
             force = touches.settings.force.estimate(event.normal_force_n, event.contact_area_m2)
             force_n = None if force is None else force.normal_force_n
             now = Report(t_s, float(event.x_mm), float(event.y_mm), force_n)
-        self._reactions.setdefault(tracker, Reactions()).report(now, react, heard_s)
+        self._reactions.setdefault(tracker, Reactions()).report(now, react, playable_s)
         return now
 
     def motion(
         self, t0_s: float, step_s: float, points: int, since_s: float, at_rest: bool = False
     ) -> Fingers:
-        """Fingers at ``t0_s + step_s * (1 ... points)``; `at_rest`, those that rest get drive too.
+        """Fingers at ``t0_s + step_s * (1 ... points)``, on the clock of touches.
 
-        Touches have a clock of their own; `since_s` is `t0_s` on that of samples, see `Motion`.
+        `since_s` is `t0_s` on the clock of samples, see `Motion`. With `at_rest` fingers that rest
+        get drive too.
         """
         self._ahead_s = t0_s - since_s
         self._at_rest = at_rest or not self._settings.sliding.is_needed
@@ -391,19 +397,21 @@ class PredictedFingers:
             return Fingers.none(points)
         self._driven_until_s = max(self._driven_until_s, t0_s + step_s * points)
         size = n * points
-        each = 4 * (size + points)  # where each finger's own numbers begin
+        per_finger = 4 * (size + points)  # index of the numbers that are not for each point
         trackers = list(self.tracks)
         if n < count:
-            which = numbers[each + 2 * n : each + 3 * n].astype(int).tolist()
+            which = numbers[per_finger + 2 * n : per_finger + 3 * n].astype(int).tolist()
             known, ids = tuple(known[k] for k in which), tuple(ids[k] for k in which)
             trackers = [trackers[k] for k in which]
         reactions = self._reactions
-        histories = tuple([reactions[one].history if one in reactions else () for one in trackers])
+        histories = tuple(
+            [reactions[tracker].history if tracker in reactions else () for tracker in trackers]
+        )
         motion = Motion(
             n, points, numbers[:size], numbers[size : 2 * size], numbers[2 * size : 3 * size],
-            numbers.item(each + 3 * n) * step_s, step_s, since_s,
+            numbers.item(per_finger + 3 * n) * step_s, step_s, since_s,
             lambda: tuple(
-                np.repeat(numbers[each : each + 2 * n].reshape(2, n), points, axis=1)
+                np.repeat(numbers[per_finger : per_finger + 2 * n].reshape(2, n), points, axis=1)
             ),
             known, histories,
         )  # fmt: skip

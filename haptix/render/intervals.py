@@ -1,4 +1,4 @@
-"""Plays one interval on a device, and says when it began and what the panel reported."""
+"""Plays one interval on a device, and returns when it began and what the panel reported."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from firmware_io.progress import Marked
 from firmware_io.protocol import TouchReport
 
 _READINGS = 5
-NO_FORCE = 65535  # of a panel that measures none
+NO_FORCE = 65535  # the force of a panel that does not measure it
 
 
 @dataclass(frozen=True)
 class TouchSample:
-    """One report of the panel; a force of None is not measured."""
+    """One report of the panel; the force is None if it was not measured."""
 
     t_s: float
     x_mm: float
@@ -34,9 +34,9 @@ class PlayedInterval:
     """An interval that was played."""
 
     onset_s: float
-    """When its first sample was played, by the clock of the log."""
+    """Time at which its first sample was played, by the clock of the log."""
     marked: tuple[Marked, ...]
-    """What the driver has told of that sample; empty where it takes no marks."""
+    """The driver's marks of that sample; empty for a driver that takes no marks."""
 
 
 def play(
@@ -44,9 +44,9 @@ def play(
 ) -> PlayedInterval:
     """Play to the end, and return when the output began.
 
-    That is the driver's own time of the first sample, which it is asked to mark with `code`; of a
-    driver that takes no marks it follows from its count of samples. Afterwards the device is at 0 V
-    and disarmed, whatever happens. What the panel reported before is dropped.
+    The driver marks the first sample with `code` and gives its time. For a driver that takes no
+    marks the time follows from its count of samples. At the end, and after any error, the device is
+    at 0 V and disarmed. Reports of the panel from before are dropped.
     """
     takes_marks = getattr(getattr(device, "capabilities", None), "takes_marks", False)
     if hasattr(device, "touches"):
@@ -59,15 +59,15 @@ def play(
             device.mark(0, code)
         device.write(drive_v)
         first_s: float | None = None
-        if hasattr(device, "progress"):  # a stand-in for a device has none
+        if hasattr(device, "progress"):  # a stand-in for a device may lack it
             progress = device.progress(is_fresh=True)
             if progress.is_playing and progress.samples_played:
                 rate = device.capabilities.sample_rate_hz
                 first_s = progress.reported_s - progress.samples_played / rate
     marked = tuple(device.marked()) if takes_marks else ()
-    for one in marked:
-        if one.time_s is not None:
-            first_s = one.time_s
+    for mark in marked:
+        if mark.time_s is not None:
+            first_s = mark.time_s
     onset_s = began if first_s is None else max(began, first_s + offset_s)
     return PlayedInterval(onset_s, marked)
 
@@ -84,19 +84,19 @@ def on_log_time(
     offset = _offset_s(clock, device)
     return [
         TouchSample(
-            round(device.host_time_s(one.clock_ticks) + offset, 5),
-            one.x_um / 1e3,
-            one.y_um / 1e3,
-            None if one.normal_force_mn == NO_FORCE else one.normal_force_mn / 1e3,
-            one.contact,
-            one.phase.name.lower(),
+            round(device.host_time_s(report.clock_ticks) + offset, 5),
+            report.x_um / 1e3,
+            report.y_um / 1e3,
+            None if report.normal_force_mn == NO_FORCE else report.normal_force_mn / 1e3,
+            report.contact,
+            report.phase.name.lower(),
         )
-        for one in reports
+        for report in reports
     ]
 
 
 def _offset_s(clock: Callable[[], float], device: Device) -> float:
-    """Time of a clock minus that of the device's host: the closest of several readings."""
+    """Time of a clock minus that of the device's host, by the quickest of several readings."""
     host: Callable[[], float] = getattr(device, "clock", HOST_CLOCK)
     readings = []
     for _ in range(_READINGS):
@@ -106,7 +106,7 @@ def _offset_s(clock: Callable[[], float], device: Device) -> float:
 
 
 def code_of(trial: int, interval: int) -> int:
-    """Return the code of a mark: 10 times the trial's number, modulo 6000, and the interval's."""
+    """Return the code of a mark: 10 times the trial's number modulo 6000, plus the interval's."""
     return 10 * (trial % 6000) + interval + 1
 
 

@@ -1,7 +1,7 @@
 """Lab Streaming Layer: touches, the drive and markers, for the recorders of a laboratory.
 
-Times are those of the driver's clock, carried to the host's by the reports that a driver sends of
-it, and from there to that of the Lab Streaming Layer.
+Times are taken by the driver's clock. The driver reports its clock, which converts them to the
+host's clock and from there to that of the Lab Streaming Layer.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from haptix.render.played import COLUMNS, PlayedRecord
 from haptix.render.stream import LiveRenderer
 from haptix.touch import TouchEvent
 
-_READINGS = 5  # of two clocks one after the other; the closest pair counts
+_READINGS = 5  # of two clocks, one after the other; the quickest pair counts
 
 TOUCH_CHANNELS = (("x", "mm"), ("y", "mm"), ("normal_force", "N"), ("contact", ""), ("phase", ""))
 DRIVE_CHANNELS = (("voltage", "V"), ("friction", ""))
@@ -31,7 +31,7 @@ MARKER_CHANNELS = (("code", ""), ("sample", ""))
 
 _PHASES = {"up": 0, "down": 1, "move": 2}
 _TARGET = COLUMNS.index("wanted")
-_FINAL_S = 0.02  # no revision comes as long after a sample was played
+_FINAL_S = 0.02  # after this time no revision can change a sample any more
 
 
 class LabOutlets:
@@ -73,7 +73,7 @@ class LabOutlets:
             import pylsl
         self._lsl, self._clock, self._device = pylsl, clock, device
         self.unplayed = 0
-        """Marks that came too late for the driver to time them."""
+        """Number of marks that came too late for the driver to time them."""
         rate = drive_hz or device.capabilities.sample_rate_hz
         source = f"{name}-{device.capabilities.serial}"
         self._touch = self._outlet(f"{name}-touch", "MoCap", TOUCH_CHANNELS, 0.0, source)
@@ -146,21 +146,22 @@ class LabOutlets:
 
     def marks(self, marked: Iterable[Marked]) -> None:
         """Send marks, as `Device.marked` returns them."""
-        for one in marked:
-            if one.time_s is None:
+        for mark in marked:
+            if mark.time_s is None:
                 self.unplayed += 1
                 continue
-            self._origin = one
-            texts = [str(one.code), str(one.sample_index)]
-            self._markers.push_sample(texts, self.lsl_time_s(one.time_s))
+            self._origin = mark
+            texts = [str(mark.code), str(mark.sample_index)]
+            self._markers.push_sample(texts, self.lsl_time_s(mark.time_s))
         self._send_drive()
 
     def reports(self, reports: Iterable[TouchReport]) -> None:
         """Send touches, as `Device.touches` returns them."""
-        for one in reports:
-            force = np.nan if one.normal_force_mn == NO_FORCE else one.normal_force_mn / 1e3
-            at = self._device.host_time_s(one.clock_ticks)
-            self.touch(at, one.x_um / 1e3, one.y_um / 1e3, force, one.contact, int(one.phase))
+        for report in reports:
+            force = np.nan if report.normal_force_mn == NO_FORCE else report.normal_force_mn / 1e3
+            at = self._device.host_time_s(report.clock_ticks)
+            place = (report.x_um / 1e3, report.y_um / 1e3)
+            self.touch(at, *place, force, report.contact, int(report.phase))
 
     def follow(self) -> None:
         """Send the touches and marks that the device has read."""
@@ -178,7 +179,8 @@ class LabOutlets:
 
     def has_recorders(self) -> bool:
         """Whether somebody records all three streams."""
-        return all(one.have_consumers() for one in (self._touch, self._drive, self._markers))
+        outlets = (self._touch, self._drive, self._markers)
+        return all(outlet.have_consumers() for outlet in outlets)
 
     def close(self) -> None:
         """Close the streams."""
@@ -225,7 +227,7 @@ class LiveOutlets:
         self._outlets = LabOutlets(renderer.device, name, drive_hz=drive_hz)
         renderer.record, renderer.taken = self._record, self._touch
         self.marks_sent = 0
-        """Marks that the driver has told of."""
+        """Number of marks that the driver has reported."""
 
     def _touch(self, event: TouchEvent) -> None:
         is_up = event.kind == "up"
@@ -234,7 +236,7 @@ class LiveOutlets:
         self._outlets.touch(event.t_s, *at, force, event.touch_id, _PHASES[event.kind])
 
     def follow(self) -> None:
-        """Send the marks that the driver has told of, and what it has played."""
+        """Send the marks that the driver has reported, and the samples that it has played."""
         self._send_marks()
         self._send(self._renderer.now_s() - _FINAL_S)
 
@@ -256,7 +258,7 @@ class LiveOutlets:
         return self._outlets.has_recorders()
 
     def close(self) -> None:
-        """Send what is left, and close the streams."""
+        """Send the remaining marks and samples, and close the streams."""
         renderer = self._renderer
         renderer.record = renderer.taken = None
         self._send_marks()

@@ -1,4 +1,4 @@
-"""What every app may turn: intensity, mute, pause, and short effects over all that is felt."""
+"""Master controls of a renderer: intensity, mute, pause, and short effects added to the texture."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from haptix.texture import Evaluator, Feelable, check_feelable
 _LOG = logging.getLogger("haptix.render")
 
 MOST_EFFECTS = 8
-"""Effects at once; one more drops the oldest of the lowest priority."""
+"""Largest number of effects at once; one more drops the oldest of the lowest priority."""
 
-_TURN_S = 0.05  # a change of the intensity
+_CHANGE_S = 0.05  # duration of a change of the intensity
 _MUTE_S = 0.005
-_FELT_GAIN = 0.5  # share of its amplitude from which a finger feels an effect
-_FELT_S = 1e-3  # steps in which it is noted whether an effect is felt
+_FELT_GAIN = 0.5  # a finger feels an effect if it gets at least this share of its amplitude
+_FELT_S = 1e-3  # step in which `PlayingEffect.mark` records whether an effect is felt
 
 Outcome = Literal["played", "cut", "dropped"]
 
@@ -34,15 +34,33 @@ class EffectEnd(NamedTuple):
 
     effect: Any
     sample: int
-    """At which it ended."""
+    """Index of the sample at which it ended."""
     outcome: Outcome
-    """To its end, stopped, or dropped for another one."""
+    """Whether it was played to its end, was stopped (cut), or was dropped for another effect."""
     felt_share: float
-    """Share of its time in which a finger got drive: a finger that rests feels nothing."""
+    """Share of its time in which a finger got drive; a finger that rests feels nothing."""
 
 
 class PlayingEffect:
-    """An effect that plays."""
+    """An effect while it is played.
+
+    Parameters
+    ----------
+    effect : object
+        What was asked for.
+    evaluator : Evaluator
+        Its answers.
+    now : callable
+        Returns the time of the scene [s].
+    length_s : float
+        How long it plays [s].
+    priority : int
+        Of too many effects the one of lowest priority is dropped.
+    done : callable or None
+        Takes its `EffectEnd`.
+    changed : callable
+        Called when it ends early.
+    """
 
     def __init__(
         self,
@@ -65,7 +83,7 @@ class PlayingEffect:
         self._felt = np.zeros(max(1, ceil(length_s / _FELT_S)), bool)
 
     def added(self, motion: Motion) -> Array:
-        """Share of the reachable friction that it adds."""
+        """Share of the reachable friction that the effect adds."""
         begun = Facts(0.0, 0.0, 0.0, 0.0, 0.0)
         moved = motion.begun_at(self.start_s, ((((-inf, begun),)),) * motion.fingers)
         value = self.evaluator.wanted(moved)
@@ -74,19 +92,26 @@ class PlayingEffect:
         return value * (1 - self.fade.parts(motion.t_s))
 
     def mark(self, t_s: Array, is_felt: npt.NDArray[np.bool_]) -> None:
-        """Note whether it is felt at times of the scene."""
+        """Record whether the effect is felt at times of the scene.
+
+        Parameters
+        ----------
+        t_s : array, shape (points,)
+        is_felt : array of bool, shape (points,)
+            Whether a finger feels it then.
+        """
         at = np.floor((t_s - self.start_s) / _FELT_S).astype(int)
         inside = (at >= 0) & (at < len(self._felt))
         self._felt[at[inside]] = is_felt[inside]
 
     @property
     def felt_share(self) -> float:
-        """Share of its time until it ends in which it is felt."""
+        """Share of the effect's time in which it is felt."""
         count = min(max(1, round((self.end_s - self.start_s) / _FELT_S)), len(self._felt))
         return float(self._felt[:count].mean())
 
     def stop(self, outcome: Outcome = "cut") -> None:
-        """Fade it out in 5 ms."""
+        """Fade the effect out in 5 ms."""
         now_s = self._now()
         if now_s < self.end_s:
             self.outcome = outcome
@@ -96,24 +121,24 @@ class PlayingEffect:
 
 
 class Mix(NamedTuple):
-    """What one block gets of intensity and effects."""
+    """Intensity and effects of one block."""
 
     since_s: float = 0.0
-    """Time of the scene where the block begins, a step before its first point."""
+    """Time of the scene at the block's start, a step before its first point."""
     intensity: float | Array = 1.0
-    """At its points, shape (points,); one number where it stays."""
+    """Intensity at the points, shape (points,), or one number if it is constant."""
     effects: tuple[PlayingEffect, ...] = ()
 
     def added(self, motion: Motion) -> Array:
         """Share of the reachable friction that the effects add to a motion."""
-        return np.asarray(np.sum([one.added(motion) for one in self.effects], axis=0))
+        return np.asarray(np.sum([effect.added(motion) for effect in self.effects], axis=0))
 
     def mark(self, motion: Motion, gain: Array) -> None:
-        """Note whether the effects are felt by fingers of such gains."""
+        """Record whether fingers of such gains feel the effects."""
         t_s = self.since_s + motion.step_s * np.arange(1.0, motion.points + 1)
         is_felt = gain.reshape(-1, motion.points).max(axis=0, initial=0.0) > _FELT_GAIN
-        for one in self.effects:
-            one.mark(t_s, is_felt)
+        for effect in self.effects:
+            effect.mark(t_s, is_felt)
 
 
 class Master:
@@ -138,7 +163,7 @@ class Master:
         self._ended: tuple[PlayingEffect, ...] = ()
 
     def reset(self) -> None:
-        """Take what is set as it is: a session starts."""
+        """Start a session: without effects or pauses, at the set intensity."""
         self._effects = self._ended = ()
         self.is_paused = False
         self._stood_s = 0.0
@@ -150,7 +175,7 @@ class Master:
         return 0.0 if is_silent else self.intensity * self.user_intensity
 
     def turn(self, now_s: float, **changes: Any) -> None:
-        """Set attributes, and go to what they give along a line from a time on."""
+        """Set attributes, and move the intensity to the new value along a line from `now_s` on."""
         quick = False
         for name, value in changes.items():
             if isinstance(value, bool):
@@ -159,27 +184,27 @@ class Master:
                 raise InputError(f"{name}: expected 0 to 1, got {value:g}")
             setattr(self, name, value)
         _LOG.info("%s", ", ".join(f"{name} {value}" for name, value in changes.items()))
-        self._line = self._line.to((self._goal,), now_s, _MUTE_S if quick else _TURN_S)
+        self._line = self._line.to((self._goal,), now_s, _MUTE_S if quick else _CHANGE_S)
         self._changed()
 
     def pause(self, now_s: float) -> None:
-        """Stand from a time on."""
+        """Stop the time of the scene from `now_s` on, and fade out."""
         if not self.is_paused:
             self._stands_s = self.scene_s(now_s)
             self.turn(now_s, is_paused=True)
 
     def resume(self, now_s: float) -> None:
-        """Go on from a time on."""
+        """Let the time of the scene go on from `now_s` on, and fade in."""
         if self.is_paused:
             self._stood_s = now_s - self._stands_s
             self.turn(now_s, is_paused=False)
 
     def scene_s(self, samples_s: float) -> float:
-        """Time of the scene at a time of samples: less the pauses, and standing in one."""
+        """Time of the scene at a time of samples: that time minus all pauses."""
         return self._stands_s if self.is_paused else samples_s - self._stood_s
 
     def mix(self, first_s: float, step_s: float, points: int) -> Mix:
-        """Return what a block gets whose points end steps from a time of samples."""
+        """Return the mix of a block that starts at a time of samples."""
         since_s, line = self.scene_s(first_s), self._line
         if first_s >= line.end_s:
             return Mix(since_s, line.after[0], self._effects)
@@ -205,37 +230,40 @@ class Master:
             )
         whole("priority", priority, -(10**6))
         now_s = now()
-        playing = [one for one in self._effects if one.end_s > now_s]
+        playing = [other for other in self._effects if other.end_s > now_s]
         added = PlayingEffect(effect, evaluator, now, length_s, priority, done, self._changed)
-        sounding = [one for one in playing if one.outcome == "played"]
-        if len(sounding) >= MOST_EFFECTS:
-            weakest = min([*sounding, added], key=lambda one: (one.priority, one.start_s))
+        whole_ones = [other for other in playing if other.outcome == "played"]
+        if len(whole_ones) >= MOST_EFFECTS:
+            weakest = min([*whole_ones, added], key=lambda other: (other.priority, other.start_s))
             _LOG.info("an effect is dropped: %d play already", MOST_EFFECTS)
             weakest.stop("dropped")
-        self._ended += tuple(one for one in self._effects if one.end_s <= now_s)
+        self._ended += tuple(other for other in self._effects if other.end_s <= now_s)
         self._effects = (*playing, added)
         self._changed()
         return added
 
     def cut(self, played_s: float, sample_rate_hz: float) -> None:
-        """End what still plays, with the session."""
-        for one in self._effects:
-            if one.end_s > played_s:
-                one.end_s, one.outcome = played_s, "cut"
+        """End all effects at the end of the session."""
+        for effect in self._effects:
+            if effect.end_s > played_s:
+                effect.end_s, effect.outcome = played_s, "cut"
         self.ended(played_s, sample_rate_hz)
 
     def ended(self, played_s: float, sample_rate_hz: float) -> list[EffectEnd]:
-        """Return what has ended by a time of the scene, once, and tell who waits for it."""
-        over = [*self._ended, *(one for one in self._effects if one.end_s <= played_s)]
+        """Return the effects that have ended by a time of the scene, and call their `done`.
+
+        Each effect is returned once.
+        """
+        over = [*self._ended, *(effect for effect in self._effects if effect.end_s <= played_s)]
         if not over:
             return []
         self._ended = ()
-        self._effects = tuple(one for one in self._effects if one not in over)
+        self._effects = tuple(effect for effect in self._effects if effect not in over)
         ends = []
-        for one in over:
-            sample = round((one.end_s + self._stood_s) * sample_rate_hz)
-            played = EffectEnd(one.effect, sample, one.outcome, one.felt_share)
-            ends.append(played)
-            if one.done is not None:
-                one.done(played)
+        for effect in over:
+            sample = round((effect.end_s + self._stood_s) * sample_rate_hz)
+            end = EffectEnd(effect.effect, sample, effect.outcome, effect.felt_share)
+            ends.append(end)
+            if effect.done is not None:
+                effect.done(end)
         return ends

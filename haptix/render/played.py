@@ -1,4 +1,4 @@
-"""What a live renderer plays: windows that are rendered, and rendered again, and their record."""
+"""Windows of a live renderer: their rendering, their revision, and the record of those played."""
 
 from __future__ import annotations
 
@@ -18,34 +18,34 @@ from haptix.render.fingers import PredictedFingers
 from haptix.render.master import Master
 
 ROW_S = 0.001
-"""Between rows, as near as the control points allow: friction is felt up to 1 kHz."""
+"""Time between rows, as nearly as the control points allow; friction is felt up to 1 kHz."""
 
 COLUMNS = ("x_mm", "y_mm", "normal_force_n", "wanted", "reached", "low", "high", "voltage_share")
-"""Of a finger's rows: place, force, friction that was asked for, friction at the amplitude that was
-sent, its reachable range, and that amplitude over the highest that is ever sent."""
+"""Columns of a finger's rows: place, force, wanted friction, friction at the amplitude that was
+sent, its reachable range, and that amplitude over the highest one that the renderer sends."""
 
-_MOST_WINDOWS = 4000  # that nobody has taken: some seconds
+_MOST_WINDOWS = 4000  # that wait to be taken: some seconds
 
 
 class PlayedPart(NamedTuple):
-    """A stretch that was played."""
+    """A part of the output that was played."""
 
     t0_s: float
     """Time of the first point, by the renderer's clock."""
     step_s: float
-    """Between points."""
+    """Time between points."""
     amplitude_v: Array
-    """At each point, shape (points,); linear in between."""
+    """Amplitude at each point, shape (points,); linear in between."""
     row_s: float
-    """Between rows; the first is that of the first point."""
+    """Time between rows; the first row is at the first point."""
     rows: dict[int, Array]
-    """Of each finger that got drive: shape (rows, 8), see `COLUMNS`; NaN where it got none."""
+    """Rows of each finger that got drive, shape (rows, 8), see `COLUMNS`; NaN where it got none."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Window:
-    first: int  # point; those of a block end its steps
-    at_s: float  # of the first point
+    first: int  # index of the first point; each point is at the end of a step
+    at_s: float  # time of the first point
     block: RenderedBlock
     fingers: Fingers
 
@@ -55,9 +55,9 @@ class _Window:
 
 
 class PlayedRecord:
-    """Windows of a stream as they are rendered; what was played is told when it is final.
+    """Records the windows of a stream, and returns what was played once it is final.
 
-    Of windows that cover the same time the last one was played, unless the driver refused it.
+    Where windows cover the same time, the last one was played, unless the driver refused it.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ class PlayedRecord:
     def add(
         self, block: RenderedBlock, fingers: Fingers, at_s: float, is_revision: bool = False
     ) -> None:
-        """Take a window whose first sample is played at a time."""
+        """Take a window whose first sample is played at `at_s`."""
         step_s = self._core.step_s
         first = block.first_sample // block.step + 1
         window = _Window(first, at_s + step_s, block, fingers)
@@ -89,7 +89,7 @@ class PlayedRecord:
                 self._under_way.append(window)
 
     def settle(self, obeyed: int, undone: bool) -> None:
-        """Take the oldest revisions as played; with `undone`, all others never were."""
+        """Record that the oldest `obeyed` revisions were played, and with `undone` no other was."""
         with self._lock:
             for _ in range(min(obeyed, len(self._under_way))):
                 self._under_way.popleft()
@@ -100,9 +100,9 @@ class PlayedRecord:
                 self._windows = deque(kept, maxlen=_MOST_WINDOWS)
 
     def take(self, until_s: float) -> PlayedPart | None:
-        """Return what was played until a time and was not taken before; None if there is nothing.
+        """Return the part that was played until a time and was not taken before, or None.
 
-        It ends with a whole row.
+        The part ends with a whole row.
         """
         with self._lock:
             windows = [window for window in self._windows if window.at_s <= until_s]
@@ -163,10 +163,10 @@ class PlayedRecord:
                 row = rows[touch_id] = np.full((count, len(COLUMNS)), np.nan)
             for column, values in enumerate(filled):
                 row[at[here], column] = values[finger, here]
-            row[at[here], 4] = speed  # until `_derive`
+            row[at[here], 4] = speed  # `_derive` replaces it by the reached friction
 
     def _derive(self, rows: dict[int, Array], amplitude_v: Array) -> None:
-        """Friction reached and reachable, of all fingers at once."""
+        """Fill the columns of reached and reachable friction, of all fingers at once."""
         table = np.stack(list(rows.values()))
         present = ~np.isnan(table[..., 2])
         force, speed = table[present][:, 2], table[present][:, 4]
@@ -180,7 +180,7 @@ class PlayedRecord:
 
 
 class RenderSource:
-    """Renders windows from what is queued before them; see `firmware_io.Source`.
+    """Renders windows that continue the samples queued before them; see `firmware_io.Source`.
 
     Parameters
     ----------
@@ -214,7 +214,7 @@ class RenderSource:
         self._count = count
         self._record = record
         self._appended = appended
-        self.amplitudes = Revisable()  # of what is queued, where each step begins
+        self.amplitudes = Revisable()  # of the queued samples, at the start of each step
         self.amplitudes.append(np.zeros(1))
 
     @property
@@ -224,7 +224,7 @@ class RenderSource:
 
     @property
     def is_live(self) -> bool:
-        """Whether fingers' reports could still change what is played."""
+        """Whether reports of fingers could still change the queued samples."""
         return self._fingers.is_live
 
     def window(self, first: int, count: int, at_s: float, is_revision: bool) -> Array:
@@ -237,6 +237,8 @@ class RenderSource:
             self._fingers.update(at_s)
             start = step + 1 - amplitudes.first
             queued = amplitudes.values[start : start + points]
+        if core.adapted is not None:
+            core.adapted.window(at_s, core.step_s, is_revision)
         mix = self._master.mix(first / core.sample_rate_hz, core.step_s, points)
         fingers = self._fingers.motion(at_s, core.step_s, points, mix.since_s, core.drives_at_rest)
         block = core.block(fingers, first, amplitudes[step], queued, mix)
@@ -253,7 +255,7 @@ class RenderSource:
         return block.drive_v
 
     def settle(self, obeyed: int, undone: bool) -> None:
-        """Take the oldest revisions as played; with `undone`, all others never were."""
+        """Record that the oldest `obeyed` revisions were played, and with `undone` no other was."""
         self.amplitudes.accept(obeyed)
         if undone:
             self.amplitudes.undo()
@@ -261,5 +263,5 @@ class RenderSource:
             record.settle(obeyed, undone)
 
     def played(self, index: int) -> None:
-        """Forget what lies before an index."""
+        """Drop the amplitudes before the sample `index`."""
         self.amplitudes.drop_before(index // self._core.step)

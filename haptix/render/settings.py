@@ -22,14 +22,14 @@ Combination = Literal["strongest", "first", "mean"]
 """Which finger sets the amplitude of the one electrode that all fingers share."""
 
 LONGEST_S = 1.0
-"""A longer block is one in milliseconds."""
+"""Longest block; a larger number was probably meant in milliseconds."""
 
 LONGEST_REACTION_S = 0.1
-"""A longer reaction is one in milliseconds, or is late for what a finger does."""
+"""Longest reaction; a larger number was probably meant in milliseconds, and would be too late."""
 
 SLEW_V_PER_S = 4e5
-"""Largest slope of the amplitude. An edge of the texture takes 0.5 ms to the full 200 V; a faster
-one makes the screen click. A finger at 100 mm/s moves 50 um in that time."""
+"""Largest slope of the amplitude. An edge of the texture takes 0.5 ms to the full 200 V, in which a
+finger at 100 mm/s moves 50 um. A steeper slope would make the screen click."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,11 @@ class Sliding:
         Time in which the drive fades in and out.
     is_needed : bool
         Whether a finger that stands still gets no voltage.
+
+    Examples
+    --------
+    >>> Sliding(from_mm_per_s=3.0).to_mm_per_s
+    1.0
     """
 
     from_mm_per_s: NotNegative = 2.0
@@ -125,6 +130,11 @@ class LiveSettings(RenderSettings):
     strict : bool
         Raise for a touch that cannot be used. Otherwise it is dropped and counted in
         `touch_counts`.
+
+    Examples
+    --------
+    >>> LiveSettings(block_s=0.002).block_s
+    0.002
     """
 
     touch: TouchSettings = field(default_factory=TouchSettings)

@@ -11,9 +11,9 @@ States of a renderer::
        |  leaving                       an error of the device, or of a limit: 0 V  |
        +--------------------- failed <----------------------------------------------+
 
-While entered, the stream goes on whatever is felt: `mute` and `pause` fade to the lowest friction,
-and a pause also stops the time of the scene. A live renderer that failed raises the error once, at
-the next call; a recorded one raises it at once. Either can be entered again.
+While entered, the stream runs whether or not a finger touches. `mute` and `pause` fade to the
+lowest friction, and a pause also stops the time of the scene. A live renderer that failed raises
+the error once, at the next call; a recorded one raises it immediately. Both can be entered again.
 """
 
 from __future__ import annotations
@@ -25,28 +25,27 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
 from math import nan
 from typing import Any, Self
 
 import numpy as np
 
-from firmware_io import Device, Playback, PlaybackStats
+from firmware_io import Device, Playback
 from firmware_io.progress import MOST_MARKS
 from firmware_io.real_time import ready_interpreter
-from firmware_io.reviser import percentile
 from haptix.checks import Array, instance, number, whole
 from haptix.errors import InputError, LimitError, OverloadWarning
 from haptix.layout import Layout, LayoutEvent, LayoutEventKind, Listeners
-from haptix.limits import LIMITS
 from haptix.motion import Report, Trajectory
-from haptix.render.core import RenderCore, RenderedBlock
+from haptix.render.adapting import Adaptation
+from haptix.render.core import RenderCore, RenderedBlock, RenderStats
 from haptix.render.drive import Drive, DriverCarrier
 from haptix.render.fingers import PredictedFingers, RecordedFingers
 from haptix.render.master import EffectEnd, Master, PlayingEffect
 from haptix.render.played import PlayedRecord, RenderSource
 from haptix.render.settings import LiveSettings, RenderSettings
-from haptix.status import Status
+from haptix.render.verified import VerifiedUse
+from haptix.sensing import FingerObserver, Reading
 from haptix.surface import FrictionSurface
 from haptix.texture import Feelable, check_feelable
 from haptix.touch import ForceModel, TouchCounts, TouchEvent
@@ -55,59 +54,10 @@ from haptix.touch.events import problem_of
 _LOG = logging.getLogger("haptix.render")
 
 LONGEST_GAP_S = 60.0
-"""Longest pause between touches that is rendered, where they drive the clock."""
+"""Longest pause between recorded touches that is rendered."""
 
-_KEPT = 100_000  # block times
-
-
-@dataclass
-class RenderStats(PlaybackStats):
-    """Counts and times since the renderer was entered; those of a playback are 0 without one."""
-
-    samples: int = 0
-    """Samples rendered."""
-    below: int = 0
-    """Samples, of all fingers, whose target was below the friction without voltage."""
-    above: int = 0
-    """Samples whose target was above what the highest voltage or `haptix.limits` allow."""
-    outside: int = 0
-    """Samples whose force was outside the surface's range."""
-    block_s: deque[float] = field(default_factory=lambda: deque(maxlen=_KEPT), repr=False)
-    """Time to compute each of the last blocks [s]."""
-
-    def add(self, block: RenderedBlock, seconds: float) -> None:
-        """Count a block."""
-        self.samples += len(block.drive_v)
-        self.block_s.append(seconds)
-        if block.status.any():
-            each = np.bincount(block.status.ravel(), minlength=len(Status)) * block.step
-            self.below += int(each[Status.BELOW])
-            self.above += int(sum(each[one] for one in (Status.ABOVE, *LIMITS)))
-            self.outside += int(each[Status.OUT_OF_RANGE])
-
-    def __str__(self) -> str:
-        line = (
-            f"{self.samples} samples ({self.below} below reach, {self.above} above, "
-            f"{self.outside} outside the surface), {len(self.block_s)} blocks of "
-            f"{self.p50_block_s * 1e3:.2f} ms (p99 {self.p99_block_s * 1e3:.2f}, longest "
-            f"{self.max_block_s * 1e3:.2f}), {self.revisions} revisions, {self.underruns} underruns"
-        )
-        return f"{line}; {self.advice}" if self.advice else line
-
-    @property
-    def p50_block_s(self) -> float:
-        """Median time to compute a block [s]; nan without blocks."""
-        return percentile(self.block_s, 50)
-
-    @property
-    def p99_block_s(self) -> float:
-        """99th percentile of it [s]."""
-        return percentile(self.block_s, 99)
-
-    @property
-    def max_block_s(self) -> float:
-        """Longest time [s]."""
-        return percentile(self.block_s, 100)
+_ASSUMED_N = ForceModel().assumed_n
+_LONG_S = 0.25  # length of a block of `play`: long enough to hide the cost of calls of numpy
 
 
 class RenderStream(RenderCore, ABC):
@@ -137,13 +87,16 @@ class RenderStream(RenderCore, ABC):
         self._listeners: Listeners | None = None
         super().__init__(surface, texture, device, drive, settings)
         self.device = device
+        self.verified = VerifiedUse(self.surface.info, self.drive.frequency_hz)
+        """What leaves the range in which the screen was verified; `told` hears of it."""
         self._reset()
 
     def _reset(self) -> None:
-        """Start anew: from rest, at sample 0, with empty counts."""
+        """Start again from rest, at sample 0, with empty counts."""
         self.stats = RenderStats()
         self.blocks: list[RenderedBlock] = []
         self._master.reset()
+        self.verified.reset()
         if self._listeners is not None:
             self._listeners.forget()
         self._attach(self.texture)
@@ -175,7 +128,7 @@ class RenderStream(RenderCore, ABC):
         self._master.turn(self._samples_s, is_muted=False)
 
     def pause(self) -> None:
-        """Fade out; what depends on time, layouts too, stands until `resume`."""
+        """Fade out, and stop the time of materials and layouts until `resume`."""
         self._master.pause(self._samples_s)
 
     def resume(self) -> None:
@@ -185,15 +138,22 @@ class RenderStream(RenderCore, ABC):
     def on(self, kind: LayoutEventKind, callback: Callable[[LayoutEvent], None]) -> None:
         """Call a function at each "enter", "leave", "press", "release" or "detent" of a finger.
 
-        It is called by `touch` and `lift`, in their thread, by the report itself and never by
-        prediction. Fingers whose force is not measured press nothing.
+        `touch` and `lift` call it, in their thread. Reports cause events, never predictions. A
+        finger whose force is not measured does not press.
+
+        Parameters
+        ----------
+        kind : str
+            The kind of event.
+        callback : callable
+            Takes the `LayoutEvent`.
         """
         if self._listeners is None:
             self._listeners = Listeners()
         self._listeners.on(kind, callback)
 
     def poll(self) -> list[EffectEnd]:
-        """Tell which effects have ended since the last time, see `LiveRenderer.play`."""
+        """Return the effects that have ended since the last call, see `LiveRenderer.play`."""
         return self._master.ended(self.next_sample_s, self.sample_rate_hz)
 
     def _feel(self, texture: Feelable) -> None:
@@ -203,7 +163,7 @@ class RenderStream(RenderCore, ABC):
         self._changed()
 
     def _changed(self) -> None:
-        """What is felt has changed, other than by a touch: the next block has it."""
+        """React to a change of texture, intensity or effects; the next block has it."""
 
     def _attach(self, texture: Feelable) -> None:
         """Give a layout the clock of the stream."""
@@ -215,20 +175,21 @@ class RenderStream(RenderCore, ABC):
     def _samples_s(self) -> float:
         """Time of the next sample that can still be rendered, since the first."""
 
-    def _heard(self, event: TouchEvent, normal_force_n: float | None) -> None:
-        """Tell callbacks what a touch did, and which effects have ended.
+    def _on_touch(self, event: TouchEvent, normal_force_n: float | None) -> None:
+        """Pass a touch to the layout and the callbacks, and end effects.
 
-        The force is that which was measured; None where it is assumed.
+        `normal_force_n` is the measured force, or None if it is assumed.
         """
         is_down = event.kind != "up"
         x, y = (float(event.x_mm), float(event.y_mm)) if is_down else (nan, nan)
         _LOG.debug("touch %d %s at %.6f s, %g, %g mm", event.touch_id, event.kind, event.t_s, x, y)
+        self.verified.touched(event, normal_force_n)
         texture, evaluator, _ = self._felt
         listeners, layout = self._listeners, evaluator if isinstance(evaluator, Layout) else None
         if listeners is not None or layout is not None:
             now = Report(self.next_sample_s, x, y, normal_force_n if is_down else None, is_down)
             if layout is not None:
-                layout.heard(event.touch_id, now)
+                layout.report(event.touch_id, now)
             if listeners is not None:
                 listeners.report(texture, event.touch_id, event.t_s, now)
         self.poll()
@@ -268,14 +229,25 @@ class RenderStream(RenderCore, ABC):
         self.event(TouchEvent(t_s, touch_id, x_mm, y_mm, "move", normal_force_n, contact_area_m2))
 
     def lift(self, t_s: float, touch_id: int = 0) -> None:
-        """Take a finger off the screen."""
+        """Take a finger off the screen.
+
+        Parameters
+        ----------
+        t_s : float
+        touch_id : int
+        """
         self.event(TouchEvent(t_s, touch_id, 0.0, 0.0, "up"))
 
     @abstractmethod
     def event(self, event: TouchEvent, arrival_s: float | None = None) -> None:
         """Take any touch event; see `touch`.
 
-        Live, `arrival_s` is a time of the clock to wait for first; recordings take no notice of it.
+        Parameters
+        ----------
+        event : TouchEvent
+            What a finger did.
+        arrival_s : float, optional
+            Time of the clock [s] to wait for first, live; recordings take no notice of it.
         """
 
     def _prepare(self) -> None:
@@ -296,25 +268,34 @@ class RenderStream(RenderCore, ABC):
 
     @property
     def next_sample_s(self) -> float:
-        """Time of the next sample since the first, less pauses."""
+        """Time of the next sample since the first, without the pauses."""
         return self._master.scene_s(self._samples_s)
 
     def _count(self, block: RenderedBlock, seconds: float) -> None:
         self.stats.add(block, seconds)
+        self.verified.played(float(block.amplitude_v.max(initial=0.0)))
         if self.settings.keep_blocks:
             self.blocks.append(block)
-
-
-_ASSUMED_N = ForceModel().assumed_n
-_LONG_S = 0.25  # a block of `play`: far longer than what numpy costs per call
 
 
 class Renderer(RenderStream):
     """Renders a texture under recorded touches, which are joined by straight lines.
 
-    The clock is that of the touches: the first is sample 0, each is rendered up to as it comes, and
-    nothing is revised, so that a recording gives the same samples each time. A touch that cannot be
+    The touches are the clock: the first is sample 0, and each touch renders the samples up to it.
+    Nothing is revised, so that a recording gives the same samples each time. A touch that cannot be
     used raises `InputError`. Parameters are those of `RenderCore`.
+
+    Examples
+    --------
+    >>> import haptix
+    >>> model = haptix.ContactModel(haptix.Finger(), haptix.Screen(), fidelity="closed-form")
+    >>> surface = haptix.FrictionSurface.build(model, {"frequency_hz": 240.0}, 0.01)
+    >>> ribs = haptix.texture.Grating(period_mm=2.0)
+    >>> with haptix.open_device("mock:") as device, Renderer(surface, ribs, device) as renderer:
+    ...     renderer.touch(0.0, x_mm=10.0, y_mm=20.0, normal_force_n=0.5)
+    ...     renderer.touch(0.1, x_mm=15.0, y_mm=20.0, normal_force_n=0.5)
+    >>> renderer.stats.samples > 0
+    True
     """
 
     def _reset(self) -> None:
@@ -342,27 +323,33 @@ class Renderer(RenderStream):
         """Take a touch event and render up to it; see `touch`."""
         self._take(event)
         self._render_known(self.points)
-        self._heard(event, event.normal_force_n)
+        self._on_touch(event, event.normal_force_n)
 
     def play(self, path: Trajectory, touch_id: int = 0) -> None:
         """Render one finger's whole recorded path, in long blocks: the fastest way.
 
         All of it is checked before any of it is rendered.
+
+        Parameters
+        ----------
+        path : Trajectory
+            Times, places and forces of the finger.
+        touch_id : int
         """
         instance("path", path, Trajectory, "haptix.Trajectory.from_csv reads a file")
         columns = (path.t_s, path.x_mm, path.y_mm, path.normal_force_n)
-        # Each bound is an interval: where the ends of all columns keep them, all samples do.
-        for i in sorted({int(end) for each in columns for end in (each.argmin(), each.argmax())}):
-            t_s, x_mm, y_mm, force_n = (float(each[i]) for each in columns)
-            problem = problem_of(TouchEvent(t_s, touch_id, x_mm, y_mm, "move", force_n))
-            if problem is not None:
+        # Every check is a range of one column, so that it suffices to check the columns' extremes.
+        ends = {int(end) for column in columns for end in (column.argmin(), column.argmax())}
+        for i in sorted(ends):
+            t_s, x_mm, y_mm, force_n = (float(column[i]) for column in columns)
+            event = TouchEvent(t_s, touch_id, x_mm, y_mm, "move", force_n)
+            if (problem := problem_of(event)) is not None:
                 raise InputError(f"{problem}, in sample {i + 1}")
         self._follow(touch_id, *columns)
         self._render_known(max(self.points, round(_LONG_S / self.step_s)))
 
     def _take(self, event: TouchEvent) -> None:
-        problem = problem_of(event)
-        if problem is not None:
+        if (problem := problem_of(event)) is not None:
             raise InputError(problem)
         if event.kind == "up":
             number("touch: t_s of a lift", event.t_s)
@@ -382,7 +369,7 @@ class Renderer(RenderStream):
         normal_force_n: float | Array,
         force_known: bool = True,
     ) -> None:
-        """Let a finger go on by touches, which are checked."""
+        """Move a finger along touches that have been checked."""
         self._check_gap(t_s)
         start_s = float(np.min(t_s)) if self._start_s is None else self._start_s
         felt = self._felt[1]
@@ -397,7 +384,7 @@ class Renderer(RenderStream):
         if self._start_s is None:
             return
         rate, step = self.sample_rate_hz, self.step
-        # Clocks that count from 1970 resolve a few 1e-7 s: that must not cost a sample.
+        # A clock that counts from 1970 resolves a few 1e-7 s, which must not cost a sample.
         end = int((self._fingers.known_until_s - self._start_s) * rate + 0.02)
         while (left := (end - self._next_sample) // step) > 0:
             began, first = time.perf_counter(), self._next_sample
@@ -414,7 +401,7 @@ class Renderer(RenderStream):
             self._count(block, time.perf_counter() - began)
 
     def _check_gap(self, t_s: float | Array) -> None:
-        """Refuse to render hours of nothing because a clock jumped."""
+        """Refuse a touch that would render a long pause, as after a jump of the clock."""
         times = np.atleast_1d(t_s)
         before_s = times[0] if self._start_s is None else self._start_s + self._samples_s
         gap_s = float(np.diff(times, prepend=before_s).max())
@@ -426,14 +413,20 @@ class Renderer(RenderStream):
 
 
 class LiveRenderer(RenderStream):
-    """Renders live touches, which are predicted; they are given as they come, stamped by `now_s`.
+    """Renders live touches, whose paths it predicts. Pass each touch as it comes, with `now_s`.
 
     One thread renders and owns the device (`firmware_io.Playback`). It plays
-    `LiveSettings.horizon_s` ahead, and on each touch renders again what is played next. On a device
-    in steps ("mock:pace=stepped") there is no thread: `run_until`, and events with the time of
-    their arrival, play what is due by the device's clock, the same each time.
+    `LiveSettings.horizon_s` ahead, and after each touch renders the queued samples again. For a
+    device in steps ("mock:pace=stepped") there is no thread. There `run_until`, and events with the
+    time of their arrival, play the samples that are due by the device's clock, the same each time.
 
-    Parameters are those of `RenderCore`, with `LiveSettings`.
+    Parameters are those of `RenderCore`, with `LiveSettings`, and:
+
+    Parameters
+    ----------
+    sense : bool or FingerObserver
+        Learn the finger from the current that it draws, see `sensed`; an observer may have been
+        told whose it is. Off, nothing is computed.
 
     Warns
     -----
@@ -446,10 +439,9 @@ class LiveRenderer(RenderStream):
 
     _playback: Playback | None = None
     record: PlayedRecord | None = None
-    """What is played, where somebody takes it: set `PlayedRecord(renderer)`, or None, at any time.
-    """
+    """Record of what is played; set it to `PlayedRecord(renderer)` or None at any time."""
     taken: Callable[[TouchEvent], None] | None = None
-    """Called with each touch that was taken, by `touch` and `lift`."""
+    """`touch` and `lift` call it with each touch that they took."""
 
     def __init__(
         self,
@@ -458,31 +450,45 @@ class LiveRenderer(RenderStream):
         device: Device,
         drive: Drive | None = None,
         settings: LiveSettings | None = None,
+        sense: bool | FingerObserver = False,
     ) -> None:
         super().__init__(surface, texture, device, drive, settings or LiveSettings())
         self._clock = device.clock
+        if sense is not False:
+            self.adapted = Adaptation.of(sense, self.surface, self.drive)
+
+    def sensed(self, reading: Reading) -> None:
+        """Take a reading of the current, which arrives now; its time is by `now_s`.
+
+        Raises
+        ------
+        InputError
+            If the renderer does not sense.
+        """
+        if self.adapted is None:
+            raise InputError("sensed: expected a renderer that senses; make it with sense=True")
+        if self.adapted.read(reading, self.now_s()):
+            self._changed()
+        self.stats.finger = self.adapted.estimate
 
     def _reset(self) -> None:
         self._ahead_s: float | None = None  # clock of touches minus that of samples
-        super()._reset()  # from here on, a layout that another thread changes asks for the time
+        super()._reset()  # from now on another thread that changes a layout may read the time
         self._marks: deque[int] = deque()
         self._fingers = PredictedFingers(self.settings)
+        if self.adapted is not None:
+            self.adapted.reset()
 
     def __enter__(self) -> Self:
         self._prepare()
         source = RenderSource(
-            self,
-            self._fingers,
-            self._master,
-            self._count_window,
-            lambda: self.record,
+            self, self._fingers, self._master, self._count_window, lambda: self.record,
             self._place_marks,
-        )
-        settings = self.settings
-        playback = Playback(
-            self.device, source, settings.reaction_s, settings.horizon_s, stats=self.stats
-        )
-        # The collection comes first: it takes long, and an armed driver does not wait.
+        )  # fmt: skip
+        times_s = self.settings.reaction_s, self.settings.horizon_s
+        playback = Playback(self.device, source, *times_s, stats=self.stats)
+        # Collect garbage before the driver is armed: that takes long, and an armed driver needs
+        # data.
         with ExitStack() as stack:
             stack.enter_context(ready_interpreter())
             playback.start()
@@ -492,7 +498,6 @@ class LiveRenderer(RenderStream):
 
     @property
     def _samples_s(self) -> float:
-        """Time of the next sample that can still be rendered, since the first."""
         if self._ahead_s is None:
             return 0.0
         return max(0.0, self.now_s() + self.settings.reaction_s - self._ahead_s)
@@ -511,10 +516,11 @@ class LiveRenderer(RenderStream):
             warnings.warn(f"the renderer {self.stats.advice}", OverloadWarning, stacklevel=2)
 
     def mark(self, code: int = 0) -> None:
-        """Let the driver tell when it plays the next sample that it has not been sent.
+        """Mark the next sample that the driver has not received yet.
 
-        Its digital line rises with that sample, up to `LiveSettings.horizon_s` from now, and
-        `Device.marked` has the time by the driver's clock. More marks than a driver holds wait.
+        The driver's digital line rises with that sample, up to `LiveSettings.horizon_s` from now,
+        and `Device.marked` has the time by the driver's clock. Marks that the driver has no room
+        for wait.
 
         Raises
         ------
@@ -532,24 +538,24 @@ class LiveRenderer(RenderStream):
             self.device.mark(first, self._marks.popleft())
 
     def now_s(self) -> float:
-        """Time of the clock by which touches are stamped: that of the device."""
+        """Time of the device's clock, for the times of touches."""
         return self._clock()
 
     def run_until(self, t_s: float) -> None:
-        """Wait until a time of the clock; a device in steps plays meanwhile."""
+        """Wait until a time of the clock; a device in steps plays until then."""
         self._running().run_until(t_s)
 
     @property
     def scene_s(self) -> float:
-        """Time of the scene now: the one that materials which change in time are asked for."""
-        if self._ahead_s is None:
-            return self._master.scene_s(0.0)
-        return self._master.scene_s(max(0.0, self.now_s() - self._ahead_s))
+        """Time of the scene now, which materials that change in time depend on."""
+        samples_s = 0.0 if self._ahead_s is None else max(0.0, self.now_s() - self._ahead_s)
+        return self._master.scene_s(samples_s)
 
     def event(self, event: TouchEvent, arrival_s: float | None = None) -> None:
         """Take a touch event; see `touch`.
 
-        It is taken at a time of the clock, or now; on a device in steps, when it was touched.
+        The event is taken at `arrival_s` of the clock; without that, now, or on a device in steps
+        at the time of the touch.
         """
         playback = self._running()
         at_s = event.t_s if arrival_s is None and not playback.has_thread else arrival_s
@@ -568,12 +574,9 @@ class LiveRenderer(RenderStream):
         return self._playback
 
     def play(
-        self,
-        effect: Feelable,
-        priority: int = 0,
-        done: Callable[[EffectEnd], None] | None = None,
+        self, effect: Feelable, priority: int = 0, done: Callable[[EffectEnd], None] | None = None
     ) -> PlayingEffect:
-        """Add an effect that ends to what all fingers feel, from the next sample on.
+        """Add an effect of finite length to the texture, for all fingers, from the next sample on.
 
         Parameters
         ----------
@@ -594,33 +597,36 @@ class LiveRenderer(RenderStream):
         return self._master.play(effect, lambda: self.next_sample_s, priority, done)
 
     def _take(self, events: Sequence[TouchEvent], arrival_s: float) -> None:
-        """Take touch events, and tell what those did that were some."""
+        """Take touch events, and report those that were used."""
         react = self._felt[1].react
-        heard: list[tuple[TouchEvent, float | None]] = []
+        used: list[tuple[TouchEvent, float | None]] = []
         try:
             for event in events:
                 report = self._fingers.take(event, arrival_s, react)
                 if report is not None:
-                    heard.append((event, report.normal_force_n))
+                    used.append((event, report.normal_force_n))
                 elif getattr(event, "kind", None) == "up":
-                    heard.append((event, None))
+                    used.append((event, None))
         finally:
+            if self.adapted is not None:
+                fingers = [tracker for _, tracker in self._fingers.touches.active]
+                self.adapted.follow(arrival_s, fingers)
             self._touched(arrival_s)  # once, and before callbacks, which may take long
-            for event, force_n in heard:
-                self._heard(event, force_n)
+            for event, force_n in used:
+                self._on_touch(event, force_n)
 
     @property
     def touch_counts(self) -> TouchCounts:
-        """What became of the touches."""
+        """Counts of the touches that were used, and of those that were dropped."""
         return self._fingers.touches.counts
 
-    def _heard(self, event: TouchEvent, normal_force_n: float | None) -> None:
+    def _on_touch(self, event: TouchEvent, normal_force_n: float | None) -> None:
         if self.taken is not None:
             self.taken(event)
-        super()._heard(event, normal_force_n)
+        super()._on_touch(event, normal_force_n)
 
     def _touched(self, now_s: float) -> None:
-        # Once its end was told, touches are taken and lead nowhere.
+        # After the playback has ended, touches are taken without effect.
         if self._playback is not None and self._playback.is_running:
             self._playback.touch(now_s)
 
@@ -630,4 +636,7 @@ class LiveRenderer(RenderStream):
 
     def _count_window(self, block: RenderedBlock, seconds: float, at_s: float) -> None:
         self._count(block, seconds)
+        if self.adapted is not None:
+            self.adapted.check(self.now_s())
+            self.stats.finger = self.adapted.estimate
         self._ahead_s = at_s - block.first_sample / self.sample_rate_hz

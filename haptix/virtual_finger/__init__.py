@@ -1,5 +1,6 @@
 """The virtual finger: what was played, felt through the contact model itself."""
 
+from haptix.virtual_finger.current import Converter, PanelCircuit, VirtualCurrent
 from haptix.virtual_finger.finger import VirtualFinger
 from haptix.virtual_finger.sensing import (
     FELT_WITHIN_S,
@@ -14,12 +15,15 @@ from haptix.virtual_finger.sensing import (
 
 __all__ = [
     "FELT_WITHIN_S",
+    "Converter",
     "Evaluation",
     "Felt",
+    "PanelCircuit",
     "SensedForce",
     "SensedTouch",
     "SensorModel",
     "TouchPanel",
+    "VirtualCurrent",
     "VirtualFinger",
     "evaluate",
 ]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from math import ceil, log
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -12,15 +13,19 @@ import torch
 
 from haptix import checks
 from haptix.checks import Array
+from haptix.display import Displayed
 from haptix.electro import Circuit
 from haptix.electro.attraction import Pull, representative_gaps
 from haptix.errors import InputError, LimitError
 from haptix.fidelity import Ability
 from haptix.finger_response import FingerResponse
 from haptix.friction import HIGHEST_FORCE_N, ContactModel
+from haptix.friction.placeholders import with_finger
+from haptix.friction.solver import FrictionSolver
 from haptix.limits import past_limits
 from haptix.motion import LIFTED_BELOW_N, STANDING_BELOW_MM_PER_S, Trajectory
 from haptix.status import Status
+from haptix.terms import Occlusion, SlidingSpeed
 from haptix.threads import one_thread
 from haptix.virtual_finger.played import Amplitude, ComplexArray, Drive, Excerpt, GapField, Samples
 from haptix.virtual_finger.sensing import Felt, SensedForce, SensorModel
@@ -32,6 +37,8 @@ _FEWEST_SAMPLES = 4
 _DRIVE_RATES_HZ = (100.0, 1e6)  # of drivers there are, and what fits the memory
 _LOWEST_RATE_HZ = 10.0
 _MOST_SAMPLES = 20_000_000  # half an hour at 10 kHz, and a gigabyte
+_SOFTENING_STEP = 0.25  # of ln E: mu is within 0.5 % between two
+_LONG = 1e3  # times the time constant: softened as far as it goes
 _END = 1e-6  # of an output step: a path's last sample is felt though its time was rounded
 
 
@@ -48,15 +55,18 @@ class Sensed(NamedTuple):
     status: npt.NDArray[np.int64]
     after: Array | None
     """Squared field one sample after the last."""
+    contact_s: Array
+    """Time since the finger came down [s]."""
 
 
-class VirtualFinger:
+class VirtualFinger(Displayed):
     """A finger that feels what a driver played, by the contact model and nothing else.
 
     At each instant the gaps' field follows from the voltage's whole spectrum (complex h0 per
     frequency), its square is the attraction, the finger's first-order response smooths it over a
     slid distance, and the contact is in equilibrium with it. The derivation is in
-    ``docs/virtual-finger.md``.
+    ``docs/virtual-finger.md``. Where the model has the terms "occlusion" and "sliding-speed", skin
+    softens and friction follows the speed as along the path, not as at the finger's own values.
 
     Parameters
     ----------
@@ -77,6 +87,9 @@ class VirtualFinger:
         If a value is out of its range, or the model is solved by boundary elements.
     """
 
+    def _shown(self) -> dict[str, Any]:
+        return {"model": self.model, "seed": self.seed}
+
     def __init__(
         self,
         model: ContactModel,
@@ -92,6 +105,7 @@ class VirtualFinger:
         self.seed = seed
         rate = model.finger.response_hz_per_mm_per_s
         self._response = FingerResponse(rate) if has_response else None
+        self._softer: dict[int, FrictionSolver] = {}
         self._h0 = torch.tensor(h0_m, dtype=torch.float64, device=model.contact.device)
 
     def read(self, felt: Felt) -> SensedForce:
@@ -136,6 +150,17 @@ class VirtualFinger:
             If a value is not finite or out of its range, or the path's times do not increase.
         LimitError
             If the drive exceeds the screen's voltage limit.
+
+        Examples
+        --------
+        >>> import haptix
+        >>> model = haptix.ContactModel(
+        ...     haptix.Finger.preset("wet"), haptix.Screen(), fidelity="closed-form"
+        ... )
+        >>> drive_v = np.zeros(4800)  # 0.1 s of nothing
+        >>> felt = VirtualFinger(model).feel(drive_v, 48_000.0, [0.0, 0.1], [0.0, 5.0], 20.0, 0.5)
+        >>> bool(abs(felt.mu / float(model.solve(0.5, 0.0).mu) - 1).max() < 1e-3)
+        True
         """
         low, high = _DRIVE_RATES_HZ
         if not low <= sample_rate_hz <= high:
@@ -160,14 +185,16 @@ class VirtualFinger:
     ) -> Felt:
         """Feel an ideal carrier of given amplitude: a drive whose modulation has no error.
 
+        The result and the errors are those of `feel`.
+
         Parameters
         ----------
         amplitude_v : array, shape (samples,)
             Amplitude V0 [V] of the carrier, 0 or more; linear between samples, 0 V outside.
         sample_rate_hz, frequency_hz : float
             Rate of these samples, and the carrier's frequency [Hz].
-
-        The rest, the result and the errors are those of `feel`.
+        t_s, x_mm, y_mm, normal_force_n, start_s, output_rate_hz
+            As in `feel`.
         """
         checks.positive("sample_rate_hz", sample_rate_hz)
         checks.positive("frequency_hz", frequency_hz)
@@ -178,7 +205,15 @@ class VirtualFinger:
         return self._feel(Amplitude(*played, self.thickness_m(frequency_hz)), path, output_rate_hz)
 
     def thickness_m(self, frequency_hz: float) -> complex:
-        """Effective thickness [m] of the insulators at a carrier's frequency."""
+        """Effective thickness [m] of the insulators at a carrier's frequency.
+
+        Examples
+        --------
+        >>> import haptix
+        >>> model = haptix.ContactModel(haptix.Finger(), haptix.Screen())
+        >>> abs(VirtualFinger(model).thickness_m(240.0)) > 0
+        True
+        """
         (thickness,) = self._thickness_m(np.array([float(frequency_hz)]))
         return complex(thickness)
 
@@ -215,17 +250,42 @@ class VirtualFinger:
         count: int,
         rate_hz: float,
         before: Array | None = None,
+        contact_s: float = 0.0,
     ) -> Sensed:
         """Return the attraction at `count` instants of a path, from its beginning.
 
-        It goes on from `before`, the `after` of the part before; by default from rest.
+        Parameters
+        ----------
+        drive, field
+            The drive, and the field that it makes in the gaps.
+        path : Trajectory
+            Where the finger is.
+        count : int
+            How many instants.
+        rate_hz : float
+            How many a second.
+        before : array, optional
+            The `after` of the part before, from which it goes on; by default rest.
+        contact_s : float
+            How long the finger has been down [s].
         """
         time = path.t_s[0] + np.arange(count) / rate_hz
         places = (*path.at(time), path.speed_mm_per_s(time))
-        return Sensed(time, *places, *self._squares(drive, field, path, count, rate_hz, before))
+        lifted = np.where(places[2] < LIFTED_BELOW_N, time, time[0] - contact_s)
+        contact = time - np.maximum.accumulate(lifted)
+        squares = self._squares(drive, field, path, count, rate_hz, before)
+        return Sensed(time, *places, *squares, contact)
 
     def felt(self, parts: Sequence[Sensed], field: GapField) -> list[Felt]:
-        """Return what is felt of attractions; several are solved at once."""
+        """Return what is felt of attractions; several are solved at once.
+
+        Parameters
+        ----------
+        parts : sequence of Sensed
+            What `sense` returned; several are solved at once.
+        field : GapField
+            The field that the drive makes in the gaps.
+        """
         force = np.concatenate([part.normal_force_n for part in parts])
         speed = np.concatenate([part.speed_mm_per_s for part in parts])
         slides = (speed >= STANDING_BELOW_MM_PER_S) & (force >= LIFTED_BELOW_N)
@@ -234,9 +294,12 @@ class VirtualFinger:
         mu = np.full(len(force), np.nan)
         status = np.full(len(force), int(Status.OK))
         if slides.any():
-            mu[slides], found = self._friction(force[slides], squares[:, slides], field)
-            by_field = (reported[slides] != int(Status.OK)) & (found != int(Status.PULL_IN))
-            status[slides] = np.where(by_field, reported[slides], found)
+            contact = np.concatenate([part.contact_s for part in parts])
+            mu[slides], solved = self._friction_in_time(
+                force[slides], squares[:, slides], field, contact[slides], speed[slides]
+            )
+            by_field = (reported[slides] != int(Status.OK)) & (solved != int(Status.PULL_IN))
+            status[slides] = np.where(by_field, reported[slides], solved)
         friction_force_n = np.where(slides, mu * force, 0.0)
         ends = np.cumsum([len(part.t_s) for part in parts])[:-1]
         parted = (np.split(column, ends) for column in (mu, friction_force_n, status))
@@ -291,9 +354,52 @@ class VirtualFinger:
         frequency = torch.from_numpy(frequency_hz).to(self._h0.device)
         return self.model.solver.terms.thickness(self._h0, frequency).detach().cpu().numpy()
 
+    def _friction_in_time(
+        self, force: Array, squares: Array, field: GapField, contact_s: Array, speed: Array
+    ) -> tuple[Array, npt.NDArray[np.int64]]:
+        """Friction coefficient at each instant of skin as it is then, and its status."""
+        terms, finger = self.model.terms, self.model.finger
+        factor = np.ones_like(force)
+        if SlidingSpeed.name in terms:  # the solver has that of the finger's own speed
+            own = SlidingSpeed.factor(finger, finger.sliding_speed_mm_per_s)
+            factor = SlidingSpeed.factor(finger, speed) / own
+        least = log(finger.softened_share)
+        if Occlusion.name not in terms or least == 0:
+            return self._friction(self.model.solver, force, squares, field, factor)
+        # Between skins of a few moduli, ln mu is linear in the logarithm of the modulus.
+        nodes = ceil(-least / _SOFTENING_STEP)
+        place = np.log(Occlusion.share(finger, contact_s)) / least * nodes
+        low = np.floor(place).clip(0, nodes - 1).astype(int)
+        mu, status = np.empty_like(force), np.empty(len(force), dtype=np.int64)
+        for node in np.unique(low).tolist():
+            at = low == node
+            (stiff, of_stiff), (soft, of_soft) = (
+                self._friction(solver, force[at], squares[:, at], field, factor[at])
+                for solver in (self._softened(node + more, nodes) for more in (0, 1))
+            )
+            share = place[at] - node
+            mu[at] = stiff * (soft / stiff) ** share
+            status[at] = np.where(share < 0.5, of_stiff, of_soft)
+        return mu, status
+
+    def _softened(self, node: int, nodes: int) -> FrictionSolver:
+        """Solver of the finger whose skin is softened by as many of equal steps."""
+        if node not in self._softer:
+            finger = self.model.finger
+            share = finger.softened_share ** (node / nodes)
+            long_since = {"contact_time_s": _LONG * finger.softening_time_s}
+            softer = finger.replace(softened_share=share, **long_since)
+            self._softer[node] = with_finger(self.model, softer).solver
+        return self._softer[node]
+
     @one_thread()
     def _friction(
-        self, normal_force_n: Array, squares: Array, field: GapField
+        self,
+        solver: FrictionSolver,
+        normal_force_n: Array,
+        squares: Array,
+        field: GapField,
+        factor: Array,
     ) -> tuple[Array, npt.NDArray[np.int64]]:
         """Friction coefficient in equilibrium at each instant, and its status but for the field."""
         edges = self.model.contact.gap_edges_m
@@ -304,8 +410,8 @@ class VirtualFinger:
         of_gap = torch.from_numpy(basis).to(edges.device)
         # By the insulators' own length: the drive has many frequencies, the circuit one division.
         reference = edges.new_tensor(field.reference_m)
-        limit = self.model.solver.terms.field_limit()
-        mu, solution = self.model.solver.solve_in_blocks(
+        limit = solver.terms.field_limit()
+        mu, solution = solver.solve_in_blocks(
             force,
             lambda at: replace(
                 Pull.of_squares(edges, weight[at], of_gap, field.reference_m, limit),
@@ -313,7 +419,9 @@ class VirtualFinger:
             ),
         )
         light = torch.where(solution.is_stable, int(Status.OK), int(Status.PULL_IN))
-        status = past_limits(light, mu, self.model.solver.spot_pressure_pa(mu, solution))
+        pressure = solver.spot_pressure_pa(mu, solution)
+        mu = mu * torch.from_numpy(factor).to(mu)
+        status = past_limits(light, mu, pressure)
         return mu.detach().cpu().numpy(), status.cpu().numpy()
 
     def _status(self, excerpt: Excerpt, t_s: Array) -> npt.NDArray[np.int64]:
@@ -344,6 +452,7 @@ class LiveVirtualFinger:
         self._field = finger.field_of(Amplitude(np.zeros(1), 1.0, 0.0, self._thickness))
         self._before: dict[int, Array | None] = {}
         self._end_s: dict[int, float] = {}
+        self._contact_s: dict[int, float] = {}
 
     def feel(
         self,
@@ -377,8 +486,12 @@ class LiveVirtualFinger:
                 raise InputError(f"paths: expected {1 / self.rate_hz:g} s or more")
             goes_on = abs(self._end_s.get(number, -1.0) - path.t_s[0]) < 0.5 / self.rate_hz
             before = self._before.get(number) if goes_on else None
-            part = self._finger.sense(drive, self._field, path, count, self.rate_hz, before)
+            contact_s = self._contact_s.get(number, 0.0) if goes_on else 0.0
+            part = self._finger.sense(
+                drive, self._field, path, count, self.rate_hz, before, contact_s
+            )
             self._before[number] = part.after
+            self._contact_s[number] = float(part.contact_s[-1]) + 1 / self.rate_hz
             self._end_s[number] = float(path.t_s[-1])
             sensed[number] = part
         if not sensed:

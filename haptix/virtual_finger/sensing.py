@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from haptix.checks import Array, NotNegative, Positive, check_fields, choice, number, positive
+from haptix.display import Displayed
 from haptix.errors import InputError
 from haptix.motion import LIFTED_BELOW_N, Trajectory
 from haptix.perception import WEBER_FRACTION, WeightedError, weighted_error
@@ -17,7 +18,7 @@ from haptix.status import Status
 
 
 @dataclass(frozen=True)
-class Felt:
+class Felt(Displayed):
     """What the finger felt; arrays of shape (samples,), evenly spaced in time."""
 
     t_s: Array
@@ -48,7 +49,7 @@ Axis = Literal["motion", "x", "y"]
 
 
 @dataclass(frozen=True)
-class SensedForce:
+class SensedForce(Displayed):
     """Readings; arrays of shape (samples,)."""
 
     t_s: Array
@@ -80,6 +81,11 @@ class SensorModel:
     axis : {"motion", "x", "y"}
         The tangential force along the motion, always positive; or the component along an axis of
         the screen of the force with which the finger drags it, positive towards larger x or y.
+
+    Examples
+    --------
+    >>> SensorModel(force_noise_n=0.002).force_noise_n
+    0.002
     """
 
     force_noise_n: NotNegative = 0.0
@@ -96,7 +102,15 @@ class SensorModel:
         choice("axis", self.axis, get_args(Axis))
 
     def read(self, felt: Felt, seed: int = 0) -> SensedForce:
-        """Read what a finger felt; the same seed gives the same noise."""
+        """Read what a finger felt; the same seed gives the same noise.
+
+        Parameters
+        ----------
+        felt : Felt
+            What the finger felt.
+        seed : int
+            Seed of the noise: the same gives the same noise.
+        """
         then = felt.t_s - self.latency_s
         tangential = np.interp(then, felt.t_s, self._tangential(felt))
         normal = np.interp(then, felt.t_s, felt.normal_force_n)
@@ -120,7 +134,7 @@ class SensorModel:
 
 
 @dataclass(frozen=True)
-class SensedTouch:
+class SensedTouch(Displayed):
     """Reports while the finger touches; arrays of shape (reports,)."""
 
     t_s: Array
@@ -160,7 +174,15 @@ class TouchPanel:
         check_fields(self)
 
     def read(self, path: Trajectory, seed: int = 0) -> SensedTouch:
-        """Report a true path; the same seed gives the same noise."""
+        """Report a true path; the same seed gives the same noise.
+
+        Parameters
+        ----------
+        path : Trajectory
+            The true path.
+        seed : int
+            Seed of the noise: the same gives the same noise.
+        """
         scans = int(path.duration_s * self.rate_hz + 1e-6) + 1
         time = path.t_s[0] + np.arange(scans) / self.rate_hz
         x, y, force = path.at(time)

@@ -1,0 +1,125 @@
+"""How objects show themselves: one line, a table in a notebook, equality as a bool, axes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from haptix.errors import from_extra
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_LONGEST = 60  # characters of a value that is no array
+
+
+class Displayed:
+    """Base of what holds arrays: a short `repr`, a table in notebooks, and `==` by value.
+
+    Arrays are shown by their shape and range. Two dataclasses are equal if all arrays and values
+    are; NaN equals NaN. Other classes keep their identity.
+    """
+
+    __slots__ = ()
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        for name in ("__repr__", "__eq__", "__hash__"):  # what a class has, a dataclass keeps
+            if name not in cls.__dict__:
+                setattr(cls, name, getattr(Displayed, name))
+
+    def _shown(self) -> Mapping[str, Any]:
+        """Return what is shown, by name."""
+        if not is_dataclass(self):
+            return {}
+        return {one.name: getattr(self, one.name) for one in fields(self) if one.repr}
+
+    def __repr__(self) -> str:
+        words = (f"{name}={brief(value)}" for name, value in self._shown().items())
+        return f"{type(self).__name__}({', '.join(words)})"
+
+    def _repr_html_(self) -> str:
+        return html_table(type(self).__name__, self._shown())
+
+    def __eq__(self, other: object) -> bool:
+        if self is other or type(self) is not type(other) or not is_dataclass(self):
+            return self is other
+        compared = (one.name for one in fields(self) if one.compare)
+        return all(_are_same(getattr(self, name), getattr(other, name)) for name in compared)
+
+    def __hash__(self) -> int:
+        if not is_dataclass(self):
+            return object.__hash__(self)
+        values = (getattr(self, one.name) for one in fields(self) if one.compare)
+        return hash((type(self), *(tuple(getattr(value, "shape", ())) for value in values)))
+
+
+def brief(value: Any) -> str:
+    """Return one short line for a value: an array's shape and range, a number's six digits.
+
+    Examples
+    --------
+    >>> brief(np.array([[1.0, 2.0], [3.0, 4.0]]))
+    '<2 x 2: 1 to 4>'
+    """
+    if isinstance(value, str):
+        return value if len(value) <= _LONGEST else f"{value[: _LONGEST - 3]}..."
+    if hasattr(value, "shape") and hasattr(value, "dtype"):
+        array = _numpy(value)
+        if array.size == 1:
+            return f"{array.item():.6g}"
+        shape = " x ".join(map(str, array.shape))
+        if not array.size or array.dtype.kind not in "fiub":
+            return f"<{shape} {array.dtype}>"
+        finite = array[np.isfinite(array)]
+        ends = f"{finite.min():.6g} to {finite.max():.6g}" if finite.size else "nan"
+        return f"<{shape}: {ends}>"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, Displayed):
+        return f"{type(value).__name__}(...)"
+    return brief(str(value))
+
+
+def html_table(title: str, shown: Mapping[str, Any]) -> str:
+    """Return names and values as notebooks show them."""
+    rows = "".join(
+        f"<tr><th>{escape(name)}</th><td>{escape(brief(value))}</td></tr>"
+        for name, value in shown.items()
+    )
+    return f"<table><caption>{escape(title)}</caption>{rows}</table>"
+
+
+def axes_or_new(ax: Axes | None) -> Axes:
+    """Return the axes to draw into, or those of a new figure."""
+    if ax is None:
+        with from_extra("figures"):
+            from matplotlib import pyplot
+
+        _, ax = pyplot.subplots(layout="constrained")
+    return ax
+
+
+def _numpy(array: Any) -> Any:
+    return np.asarray(array.detach().cpu() if hasattr(array, "detach") else array)
+
+
+def _are_same(one: Any, other: Any) -> bool:
+    if one is other:
+        return True
+    if hasattr(one, "dtype") and hasattr(other, "dtype"):
+        left, right = _numpy(one), _numpy(other)
+        return left.dtype == right.dtype and np.array_equal(
+            left, right, equal_nan=left.dtype.kind in "fc"
+        )
+    if isinstance(one, float) and one != one:
+        return isinstance(other, float) and other != other
+    if isinstance(one, Mapping) and isinstance(other, Mapping):
+        return one.keys() == other.keys() and all(_are_same(one[key], other[key]) for key in one)
+    if isinstance(one, list | tuple) and isinstance(other, list | tuple):  # files have lists only
+        return len(one) == len(other) and all(map(_are_same, one, other))
+    return bool(one == other)

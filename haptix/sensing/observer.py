@@ -1,0 +1,489 @@
+"""The observer: from the current through a contact to what the finger is.
+
+An unscented Kalman filter (Julier and Uhlmann, Proc. IEEE 92, 401, 2004) over `LATENT` and the
+error of the panel's baseline. It takes readings only while one finger slides under enough voltage,
+and says in `FingerEstimate.state` why it takes none.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections import deque
+from dataclasses import dataclass
+from enum import StrEnum
+from math import inf, nan, pi
+from typing import NamedTuple
+
+import numpy as np
+
+from haptix.checks import Array, check_fields, number, positive
+from haptix.display import Displayed
+from haptix.sensing.contact import FORCE, LATENT, ROUGHNESS, SKIN, STIFFNESS, ContactCurrent
+
+_LOG = logging.getLogger("haptix.sensing")
+
+_PANEL = len(LATENT)  # the state behind the latent ones
+_STATES = _PANEL + 1
+_PF = 1e-12
+
+
+class Reading(NamedTuple):
+    """The current over a whole number of the carrier's periods, as a driver tells it."""
+
+    t_s: float
+    """Time of its end, by the device's clock [s]."""
+    current_a: complex
+    """Amplitude in phase with the voltage, and ahead of it by a quarter [A]."""
+    voltage_v: float
+    """Amplitude driven [V]."""
+    is_saturated: bool = False
+
+
+class Knowledge(StrEnum):
+    """What stands behind an estimate."""
+
+    NOTHING = "nothing yet"
+    LEARNS = "learns"
+    RESTS = "the finger rests"
+    LIFTED = "no finger"
+    TWO = "several fingers"
+    LOW = "voltage too low"
+    NO_BASELINE = "the panel was not measured untouched"
+    SENSOR = "sensor not trusted"
+
+
+@dataclass(frozen=True)
+class SensingSettings(Displayed):
+    """Numbers of the observer.
+
+    Parameters
+    ----------
+    least_v : float
+        Amplitude from which readings count [V].
+    least_mm_per_s : float
+        Speed from which a finger slides [mm/s]: at rest the contact is another one.
+    probe_v : float
+        Amplitude while nobody touches [V], by which the panel is measured: without any no baseline
+        is known. A finger that comes feels it until it is told: 20 V are 0.03 JND.
+    settled_s : float
+        Slid for so long before readings count, and untouched for so long before and after those of
+        the baseline: touches are told late [s].
+    update_s : float
+        Readings are averaged over this [s].
+    lost_s : float
+        Without a reading for so long, or with one older than this, the sensor is not trusted [s].
+    regained_s : float
+        Good readings for so long make it trusted again [s].
+    kept_s : float
+        A touch within this time after the last one is by the same finger [s].
+    force_per_rt_s, skin_per_rt_s, panel_f_per_rt_s : float
+        Wander of the logarithms of force and skin, and of the panel, over a second.
+    force_sd : float
+        Standard deviation of the logarithm of a force that is measured.
+    """
+
+    least_v: float = 20.0
+    least_mm_per_s: float = 5.0
+    probe_v: float = 20.0
+    settled_s: float = 0.05
+    update_s: float = 0.02
+    lost_s: float = 0.008
+    regained_s: float = 0.5
+    kept_s: float = 1.0
+    force_per_rt_s: float = 0.15
+    skin_per_rt_s: float = 0.02
+    panel_f_per_rt_s: float = 0.05e-12
+    force_sd: float = 0.1
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        for name in self.__dataclass_fields__:
+            positive(name, getattr(self, name))
+
+
+@dataclass(frozen=True)
+class FingerEstimate(Displayed):
+    """What is known of a finger; nan where nothing is."""
+
+    state: Knowledge
+    log_gain: float
+    """Logarithm of its attraction over the known finger's, at the force the renderer takes."""
+    log_gain_sd: float
+    force_n: float
+    """Normal force [N], and the standard deviation of its logarithm."""
+    force_sd: float
+    stiffness_and_roughness: float
+    """``e s^3``, what divides the attraction, over the known finger's; as above."""
+    stiffness_and_roughness_sd: float
+    skin: float
+    """Insulating thickness of the skin over the known finger's: moisture lowers it."""
+    skin_sd: float
+    readings: int
+    """That it rests on."""
+
+    def __str__(self) -> str:
+        return (
+            f"{self.state.value}: attraction {np.exp(self.log_gain):.2f} of the known finger's "
+            f"(+-{self.log_gain_sd:.0%}), force {self.force_n:.2f} N (+-{self.force_sd:.0%}), "
+            f"stiffness and roughness {self.stiffness_and_roughness:.2f} "
+            f"(+-{self.stiffness_and_roughness_sd:.0%}), skin {self.skin:.2f} "
+            f"(+-{self.skin_sd:.0%}), {self.readings} readings"
+        )
+
+
+class EnrolledFinger(NamedTuple):
+    """What was learned of a finger, to begin with another time; see `FingerObserver.enrolled`."""
+
+    mean: Array
+    covariance: Array
+
+
+class FingerObserver:
+    """Learns one finger from readings of the current.
+
+    Parameters
+    ----------
+    contact : ContactCurrent
+        The model of all fingers on this screen.
+    settings : SensingSettings, optional
+        Its numbers.
+    person : EnrolledFinger, optional
+        What was enrolled of the one who touches. Without it each finger begins from the population.
+    """
+
+    def __init__(
+        self,
+        contact: ContactCurrent,
+        settings: SensingSettings | None = None,
+        person: EnrolledFinger | None = None,
+    ) -> None:
+        self.contact = contact
+        self.settings = SensingSettings() if settings is None else settings
+        self.person = person
+        self.watch = SensorWatch(self.settings, contact.frequency_hz)
+        self.baseline_f: complex = complex(nan, nan)
+        """Capacitance of the untouched panel [F]."""
+        self._baseline_weight = 0.0
+        self._untouched: deque[tuple[float, complex]] = deque()
+        self._fingers, self._slides_since, self._lifted_s = 0, inf, -inf
+        self._force_n: float | None = None
+        self._assumed_n = contact.population.force_n
+        self._variance_f2 = 0.0
+        self._last: tuple[float, complex] | None = None
+        self._bin: list[Reading] = []
+        self._readings = 0
+        self._voltage_v = 0.0
+        self._state = Knowledge.NO_BASELINE
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin anew, from the population or the person that was enrolled."""
+        prior = self.contact.population.sd
+        self._mean = np.zeros(_STATES)
+        # The fit's own error stands in the form.
+        variance = np.append(prior**2, (0.3 * _PF) ** 2)
+        variance[_PANEL - 1] += self.contact.residual["capacitance"] ** 2
+        self._covariance = np.diag(variance)
+        if self.person is not None:
+            self._mean[:_PANEL] = self.person.mean
+            self._covariance[:_PANEL, :_PANEL] = self.person.covariance
+        self._free_force()
+        self._readings, self._variance_f2 = 0, 0.0
+        self._last = None
+        self._bin = []
+
+    def _free_force(self) -> None:
+        """Another touch has another force."""
+        self._mean[FORCE] = 0.0
+        self._covariance[FORCE, :] = self._covariance[:, FORCE] = 0.0
+        self._covariance[FORCE, FORCE] = self.contact.population.force**2
+
+    def enrolled(self) -> EnrolledFinger:
+        """Return what was learned, to give to the observer of the same person another time."""
+        return EnrolledFinger(self._mean[:_PANEL].copy(), self._covariance[:_PANEL, :_PANEL].copy())
+
+    def touched(
+        self,
+        t_s: float,
+        fingers: int,
+        speed_mm_per_s: float = 0.0,
+        normal_force_n: float | None = None,
+        assumed_n: float | None = None,
+    ) -> None:
+        """Take what touches say, by the clock of the readings.
+
+        Parameters
+        ----------
+        t_s : float
+            When it was so [s].
+        fingers : int
+            On the screen.
+        speed_mm_per_s : float
+            Of the only one.
+        normal_force_n : float, optional
+            Its force, where it is measured [N].
+        assumed_n : float, optional
+            The force that the renderer takes instead [N].
+        """
+        settings = self.settings
+        if fingers and not self._fingers:
+            self._untouched.clear()
+            if t_s - self._lifted_s > settings.kept_s:
+                self.forget()
+            else:
+                self._free_force()
+        elif self._fingers and not fingers:
+            self._lifted_s = t_s
+        if fingers != 1 or speed_mm_per_s < settings.least_mm_per_s:
+            self._slides_since = inf
+        elif self._slides_since == inf:
+            self._slides_since = t_s
+        self._fingers = fingers
+        self._force_n = normal_force_n
+        if assumed_n is not None:
+            self._assumed_n = positive("assumed_n", assumed_n)
+
+    def read(self, reading: Reading, now_s: float) -> bool:
+        """Take a reading that arrives now; return whether what is known has changed."""
+        before = (self._state, self._readings)
+        was_trusted = self.watch.is_trusted
+        is_good = self.watch.read(reading, now_s, self.baseline_f)
+        if was_trusted and not self.watch.is_trusted:
+            _LOG.warning("the sensor of current is not trusted: %s", self.watch.problem)
+            self.forget()
+        self._state = self._why_not(reading)
+        is_good = is_good and self.watch.is_trusted
+        if is_good and not self._fingers and not reading.is_saturated:
+            self._measure_panel(reading)
+        # A single one that cannot be right ends no trust, and does not count.
+        if is_good and self._state is Knowledge.LEARNS:
+            self._take(reading)
+        else:
+            self._last, self._bin = None, []
+        return before != (self._state, self._readings)
+
+    def _why_not(self, reading: Reading) -> Knowledge:
+        settings = self.settings
+        if not self.watch.is_trusted:
+            return Knowledge.SENSOR
+        if np.isnan(self.baseline_f):
+            return Knowledge.NO_BASELINE
+        if not self._fingers:
+            return Knowledge.LIFTED
+        if self._fingers > 1:
+            return Knowledge.TWO
+        if reading.t_s < self._slides_since + settings.settled_s:
+            return Knowledge.RESTS
+        return Knowledge.LOW if reading.voltage_v < settings.least_v else Knowledge.LEARNS
+
+    def _farads(self, reading: Reading) -> complex:
+        return reading.current_a / (2j * pi * self.contact.frequency_hz * reading.voltage_v)
+
+    def _measure_panel(self, reading: Reading) -> None:
+        """Average the untouched panel, without what a touch that was told later had changed."""
+        settings = self.settings
+        if reading.voltage_v < settings.least_v / 2 or (
+            reading.t_s < self._lifted_s + settings.settled_s
+        ):
+            return
+        self._untouched.append((reading.t_s, self._farads(reading)))
+        while self._untouched and self._untouched[0][0] < reading.t_s - settings.settled_s:
+            _, farads = self._untouched.popleft()
+            if self._baseline_weight == 0:
+                self.baseline_f, self._baseline_weight = farads, 1.0
+                continue
+            rise = farads - self.baseline_f
+            share = max(1 / (self._baseline_weight + 1), 1e-4)
+            self._baseline_weight += 1
+            self.baseline_f += share * rise
+
+    def _take(self, reading: Reading) -> None:
+        """Average some readings, and let them count."""
+        self._bin.append(reading)
+        span = reading.t_s - self._bin[0].t_s
+        if span < self.settings.update_s * 0.9 and len(self._bin) < 100:
+            return
+        farads = [self._farads(one) for one in self._bin if not one.is_saturated]
+        volts = float(np.mean([one.voltage_v for one in self._bin]))
+        self._bin = []
+        if not farads:
+            return
+        measured = complex(np.mean(farads)) - self.baseline_f
+        if self._last is None:
+            self._last = (reading.t_s, measured)
+            return
+        step_s = reading.t_s - self._last[0]
+        change = abs(measured - self._last[1]) ** 2 / 4  # of each part
+        share = max(1 / (self._readings + 1), 0.05)
+        self._variance_f2 += share * (change - self._variance_f2)
+        self._last = (reading.t_s, measured)
+        self._readings += 1
+        self._voltage_v = volts
+        self._update(measured, volts, step_s)
+
+    def _update(self, measured_f: complex, voltage_v: float, step_s: float) -> None:
+        """One step of the filter."""
+        settings = self.settings
+        wander = np.zeros(_STATES)
+        wander[FORCE] = settings.force_per_rt_s
+        wander[SKIN] = settings.skin_per_rt_s
+        wander[_PANEL] = settings.panel_f_per_rt_s
+        mean, covariance = self._mean, self._covariance + np.diag(wander**2) * step_s
+        if self._force_n is not None:
+            lack = np.log(self._force_n / self.contact.population.force_n) - mean[FORCE]
+            gain = covariance[:, FORCE] / (covariance[FORCE, FORCE] + settings.force_sd**2)
+            mean = mean + gain * lack
+            covariance = covariance - np.outer(gain, covariance[FORCE])
+        points, weight = _sigma_points(mean, covariance)
+        farads = self.contact.capacitance_f(points[:, :_PANEL], voltage_v) + points[:, _PANEL]
+        seen = np.column_stack([farads.real, farads.imag])
+        expected = weight @ seen
+        off = seen - expected
+        # Of few readings the spread is not known: it counts as more than it seems.
+        noise = self._variance_f2 * (1 + 4 / self._readings) + (0.02 * _PF) ** 2
+        among = (weight[:, None] * off).T @ off + noise * np.eye(2)
+        across = (weight[:, None] * (points - mean)).T @ off
+        gain = np.linalg.solve(among, across.T).T
+        lack = np.array([measured_f.real, measured_f.imag]) - expected
+        # What no finger of the population draws moves the estimate no further than 4 sigma.
+        surprise = float(lack @ np.linalg.solve(among, lack)) ** 0.5
+        mean = mean + gain @ (lack * min(1.0, 4.0 / max(surprise, 1e-9)))
+        covariance = covariance - gain @ among @ gain.T
+        covariance = (covariance + covariance.T) / 2
+        least = 1e-12 * np.append(np.ones(_PANEL), _PF**2)
+        values = np.maximum(np.diag(covariance), least)
+        covariance[np.diag_indices(_STATES)] = values
+        if not (np.isfinite(mean).all() and np.isfinite(covariance).all()):
+            self.forget()
+            return
+        bound = 4 * np.append(self.contact.population.sd, 10 * _PF)
+        self._mean, self._covariance = np.clip(mean, -bound, bound), covariance
+
+    def estimate(self, now_s: float) -> FingerEstimate:
+        """Return what is known now; nothing moves the drive while the sensor is not trusted."""
+        self.watch.check(now_s)
+        if not self.watch.is_trusted and self._state is not Knowledge.SENSOR:
+            _LOG.warning("the sensor of current is not trusted: %s", self.watch.problem)
+            self._state = Knowledge.SENSOR
+            self.forget()
+        state = self._state
+        if state is Knowledge.LEARNS and not self._readings:
+            state = Knowledge.NOTHING
+        points, weight = _sigma_points(self._mean, self._covariance)
+        latent, volts = points[:, :_PANEL], max(self._voltage_v, self.settings.least_v)
+        known = np.zeros((1, _PANEL))
+        force_n = self._force_n or self._assumed_n
+        known[0, FORCE] = np.log(force_n / self.contact.population.force_n)
+        attraction = self.contact.log_attraction(np.concatenate([latent, known]), volts)
+        figures = np.column_stack([
+            attraction[:-1] - attraction[-1],
+            latent[:, FORCE],
+            latent[:, STIFFNESS] + 3 * latent[:, ROUGHNESS],
+            latent[:, SKIN],
+        ])  # fmt: skip
+        mean = weight @ figures
+        sd = np.sqrt(weight @ (figures - mean) ** 2)
+        is_known = self._readings > 0 or self.person is not None
+        return FingerEstimate(
+            state,
+            float(mean[0]) if is_known and self.watch.is_trusted else 0.0,
+            float(sd[0]),
+            float(self.contact.population.force_n * np.exp(mean[1])),
+            float(sd[1]),
+            float(np.exp(mean[2])),
+            float(sd[2]),
+            float(np.exp(mean[3])),
+            float(sd[3]),
+            self._readings,
+        )
+
+
+def _sigma_points(mean: Array, covariance: Array) -> tuple[Array, Array]:
+    """Points, shape (2 n + 1, n), and their weights: the same mean and covariance."""
+    n = len(mean)
+    scale = np.sqrt(np.diag(covariance))
+    whitened = covariance / np.outer(scale, scale)
+    root = np.linalg.cholesky(whitened + 1e-9 * np.eye(n)) * scale[:, None]
+    spread = np.sqrt(n) * root.T
+    points = np.concatenate([mean[None], mean + spread, mean - spread])
+    weight = np.full(2 * n + 1, 1 / (2 * n))
+    weight[0] = 0.0
+    return points, weight
+
+
+class SensorWatch:
+    """Whether the readings can be those of a panel: one that cannot ends trust.
+
+    Parameters
+    ----------
+    settings : SensingSettings
+        Times.
+    frequency_hz : float
+        Of the carrier.
+    """
+
+    def __init__(self, settings: SensingSettings, frequency_hz: float) -> None:
+        self._settings = settings
+        self._angular = 2 * pi * number("frequency_hz", frequency_hz)
+        self.is_trusted = True
+        self.problem = ""
+        self._bad = 0
+        self._last: Reading | None = None
+        self._heard_s = nan
+        self._equal = 0
+        self._good_since = inf
+
+    def read(self, reading: Reading, now_s: float, baseline_f: complex) -> bool:
+        """Judge a reading; return whether it may be right."""
+        problem = self._problem(reading, now_s, baseline_f)
+        self._heard_s = now_s
+        self._last = reading
+        if not problem:
+            self._bad = 0
+            self._good_since = min(self._good_since, now_s)
+            if not self.is_trusted and now_s - self._good_since >= self._settings.regained_s:
+                self.is_trusted, self.problem = True, ""
+                _LOG.info("the sensor of current is trusted again")
+            return True
+        self._bad += 1
+        self._good_since = inf
+        if self._bad >= _MOST_BAD or problem in _AT_ONCE:
+            self.is_trusted, self.problem = False, problem
+        return False
+
+    def check(self, now_s: float) -> bool:
+        """Judge that none has come; return whether the sensor is trusted."""
+        if now_s - self._heard_s > self._settings.lost_s:
+            self.is_trusted, self.problem = False, "no reading"
+            self._good_since = inf
+        return self.is_trusted
+
+    def _problem(self, reading: Reading, now_s: float, baseline_f: complex) -> str:
+        last, (t_s, current, volts, _) = self._last, reading
+        if not (np.isfinite(t_s) and np.isfinite(current) and np.isfinite(volts)):
+            return "no numbers"
+        if last is not None and t_s <= last.t_s:
+            return "time stands"
+        if not -self._settings.lost_s < now_s - t_s < self._settings.lost_s + _LATE_S:
+            return "late"
+        same = last is not None and (current, bool(volts)) == (last.current_a, bool(last.voltage_v))
+        self._equal = self._equal + 1 if same and volts > self._settings.least_v / 2 else 0
+        if self._equal >= _STUCK:
+            return "stuck"
+        if volts < self._settings.least_v / 2 or np.isnan(baseline_f):
+            return ""
+        farads = current / (1j * self._angular * volts)
+        size = abs(baseline_f)
+        # 30 % below the panel it is broken; no body adds more than 300 pF.
+        off = farads - baseline_f
+        noise = 0.05 * size
+        if off.real < -0.3 * size or abs(off.imag) > 0.3 * size + noise:
+            return "far from the panel"
+        return "more than a body" if off.real > 300 * _PF + noise else ""
+
+
+# At 250 readings a second both are within 10 ms.
+_MOST_BAD = 2  # in turn
+_STUCK = 1  # repeats of both parts of a reading: noise alone makes any two differ
+_AT_ONCE = ("stuck", "no reading")
+_LATE_S = 0.004  # of transport

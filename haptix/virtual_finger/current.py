@@ -1,0 +1,222 @@
+"""The current that a virtual finger draws, and what a converter makes of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+import torch
+
+from haptix.checks import Array, NotNegative, Positive, check_fields, number, positive, row
+from haptix.display import Displayed
+from haptix.errors import InputError
+from haptix.friction import ContactModel
+from haptix.motion import LIFTED_BELOW_N, STANDING_BELOW_MM_PER_S, Trajectory
+from haptix.sensing import Reading
+from haptix.threads import one_thread
+
+_FORCES_N = np.geomspace(0.02, 2.0, 9)
+_VOLTAGES = 7
+_DRIER = 1.25  # skin at which the second table is made: sweat lies on the line between both
+
+
+@dataclass(frozen=True)
+class Converter(Displayed):
+    """What stands between the current and its readings.
+
+    Parameters
+    ----------
+    rate_hz : float
+        Readings a second; each is over a whole number of the carrier's periods.
+    noise : float
+        Standard deviation of each part of a reading of 10 ms, over the total current.
+    bits : int
+        Of the converter, whose samples the lock-in averages.
+    range_a : float
+        Current that it holds, either way [A]: beyond it a reading is saturated.
+    delay_s : float
+        From the end of a reading to its arrival [s].
+    pole_hz : float
+        Of the amplifier of the current: the phase turns by its share of the carrier.
+    hum_a, hum_hz : float
+        Amplitude and frequency of what the mains induce in finger and panel [A, Hz].
+    """
+
+    rate_hz: Positive = 250.0
+    noise: NotNegative = 1e-3
+    bits: int = 12
+    range_a: Positive = 0.02
+    delay_s: NotNegative = 0.002
+    pole_hz: Positive = 200e3
+    hum_a: NotNegative = 5e-6
+    hum_hz: Positive = 50.0
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if not 4 <= self.bits <= 24:
+            raise InputError(f"bits: expected 4 to 24, got {self.bits}")
+
+
+@dataclass(frozen=True)
+class PanelCircuit(Displayed):
+    """What else draws current.
+
+    Parameters
+    ----------
+    panel_f : float
+        Of the untouched panel to earth [F].
+    body_f : float
+        From the finger to earth [F].
+    rest_share : float
+        Capacitance of a contact that rests over that of one that slides: a half to a tenth less
+        (physics page, section 12).
+    panel_per_s : float
+        Relative drift of the panel, of its temperature [1/s].
+    sweat_per_min : float
+        Share by which the skin insulates less in a minute.
+    """
+
+    panel_f: Positive = 2e-9
+    body_f: Positive = 150e-12
+    rest_share: Positive = 0.3
+    panel_per_s: float = 0.0
+    sweat_per_min: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+
+class VirtualCurrent(Displayed):
+    """Readings of the current that a finger on a screen draws, in time.
+
+    At each instant the contact is in equilibrium with force and amplitude: its mechanics lag, the
+    current of a carrier does so by less than a reading. Contact and body are in series, the panel
+    beside them.
+
+    Parameters
+    ----------
+    model : ContactModel
+        Finger and screen.
+    frequency_hz : float
+        Of the carrier.
+    converter : Converter, optional
+        What reads.
+    circuit : PanelCircuit, optional
+        What else draws current.
+    seed : int
+        Of the noise.
+    """
+
+    @one_thread()
+    def __init__(
+        self,
+        model: ContactModel,
+        frequency_hz: float,
+        converter: Converter | None = None,
+        circuit: PanelCircuit | None = None,
+        seed: int = 0,
+    ) -> None:
+        self.frequency_hz = positive("frequency_hz", frequency_hz)
+        self.converter = Converter() if converter is None else converter
+        self.circuit = PanelCircuit() if circuit is None else circuit
+        self._random = np.random.default_rng(seed)
+        self._volts = np.linspace(0.0, model.screen.max_voltage_v, _VOLTAGES)
+        self._tables = [self._table(model, scale) for scale in (1.0, _DRIER)]
+
+    def _table(self, model: ContactModel, scale: float) -> Array:
+        """Complex capacitance by force and voltage."""
+        finger = model.finger
+        skin = finger.dielectric.model_copy(update={"scale": finger.dielectric.scale * scale})
+        one = ContactModel(finger.replace(dielectric=skin), model.screen, terms=model.terms)
+        state = one.solve(
+            torch.from_numpy(_FORCES_N)[:, None], torch.from_numpy(self._volts), self.frequency_hz
+        )
+        loss = state.conductance_s.numpy() / (2 * pi * self.frequency_hz)
+        return np.asarray(state.capacitance_f.numpy() - 1j * loss)
+
+    def farads(
+        self, normal_force_n: float, voltage_v: float, is_sliding: bool = True, t_s: float = 0.0
+    ) -> complex:
+        """Complex capacitance [F] of contact and body at a force, amplitude and time.
+
+        Parameters
+        ----------
+        normal_force_n : float
+        voltage_v : float
+        is_sliding : bool
+            Whether the finger slides.
+        t_s : float
+            Time [s], for a body that changes.
+        """
+        if normal_force_n < LIFTED_BELOW_N:
+            return 0j
+        log_f = np.interp(np.log(normal_force_n), np.log(_FORCES_N), np.arange(len(_FORCES_N)))
+        cell = min(int(log_f), len(_FORCES_N) - 2)
+        part, found = log_f - cell, []
+        for table in self._tables:
+            by_voltage = (1 - part) * table[cell] + part * table[cell + 1]
+            found.append(complex(np.interp(voltage_v, self._volts, by_voltage)))
+        drier = np.log1p(-min(self.circuit.sweat_per_min / 60 * t_s, 0.9)) / np.log(_DRIER)
+        contact = found[0] * (found[1] / found[0]) ** drier
+        contact *= 1.0 if is_sliding else self.circuit.rest_share
+        body = self.circuit.body_f
+        return complex(contact * body / (contact + body))
+
+    def read(
+        self,
+        drive_v: Array,
+        sample_rate_hz: float,
+        path: Trajectory | None = None,
+        start_s: float = 0.0,
+    ) -> list[Reading]:
+        """Read the current that a drive draws, over whole periods of the carrier.
+
+        Parameters
+        ----------
+        drive_v : array, shape (samples,)
+            Drive signal with the carrier [V].
+        sample_rate_hz, start_s : float
+            Its rate [Hz], and the time of its first sample [s].
+        path : Trajectory, optional
+            Of the finger; none touches without it, nor outside of its times.
+
+        Returns
+        -------
+        list of Reading
+            The last part that fills no reading is left out.
+        """
+        drive = row("drive_v", drive_v)
+        rate, start = positive("sample_rate_hz", sample_rate_hz), number("start_s", start_s)
+        periods = max(1, round(self.frequency_hz / self.converter.rate_hz))
+        size = round(periods * rate / self.frequency_hz)
+        if size < 4:
+            raise InputError("sample_rate_hz: expected 4 samples or more in a reading")
+        readings = []
+        for first in range(0, len(drive) - size + 1, size):
+            at = np.arange(first, first + size)
+            turn = np.exp(-2j * pi * self.frequency_hz * at / rate)
+            phasor = complex(2 / size * (drive[first : first + size] @ turn))
+            hum = np.cos(2 * pi * self.converter.hum_hz * (start + at / rate))
+            hum_a = self.converter.hum_a * complex(2 / size * (hum @ turn))
+            readings.append(self._reading(phasor, hum_a, start + (first + size) / rate, size, path))
+        return readings
+
+    def _reading(
+        self, phasor: complex, hum_a: complex, t_s: float, size: int, path: Trajectory | None
+    ) -> Reading:
+        converter, circuit = self.converter, self.circuit
+        volts, angular = abs(phasor), 2 * pi * self.frequency_hz
+        farads = complex(circuit.panel_f * (1 + circuit.panel_per_s * t_s))
+        if path is not None and path.t_s[0] <= t_s <= path.t_s[-1]:
+            at = np.array([t_s])
+            force, speed = float(path.at(at)[2][0]), float(path.speed_mm_per_s(at)[0])
+            farads += self.farads(force, volts, speed >= STANDING_BELOW_MM_PER_S, t_s)
+        current = 1j * angular * farads * volts / (1 + 1j * self.frequency_hz / converter.pole_hz)
+        share = converter.noise * np.sqrt(0.01 * converter.rate_hz)
+        step = 2 * converter.range_a / 2**converter.bits
+        spread = np.hypot(share * abs(current), step / np.sqrt(6 * size))
+        noise = self._random.normal(size=2) * spread
+        found = current + complex(*noise) + hum_a
+        is_saturated = abs(current) + converter.hum_a > converter.range_a
+        return Reading(t_s, found, volts, bool(is_saturated))
