@@ -66,7 +66,7 @@ class CampaignResult:
 
         With `again`, forget what failed or was set aside.
         """
-        tasks, there = cls(store.where), store.kept()
+        tasks, kept = cls(store.where), store.kept()
         for task in campaign.tasks():
             key = task.key
             if key in tasks.by_key:
@@ -74,7 +74,7 @@ class CampaignResult:
             tasks.by_key[key] = {**task.labels, "status": "waiting"}
             tasks.counts["waiting"] += 1
             record = store.read_table(record_of(key)) or {}
-            result, why = store.check(key) if key in there else (None, "")
+            result, why = store.check(key) if key in kept else (None, "")
             if result is not None:
                 tasks.enter(key, {**record, "status": "done", "error": "", "row": result["row"]})
             elif why or record.get("status") == "done":

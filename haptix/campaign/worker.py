@@ -23,7 +23,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from haptix.campaign.kinds import KINDS
 from haptix.desk import Context, Result, task_at
 from haptix.errors import HaptixError
 from haptix.results import ResultStore
@@ -155,7 +154,7 @@ def identity(kind: str) -> dict[str, str]:
         "numpy": numpy.__version__,
         "processor": torch.backends.cpu.get_cpu_capability(),
     }
-    if kind and kind not in KINDS:
+    if ":" in kind:
         try:
             file = import_module(kind.partition(":")[0]).__file__
             versions[kind] = hashlib.sha256(Path(str(file)).read_bytes()).hexdigest()[:16]

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import sys
 import textwrap
 
 from haptix.task_list import commands
-from haptix.version import __version__
+from haptix.version import __version__, foreign_package
 
 ABOUT = "Haptic rendering for electrovibration touchscreens: from contact mechanics to volts."
 
 LOG_HELP = "Log to the standard error what happens, see docs/log.md: info or debug."
+
 
 # Where each command stands, and the first sentence of its help: those that are tasks say both
 # themselves. To load Typer takes longer than everything else that --help does.
@@ -26,6 +28,10 @@ COMMANDS = {
         "haptix.cli.service:studio",
         "Open the studio in a browser: feel textures by mouse, pen or touch, make and test them.",
     ),
+    "completion": (
+        "haptix.cli.application:completion",
+        'Print what completes commands in a shell: eval "$(haptix completion bash)".',
+    ),
     "devices": (
         "haptix.cli.hardware:devices",
         "List what can be opened, and what the buses show: USB, HID, serial, audio, NI outputs.",
@@ -38,17 +44,41 @@ COMMANDS = {
 
 
 def main() -> None:
-    """Run the command line."""
-    match sys.argv[1:]:
-        case ["--help"]:
-            sys.stdout.write(help_text())
-        case ["--version"]:
-            sys.stdout.write(f"haptix {__version__}\n")
-        case _:
-            from haptix.cli.application import app
-            from haptix.terminal import run
+    """Run the command line; neither Ctrl-C nor an output that takes no more is a traceback."""
+    if sys.argv[1:2] == ["help"]:  # haptix help query
+        sys.argv[1:] = [*sys.argv[2:], "--help"]
+    try:
+        match sys.argv[1:]:
+            case ["--help" | "-h"]:
+                sys.stdout.write(help_text())
+            case ["--version"]:
+                sys.stdout.write(f"haptix {__version__}\n")
+            case _:
+                if advice := foreign_package("firmware_io"):
+                    sys.stderr.write(f"haptix: {advice}\n")
+                    sys.exit(2)
+                from haptix.cli.application import app
+                from haptix.terminal import run
 
-            run(app, "haptix")
+                run(app, "haptix")
+        sys.stdout.flush()
+    except KeyboardInterrupt:
+        sys.exit(130)
+    except BrokenPipeError:  # such as by head
+        _let_go_of_the_output()
+        sys.exit(141)
+    except OSError as error:
+        if error.filename is not None:
+            raise
+        _let_go_of_the_output()
+        sys.stderr.write(f"haptix: the output takes no more: {error.strerror}\n")
+        sys.exit(2)
+
+
+def _let_go_of_the_output() -> None:
+    """Python flushes what is left at the end, and would fail once more."""
+    with contextlib.suppress(OSError, ValueError):  # a test's output has no number
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def help_text() -> str:
@@ -59,7 +89,7 @@ def help_text() -> str:
     options = {
         "--version": "Print the version.",
         "--log LEVEL": LOG_HELP,
-        "--help": "Show this message and exit.",
+        "-h, --help": "Show this message and exit.",
     }
     commands = {name: about for name, (_, about) in COMMANDS.items()}
     lines = [f"Usage: {name} [OPTIONS] COMMAND [ARGS]...", ""]

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from importlib import import_module
 from typing import Annotated, Any, Literal
 
 import typer
+from typer.completion import completion_init, get_completion_script  # type: ignore[attr-defined]
 from typer.core import TyperGroup
 
 from haptix.cli import ABOUT, COMMANDS, LOG_HELP
@@ -47,12 +49,28 @@ class _Commands(TyperGroup):
             formatter.write_dl([(name, about) for name, (_, about) in COMMANDS.items()])
 
 
+def completion(
+    shell: Annotated[
+        Literal["bash", "zsh", "fish"], typer.Argument(help="bash, zsh or fish.", metavar="SHELL")
+    ],
+) -> None:
+    """Print what completes commands in a shell: eval "$(haptix completion bash)"."""
+    sys.stdout.write(
+        get_completion_script(prog_name="haptix", complete_var="_HAPTIX_COMPLETE", shell=shell)
+        + "\n"
+    )
+
+
+if "_HAPTIX_COMPLETE" in os.environ:
+    completion_init()
+
 app = typer.Typer(
     name="haptix",
     cls=_Commands,
     help=ABOUT,
     no_args_is_help=True,
     add_completion=False,
+    context_settings={"help_option_names": ["--help", "-h"]},
     pretty_exceptions_enable=False,
     rich_markup_mode=None,  # which would take units such as [m] for markup
 )

@@ -17,9 +17,10 @@ from typing import Annotated, Any
 import typer
 
 from haptix.cli.tasks import option
+from haptix.errors import FileFormatError
 from haptix.fields import Address, Folder
 from haptix.terminal import AsJson, show
-from haptix.version import __version__
+from haptix.version import __version__, foreign_package
 
 
 def devices(as_json: AsJson = False) -> None:
@@ -59,6 +60,7 @@ def doctor(
         return
     needed = [
         _row("haptix", True, f"{__version__} on Python {platform.python_version()}"),
+        _check_packages(),
         _check_torch(),
         _check_cache(),
         _check_solver(),
@@ -72,12 +74,8 @@ def doctor(
 
 
 def _install_udev(root: Path, yes: bool) -> None:
-    from firmware_io.links.identity import (
-        RULE_FILE,
-        install_udev_rule,
-        udev_rule,
-        udev_rule_is_installed,
-    )
+    from firmware_io.links.identity import RULE_FILE, udev_rule, udev_rule_is_installed
+    from haptix.files import write_whole
 
     if udev_rule_is_installed(root):
         typer.echo(f"{root / RULE_FILE} is there already.")
@@ -86,9 +84,10 @@ def _install_udev(root: Path, yes: bool) -> None:
     if not yes and not typer.confirm("Write it?"):
         typer.echo("Nothing was written.")
         raise typer.Exit(1)
+    path = root / RULE_FILE
     try:
-        path = install_udev_rule(root)
-    except OSError as error:
+        write_whole(path, udev_rule())
+    except FileFormatError as error:
         typer.echo(f"haptix: {error}; run it as root: sudo haptix doctor --install-udev", err=True)
         raise typer.Exit(2) from None
     typer.echo(f"Wrote {path}. Now run `udevadm control --reload` as root, and replug the driver.")
@@ -141,19 +140,30 @@ _GOOD_MS = 5.0
 def _check_timing() -> dict[str, Any]:
     from firmware_io.real_time import measure_wake_ups
 
-    found = measure_wake_ups()
-    late_ms, largest_ms = found.p99_s * 1e3, found.largest_s * 1e3
-    with_it = "with" if found.is_real_time else "without"
+    wake_ups = measure_wake_ups()
+    late_ms, largest_ms = wake_ups.p99_s * 1e3, wake_ups.largest_s * 1e3
+    with_it = "with" if wake_ups.is_real_time else "without"
     detail = (
         f"a thread wakes {late_ms:.2g} ms late (99 %; longest {largest_ms:.2g}) {with_it} "
         f"real-time priority: live rendering reacts in {_WORK_MS + late_ms:.2g} ms"
     )
     good = _WORK_MS + late_ms <= _GOOD_MS
-    if not found.is_real_time:
+    if not wake_ups.is_real_time:
         detail += "; for less: `USER - rtprio 20` in /etc/security/limits.conf, then log in again"
     elif not good:
         detail += "; give the computer less to do"
     return _row("timing", good, detail)
+
+
+def _check_packages() -> dict[str, Any]:
+    from importlib.metadata import packages_distributions
+
+    names, owners = ("calibration", "firmware_io"), packages_distributions()
+    wrong = [advice for advice in map(foreign_package, names) if advice]
+    for name in names:
+        others = set(owners.get(name, ())) - {"haptix-electrovibration"}
+        wrong += [f"{name}: {other} installs a package of this name too" for other in others]
+    return _row("packages", not wrong, "; ".join(wrong) or f"{', '.join(names)}: haptix's own")
 
 
 def _check_torch() -> dict[str, Any]:
@@ -167,8 +177,8 @@ def _check_cache() -> dict[str, Any]:
     from haptix.files import cache_folder
 
     folder = cache_folder()
-    there = next(above for above in (folder, *folder.parents) if above.exists())
-    good = there.is_dir() and os.access(there, os.W_OK)
+    nearest = next(above for above in (folder, *folder.parents) if above.exists())
+    good = nearest.is_dir() and os.access(nearest, os.W_OK)
     return _row("cache", good, f"{folder}" if good else f"{folder} cannot be written")
 
 

@@ -137,16 +137,40 @@ class Effect:
     jnd_max: Annotated[float, Heading("JND", ".2g")] = 0.0
     """Largest, in just-noticeable differences (JND) of the friction there, ``0.11 mu``."""
     jnd_p99: float = 0.0
+    contrast_jnd: Annotated[float, Heading("of contrast", ".2g")] = 0.0
+    """Largest, in JND of the contrast ``mu(V)/mu(0)`` there: what friction as a whole does not
+    carry, such as a finger that is more slippery at any voltage, is no error of a texture."""
     overreach: float = 0.0
     """Share by which voltages exceed the true breakdown before the other's surface ends."""
 
     @classmethod
-    def between(cls, truth: Tensor, other: Tensor, overreach: float = 0.0) -> Self:
-        """Compare frictions of one shape."""
+    def between(
+        cls,
+        truth: Tensor,
+        other: Tensor,
+        overreach: float = 0.0,
+        at_rest: tuple[Tensor, Tensor] | None = None,
+    ) -> Self:
+        """Compare frictions of one shape, and their contrasts with those of no voltage.
+
+        Parameters
+        ----------
+        truth, other : Tensor
+            Frictions of the two ways, of one shape.
+        overreach : float
+            How far past breakdown the other way goes, as a share.
+        at_rest : tuple of Tensor, optional
+            Frictions of both without voltage, for the contrasts.
+        """
         mu = (other - truth).abs().reshape(-1)
         felt = mu / (WEBER_FRACTION * truth.reshape(-1))
         largest = float(mu.max()), float(mu.quantile(0.99))
-        return cls(*largest, float(felt.max()), float(felt.quantile(0.99)), overreach)
+        contrast = 0.0
+        if at_rest is not None:
+            change = (other / truth) * (at_rest[0] / at_rest[1]) - 1
+            # Where the contrast is the same, the quotients still differ by their rounding.
+            contrast = round(float(change.abs().max()) / WEBER_FRACTION, 9)
+        return cls(*largest, float(felt.max()), float(felt.quantile(0.99)), contrast, overreach)
 
     @property
     def is_past_breakdown(self) -> bool:
@@ -228,9 +252,9 @@ class Trials:
         voltage = self.points["voltage_share"] * farthest
         wrong = self.friction(other, self.points, torch.minimum(voltage, ends))
         right = self.friction(truth, self.points, voltage)
-        rest = self._solve(truth, self.points, 0.0)
+        rest, others = (self._solve(choice, self.points, 0.0) for choice in (truth, other))
         past = [float((ends / term.voltage_limit(rest)).max()) - 1 for term in self._ending]
-        return Effect.between(right, wrong, max([0.0, *past]))
+        return Effect.between(right, wrong, max([0.0, *past]), (rest.mu, others.mu))
 
     def _end(self, state: ContactState) -> Tensor:
         """Amplitude [V] at which a surface ends short of pull-in, or the scene's limit."""

@@ -1,4 +1,4 @@
-"""The files that a simulation writes."""
+"""The files that a simulation writes, and its picture."""
 
 from __future__ import annotations
 
@@ -6,22 +6,40 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from functools import partial
 from io import BytesIO
+from math import inf
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import soundfile
+import torch
 
 from firmware_io import volts_to_codes
 from firmware_io.limits import Current
-from haptix.errors import MissingExtraError
+from haptix.contact import Accuracy
+from haptix.errors import MissingExtraError, from_extra
 from haptix.files import check_folder, csv_text, json_text, write_folder
+from haptix.motion import LIFTED_BELOW_N, Motion
 from haptix.pair import described
+from haptix.perception import WEBER_FRACTION
 from haptix.render import SineCarrier
 from haptix.report import record, row
 from haptix.simulation.simulation import PARTS, Simulation
+from haptix.texture import Texture
 from haptix.version import __version__
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 _PERIODS = "of the modulation: mean friction of each period of the drive; the rest is ripple"
+
+_MOST = (5, 95)  # percentiles: each path starts and ends at rest
+
+_DRAWN_MM_PER_S = 50.0  # what depends on the motion is drawn as felt on the way to the right
+_PIXELS = 400  # across the texture
+_MARGIN_MM = 2.0  # around the path, on a texture without edges
+_ZOOM_S = 0.006
+_ZOOM_PERIODS = 10
 
 FILES = ("felt.csv", "drive.wav", "drive.json", "summary.json")
 """Files that `write` makes besides the picture."""
@@ -34,10 +52,12 @@ def summary_of(simulation: Simulation) -> dict[str, Any]:
     assert driver is not None
     rendered_s = stats.samples / played.renderer.sample_rate_hz
     target, model = simulation.target_mu, simulation.setting.model
+    strongest = simulation.at_strongest
     return {
         "haptix": __version__,
         **described(model.finger, model.screen),
         "placeholders": model.placeholders(),
+        "beyond_verified": _beyond_verified(simulation),
         "target_mu": [float(target.min()), float(target.max())],
         "evaluation": record(simulation.evaluation),
         "parts": {
@@ -56,6 +76,7 @@ def summary_of(simulation: Simulation) -> dict[str, Any]:
             "key": info["key"],
         },
         "pull_past_breakdown": simulation.pull_past_breakdown,
+        "accuracy": None if strongest is None else strongest.accuracy.record(),
         "current": _current(simulation),
         "stream": {
             "blocks": len(stats.block_s),
@@ -72,15 +93,45 @@ def summary_of(simulation: Simulation) -> dict[str, Any]:
     }
 
 
+def _beyond_verified(simulation: Simulation) -> list[str]:
+    """What of the path and the drive the screen's calibration has not verified, but for 5 %."""
+    verified = simulation.setting.model.screen.verified
+    if verified is None:
+        return []
+    path = simulation.setting.path
+    touching = path.normal_force_n >= LIFTED_BELOW_N
+    way_mm = np.hypot(np.gradient(path.x_mm), np.gradient(path.y_mm))
+    return verified.beyond(
+        np.percentile(path.normal_force_n[touching], _MOST),
+        np.abs(simulation.played.drive_v).max(initial=0.0),
+        simulation.setting.frequency_hz,
+        np.percentile((way_mm / np.gradient(path.t_s))[touching], _MOST),
+    )
+
+
 def errors_of(simulation: Simulation) -> list[dict[str, str]]:
     """Return the parts of the error, that of the periods and all errors, as rows for people."""
     errors = {**simulation.parts, "periods": simulation.periods, "all": simulation.evaluation}
     about = {**PARTS, "periods": _PERIODS}
-    return [
+    rows = [
         {"error": name, **row(one), "what": about.get(name, one.counts)}
         for name, one in errors.items()
         if one is not None
     ]
+    strongest = simulation.at_strongest
+    if strongest is not None:  # the finger that feels has the same theory: no part shows it
+        none = dict.fromkeys(row(simulation.evaluation), "-")
+        rows.append({"error": "theory", **none, "what": _theory(strongest.accuracy)})
+    return rows
+
+
+def _theory(accuracy: Accuracy) -> str:
+    """The theory's own interval in words, which adds to all errors."""
+    parts = []
+    for what, width in (("friction", accuracy.mu), ("mu(V)/mu(0)", accuracy.ratio)):
+        jnd = float(torch.expm1(width.max())) / WEBER_FRACTION
+        parts.append(f"{jnd:.2g} JND of {what}" if jnd < inf else f"of {what} not shown there")
+    return f"its own 90 % interval at the strongest drives: {', '.join(parts)}"
 
 
 def write(
@@ -112,7 +163,8 @@ def write(
     check_folder(folder, (picture, *FILES))
     drawn: dict[str, Any] = {}
     try:
-        from haptix.simulation.figure import draw  # matplotlib takes half a second
+        with from_extra("figures"):
+            import matplotlib.figure  # noqa: F401  # half a second
     except MissingExtraError as error:
         pictured = f"not drawn: {error}"
     else:
@@ -182,3 +234,126 @@ def _current(simulation: Simulation) -> dict[str, float]:
         "limit_peak_a": limits.max_peak_a,
         "limit_rms_a": limits.max_rms_a,
     }
+
+
+def draw(simulation: Simulation, file: Path) -> None:
+    """Draw path and texture, friction, voltage, and the waveform or the parts of the error."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(13, 8.5), layout="constrained")
+    grid = figure.add_gridspec(3, 2, width_ratios=(1, 1.5), height_ratios=(1.15, 1, 1))
+    _texture(figure.add_subplot(grid[:2, 0]), simulation)
+    _force_and_speed(figure.add_subplot(grid[2, 0]), simulation)
+    friction = figure.add_subplot(grid[0, 1])
+    _friction(friction, simulation)
+    voltage = figure.add_subplot(grid[1, 1], sharex=friction)
+    _voltage(voltage, simulation)
+    last = figure.add_subplot(grid[2, 1])
+    if simulation.parts:
+        _parts(last, simulation)
+    else:
+        _zoom(last, voltage, simulation)
+    figure.suptitle("haptix: from a texture to volts", fontsize=14)
+    figure.savefig(file, dpi=110, format="png")
+
+
+def _texture(axes: Axes, simulation: Simulation) -> None:
+    felt, texture = simulation.felt, simulation.setting.texture
+    if isinstance(texture, Texture):
+        left, right, top, bottom = 0.0, texture.width_mm, 0.0, texture.height_mm
+    else:
+        left, right = float(felt.x_mm.min()) - _MARGIN_MM, float(felt.x_mm.max()) + _MARGIN_MM
+        top, bottom = float(felt.y_mm.min()) - _MARGIN_MM, float(felt.y_mm.max()) + _MARGIN_MM
+    pixel_mm = (right - left) / _PIXELS
+    rows = max(2, round((bottom - top) / pixel_mm))
+    x, y = np.meshgrid(np.linspace(left, right, _PIXELS), np.linspace(top, bottom, rows))
+    to_the_right = Motion.of(x, y, 0.0, _DRAWN_MM_PER_S, 0.0, footprint_mm=pixel_mm)
+    target = texture.evaluator.wanted(to_the_right).reshape(x.shape)
+    axes.imshow(target, cmap="gray", extent=(left, right, bottom, top))
+    points = axes.scatter(felt.x_mm, felt.y_mm, c=felt.t_s - felt.t_s[0], s=4, cmap="autumn")
+    start = (float(felt.x_mm[0]), float(felt.y_mm[0]))
+    axes.plot(*start, "o", ms=11, mfc="none", mec="tab:blue", mew=2.5)
+    axes.annotate(
+        "start",
+        start,
+        (-6, 12),
+        textcoords="offset points",
+        color="white",
+        fontweight="bold",
+        bbox={"facecolor": "tab:blue", "edgecolor": "none", "pad": 1.5},
+    )
+    axes.figure.colorbar(points, ax=axes, label="time (s)", shrink=0.7)
+    axes.set(
+        xlabel="x on the screen (mm)",
+        ylabel="y (mm)",
+        title="1  Texture (bright = high friction)\nand path of the finger, from red to yellow",
+    )
+
+
+def _force_and_speed(axes: Axes, simulation: Simulation) -> None:
+    felt = simulation.felt
+    t = felt.t_s - felt.t_s[0]
+    axes.plot(t, felt.normal_force_n, color="tab:green")
+    axes.set_ylabel("normal force (N)", color="tab:green")
+    axes.set(ylim=(0, None), xlabel="time (s)", title="2  The finger's force and speed")
+    speed = axes.twinx()
+    speed.plot(t, felt.speed_mm_per_s, color="0.4", ls="--")
+    speed.set_ylabel("speed (mm/s), dashed", color="0.4")
+    speed.set_ylim(0, None)
+
+
+def _friction(axes: Axes, simulation: Simulation) -> None:
+    simulation.plot(axes).set(
+        xlabel="", title="3  Friction under the finger, which also depends on its force"
+    )
+
+
+def _voltage(axes: Axes, simulation: Simulation) -> None:
+    played, limit = simulation.played, simulation.surface.voltage_limit_v
+    volts = played.drive_v
+    t = played.start_s + np.arange(len(volts)) / played.renderer.sample_rate_hz
+    axes.plot(t, volts, color="tab:purple", lw=0.3)
+    axes.axhline(limit, color="0.5", ls=":", lw=1)
+    axes.text(simulation.felt.t_s[-1], limit, "limit of the screen", ha="right", va="bottom")
+    axes.set(
+        ylabel="played (V)",
+        ylim=(-1.15 * limit, 1.25 * limit),
+        xlabel="time (s)",
+        title="4  Voltage that was played",
+    )
+
+
+def _parts(axes: Axes, simulation: Simulation) -> None:
+    errors = {**simulation.parts, "all": simulation.evaluation}
+    p95 = np.nan_to_num([one.error_p95_jnd for one in errors.values()])
+    axes.barh(list(errors), p95, color=["tab:blue"] * len(simulation.parts) + ["0.4"])
+    axes.axvline(1.0, color="0.5", ls=":", lw=1)
+    axes.invert_yaxis()
+    axes.set(
+        xscale="log",
+        xlim=(1e-4, 10.0),
+        xlabel="95 % of errors are below (JND)",
+        title="5  What the error is made of",
+    )
+
+
+def _zoom(axes: Axes, voltage: Axes, simulation: Simulation) -> None:
+    """Draw the liveliest stretch of the wave, and mark it in the voltage."""
+    played = simulation.played
+    volts, rate = played.drive_v, played.renderer.sample_rate_hz
+    seconds = max(_ZOOM_S, _ZOOM_PERIODS / played.renderer.drive.frequency_hz)
+    count = min(round(seconds * rate), len(volts))
+    # The window whose halves differ most in amplitude.
+    peaks = np.abs(volts[: len(volts) // count * count]).reshape(-1, count)
+    change = np.abs(peaks[:, : count // 2].max(1) - peaks[:, count // 2 :].max(1))
+    first = int(change.argmax()) * count
+    t = played.start_s + np.arange(first, first + count) / rate
+    voltage.axvspan(t[0] - 0.01, t[-1] + 0.01, color="tab:orange", alpha=0.5)
+    top = 0.92 * simulation.surface.voltage_limit_v
+    voltage.annotate("5", (t[0], top), (5, 0), textcoords="offset points", fontweight="bold")
+    axes.plot(t * 1e3, volts[first : first + count], color="tab:purple", lw=1, marker=".", ms=3)
+    axes.set(
+        xlabel="time (ms)",
+        ylabel="played (V)",
+        title="5  The wave that was played, sample by sample: the band in 4",
+    )

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -14,12 +15,14 @@ from torch import Tensor
 
 from firmware_io import Device, open_device
 from haptix.checks import Array
+from haptix.display import Displayed, axes_or_new
 from haptix.errors import InputError
 from haptix.friction import ContactModel
 from haptix.motion import LIFTED_BELOW_N, Motion, Trajectory
 from haptix.motion.block import facts_on
 from haptix.render import DirectWave, Drive, LiveRenderer, LiveSettings, Renderer
 from haptix.render.core import DEFAULT_CARRIER_HZ
+from haptix.states import ContactState
 from haptix.status import Status
 from haptix.surface import FrictionSurface, cached_surface
 from haptix.texture import Feelable, as_mu
@@ -32,6 +35,9 @@ from haptix.virtual_finger import (
     VirtualFinger,
     evaluate,
 )
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 FINGER_PATH = Path(__file__).parent / "finger_path.csv"
 """A recorded path of a finger, for the examples and `haptix demo`."""
@@ -57,7 +63,7 @@ _LOOKED_AT = 200  # periods of a path
 
 
 @dataclass(frozen=True)
-class Setting:
+class Setting(Displayed):
     """A finger on a screen, and the texture that it is to feel along a path.
 
     Parameters
@@ -83,7 +89,7 @@ class Setting:
     drive: Drive | None = None
 
     def __post_init__(self) -> None:
-        frequency_hz = self._frequency_hz
+        frequency_hz = self.frequency_hz
         if self.path.duration_s * frequency_hz < _FEWEST_PERIODS:
             raise InputError(
                 f"trajectory: expected {_FEWEST_PERIODS} periods or more of the "
@@ -101,17 +107,18 @@ class Setting:
             raise InputError("trajectory: expected a finger that touches, got no force above 0 N")
         scene = {
             "normal_force_n": (float(touching.min()), float(touching.max())),
-            "frequency_hz": self._frequency_hz,
+            "frequency_hz": self.frequency_hz,
         }
         return cached_surface(self.model, scene, _TOLERANCE, on_progress)
 
     @property
-    def _frequency_hz(self) -> float:
+    def frequency_hz(self) -> float:
+        """Of the drive."""
         return DEFAULT_CARRIER_HZ if self.drive is None else self.drive.frequency_hz
 
 
 @dataclass(frozen=True)
-class Played:
+class Played(Displayed):
     """What a renderer sent along a path, and what the device played.
 
     Parameters
@@ -135,7 +142,14 @@ class Played:
     start_s: float
 
     def feel(self, finger: VirtualFinger, drive_v: Array | None = None) -> Felt:
-        """Return what a finger on the path felt of a drive, or of what the device played."""
+        """Return what a finger on the path felt of a drive, or of what the device played.
+
+        Parameters
+        ----------
+        finger : VirtualFinger
+        drive_v : array, shape (samples,), optional
+            A drive [V]; what the device played if not given.
+        """
         drive_v = self.drive_v if drive_v is None else drive_v
         lacking = max(0, _FEWEST_SAMPLES - len(drive_v))
         drive_v = np.append(drive_v, np.zeros(lacking))
@@ -304,7 +318,7 @@ def exact_amplitude(
 
 
 @dataclass(frozen=True)
-class Simulation:
+class Simulation(Displayed):
     """Result of a simulation: target, played samples and felt friction.
 
     Parameters
@@ -342,9 +356,36 @@ class Simulation:
     parts: Mapping[str, Evaluation]
     periods: Evaluation | None = None
 
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw friction wanted and felt, and what is reachable, against time.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Axes of matplotlib to draw into; without them, those of a new figure.
+
+        Returns
+        -------
+        Axes
+            The axes.
+        """
+        ax = axes_or_new(ax)
+        t, low, high = self.felt.t_s, self.lowest_mu, self.highest_mu
+        ax.fill_between(t, low, high, color="0.9", label="reachable at this force")
+        ax.plot(t, self.target_mu, color="tab:orange", lw=3, label="target")
+        ax.plot(t, self.felt.mu, color="tab:blue", lw=0.8, label="felt")
+        room = 0.3 * (high.max() - low.min())
+        ax.set(
+            xlabel="time (s)",
+            ylabel="friction coefficient",
+            ylim=(low.min() - 0.05 * room, high.max() + room),
+        )
+        ax.legend(loc="upper center", ncols=3, fontsize=8, columnspacing=1.2)
+        return ax
+
     @cached_property
-    def pull_past_breakdown(self) -> float:
-        """Largest share of the attraction that no gap bears, see `ContactState`, on the path."""
+    def at_strongest(self) -> ContactState | None:
+        """States of the path under its highest amplitudes; None where nothing was played."""
         played, rate = self.played, self.played.renderer.sample_rate_hz
         frequency = played.renderer.drive.frequency_hz
         # The amplitude of each period, where the finger presses and something is played.
@@ -355,17 +396,22 @@ class Simulation:
         force = np.interp(t_s, self.felt.t_s, self.felt.normal_force_n)
         used = np.flatnonzero((peaks > 0) & (force >= LIFTED_BELOW_N))
         if len(used) == 0:
-            return 0.0
+            return None
         # From the strongest on, thinned.
         strongest = used[np.argsort(peaks[used])[::-1]][:: max(1, len(used) // _LOOKED_AT)]
         model = self.setting.model
         limit = min(model.screen.max_voltage_v, float(peaks.max()))
-        state = model.solve(
+        return model.solve(
             torch.from_numpy(force[strongest]),
             torch.from_numpy(peaks[strongest].clip(max=limit)),
             frequency,
         )
-        return float(state.pull_past_breakdown.max())
+
+    @property
+    def pull_past_breakdown(self) -> float:
+        """Largest share of the attraction that no gap bears, see `ContactState`, on the path."""
+        state = self.at_strongest
+        return 0.0 if state is None else float(state.pull_past_breakdown.max())
 
     @property
     def setting(self) -> Setting:

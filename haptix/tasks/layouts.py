@@ -7,13 +7,13 @@ import json
 import tempfile
 import zipfile
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
 from haptix.desk import Context, Result, Task
 from haptix.errors import InputError
-from haptix.fields import FingerName, ForClients, Local, Range, ScreenName
+from haptix.fields import FingerName, ForClients, JsonObject, Local, Range, ScreenName
 
 if TYPE_CHECKING:
     from haptix.materials import Material
@@ -33,7 +33,7 @@ class ExportLayout(Task):
     The others are of one stroke to the right at 80 mm/s and 0.5 N.
     """
 
-    document: Annotated[dict[str, Any], ForClients()] = Field(
+    document: Annotated[JsonObject, ForClients()] = Field(
         description="A layout, as `layout_set` takes it."
     )
     form: Literal["document", "friction-map", "wav", "ahap", "hjif"]
@@ -68,7 +68,8 @@ class ExportLayout(Task):
             packed = io.BytesIO()
             with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
                 for path in sorted(path for path in folder.rglob("*") if path.is_file()):
-                    archive.write(path, path.relative_to(folder).as_posix())
+                    name = zipfile.ZipInfo(path.relative_to(folder).as_posix())  # without a time
+                    archive.writestr(name, path.read_bytes(), zipfile.ZIP_DEFLATED)
         return Result({"form": self.form}, files={"layout.zip": packed.getvalue()})
 
     def _friction_map(self, layout: Material, folder: Path) -> None:

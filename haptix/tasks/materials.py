@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import Field
 
 from haptix.desk import Context, Result, Task
-from haptix.fields import Argument, MaterialFile, NewFile, refuse_input
+from haptix.fields import (
+    Argument,
+    FileThere,
+    FingerName,
+    MaterialFile,
+    NewFile,
+    ScreenName,
+    Seed,
+    refuse_input,
+)
 
 
 class ShowMaterial(Task, command="material show"):
@@ -96,3 +106,87 @@ class PrintSchema(Task, command="material schema"):
 
         document = schema()
         return Result(document, lines=[json.dumps(document, indent=2)])
+
+
+class FitMaterial(Task, command="material fit"):
+    """Fit a compact material to a recording of friction in time, and compare what both give.
+
+    The virtual finger feels both at 20 to 100 mm/s and 0.2 to 0.8 N; rows say in which of nine
+    bands between 10 and 1000 Hz the levels are within 1 dB, and where they are not.
+    """
+
+    recording: Annotated[FileThere, Argument] = Field(
+        description="CSV with t_s, position_mm or speed_mm_per_s, and mu or tangential_force_n "
+        "with normal_force_n."
+    )
+    out: NewFile | None = Field(None, description="Material. [default: RECORDING with .toml]")
+    finger: FingerName = Field("semi-wet", description="Finger that feels both.")
+    screen: ScreenName = Field("3m-sct3250", description="Screen.")
+    seed: Seed = Field(0, description="Of the pattern.")
+
+    def run(self, context: Context) -> Result:
+        """Fit, write and compare."""
+        import tomlkit
+
+        from haptix.files import write_whole
+        from haptix.finger import Finger
+        from haptix.friction import ContactModel
+        from haptix.screen import Screen
+        from haptix.simulation.bands import WITHIN_DB, band_name, felt_errors
+        from haptix.texture.spectral import fit, stretches
+
+        out = self.out or self.recording.with_suffix(".toml")
+        refuse_input(out, self.recording)
+        recorded = stretches(self.recording)
+        material = fit(recorded, self.seed)
+        fields = {"kind": material.kind, **material.model_dump(exclude_defaults=True)}
+        text = tomlkit.dumps(fields)
+        write_whole(out, text)
+        model = ContactModel(Finger.named(self.finger), Screen.named(self.screen))
+        cases = [*felt_errors(model, material, recorded, lambda s: context.progress("feel", s))]
+        rows: list[dict[str, Any]] = []
+        for band in sorted({one.band for one in cases}):
+            of_band = [one for one in cases if one.band == band]
+            worst = max(of_band, key=lambda one: abs(one.error_db))
+            rows.append(
+                {
+                    "band": band_name(band),
+                    "recorded_db": round(sum(c.recorded_db for c in of_band) / len(of_band), 1),
+                    "within": f"{sum(one.is_near for one in of_band)} of {len(of_band)}",
+                    "worst_db": round(worst.error_db, 2),
+                    "at": f"{worst.speed_mm_per_s:g} mm/s, {worst.normal_force_n:g} N",
+                }
+            )
+        share = sum(one.is_near for one in cases) / len(cases) if cases else 0.0
+        missing = [band_name(band) for band in range(9) if band not in {c.band for c in cases}]
+        title = (
+            f"{out}: {len(text.encode())} bytes; of {len(recorded)} strokes "
+            f"({max(one.length_mm for one in recorded):.0f} mm the longest); felt within "
+            f"{WITHIN_DB:g} dB in {share:.0%} of {len(cases)} cases"
+        )
+        if missing:
+            title += f"; not recorded: {', '.join(missing)}"
+        return Result(rows, [(title, rows)])
+
+
+class CompareMaterials(Task, command="material distance"):
+    """Distance of two textures [dB]: recordings in time, or materials of mu or contrast.
+
+    The log spectral distance over nine bands between 10 and 1000 Hz at 20, 45 and 100 mm/s.
+    """
+
+    one: Annotated[FileThere, Argument] = Field(description="Recording (.csv) or material.")
+    other: Annotated[FileThere, Argument] = Field(description="Recording (.csv) or material.")
+
+    def run(self, context: Context) -> Result:
+        """Compare them."""
+        from haptix.materials import load
+        from haptix.texture.spectral import Energies, distance_db, stretch_of, stretches
+
+        def energies(path: Path) -> Energies:
+            is_recording = path.suffix == ".csv"
+            return Energies(stretches(path) if is_recording else (stretch_of(load(path)),))
+
+        apart_db = distance_db(energies(self.one), energies(self.other))
+        row = {"one": str(self.one), "other": str(self.other), "distance_db": round(apart_db, 2)}
+        return Result([row], [("distance of two textures", [row])])

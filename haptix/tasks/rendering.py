@@ -21,6 +21,7 @@ from haptix.fields import (
     FingerName,
     Folder,
     ForClients,
+    JsonObject,
     Local,
     MaterialFile,
     Positive,
@@ -29,7 +30,7 @@ from haptix.fields import (
     Typed,
 )
 from haptix.report import row
-from haptix.terminal import breakdown_note, placeholder_note
+from haptix.terminal import accuracy_note, breakdown_note, placeholder_note, warning_note
 
 if TYPE_CHECKING:
     from haptix.friction import ContactModel
@@ -43,16 +44,22 @@ _ENDS_S = 0.05  # after the last touch: what it brought is heard
 _BRICKS = "scikit-image brick (CC0)"
 _WITHOUT_PHOTOGRAPHS = "gallery:basket"
 _TOLD = (
-    *("finger", "screen", "pair", "placeholders", "target_mu"),
+    *("finger", "screen", "pair", "placeholders", "beyond_verified", "target_mu"),
     *("evaluation", "parts", "periods", "out_of_range"),
 )
 
 MillimetresWide = Annotated[float, Field(ge=0.1, le=1e4)]
-Touches = Field(min_length=2, max_length=20_000)
+Touches = Field(min_length=2, max_length=20_000, fail_fast=True)
 FORCES_N = (0.05, 3.0)
 """Range of a surface that the service builds."""
 Finite = Annotated[float, Field(ge=-1e6, le=1e6)]
 Force = Annotated[float, Field(gt=0, le=100)]
+
+
+_A_FEW = 10  # samples that a person may have typed, at any distance in time
+
+CarrierHz = Annotated[float, Field(ge=1000)]
+"""A skin follows what is slower: that is a direct drive."""
 
 
 class OnScreen(Task):
@@ -90,7 +97,7 @@ class OfPhotograph(OnScreen):
     trajectory: FileThere | None = Field(
         None, description="CSV: t_s, x_mm, y_mm, normal_force_n. [default: a recorded path]"
     )
-    carrier_hz: Positive | None = Field(
+    carrier_hz: CarrierHz | None = Field(
         None, description="Frequency of the carrier. [default: 4000]"
     )
 
@@ -102,6 +109,12 @@ class OfPhotograph(OnScreen):
 
         drive = None if self.carrier_hz is None else SineCarrier(self.carrier_hz)
         path = Trajectory.from_csv(self.trajectory or FINGER_PATH)
+        apart_s = path.duration_s / (len(path.t_s) - 1)
+        if len(path.t_s) > _A_FEW and apart_s > 1.0:
+            raise InputError(
+                f"{self.trajectory}: t_s: expected seconds, got samples {apart_s:g} s apart; if "
+                "these are milliseconds, divide them by 1000"
+            )
         texture, name = self.texture(polarity)
         return Setting(model, texture, path, drive), name
 
@@ -138,7 +151,7 @@ class Demo(OfPhotograph, command="demo"):
         "3m-sct3250", description="Screen: a preset (3m-sct3250) or a TOML file."
     )
     width_mm: MillimetresWide = Field(60.0, description="Width of the photograph on the screen.")
-    carrier_hz: Positive = Field(4000.0, description="Frequency of the carrier.")
+    carrier_hz: CarrierHz = Field(4000.0, description="Frequency of the carrier.")
     polarity: Literal["bright-high", "dark-high"] = Field(
         "bright-high", description="bright-high or dark-high: which grey has high friction."
     )
@@ -248,11 +261,19 @@ class Render(OfPath, command="render", route="renderings", kind="rendering"):
     )
     out: Folder = Field(Path("haptix-render"), description="Folder for the outputs.")
     device: Address = Field("mock:", description="A mock device, with its options.")
-    material: Annotated[dict[str, Any], ForClients()] | None = None
-    t_s: Annotated[tuple[Finite, ...], ForClients(), Touches] | None = None
-    x_mm: Annotated[tuple[Finite, ...], ForClients(), Touches] | None = None
-    y_mm: Annotated[tuple[Finite, ...], ForClients(), Touches] | None = None
-    normal_force_n: Annotated[tuple[Force, ...], ForClients(), Touches] | None = None
+    material: Annotated[JsonObject, ForClients()] | None = None
+    t_s: Annotated[tuple[Finite, ...], ForClients(), Touches] | None = Field(
+        None, examples=[[0, 1]]
+    )
+    x_mm: Annotated[tuple[Finite, ...], ForClients(), Touches] | None = Field(
+        None, examples=[[5, 55]]
+    )
+    y_mm: Annotated[tuple[Finite, ...], ForClients(), Touches] | None = Field(
+        None, examples=[[20, 20]]
+    )
+    normal_force_n: Annotated[tuple[Force, ...], ForClients(), Touches] | None = Field(
+        None, examples=[[0.5, 0.5]]
+    )
 
     def run(self, context: Context) -> Result:
         """Build, play, feel; write where there is a place."""
@@ -291,8 +312,10 @@ class Render(OfPath, command="render", route="renderings", kind="rendering"):
         summary = write(context.folder / self.out, simulation, about)
         title = f"{first_line(summary)}\nhaptix render: outputs in {self.out}"
         title += f"; current {_current(summary['current'])}"
+        title += accuracy_note(summary["accuracy"])
         title += breakdown_note(summary["pull_past_breakdown"])
         title += placeholder_note(summary["placeholders"])
+        title += warning_note(summary["beyond_verified"])
         return Result([summary], [(title, errors_of(simulation))])
 
     def setting(self, model: ContactModel, polarity: str = "bright-high") -> tuple[Setting, str]:
@@ -306,7 +329,7 @@ class Render(OfPath, command="render", route="renderings", kind="rendering"):
         return Setting(model, read_material(self.material), Trajectory.of(*columns)), "material"
 
 
-class Play(OfPath, command="play"):
+class PlayPath(OfPath, command="play"):
     """Play a recorded path on a device, in real time."""
 
     device: Address = Field("mock:pace=real", description="Where to play, see `haptix devices`.")
@@ -348,6 +371,8 @@ class Play(OfPath, command="play"):
         }
         more: dict[str, float | str] = {"advice": stats.advice}
         about = described(model.finger, model.screen)
+        beyond = renderer.verified.sentences
+        more["beyond_verified"] = "; ".join(beyond)
         title = f"{first_line(about)}\nhaptix play: {self.device}"
         if stats.revisions:
             p50_ms, p99_ms = stats.reaction_p50_s * 1e3, stats.reaction_p99_s * 1e3
@@ -355,6 +380,7 @@ class Play(OfPath, command="play"):
             more |= {"revisions": stats.revisions, "refused": stats.refused}
             more |= {"reaction_p50_ms": p50_ms, "reaction_p99_ms": p99_ms}
         title = f"{title}; {stats.advice}" if stats.advice else title
+        title += warning_note(beyond)
         return Result([seen | more | about], [(title, [seen])])
 
 
@@ -363,7 +389,7 @@ class Headroom(OnScreen, route="headroom", kind="headroom"):
 
     stages: ClassVar[tuple[str, ...]] = ("build the surface",)
 
-    material: Annotated[dict[str, Any], ForClients()]
+    material: Annotated[JsonObject, ForClients()]
     width_mm: Annotated[float, Field(gt=0, le=1e4)]
     height_mm: Annotated[float, Field(gt=0, le=1e4)]
     normal_force_n: Force = 0.5

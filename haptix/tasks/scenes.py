@@ -58,7 +58,7 @@ class PlanScene(Task, command="plan"):
         return Result(document, [(title, plan.rows)])
 
 
-class TradeOff(Task, command="tradeoff"):
+class TradeOff(Task, command="tradeoff", route="tradeoffs", keeps="results"):
     """Measure error, build time, query time and memory of many ways to build a scene's surface.
 
     Writes tradeoff.csv, tradeoff.json and tradeoff.png.
@@ -81,7 +81,7 @@ class TradeOff(Task, command="tradeoff"):
         scene = default_scene() if self.scene is None else Scene.load(self.scene)
         study = write_tradeoff(
             scene,
-            self.out,
+            (context.folder or Path()) / self.out,
             self.quick,
             lambda stage, share: context.progress(_STAGES[stage], share),
             self.boundary_elements,

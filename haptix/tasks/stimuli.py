@@ -23,6 +23,7 @@ from haptix.fields import (
     Folder,
     FolderName,
     ForClients,
+    JsonObject,
     Label,
     Local,
     NewFile,
@@ -32,7 +33,7 @@ from haptix.fields import (
     refuse_input,
 )
 from haptix.presets import FINGERS, SCREENS
-from haptix.terminal import breakdown_note
+from haptix.terminal import breakdown_note, placeholder_note
 
 if TYPE_CHECKING:
     from haptix.stimuli.adaptive import Experiment
@@ -45,7 +46,7 @@ _STAGES = {
 _LABELS = ("session", "task", "condition", "source")
 _WIDE = (
     "experiment", "share_right", "catch_trials", "hits", "false_alarms", "criterion", "warnings",
-    "between", "p", "spread_within",
+    "between", "p", "overdispersion", "drift_probability",
 )  # fmt: skip
 """Columns that are in the files, and too many for a terminal."""
 _ASK_AFTER_H = 12.0  # a session that was stopped goes on within a day
@@ -106,6 +107,7 @@ class MakeSet(Task, command="stimuli make"):
                 made = stimuli.make(folder, 1, update, executor)
         again = f", {made.reused} of them from an earlier run" if made.reused else ""
         title = f"{len(made.sidecars)} stimuli in {made.folder}{again}"
+        title += _placeholders(made.sidecars)
         return Result([*made.sidecars], [(title, [*map(_row, made.sidecars)])])
 
 
@@ -166,7 +168,8 @@ class ShowStimulus(Task, command="stimuli show"):
             # Sidecars of earlier versions have neither of both.
             past = max((float(one.get("pull_past_breakdown", 0.0)) for one in tables), default=0.0)
             title += _current([one["current"] for one in tables if "current" in one])
-            return Result(tables, [(title + breakdown_note(past), [*map(_row, tables)])])
+            title += _placeholders(tables) + breakdown_note(past)
+            return Result(tables, [(title, [*map(_row, tables)])])
 
 
 class RunExperiment(Task, command="stimuli run"):
@@ -223,12 +226,12 @@ class RunExperiment(Task, command="stimuli run"):
         table = self.log
         # Without a participant a log has the order of the recipe.
         seed = None if self.participant is None else seed_of(plan.seed, who, self.session)
-        if self.study is not None:
-            from haptix.stimuli.study import keep_recipe, session_log
+        from haptix.stimuli.study import keep_recipe, session_log
 
+        if self.study is not None:
             table = session_log(self.study, *labels)
-            keep_recipe(self.recipe, table)
         assert table is not None
+        keep_recipe(self.recipe, table)
         keys = Keys()
         answer: Any = keys
         around: dict[str, Any] = {"rest": keys.rest, "tell": keys.tell, "show": keys.show}
@@ -268,7 +271,7 @@ class RunExperiment(Task, command="stimuli run"):
 class ExperimentJob(Task, route="experiments", kind="experiment", plays=True, keeps="logs"):
     """Run an adaptive experiment on the device; each trial asks."""
 
-    recipe: Annotated[dict[str, Any], ForClients()] = Field(
+    recipe: Annotated[JsonObject, ForClients()] = Field(
         description="As the file of `haptix stimuli run`; without volts."
     )
     log: FolderName = Field(
@@ -325,13 +328,22 @@ class ExperimentJob(Task, route="experiments", kind="experiment", plays=True, ke
 class Simulate(Task, command="stimuli simulate"):
     """Simulate a plan before anybody sits: what its thresholds are worth, and its power.
 
-    Rows: bias, scatter, the spread that is stated, and how often there is no threshold or a
-    warning, for observers of each threshold, slope and lapse rate. With --participants: how often a
-    paired t-test finds a difference between two conditions.
+    Rows: bias, scatter, width of the 95 % interval and how often it holds the truth, how often
+    there is no threshold or a warning, for observers of each threshold, slope and lapse rate. With
+    --participants: how often a paired t-test finds a difference between two conditions.
+
+    With --predict, of a set of stimuli in place of an experiment: the share of detections of each,
+    by the virtual finger and the published thresholds, with the interval that holds 95 % of people;
+    with --participants, how often a study of two alternatives tells each from guessing.
     """
 
-    recipe: Annotated[FileThere, Argument] = Field(description="Experiment: a TOML file.")
-    threshold_db: tuple[float, ...] = Field(description="Thresholds of the observers [dB].")
+    recipe: Annotated[FileThere, Argument] = Field(
+        description="Experiment: a TOML file; with --predict, a set of stimuli."
+    )
+    predict: bool = Field(False, description="Predict who detects each stimulus of a set.")
+    threshold_db: tuple[float, ...] | None = Field(
+        None, description="Thresholds of the observers [dB]; of an experiment."
+    )
     slope: tuple[Positive, ...] = Field((1.5, 3.5), description="Slopes of the observers.")
     lapse: tuple[NotNegative, ...] = Field(
         (0.02, 0.08), description="Lapse rates of the observers."
@@ -348,6 +360,12 @@ class Simulate(Task, command="stimuli simulate"):
 
     def run(self, context: Context) -> Result:
         """Simulate."""
+        if self.predict:
+            return self._predicted(context)
+        if self.threshold_db is None:
+            raise InputError(
+                "--threshold-db: an experiment needs the thresholds of its observers, such as 22,26"
+            )
         from haptix.campaign.processes import Processes
         from haptix.executors import Here
         from haptix.stimuli.power import SimulateObserver, simulations
@@ -370,14 +388,46 @@ class Simulate(Task, command="stimuli simulate"):
         simulated = simulations(plan, *observers, self.runs, comparison)
         with Here() if self.workers == 1 else Processes(self.workers) as executor:
             rows = [row for rows in executor.map(SimulateObserver.rows, simulated) for row in rows]
-        shown = [
-            {
-                name: round(cell, 3) if isinstance(cell, float) else cell
-                for name, cell in row.items()
-            }
-            for row in rows
-        ]
-        return Result(rows, [(title, shown)])
+        return Result(rows, [(title, _rounded(rows))])
+
+    def _predicted(self, context: Context) -> Result:
+        if self.threshold_db is not None:
+            raise InputError("--predict: thresholds are those of the set; leave --threshold-db out")
+        from haptix.stimuli.detection import People, predictions
+        from haptix.stimuli.recipe import Recipe
+
+        plan = Recipe.load(self.recipe).stimulus_set()
+        people = People(self.between_db, self.slope, self.lapse)
+        counts = self.participants or ()
+        rows = [*predictions(plan, people, counts, lambda s: context.progress("render", s))]
+        title = (
+            f"{plan.name}: detections predicted; assumed: thresholds scatter by "
+            f"{self.between_db:g} dB between people, slopes {_list(self.slope)}, lapses "
+            f"{_list(self.lapse)}"
+        )
+        if counts:
+            title += f"; power: {plan.trials.repeats} answers each against guessing, at 0.05"
+        hidden = ("unknown_share", "is_reached")
+        shown = [{name: one[name] for name in one if name not in hidden} for one in rows]
+        return Result(rows, [(title, _rounded(shown))])
+
+
+def _list(values: Sequence[float]) -> str:
+    return ", ".join(f"{value:g}" for value in values)
+
+
+def _rounded(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    return [
+        {
+            name: "not known"
+            if cell is None
+            else round(cell, 3)
+            if isinstance(cell, float)
+            else cell
+            for name, cell in row.items()
+        }
+        for row in rows
+    ]
 
 
 class NewStudy(Task, command="stimuli new"):
@@ -406,12 +456,16 @@ class ExportBids(Task, command="stimuli bids"):
     participant: Label = Field(description="Pseudonym: letters and digits.")
     session: Label = Field("01", description="Label of the session.")
     task: Label = Field("detection", description="Label of the task.")
+    recipe: FileThere | None = Field(
+        None, description="Recipe of the log. [default: LOG_experiment.toml beside the log]"
+    )
 
     def run(self, context: Context) -> Result:
         """Write it."""
         from haptix.stimuli.study import export
 
-        files = export(self.log, self.study, self.participant, self.session, self.task)
+        labels = self.participant, self.session, self.task
+        files = export(self.log, self.study, *labels, self.recipe)
         rows = [{"file": str(path)} for path in files]
         return Result(
             rows, [(f"{len(rows)} files of sub-{self.participant} in {self.study}", rows)]
@@ -516,6 +570,17 @@ def _current(currents: Sequence[Mapping[str, float]]) -> str:
     return f"; current at most {peak}, {rms} rms"
 
 
+def _placeholders(sidecars: Sequence[Mapping[str, Any]]) -> str:
+    return placeholder_note(sorted({name for one in sidecars for name in one["placeholders"]}))
+
+
+def _level(felt: Mapping[str, Any] | None, name: str) -> str:
+    """A level with a star where it rests on what was not measured; earlier sidecars have one."""
+    level = None if felt is None else felt.get(name)
+    star = "*" if felt and felt["threshold_is_placeholder"] else ""
+    return "-" if level is None else f"{level:+.1f}{star}"
+
+
 def _row(sidecar: Mapping[str, Any]) -> dict[str, Any]:
     prediction, felt = sidecar["predicted"], sidecar["felt"]
     return {
@@ -523,9 +588,8 @@ def _row(sidecar: Mapping[str, Any]) -> dict[str, Any]:
         "s": f"{sidecar['length_s']:.3g}",
         "peak V": f"{sidecar['peak_v']:.1f}",
         "mu": f"{prediction['mu_low']:.3f}-{prediction['mu_high']:.3f}",
-        "dB SL": "-" if felt is None else f"{felt['sensation_db']:+.1f}"
-        + ("*" if felt["threshold_is_placeholder"] else ""),
+        "dB SL": _level(felt, "sensation_db"),
+        "edges dB": _level(felt, "edges_db"),
         "past %": f"{100 * sidecar.get('pull_past_breakdown', 0.0):.0f}",
         "audible": "yes" if sidecar["audibility"]["audible"] else "no",
-        "placeholders": "yes" if sidecar["is_placeholder"] else "no",
     }  # fmt: skip

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from contextlib import suppress
 from functools import partial
 from itertools import product
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -31,13 +32,31 @@ from haptix.fields import (
     is_there,
 )
 from haptix.files import cache_folder, reading
-from haptix.terminal import breakdown_note, placeholder_note, warning_note
+from haptix.terminal import accuracy_note, breakdown_note, placeholder_note, warning_note
 
 if TYPE_CHECKING:
     from haptix.friction import ContactModel
     from haptix.surface import FrictionSurface
 
+_VERIFIED = "normal_force_n", "voltage_v", "frequency_hz"
 SurfaceThere = Annotated[FileThere, Argument]
+
+
+_THICKEST_M = 1e-3  # d1/eps1 of an insulator; a larger number is in another unit
+Thickness = Annotated[Positive, Field(json_schema_extra={"exclusiveMaximum": _THICKEST_M})]
+
+
+def _is_an_insulator(value: Any) -> Any:
+    if value is not None and max(value) >= _THICKEST_M:
+        raise ValueError(
+            f"expected metres, less than {_THICKEST_M:g}, such as 0.2um, got {max(value):g}"
+        )
+    return value
+
+
+PastLimits = Annotated[
+    bool, Field(description="Offer states past the model's limits, too: docs/limits.md has them.")
+]
 
 
 class OfModel(Task):
@@ -61,10 +80,11 @@ class OfModel(Task):
         description="mean-field; closed-form: faster and coarser; boundary-element: the "
         "reference, slow.",
     )
-    theory: Literal["corrected", "local", "open-gaps", "as-published"] | None = Field(
+    theory: Literal["local", "corrected", "open-gaps", "as-published"] | None = Field(
         None,
-        description="Mean field: corrected by boundary elements, open-gaps or as-published; tau_f "
-        "is carried over. [default: the finger's]",
+        description="Mean field: local, by boundary elements; corrected, which spreads the "
+        "attraction evenly; open-gaps; as-published. tau_f is carried over. "
+        "[default: the finger's]",
     )
     with_terms: Annotated[tuple[TermName, ...], Typed("--with")] = Field(
         (), description="Switch a term on, such as finite-size; may be repeated."
@@ -78,6 +98,8 @@ class OfModel(Task):
         from haptix.friction import ContactModel
         from haptix.pair import profiles
 
+        if both := {*self.with_terms} & {*self.without_terms}:
+            raise InputError(f"--with and --without: expected one of them, both name {both.pop()}")
         chosen, screen = profiles(self.finger, self.screen)
         if self.skin_dielectric is not None:
             chosen = chosen.replace(dielectric=self.skin_dielectric)
@@ -127,7 +149,7 @@ class Build(OfModel, command="build"):
     frequency_hz: PositiveRange | None = Field(
         None, description="Drive frequency [Hz]: LOW,HIGH or one. Without it the skin conducts."
     )
-    h0_m: PositiveRange | None = Field(
+    h0_m: Annotated[PositiveRange | None, AfterValidator(_is_an_insulator)] = Field(
         None, description="Range of d1/eps1 [m]. [default: the screen's own]"
     )
     tolerance: Annotated[str, AfterValidator(_tolerance)] | None = Field(
@@ -139,9 +161,7 @@ class Build(OfModel, command="build"):
     accept_best: bool = Field(
         False, description="Write the best of that size, where the tolerance cannot be met."
     )
-    past_limits: bool = Field(
-        False, description="Offer states past the model's limits, too: docs/limits.md has them."
-    )
+    past_limits: PastLimits = False
     overwrite: bool = Field(False, description="Replace an existing file.")
 
     def run(self, context: Context) -> Result:
@@ -218,7 +238,7 @@ _IN_A_SCENE = {
 """Parameters of `Build` that a scene sets itself, and their options."""
 
 
-class Query(OfModel, command="query"):
+class Query(OfModel, command="query", route="queries"):
     """Friction for a force and a voltage, from the model or from a surface."""
 
     normal_force_n: tuple[Positive, ...] = Field(description="Normal forces [N], comma-separated.")
@@ -226,7 +246,7 @@ class Query(OfModel, command="query"):
     frequency_hz: tuple[Positive, ...] | None = Field(
         None, description="Drive frequencies [Hz]. Without them the skin is a conductor."
     )
-    h0_m: tuple[Positive, ...] | None = Field(
+    h0_m: Annotated[tuple[Thickness, ...] | None, AfterValidator(_is_an_insulator)] = Field(
         None, description="d1/eps1 of the insulator [m]. [default: the screen's own]"
     )
     surface: FileThere | None = Field(
@@ -237,6 +257,7 @@ class Query(OfModel, command="query"):
         """Solve all combinations."""
         from haptix.friction import placeholder_spread
         from haptix.pair import described, first_line
+        from haptix.screen import Screen
         from haptix.surface import FrictionSurface
 
         inputs = _product(self, "normal_force_n", "voltage_v", "frequency_hz", "h0_m")
@@ -259,11 +280,12 @@ class Query(OfModel, command="query"):
             outputs = {name: getattr(state, name) for name in names}
             share = float(state.pull_past_breakdown.max())
             status, warnings = state.status, state.warnings()
-            about = described(model.finger, model.screen)
+            about, screen = described(model.finger, model.screen), model.screen
         else:
             table = FrictionSurface.load(self.surface)
             with reading(self.surface, "a surface with its model"):
-                limit = float(table.info["model"]["screen"]["max_voltage_v"])
+                screen = Screen.model_validate(table.info["model"]["screen"])
+                limit = screen.max_voltage_v
             highest = float(inputs["voltage_v"].max())
             if highest > limit:
                 raise LimitError(
@@ -272,14 +294,65 @@ class Query(OfModel, command="query"):
                 )
             sample, note = table.evaluate(**inputs), note_of(table, self.surface)
             outputs, status, warnings = {"mu": sample.mu}, sample.status, []
+            if "intervals" in table.info:  # surfaces of earlier versions do not know
+                places = {name: one for name, one in inputs.items() if name != "voltage_v"}
+                cells = table.intervals(**places)
+                outputs["interval_jnd"] = cells.mu_jnd
+                outputs["contrast_interval_jnd"] = cells.contrast_jnd
             about = _profiles_of(table, self.surface)
             # Surfaces of earlier versions do not know.
             share = float(table.info.get("pull_past_breakdown", 0.0))
+        used = [inputs[name] for name in _VERIFIED]
+        beyond = screen.verified.beyond(*used) if screen.verified else []
+        if beyond:
+            about["beyond_verified"] = "; ".join(beyond)
         title = f"{first_line(about)}\nfriction at the period's mean attraction{note}"
-        title += breakdown_note(share) + warning_note(warnings)
+        title += breakdown_note(share) + warning_note([*warnings, *beyond])
         spreads = {f"{name.replace(' ', '_')}_spread_jnd": jnd for name, jnd in spread.items()}
         document = [row | about for row in _rows(inputs, outputs | spreads, status)]
-        return Result(document, [(title, _rows(inputs, outputs, status))])
+        # A table of 80 columns has no room for what its title says.
+        shown = {name: one for name, one in outputs.items() if name not in _IN_THE_TITLE}
+        return Result(document, [(title, _rows(inputs, shown, status))])
+
+
+_IN_THE_TITLE = ("x", "pull_past_breakdown")
+
+
+_REACH_TOLERANCE = "0.02 JND"  # far less than a person feels, and less than the table's digits
+
+
+class Reach(OfModel, command="reach", route="reaches"):
+    """Lowest and highest friction that a surface offers for a finger, and what limits it."""
+
+    normal_force_n: tuple[Positive, ...] = Field((0.2, 0.5, 1.0), description="Normal forces [N].")
+    frequency_hz: Positive = Field(4000.0, description="Frequency of the drive.")
+    past_limits: PastLimits = False
+
+    def run(self, context: Context) -> Result:
+        """Tabulate the forces, and read where the columns end."""
+        from haptix.pair import described, first_line
+        from haptix.perception import WEBER_FRACTION
+        from haptix.surface import FrictionSurface
+
+        model, force_n = self.model(), [*self.normal_force_n]
+        ends = {"normal_force_n": (min(force_n), max(force_n)), "frequency_hz": self.frequency_hz}
+        update = partial(context.progress, "build the surface")
+        surface = FrictionSurface.build(
+            model, ends, _REACH_TOLERANCE, update, past_limits=self.past_limits
+        )
+        low, high = surface.reachable(force_n, self.frequency_hz)
+        beyond = surface.voltage(2 * high, force_n, self.frequency_hz)
+        outputs = {"voltage_v": beyond.voltage_v, "mu_low": low, "mu_high": high}
+        outputs["range_jnd"] = (high / low - 1) / WEBER_FRACTION
+        rows = _rows({"normal_force_n": self.normal_force_n}, outputs, beyond.status)
+        for row in rows:  # a friction above that of the highest voltage has no other reason
+            status = row.pop("status")
+            row["limited_by"] = "VOLTAGE" if status == "ABOVE" else status
+        about = described(model.finger, model.screen)
+        title = f"{first_line(about)}\nfriction within reach at {self.frequency_hz:g} Hz"
+        title += accuracy_note(surface.info.get("accuracy"))
+        title += breakdown_note(surface.info["pull_past_breakdown"])
+        return Result([row | about for row in rows], [(title, rows)])
 
 
 class Invert(Task, command="invert"):
@@ -291,7 +364,7 @@ class Invert(Task, command="invert"):
     frequency_hz: tuple[Positive, ...] | None = Field(
         None, description="Drive frequencies [Hz]. Without them the skin is a conductor."
     )
-    h0_m: tuple[Positive, ...] | None = Field(
+    h0_m: Annotated[tuple[Positive, ...] | None, AfterValidator(_is_an_insulator)] = Field(
         None, description="d1/eps1 of the insulator [m]. [default: the screen's own]"
     )
 
@@ -418,21 +491,27 @@ def _profiles_of(table: FrictionSurface, file: Path) -> dict[str, str]:
 
 
 def note_of(table: FrictionSurface, file: Path) -> str:
-    """Return what a title says about the placeholders of a surface."""
+    """Return what a title says about the placeholders of a surface, and about its accuracy."""
     with reading(file, "a surface with its model"):
         placeholders = [str(one) for one in table.info["model"]["placeholders"]]
         # A surface of an earlier version, or one made in Python, does not have it.
         spread = table.info.get("notes", {}).get("placeholder_spread_jnd", {})
-        return placeholder_note(placeholders, {str(k): float(v) for k, v in spread.items()})
+        note = placeholder_note(placeholders, {str(k): float(v) for k, v in spread.items()})
+        return note + accuracy_note(table.info.get("accuracy"))
 
 
 def _product(task: Task, *names: str) -> dict[str, Any]:
     """Every combination of some parameters, one row each; one that is not given stays None."""
     import torch
 
-    given = {name: values for name in names if (values := getattr(task, name)) is not None}
-    columns = torch.tensor(list(product(*given.values())), dtype=torch.float64).T
-    return dict.fromkeys(names) | dict(zip(given, columns, strict=True))
+    lists = {name: values for name in names if (values := getattr(task, name)) is not None}
+    columns = torch.tensor(list(product(*lists.values())), dtype=torch.float64).T
+    return dict.fromkeys(names) | dict(zip(lists, columns, strict=True))
+
+
+def _plain(number: float) -> float | None:
+    """Return a number for JSON: None where it is not finite, as an interval that was not shown."""
+    return number if isfinite(number) else None
 
 
 def _rows(inputs: dict[str, Any], outputs: dict[str, Any], status: Any) -> list[dict[str, Any]]:
@@ -440,7 +519,7 @@ def _rows(inputs: dict[str, Any], outputs: dict[str, Any], status: Any) -> list[
 
     columns = {name: column for name, column in (inputs | outputs).items() if column is not None}
     return [
-        {name: float(column[row]) for name, column in columns.items()}
+        {name: _plain(float(column[row])) for name, column in columns.items()}
         | {"status": Status(int(status[row])).name}
         for row in range(len(status))
     ]

@@ -1,7 +1,12 @@
-"""Build a scene's surface in many ways, and measure the error, time and memory of each."""
+"""Build a scene's surface in many ways, and measure the error, time and memory of each.
+
+The files of a trade-off are a table, all runs as JSON, and a picture of the runs to take among all
+others.
+"""
 
 from __future__ import annotations
 
+import io
 import json
 import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -9,17 +14,19 @@ from dataclasses import asdict, dataclass, replace
 from functools import lru_cache, partial
 from itertools import product
 from math import inf
+from pathlib import Path
+from textwrap import wrap
 from time import perf_counter
 from timeit import repeat
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import torch
 from torch import Tensor
 
 from haptix.desk import Context, Result, Task
-from haptix.errors import ToleranceError
+from haptix.errors import ToleranceError, from_extra
 from haptix.fidelity import BoundaryElementBox, FidelityName
-from haptix.files import json_text
+from haptix.files import check_folder, csv_text, json_text, write_folder
 from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.planning import Effect, plan_scene
@@ -34,11 +41,20 @@ from haptix.planning.trials import (
     kept_reports,
     middle,
 )
-from haptix.report import Heading
+from haptix.report import Heading, titles_of
 from haptix.scene import DirectDrive, Scene
 from haptix.screen import Screen
 from haptix.status import Status
 from haptix.surface import FrictionSurface, MeasuredPoints, MeasuringJob
+from haptix.version import __version__
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = [
+    "Run", "Tradeoff", "default_scene", "pareto_front", "run_tradeoff", "write_tradeoff",
+]  # fmt: skip
 
 Progress = Callable[[str, float], None]
 
@@ -249,8 +265,8 @@ class MeasureSetting(Task):
             dtypes, devices = ("float64",), ("cpu",)
             boxed, began = _boxed(bench.scene), perf_counter()
             work = MeasuringJob(boxed, bench.scene, _MEASURED)
-            told = partial(on_progress, "measure")
-            surface = FrictionSurface.measured(work, tolerance, told)
+            update = partial(on_progress, "measure")
+            surface = FrictionSurface.measured(work, tolerance, update)
         else:
             began = perf_counter()
             full = bench.scene.model(model, terms=_terms(bench.scene, model))
@@ -295,9 +311,9 @@ class _Bench:
         self.middles = {axis: middle(*scene.ranges()[axis]) for axis in COLLAPSIBLE}
         trials = Trials(scene, everything, count, _SEED)
         self.count = len(trials.voltage_v)
-        held = {axis: torch.full_like(trials.voltage_v, at) for axis, at in self.middles.items()}
+        fixed = {axis: torch.full_like(trials.voltage_v, at) for axis, at in self.middles.items()}
         self.truths: dict[str, tuple[Points, Tensor, Tensor]] = {}
-        for form, points in zip(FORMS, (trials.points, {**trials.points, **held}), strict=True):
+        for form, points in zip(FORMS, (trials.points, {**trials.points, **fixed}), strict=True):
             voltage = points["voltage_share"] * trials.highest_voltage(everything, points)
             self.truths[form] = points, voltage, trials.friction(everything, points, voltage)
 
@@ -380,9 +396,134 @@ def pareto_front(costs: Sequence[tuple[float, ...]]) -> list[bool]:
     ----------
     costs : sequence of tuples of one length
         Lower is better. Equal ones are on the front together.
+
+    Examples
+    --------
+    >>> pareto_front([(1.0, 5.0), (2.0, 2.0), (3.0, 3.0)])  # the second beats the third
+    [True, True, False]
     """
 
     def beats(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
         return one != other and all(a <= b for a, b in zip(one, other, strict=True))
 
     return [not any(beats(other, one) for other in costs) for one in costs]
+
+
+_FILES = ("tradeoff.csv", "tradeoff.png", "tradeoff.json")
+_COLORS = ("#ee6677", "#4477aa", "#228833", "#aa3377")  # after P. Tol
+_DPI = 150
+
+
+def write_tradeoff(
+    scene: Scene,
+    folder: Path,
+    quick: bool = False,
+    on_progress: Progress = lambda stage, share: None,
+    boundary_elements: bool = False,
+) -> Tradeoff:
+    """Write `run_tradeoff` into a folder, which is made if needed; its last stage is "write".
+
+    Parameters
+    ----------
+    scene : Scene
+        What is felt.
+    folder : Path
+        Where the table, the picture and the record are written.
+    quick, boundary_elements : bool
+        As in `run_tradeoff`.
+    on_progress : callable
+        Called with the stage and its finished share.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be used, before anything is measured; or the scene contradicts itself.
+    """
+    with from_extra("figures"):
+        import matplotlib.figure  # noqa: F401  # said before anything is measured
+    check_folder(folder, _FILES)
+    tradeoff = run_tradeoff(scene, quick, on_progress, boundary_elements)
+    record = {"haptix": __version__, **tradeoff.record()}
+    rows = record["runs"]
+    table = csv_text(rows[0], (row.values() for row in rows), 6)  # names with units, then the runs
+    png = io.BytesIO()
+    draw(tradeoff).savefig(png, format="png", dpi=_DPI)
+    contents = (table, png.getvalue(), json_text(record))
+    write_folder(folder, dict(zip(_FILES, contents, strict=True)))
+    on_progress("write", 1.0)
+    return tradeoff
+
+
+def draw(tradeoff: Tradeoff) -> Figure:
+    """Draw error against build time, query time and memory: what to take, and the rest in grey."""
+    from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    layout = ConstrainedLayoutEngine(rect=(0, 0.06, 1, 0.94))
+    figure = Figure(figsize=(13, 5.6), layout=layout)
+    panels, titles = figure.subplots(1, len(COSTS), sharey=True), titles_of(Run)
+    for axes, name in zip(panels, COSTS, strict=True):
+        _panel(axes, tradeoff, name)
+        axes.set(xlabel=titles[COSTS[name]], xscale="log", yscale="log")
+        for axis in (axes.xaxis, axes.yaxis):
+            low, high = axis.get_view_interval()
+            # Times often span less than a decade: powers of ten alone would leave them unlabelled.
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 100 * low else (1.0,)))
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter(NullFormatter())
+        axes.grid(which="major", color="0.94", lw=0.7)
+        axes.set_axisbelow(True)
+    panels[0].set_ylabel(f"largest {titles['error_max_jnd']}")
+    handles, labels = panels[0].get_legend_handles_labels()
+    beside: dict[str, Any] = {"frameon": False, "alignment": "left"}
+    figure.legend(handles[_GREY:], labels[_GREY:], loc="outside upper left", **beside)
+    figure.legend(handles[:_GREY], labels[:_GREY], loc="outside upper right", **beside)
+    what = machine()
+    caption = (
+        f"{tradeoff.scene.name}. Errors against the mean field with every term, at "
+        f"{tradeoff.points} held-out points, for a slice at its own frequency and h0; times in "
+        f"batches of {tradeoff.batch:,} on {what['threads']} thread(s) of {what['processor']}"
+        f"{' and ' + what['gpu'] if what['gpu'] else ''}, torch {what['torch']}."
+    )
+    figure.text(0.01, 0.01, "\n".join(wrap(caption, 190)), fontsize=8, color="0.3", va="bottom")
+    return figure
+
+
+_GREY = 3  # what a panel draws before the runs to take
+
+
+def _panel(axes: Axes, tradeoff: Tradeoff, name: str) -> None:
+    def places(runs: Sequence[Run]) -> list[tuple[float, float]]:
+        return [(float(getattr(run, COSTS[name])), run.error_max_jnd) for run in runs]
+
+    others = places([run for run in tradeoff.runs if not run.take])
+    label = "other surfaces, and slices of one frequency and h0"
+    axes.plot(*zip(*others, strict=True), "o", color="0.85", ms=4, zorder=2, label=label)
+    surfaces = [run for run in tradeoff.runs if run.form == "surface"]
+    front = sorted(places([run for run in surfaces if name in run.fronts.split()]))
+    label = "no other surface is better in both"
+    axes.step(*zip(*front, strict=True), where="post", color="0.7", lw=1.0, zorder=1, label=label)
+    budget = tradeoff.scene.budget_jnd
+    axes.axhline(budget, color="0.4", ls="--", lw=1.0, zorder=1, label="budget of the scene")
+    taken = sorted((run for run in surfaces if run.take), key=lambda run: run.memory_bytes)
+    for number, (run, color) in enumerate(zip(taken, _COLORS, strict=False), start=1):
+        [place] = places([run])
+        label = f"{number}  {run.take}: {_description(run)}"
+        axes.plot(*place, "o", color=color, ms=9, zorder=4, label=label)
+        axes.annotate(
+            str(number), place, (7, 5 - 15 * (number % 2)), textcoords="offset points",
+            color=color, fontweight="bold", zorder=5,
+        )  # fmt: skip
+    axes.margins(0.1)
+
+
+def _description(run: Run) -> str:
+    """What a run is, and what it costs."""
+    model = "" if run.model == "planned" else f"{run.model.replace('-', ' ')}, "
+    where = "" if run.device == "cpu" else ", GPU"
+    return (
+        f"{model}{run.tolerance}, {run.dtype}{where} "
+        f"({run.error_max_jnd:.2g} JND, {run.build_s:.2g} s, "
+        f"{run.query_s_per_million:.2g} s/10⁶, {run.memory_bytes:,} B)"
+    )
