@@ -2,16 +2,16 @@
 
 The rule of two channels: skin feels the attraction, not the drive. A sine of amplitude V at f
 attracts with ``V^2 / 4`` at ``2 f`` (in units of ``eps0 I``). Each component of the attraction is
-measured by the sine drive that alone would cause it, and compared with the detection threshold of
+expressed as the sine drive that would cause it alone, and compared with the detection threshold of
 that drive. Energies add within a channel, and not between channels. The channel furthest above its
 detection threshold mediates detection. Two stimuli have equal intensity when their sensation levels
 there are equal (Vardar, Guclu, Basdogan, IEEE Trans. Haptics 10, 488 (2017)). For the independence
 of the channels see Bolanowski et al., J. Acoust. Soc. Am. 84, 1680 (1988).
 
-An error of friction by frequency is weighed by the same thresholds: friction changes with the
-attraction, so that a change of friction counts by ``(V_least / V(f))^2``, 1 at the frequency of the
-least detection threshold and less at others. Beyond the thresholds' data no weight is known: what
-lies there is told beside it, unweighted.
+The same thresholds give the weights of an error of friction by frequency. Friction changes with the
+attraction, so that a change of friction has the weight ``(V_least / V(f))^2``: 1 at the frequency
+of the least detection threshold, and less at others. Outside the thresholds' data the weight is not
+known; errors there are reported separately, without a weight.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from itertools import pairwise
-from math import ceil, inf, log10
+from math import inf, log10
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -99,8 +99,20 @@ class Channel(Part):
             raise ValueError(f"channel {self.name!r}: felt_hz must increase")
         return self
 
+    @property
+    def summation_time_s(self) -> float:
+        """Time constant [s]; without summation, one period of the lowest frequency."""
+        return self.summation_s or 1 / self.felt_hz[0]
+
     def threshold(self, felt_hz: float) -> float:
-        """Threshold [dB re 1 V] at a felt frequency; infinite outside the channel's data."""
+        """Threshold [dB re 1 V] at a felt frequency; infinite outside the channel's data.
+
+        Examples
+        --------
+        >>> best = Perception.default().channel_at(250.0)
+        >>> best.threshold(250.0) < best.threshold(20.0)  # it has no data there
+        True
+        """
         return float(self.thresholds(np.array([felt_hz]))[0])
 
     def thresholds(self, felt_hz: Array) -> Array:
@@ -108,13 +120,23 @@ class Channel(Part):
         at = np.log(np.maximum(felt_hz, 1e-9))
         nodes = np.log(self.felt_hz)
         threshold_db = np.interp(at, nodes, self.threshold_db)
-        # The same numbers decide what is inside, whose logarithms may round.
+        # Compare the frequencies themselves, since their logarithms are rounded.
         inside = (felt_hz >= self.felt_hz[0]) & (felt_hz <= self.felt_hz[-1])
         return np.where(inside, threshold_db, inf)
 
 
 class Audibility(Part):
-    """When a drive may be heard: frequencies [Hz] and the least current [A rms] that counts."""
+    """When a drive may be heard: frequencies [Hz] and the least current [A rms] that counts.
+
+    Parameters
+    ----------
+    low_hz, high_hz : float
+        Frequencies [Hz] between which a drive may be heard.
+    current_a : float
+        Least current [A rms] that counts.
+    source : str
+        Where the numbers come from.
+    """
 
     low_hz: PositiveFloat
     high_hz: PositiveFloat
@@ -184,6 +206,11 @@ class Perception(Document):
         When a drive may be heard.
     channels : tuple of Channel
         Detection thresholds.
+
+    Examples
+    --------
+    >>> Perception.default().difference_mu(0.5) > 0
+    True
     """
 
     difference: Difference
@@ -195,7 +222,7 @@ class Perception(Document):
     @classmethod
     @cache
     def default(cls) -> Self:
-        """Return the data in force: the package's own, or what `CHOICE` names.
+        """Return the data in force: the package's default, or the data that `CHOICE` names.
 
         Raises
         ------
@@ -218,8 +245,13 @@ class Perception(Document):
         ------
         InputError
             If there is none of that name.
+
+        Examples
+        --------
+        >>> Perception.default().jnd().of(0.5) == Perception.default().difference_mu(0.5)
+        True
         """
-        known = {one.name: one for one in (*self.alternatives, self.difference)}
+        known = {jnd.name: jnd for jnd in (*self.alternatives, self.difference)}
         if name is None:
             return self.difference
         if name not in known:
@@ -238,6 +270,11 @@ class Perception(Document):
         ------
         InputError
             If no channel has data there.
+
+        Examples
+        --------
+        >>> Perception.default().channel_at(250.0).name
+        'pacinian'
         """
         best = min(self.channels, key=lambda channel: channel.threshold(felt_hz))
         if best.threshold(felt_hz) == inf:
@@ -251,7 +288,14 @@ class Perception(Document):
         return best
 
     def difference_mu(self, mu: float) -> float:
-        """Just-noticeable difference of friction at a friction coefficient."""
+        """Just-noticeable difference of friction at a friction coefficient.
+
+        Examples
+        --------
+        >>> perception = Perception.default()
+        >>> perception.difference_mu(0.4) == 2 * perception.difference_mu(0.2)
+        True
+        """
         return self.weber_fraction * mu
 
 
@@ -261,7 +305,15 @@ WEBER_FRACTION: float = Perception.default().weber_fraction
 
 @dataclass(frozen=True)
 class Component:
-    """One component of the attraction: its frequency, and the sine drive [V] that makes it."""
+    """One component of the attraction: its frequency, and the sine drive [V] that makes it.
+
+    Parameters
+    ----------
+    felt_hz : float
+        Frequency of the attraction [Hz].
+    drive_v : float
+        Amplitude [V] of the sine drive that makes it.
+    """
 
     felt_hz: float
     drive_v: float
@@ -269,7 +321,15 @@ class Component:
 
 @dataclass(frozen=True, eq=False)
 class Components:
-    """Components of an attraction, as arrays of shape (components,)."""
+    """Components of an attraction, as arrays of shape (components,).
+
+    Parameters
+    ----------
+    felt_hz : array, shape (components,)
+        Frequencies of the attraction [Hz].
+    drive_v : array, shape (components,)
+        Amplitudes [V] of the sine drives that make them.
+    """
 
     felt_hz: Array
     drive_v: Array
@@ -306,6 +366,13 @@ def components_of_pull(
         Samples per second.
     least_v : float
         Components of smaller drives are left out.
+
+    Examples
+    --------
+    >>> t_s = np.arange(48_000) / 48_000
+    >>> found = components_of_pull(100 * np.sin(2 * np.pi * 125 * t_s), sample_rate_hz=48_000)
+    >>> round(float(found.felt_hz[found.drive_v.argmax()]))  # felt at twice the frequency
+    250
     """
     drive = np.asarray(drive_v, dtype=float)
     checks.positive("sample_rate_hz", sample_rate_hz)
@@ -314,9 +381,9 @@ def components_of_pull(
     # v^2 / 2 is the attraction whose component at 2 f is V^2 / 4 for a sine of amplitude V.
     attraction = np.abs(np.fft.rfft(drive**2 / 2)) * 2 / len(drive)
     frequency: Array = np.fft.rfftfreq(len(drive), 1 / sample_rate_hz).astype(np.float64)
-    alike: Array = np.sqrt(4 * attraction).astype(np.float64)
-    kept = (alike >= least_v) & (frequency > 0)
-    return Components(frequency[kept], alike[kept])
+    sine_v: Array = np.sqrt(4 * attraction).astype(np.float64)
+    is_large = (sine_v >= least_v) & (frequency > 0)
+    return Components(frequency[is_large], sine_v[is_large])
 
 
 def detection(
@@ -324,16 +391,29 @@ def detection(
 ) -> Detection:
     """Apply the rule to the components of an attraction.
 
+    Parameters
+    ----------
+    components : Components or sequence of Component
+        What the attraction consists of.
+    perception : Perception, optional
+        The thresholds; the package's own if not given.
+
     Raises
     ------
     InputError
         If no component lies where a channel has data.
+
+    Examples
+    --------
+    >>> weak, strong = (detection([Component(250.0, volts)]) for volts in (50.0, 100.0))
+    >>> strong.sensation_db > weak.sensation_db
+    True
     """
     known = Perception.default() if perception is None else perception
     parts = components
     if not isinstance(parts, Components):
         parts = Components(
-            np.array([one.felt_hz for one in parts]), np.array([one.drive_v for one in parts])
+            np.array([part.felt_hz for part in parts]), np.array([part.drive_v for part in parts])
         )
     # The energy of an attraction is proportional to the fourth power of the drive.
     energies = [
@@ -347,190 +427,6 @@ def detection(
             "load thresholds that cover it"
         )
     return Detection(channel.name, 5 * log10(energy), channel.is_placeholder)
-
-
-_SKIRT_HZ = 8.0  # half of the transition of the filters, which lies outside a channel's data
-_FILTER_S = 2 / _SKIRT_HZ  # a Hann window of this length has that transition
-_OVERSAMPLED = 3.0  # rate at which energies are summed, over the highest frequency
-_ROUNDING = 1e-20  # of the energy
-_LONGEST = 300.0  # time constants whose exponential a float64 holds
-
-
-@dataclass(frozen=True)
-class Loudest:
-    """Highest sensation level of a stimulus.
-
-    Attributes
-    ----------
-    channel : str or None
-        Channel that mediates detection; None if nothing lies within the thresholds' data.
-    sensation_db : float or None
-        Its level above the detection threshold [dB]; felt where above 0.
-    at_s : float or None
-        When it is highest [s].
-    is_placeholder : bool
-        Whether the thresholds or the time constant of that channel were not measured.
-    outside_share : float
-        Share of the energy of the attraction's changes whose frequencies have no thresholds. What
-        it adds is not known.
-    """
-
-    channel: str | None
-    sensation_db: float | None
-    at_s: float | None
-    is_placeholder: bool
-    outside_share: float
-
-
-class SensationInTime:
-    """Sensation level of an attraction that comes in blocks, by the rule of two channels.
-
-    In each channel the attraction is filtered by the inverse of its detection thresholds, squared,
-    and summed with the channel's time constant T: ``E' = (e - E) / T``. A tone that lasts has the
-    level of `haptix.perception`; one of duration d has ``1 - exp(-d / T)`` of its energy
-    (the form of Zwislocki, J. Acoust. Soc. Am. 32, 1046 (1960)). The highest level counts.
-
-    Parameters
-    ----------
-    perception : Perception
-        Detection thresholds.
-    sample_rate_hz : float
-        Samples per second.
-    """
-
-    def __init__(self, perception: Perception, sample_rate_hz: float) -> None:
-        self._channels, self._rate = perception.channels, sample_rate_hz
-        self._design = _design(perception.channels, sample_rate_hz)
-        self._before = np.zeros(self._design.taps - 1)
-        self._energy = np.zeros(len(self._channels))
-        self._best = np.zeros(len(self._channels))
-        self._best_at = np.zeros(len(self._channels))
-        self._taken = 0
-        self._known = self._changes = 0.0
-        self._waiting = np.zeros(0)
-        self.changes = np.zeros(0)
-        """Power spectrum of the changes of the last samples, in a Hann window."""
-
-    def take(self, attraction: Array) -> None:
-        """Take the next samples of ``v^2 / 2``, shape (samples,), for a drive v in volts."""
-        if not len(attraction):
-            return
-        self._count_known(attraction)
-        if len(self._waiting):
-            self._sum_up(self._waiting)
-            self._taken += len(self._waiting)
-        self._waiting = attraction
-
-    def finish(self) -> Loudest:
-        """Return the highest level; the attraction ends with the last sample that was taken."""
-        self._sum_up(np.concatenate([self._waiting, np.zeros(self._design.taps - 1)]))
-        outside = 0.0
-        if self._changes > 0:
-            outside = max(0.0, 1.0 - self._known / self._changes)
-        best = int(np.argmax(self._best))
-        if self._best[best] <= 1e-12:  # 60 dB below threshold
-            return Loudest(None, None, None, False, outside)
-        channel = self._channels[best]
-        guessed = channel.is_placeholder or channel.summation_is_placeholder
-        level = 5 * log10(float(self._best[best]))
-        return Loudest(channel.name, level, float(self._best_at[best]), guessed, outside)
-
-    def _count_known(self, attraction: Array) -> None:
-        """Add the energy of the changes, and of those within the data of a channel."""
-        taper, inside = self._design.taper(len(attraction))
-        spectrum = np.fft.rfft((attraction - attraction.mean()) * taper)
-        self.changes = energy = spectrum.real**2 + spectrum.imag**2
-        total = float(energy.sum())
-        if total > _ROUNDING * float(np.sum(attraction * attraction)) * len(attraction):
-            self._changes += total
-            self._known += float(energy[inside].sum())
-
-    def _sum_up(self, attraction: Array) -> None:
-        """Filter the next samples, and sum their energies."""
-        values = np.concatenate([self._before, attraction])
-        self._before = values[len(attraction) :]
-        each, taps = self._design.each, self._design.taps
-        # A spectrum cut short is that of fewer samples per second. What a circular convolution
-        # mixes are the first samples, which were taken before.
-        few = _next_fast(ceil(len(values) / each))
-        spectrum = np.fft.rfft(values, few * each)[: few // 2 + 1]
-        at = np.arange(ceil((taps - 1) / each), ceil(len(values) / each))
-        for index, response in enumerate(self._design.responses(few)):
-            shares = np.fft.irfft(spectrum * response, few)[at] / each
-            # Twice the square has a mean of 1 for a sine at its threshold.
-            self._summed(index, 2 * shares * shares, at * each)
-
-    def _summed(self, index: int, energy: Array, at: npt.NDArray[np.intp]) -> None:
-        channel = self._channels[index]
-        step = self._design.each / self._rate
-        # Without summation, over one period of the lowest frequency.
-        time_s = channel.summation_s or 1 / channel.felt_hz[0]
-        piece = max(1, int(_LONGEST * time_s / step))
-        for first in range(0, len(energy), piece):
-            part = energy[first : first + piece]
-            fall = np.exp(-step / time_s * np.arange(1, len(part) + 1))
-            new = -np.expm1(-step / time_s) * np.cumsum(part / fall)
-            summed = fall * (self._energy[index] + new)
-            self._energy[index] = summed[-1]
-            best = int(np.argmax(summed))
-            if summed[best] > self._best[index]:
-                self._best[index] = summed[best]
-                sample = self._taken - (self._design.taps - 1) * 3 // 2 + at[first + best]
-                self._best_at[index] = max(0.0, sample / self._rate)
-
-
-class _Design:
-    """Filters of some channels at a sample rate."""
-
-    def __init__(self, channels: tuple[Channel, ...], rate_hz: float) -> None:
-        self._channels, self._rate = channels, rate_hz
-        highest = max(one.felt_hz[-1] for one in channels) + _SKIRT_HZ
-        self.each = max(1, int(rate_hz / (_OVERSAMPLED * highest)))
-        """Samples for each at which energies are summed."""
-        self.taps = round(_FILTER_S * rate_hz) | 1
-        """Length of a filter in samples."""
-        self._filters = [self._filter(one) for one in channels]
-        self.taper = lru_cache(maxsize=8)(self._taper)
-        self.responses = lru_cache(maxsize=8)(self._responses)
-
-    def _filter(self, channel: Channel) -> Array:
-        """Impulse response, which turns the attraction into shares of its detection threshold."""
-        size = 1 << (4 * self.taps).bit_length()
-        felt = np.fft.rfftfreq(size, 1 / self._rate)
-        low, high = channel.felt_hz[0], channel.felt_hz[-1]
-        inside = (felt >= low - _SKIRT_HZ) & (felt <= high + _SKIRT_HZ)
-        threshold_v = 10 ** (channel.thresholds(felt.clip(low, high)) / 20)
-        # A sine drive of amplitude V attracts with V^2 / 4.
-        response = np.fft.irfft(np.where(inside, 4 / threshold_v**2, 0.0))
-        return np.roll(response, self.taps // 2)[: self.taps] * np.hanning(self.taps + 2)[1:-1]
-
-    def _responses(self, few: int) -> list[npt.NDArray[np.complex128]]:
-        """Frequency responses for transforms of `few` times `each` samples."""
-        return [np.fft.rfft(one, few * self.each)[: few // 2 + 1] for one in self._filters]
-
-    def _taper(self, size: int) -> tuple[Array, npt.NDArray[np.bool_]]:
-        """Hann window of a length, and which lines of its spectrum have thresholds."""
-        felt = np.fft.rfftfreq(size, 1 / self._rate)
-        inside = np.zeros(len(felt), bool)
-        for one in self._channels:
-            inside |= (felt >= one.felt_hz[0] - _SKIRT_HZ) & (felt <= one.felt_hz[-1] + _SKIRT_HZ)
-        return np.hanning(size + 2)[1:-1], inside
-
-
-_design = lru_cache(maxsize=4)(_Design)
-
-
-def _next_fast(size: int) -> int:
-    """Next even size that has only the factors 2, 3 and 5, as fast transforms want it."""
-    size += size % 2
-    while True:
-        rest = size
-        for factor in (2, 3, 5):
-            while rest % factor == 0:
-                rest //= factor
-        if rest == 1:
-            return size
-        size += 2
 
 
 _SEGMENT_S = 0.1  # resolves 20 Hz in a Hann window
@@ -595,9 +491,9 @@ def weighted_error(
     starts = np.arange(0, max(error.size - size + 1, 0), max(1, size // 2))
     counted = np.concatenate([[0], np.cumsum(where)])
     starts = starts[counted[starts + size] - counted[starts] == size]
-    low = min(one.felt_hz[0] for one in known.channels)
-    high = max(one.felt_hz[-1] for one in known.channels)
-    guessed = any(one.is_placeholder for one in known.channels)
+    low = min(channel.felt_hz[0] for channel in known.channels)
+    high = max(channel.felt_hz[-1] for channel in known.channels)
+    guessed = any(channel.is_placeholder for channel in known.channels)
     if not starts.size:
         return WeightedError(np.nan, np.nan, np.nan, low, high, 0.0, guessed)
     taper, felt, weight = _window(size, sample_rate_hz, known)
@@ -605,7 +501,7 @@ def weighted_error(
     for start in starts:
         spectrum = np.fft.rfft(error[start : start + size] * taper)
         power += spectrum.real**2 + spectrum.imag**2
-    # One side of the spectrum stands for both.
+    # Double the lines that stand for a positive and a negative frequency.
     power[1 : (size + 1) // 2] *= 2
     power /= starts.size * size * float(np.sum(taper**2))
     inside = weight > 0
@@ -622,7 +518,7 @@ def weighted_error(
 def _window(size: int, rate_hz: float, known: Perception) -> tuple[Array, Array, Array]:
     """Hann window, the frequencies of its spectrum, and the weight of a change at each."""
     felt: Array = np.fft.rfftfreq(size, 1 / rate_hz).astype(np.float64)
-    thresholds_db = np.min([one.thresholds(felt) for one in known.channels], axis=0)
-    least_db = min(min(one.threshold_db) for one in known.channels)
-    # 10^(-dB / 20) is the ratio of drives, whose square is that of attractions.
+    thresholds_db = np.min([channel.thresholds(felt) for channel in known.channels], axis=0)
+    least_db = min(min(channel.threshold_db) for channel in known.channels)
+    # 10^(-dB / 20) is the ratio of drives; its square is the ratio of attractions.
     return np.hanning(size + 2)[1:-1], felt, 10 ** ((least_db - thresholds_db) / 10)

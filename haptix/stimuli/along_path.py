@@ -41,7 +41,17 @@ class SpeedProfile(Described):
 
 
 class SteadySpeed(SpeedProfile):
-    """A constant speed."""
+    """A constant speed.
+
+    Parameters
+    ----------
+    speed_mm_per_s : float
+
+    Examples
+    --------
+    >>> SteadySpeed(50.0).position_mm(2.0)
+    100.0
+    """
 
     speed_mm_per_s: Positive
     kind: Literal["steady-speed"] = "steady-speed"
@@ -52,7 +62,21 @@ class SteadySpeed(SpeedProfile):
 
 
 class Strokes(SpeedProfile):
-    """To and fro over `stroke_mm`, each stroke in `stroke_s`, with the speed of a half sine."""
+    """To and fro over `stroke_mm`, each stroke in `stroke_s`, with the speed of a half sine.
+
+    Parameters
+    ----------
+    stroke_mm : float
+        Length of a stroke [mm].
+    stroke_s : float
+        Time of a stroke [s].
+
+    Examples
+    --------
+    >>> there = Strokes(stroke_mm=60.0, stroke_s=1.0).position_mm(np.array([0.0, 1.0, 2.0]))
+    >>> there.round(6).tolist()
+    [0.0, 60.0, 0.0]
+    """
 
     stroke_mm: Positive
     stroke_s: Positive
@@ -64,7 +88,20 @@ class Strokes(SpeedProfile):
 
 
 class Path(SpeedProfile):
-    """Straight lines between recorded places; the finger stays at the last."""
+    """Straight lines between recorded places; the finger stays at the last.
+
+    Parameters
+    ----------
+    t_s : sequence of float
+        Times [s], increasing.
+    x_mm : sequence of float
+        Places at them [mm].
+
+    Examples
+    --------
+    >>> Path(t_s=(0.0, 1.0), x_mm=(0.0, 50.0)).position_mm(np.array([0.5, 3.0])).tolist()
+    [25.0, 50.0]
+    """
 
     t_s: Row
     x_mm: Row
@@ -166,8 +203,14 @@ def _texture_table(texture: FrictionField) -> dict[str, Any]:
 class AlongPath(Signal):
     """Values of a texture where the finger is: on the line y = 0, with all detail.
 
-    The numbers of the texture are in the stimulus's quantity, whatever its target says. A number as
-    `speed` is a steady one [mm/s].
+    The numbers of the texture are in the stimulus's quantity, whatever its target says.
+
+    Parameters
+    ----------
+    field : FrictionField
+    speed : SpeedProfile or float, optional
+        How the finger moves; a number is a steady speed [mm/s].
+    length_s : float
     """
 
     field: Annotated[FrictionField, PlainValidator(_texture_of), PlainSerializer(_texture_table)]
@@ -200,8 +243,26 @@ def grating(
 ) -> AlongPath:
     """Return a grating ``offset + amplitude * sin`` or square as a finger of this speed meets it.
 
-    Amplitude and offset are in the stimulus's quantity, the phase is that at the finger's start. A
-    number as `speed` is a steady one [mm/s].
+    Parameters
+    ----------
+    amplitude, offset : float
+        Amplitude and mean, in the stimulus's quantity.
+    period_mm : float
+        Spatial period [mm].
+    speed : SpeedProfile or float
+        How the finger moves; a number is a steady speed [mm/s].
+    shape : str
+        "sine" or "square".
+    phase_rad : float
+        Phase at the finger's start [rad].
+    length_s : float
+        Length [s]; endless if not given.
+
+    Examples
+    --------
+    >>> ribs = grating(0.1, period_mm=2.0, speed=50.0, offset=0.4, length_s=1.0)
+    >>> ribs.length_s
+    1.0
     """
     for name, value in (("amplitude", amplitude), ("phase_rad", phase_rad), ("offset", offset)):
         number(name, value)
@@ -222,7 +283,25 @@ def relief(
     speed: SpeedProfile | float | None = None,
     length_s: float = inf,
 ) -> AlongPath:
-    """Return straight lines between corners on the screen, as a finger of this speed meets them."""
+    """Return straight lines between corners on the screen, as a finger of this speed meets them.
+
+    Parameters
+    ----------
+    x_mm : sequence of float
+        Places of the corners [mm], increasing.
+    values_at : sequence of float
+        Values at them, in the stimulus's quantity.
+    speed : SpeedProfile or float
+        How the finger moves; a number is a steady speed [mm/s].
+    length_s : float
+        Length [s]; endless if not given.
+
+    Examples
+    --------
+    >>> bump = relief((0.0, 5.0, 10.0), (0.3, 0.6, 0.3), speed=50.0, length_s=0.2)
+    >>> bump.length_s
+    0.2
+    """
     places, values = increasing("x_mm", x_mm, 2), row("values_at", values_at, 2)
     # The grid's step matters to footprints only, and a stimulus has none.
     step_mm = float(np.ptp(places)) / 1000

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from math import inf, isnan, sqrt
+from math import inf, isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,19 +16,13 @@ from haptix.checks import Array
 from haptix.errors import MissingExtraError, from_extra
 from haptix.files import json_text, reading, write_folder
 from haptix.report import page, paragraph, picture, table
-from haptix.stimuli.adaptive import (
-    Estimate,
-    Magnitudes,
-    Method,
-    MethodsByCondition,
-    Pairs,
-    UpDown,
-)
-from haptix.stimuli.adaptive.methods import bradley_terry
+from haptix.stimuli.adaptive import Estimate, Magnitudes, Method, MethodsByCondition, Pairs
+from haptix.stimuli.adaptive.methods import ThresholdMethod, bradley_terry
 from haptix.stimuli.adaptive.psychometric import counted, function_named
 from haptix.stimuli.adaptive.sequence import replayed
-from haptix.stimuli.adaptive.session import SessionPlan, found_by_chance, summary
+from haptix.stimuli.adaptive.session import SessionPlan, estimate_of, summary
 from haptix.stimuli.adaptive.trial_log import LoggedSession, read_sessions
+from haptix.stimuli.group import group
 from haptix.stimuli.study import BIDS_VERSION
 from haptix.surface.request import digest
 from haptix.version import __version__
@@ -36,31 +30,31 @@ from haptix.version import __version__
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_OWN = ("seed", "order")  # of a participant, in the description of a method
+_OF_PARTICIPANT = ("seed", "order")  # fields of a method that differ between participants
 
 _OF_APPARATUS = ("finger", "screen", "recipe", "drive")  # the drive is that of the first level
 
 
 @dataclass(frozen=True)
 class RunOfMethod:
-    """The answers of a session in one condition, and what its method states of them."""
+    """The answers of a session in one condition, and the estimate of its method."""
 
     session: LoggedSession
     condition: str
-    """Empty where there is one alone."""
+    """Name of the condition; empty if there is only one."""
     experiment: str
-    """Hash of what was asked: task, stimulus and method, but not finger, screen and order."""
+    """Hash of task, stimulus and method, without finger, screen and order."""
     method: Method
     estimate: Estimate
     rows: tuple[Mapping[str, str], ...]
-    """Trials that the method has heard of."""
+    """Trials that count for the method."""
     summary: Mapping[str, Any]
     remarks: tuple[str, ...] = ()
-    """What of the session's log could not be checked."""
+    """Parts of the session's log that could not be checked."""
 
     @property
     def place(self) -> dict[str, Any]:
-        """Columns that say whose it is."""
+        """Columns that identify the run."""
         session = self.session
         names = ("participant", "session", "task")
         place = {name: getattr(session, name) for name in names}
@@ -69,43 +63,42 @@ class RunOfMethod:
 
 
 def runs_of(session: LoggedSession) -> Iterator[RunOfMethod]:
-    """Yield the runs of a session: its methods hear its answers again.
+    """Yield the runs of a session, by replaying its answers to its methods.
 
     Raises
     ------
     FileFormatError
-        If a row is none of the experiment of its head.
+        If a row does not belong to the experiment in the head of the log.
     """
     sequence, remarks = replayed(session)
     method = sequence.method
     with reading(session.path, "a log of trials"):
         task, plan = session.settings["task"], sequence.plan
-        tables = session.settings["method"].get("methods", {"": session.settings["method"]})
         methods = method.methods if isinstance(method, MethodsByCondition) else {"": method}
         estimates = {
-            name: found_by_chance(one.estimate(), session.rows, task, name)
-            for name, one in methods.items()
+            name: estimate_of(part, session.rows, task, name) for name, part in methods.items()
         }
         unfinished = _unfinished(plan, methods.values(), estimates.values())
         if unfinished and not session.finished:
             estimates = {
-                name: replace(one, warnings=(unfinished, *one.warnings))
-                for name, one in estimates.items()
+                name: replace(estimate, warnings=(unfinished, *estimate.warnings))
+                for name, estimate in estimates.items()
             }
-        said = summary(session.rows, task, plan.exclude)
-        heard = [
+        whole = summary(session.rows, task, plan.exclude)
+        accepted = [
             row
             for row in session.rows
             if row["accepted"] == "true" and row["kind"] in ("trial", "n/a")
         ]
-        for name, one in methods.items():
-            experiment = _hash(session, name, tables[name])
-            rows = tuple(row for row in heard if row["condition"].replace("n/a", "") == name)
-            yield RunOfMethod(session, name, experiment, one, estimates[name], rows, said, remarks)
+        for name, part in methods.items():
+            experiment = _hash(session, name, part.describe())
+            rows = tuple(row for row in accepted if row["condition"].replace("n/a", "") == name)
+            estimate = estimates[name]
+            yield RunOfMethod(session, name, experiment, part, estimate, rows, whole, remarks)
 
 
-def _unfinished(plan: SessionPlan, methods: Iterable[Method], found: Iterable[Estimate]) -> str:
-    """Say that a session is not over; a rule of time cannot be told from a log."""
+def _unfinished(plan: SessionPlan, methods: Iterable[Method], estimates: Iterable[Estimate]) -> str:
+    """Warning that a session is not over, or ""; a log does not show whether a time has passed."""
     counted, stop = 0, plan.stop
     is_done = True
     for method in methods:
@@ -113,7 +106,7 @@ def _unfinished(plan: SessionPlan, methods: Iterable[Method], found: Iterable[Es
         is_done &= method.is_done
     if is_done or counted >= (stop.most_trials or inf) or stop.most_minutes is not None:
         return ""
-    if stop.spread is not None and all(one.spread <= stop.spread for one in found):
+    if stop.spread is not None and all(part.width / 4 <= stop.spread for part in estimates):
         return ""
     return f"the session is not over: it has {counted} trials that count"
 
@@ -122,108 +115,88 @@ def _hash(session: LoggedSession, condition: str, method: Mapping[str, Any]) -> 
     settings = session.settings
     hashes = settings.get("hashes", {})
     hashes = hashes.get(condition, hashes) if condition else hashes
-    of_stimulus = {name: one for name, one in hashes.items() if name not in _OF_APPARATUS}
-    plain = {name: one for name, one in method.items() if name not in _OWN}
-    what = {"task": settings["task"], "hashes": of_stimulus, "method": plain}
-    if session.source == "simulated":  # stays apart from people
-        what["source"] = session.source
-    return digest(what)[:8]
+    of_stimulus = {name: value for name, value in hashes.items() if name not in _OF_APPARATUS}
+    shared = {name: value for name, value in method.items() if name not in _OF_PARTICIPANT}
+    experiment = {"task": settings["task"], "hashes": of_stimulus, "method": shared}
+    if session.source == "simulated":  # simulated sessions are not pooled with those of people
+        experiment["source"] = session.source
+    return digest(experiment)[:8]
 
 
 Row = dict[str, Any]
 
-_QUANTILE = 0.975
 _GROUP = ("task", "condition", "experiment")
 
+_IN_SPREADS = 3.92  # a 95 % interval
 
-def means(rows: Sequence[Row], column: str, spread: str) -> list[Row]:
-    """Return mean, spread between participants and 95 % interval of each condition.
+_LEAST_PARTICIPANTS = 2
 
-    A participant's sessions are averaged first. Who has no value, or is excluded, is counted and
-    not averaged. Intervals are Student's.
+
+def over_participants(rows: Sequence[Row], column: str) -> tuple[list[Row], list[Row]]:
+    """Return the mean of each condition over participants, and differences of two conditions.
+
+    Each task has a hierarchical model `group`. A participant's sessions are averaged first. A
+    participant without a value, or excluded, is counted and not averaged. `p_holm` is p corrected
+    for the number of pairs of the task (Holm, Scand. J. Stat. 6, 65 (1979)).
 
     Parameters
     ----------
     rows : sequence of dict
         A row for each participant, session and condition.
-    column, spread : str
-        What is averaged, and its own spread within a session.
+    column : str
+        "threshold_db" with its interval, or "exponent" with its spread.
     """
-    means_of_groups = []
-    for group, members in _rows_by_condition(rows).items():
-        averages = _by_participant(members, column)
-        everybody = {row["participant"] for row in members}
-        within = [row[spread] for row in members if row[spread] is not None and _counts(row)]
-        means_of_groups.append(
-            {
-                **dict(zip(_GROUP, group, strict=True)),
-                "participants": len(averages),
-                "without": len(everybody) - len(averages),
-                **_mean(np.array([*averages.values()]), column.removesuffix("_db")),
-                "spread_within": float(np.sqrt(np.mean(np.square(within)))) if within else None,
-            }
-        )
-    return means_of_groups
-
-
-def exponents_of_all(rows: Sequence[Row]) -> list[Row]:
-    """Return the mean exponent of each condition."""
-    return means(rows, "exponent", "exponent_spread")
-
-
-def differences(rows: Sequence[Row]) -> list[Row]:
-    """Return differences of two conditions within participants, with a paired t-test.
-
-    `p_holm` is p corrected for the number of pairs of the task (Holm, Scand. J. Stat. 6, 65
-    (1979)).
-    """
-    from scipy.stats import t as student
-
-    by_task: dict[str, dict[tuple[Any, ...], dict[str, float]]] = {}
-    for group, members in _rows_by_condition(rows).items():
-        by_task.setdefault(group[0], {})[group] = _by_participant(members, "threshold_db")
-    differences_of_all: list[Row] = []
+    by_task: dict[str, dict[tuple[Any, ...], list[Row]]] = {}
+    for place, members in _rows_by_condition(rows).items():
+        by_task.setdefault(place[0], {})[place] = members
+    means, differences = [], []
     for task, conditions in by_task.items():
-        of_task: list[Row] = []
-        for (first, own), (second, others) in combinations(conditions.items(), 2):
-            both = sorted(own.keys() & others.keys())
-            apart = np.array([others[name] - own[name] for name in both])
-            if first[1] == second[1] or len(both) < 2:
-                continue
-            error = float(apart.std(ddof=1)) / sqrt(len(both))
-            p = float(2 * student.sf(abs(apart.mean()) / error, len(both) - 1)) if error else None
-            of_task.append(
+        values = [_by_participant(members, column) for members in conditions.values()]
+        known = [k for k, of_each in enumerate(values) if of_each]
+        fitted = None
+        if max(map(len, values)) >= _LEAST_PARTICIPANTS:
+            flat = [(*v, who, known.index(k)) for k in known for who, v in values[k].items()]
+            value, spread, person, condition = zip(*flat, strict=True)
+            fitted = group(np.array(value), np.array(spread), person, condition)
+        factors = np.eye(len(known))
+        for k, (place, members) in enumerate(conditions.items()):
+            mean = low = high = None
+            if values[k]:
+                mean = float(np.mean([v for v, _ in values[k].values()]))
+            if fitted is not None and len(values[k]) >= _LEAST_PARTICIPANTS:
+                mean, low, high, _ = fitted.contrast(factors[known.index(k)])
+            means.append(
                 {
-                    "task": task,
-                    "condition": second[1],
-                    "minus": first[1],
-                    "participants": len(both),
-                    **_mean(apart, "difference"),
-                    "p": p,
-                    "p_holm": None,
+                    **dict(zip(_GROUP, place, strict=True)),
+                    "participants": len(values[k]),
+                    "without": len({row["participant"] for row in members}) - len(values[k]),
+                    column: mean,
+                    "between": None if low is None or fitted is None else fitted.between,
+                    "low": low,
+                    "high": high,
                 }
             )
-        known = sorted((row for row in of_task if row["p"] is not None), key=lambda row: row["p"])
+        of_task: list[Row] = []
+        for (first, k), (second, j) in combinations(
+            zip(conditions, range(len(values)), strict=True), 2
+        ):
+            both = values[k].keys() & values[j].keys()
+            if first[1] == second[1] or len(both) < _LEAST_PARTICIPANTS or fitted is None:
+                continue
+            mean, low, high, p = fitted.contrast(factors[known.index(j)] - factors[known.index(k)])
+            names = {"task": task, "condition": second[1], "minus": first[1]}
+            of_task.append(
+                {
+                    **names, "participants": len(both), "difference_db": mean,
+                    "low": low, "high": high, "p": p, "p_holm": None,
+                }
+            )  # fmt: skip
         highest = 0.0
-        for place, row in enumerate(known):
-            highest = max(highest, min(1.0, row["p"] * (len(known) - place)))
+        for place_of, row in enumerate(sorted(of_task, key=lambda row: row["p"])):
+            highest = max(highest, min(1.0, row["p"] * (len(of_task) - place_of)))
             row["p_holm"] = highest
-        differences_of_all += of_task
-    return differences_of_all
-
-
-def _mean(values: Array, name: str) -> Row:
-    from scipy.stats import t as student
-
-    count = len(values)
-    mean = float(values.mean()) if count else None
-    row: Row = {f"{name}_db" if name != "exponent" else name: mean}
-    if count < 2 or mean is None:
-        return row | dict.fromkeys(("between", "error", "low", "high"))
-    between = float(values.std(ddof=1))
-    error = between / sqrt(count)
-    half = float(student.ppf(_QUANTILE, count - 1)) * error
-    return row | {"between": between, "error": error, "low": mean - half, "high": mean + half}
+        differences += of_task
+    return means, differences
 
 
 def _counts(row: Row) -> bool:
@@ -237,12 +210,23 @@ def _rows_by_condition(rows: Sequence[Row]) -> dict[tuple[Any, ...], list[Row]]:
     return groups
 
 
-def _by_participant(rows: Sequence[Row], column: str) -> dict[str, float]:
-    by_name: dict[str, list[float]] = {}
+def _by_participant(rows: Sequence[Row], column: str) -> dict[str, tuple[float, float]]:
+    """Value and spread of each participant who has one; sessions count by their precision."""
+    by_name: dict[str, list[tuple[float, float]]] = {}
     for row in rows:
         if row[column] is not None and _counts(row):
-            by_name.setdefault(row["participant"], []).append(row[column])
-    return {name: float(np.mean(values)) for name, values in by_name.items()}
+            spread = row.get("exponent_spread")
+            if column == "threshold_db":
+                spread = (row["high_db"] - row["low_db"]) / _IN_SPREADS
+            by_name.setdefault(row["participant"], []).append((row[column], spread or _EXACT))
+    found = {}
+    for name, sessions in by_name.items():
+        value, precision = np.array([(v, 1 / s**2) for v, s in sessions]).T
+        found[name] = (float(value @ precision / precision.sum()), float(precision.sum() ** -0.5))
+    return found
+
+
+_EXACT = 1e-6  # numbers without scatter
 
 
 ALL = "all"
@@ -370,8 +354,8 @@ class Analysis:
 def analyse(source: str | Path) -> Analysis:
     """Analyse a log, a folder of logs, or a study in the form of BIDS.
 
-    Thresholds are those of the method that chose the levels, as the experiment stated them: none
-    where the answers are as one who guesses gives them. Sessions that their plan excludes are in
+    Thresholds are as the experiment stated them: none where the answers are as one who guesses
+    gives them. Sessions that their plan excludes are in
     the tables and not in the means.
 
     Raises
@@ -390,14 +374,13 @@ def analyse(source: str | Path) -> Analysis:
     if with_threshold := by_task.get("thresholds"):
         rows = _filled(map(_threshold_row, with_threshold))
         tables["thresholds"] = rows
-        tables["group"] = means(rows, "threshold_db", "spread_db")
-        tables["differences"] = differences(rows)
+        tables["group"], tables["differences"] = over_participants(rows, "threshold_db")
     if pairs := by_task.get("pairs"):
         tables["scales"] = scale_rows(pairs)
     if numbers := by_task.get("magnitude"):
         tables["magnitudes"] = magnitude_rows(numbers)
         tables["exponents"] = _filled(map(_exponent_row, numbers))
-        tables["exponents-group"] = exponents_of_all(tables["exponents"])
+        tables["exponents-group"], _ = over_participants(tables["exponents"], "exponent")
     return Analysis({name: rows for name, rows in tables.items() if rows}, _notes(runs), (*runs,))
 
 
@@ -529,9 +512,9 @@ def _axes(count: int, title: str) -> tuple[Figure, Sequence[Any]]:
 def _of_groups(analysis: Analysis) -> Iterator[tuple[str, Figure]]:
     """Thresholds of all participants; scales of all."""
     rows = analysis.tables.get("thresholds", [])
-    for group in analysis.tables.get("group", []):
+    for one in analysis.tables.get("group", []):
         keys = ("task", "condition", "experiment")
-        members = [row for row in rows if all(row[key] == group[key] for key in keys)]
+        members = [row for row in rows if all(row[key] == one[key] for key in keys)]
         members = [row for row in members if row["threshold_db"] is not None]
         if len(members) < 2:
             continue
@@ -539,13 +522,17 @@ def _of_groups(analysis: Analysis) -> Iterator[tuple[str, Figure]]:
         names = [row["participant"] for row in members]
         axes.errorbar(
             [row["threshold_db"] for row in members], names,
-            xerr=[row["spread_db"] or 0.0 for row in members], fmt="o", capsize=3,
+            xerr=[
+                [row["threshold_db"] - row["low_db"] for row in members],
+                [row["high_db"] - row["threshold_db"] for row in members],
+            ],
+            fmt="o", capsize=3,
         )  # fmt: skip
-        if group["low"] is not None:
-            axes.axvspan(group["low"], group["high"], alpha=0.2)
-            axes.axvline(group["threshold_db"])
-        axes.set(xlabel="threshold [dB]; the band: mean with its 95 % interval")
-        yield " ".join(filter(None, ("thresholds", group["task"], group["condition"]))), figure
+        if one["low"] is not None:
+            axes.axvspan(one["low"], one["high"], alpha=0.2)
+            axes.axvline(one["threshold_db"])
+        axes.set(xlabel="threshold [dB] with 95 % intervals; the band: the mean")
+        yield " ".join(filter(None, ("thresholds", one["task"], one["condition"]))), figure
     for name, column in (("scales", "scale_logit"), ("magnitudes", "mean")):
         listed = analysis.tables.get(name, [])
         for condition in dict.fromkeys((row["condition"], row["experiment"]) for row in listed):
@@ -585,7 +572,7 @@ def _of_run(run: RunOfMethod) -> Figure:
 
 
 def _draw_shares(axes: Any, run: RunOfMethod, answers: list[tuple[float, bool]]) -> None:
-    """Share right at each level with Wilson's interval, and the function where it was fitted."""
+    """Share right at each level with Wilson's interval, and the function."""
     from scipy.stats import binomtest
 
     at, right, wrong = counted(answers)
@@ -602,18 +589,11 @@ def _draw_shares(axes: Any, run: RunOfMethod, answers: list[tuple[float, bool]])
     axes.scatter(at, share, 10 + 4 * total)
     estimate, method = run.estimate, run.method
     if not isnan(estimate.threshold):
-        if not isnan(estimate.spread):
-            ends = estimate.threshold - estimate.spread, estimate.threshold + estimate.spread
-            axes.axvspan(*ends, alpha=0.2, lw=0)
+        axes.axvspan(estimate.low, estimate.high, alpha=0.2, lw=0)
         axes.axvline(estimate.threshold)
-        if isinstance(method, UpDown):
-            axes.axhline(method.target, linestyle=":")
-        elif "slope" in estimate.others:
-            fixed = {
-                name: estimate.others.get(name, getattr(method, name, 0.0))
-                for name in ("guess", "lapse")
-            }
-            x = np.linspace(at.min(), at.max(), 200)
-            curve = function_named(getattr(method, "function", "weibull"))
-            axes.plot(x, curve(x, estimate.threshold, estimate.others["slope"], **fixed))
+        if isinstance(method, ThresholdMethod):
+            x, others = np.linspace(at.min(), at.max(), 200), estimate.others
+            guess = others.get("guess", method.guess_share)
+            curve = function_named(method.function)
+            axes.plot(x, curve(x, estimate.threshold, others["slope"], guess, others["lapse"]))
     axes.set(xlabel="level [dB]", ylabel="share right", ylim=(-0.05, 1.05))

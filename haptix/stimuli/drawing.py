@@ -142,7 +142,7 @@ def contact_sheet(name: str, files: Sequence[Path], sidecars: Sequence[dict[str,
 def _summary(table: dict[str, Any]) -> str:
     heard, felt = table["audibility"], table["felt"]
     what = "AUDIBLE" if heard["audible"] else "not flagged as audible"
-    level = "no threshold known" if felt is None else (
+    level = "no threshold known" if felt is None or felt["sensation_db"] is None else (
         f"{felt['sensation_db']:+.1f} dB SL ({felt['channel']}"
         f"{', placeholder' if felt['threshold_is_placeholder'] else ''})"
     )  # fmt: skip

@@ -31,6 +31,7 @@ import numpy as np
 
 from haptix import checks
 from haptix.checks import Array, increasing, number, row
+from haptix.display import Displayed
 from haptix.errors import FileFormatError, InputError, from_extra
 from haptix.files import (
     LARGEST_PICTURE_BYTES,
@@ -51,7 +52,7 @@ _WHITE = 65535
 
 
 @dataclass(frozen=True, eq=False)
-class FrictionMap:
+class FrictionMap(Displayed):
     """Friction over a rectangle, x to the right and y downwards from its corner.
 
     Parameters
@@ -124,6 +125,7 @@ class FrictionMap:
         with from_extra("stimuli"):
             from PIL import Image
 
+            from haptix.texture.decoded import MOST_KEPT
             from haptix.texture.pictures import check_picture
 
         path = Path(path)
@@ -133,7 +135,7 @@ class FrictionMap:
             low, high = float(table["black_is"]), float(table["white_is"])
             width, quantity = float(table["width_mm"]), table["quantity"]
         data = read_bytes(path, LARGEST_PICTURE_BYTES)
-        check_picture(f"image: {path}", io.BytesIO(data))
+        check_picture(f"image: {path}", io.BytesIO(data), most_pixels=MOST_KEPT)
         with reading(path, "a PNG"), Image.open(io.BytesIO(data), formats=["PNG"]) as picture:
             grey = np.asarray(picture)
         if grey.dtype != np.uint16 or grey.ndim != 2:

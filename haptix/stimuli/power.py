@@ -16,7 +16,6 @@ from haptix.errors import InputError
 from haptix.files import csv_text
 from haptix.report import record
 from haptix.stimuli.adaptive.methods import Method
-from haptix.stimuli.adaptive.procedures import UpDown
 from haptix.stimuli.adaptive.psychometric import function_named
 from haptix.stimuli.adaptive.session import TASKS
 from haptix.stimuli.recipe import ExperimentRecipe
@@ -40,16 +39,6 @@ class Observer:
         at = np.asarray(level)
         return float(shape(at, self.threshold, self.slope, self.guess, self.lapse))
 
-    def settles_at(self, method: Method) -> float:
-        """Level that a method measures: the threshold, or of a walk where its target is right."""
-        if not isinstance(method, UpDown):
-            return self.threshold
-        low, high = self.threshold - 200.0, self.threshold + 200.0
-        for _ in range(60):
-            middle = (low + high) / 2
-            low, high = (middle, high) if self.share(middle) < method.target else (low, middle)
-        return low
-
 
 def one_run(
     make: Callable[[], Method], observer: Observer, seed: int, ceiling: float | None = None
@@ -72,19 +61,20 @@ def accuracy(
 ) -> dict[str, Any]:
     """Return what a method gives for an observer, over some runs.
 
-    Bias, scatter and mean stated spread are of the runs that gave a threshold; `coverage` is the
-    share of those whose threshold lies within two stated spreads of the truth.
+    Bias, scatter and median width of the interval are of the runs that gave a threshold; `coverage`
+    is the share of those whose 95 % interval holds the truth.
     """
     whole("runs", runs, 2)
-    off, spreads, trials, warned = [], [], [], 0
+    off, widths, trials, held, warned = [], [], [], 0, 0
     for k in range(runs):
         method, count = one_run(make, observer, seed + k, ceiling)
         estimate = method.estimate()
         trials.append(count)
         warned += bool(estimate.warnings)
         if not isnan(estimate.threshold):
-            off.append(estimate.threshold - observer.settles_at(method))
-            spreads.append(estimate.spread)
+            off.append(estimate.threshold - observer.threshold)
+            widths.append(estimate.width)
+            held += estimate.low <= observer.threshold <= estimate.high
     known = len(off) > 1
     return {
         "threshold": observer.threshold,
@@ -93,8 +83,8 @@ def accuracy(
         "trials": float(np.mean(trials)),
         "bias": float(np.mean(off)) if known else None,
         "scatter": float(np.std(off, ddof=1)) if known else None,
-        "spread": float(np.nanmean(spreads)) if known else None,
-        "coverage": float(np.mean(np.abs(off) < 2 * np.array(spreads))) if known else None,
+        "width": float(np.median(widths)) if known else None,
+        "coverage": held / len(off) if known else None,
         "no_threshold": 1 - len(off) / runs,
         "warned": warned / runs,
     }

@@ -20,11 +20,12 @@ from haptix.errors import InputError
 from haptix.finger import Finger
 from haptix.finger_response import FingerResponse
 from haptix.friction import ContactModel
-from haptix.perception import SensationInTime
+from haptix.perception.sensation import SensationInTime
 from haptix.population import Population
 from haptix.render.drive import DirectWave
 from haptix.screen import Screen
 from haptix.status import Status
+from haptix.stimuli.skin import MEMORY_S, Skin
 from haptix.stimuli.stimulus import Stimulus
 from haptix.surface import Column, FrictionSurface, cached_surface
 from haptix.waves import sine
@@ -89,8 +90,18 @@ class Apparatus:
     ) -> Apparatus:
         """Build, or find in the cache, the surfaces that some stimuli need.
 
-        The stimuli's forces, frequencies and thicknesses are the ranges of the surfaces. The
-        highest amplitude is `ceiling_v` [V], but never above the screen's limit.
+        The stimuli's forces, frequencies and thicknesses are the ranges of the surfaces.
+
+        Parameters
+        ----------
+        finger : Finger or Population
+            Who feels.
+        screen : Screen
+            On what.
+        stimuli : sequence of Stimulus
+            What is to be rendered.
+        ceiling_v : float, optional
+            Highest amplitude [V]; never above the screen's limit.
         """
         return cls.over(finger, screen, cls.ranges(screen, stimuli, ceiling_v))
 
@@ -98,7 +109,17 @@ class Apparatus:
     def over(
         cls, finger: Finger | Population, screen: Screen, ranges: Mapping[str, Any]
     ) -> Apparatus:
-        """Build, or find in the cache, the surfaces over some `ranges`."""
+        """Build, or find in the cache, the surfaces over some `ranges`.
+
+        Parameters
+        ----------
+        finger : Finger or Population
+            Who feels.
+        screen : Screen
+            On what.
+        ranges : mapping
+            Ranges as in `FrictionSurface.build`.
+        """
         people = finger.fingers if isinstance(finger, Population) else (finger,)
         names = finger.statement if isinstance(finger, Population) else finger.name
         models = tuple(ContactModel(one, screen) for one in people)
@@ -109,7 +130,13 @@ class Apparatus:
     def ranges(
         screen: Screen, stimuli: Sequence[Stimulus], ceiling_v: float | None = None
     ) -> dict[str, Any]:
-        """Ranges of the surfaces that some stimuli need, see `build`."""
+        """Ranges of the surfaces that some stimuli need, see `build`.
+
+        Parameters
+        ----------
+        screen, stimuli, ceiling_v
+            As in `build`.
+        """
         forces = [one.normal_force_n for one in stimuli]
         frequencies = []
         for one in stimuli:
@@ -172,6 +199,15 @@ class Apparatus:
         table: ContactTable = self._known[key]
         return table
 
+    def skin(self, stimulus: Stimulus) -> Skin:
+        """What the first finger's skin attracts of a stimulus's drive."""
+        assert stimulus.frequency_hz is not None  # the apparatus has asked for it
+        key = ("skin", stimulus.normal_force_n, stimulus.frequency_hz, stimulus.h0_m)
+        if key not in self._known:
+            self._known[key] = Skin(self.models[0], *key[1:])
+        found: Skin = self._known[key]
+        return found
+
     def placeholders(self) -> list[str]:
         """Names of the placeholders that the predictions use."""
         return sorted({name for model in self.models for name in model.placeholders()})
@@ -226,7 +262,8 @@ class Block:
     """Amplitude of the carrier, or of the sine with the mean attraction of the drive's period up to
     each sample, shape (samples,)."""
     instant_v: Array
-    """Amplitude of the carrier, or of the sine with the attraction of the instant."""
+    """Amplitude of the carrier, or of the sine of the drive's frequency with the attraction of the
+    instant."""
     mu: Array
     """Predicted friction, shape (samples,)."""
     target_low: float
@@ -246,6 +283,8 @@ class Rendering:
     stimulus: Stimulus
     response: Column
     sample_rate_hz: float = 48_000.0
+    skin: Skin | None = None
+    """Of a drive without a carrier; by default, one without dispersion."""
 
     def __post_init__(self) -> None:
         carrier = self.stimulus.carrier_hz
@@ -263,14 +302,21 @@ class Rendering:
         return count
 
     def block(self, first: int, count: int) -> Block:
-        """Render `count` samples from number `first` on."""
+        """Render `count` samples from number `first` on.
+
+        Parameters
+        ----------
+        first : int
+            Number of the first sample.
+        count : int
+        """
         stimulus, response = self.stimulus, self.response
         values = stimulus.signal.values(first, count, self.sample_rate_hz)
         if stimulus.quantity == "volts":
             if stimulus.carrier_hz is None:
                 mean = self._over_period(first, count)
                 # The attraction of a sine is that of its mean square: here of the sine sqrt(2) |v|.
-                instant = np.abs(values) * np.sqrt(2)
+                instant = np.abs(self._on_skin(first, count, values)) * np.sqrt(2)
                 return Block(first, values, mean, instant, response.mu(mean), np.nan, np.nan, 0, 0)
             drive, size = values * self._carrier(first, count), np.abs(values)
             return Block(first, drive, size, size, response.mu(size), np.nan, np.nan, 0, 0)
@@ -296,6 +342,15 @@ class Rendering:
         values = self.stimulus.signal.values(begin, end - begin, rate)
         amplitude = over_period(values, period)
         return amplitude[first - begin :][:count]
+
+    def _on_skin(self, first: int, count: int, values: Array) -> Array:
+        """Voltage with which the skin's field is that of the drive's frequency."""
+        if self.skin is None:
+            return values
+        begin = max(0, first - round(MEMORY_S * self.sample_rate_hz))
+        before = self.stimulus.signal.values(begin, first - begin, self.sample_rate_hz)
+        field_v = self.skin.voltage(np.concatenate([before, values]), self.sample_rate_hz)
+        return field_v[first - begin :]
 
     def _carrier(self, first: int, count: int) -> Array:
         assert self.stimulus.carrier_hz is not None

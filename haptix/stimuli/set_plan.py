@@ -44,6 +44,11 @@ class TrialPlan:
         Pause between two trials.
     seed : int or None
         Seed of the orders; with None stimuli come as listed.
+
+    Examples
+    --------
+    >>> TrialPlan(repeats=3, gap_s=0.5).repeats
+    3
     """
 
     repeats: int = 1
@@ -263,7 +268,15 @@ class SetPlan:
         return "" if len(self.screens) == 1 else f"_on_{screen.name.replace('/', '-')}"
 
     def file_name(self, stimulus: Stimulus, screen: Screen) -> str:
-        """Name of a drive file."""
+        """Name of a drive file.
+
+        Parameters
+        ----------
+        stimulus : Stimulus
+            What it holds.
+        screen : Screen
+            For which screen.
+        """
         return f"{stimulus.name}{self.suffix(screen)}.{self.container}"
 
 

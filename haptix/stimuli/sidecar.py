@@ -56,14 +56,15 @@ def predicted(tally: Tally, response: Column, each: Sequence[Column]) -> dict[st
 
 
 def felt(tally: Tally) -> dict[str, Any] | None:
-    """Highest sensation level of a stimulus; None outside the thresholds' data."""
+    """Sensation levels of a stimulus and of its edges; None outside the thresholds' data."""
     loudest = tally.sensation.finish()
-    if loudest.sensation_db is None:
+    if loudest.sensation_db is None and loudest.edges_db is None:
         return None
     return {
         "channel": loudest.channel,
         "sensation_db": loudest.sensation_db,
         "at_s": loudest.at_s,
+        "edges_db": loudest.edges_db,
         "share_without_threshold": loudest.outside_share,
         "threshold_is_placeholder": loudest.is_placeholder,
     }

@@ -18,9 +18,17 @@ import numpy as np
 from haptix.devices import DriveWindow
 from haptix.errors import FileFormatError, InputError, LimitError, RangeError
 from haptix.executors import executor_of, finished
-from haptix.files import json_table, json_text, publish, read_json, reading, write_failure
+from haptix.files import (
+    json_table,
+    json_text,
+    publish,
+    read_json,
+    reading,
+    write_failure,
+    write_whole,
+)
 from haptix.finger import Finger
-from haptix.perception import SensationInTime
+from haptix.perception.sensation import SensationInTime
 from haptix.population import Population
 from haptix.screen import Screen
 from haptix.signals.audio_files import AudioWriter, file_hash, step_v
@@ -45,7 +53,7 @@ def write_drive(
     that the file cannot be written.
     """
     rate, limits = rendering.sample_rate_hz, plan.limits
-    tally = Tally(SensationInTime(plan.perception, rate))
+    tally = Tally(SensationInTime(plan.perception, rate, rendering.skin))
     window = DriveWindow(limits, rate)
     previous, total = 0.0, rendering.samples
     form = plan.container, plan.encoding, rate, plan.full_scale_v
@@ -162,7 +170,8 @@ class SetFiles:
         if (finished := self._finished(name, recipe)) is not None:
             return Made(finished, is_reused=True)
         response, each = self.apparatus.responses(stimulus)
-        rendering = Rendering(stimulus, response, plan.sample_rate_hz)
+        skin = self.apparatus.skin(stimulus)
+        rendering = Rendering(stimulus, response, plan.sample_rate_hz, skin)
         if rendering.samples < 1:
             raise InputError(f"{stimulus.name}: expected one sample or more, got none")
         trigger = None
@@ -540,14 +549,17 @@ def make_again(sidecar: str | Path, out: str | Path, threads: int = 1) -> Path:
         keys = apparatus.surface_keys()
         due, version = str(table["sha256"]), table["haptix"]
     response, _ = apparatus.responses(stimulus)
-    rendering = Rendering(stimulus, response, plan.sample_rate_hz)
-    write_drive(out, rendering, plan, trigger, threads, lambda share: None)
-    if file_hash(out) != due:
-        out.unlink()
-        why = "its surfaces differ" if keys != table["surface_hash"] else "its samples differ"
-        raise InputError(
-            f"{sidecar}: cannot be made again by this haptix ({why}; made by {version})"
-        )
+    rendering = Rendering(stimulus, response, plan.sample_rate_hz, apparatus.skin(stimulus))
+
+    def write(draft: Path) -> None:
+        write_drive(draft, rendering, plan, trigger, threads, lambda share: None)
+        if file_hash(draft) != due:
+            why = "its surfaces differ" if keys != table["surface_hash"] else "its samples differ"
+            raise InputError(
+                f"{sidecar}: cannot be made again by this haptix ({why}; made by {version})"
+            )
+
+    write_whole(out, write)
     return out
 
 

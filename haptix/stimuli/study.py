@@ -32,6 +32,27 @@ from haptix.stimuli.adaptive.trial_log import COLUMNS, SETTINGS, End, TouchLog, 
 from haptix.version import __version__
 
 BIDS_VERSION = "1.10.0"
+HED_VERSION = "8.3.0"
+
+_HED = {
+    "practice": "Sensory-event, Tactile-presentation, Experimental-stimulus, (Label/Practice)",
+    "catch": "Sensory-event, Tactile-presentation, Experimental-stimulus, (Label/Catch)",
+    "trial": "Sensory-event, Tactile-presentation, Experimental-stimulus, Target",
+}
+_KINDS = {
+    "practice": "Not counted, with the right answer told",
+    "catch": "Without a target",
+    "trial": "Counted",
+}
+_ASKS = {
+    "2ifc": "Two intervals, one with the target: which one?",
+    "2afc": "One stroke, the target on its left or right half: on which one?",
+    "3afc": "Three intervals, one with the target: which one?",
+    "yes-no": "One interval, with the target or not: was it there?",
+    "same-different": "Two intervals, alike or not: were they different?",
+    "pairs": "Two stimuli: which one is more?",
+    "magnitude": "One stimulus: how strong is it, as a number?",
+}
 
 _LOCK_S = 60.0  # an export takes less than one
 _LOGS = ("_log.tsv", "_log_touches.tsv", "_log_end.json")
@@ -90,11 +111,15 @@ def _spelling(participant: str) -> str:
     return re.sub(r"0*(\d+)$", r"\1", participant.casefold())
 
 
+def recipe_beside(log: Path) -> Path:
+    """Return where the recipe with which a log began lies."""
+    return log.with_name(f"{log.stem.removesuffix('_log')}_experiment.toml")
+
+
 def keep_recipe(recipe: Path, log: Path) -> None:
     """Keep the recipe beside the log of a session that begins with it."""
     if not log.exists():
-        copy = log.with_name(log.name.replace("_log.tsv", "_experiment.toml"))
-        write_whole(copy, read_bytes(recipe))
+        write_whole(recipe_beside(log), read_bytes(recipe))
 
 
 def write_session(
@@ -160,6 +185,7 @@ def _of_study(study: Path, participant: str | None, name: str) -> dict[Path, byt
     about = {
         "Name": name,
         "BIDSVersion": BIDS_VERSION,
+        "HEDVersion": HED_VERSION,
         "DatasetType": "raw",
         "GeneratedBy": [{"Name": "haptix", "Version": __version__}],
     }
@@ -192,9 +218,10 @@ def _sha256(data: bytes) -> str:
 RATE_HZ = 100.0
 """Of force and stimulus, which BIDS wants at regular times; panels report at 60 to 240 Hz."""
 
+_ABOUT = "A finger slides over an electrovibration touchscreen"
 _GAP_S = 0.1  # between two reports of one touch
 MOST_SAMPLES = 10_000_000  # of a stimulus that is sampled faster than at `RATE_HZ`
-_LEFT_OUT = ("date", "right", "onset_s", "before")
+_LEFT_OUT = ("date", "right", "before")
 
 _TEXTS = {
     "trial": "Number of the trial; rejected attempts have that of the trial that followed",
@@ -219,7 +246,9 @@ _TEXTS = {
     "condition": "Condition of the experiment",
     "source": "Where the answer came from: terminal, page, simulated, imported or program",
     "other_level": "Level that it was compared with; n/a for the reference",
-    "onset": "Begin of the first interval since the session began",
+    "onset_s": "Begin of the first interval since the session began",
+    "duration_s": "Length of the presentation, with its pauses",
+    "onset": "Begin of the first interval since the recording began",
     "duration": "Length of the presentation, with its pauses",
     "response_time": "Time from the end of the presentation to the answer",
     "trial_type": "practice, catch or (counted) trial",
@@ -227,7 +256,12 @@ _TEXTS = {
 
 
 def export(
-    log: str | Path, study: str | Path, participant: str, session: str, task: str
+    log: str | Path,
+    study: str | Path,
+    participant: str,
+    session: str,
+    task: str,
+    recipe: str | Path | None = None,
 ) -> list[Path]:
     """Write a log, and the touches beside it, into the folder of a study; return the files.
 
@@ -243,6 +277,8 @@ def export(
         Folder of the data set; made if it is not there.
     participant, session, task : str
         Labels: letters and digits. The participant's is a pseudonym.
+    recipe : path, optional
+        That of the log, kept beside its copy; by default the one that lies beside the log.
 
     Raises
     ------
@@ -267,10 +303,13 @@ def export(
     files = _beh(place / "beh" / base, rows, task, logged.settings)
     if samples:
         files |= _motion(place / "motion" / base, samples, rows, task)
-        files |= _force(place / "beh" / base, samples)
+        files |= _force(place / "beh" / base, samples, task)
     for path, to in ((log, copy), (touches.path, TouchLog(copy).path)):
         if path.exists() and not (to.exists() and to.samefile(path)):
             files[to] = _grown(path, to)
+    kept_recipe, copied_recipe = Path(recipe or recipe_beside(log)), recipe_beside(copy)
+    if copy in files and (recipe or kept_recipe.exists()):
+        files[copied_recipe] = read_bytes(kept_recipe)
     end = End.place(log)
     if copy in files and end.exists():
         files[End.place(copy)] = read_bytes(end)
@@ -295,26 +334,29 @@ def _beh(
     names = [name for name in COLUMNS if name not in _LEFT_OUT]
     table = [
         {
-            "onset": row["onset_s"],
-            "duration": _duration(row),
+            "duration_s": _duration(row),
             "correct": row["right"],
             **{name: row[name] for name in names},
         }
         for row in rows
     ]
-    names = ["onset", "duration", "correct", *names]
+    # Not "onset" and "duration", by which a table would be one of events.
+    names = ["duration_s", "correct", *names]
     columns: dict[str, Any] = {name: {"Description": _TEXTS[name]} for name in names}
-    columns["onset"]["Units"] = columns["duration"]["Units"] = "s"
-    about = {"TaskName": task, SETTINGS: settings, **columns}
+    columns["onset_s"]["Units"] = columns["duration_s"]["Units"] = "s"
+    columns["kind"] |= {"Levels": _KINDS, "HED": _HED}
+    asks = _ASKS.get(str(settings.get("task")))
+    told = {} if asks is None else {"TaskDescription": _ABOUT, "Instructions": asks}
+    about = {"TaskName": task, **told, SETTINGS: settings, **columns}
     files = {
         base.with_name(f"{base.name}_beh.tsv"): _tsv(names, table),
         base.with_name(f"{base.name}_beh.json"): json_text(about).encode(),
     }
     timed = [row for row in rows if row["onset_s"] != "n/a"]
-    return files | (_stimulus(base, timed) if timed else {})
+    return files | (_stimulus(base, timed, task) if timed else {})
 
 
-def _stimulus(base: Path, rows: Sequence[Mapping[str, str]]) -> dict[Path, bytes]:
+def _stimulus(base: Path, rows: Sequence[Mapping[str, str]], task: str) -> dict[Path, bytes]:
     """Level at regular times, which are so close that no trial falls between two of them."""
     onset_s = np.array([float(row["onset_s"]) for row in rows])
     start, end = onset_s.min(), max(float(row["time_s"]) for row in rows)
@@ -333,7 +375,7 @@ def _stimulus(base: Path, rows: Sequence[Mapping[str, str]]) -> dict[Path, bytes
             f"; without {lost} trials that began less than a sample before another: "
             "*_beh.tsv has the onset and level of every trial"
         )
-    return _continuous(base, "stim", level, start, "level", text, "dB", rate_hz)
+    return _continuous(base, task, "stim", level, start, "level", text, "dB", rate_hz)
 
 
 def _duration(row: Mapping[str, str]) -> str:
@@ -369,7 +411,7 @@ def _motion(
                      "tracked_point": "n/a", "units": "s"})  # fmt: skip
     about = {
         "TaskName": task,
-        "TaskDescription": "A finger slides over an electrovibration touchscreen",
+        "TaskDescription": _ABOUT,
         "SamplingFrequency": round(rate, 3),
         "SamplingFrequencyEffective": round(rate, 3),
         "TrackingSystemName": "panel",
@@ -389,7 +431,8 @@ def _motion(
         if row["onset_s"] != "n/a"
     ]
     names = ["onset", "duration", "trial_type", "response_time"]
-    described = {key: {"Description": _TEXTS[key]} for key in names}
+    described: dict[str, Any] = {key: {"Description": _TEXTS[key]} for key in names}
+    described["trial_type"] |= {"Levels": _KINDS, "HED": _HED}
     return {
         base.with_name(f"{name}_motion.tsv"): table.getvalue().encode(),
         base.with_name(f"{name}_motion.json"): json_text(about).encode(),
@@ -399,7 +442,7 @@ def _motion(
     }
 
 
-def _force(base: Path, samples: Sequence[Mapping[str, str]]) -> dict[Path, bytes]:
+def _force(base: Path, samples: Sequence[Mapping[str, str]], task: str) -> dict[Path, bytes]:
     """Normal force at regular times, between reports and at each; n/a elsewhere."""
     known = [one for one in samples if one["normal_force_n"] != "n/a"]
     if not known:
@@ -415,11 +458,12 @@ def _force(base: Path, samples: Sequence[Mapping[str, str]]) -> dict[Path, bytes
     nearest = np.rint((t_s - start) * RATE_HZ).astype(int)
     is_alone = np.isnan(force_n[nearest])
     force_n[nearest[is_alone]] = force[is_alone]
-    return _continuous(base, "physio", force_n, start, "normal_force", "Normal force", "N")
+    return _continuous(base, task, "physio", force_n, start, "normal_force", "Normal force", "N")
 
 
 def _continuous(
     base: Path,
+    task: str,
     suffix: str,
     values: np.ndarray[Any, np.dtype[np.float64]],
     start_s: float,
@@ -431,6 +475,7 @@ def _continuous(
     """Table of a recording at regular times: compressed, without names of columns."""
     cells = ("n/a" if np.isnan(one) else f"{one:.6g}" for one in values)
     about = {
+        "TaskName": task,
         "SamplingFrequency": float(rate_hz),
         "StartTime": round(start_s, 5),
         "Columns": [column],

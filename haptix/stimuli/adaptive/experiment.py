@@ -34,7 +34,7 @@ from haptix.stimuli.adaptive.sequence import TrialSequence, replay
 from haptix.stimuli.adaptive.session import (
     SessionPlan,
     check_plan,
-    found_by_chance,
+    estimate_of,
     summary,
     task_named,
 )
@@ -195,7 +195,7 @@ class Experiment:
         check_plan(self.plan, self._task, self.task)
         checks.number("pause_s", self.pause_s, 0.0)
         checks.positive("tolerance", self.tolerance)
-        asked = {"normal_force_n": self.normal_force_n, "speed_mm_per_s": self.speed_mm_per_s}
+        wanted = {"normal_force_n": self.normal_force_n, "speed_mm_per_s": self.speed_mm_per_s}
         most = self.tolerance * (1 + _CLOSE)
         try:
             self._ranges = StrokeRanges(
@@ -203,7 +203,7 @@ class Experiment:
                     name: (max(0.0, one * (1 - most)), one * (1 + most))
                     if isinstance(one, float | int)
                     else one
-                    for name, one in asked.items()
+                    for name, one in wanted.items()
                 }
             )
         except ValidationError as error:
@@ -308,22 +308,17 @@ class Experiment:
         several = (
             self.method.methods.values() if isinstance(self.method, MethodsByCondition) else ()
         )
-        return all(one.estimate().spread <= stop.spread for one in several or (self.method,))
+        return all(one.estimate().width / 4 <= stop.spread for one in several or (self.method,))
 
     def estimates(self) -> dict[str, Estimate]:
-        """Return what each condition's method states, by its name; one alone has an empty name.
-
-        Where the task is to detect, there is no threshold unless a target was found more often
-        where there was one (Fisher's exact test).
-        """
+        """Return what each condition's method states, by its name; one alone has an empty name."""
         several = (
             self.method.methods
             if isinstance(self.method, MethodsByCondition)
             else {"": self.method}
         )
         return {
-            name: found_by_chance(one.estimate(), self.log.rows, self.task, name)
-            for name, one in several.items()
+            name: estimate_of(one, self.log.rows, self.task, name) for name, one in several.items()
         }
 
     def summary(self) -> dict[str, Any]:

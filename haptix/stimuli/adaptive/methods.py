@@ -13,6 +13,7 @@ import numpy as np
 from haptix.checks import Array, positive, row, whole
 from haptix.errors import InputError
 from haptix.stimuli.adaptive.psychometric import (
+    Answers,
     Estimate,
     fit,
     function_named,
@@ -51,8 +52,14 @@ class Method:
     def postpone(self) -> None:
         """Hear that the presentation did not count; by default the same is next."""
 
-    def estimate(self) -> Estimate:
-        """Estimate from the answers so far."""
+    def estimate(self, empty: tuple[int, int] = (0, 0)) -> Estimate:
+        """Estimate from the answers so far.
+
+        Parameters
+        ----------
+        empty : (int, int)
+            Trials without a target in which one was found, and all of them; of tasks that detect.
+        """
         raise NotImplementedError
 
     def describe(self) -> dict[str, Any]:
@@ -62,6 +69,22 @@ class Method:
             name: None if isinstance(value, float) and isinf(value) else value
             for name, value in settings.items()
         }
+
+
+class ThresholdMethod(Method):
+    """A method that measures a threshold: of the same posterior, however it chose the levels."""
+
+    answers: Answers
+    """Level of each trial, and whether the answer was right."""
+    function: str = "weibull"
+
+    @property
+    def guess_share(self) -> float:
+        """Share right of one who guesses."""
+        raise NotImplementedError
+
+    def estimate(self, empty: tuple[int, int] = (0, 0)) -> Estimate:
+        return fit(self.answers, self.function, self.guess_share, empty)
 
 
 class FixedOrder(Method):
@@ -152,11 +175,11 @@ class MethodsByCondition(Method):
     def postpone(self) -> None:
         self.methods[self.condition].postpone()
 
-    def estimate(self) -> Estimate:
+    def estimate(self, empty: tuple[int, int] = (0, 0)) -> Estimate:
         """Return the estimate of a single condition; several have one each, in `methods`."""
         if len(self.methods) == 1:
-            return next(iter(self.methods.values())).estimate()
-        return Estimate(nan, nan, {})
+            return next(iter(self.methods.values())).estimate(empty)
+        return Estimate()
 
     def describe(self) -> dict[str, Any]:
         described = {name: one.describe() for name, one in self.methods.items()}
@@ -164,7 +187,7 @@ class MethodsByCondition(Method):
 
 
 @dataclass(eq=False)
-class ConstantStimuli(FixedOrder):
+class ConstantStimuli(FixedOrder, ThresholdMethod):
     """Every level equally often, in a random order.
 
     Parameters
@@ -175,8 +198,8 @@ class ConstantStimuli(FixedOrder):
         Presentations of each level.
     seed : int
         Seed of the order; every repetition has all levels once.
-    function, guess, lapse
-        Form and fixed parameters of the fitted function, see `fit`.
+    function, guess
+        Form of the fitted function and share right of one who guesses, see `fit`.
     """
 
     levels: Sequence[float]
@@ -184,7 +207,6 @@ class ConstantStimuli(FixedOrder):
     seed: int = 0
     function: str = "weibull"
     guess: float = 0.5
-    lapse: float = 0.02
 
     kind = "constant-stimuli"
 
@@ -198,9 +220,9 @@ class ConstantStimuli(FixedOrder):
     def update(self, is_right: float, level: float | None = None) -> None:
         self.answers.append((self.level if level is None else float(level), bool(is_right)))
 
-    def estimate(self) -> Estimate:
-        levels, answers = zip(*self.answers, strict=True) if self.answers else ((), ())
-        return fit(levels, answers, self.function, self.guess, self.lapse)
+    @property
+    def guess_share(self) -> float:
+        return self.guess
 
 
 @dataclass(eq=False)
@@ -238,11 +260,11 @@ class Magnitudes(FixedOrder):
         number = positive("answer", float(is_right))
         self.answers.append((self.level if level is None else float(level), number))
 
-    def estimate(self) -> Estimate:
+    def estimate(self, empty: tuple[int, int] = (0, 0)) -> Estimate:
         """Return the exponent of the power function and its standard error; no threshold."""
         levels, numbers = np.array(self.answers).reshape(-1, 2).T
         if len(set(levels.tolist())) < 2:
-            return Estimate(nan, nan, {})
+            return Estimate()
         from scipy.stats import linregress
 
         line_fit = linregress(levels / 20 * log(10), np.log(numbers))
@@ -251,7 +273,7 @@ class Magnitudes(FixedOrder):
             for level in sorted(set(levels.tolist()))
         }
         line = {"exponent": float(line_fit.slope), "exponent_spread": float(line_fit.stderr)}
-        return Estimate(nan, nan, line | means)
+        return Estimate(others=line | means)
 
 
 @dataclass(eq=False)
@@ -306,10 +328,10 @@ class Pairs(FixedOrder):
             won[at[more], at[less]] += 1
         return won
 
-    def estimate(self) -> Estimate:
+    def estimate(self, empty: tuple[int, int] = (0, 0)) -> Estimate:
         """Return a scale value for each level, in logits with a mean of 0; no threshold."""
         scale = dict(zip(self.levels, bradley_terry(self.wins())[0].tolist(), strict=True))
-        return Estimate(nan, nan, {f"scale_at_{x:g}": value for x, value in scale.items()})
+        return Estimate(others={f"scale_at_{x:g}": value for x, value in scale.items()})
 
 
 def bradley_terry(wins: Array) -> tuple[Array, Array, float]:
@@ -336,13 +358,13 @@ def bradley_terry(wins: Array) -> tuple[Array, Array, float]:
         bend = total * share * (1 - share)
         # Values are known but for a constant; their mean is held at 0.
         errors = np.linalg.pinv(np.diag(bend.sum(1)) - bend)
-        own = np.diag(errors)
-        leverage = bend * (own[:, None] + own[None, :] - 2 * errors)
+        variances = np.diag(errors)
+        leverage = bend * (variances[:, None] + variances[None, :] - 2 * errors)
         step = errors @ (wins + leverage / 2 - (total + leverage) * share).sum(1)
         value = value + step * min(1.0, 1 / max(float(np.abs(step).max()), 1e-300))
         if np.abs(step).max() < 1e-10:
             break
-    spread = np.where(total.any(1), np.sqrt(own.clip(0)), nan)
+    spread = np.where(total.any(1), np.sqrt(variances.clip(0)), nan)
     off = ~np.eye(count, dtype=bool)
     observed = np.divide(wins, total, out=np.full_like(share, 0.5), where=total > 0)
     deviance = 2 * float((xlogy(wins, observed) - xlogy(wins, share))[off].sum())

@@ -2,33 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from math import isfinite, isnan, nan
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from math import isfinite, nan
 from typing import Any
 
 import numpy as np
 
 from haptix.checks import Array, choice
-from haptix.errors import InputError
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """Result of a method: threshold, spread and other parameters."""
+    """What answers say: a threshold with its interval, and other parameters."""
 
-    threshold: float
+    threshold: float = nan
     """Detection threshold, in the units of the levels; NaN if the answers give none."""
-    spread: float
-    """Standard deviation of the threshold; NaN if unknown."""
-    others: dict[str, float]
+    low: float = nan
+    """The threshold lies from here to `high` with 95 %."""
+    high: float = nan
+    others: dict[str, float] = field(default_factory=dict)
     """Slope and other estimated parameters."""
     warnings: tuple[str, ...] = ()
-    """Why there is no threshold, or why it may be wrong."""
+    """Why there is no threshold, or what the observer did that the interval allows for."""
+
+    @property
+    def width(self) -> float:
+        """Width of the interval; NaN without a threshold."""
+        return self.high - self.low
 
     def record(self) -> dict[str, Any]:
         """Return plain values for JSON; what is unknown is None."""
-        numbers = {"threshold_db": self.threshold, "spread_db": self.spread, **self.others}
+        numbers = {"threshold_db": self.threshold, "low_db": self.low, "high_db": self.high}
+        numbers |= self.others
         known = {name: value if isfinite(value) else None for name, value in numbers.items()}
         return {**known, "warnings": list(self.warnings)}
 
@@ -81,21 +87,19 @@ Answers = Sequence[tuple[float, bool]]
 CHANCE_P = 0.01
 """An observer who guesses is right as often as this, or more rarely, in a run with a threshold."""
 
-MISFIT_P = 0.05
-"""Share of good runs in which the deviance is warned of; less, as the function was fitted."""
-
-MOST_SHIFT = 0.75
-"""Of a threshold, in its own spreads, by assumptions: 5 % of runs of 200 trials at 8 levels pass it
-where the assumption holds, and 87 % where slope and lapse rate are 1.5 and 0.08. Of runs that it
-was not chosen by, three intervals and 30 trials at each of 7 levels: 0 to 8 % of slopes 2 to 8 with
-lapse rates of at most 0.02, and 83 % of those of 1.5 and 0.08 (200 runs of each). With 20 trials at
-each of 6 levels off its centre, 3 % of slope 4 and 14 % of slope 2."""
-
-_LAPSES = (0.0, 0.01, 0.02, 0.04, 0.06, 0.08, 0.1, 0.12)
-
-_THRESHOLDS = 121
-_RUNS = 199  # simulated ones
-_LEAST_AT_LEVEL = 5
+_LEAST_ANSWERS = 10  # seven right ones in a row are no chance
+_SURELY = 0.95  # probability of what is warned of
+_INTERVAL = (0.025, 0.5, 0.975)
+_EPOCHS = 4  # of a run, for drift and overdispersion
+_REACH = 4.0  # beyond the levels, in typical widths, that a threshold is looked for
+_FINE = 800  # shares at which the likelihood of a cell is tabulated: much finer than its bends
+_MOST_LAPSE, _LAPSES_AS = 0.25, 22.0
+_SLOPES_WITHIN = 0.85
+_DRIFTS = np.array([-4.0, -2.0, -1.0, 0.0, 1.0, 2.0, 4.0])
+_NO_DRIFT = 0.7
+_OVERDISPERSION = np.array([0.003, 0.1, 0.2, 0.32, 0.46])
+_MANY_LAPSES = 0.06
+_TYPICAL_SLOPE = 3.5
 
 
 def chance_p(answers: Answers, guess: float) -> float:
@@ -110,32 +114,7 @@ def chance_p(answers: Answers, guess: float) -> float:
 
 def without(found: Estimate, why: str) -> Estimate:
     """Return an estimate that gives no threshold, and says why."""
-    return Estimate(nan, nan, found.others, (why, *found.warnings))
-
-
-def unless_by_chance(estimate: Estimate, answers: Answers, guess: float) -> Estimate:
-    """Return an estimate, without a threshold where the answers are as those of a guesser."""
-    p = chance_p(answers, guess)
-    if p <= CHANCE_P:
-        return estimate
-    right = sum(is_right for _, is_right in answers)
-    return without(
-        estimate,
-        f"no threshold: {right} of {len(answers)} answers were right, as guessing gives them "
-        f"(p = {p:.2g})",
-    )
-
-
-def log_shares(
-    levels: Array, function: str, threshold: Array, slope: Array, guess: Array, lapse: Array
-) -> tuple[Array, Array]:
-    """Logarithms of the shares right and wrong, shape (levels, parameters).
-
-    Parameters of the function have the shape (parameters,), or broadcast to it.
-    """
-    right = function_named(function)(levels[:, None], threshold, slope, guess, lapse)
-    right = right.clip(1e-9, 1 - 1e-9)
-    return np.log(right), np.log1p(-right)
+    return Estimate(others=found.others, warnings=(f"no threshold: {why}", *found.warnings))
 
 
 def counted(answers: Answers) -> tuple[Array, Array, Array]:
@@ -146,152 +125,168 @@ def counted(answers: Answers) -> tuple[Array, Array, Array]:
     return levels, right.astype(float), total - right
 
 
-def misfit(
+def fit(
     answers: Answers,
-    function: str,
-    slopes: Sequence[float] | None,
-    guess: Sequence[float],
-    lapses: Sequence[float],
-) -> tuple[str, ...]:
-    """Warn where the threshold hangs on an assumed slope or lapse rate, or no function fits.
+    function: str = "weibull",
+    guess: float = 0.5,
+    empty: tuple[int, int] = (0, 0),
+) -> Estimate:
+    """Return the threshold with its 95 % interval, whichever method chose the levels.
 
-    The mean threshold over all slopes and lapse rates is compared with that over the assumed ones:
-    a lapse rate that is held fixed biases a threshold (Wichmann & Hill, Percept. Psychophys. 63,
-    1293 (2001)), and so does a slope. Where few levels were presented the answers cannot tell, and
-    the warning says so. Where levels were presented several times, the deviance of the best
-    function is compared with that of simulated answers (ibid., p. 1303).
+    The posterior over threshold, slope, lapse rate, overdispersion and drift, on a grid. Answers
+    at one level in one quarter of the run are beta-binomial about the function: an observer who
+    changes widens the interval (Schuett, Harmeling, Macke & Wichmann, Vision Res. 122, 105
+    (2016)). The threshold may drift evenly over the run; it is that of the middle. The median is
+    stated. There is none where the answers are those of a guesser, or where it lies beyond the
+    levels.
+
+    Priors: even for the threshold; log-normal for the slope about 3.5, of a normal function about
+    an eighth of the range of the levels, within a factor of 2.3; Beta(1, 22) for the lapse rate;
+    Beta(1, 10) for the overdispersion, the square root of the correlation of two answers; three
+    tenths for a drift, of at most 10 dB or four widths of the function.
 
     Parameters
     ----------
     answers : sequence of (float, bool)
-        Levels, and whether the answers were right.
+        Levels, in the order of the trials, and whether the answers were right.
     function : str
         Form of the function.
-    slopes, guess, lapses : sequence of float
-        Values that were assumed; slopes are None if any was.
+    guess : float
+        Share right of one who guesses.
+    empty : (int, int)
+        Trials without a target in which one was found, and all of them: where there are some, they
+        tell `guess`.
     """
-    levels, right, wrong = counted(answers)
-    if len(levels) < 2:
-        return ()
-    span = float(np.ptp(levels))
-    any_slope = np.geomspace(1.0, 8.0, 9)
-    if function != "weibull":
-        any_slope = np.geomspace(0.03, 2.0, 9) * span
-    assumed = np.asarray(any_slope if slopes is None else slopes)
-    # What lies between the assumed values is assumed as well.
-    slope = np.union1d(any_slope, np.linspace(assumed.min(), assumed.max(), 5))
-    lapse = np.union1d(_LAPSES, np.linspace(min(lapses), max(lapses), 3))
-    threshold = np.linspace(levels[0] - span, levels[-1] + span, _THRESHOLDS)
-    axes = np.meshgrid(threshold, slope, np.asarray(guess), lapse, indexing="ij")
-    t, b, g, d = (one.ravel() for one in axes)
-    log_right, log_wrong = log_shares(levels, function, t, b, g, d)
-    likelihood = right @ log_right + wrong @ log_wrong
-    is_held = (b >= assumed.min()) & (b <= assumed.max()) & (d >= min(lapses)) & (d <= max(lapses))
-    middle, spread = _moments(t[is_held], likelihood[is_held])
-    free, free_spread = _moments(t, likelihood)
-    warnings = []
-    if abs(free - middle) > MOST_SHIFT * spread:
-        warnings.append(
-            "the threshold hangs on the slope or the lapse rate that were assumed: over all of "
-            f"them it is {free:.1f} +- {free_spread:.1f}, over the assumed ones {middle:.1f} +- "
-            f"{spread:.1f}; allow for several, and present levels that are surely felt"
+    function_named(function)
+    if len(answers) < _LEAST_ANSWERS:
+        return without(Estimate(), f"{len(answers)} answers; it takes {_LEAST_ANSWERS} or more")
+    found = _posterior(answers, function, guess, empty)
+    levels = [level for level, _ in answers]
+    if not min(levels) <= found.threshold <= max(levels):
+        end = "above" if found.threshold > max(levels) else "below"
+        why = f"it lies {end} the levels that were presented, {min(levels):g} to {max(levels):g}"
+        return without(found, why)
+    if function == "symmetric-normal" or empty[1]:
+        return found
+    p = chance_p(answers, guess)
+    if p <= CHANCE_P:
+        return found
+    right = sum(is_right for _, is_right in answers)
+    why = f"{right} of {len(answers)} answers were right, as guessing gives them (p = {p:.2g})"
+    return without(found, why)
+
+
+def _posterior(answers: Answers, function: str, guess: float, empty: tuple[int, int]) -> Estimate:
+    """Median, interval and means of the other parameters."""
+    from scipy.special import betaln
+    from scipy.stats import beta
+
+    shape, in_db = function_named(function), function == "weibull"
+    levels, is_right = np.array(answers, dtype=float).T
+    quarter = np.arange(len(levels)) * _EPOCHS // len(levels)
+    cells, at = np.unique([levels, quarter], axis=1, return_inverse=True)
+    level, when = cells[0], (cells[1] + 0.5) / _EPOCHS - 0.5
+    total = np.bincount(at.ravel()).astype(float)
+    right = np.bincount(at.ravel(), is_right)
+    # A typical width of the function: the scale of ln(-ln(wrong)), or a standard deviation.
+    typical = 20 / np.log(10) / _TYPICAL_SLOPE if in_db else float(np.ptp(levels)) / 8 or 1.0
+    guesses = np.array([guess])
+    if empty[1]:
+        found, trials = empty
+        guesses = beta.ppf(np.arange(0.1, 1.0, 0.2), found + 0.5, trials - found + 0.5)
+    reach = _REACH * typical
+    axes = (
+        np.linspace(levels.min() - reach, levels.max() + reach, 101),
+        np.linspace(-2.2, 2.2, 13) * _SLOPES_WITHIN,
+        np.linspace(0.002, _MOST_LAPSE, 13),
+    )
+
+    def shares(threshold: Array, log_slope: Array, lapse: Array, drift: Array) -> Array:
+        """Share right, shape (threshold, slope, lapse, guess, drift, cell)."""
+        width = np.exp(log_slope)[:, None, None, None, None]
+        slope = _TYPICAL_SLOPE / width if in_db else typical * width
+        middle = threshold[:, None, None, None, None, None] + drift[:, None] * when
+        off = np.minimum(lapse, (1 - guesses.max()) / 2)[:, None, None, None]
+        return shape(level, middle, slope, guesses[:, None, None], off)
+
+    def prior(log_slope: Array, lapse: Array) -> Array:
+        of_slope = np.exp(-0.5 * (log_slope / _SLOPES_WITHIN) ** 2)
+        return np.asarray(of_slope[:, None] * (1 - lapse) ** (_LAPSES_AS - 1))
+
+    # First without drift and overdispersion, to see where the mass is.
+    p = shares(*axes, np.zeros(1)).clip(1e-9, 1 - 1e-9)
+    weight = _weights(np.log(p) @ right + np.log1p(-p) @ (total - right))
+    weight = weight.sum((3, 4)) * prior(*axes[1:])
+    axes = (
+        _around(weight.sum((1, 2)), axes[0], 61),
+        _around(weight.sum((0, 2)), axes[1], 9),
+        _around(weight.sum((0, 1)), axes[2], 6),
+    )
+    drifts = _DRIFTS * typical
+    p = shares(*axes, drifts)
+    steps = np.rint(p * _FINE).astype(np.int16)
+    share = np.clip(np.arange(_FINE + 1) / _FINE, 0.25 / _FINE, 1 - 0.25 / _FINE)[:, None]
+    likelihood = np.zeros((len(_OVERDISPERSION), *p.shape[:-1]))
+    for k, scatter in enumerate(_OVERDISPERSION):
+        spread = 1 / scatter**2 - 1
+        a, b = share * spread, (1 - share) * spread
+        table = betaln(right + a, total - right + b) - betaln(a, b)
+        for cell in range(len(level)):
+            likelihood[k] += table[:, cell][steps[..., cell]]
+    of_drift = (_DRIFTS != 0) / (1 + _DRIFTS**2)
+    of_drift = (1 - _NO_DRIFT) * of_drift / of_drift.sum() + _NO_DRIFT * (_DRIFTS == 0)
+    edges = np.array([0.0, *(_OVERDISPERSION[1:] + _OVERDISPERSION[:-1]) / 2, 0.53])
+    of_scatter = -np.diff((1 - edges) ** 10)
+    weight = _weights(likelihood) * of_drift * prior(*axes[1:])[..., None, None]
+    weight *= of_scatter.reshape(-1, 1, 1, 1, 1, 1)
+    weight /= weight.sum()
+
+    def marginal(axis: int) -> Array:
+        return np.asarray(weight.sum(tuple({*range(6)} - {axis})))
+
+    mass = marginal(1)
+    low, middle, high = np.interp(_INTERVAL, np.cumsum(mass) - mass / 2, axes[0])
+    width, drifting = float(np.exp(marginal(2) @ axes[1])), marginal(5)
+    others = {
+        "slope": _TYPICAL_SLOPE / width if in_db else typical * width,
+        "lapse": float(marginal(3) @ axes[2]),
+        "overdispersion": float(marginal(0) @ _OVERDISPERSION),
+        "drift": float(drifting @ drifts),
+        "drift_probability": float(drifting[_DRIFTS != 0].sum()),
+    }
+    if empty[1]:
+        others["guess"] = float(marginal(4) @ guesses)
+    lapsing = float(marginal(3)[axes[2] > _MANY_LAPSES].sum())
+    return Estimate(
+        float(middle), float(low), float(high), others, (*_said(others, lapsing, marginal(0)),)
+    )
+
+
+def _said(others: Mapping[str, float], lapsing: float, scatter: Array) -> Iterator[str]:
+    """Say what an observer did that the answers show, and the interval allows for."""
+    if others["drift_probability"] > _SURELY:
+        yield (
+            f"the threshold drifts by {others['drift']:+.1f} from the first trial to the last; it "
+            "is stated for the middle"
         )
-    best = int(likelihood.argmax())
-    if len(answers) >= _LEAST_AT_LEVEL * len(levels):
-        total = right + wrong
-        share = np.exp(log_right[:, best])
-        draw = np.random.default_rng(len(answers))
-        drawn = draw.binomial(total.astype(int), share, (_RUNS, len(levels)))
-        simulated = drawn.astype(float)
-        worse = _deviance(simulated, total, share) >= _deviance(right, total, share)
-        p = float((1 + worse.sum()) / (1 + _RUNS))
-        if p < MISFIT_P:
-            warnings.append(
-                f"no function of this form fits (p = {p:.2g}): the shares right scatter more than "
-                "chance allows, as of an observer who changes or levels out of order"
-            )
-    return tuple(warnings)
+    if lapsing > _SURELY:
+        yield f"{others['lapse']:.0%} of the answers are lapses, wrong at any level; let them rest"
+    if scatter[_OVERDISPERSION >= 0.2].sum() > _SURELY:
+        yield (
+            "the shares right scatter more than chance and this function allow, as of an observer "
+            "who changes or levels out of order"
+        )
 
 
-def _deviance(right: Array, total: Array, share: Array) -> Array:
-    """Deviance of counts from shares, shape (rows,)."""
-    from scipy.special import xlogy
-
-    wrong = total - right
-    parts = xlogy(right, right / (total * share)) + xlogy(wrong, wrong / (total * (1 - share)))
-    return np.asarray(2 * parts.sum(-1))
+def _weights(likelihood: Array) -> Array:
+    """Return weights by their logarithms, the largest 1."""
+    return np.asarray(np.exp(likelihood - likelihood.max()))
 
 
-def _moments(at: Array, likelihood: Array) -> tuple[float, float]:
-    """Mean and spread of values by their log-likelihoods."""
-    weight = np.exp(likelihood - likelihood.max())
-    mean = float(weight @ at / weight.sum())
-    return mean, float(np.sqrt(weight @ (at - mean) ** 2 / weight.sum()))
-
-
-def fit(
-    levels: Sequence[float],
-    answers: Sequence[bool],
-    function: str = "weibull",
-    guess: float = 0.5,
-    lapse: float = 0.02,
-) -> Estimate:
-    """Most likely threshold and slope; the spread is from the curvature of the likelihood in both.
-
-    `answers` say for the level of each trial whether it was right; guess and lapse are held fixed.
-    There is no threshold where the answers are those of a guesser, or beyond the levels. A lapse
-    rate that fits far better is warned of.
-    """
-    from scipy.optimize import minimize
-
-    x = np.asarray(levels, dtype=float)
-    right = np.asarray(answers, dtype=bool)
-    if len(x) != len(right) or len(set(x.tolist())) < 2:
-        raise InputError("fit: expected answers at two levels or more")
-    shape = function_named(function)
-    pairs = [*zip(x.tolist(), right.tolist(), strict=True)]
-    is_guessed = function != "symmetric-normal"
-    if is_guessed:
-        nothing = unless_by_chance(Estimate(nan, nan, {}), pairs, guess)
-        if nothing.warnings:
-            return nothing
-    at_level, hits, misses = counted(pairs)
-
-    def cost(at: Array) -> float:
-        """Minus the log-likelihood of threshold and ln slope."""
-        p = shape(at_level, at[0], np.exp(at[1]), guess, lapse).clip(1e-12, 1 - 1e-12)
-        return -float(hits @ np.log(p) + misses @ np.log1p(-p))
-
-    width = float(np.ptp(x))
-    log_slope = np.log(3.5 if function == "weibull" else width / 4)
-    options = {"xatol": 1e-6, "fatol": 1e-9, "maxiter": 2000}
-    tries = [
-        minimize(cost, (start, log_slope), method="Nelder-Mead", options=options)
-        for start in np.quantile(x, (0.25, 0.5, 0.75))
-    ]
-    best = min(tries, key=lambda one: float(one.fun))
-    bend = _curvature(cost, best.x, np.array([1e-3 * width, 1e-2]))
-    well = bool(np.all(np.linalg.eigvalsh(bend) > 0))
-    spread = float(np.sqrt(np.linalg.inv(bend)[0, 0])) if well else nan
-    estimate = Estimate(float(best.x[0]), spread, {"slope": float(np.exp(best.x[1]))})
-    if not x.min() <= estimate.threshold <= x.max():
-        why = f"none lies within the levels, {x.min():g} to {x.max():g}"
-        estimate = without(estimate, f"no threshold: {why}")
-    if isnan(estimate.threshold) or not is_guessed:
-        return estimate
-    return replace(estimate, warnings=misfit(pairs, function, None, (guess,), (lapse,)))
-
-
-def _curvature(cost: Callable[[Array], float], at: Array, step: Array) -> Array:
-    """Second derivatives by central differences, shape (2, 2)."""
-    e = np.diag(step)
-    return np.array(
-        [
-            [
-                cost(at + e[i] + e[j]) - cost(at + e[i] - e[j])
-                - cost(at - e[i] + e[j]) + cost(at - e[i] - e[j])
-                for j in range(2)
-            ]
-            for i in range(2)
-        ]
-    ) / (4 * np.outer(step, step))  # fmt: skip
+def _around(weight: Array, at: Array, count: int) -> Array:
+    """Return values about where a weight lies, within those that it was tried at."""
+    share = weight / weight.sum()
+    mean = float(share @ at)
+    spread = float(np.sqrt(share @ (at - mean) ** 2)) + (at[1] - at[0]) / 3
+    ends = max(at[0], mean - 5 * spread), min(at[-1], mean + 5 * spread)
+    return np.linspace(*ends, count)

@@ -15,6 +15,7 @@ from pydantic import Field, PositiveFloat, PositiveInt
 from haptix.checks import choice, whole
 from haptix.documents import Part
 from haptix.errors import InputError
+from haptix.stimuli.adaptive.methods import Method
 from haptix.stimuli.adaptive.psychometric import CHANCE_P, Estimate, without
 
 
@@ -150,7 +151,10 @@ class Catch(Part):
 
 
 class StopRules(Part):
-    """A session ends at the first that is reached; the method may end it before."""
+    """A session ends at the first that is reached; the method may end it before.
+
+    The spread is a quarter of the threshold's 95 % interval.
+    """
 
     most_trials: PositiveInt | None = None
     most_minutes: PositiveFloat | None = None
@@ -238,12 +242,16 @@ def summary(
     return values
 
 
-def found_by_chance(
-    estimate: Estimate, rows: Sequence[Mapping[str, str]], task: str, condition: str = ""
+def estimate_of(
+    method: Method, rows: Sequence[Mapping[str, str]], task: str, condition: str = ""
 ) -> Estimate:
-    """Return an estimate, without a threshold if targets were found where none was as often."""
-    if not task_named(task).detects or isnan(estimate.threshold):
-        return estimate
+    """Return what a method states, with what the rows say of trials without a target.
+
+    Where the task is to detect, there is no threshold unless a target was found more often where
+    there was one (Fisher's exact test).
+    """
+    if not task_named(task).detects:
+        return method.estimate()
     from scipy.stats import fisher_exact
 
     table = [[0, 0], [0, 0]]
@@ -254,12 +262,13 @@ def found_by_chance(
             was_found = (row["is_right"] == "true") != is_empty
             if is_empty or not condition or row["condition"] == condition:
                 table[is_empty][not was_found] += 1
+    estimate = method.estimate((table[1][0], sum(table[1])))
     p = float(fisher_exact(table, alternative="greater").pvalue)
-    if p <= CHANCE_P:
+    if p <= CHANCE_P or isnan(estimate.threshold):
         return estimate
     return without(
         estimate,
-        f"no threshold: a target was found in {table[0][0]} of {sum(table[0])} trials with one, "
+        f"a target was found in {table[0][0]} of {sum(table[0])} trials with one, "
         f"and in {table[1][0]} of {sum(table[1])} without (p = {p:.2g})",
     )
 

@@ -25,6 +25,7 @@ from haptix.files import (
     LARGEST_TABLE_BYTES,
     json_text,
     parse_json,
+    place,
     read_bytes,
     read_json,
     read_text,
@@ -42,6 +43,8 @@ COLUMNS = (
     "source", "before",
 )  # fmt: skip
 """Columns of the table, in their order."""
+
+_OF_BEFORE = (".estimate_by", ".lapse")  # of methods: what they once assumed of the threshold
 
 _FORMAT = 3
 _COLUMNS_OF = {1: COLUMNS[:13], 2: COLUMNS[:23], _FORMAT: COLUMNS}
@@ -257,7 +260,7 @@ class TrialLog:
     def _read_file(self) -> None:
         known = b""
         try:
-            if self.path.exists():
+            if place(self.path)[1] is not None:
                 known = read_bytes(self.path, LARGEST_TABLE_BYTES)
         except OSError as error:
             raise InputError(f"cannot use {self.path} as a log: {error.strerror}") from None
@@ -282,6 +285,7 @@ class TrialLog:
         then, now = _flat(head), _flat(self._experiment)
         # Another program may know more settings.
         names = set(then) | (set(now) if self.version == program() else set())
+        names -= {name for name in then.keys() - now.keys() if name.endswith(_OF_BEFORE)}
         if different := sorted(name for name in names if then.get(name) != now.get(name)):
             raise FileFormatError(
                 f"{self.path}: is the log of another experiment, or of other settings: "
@@ -460,7 +464,8 @@ class TouchLog:
 
     def _check(self) -> str:
         """Return the head if there is no table yet; cut off a line that was not finished."""
-        if not self.path.exists() or not self.path.stat().st_size:
+        there = place(self.path)[1]
+        if there is None or not there.st_size:
             return _TOUCH_HEAD
         with self.path.open("r+b") as file:
             known = file.read(LARGEST_TABLE_BYTES)
