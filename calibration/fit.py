@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from hashlib import sha256
-from math import exp, inf
+from math import exp, inf, sqrt
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import (
@@ -18,14 +19,19 @@ from pydantic import (
     PlainValidator,
     model_validator,
 )
+from scipy.optimize import brentq
 from scipy.special import expit
+from scipy.stats import t as student
 
 from calibration.parameters import PER_FINGER, Array, FingerPrior
 from haptix.contact import TheoryName
+from haptix.display import Displayed
 from haptix.documents import Document, Part, renamed
 from haptix.errors import InputError
 from haptix.report import Heading
 from haptix.version import __version__
+
+_WIDEST = 60.0  # standard deviations within which a quantile is looked for
 
 Verdict = Literal["determined", "prior", "undetermined", "fixed"]
 
@@ -174,6 +180,108 @@ class ParameterEstimate(Part):
         return f"{self.name} is not determined by these strokes: {what}; {self.advice}"
 
 
+@dataclass(frozen=True)
+class Input(Displayed):
+    """One thing besides the strokes' scatter on which the fit rests.
+
+    Parameters
+    ----------
+    source : str
+        What it is.
+    spread : float
+        Its relative standard uncertainty; 0 of a gain, which the rig's check knows.
+    response : array, shape (free,)
+        Change of the free parameters' logarithms for each unit of its own.
+    """
+
+    source: str
+    spread: float
+    response: _Numbers
+
+
+@dataclass(frozen=True)
+class Posterior(Displayed):
+    """Distribution of the free parameters' logarithms: what strokes leave possible.
+
+    A mixture of normal distributions. The fit in its own form is one component; each other form,
+    and the fit with the finger's response and the sensor's pole exchanged, is another, weighed by
+    its likelihood. A normal distribution as wide as their distance would hold the truth too often.
+
+    Parameters
+    ----------
+    middle : array, shape (free,)
+        The fit.
+    own : array, shape (free, free)
+        Covariance about each component's middle.
+    inputs : tuple of Input
+        What was known before: its part of `own` has no few degrees of freedom.
+    freedom : float
+        Degrees of freedom of the strokes' repeatability, which is itself estimated.
+    others : array, shape (components, free)
+        Middles of the other components.
+    odds : array, shape (components,)
+        Their likelihoods over the fit's.
+    forms : tuple of str
+        Their names.
+    """
+
+    middle: _Numbers
+    own: _Numbers
+    inputs: tuple[Input, ...]
+    freedom: float
+    others: _Numbers
+    odds: _Numbers
+    forms: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:  # a file does not say the shape of what is empty
+        others = np.reshape(self.others, (len(self.odds), len(self.middle)))
+        object.__setattr__(self, "others", others)
+
+    @property
+    def covariance(self) -> Array:
+        """Second moment about the fit, shape (free, free)."""
+        away = self.others - self.middle
+        return np.asarray(self.own + (self.shares[:, None] * away).T @ away)
+
+    @property
+    def shares(self) -> Array:
+        """Probability of each other component."""
+        return np.asarray(self.odds / (1 + self.odds.sum()))
+
+    def scatter(self, direction: Array) -> float:
+        """Variance that the strokes' scatter leaves along a direction of the logarithms."""
+        known = sum((one.spread * float(direction @ one.response)) ** 2 for one in self.inputs)
+        return max(float(direction @ self.own @ direction) - known, 0.0)
+
+    def freedom_of(self, direction: Array, variance: float) -> float:
+        """Degrees of freedom of a variance in which the scatter has its part.
+
+        By Welch and Satterthwaite: what was known before has no few.
+        """
+        return self.freedom / max(self.scatter(direction) / variance, 1e-3) ** 2
+
+    def interval(self, direction: Array, level: float, more: float = 0.0) -> tuple[float, float]:
+        """Equal-tailed interval along a direction of the logarithms; the fit always lies within.
+
+        `more` is a variance besides, such as that of the rig's gains.
+        """
+        at = np.array([direction @ one for one in (self.middle, *self.others)])
+        weights = np.concatenate([[1.0], self.odds])
+        weights /= weights.sum()
+        variance = float(direction @ self.own @ direction) + more
+        sd, freedom = sqrt(variance), self.freedom_of(direction, variance)
+
+        def beyond(value: float, tail: float) -> float:
+            return float(weights @ student.cdf((value - at) / sd, freedom)) - tail
+
+        ends = at.min() - _WIDEST * sd, at.max() + _WIDEST * sd
+        low, high = (
+            float(brentq(partial(beyond, tail=tail), *ends))
+            for tail in ((1 - level) / 2, (1 + level) / 2)
+        )
+        return min(low, float(at[0])), max(high, float(at[0]))
+
+
 class Fit(Document):
     """A fitted screen and finger.
 
@@ -202,6 +310,8 @@ class Fit(Document):
         Theory of the contact; None in fits before there was a choice.
     forms : tuple of FormFit
         The strokes fitted in other forms of the model.
+    posterior : Posterior or None
+        What the covariance is made of; None in fits of earlier versions.
     made_from : mapping of str to str
         SHA-256 of each file of the session that the fit rests on; empty before version 0.2.
     made_by : str
@@ -223,6 +333,7 @@ class Fit(Document):
     terms: tuple[str, ...]
     theory: TheoryName | None = None
     forms: tuple[FormFit, ...] = ()
+    posterior: Annotated[Posterior | None, Field(exclude_if=lambda value: value is None)] = None
     made_from: dict[str, str] = Field(default={})
     made_by: str = ""
     content_hash: str = ""
@@ -295,10 +406,23 @@ class Fit(Document):
         return [
             ("Results", self.estimates),
             ("Not determined", [estimate.refusal() for estimate in self.undetermined]),
+            ("Belongs to its model", [f"{self.shear}: {self.shear_note}"] if self.theory else []),
             ("Other forms of the model", self.forms),
             ("Which terms the strokes need", needs),
             ("Strokes that were not used", left_out),
         ]
+
+    shear: ClassVar[str] = "frictional_shear_stress_pa"
+    """The parameter that belongs to its model."""
+
+    @property
+    def shear_note(self) -> str:
+        """What its tau_f is worth: the product with the model's area alone was measured."""
+        return (
+            f"by the theory {self.theory!r} and its gap distribution, which give the area of "
+            "contact; another model has another tau_f for the same friction, so its interval holds "
+            "within this model alone"
+        )
 
     def value(self, name: str) -> float:
         """Value of a parameter.

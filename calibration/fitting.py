@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from math import exp, inf, log, sqrt
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import eigh
-from scipy.optimize import brentq
-from scipy.stats import t as student
 
-from calibration.fit import Fit, FormFit, Need, ParameterEstimate, Repeatability, TermNeed
+from calibration.fit import (
+    Fit,
+    FormFit,
+    Need,
+    ParameterEstimate,
+    Posterior,
+    Repeatability,
+    TermNeed,
+)
 from calibration.parameters import (
     EXPERIMENTS,
     OPTIONAL,
@@ -36,14 +41,14 @@ from haptix.terms import TERMS, Stage
 
 _PRIOR_SHARE = 0.8  # of the prior's spread: above it the strokes have measured nothing new
 _BOOTSTRAPS = 1000
-_LEVEL = 0.90
+LEVEL = 0.90
+"""Of all intervals."""
 _FEWEST_STROKES = 6
 _LEAST_FREEDOM = 3.0
 _CURVED = 0.4  # spread of a logarithm beyond which the likelihood is no parabola
 _SAME_ANSWER = 0.5  # standard deviations within which two fits are one
 _OTHER_FORM = 0.5  # odds before the strokes: the default is the form that boundary elements chose
 _MOST_EVIDENCE = 300.0  # beyond it a form's likelihood is no number
-_WIDEST = 60.0  # standard deviations within which a quantile is looked for
 
 
 DECISIVE = 10.0
@@ -64,7 +69,7 @@ def other_forms(
     """
     is_combined = model.contact.gap_distribution == "combined"
     other: GapDistribution = "plain" if is_combined else "combined"
-    theory: TheoryName = "open-gaps" if model.theory == "corrected" else "corrected"
+    theory: TheoryName = "open-gaps" if model.theory == "local" else "local"
     finger, screen = model.finger, model.screen
     by_gaps = ContactModel(finger, screen, terms=terms, theory=model.theory, gap_distribution=other)
     if tables is None:
@@ -129,66 +134,6 @@ def carried_over(other: StrokePredictor, residuals: Residuals, free: Array) -> A
     return start
 
 
-@dataclass(frozen=True)
-class Posterior:
-    """Distribution of the free parameters' logarithms: what strokes leave possible.
-
-    A mixture of normal distributions. The fit in its own form is one component; each other form,
-    and the fit with the finger's response and the sensor's pole exchanged, is another, weighed by
-    its likelihood. A normal distribution as wide as their distance would hold the truth too often.
-
-    Parameters
-    ----------
-    middle : array, shape (free,)
-        The fit.
-    own : array, shape (free, free)
-        Covariance about each component's middle.
-    measured : array, shape (free,)
-        Share of the variance that comes from the strokes, whose repeatability is itself estimated;
-        the rest is the priors'.
-    freedom : float
-        Degrees of freedom of that repeatability.
-    others : array, shape (components, free)
-        Middles of the other components.
-    odds : array, shape (components,)
-        Their likelihoods over the fit's.
-    """
-
-    middle: Array
-    own: Array
-    measured: Array
-    freedom: float
-    others: Array
-    odds: Array
-
-    @property
-    def covariance(self) -> Array:
-        """Second moment about the fit, shape (free, free)."""
-        away = self.others - self.middle
-        shares = self.odds / (1 + self.odds.sum())
-        return np.asarray(self.own + (shares[:, None] * away).T @ away)
-
-    def interval(self, index: int, level: float) -> tuple[float, float]:
-        """Equal-tailed interval of one logarithm; the fit itself always lies within."""
-        at = np.concatenate([[self.middle[index]], self.others[:, index]])
-        weights = np.concatenate([[1.0], self.odds])
-        weights /= weights.sum()
-        sd = sqrt(float(self.own[index, index]))
-        # Welch and Satterthwaite: only the measured share of the variance has few degrees.
-        freedom = self.freedom / max(float(self.measured[index]), 1e-3) ** 2
-
-        def beyond(value: float, tail: float) -> float:
-            return float(weights @ student.cdf((value - at) / sd, freedom)) - tail
-
-        ends = at.min() - _WIDEST * sd, at.max() + _WIDEST * sd
-        low, high = (
-            float(brentq(partial(beyond, tail=tail), *ends))
-            for tail in ((1 - level) / 2, (1 + level) / 2)
-        )
-        middle = float(self.middle[index])
-        return min(low, middle), max(high, middle)
-
-
 def reported_within(name: str) -> float:
     """Largest standard deviation of a parameter's logarithm that is still reported as a number.
 
@@ -208,9 +153,19 @@ def fit_strokes(
 ) -> Fit:
     """Fit the strokes that are neither outliers nor held out.
 
-    The bootstrap resamples the strokes; without one the errors come from the curvature of the fit
-    alone. `forms` are other forms of the model (`other_forms`): the strokes are fitted in
-    each as well, and the uncertainty is widened by what they do not tell apart.
+    Parameters
+    ----------
+    reduced : Reduced
+    predictor : StrokePredictor
+    parameters : Parameters
+        What is fitted, with starts and priors.
+    seed : int
+        Seed of the bootstrap.
+    bootstraps : int
+        How often the strokes are resampled; 0 takes errors from the fit's curvature alone.
+    forms : mapping, optional
+        Other forms of the model (`other_forms`), fitted as well: what the strokes do not tell
+        apart widens the uncertainty.
 
     Raises
     ------
@@ -240,12 +195,12 @@ def fit_strokes(
         fitted = dict(zip(parameters.free, np.exp(free).tolist(), strict=True))
         residuals, free = fit_residuals(predictor, parameters.restarted_at(fitted), points)
     covariance = np.asarray(np.linalg.inv(residuals.information(free)))
-    by_strokes = residuals.data_information(free)
-    measured = np.diag(covariance @ by_strokes @ covariance) / np.diag(covariance)
+    inputs = residuals.inputs(free, covariance)
     if bootstraps:
         covariance = _larger(covariance, _bootstrap(residuals, free, seed, bootstraps))
     exchanged = _exchanged(residuals, free)
     components = [] if exchanged is None else [exchanged]
+    named = [] if exchanged is None else ["finger's response and sensor's pole exchanged"]
     compared: list[FormFit] = []
     if forms:
         fitted = dict(zip(parameters.free, np.exp(free).tolist(), strict=True))
@@ -254,6 +209,7 @@ def fit_strokes(
             known = in_form(parameters.restarted_at(fitted), other)
             others[name] = fit_residuals(other, known, points, carried_over(other, residuals, free))
         compared = compare_forms(residuals, free, others)
+        named += [one.form for one in compared]
         components += [
             (at, _OTHER_FORM * exp(min(-one.evidence / 2, _MOST_EVIDENCE)))
             for one, (_, at) in zip(compared, others.values(), strict=True)
@@ -261,10 +217,11 @@ def fit_strokes(
     posterior = Posterior(
         free,
         covariance,
-        measured,
+        inputs,
         max(residuals.data_rows - residuals.parameters_used(free), _LEAST_FREEDOM),
         np.array([at for at, _ in components]).reshape(len(components), len(free)),
         np.array([odds for _, odds in components]),
+        tuple(named),
     )
     return Fit(
         estimates=tuple(_estimate(residuals, posterior, one) for one in parameters.all),
@@ -279,6 +236,7 @@ def fit_strokes(
         terms=tuple(sorted(predictor.model.terms)),
         theory=predictor.model.theory,
         forms=tuple(compared),
+        posterior=posterior,
     )
 
 
@@ -346,7 +304,9 @@ def _estimate(residuals: Residuals, posterior: Posterior, one: Parameter) -> Par
         return estimate(value=one.value, low=one.value, high=one.value, spread=0.0, verdict="fixed")
     index, free = parameters.free.index(one.name), posterior.middle
     middle, spread = float(free[index]), sqrt(float(posterior.covariance[index, index]))
-    low, high = (exp(min(end, 700.0)) for end in posterior.interval(index, _LEVEL))
+    low, high = (
+        exp(min(end, 700.0)) for end in posterior.interval(np.eye(len(free))[index], LEVEL)
+    )
     before = parameters.prior_spread(one.name)
     is_measured = before is None or spread < _PRIOR_SHARE * before
     if is_measured and spread <= reported_within(one.name):
@@ -405,8 +365,16 @@ def compare_terms(
 ) -> list[TermNeed]:
     """Refit with each term switched, where the profiles allow it.
 
-    `fit` is what `fit_strokes` returned for the other arguments. Without names of terms the
-    `comparable_terms` are switched.
+    Parameters
+    ----------
+    fit : Fit
+        What `fit_strokes` returned for the other arguments.
+    reduced : Reduced
+    predictor : StrokePredictor
+    parameters : Parameters
+        What is fitted.
+    compared : sequence of str, optional
+        Terms to switch; the `comparable_terms` if not given.
     """
     points = tuple(point for point in reduced.used if point.number in fit.strokes)
     start = parameters.restarted_at({name: fit.best(name) for name in fit.free})

@@ -25,7 +25,8 @@ from haptix.errors import HaptixError, InputError
 
 _LOG = logging.getLogger("calibration")
 
-_SLACK_S = 1.2  # to press, turn and lift
+_SLACK_S = 0.8  # to press and lift
+_TURN_S = 0.2  # each way
 _RAMP_S = 0.02  # over which the drive comes and goes
 _BLOCK_S = 0.05
 _LEAD_S = 0.1  # that the driver may be ahead of the clock
@@ -72,7 +73,7 @@ def drive_for(stroke: Stroke, protocol: Protocol, sample_rate_hz: float) -> Stro
             f"{stroke.label}: expected a driver of {4 * stroke.frequency_hz:g} samples a second "
             f"or more, got {sample_rate_hz:g} Hz"
         )
-    duration = 2 * protocol.idle_s + stroke.sliding_s + _SLACK_S
+    duration = 2 * protocol.idle_s + stroke.sliding_s + _SLACK_S + _TURN_S * max(stroke.slides, 2)
     t = np.arange(round(duration * sample_rate_hz)) / sample_rate_hz
     end = float(t[-1])
     envelope = np.interp(t, [0.0, _RAMP_S, end - _RAMP_S, end], [0.0, 1.0, 1.0, 0.0])
@@ -186,11 +187,10 @@ class _Guide:
         self._tries = tries
         if not self._asks:
             return
-        ways = "there and back" if stroke.there_and_back else "one way"
         prompt = (
             f"{self._why}Stroke {stroke.number} of {len(self._session.protocol.strokes)}: press "
-            f"with {stroke.normal_force_n:g} N and slide {stroke.length_mm:g} mm {ways} at "
-            f"{stroke.speed_mm_per_s:g} mm/s."
+            f"with {stroke.normal_force_n:g} N and slide {stroke.length_mm:g} mm {stroke.ways} "
+            f"at {stroke.speed_mm_per_s:g} mm/s."
         )
         can_repeat = self.last is not None and tries == 0
         answer = self._context.ask(prompt, (GO, AGAIN, STOP) if can_repeat else (GO, STOP))

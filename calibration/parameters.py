@@ -168,14 +168,36 @@ class FingerPrior:
 
 @dataclass(frozen=True)
 class Parameters:
-    """All parameters of a fit, with their starts and priors."""
+    """All parameters of a fit, with their starts and priors.
+
+    Parameters
+    ----------
+    all : tuple of Parameter
+    finger_prior : FingerPrior, optional
+        What is known of fingers as a whole.
+    """
 
     all: tuple[Parameter, ...]
     finger_prior: FingerPrior | None = None
 
     @classmethod
     def of(cls, finger: Finger, screen: Screen, leaky_gap: bool = False) -> Parameters:
-        """Take the profiles' values as the start, with the usual spread of fingers as priors."""
+        """Take the profiles' values as the start, with the usual spread of fingers as priors.
+
+        Parameters
+        ----------
+        finger, screen
+            The profiles.
+        leaky_gap : bool
+            Whether the gap conducts, and how well is fitted.
+
+        Examples
+        --------
+        >>> import haptix
+        >>> start = Parameters.of(haptix.Finger.preset("wet"), haptix.Screen())
+        >>> len(start.all) > 1
+        True
+        """
         values = {
             "h0_m": screen.h0_m,
             "frictional_shear_stress_pa": float(finger.frictional_shear_stress_pa),

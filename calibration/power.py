@@ -17,12 +17,15 @@ from calibration.parameters import Array, Parameters
 from calibration.predict import Prediction, StrokeConditions, StrokePredictor
 from calibration.protocol import RIPPLE_ERROR, Protocol, with_held_out
 from calibration.reduction import Point, Reduced
-from calibration.verification import TOLERANCE_JND, HeldOutStroke, fit_bound, groups_of
+from calibration.steadiness import TOLERANCE_JND
+from calibration.verification import HeldOutStroke, fit_bound, groups_of
 
 ENOUGH = 0.9
 """Chance of a good screen from which a plan needs no more strokes."""
 
-_MOST_HELD_OUT = 60
+MOST_HELD_OUT = 60
+"""Held-out strokes beyond which no more are planned."""
+
 _DRAWS = 200  # of a chance of 0.9: known within 0.02
 _RIPPLE_SD = 1e-3  # in mu, beside RIPPLE_ERROR
 _RIPPLE_SEEN_BELOW_HZ = 900.0
@@ -49,16 +52,16 @@ def chance_of_passing(
     information = parameters.prior_information() + of_mu.T @ of_mu / repeatability**2
     covariance = np.linalg.inv(information + of_ripple.T @ of_ripple)
     spread = np.sqrt(np.diag(covariance))
-    found = [None if sd > reported_within(name) else 1.0
+    values = [None if sd > reported_within(name) else 1.0
              for name, sd in zip(parameters.free, spread, strict=True)]  # fmt: skip
     fit = SimpleNamespace(
         strokes=[*np.flatnonzero(light)],
-        estimates=[SimpleNamespace(value=one) for one in found],
+        estimates=[SimpleNamespace(value=one) for one in values],
         free=parameters.free,
         covariance=covariance,
         repeatability=Repeatability(repeatability),
     )
-    freedom = max(len(fit.strokes) - sum(one is not None for one in found), 3)
+    freedom = max(len(fit.strokes) - sum(one is not None for one in values), 3)
     mu_jacobian, ripple_jacobian = (_by_free(parameters, one) for one in _jacobians(seen))
     ripple_sd, rng = _ripple_sd(seen), np.random.default_rng(0)
     rows = _rows(held_out, seen, seen.log_mu, seen.ripple)
@@ -89,13 +92,24 @@ def with_enough_held_out(
 
     Where 60 held-out strokes are not enough, the protocol has as many.
     """
-    count = sum(one.held_out for one in protocol.strokes)
-    while (
-        chance := chance_of_passing(predictor, parameters, protocol, repeatability)
-    ) < ENOUGH and count < _MOST_HELD_OUT:
-        count += 2
-        protocol = with_held_out(protocol, count, max_voltage_v)
-    return protocol, chance
+
+    def tried(count: int) -> tuple[Protocol, float]:
+        plan = with_held_out(protocol, count, max_voltage_v)
+        return plan, chance_of_passing(predictor, parameters, plan, repeatability)
+
+    fewest = sum(one.held_out for one in protocol.strokes)
+    chance = chance_of_passing(predictor, parameters, protocol, repeatability)
+    enough = protocol, chance
+    if chance < ENOUGH and fewest < MOST_HELD_OUT:
+        enough = tried(MOST_HELD_OUT)
+        too_few, count = fewest, MOST_HELD_OUT
+        while enough[1] >= ENOUGH and (middle := too_few + (count - too_few) // 4 * 2) > too_few:
+            plan = tried(middle)
+            if plan[1] >= ENOUGH:
+                enough, count = plan, middle
+            else:
+                too_few = middle
+    return enough
 
 
 def _jacobians(predicted: Prediction) -> tuple[Array, Array]:

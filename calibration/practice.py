@@ -15,8 +15,8 @@ from scipy.integrate import cumulative_trapezoid
 from calibration.parameters import Array, Parameters
 from calibration.predict import StrokeConditions, StrokePredictor
 from calibration.profile import finger_at
-from calibration.protocol import FORCES_N, Protocol, Stroke
-from calibration.rig import RIG, RigCheck
+from calibration.protocol import CARRIER_HZ, FORCES_N, FREQUENCY_HZ, Protocol, Stroke
+from calibration.rig import RIG, RigCheck, VoltsRead
 from calibration.session import Session
 from calibration.sources import ForceSource, Live, StrokeDrive
 from haptix.documents import Document
@@ -43,7 +43,12 @@ TRUTH = "practice.json"
 VIRTUAL_RIG = RigCheck(
     normal_gain=1.0,
     tangential_gain=1.0,
-    voltage_gain=1.0,
+    second_tangential_gain=1.0,
+    volts=tuple(
+        VoltsRead(frequency_hz=hertz, monitor_v=volts, gain=1.0)
+        for hertz in (FREQUENCY_HZ, CARRIER_HZ)
+        for volts in (50.0, 120.0, 200.0)
+    ),
     pole_hz=1e5,
     resonance_hz=1e5,
     quality=1.0,
@@ -78,8 +83,18 @@ class Person:
 class VirtualFingerSource(ForceSource):
     """Computes the friction of what is played by the contact model, with an imperfect sensor.
 
-    The sensor's axis should be "x", so that the friction turns with the direction. The seed is that
-    of person and sensor, `output_rate_hz` that of the recording.
+    Parameters
+    ----------
+    model : ContactModel
+        The true finger and screen.
+    sensor : SensorModel
+        Errors of the sensor; axis "x", so that the friction turns with the direction.
+    person : Person, optional
+        How the finger is moved and pressed.
+    seed : int
+        Seed of person and sensor.
+    output_rate_hz : float
+        Rate of the recording [Hz].
     """
 
     is_live = False

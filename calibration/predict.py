@@ -22,6 +22,7 @@ import torch
 from torch import Tensor
 
 from calibration.parameters import REQUIRED, Array, Mask, Parameters, fitted_terms
+from haptix.display import Displayed
 from haptix.electro import Circuit, Pull
 from haptix.errors import InputError
 from haptix.fidelity import Ability
@@ -32,13 +33,13 @@ from haptix.terms import ActiveTerms, Properties
 from haptix.threads import one_thread
 
 _Profile = TypeVar("_Profile", Finger, Screen)
-_INSTANTS = 24  # in half a drive period, after which the attraction repeats: means within 1e-5
+_INSTANTS = 12  # in half a drive period, after which the attraction repeats: means within 5e-5
 _RANGE = 20.0  # of e s, either way, that the table covers
 _FORCES_N = (0.02, 3.0)  # that the table covers
 
 
 @dataclass(frozen=True)
-class StrokeConditions:
+class StrokeConditions(Displayed):
     """Conditions of strokes: each an array of shape (strokes,), in the unit its name ends with."""
 
     normal_force_n: Array
@@ -58,7 +59,7 @@ class StrokeConditions:
 
 
 @dataclass(frozen=True)
-class Prediction:
+class Prediction(Displayed):
     """Prediction of the model for strokes.
 
     Parameters
@@ -161,11 +162,32 @@ class StrokePredictor:
     ) -> Prediction:
         """Predict strokes with the model's own finger and screen, without a Jacobian.
 
-        `sensor` has the bandwidth of the force sensor (`calibration.parameters.PER_RIG`), which is
-        in no profile; without it the ripples are those of a perfect one.
+        Parameters
+        ----------
+        strokes : StrokeConditions
+            Forces, amplitudes and frequencies.
+        sensor : mapping, optional
+            Bandwidth of the force sensor (`calibration.parameters.PER_RIG`), which is in no
+            profile; without it the ripples are those of a perfect sensor.
         """
         parameters = Parameters.of(self.model.finger, self.model.screen).fixed(**sensor or {})
         return self(strokes, parameters.names, parameters.log_values, jacobian=False)
+
+    def thickness_m(self, names: tuple[str, ...], log_values: Array, frequency_hz: float) -> float:
+        """Size of h0 [m] at a frequency: d1/eps1 and the skin's d2/eps2.
+
+        Parameters
+        ----------
+        names : tuple of str
+            Names of the parameters.
+        log_values : array
+            ln of their values.
+        frequency_hz : float
+        """
+        logs = torch.tensor(log_values, dtype=torch.float64)
+        values = dict(zip(names, logs.exp(), strict=True))
+        hertz = torch.tensor(frequency_hz, dtype=torch.float64)
+        return float(self._terms(values).thickness(values["h0_m"], hertz).abs())
 
     def _period(
         self, strokes: StrokeConditions, values: Mapping[str, Tensor]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from math import exp, hypot, nan
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 
@@ -16,7 +16,9 @@ from calibration.fit import Fit
 from calibration.parameters import PER_FINGER, Array
 from calibration.predict import StrokePredictor
 from calibration.recording import StrokeRecording
-from calibration.verification import Verification
+from calibration.reduction import Reduced
+from calibration.steadiness import Drift
+from calibration.verification import FEWEST_OF_GROUP, HeldOutStroke, Verification
 from haptix.checks import positive
 from haptix.errors import InputError
 from haptix.files import write_whole
@@ -52,9 +54,26 @@ def calibrated_screen(
 ) -> Screen:
     """Return the screen with the fitted numbers; name, permittivity and limits are kept.
 
-    Without a `verification` its verdict is "failed": it is what is still to be verified.
-    `instruments` are names with serial numbers, `assumed` signals that none of them measured.
-    Without `measured_on` the date is today's. `finger` is the one that is written beside it.
+    Parameters
+    ----------
+    screen : Screen
+        The screen before.
+    fit : Fit
+        What was fitted.
+    verification : Verification or None
+        The verdict; without one it is "failed", since it is still to be verified.
+    predictor : StrokePredictor
+        The model of the fit.
+    operator : str
+        Who measured.
+    instruments : iterable of str
+        Names with serial numbers.
+    measured_on : date, optional
+        Today if not given.
+    assumed : iterable of str
+        Signals that no instrument measured.
+    finger : Finger, optional
+        The finger that is written beside it.
 
     Raises
     ------
@@ -80,6 +99,7 @@ def calibrated_screen(
             *(f"{name} (not measured)" for name in sorted(set(assumed))),
             *(f"{one} (not checked)" for one in (verification.untested if verification else ())),
         ),
+        verified=verification.verified if verification and not verification.failures else None,
         finger_hash="" if finger is None else finger.content_hash(),
     )
     calibrated = screen.replace(**changed, is_placeholder=False, calibration=calibration)
@@ -99,6 +119,13 @@ def calibrated_finger(finger: Finger, fit: Fit) -> Finger:
     """Return the finger with which the fit predicts.
 
     Its numbers belong together: a single one is measured only if the fit determines it.
+
+    Parameters
+    ----------
+    finger : Finger
+        The finger before.
+    fit : Fit
+        What was fitted.
     """
     fitted = finger_at(finger, {name: fit.best(name) for name in PER_FINGER})
     return fitted.replace(theory=fit.theory or finger.theory)
@@ -281,3 +308,51 @@ class _Curves:
             for volts, log_mu in (self.at(force, exp(side * self._log_sd)) for side in (-1, 1))
         )
         return float(abs(high - low)) / 2
+
+
+@dataclass(frozen=True)
+class ProfileCheck:
+    """Strokes against a profile.
+
+    Parameters
+    ----------
+    strokes : tuple of HeldOutStroke
+        Every good stroke and its prediction.
+    drifts : mapping of str to Drift
+        Of "all" strokes, and of those "without_voltage" and "with_voltage": another finger or
+        cleaning shifts both, a changed insulator or drive the driven ones alone.
+    """
+
+    strokes: tuple[HeldOutStroke, ...]
+    drifts: dict[str, Drift]
+
+    @property
+    def passed(self) -> bool:
+        """Whether friction of all, and of the driven strokes, is within half a JND."""
+        return all(self.drifts[name].is_within for name in ("all", "with_voltage"))
+
+    @property
+    def verdict(self) -> Literal["passed", "failed"]:
+        """The same in a word."""
+        return "passed" if self.passed else "failed"
+
+
+def check_profile(reduced: Reduced, predictor: StrokePredictor) -> ProfileCheck:
+    """Compare all good strokes with a predictor of the profiles, none of which it was fitted to.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two good strokes with a voltage.
+    """
+    points = [point for point in reduced.points if not point.outlier]
+    driven = np.array([point.voltage_v > 0 for point in points], dtype=bool)
+    if driven.sum() < FEWEST_OF_GROUP:
+        raise InputError(
+            f"expected {FEWEST_OF_GROUP} good strokes with a voltage or more, got {driven.sum()}"
+        )
+    rows = HeldOutStroke.predicted(points, predictor)
+    residuals = np.array([one.residual_jnd for one in rows])
+    groups = {"all": residuals, "with_voltage": residuals[driven]}
+    groups["without_voltage"] = residuals[~driven]
+    return ProfileCheck(rows, {name: Drift.of(values) for name, values in groups.items()})

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from itertools import chain, cycle, islice, product
-from math import pi
+from math import ceil, pi
 from typing import Annotated, Self
 
 import numpy as np
@@ -31,18 +31,25 @@ SWEEP_HZ = (30.0, 60.0, 300.0, 1000.0, 4000.0)
 CARRIER_HZ = 4000.0
 """Frequency at which `haptix render` plays."""
 
-# Normal force [N], share of the highest voltage, frequency [Hz]: where the screen is used, light
-# and firm, at the carrier and at the highest voltage. A short protocol takes the first ones.
+USUAL_MM_PER_S, _SLOW, _FAST = 50.0, 25.0, 100.0
+LONG_CONTACT_S = 12.0
+"""Time that one held-out stroke slides to and fro: by then a covered skin is nearly as soft as it
+gets (term "occlusion")."""
+
+# Normal force [N], share of the highest voltage, frequency [Hz], speed [mm/s] and time of sliding
+# [s]: where the screen is used, light and firm, slow and fast, at the carrier and at the highest
+# voltage. A short protocol takes the first ones.
 _HELD_OUT = (
-    (0.2, 1.0, CARRIER_HZ),
-    (0.8, 1.0, CARRIER_HZ),
-    (0.2, 0.75, FREQUENCY_HZ),
-    (0.8, 0.75, FREQUENCY_HZ),
-    (0.4, 0.875, CARRIER_HZ),
-    (0.6, 1.0, FREQUENCY_HZ),
-    (0.6, 0.875, 60.0),
-    (0.4, 0.875, 500.0),
+    (0.2, 1.0, CARRIER_HZ, _SLOW),
+    (0.8, 1.0, CARRIER_HZ, _FAST),
+    (0.2, 0.75, FREQUENCY_HZ, _FAST),
+    (0.8, 0.75, FREQUENCY_HZ, _SLOW, LONG_CONTACT_S),
+    (0.4, 0.875, CARRIER_HZ, _SLOW),
+    (0.6, 1.0, FREQUENCY_HZ, _FAST),
+    (0.6, 0.875, 60.0, _SLOW),
+    (0.4, 0.875, 500.0, _FAST),
 )
+_COLUMNS = "normal_force_n", "voltage_v", "frequency_hz", "speed_mm_per_s", "contact_s"
 # Of a short protocol.
 _FREQUENCIES_HZ = (30.0, 60.0, 125.0, 300.0, 1000.0, 4000.0)
 _VOLTAGE_SHARES = (0.0, 0.5, 0.75, 1.0)
@@ -68,6 +75,8 @@ class Stroke(Part):
         Force [N] to hold, amplitude [V] and frequency [Hz] of the sine that is played.
     speed_mm_per_s, length_mm : float
         Speed [mm/s] and length [mm] of the slide.
+    contact_s : float
+        Least time [s] that the finger slides to and fro without lifting; 0: once.
     there_and_back : bool
         Whether the finger slides back under the same drive, which cancels the sensor's cross-talk.
     held_out : bool
@@ -78,7 +87,8 @@ class Stroke(Part):
     normal_force_n: PositiveFloat
     voltage_v: Annotated[float, Field(ge=0)]
     frequency_hz: PositiveFloat
-    speed_mm_per_s: PositiveFloat = 50.0
+    speed_mm_per_s: PositiveFloat = USUAL_MM_PER_S
+    contact_s: Annotated[float, Field(ge=0, le=60, exclude_if=lambda one: one == 0.0)] = 0.0
     length_mm: PositiveFloat = 40.0
     there_and_back: bool = True
     held_out: bool = False
@@ -87,15 +97,22 @@ class Stroke(Part):
     def label(self) -> str:
         """One line for the person at the screen."""
         return (
-            f"stroke {self.number}: {self.normal_force_n:g} N, {self.length_mm:g} mm"
-            f"{' and back' * self.there_and_back} at {self.speed_mm_per_s:g} mm/s, "
-            f"{self.voltage_v:g} V at {self.frequency_hz:g} Hz"
+            f"stroke {self.number}: {self.normal_force_n:g} N, {self.length_mm:g} mm {self.ways} "
+            f"at {self.speed_mm_per_s:g} mm/s, {self.voltage_v:g} V at {self.frequency_hz:g} Hz"
         )
+
+    @property
+    def ways(self) -> str:
+        """In which directions it slides, and how often."""
+        if self.contact_s:
+            return f"to and fro for {self.sliding_s:.0f} s without lifting"
+        return "there and back" if self.there_and_back else "one way"
 
     @property
     def slides(self) -> int:
         """Number of times that the finger slides the length."""
-        return 1 + self.there_and_back
+        to_and_fro = 2 * ceil(self.contact_s * self.speed_mm_per_s / (2 * self.length_mm))
+        return max(1 + self.there_and_back, to_and_fro)
 
     @property
     def sliding_s(self) -> float:
@@ -118,6 +135,8 @@ class Protocol(Document):
         Time for one stroke with its prompt [s], for the estimate of the total time.
     strokes : tuple of Stroke
         Numbers are unique.
+    looks : int
+        How often the verdict is looked at: once, and again after strokes were added to decide it.
     """
 
     name: str = "custom"
@@ -125,6 +144,7 @@ class Protocol(Document):
     tolerance: Annotated[float, Field(gt=0, lt=1)] = 0.15
     seconds_per_stroke: PositiveFloat = 9.0
     strokes: tuple[Stroke, ...]
+    looks: Annotated[int, Field(ge=1, le=9, exclude_if=lambda one: one == 1)] = 1
 
     @model_validator(mode="after")
     def _has_strokes(self) -> Self:
@@ -145,40 +165,78 @@ class Protocol(Document):
     ) -> Self:
         """Number strokes in random order, so that a finger that dries does not look like a force.
 
-        `fitted` and `held_out` have normal force [N], amplitude [V] and frequency [Hz] of each; an
-        amplitude whose current no driver may play is lowered to one that it may.
+        An amplitude whose current no driver may play is lowered to one that it may.
+
+        Parameters
+        ----------
+        name : str
+            Name of the protocol.
+        fitted, held_out : iterable
+            Normal force [N], amplitude [V] and frequency [Hz] of each stroke, and where they
+            are not the usual ones speed [mm/s] and time of sliding [s].
+        there_and_back : bool
+            Whether each is made in both directions.
         """
         rows = [(row, False) for row in fitted] + [(row, True) for row in held_out]
         order = np.random.default_rng(_SHUFFLE_SEED).permutation(len(rows)).tolist()
         strokes = [
-            Stroke(
-                number=number,
-                normal_force_n=force,
-                voltage_v=round(min(volts, _PLAYABLE_V_PER_S / (2 * pi * hertz)), 3),
-                frequency_hz=hertz,
-                there_and_back=there_and_back,
-                held_out=is_held_out,
-            )
+            _stroke(number, row, is_held_out, there_and_back)
             for number, index in enumerate(order, start=1)
-            for (force, volts, hertz), is_held_out in [rows[index]]
+            for row, is_held_out in [rows[index]]
         ]
         return cls(name=name, strokes=tuple(strokes))
 
     @property
+    def held_out(self) -> tuple[Stroke, ...]:
+        """Strokes that are kept out of the fit."""
+        return tuple(one for one in self.strokes if one.held_out)
+
+    def extended(self, count: int) -> Self:
+        """Return the protocol with more held-out strokes, `count` in all, at its end."""
+        last, before = max(one.number for one in self.strokes), len(self.held_out)
+        highest = max(one.voltage_v for one in self.strokes)
+        more = [
+            _stroke(last + number, row, True, self.strokes[0].there_and_back)
+            for number, row in enumerate(_held_out(count, highest)[before:], start=1)
+        ]
+        return self.replace(strokes=(*self.strokes, *more), looks=self.looks + 1)
+
+    @property
     def duration_s(self) -> float:
         """Estimated time at the screen [s]."""
-        return len(self.strokes) * self.seconds_per_stroke
+        long_s = sum(one.contact_s for one in self.strokes)
+        return len(self.strokes) * self.seconds_per_stroke + long_s
+
+
+def _stroke(number: int, row: Sequence[float], held_out: bool, there_and_back: bool) -> Stroke:
+    known = dict(zip(_COLUMNS, row, strict=False))
+    playable_v = _PLAYABLE_V_PER_S / (2 * pi * known["frequency_hz"])
+    known["voltage_v"] = round(min(known["voltage_v"], playable_v), 3)
+    ways = {"there_and_back": there_and_back, "held_out": held_out}
+    return Stroke.model_validate({"number": number, **known, **ways})
 
 
 def paper_protocol(max_voltage_v: float = 200.0) -> Protocol:
-    """Return the paper's 25 strokes, one way each, and 6 more that are held out."""
+    """Return the paper's 25 strokes, one way each, and 6 more that are held out.
+
+    Examples
+    --------
+    >>> len(paper_protocol().strokes) > 10
+    True
+    """
     grid = product(FORCES_N, VOLTAGES_V, [FREQUENCY_HZ])
     rows = _scaled(grid, max_voltage_v), _held_out(6, max_voltage_v)
     return Protocol.shuffled("paper", *rows, there_and_back=False)
 
 
 def full_protocol(max_voltage_v: float = 200.0) -> Protocol:
-    """Return the paper's strokes and a frequency sweep at the highest voltage, there and back."""
+    """Return the paper's strokes and a frequency sweep at the highest voltage, there and back.
+
+    Examples
+    --------
+    >>> len(full_protocol().strokes) > 10
+    True
+    """
     grid = product(FORCES_N, VOLTAGES_V, [FREQUENCY_HZ])
     sweep = product(FORCES_N, VOLTAGES_V[-1:], SWEEP_HZ)
     rows = _scaled(chain(grid, sweep), max_voltage_v), _held_out(8, max_voltage_v)
@@ -193,8 +251,10 @@ def _scaled(rows: Iterable[Sequence[float]], max_voltage_v: float) -> list[Seque
 
 def _held_out(count: int, max_voltage_v: float) -> list[Sequence[float]]:
     highest = min(max_voltage_v, VOLTAGES_V[-1])
-    places = islice(cycle(_HELD_OUT), count)
-    return [(force, share * highest, hertz) for force, share, hertz in places]
+    # One long contact: what changes within it is seen by itself.
+    again = [one[:4] for one in _HELD_OUT]
+    places = islice(chain(_HELD_OUT, cycle(again)), count)
+    return [(force, share * highest, *others) for force, share, *others in places]
 
 
 def with_held_out(protocol: Protocol, count: int, max_voltage_v: float) -> Protocol:
@@ -247,7 +307,17 @@ def short_protocol(
     taken at the parameters' start, from which the true values may differ as their priors say; the
     screen's insulator is therefore tried at half and at twice its value as well.
 
-    It takes `minutes` at the screen, with `held_out` strokes that are kept for verification.
+    Parameters
+    ----------
+    predictor : StrokePredictor
+    parameters : Parameters
+        What is to be fitted.
+    minutes : float
+        Time at the screen [min], the long contact of one stroke included.
+    max_voltage_v : float
+        Highest amplitude [V].
+    held_out : int
+        How many strokes are kept for verification.
 
     Raises
     ------
@@ -258,7 +328,8 @@ def short_protocol(
     places = np.array(list(product(FORCES_N, volts, _FREQUENCIES_HZ)))
     # Without voltage the frequency changes nothing: one of them is enough.
     places = places[(places[:, 1] > 0) | (places[:, 2] == FREQUENCY_HZ)]
-    strokes = StrokeConditions(places[:, 0], places[:, 1], places[:, 2], np.full(len(places), 50.0))
+    speeds = np.full(len(places), USUAL_MM_PER_S)
+    strokes = StrokeConditions(places[:, 0], places[:, 1], places[:, 2], speeds)
     h0 = parameters["h0_m"].value
     cases = [
         expected_rows(predictor, parameters.started_at(h0_m=factor * h0), strokes)
@@ -271,11 +342,12 @@ def short_protocol(
             "lower it"
         )
     each_s = float(Protocol.model_fields["seconds_per_stroke"].default)
-    count, least = int(60 * minutes / each_s + 1e-9), _FEWEST_FITTED + held_out
+    count = int((60 * minutes - LONG_CONTACT_S) / each_s + 1e-9)
+    least = _FEWEST_FITTED + held_out
     if count < least:
         raise InputError(
             f"minutes: expected time for {least} strokes of {each_s:g} s or more "
-            f"({least * each_s / 60:.2g} minutes), got {minutes:g} minutes"
+            f"({(least * each_s + LONG_CONTACT_S) / 60:.2g} minutes), got {minutes:g} minutes"
         )
     prior = parameters.prior_information() + 1e-6 * np.eye(len(parameters.free))
     information = np.stack([prior] * len(cases))

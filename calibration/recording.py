@@ -20,19 +20,23 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from calibration.parameters import Array
 from calibration.protocol import Stroke
+from haptix.display import Displayed, axes_or_new
 from haptix.documents import first_error
 from haptix.errors import FileFormatError, InputError, from_extra
 from haptix.files import parse_json, reading, write_whole
 
 with from_extra("calibration"):
     import h5py
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 SIGNALS: Mapping[str, str] = {
     "t_s": "s",
@@ -71,7 +75,7 @@ class Conditions:
 
 
 @dataclass(frozen=True)
-class StrokeRecording:
+class StrokeRecording(Displayed):
     """One stroke as recorded; every signal has shape (samples,).
 
     Parameters
@@ -111,7 +115,17 @@ class StrokeRecording:
     def of(
         cls, stroke: Stroke, signals: Mapping[str, Array], conditions: Conditions | None = None
     ) -> StrokeRecording:
-        """Take signals by their names; other ones are ignored."""
+        """Take signals by their names; other ones are ignored.
+
+        Parameters
+        ----------
+        stroke : Stroke
+            What was measured.
+        signals : mapping of str to array
+            Signals by their names; other names are ignored.
+        conditions : Conditions, optional
+            Temperature, humidity and the like.
+        """
         t, normal, tangential, x, drive = (signals[name] for name in SIGNALS)
         return cls(stroke, t, normal, tangential, x, drive, conditions or Conditions())
 
@@ -120,6 +134,26 @@ class StrokeRecording:
         """Samples per second, from the median step in time."""
         step = float(np.median(np.diff(self.t_s)))
         return 1 / step if step > 0 else float("nan")
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw both forces along the stroke.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Axes of matplotlib to draw into; without them, those of a new figure.
+
+        Returns
+        -------
+        Axes
+            The axes of the forces.
+        """
+        ax = axes_or_new(ax)
+        ax.plot(self.x_mm, self.normal_force_n, label="normal")
+        ax.plot(self.x_mm, self.tangential_force_n, label="tangential")
+        ax.set(xlabel="x (mm)", ylabel="force (N)", title=f"stroke {self.stroke.number}")
+        ax.legend()
+        return ax
 
     def save(self, path: str | Path) -> None:
         """Write HDF5, whole or not at all.

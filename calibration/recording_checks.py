@@ -12,7 +12,7 @@ from calibration.recording import SIGNALS, StrokeRecording
 from calibration.segmentation import Segment, full_slip, sliding_speed
 
 _IDLE_USED = 0.8  # of the untouched time, away from the touch
-_HIGHEST_MU = 20.0  # friction of a finger under voltage stays well below
+_HIGHEST_MU = 5.0  # as in `haptix.limits`: above it ozf or mN were read as N
 _LOST_SHARE = 0.01
 _ZERO_SHARE = 0.2  # of the planned force: a larger offset means that the sensor was not zeroed
 _PARTS = 8  # of the untouched time
@@ -25,9 +25,12 @@ _LOWEST_RATE_HZ = 1000.0  # ripples of the usual 125 Hz, and every start and sto
 _LEAST_ALIAS_HZ = 20.0  # a ripple that looks slower than this does not average out in a slide
 _HELD_SHARE = 0.4  # of repeated samples: every other one gives 0.5
 _RIGID = 0.15  # of the tremor of the normal force: friction under voltage shows a third or more
+_BENT, _BENT_FAR = 0.01, 0.05  # of a force: a zero that is bent is corrected, or refused
+_SURELY_BENT = 6.0  # standard errors of the slopes of the idle parts
+_LEAK_AGREES = 0.35  # of the time constants by the level and by the slope after the touch
 _FLAT_SKEW = -0.5  # of the tangential force's fast part: a sine has 0, a spike above it
 
-_FORCE_UNITS = {"mN": 1e3, "gf": 101.97, "kgf": 0.10197, "lbf": 0.22481, "uN": 1e6}
+_FORCE_UNITS = {"mN": 1e3, "gf": 101.97, "kgf": 0.10197, "lbf": 0.22481, "ozf": 3.5969, "uN": 1e6}
 _LENGTH_UNITS = {"m": 1e-3, "cm": 0.1, "inch": 1 / 25.4, "um": 1e3}
 _FORCES = ("normal_force_n", "tangential_force_n")
 
@@ -95,6 +98,7 @@ def check_recording(
     findings += forces
     if not forces:  # in a wrong unit no other check of the forces means anything
         findings += checks.zero()
+        findings += checks.bent()
         findings += checks.off_target(tolerance)
         if not any(one.kind == "clipped force" for one in findings):
             findings += checks.flattened()
@@ -110,6 +114,76 @@ def idle_parts(recording: StrokeRecording, idle_s: float) -> tuple[slice, slice]
     first = int(np.searchsorted(t, t[0] + used))
     last = int(np.searchsorted(t, t[-1] - used))
     return slice(0, max(first, 1)), slice(min(last, len(t) - 1), len(t))
+
+
+@dataclass(frozen=True)
+class Zero:
+    """Reading without a force, from the idle parts: a line, or a cubic where their slopes differ.
+
+    Parameters
+    ----------
+    times_s, levels, slopes : (float, float)
+        Middle of both idle parts, mean and slope there.
+    error : float
+        Standard error of a slope; infinite where a part is too short to tell.
+    """
+
+    times_s: tuple[float, float]
+    levels: tuple[float, float]
+    slopes: tuple[float, float]
+    error: float
+
+    @classmethod
+    def of(cls, recording: StrokeRecording, name: str, idle_s: float) -> Zero:
+        """Fit both idle parts of a signal; the errors are of means of parts, whatever the hum."""
+        rows = []
+        for part in idle_parts(recording, idle_s):
+            blocks = np.array_split(np.arange(part.start, part.stop), _PARTS)
+            filled = [one for one in blocks if len(one)]
+            t, y = (
+                np.array([values[one].mean() for one in filled])
+                for values in (recording.t_s, getattr(recording, name))
+            )
+            slope, error = 0.0, np.inf
+            if len(filled) == _PARTS:
+                off = t - t.mean()
+                slope = float(off @ y / (off @ off))
+                rest = y - y.mean() - slope * off
+                error = float(np.sqrt(rest @ rest / (_PARTS - 2) / (off @ off)))
+            rows.append((float(t.mean()), float(y.mean()), slope, error))
+        times, levels, slopes, errors = zip(*rows, strict=True)
+        return cls(times, levels, slopes, float(np.sqrt(np.mean(np.square(errors)))))
+
+    @property
+    def lasts_s(self) -> float:
+        """Time between the middles of both parts."""
+        return self.times_s[1] - self.times_s[0]
+
+    @property
+    def _beside_line(self) -> tuple[float, float]:
+        """Slopes less that of the line, where one of them surely differs from it."""
+        line = (self.levels[1] - self.levels[0]) / self.lasts_s
+        off = self.slopes[0] - line, self.slopes[1] - line
+        is_bent = max(map(abs, off)) > _SURELY_BENT * self.error
+        return off if is_bent else (0.0, 0.0)
+
+    @property
+    def bend(self) -> float:
+        """Largest distance of the cubic from the line."""
+        share = np.linspace(0.0, 1.0, 101)
+        return float(np.abs(self._cubic(share)).max())
+
+    def _cubic(self, share: Array) -> Array:
+        """Hermite's cubic of the slopes beside the line."""
+        first, last = self._beside_line
+        rest = 1 - share
+        return np.asarray(self.lasts_s * share * rest * (first * rest - last * share))
+
+    def at(self, t_s: Array) -> Array:
+        """Return the reading at some times, shape (samples,)."""
+        share = (t_s - self.times_s[0]) / self.lasts_s
+        line = self.levels[0] + share * (self.levels[1] - self.levels[0])
+        return np.asarray(line + self._cubic(share.clip(0, 1)))
 
 
 def drive_amplitude(recording: StrokeRecording, segments: list[Segment]) -> float:
@@ -248,6 +322,11 @@ def _unit(
     return next((unit for unit, factor in units.items() if low < ratio / factor < high), None)
 
 
+def force_unit(ratio: float) -> str | None:
+    """Unit of a force that reads `ratio` times as much as in newtons; None where none fits."""
+    return _unit(ratio, _FORCE_UNITS)
+
+
 def _still_sliding(recording: StrokeRecording) -> bool:
     speed = np.abs(sliding_speed(recording.t_s, recording.x_mm))
     return bool(speed[-3:].mean() > 0.5 * recording.stroke.speed_mm_per_s)
@@ -337,7 +416,7 @@ class _SlidingChecks:
                 return
 
     def end(self) -> Iterator[Finding]:
-        if len({segment.direction for segment in self.segments}) < self.stroke.slides:
+        if len({segment.direction for segment in self.segments}) < min(self.stroke.slides, 2):
             yield Finding(
                 "stopped half-way",
                 "expected the finger to slide there and back, got one direction; repeat the stroke",
@@ -396,7 +475,7 @@ class _SlidingChecks:
                 f"expected a normal force of {planned:g} N, got {normal:.3g} N; give the column "
                 "scale = -1",
             )
-        elif unit := _unit(normal / planned, _FORCE_UNITS):
+        elif unit := force_unit(normal / planned):
             yield _wrong_unit(f"a normal force of {planned:g} N", normal, unit)
         elif abs(normal) < _DEAD_MU * planned < abs(drag):
             yield _dead("normal_force_n", f"reads {normal:.2g} N in a slide with friction")
@@ -414,7 +493,8 @@ class _SlidingChecks:
             unit = "kgf" if mu < 0.05 else "lbf"
             yield _wrong_unit(f"mu above {_LOWEST_MU:g}, with a tangential force in N", mu, unit)
         elif mu > _HIGHEST_MU:
-            yield _wrong_unit(f"mu below {_HIGHEST_MU:g}, with a tangential force in N", mu, "mN")
+            unit = "mN" if mu > 10 * _HIGHEST_MU else "ozf"
+            yield _wrong_unit(f"mu below {_HIGHEST_MU:g}, with a tangential force in N", mu, unit)
 
     def zero(self) -> Iterator[Finding]:
         for name in _FORCES:
@@ -426,6 +506,44 @@ class _SlidingChecks:
                     "sensor so that its range is not used up",
                     is_fatal=False,
                 )
+
+    def bent(self) -> Iterator[Finding]:
+        """A zero that curves between the idle parts: a sensor that warms up, or a leak of charge.
+
+        A charge amplifier forgets a force: what it loses during the touch stands below zero after
+        it, and comes back at the same rate.
+        """
+        t, planned = self.recording.t_s, self.stroke.normal_force_n
+        for name in _FORCES:
+            values = getattr(self.recording, name)
+            zero = Zero.of(self.recording, name, self.idle_s)
+            ways = {segment.direction for segment in self.segments}
+            size = max(abs(self.level(name, way)) for way in ways)
+            if zero.bend <= _BENT * size:
+                continue
+            left = zero.levels[1] - zero.levels[0]
+            until = t <= zero.times_s[1]
+            charge = float(np.trapezoid((values - zero.levels[0])[until], t[until]))
+            by_level, by_slope = -left / charge if charge else 0.0, -zero.slopes[1] / (left or 1.0)
+            is_leak = by_level > 0 and abs(by_slope / by_level - 1) < _LEAK_AGREES
+            if is_leak and abs(zero.slopes[0]) < _SURELY_BENT * zero.error:
+                yield Finding(
+                    "leaking charge",
+                    f"{name} falls back with a time constant of {1 / by_level:.2g} s, as a charge "
+                    f"amplifier does: after the touch it reads {left:.3g} N; set its longest time "
+                    "constant, or take a sensor that measures at rest",
+                )
+                continue
+            if 2 * abs(self.drift("normal_force_n")) > _EARLY_SHARE * planned:
+                continue  # the finger is still on the screen
+            is_far = zero.bend > _BENT_FAR * size
+            remedy = "let the sensor warm up, and repeat" if is_far else "it is subtracted"
+            yield Finding(
+                "bent zero",
+                f"the zero of {name} bends by {zero.bend:.2g} N ({zero.bend / size:.1%} of the "
+                f"force) between begin and end of the recording; {remedy}",
+                is_fatal=is_far,
+            )
 
     def off_target(self, tolerance: float) -> Iterator[Finding]:
         mean_speed = self.mean(np.abs(sliding_speed(self.recording.t_s, self.recording.x_mm)))

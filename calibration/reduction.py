@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
-from math import hypot, nan, sqrt
+from math import hypot, log, nan, sqrt
 from pathlib import Path
 from typing import Annotated
 
@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from calibration.recording import StrokeRecording
-from calibration.recording_checks import check_recording, drive_amplitude, idle_parts
+from calibration.recording_checks import Zero, check_recording, drive_amplitude, idle_parts
 from calibration.segmentation import Segment, full_slip, sliding_speed
 from haptix.documents import first_error
 from haptix.errors import FileFormatError, InputError
@@ -49,6 +49,11 @@ class Point:
         mu in one direction; NaN for one-way strokes.
     creep : float
         Relative change of mu for each e-fold of the time in contact; NaN where it was not found.
+    contact_s : float
+        Time in contact [s] at the end of the last slide.
+    rise, rise_sd : float
+        Change of ln mu from the first slides of a long contact to its last ones, and its error; NaN
+        of other strokes. Everything else is of the first slides.
     held_out : bool
         Whether it is kept for verification.
     outlier : str
@@ -68,6 +73,9 @@ class Point:
     ripple_sd: Annotated[float, Heading("sd of ripple", ".2g")]
     crosstalk: float = nan
     creep: float = nan
+    contact_s: float = nan
+    rise: float = nan
+    rise_sd: float = nan
     held_out: Annotated[bool, Heading("kept out")] = False
     outlier: str = ""
     notes: tuple[str, ...] = ()
@@ -132,7 +140,8 @@ class Reduced:
 
 
 _COLUMNS = [field.name for field in fields(Point)]
-_REQUIRED = [name for name in _COLUMNS if name != "creep"]  # older tables have none
+_LATER = {"creep", "contact_s", "rise", "rise_sd"}  # older tables have none
+_REQUIRED = [name for name in _COLUMNS if name not in _LATER]
 
 
 def reduce_session(
@@ -140,9 +149,14 @@ def reduce_session(
 ) -> Reduced:
     """Reduce recordings; a stroke that cannot be used has the reason in its `outlier`.
 
-    Each is untouched for `idle_s` at its start and end [s]. `crosstalk` is the share of the normal
-    force that the sensor's tangential axis shows, by its certificate. It is subtracted from strokes
-    of one direction; there and back it cancels.
+    Parameters
+    ----------
+    recordings : iterable of StrokeRecording
+    idle_s : float
+        Time [s] at start and end of each in which nothing touches.
+    crosstalk : float
+        Share of the normal force that the sensor's tangential axis shows, by its certificate;
+        subtracted from strokes of one direction, since there and back it cancels.
     """
     points = [reduce_stroke(one, idle_s, crosstalk) for one in recordings]
     if not points:
@@ -173,6 +187,14 @@ def reduce_stroke(recording: StrokeRecording, idle_s: float = 0.3, crosstalk: fl
     segments = full_slip(recording.t_s, recording.x_mm, normal)
     if not segments:
         return replace(blank, outlier="no sliding: no part of the stroke slides in full")
+    creep, contact_s = _creep(recording, segments)
+    rise = rise_sd = nan
+    if stroke.contact_s and len(segments) >= 4:
+        ends = segments[:2], segments[-2:]
+        (first, first_sd), (last, last_sd) = (_both_ways(recording, one) for one in ends)
+        if min(first, last) > 0:
+            rise, rise_sd = log(last / first), hypot(first_sd / first, last_sd / last)
+        segments = segments[:2]
     speed = np.abs(sliding_speed(recording.t_s, recording.x_mm))
     rows = []  # direction, mu, its error, force and speed of each direction
     for direction in sorted({segment.direction for segment in segments}):
@@ -202,26 +224,27 @@ def reduce_stroke(recording: StrokeRecording, idle_s: float = 0.3, crosstalk: fl
         ripple=ripple,
         ripple_sd=ripple_sd,
         crosstalk=nan if is_one_way else float(ratios.mean()),
-        creep=_creep(recording, segments) / mu,
+        creep=creep / mu,
+        contact_s=contact_s,
+        rise=rise,
+        rise_sd=rise_sd,
     )
 
 
 def without_drift(recording: StrokeRecording, idle_s: float) -> StrokeRecording:
-    """Subtract from both forces a straight line between the idle parts.
+    """Subtract from both forces the line or the cubic through their idle parts.
 
     Where the finger is still on the screen at the end, only the zero before the touch.
     """
     before, after = idle_parts(recording, idle_s)
     t, normal = recording.t_s, recording.normal_force_n
-    share = (t - t[before].mean()) / (t[after].mean() - t[before].mean())
     rise_n = abs(normal[after].mean() - normal[before].mean())
-    if rise_n > 0.3 * recording.stroke.normal_force_n:
-        share = np.zeros_like(t)
+    has_lifted = rise_n <= 0.3 * recording.stroke.normal_force_n
     flat = {}
     for name in ("normal_force_n", "tangential_force_n"):
         values = getattr(recording, name)
-        start, end = values[before].mean(), values[after].mean()
-        flat[name] = values - start - share * (end - start)
+        zero = Zero.of(recording, name, idle_s).at(t) if has_lifted else values[before].mean()
+        flat[name] = values - zero
     return replace(recording, **flat)
 
 
@@ -244,8 +267,18 @@ def _ratio(recording: StrokeRecording, segment: Segment) -> tuple[float, float]:
     return ratio, spread / sqrt(max(len(blocks), 1)) / abs(float(press.mean()))
 
 
-def _creep(recording: StrokeRecording, segments: list[Segment]) -> float:
-    """Slope of the friction over ln(time in contact); cross-talk is the same at all times."""
+def _both_ways(recording: StrokeRecording, segments: list[Segment]) -> tuple[float, float]:
+    """Mean friction of slides in both directions, in which cross-talk cancels, and its error."""
+    ratio, sd = np.array([_ratio(recording, one) for one in segments]).T
+    directions = [one.direction for one in segments]
+    return float((directions * ratio).mean()), float(np.linalg.norm(sd)) / len(segments)
+
+
+def _creep(recording: StrokeRecording, segments: list[Segment]) -> tuple[float, float]:
+    """Slope of the friction over ln(time in contact), and that time [s] at the end.
+
+    Cross-talk is the same at all times.
+    """
     normal = recording.normal_force_n
     touching = normal > _TOUCHING * np.median(normal[segments[0].samples])
     begun = float(recording.t_s[int(touching.argmax())])
@@ -258,12 +291,13 @@ def _creep(recording: StrokeRecording, segments: list[Segment]) -> float:
             if lasted > 0:
                 way = float(segment.direction)
                 rows.append((ratio, way, way * np.log(lasted), 1.0))
+    contact_s = float(recording.t_s[segments[-1].stop - 1]) - begun
     if len(rows) < _BLOCKS:
-        return nan
+        return nan, contact_s
     table = np.array(rows)
     # One way only: cross-talk and friction are one number.
     columns = table[:, 1:] if len(set(table[:, 1])) > 1 else table[:, 1:3]
-    return float(np.linalg.lstsq(columns, table[:, 0], rcond=None)[0][1])
+    return float(np.linalg.lstsq(columns, table[:, 0], rcond=None)[0][1]), contact_s
 
 
 def _hum(recording: StrokeRecording, idle_s: float) -> float:

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration.fit import Fit, TermNeed
+from calibration.gauge import ControlChart
 from calibration.parameters import Array
 from calibration.predict import StrokeConditions, StrokePredictor
 from calibration.protocol import FORCES_N
@@ -48,8 +49,25 @@ def write_report(
 ) -> None:
     """Write the page, or raise `FileFormatError`.
 
-    The screen is as calibrated, or as it was assumed where no profile was written since the
-    insulator is not determined. `recordings` are the strokes, whose raw traces are shown.
+    Parameters
+    ----------
+    path : str or Path
+    screen : Screen
+        As calibrated; as it was assumed where the insulator is not determined.
+    fit : Fit
+        What was fitted.
+    reduced : Reduced
+        The reduced strokes.
+    verification : Verification
+        The verdict.
+    predictor : StrokePredictor
+        The model of the fit.
+    needs : sequence of TermNeed
+        Which terms the strokes show.
+    profile_is_written : bool
+        Whether there is a profile beside it.
+    recordings : sequence of StrokeRecording
+        The strokes, whose raw traces are shown.
     """
     calibration, verdict = screen.calibration, verification.verdict
     about, rests_on = "", tuple[str, ...]()
@@ -321,3 +339,15 @@ def _points(across: Array, values: Array, low: float, high: float) -> str:
     ends = np.minimum.reduceat(up, edges), np.maximum.reduceat(up, edges)
     pairs = zip(across[edges], *ends, strict=True)
     return " ".join(f"{x:.1f},{a:.1f} {x:.1f},{b:.1f}" for x, a, b in pairs)
+
+
+def chart_picture(chart: ControlChart) -> Figure:
+    """Draw a control chart [JND]."""
+    figure = Figure(figsize=(9, 2.6), layout="constrained")
+    axes = figure.subplots()
+    axes.plot(range(1, len(chart.values) + 1), chart.values, "o-", color="#1f5fa8", ms=4, lw=1)
+    for value, style in ((chart.low, "--"), (chart.middle, "-"), (chart.high, "--")):
+        if np.isfinite(value):
+            axes.axhline(value, color="#b40426", lw=0.8, ls=style)
+    axes.set(xlabel="measurement", ylabel="change of friction [JND]")
+    return figure

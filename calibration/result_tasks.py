@@ -163,8 +163,8 @@ class Check(Task, command="calibrate check"):
     def run(self, context: Context) -> Result:
         """Compare."""
         from calibration.predict import StrokePredictor
+        from calibration.profile import check_profile
         from calibration.steps import reduce_folder
-        from calibration.verification import check_profile
         from haptix.friction import ContactModel
         from haptix.pair import described, first_line, profiles
 

@@ -7,9 +7,12 @@ reading of the volts do.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from datetime import UTC, date, datetime
-from math import hypot, isfinite, log, sqrt
+from itertools import pairwise
+from math import hypot, inf, isfinite, log, pi, sqrt
 from typing import Annotated, NamedTuple, Self
 
 import numpy as np
@@ -20,12 +23,13 @@ from scipy.optimize import least_squares
 from calibration.measuring import record_stroke
 from calibration.parameters import PER_RIG, Array
 from calibration.predict import sensor_gain
-from calibration.protocol import Stroke
-from calibration.recording_checks import sine_amplitude
+from calibration.protocol import CARRIER_HZ, FREQUENCY_HZ, Stroke
+from calibration.recording_checks import force_unit, sine_amplitude
+from calibration.reduction import Reduced
 from calibration.sources import ForceSource
 from firmware_io import Device
 from haptix.checks import positive
-from haptix.documents import Document
+from haptix.documents import Document, Part
 from haptix.errors import InputError
 from haptix.perception import WEBER_FRACTION
 
@@ -42,7 +46,8 @@ RIG = "rig.toml"
 # Of pole, resonance and quality: a tip's blow is not quite white, and a pole above a resonance is
 # seen little.
 _TAP_SPREADS = (0.2, 0.05, 0.3)
-_TESTED_V, _TESTED_HZ = 100.0, 125.0
+_STRAIGHT = 0.05  # by which two gains of one axis may differ
+_TESTED_SHARES = (0.25, 0.6, 1.0)  # of the highest amplitude: an amplifier may be weak there alone
 
 
 class TapResponse(NamedTuple):
@@ -99,19 +104,42 @@ def tap_response(t_s: Array, force_n: Array) -> TapResponse:
     return TapResponse(*np.exp(best.x[1:]).tolist())
 
 
+class VoltsRead(Part):
+    """An amplitude by a second instrument.
+
+    Parameters
+    ----------
+    frequency_hz, monitor_v : float
+        Frequency [Hz], and the amplitude [V] that the recordings show.
+    gain : float
+        Amplitude on the screen over that of the recordings.
+    """
+
+    frequency_hz: PositiveFloat
+    monitor_v: PositiveFloat
+    gain: PositiveFloat
+
+
 class RigCheck(Document):
-    """What known forces and volts read; each gain is the reading over the known value.
+    """What known forces and volts read; each gain of a force is the reading over the known value.
+
+    Known gains are taken off what the strokes read (`corrected`); what stays is their uncertainty.
 
     Parameters
     ----------
     normal_gain, tangential_gain : float
         Reading of each axis under a known weight over its force; 1 where sign, unit and scale are
         right.
+    second_tangential_gain : float or None
+        The same of the tangential axis under a second weight, or at another angle: it shows what
+        is no gain, such as friction of the pulley. None where it was not tried.
     force_gain_spread : float
         Relative standard uncertainty of either gain: that of the weight and of the reading.
     voltage_gain : float or None
-        Amplitude on the screen, by an instrument of its own, over that in the recordings; None
-        where no second instrument read it.
+        Amplitude on the screen over that in the recordings, where one number holds for all
+        amplitudes and frequencies.
+    volts : tuple of VoltsRead
+        The same at several amplitudes and frequencies.
     voltage_gain_spread : float
         Its relative standard uncertainty.
     pole_hz, resonance_hz, quality : float or None
@@ -125,8 +153,10 @@ class RigCheck(Document):
 
     normal_gain: float
     tangential_gain: float
+    second_tangential_gain: float | None = None
     force_gain_spread: PositiveFloat = 0.005
     voltage_gain: float | None = None
+    volts: tuple[VoltsRead, ...] = ()
     voltage_gain_spread: PositiveFloat = 0.005
     pole_hz: PositiveFloat | None = None
     resonance_hz: PositiveFloat | None = None
@@ -136,7 +166,7 @@ class RigCheck(Document):
 
     @model_validator(mode="after")
     def _is_finite(self) -> Self:
-        gains = self.normal_gain, self.tangential_gain, self._volts
+        gains = self.normal_gain, self.tangential_gain, self._volts, self._second
         if not all(isfinite(one) and one != 0 for one in gains):
             raise ValueError("expected gains that are finite and not 0: is a channel dead?")
         return self
@@ -144,6 +174,11 @@ class RigCheck(Document):
     @property
     def _volts(self) -> float:
         return 1.0 if self.voltage_gain is None else self.voltage_gain
+
+    @property
+    def _second(self) -> float:
+        second = self.second_tangential_gain
+        return self.tangential_gain if second is None else second
 
     def faults(self) -> list[str]:
         """Return what is wrong beyond the scale of a gain, and what to do."""
@@ -153,9 +188,15 @@ class RigCheck(Document):
             if gain < 0:
                 faults.append(f"the {name} force has the wrong sign: give its channel scale x -1")
             elif not 0.5 < gain < 2:
-                faults.append(
-                    f"the {name} force reads {gain:.3g} times a known weight: check its unit"
-                )
+                unit = force_unit(gain)
+                hint = f"is it in {unit}? Say so in the column map" if unit else "check its unit"
+                faults.append(f"the {name} force reads {gain:.3g} times a known weight: {hint}")
+        if abs(self._second / self.tangential_gain - 1) > _STRAIGHT:
+            faults.append(
+                f"the tangential force reads {self.tangential_gain:.3g} times one weight and "
+                f"{self._second:.3g} times another, expected the same within {_STRAIGHT:.0%}: let "
+                "the thread run free and level, and zero the sensor"
+            )
         if self._volts < 0:
             faults.append("voltage_gain: expected a ratio of amplitudes, above 0")
         return faults
@@ -175,18 +216,75 @@ class RigCheck(Document):
             if value is not None
         }
 
-    def friction_error(self, volts_power: Array) -> tuple[Array, Array]:
-        """Error of friction [JND] that the gains cause, its size and its standard uncertainty.
+    @property
+    def reads_volts(self) -> bool:
+        """Whether a second instrument read the volts."""
+        return self.voltage_gain is not None or bool(self.volts)
 
-        `volts_power` is d ln mu / d ln V, shape (strokes,).
-        """
-        ratio = abs(log(abs(self.tangential_gain / self.normal_gain)))
-        size = ratio + np.abs(volts_power * log(abs(self._volts)))
-        spread = np.hypot(
-            hypot(self.force_gain_spread, self.force_gain_spread),
-            volts_power * self.voltage_gain_spread,
+    @property
+    def knows_volts(self) -> bool:
+        """Whether they were read at three levels and two frequencies, or more."""
+        levels = Counter(one.frequency_hz for one in self.volts)
+        return sum(count >= len(_TESTED_SHARES) for count in levels.values()) >= 2
+
+    @property
+    def volts_spread(self) -> float:
+        """Relative standard uncertainty of the volts: of a reading, and between two of them."""
+        steps = [
+            abs(b.gain / a.gain - 1)
+            for a, b in pairwise(sorted(self.volts, key=lambda r: (r.frequency_hz, r.monitor_v)))
+            if a.frequency_hz == b.frequency_hz
+        ]
+        return hypot(self.voltage_gain_spread, max(steps, default=0.0) / 6)
+
+    @property
+    def highest_read_v(self) -> float:
+        """Highest amplitude [V] that was read; infinite where one gain holds for all."""
+        if not self.volts:
+            return inf if self.reads_volts else 0.0
+        return max(one.monitor_v * one.gain for one in self.volts)
+
+    def gain_of_volts(self, voltage_v: float, frequency_hz: float) -> float:
+        """Gain at an amplitude that the recordings show, by the readings at the next frequency."""
+        if not self.volts:
+            return self._volts
+        next_hz = min(
+            {one.frequency_hz for one in self.volts}, key=lambda hz: abs(log(hz / frequency_hz))
         )
-        return size / WEBER_FRACTION, spread / WEBER_FRACTION
+        read = sorted((r.monitor_v, r.gain) for r in self.volts if r.frequency_hz == next_hz)
+        return float(np.interp(voltage_v, *np.transpose(read)))
+
+    def corrected(self, reduced: Reduced) -> Reduced:
+        """Return reduced strokes without the gains; as they are where the rig has a fault.
+
+        A wrong sign or unit is no gain: `verify` refuses it.
+        """
+        if self.faults():
+            return reduced
+        ratio = self.normal_gain / self.tangential_gain
+        return Reduced(
+            tuple(
+                replace(
+                    one,
+                    normal_force_n=one.normal_force_n / self.normal_gain,
+                    voltage_v=one.voltage_v * self.gain_of_volts(one.voltage_v, one.frequency_hz),
+                    mu=ratio * one.mu,
+                    mu_sd=ratio * one.mu_sd,
+                )
+                for one in reduced.points
+            )
+        )
+
+    def friction_spread(self, volts_power: Array, force_power: Array) -> Array:
+        """Standard uncertainty of friction [JND] that the gains leave, shape (strokes,).
+
+        `volts_power` and `force_power` are d ln mu / d ln V and d ln mu / d ln F at the strokes.
+        """
+        normal = (1 + force_power) * self.force_gain_spread
+        bent = (self._second / self.tangential_gain - 1) / sqrt(3)
+        tangential = hypot(self.force_gain_spread, bent)
+        both = np.hypot(np.hypot(normal, tangential), volts_power * self.volts_spread)
+        return np.asarray(both / WEBER_FRACTION)
 
 
 def measure_rig(
@@ -195,6 +293,8 @@ def measure_rig(
     ask: Callable[[str], str],
     device: Device | None = None,
     record: Callable[[Stroke], Mapping[str, Array]] | None = None,
+    highest_v: float = 200.0,
+    second_weight_n: float | None = None,
 ) -> RigCheck:
     """Check a rig by its own instruments, a weight and a voltmeter.
 
@@ -207,9 +307,14 @@ def measure_rig(
     ask : callable
         Shows a prompt, returns when the person is ready, with what was typed.
     device : Device, optional
-        Plays 100 V at 125 Hz for the voltmeter; without it the volts are not checked.
+        Plays three amplitudes at 125 Hz and at 4 kHz for the voltmeter; without it the volts are
+        not checked.
     record : callable, optional
         Records one step; by default the source and the device do.
+    highest_v : float
+        Highest amplitude [V] of the strokes; at most what the driver allows is played.
+    second_weight_n : float, optional
+        Force along the screen of a second weight, or of the same one at another angle [N].
 
     Raises
     ------
@@ -217,8 +322,7 @@ def measure_rig(
         If a weight does not show, or what was typed is no number.
     """
     weight = positive("weight_n", weight_n)
-    still = Stroke(number=1, normal_force_n=weight, voltage_v=0.0, frequency_hz=_TESTED_HZ)
-    played = still.model_copy(update={"voltage_v": _TESTED_V})
+    still = Stroke(number=1, normal_force_n=weight, voltage_v=0.0, frequency_hz=FREQUENCY_HZ)
     take = record or (lambda stroke: record_stroke(stroke, source, device))
 
     def mean(prompt: str, name: str) -> float:
@@ -230,35 +334,51 @@ def measure_rig(
     free = take(still)
     zero = [float(np.median(free[name])) for name in forces]
     normal = mean(f"Put {weight:g} N on the screen's middle, then press Enter ", forces[0])
-    pull = (
-        f"Let {weight:g} N pull the screen towards growing x (a thread over a pulley), then Enter "
-    )
-    tangential = mean(pull, forces[1])
+
+    def pulled(by_n: float) -> float:
+        how = "towards growing x (a thread over a pulley), then Enter "
+        return (mean(f"Let {by_n:g} N pull the screen {how}", forces[1]) - zero[1]) / by_n
+
+    tangential = pulled(weight)
+    second = None
+    if second_weight_n is not None:
+        second = pulled(positive("second_weight_n", second_weight_n))
     ask("Take the weight off, press Enter and tap the screen's edge once along x, with metal ")
     tap = take(still)
     response = tap_response(tap["t_s"], tap[forces[1]])
-    gain: float | None = None
-    known = [f"weight: {weight:g} N"]
-    if device is not None:
-        ask(
-            f"Put a voltmeter on the screen: {_TESTED_V:g} V at {_TESTED_HZ:g} Hz play, then Enter "
-        )
-        signals = take(played)
-        monitor = _amplitude(signals, played)
-        typed = ask("What did it read [V rms]? ")
+    known, read = [f"weight: {weight:g} N"], []
+    for played in () if device is None else _played(still, device, highest_v):
+        at = f"{played.voltage_v:g} V at {played.frequency_hz:g} Hz"
+        ask(f"Put a voltmeter on the screen: {at} play, then Enter ")
+        monitor = _amplitude(take(played), played)
+        typed = ask(f"What did it read [V rms] of {at}? ")
         try:
             gain = positive("voltmeter", float(typed)) * sqrt(2) / monitor
         except ValueError:
             raise InputError(f"voltmeter: expected a number of volts, got {typed!r}") from None
-        known.append("voltmeter")
+        read.append(VoltsRead(frequency_hz=played.frequency_hz, monitor_v=monitor, gain=gain))
+    known += ["voltmeter"] * bool(read)
     return RigCheck(
         normal_gain=(normal - zero[0]) / weight,
-        tangential_gain=(tangential - zero[1]) / weight,
-        voltage_gain=gain,
+        tangential_gain=tangential,
+        second_tangential_gain=second,
+        volts=tuple(read),
         **response._asdict(),
         instruments=tuple(known),
         measured_on=today(),
     )
+
+
+def _played(still: Stroke, device: Device, highest_v: float) -> list[Stroke]:
+    """Strokes whose drive a voltmeter reads, as high as the driver plays each frequency."""
+    limits = device.limits
+    strokes = []
+    for hertz in (FREQUENCY_HZ, CARRIER_HZ):
+        most = min(highest_v, limits.ceiling_v, 0.98 * limits.max_slew_v_per_s / (2 * pi * hertz))
+        for share in _TESTED_SHARES:
+            change = {"voltage_v": round(share * most, 1), "frequency_hz": hertz}
+            strokes.append(still.model_copy(update=change))
+    return strokes
 
 
 def today() -> date:

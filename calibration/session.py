@@ -46,7 +46,17 @@ class SessionInfo(Document):
 
 @dataclass(frozen=True)
 class Session:
-    """A folder, its protocol and its strokes."""
+    """A folder, its protocol and its strokes.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the session lies.
+    protocol : Protocol
+        Its strokes.
+    info : SessionInfo
+        Screen, finger and operator.
+    """
 
     folder: Path
     protocol: Protocol
@@ -57,6 +67,17 @@ class Session:
         cls, folder: str | Path, protocol: Protocol, info: SessionInfo, resume: bool = False
     ) -> Session:
         """Make the folder, or continue the session that is in it.
+
+        Parameters
+        ----------
+        folder : str or Path
+            Where the session lies.
+        protocol : Protocol
+            Its strokes.
+        info : SessionInfo
+            Screen, finger and operator.
+        resume : bool
+            Whether a session that is there may go on.
 
         Raises
         ------

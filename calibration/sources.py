@@ -18,6 +18,7 @@ from calibration.parameters import Array
 from calibration.protocol import Stroke
 from calibration.recording import SIGNALS
 from calibration.segmentation import position_at_speed, sliding_speed
+from haptix.display import Displayed
 from haptix.documents import Document, Part
 from haptix.errors import DeviceError, FileFormatError, InputError, from_extra
 from haptix.files import read_text
@@ -35,7 +36,7 @@ _FEWEST_SAMPLES = 8
 
 
 @dataclass(frozen=True)
-class StrokeDrive:
+class StrokeDrive(Displayed):
     """Drive of one recording: volts from its first instant on."""
 
     volts: Array
@@ -90,7 +91,15 @@ class ForceSource(Protocol):
     """Signals that no instrument measures; where it gives no drive_v, the played one is kept."""
 
     def start(self, stroke: Stroke, played: StrokeDrive) -> None:
-        """Begin to record one stroke."""
+        """Begin to record one stroke.
+
+        Parameters
+        ----------
+        stroke : Stroke
+            What is measured.
+        played : StrokeDrive
+            What is played meanwhile.
+        """
 
     def live(self, t_s: float) -> Live | None:
         """Force and speed at a time since the start, if known already."""
@@ -107,6 +116,13 @@ class CsvSource(ForceSource):
     """Replays recordings that another program has exported, one CSV file per stroke.
 
     The names of the files hold the stroke's number: ``stroke-007.csv`` or ``7.csv``.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Where the files are.
+    columns : ColumnMap
+        Which column is what.
     """
 
     is_live = False
@@ -388,8 +404,14 @@ class SampleReader(Protocol):
 class AnalogSource(ForceSource):
     """A force sensor and a position sensor on analog inputs.
 
-    The reader's inputs are the `channels`, in order. `sensor` is the serial number of the force
-    sensor.
+    Parameters
+    ----------
+    reader : SampleReader
+        Reads the inputs.
+    channels : sequence of InputChannel
+        What each input measures, in the reader's order.
+    sensor : str
+        Serial number of the force sensor.
     """
 
     is_live = True

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
-from dataclasses import asdict
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, replace
 from datetime import date
 from functools import partial
 from itertools import zip_longest
@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 from pydantic import ConfigDict, TypeAdapter
 
+from calibration.budget import uncertainty_budget
 from calibration.fit import Fit, TermNeed
 from calibration.fitting import (
     compare_terms,
@@ -21,7 +22,7 @@ from calibration.fitting import (
     other_forms,
 )
 from calibration.parameters import Parameters
-from calibration.power import chance_of_passing, with_enough_held_out
+from calibration.power import MOST_HELD_OUT, chance_of_passing, with_enough_held_out
 from calibration.practice import TRUTH, PracticeResult, compare_with_truth
 from calibration.predict import StrokeConditions, StrokePredictor
 from calibration.profile import (
@@ -32,6 +33,8 @@ from calibration.profile import (
     write_archive,
 )
 from calibration.protocol import (
+    CARRIER_HZ,
+    FREQUENCY_HZ,
     MU_ERROR,
     Protocol,
     expected_rows,
@@ -45,13 +48,15 @@ from calibration.reduction import Reduced, reduce_session
 from calibration.report import write_report
 from calibration.rig import RIG, RigCheck
 from calibration.session import Session
-from calibration.verification import TOLERANCE_JND, Verification, verify
+from calibration.steadiness import TOLERANCE_JND
+from calibration.verification import Verification, verify
 from haptix.desk import Context, Result, Task
 from haptix.errors import InputError
 from haptix.files import json_text, parse_json, read_text, reading, write_whole
 from haptix.finger import Finger
 from haptix.friction import ContactModel, in_theory
 from haptix.pair import FINGER, SCREEN
+from haptix.perception import WEBER_FRACTION
 from haptix.screen import CalibrationWarning, Screen
 from haptix.terms import TERMS
 from haptix.version import __version__
@@ -113,9 +118,72 @@ def finish_folder(folder: Path, context: Context) -> Finished:
     session, off = Session.open(folder), None
     if screen is not None and (folder / TRUTH).exists():
         off = compare_with_truth(folder, max(one.voltage_v for one in session.protocol.strokes))
-    found = Finished(verification, off, len(fit.strokes), session.hashes(*_RESULTS))
-    write_whole(folder / FINISHED, _FINISHED.dump_json(found).decode())
-    return found
+    finished = Finished(verification, off, len(fit.strokes), session.hashes(*_RESULTS))
+    write_whole(folder / FINISHED, _FINISHED.dump_json(finished).decode())
+    return finished
+
+
+MOST_LOOKS = 3
+"""How often a verdict is looked at: twice strokes may be added to decide one."""
+
+
+def finish_decided(
+    folder: Path, context: Context, go_on: Callable[[Session, str], bool] | None = None
+) -> tuple[Finished, bool]:
+    """Find the verdict; where scatter leaves it open, measure the strokes that would decide it.
+
+    Parameters
+    ----------
+    folder : Path
+        A session without open strokes.
+    context : Context
+        Of the task.
+    go_on : callable, optional
+        Gets the session with the strokes that were added, and a question for the person. Returns
+        whether all of them were made; what is not made stays open.
+
+    Returns
+    -------
+    Finished, bool
+        What was found, and whether it was known before.
+    """
+    known = Finished.load(folder)
+    found = known or finish_folder(folder, context)
+    while go_on is not None and (plan := plan_that_decides(folder, found.verification)) is not None:
+        before = Session.open(folder)
+        more_s = plan.duration_s - before.protocol.duration_s
+        count = len(plan.strokes) - len(before.protocol.strokes)
+        question = (
+            f"The strokes scatter, and leave the verdict open. {count} strokes more, some "
+            f"{more_s / 60:.1f} minutes, would decide it. Go on?"
+        )
+        plan.save(folder / "protocol.toml")
+        if not go_on(Session.open(folder), question):
+            if len(Session.open(folder).open_strokes) == count:
+                before.protocol.save(folder / "protocol.toml")  # as it was: the verdict stands
+            break
+        known, found = None, finish_folder(folder, context)
+    return found, known is not None
+
+
+def plan_that_decides(folder: Path, verification: Verification) -> Protocol | None:
+    """Return the plan with the held-out strokes added that would decide a verdict; None for others.
+
+    As many as a good screen needs to pass in 90 % of sessions where strokes repeat as these did; at
+    least half as many again.
+    """
+    session = Session.open(folder)
+    protocol, info = session.protocol, session.info
+    before = len(protocol.held_out)
+    if not verification.is_open or protocol.looks >= MOST_LOOKS or before >= MOST_HELD_OUT:
+        return None
+    repeats = WEBER_FRACTION * verification.steadiness.repeatability_jnd
+    volts = max(one.voltage_v for one in protocol.strokes)
+    predictor = StrokePredictor(ContactModel(info.finger, info.screen))
+    start = Parameters.of(info.finger, info.screen).with_rig()
+    enough, _ = with_enough_held_out(predictor, start, protocol, repeats, volts)
+    count = max(len(enough.held_out), before + max(before // 2, 2))
+    return protocol.extended(min(count, MOST_HELD_OUT))
 
 
 def written_screen(folder: Path) -> Screen | None:
@@ -197,9 +265,16 @@ def plan_strokes(
 def reduce_folder(folder: str | Path) -> Reduced:
     """Reduce all accepted strokes of a session and write ``reduced.csv``."""
     session = Session.open(folder)
-    reduced = reduce_session(session.recordings, session.protocol.idle_s, session.info.crosstalk)
+    reduced = _reduced(session, session.recordings)
     reduced.save(session.folder / REDUCED)
     return reduced
+
+
+def _reduced(session: Session, recordings: list[StrokeRecording]) -> Reduced:
+    """Reduce recordings, and take off the gains that the rig's check knows."""
+    reduced = reduce_session(recordings, session.protocol.idle_s, session.info.crosstalk)
+    rig = rig_check(session.folder)
+    return reduced if rig is None else rig.corrected(reduced)
 
 
 def fit_folder(
@@ -313,7 +388,7 @@ def verify_folder(
     fit = Fit.load(session.folder / FIT)
     fit.check_unchanged(session.hashes(*RESTS_ON))
     _check_reduced(session, reduced, recordings)
-    rig = rig_check(session.folder)
+    rig, looks = rig_check(session.folder), session.protocol.looks
     believed = session.info.screen
     finger = in_theory(session.info.finger, fit.theory or session.info.finger.theory)
     # A term whose parameter is fitted is on even where the profile has no value for it.
@@ -329,7 +404,11 @@ def verify_folder(
         make = partial(calibrated_screen, believed, fit, finger=measured)
         make(None, predictor, *by_whom, assumed).save(session.folder / SCREEN)
         written = StrokePredictor(profile_model(session.folder))
-        verification = verify(fit, reduced, written, tolerance_jnd, rig, by_whom[2])
+        verification = verify(fit, reduced, written, tolerance_jnd, rig, by_whom[2], looks)
+        if (verified := verification.verified) is not None:
+            highest = verified.highest_v(FREQUENCY_HZ), verified.highest_v(CARRIER_HZ)
+            budget = uncertainty_budget(fit, predictor, highest, rig)
+            verification = replace(verification, budget=budget)
         screen = make(verification, predictor, *by_whom, assumed)
         screen.save(session.folder / SCREEN)
     else:
@@ -374,7 +453,7 @@ def _check_reduced(session: Session, reduced: Reduced, recordings: list[StrokeRe
                 f"({session.path_of(stroke).relative_to(session.folder)}): restore it, or measure "
                 "it with --resume"
             )
-    again = reduce_session(recordings, session.protocol.idle_s, session.info.crosstalk)
+    again = _reduced(session, recordings)
     for old, new in zip_longest(reduced.points, again.points):
         if repr(old) != repr(new):  # which takes NaN for equal to itself
             raise InputError(

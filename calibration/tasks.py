@@ -24,6 +24,7 @@ from haptix.fields import (
     NotNegative,
     Positive,
     ScreenName,
+    Seed,
     Text,
     Typed,
 )
@@ -42,7 +43,6 @@ INPUTS = "inputs.toml"
 _INSTALL, _LEAVE = "install it", "leave it"
 _NO_NAME = '--name: expected a name of this panel alone, such as "panel 7"'
 
-Seed = Annotated[int, Field(ge=0, le=2**63 - 1)]
 SessionFolder = Annotated[Folder, Argument]
 PanelName = Annotated[Text | None, Field(description="Name of this screen alone; required.")]
 Percent = Annotated[float, Field(ge=0, le=100)]
@@ -135,8 +135,16 @@ class Measuring(Task):
     csv: Folder | None = Field(None, description="For csv: folder of stroke-001.csv ...")
     columns: FileThere | None = Field(None, description="For csv: column map, as TOML.")
     operator: str = Field("", description="Who measures.")
+    instruments: FileThere | None = Field(
+        None, description="Certificates of the instruments, as TOML: an expired one is refused."
+    )
     yes: bool = Field(False, description="Do not wait before each stroke.")
     seed: Seed | None = Field(None, description="Of a virtual finger. [default: 0, or a new one]")
+
+    @property
+    def asks(self) -> bool:
+        """Whether each stroke waits for the person."""
+        return self.source == "inputs" and not self.yes
 
     def opening(self) -> Callable[[Session], ForceSource]:
         """Return what opens the source of the forces; what it could not open is refused at once."""
@@ -165,19 +173,26 @@ class Measuring(Task):
         humidity_percent: float | None = None,
     ) -> Result:
         """Make the open strokes; where some stay open it has failed."""
+        from calibration.instruments import DRIVER, INSTRUMENTS, Instruments
         from calibration.measuring import measure_guided
         from calibration.recording import Conditions
+        from calibration.rig import today
         from firmware_io import open_device
 
         source = self.opening()(session)
-        room = Conditions({}, temperature_c, humidity_percent, self.operator)
+        if self.instruments is not None:
+            known = Instruments.load(self.instruments)
+            known.check(source.instruments, today())
+            known.save(session.folder / INSTRUMENTS)
         with ExitStack() as stack:
             device = None
             if self.device is not None:
                 device = stack.enter_context(closing(open_device(self.device)))
-            asks = self.source == "inputs" and not self.yes
+            serial = None if device is None else device.capabilities.serial or self.device
+            driver = {} if serial is None else {DRIVER: serial}
+            room = Conditions(driver, temperature_c, humidity_percent, self.operator)
             most_tries = 1 if self.source == "csv" else 5
-            outcome = measure_guided(session, source, device, context, asks, room, most_tries)
+            outcome = measure_guided(session, source, device, context, self.asks, room, most_tries)
         numbers = [stroke.number for stroke in outcome.still_open]
         count = outcome.accepted + len(numbers)
         title = f"{self.folder}: {outcome.accepted} of {count} strokes on disk"
@@ -260,14 +275,18 @@ class RunCalibration(Planned, Measuring, command="calibrate run"):
     weight_n: Positive | None = Field(
         None, description="Known weight [N]: the rig is checked before the strokes."
     )
+    second_weight_n: Positive | None = Field(
+        None, description="Another one, or its force at another angle, along the screen."
+    )
     practice: bool = Field(False, description="On a virtual finger and screen, drawn at random.")
 
     def run(self, context: Context) -> Result:
         """Do all steps that are left."""
+        from calibration.measuring import GO, STOP
         from calibration.practice import TRUTH
         from calibration.rig import RIG
         from calibration.session import Session
-        from calibration.steps import REPORT, Finished, finish_folder, written_screen
+        from calibration.steps import REPORT, finish_decided, written_screen
         from haptix.pair import SCREEN
 
         if self.practice:
@@ -292,14 +311,23 @@ class RunCalibration(Planned, Measuring, command="calibrate run"):
         if self.weight_n is not None and not (folder / RIG).exists():
             if self.inputs is None:
                 raise InputError("--weight-n: expected --inputs, which read the weight")
-            checked = _recorded(self.inputs, self.device, self.weight_n, context)
+            checked = _recorded(self.inputs, self, context)
             if faults := checked.faults():
                 raise InputError(f"the rig is not right: {'; '.join(faults)}")
             checked.save(folder / RIG)
         if session.open_strokes and (measured := self.measured(session, context)).failed:
             return measured
-        known = Finished.load(folder)
-        verification, off, strokes_used, *_ = known or finish_folder(folder, context)
+
+        def go_on(session: Session, question: str) -> bool:
+            if self.asks and context.ask(question, (GO, STOP)) == STOP:
+                return False
+            return not self.measured(session, context).failed
+
+        # The files of strokes that nobody has made are not there.
+        may_go_on = None if self.source == "csv" else go_on
+        (verification, off, strokes_used, *_), was_known = finish_decided(
+            folder, context, may_go_on
+        )
         panel = written_screen(folder)
         document: dict[str, object] = {
             **record(verification),
@@ -310,7 +338,7 @@ class RunCalibration(Planned, Measuring, command="calibrate run"):
             "practice": None if off is None else record(off),
         }
         title = f"{verification.verdict}: {folder / REPORT}"
-        if known is not None:
+        if was_known:
             title += "; this session was finished before, and nothing is computed again"
         tables = [(title, ()), *verification.parts]
         if off is not None:
@@ -346,6 +374,9 @@ class CheckRig(Task, command="calibrate rig"):
     inputs: FileThere | None = Field(
         None, description="Channels, as TOML: the readings are recorded."
     )
+    second_weight_n: Positive | None = Field(
+        None, description="Of a second weight along the screen, or of it at another angle [N]."
+    )
     device: Address | None = Field(
         None, description="Driver, such as usb:, that plays for a voltmeter."
     )
@@ -355,11 +386,17 @@ class CheckRig(Task, command="calibrate rig"):
     tangential_reading_n: float | None = Field(
         None, description="The weight that pulls towards growing x, less zero."
     )
-    monitor_v: Positive | None = Field(
-        None, description="Amplitude that the recordings show or the driver plays."
+    second_tangential_reading_n: float | None = Field(
+        None, description="The second weight that pulls likewise, less zero."
     )
-    voltmeter_v: NotNegative | None = Field(
-        None, description="Amplitude on the screen by another instrument."
+    monitor_v: tuple[Positive, ...] = Field(
+        (), description="Amplitude that the recordings show or the driver plays; may be repeated."
+    )
+    voltmeter_v: tuple[NotNegative, ...] = Field(
+        (), description="Amplitude on the screen by another instrument, for each --monitor-v."
+    )
+    monitor_hz: tuple[Positive, ...] = Field(
+        (), description="Frequency of each --monitor-v. [default: one gain for all]"
     )
     tap: FileThere | None = Field(
         None, description="CSV file of a tap: columns t_s, tangential_force_n."
@@ -369,14 +406,12 @@ class CheckRig(Task, command="calibrate rig"):
         """Check it."""
         from calibration.rig import RIG
 
-        if self.inputs is None:
-            checked = self.stated()
-        else:
-            checked = _recorded(self.inputs, self.device, self.weight_n, context)
+        checked = self.stated() if self.inputs is None else _recorded(self.inputs, self, context)
         self.folder.mkdir(parents=True, exist_ok=True)
         checked.save(self.folder / RIG)
         names = (
-            "normal_gain", "tangential_gain", "voltage_gain", "pole_hz", "resonance_hz", "quality"
+            "normal_gain", "tangential_gain", "second_tangential_gain", "voltage_gain",
+            "volts", "pole_hz", "resonance_hz", "quality",
         )  # fmt: skip
         faults = checked.faults()
         for fault in faults:
@@ -386,15 +421,31 @@ class CheckRig(Task, command="calibrate rig"):
 
     def stated(self) -> RigCheck:
         """Check a rig by readings that a person has written down."""
-        from calibration.rig import RigCheck, tap_response, today
+        from calibration.rig import RigCheck, VoltsRead, tap_response, today
         from haptix.files import read_csv
 
         names = "normal_reading_n", "tangential_reading_n", "monitor_v", "voltmeter_v"
         readings = {name: getattr(self, name) for name in names}
-        if missing := [name for name, reading in readings.items() if reading is None]:
+        if missing := [name for name, reading in readings.items() if reading in (None, ())]:
             options = ", ".join(f"--{name.replace('_', '-')}" for name in missing)
             raise InputError(f"expected --inputs, or {options} as well")
-        normal, tangential, monitor, voltmeter = readings.values()
+        pairs = self.monitor_v, self.voltmeter_v, self.monitor_hz or self.monitor_v
+        if len({len(one) for one in pairs}) > 1 or (len(self.monitor_v) > 1 > len(self.monitor_hz)):
+            raise InputError(
+                "--monitor-v, --voltmeter-v, --monitor-hz: expected as many of each, got "
+                f"{len(self.monitor_v)}, {len(self.voltmeter_v)} and {len(self.monitor_hz)}"
+            )
+        twice = self.second_tangential_reading_n, self.second_weight_n
+        if (twice[0] is None) != (twice[1] is None):
+            raise InputError("expected --second-weight-n and --second-tangential-reading-n")
+        second = None if twice[0] is None or twice[1] is None else twice[0] / twice[1]
+        normal, tangential = self.normal_reading_n, self.tangential_reading_n
+        assert normal is not None and tangential is not None  # none is missing
+        gains = [read / shown for shown, read in zip(*pairs[:2], strict=True)]
+        volts = [
+            VoltsRead(frequency_hz=hertz, monitor_v=shown, gain=gain)
+            for hertz, shown, gain in zip(self.monitor_hz, self.monitor_v, gains, strict=False)
+        ]
         bandwidth: dict[str, float] = {}
         if self.tap is not None:
             import numpy as np
@@ -409,7 +460,9 @@ class CheckRig(Task, command="calibrate rig"):
         return RigCheck(
             normal_gain=normal / self.weight_n,
             tangential_gain=tangential / self.weight_n,
-            voltage_gain=voltmeter / monitor,
+            second_tangential_gain=second,
+            voltage_gain=None if volts else gains[0],
+            volts=tuple(volts),
             **bandwidth,
             instruments=(f"weight: {self.weight_n:g} N", "voltmeter"),
             measured_on=today(),
@@ -438,11 +491,11 @@ class CalibrationJob(
 
         A practice plays on a mock, and is installed for that alone.
         """
-        from calibration.measuring import measure_guided
+        from calibration.measuring import GO, STOP, measure_guided
         from calibration.practice import TRUTH, virtual_source
         from calibration.session import Session
         from calibration.sources import open_inputs
-        from calibration.steps import Finished, finish_folder, written_screen
+        from calibration.steps import finish_decided, written_screen
         from haptix.devices import install_profile, open_device
         from haptix.pair import FINGER, SCREEN
 
@@ -461,17 +514,24 @@ class CalibrationJob(
             raise InputError(
                 f"{self.name}: expected {INPUTS} in its folder, with the rig's instruments"
             )
-        context.tell(step="measure")
-        with closing(open_device("mock:" if practises else self.device)) as device:
-            source = virtual_source(session) if practises else open_inputs(inputs)
-            still_open = measure_guided(session, source, device, context).still_open
-            serial, is_mock = device.capabilities.serial, device.mock is not None
-        numbers = [stroke.number for stroke in still_open]
+
+        def measured(session: Session, question: str = "") -> bool:
+            if question and context.ask(question, (GO, STOP)) == STOP:
+                return False
+            context.tell(step="measure")
+            with closing(open_device("mock:" if practises else self.device)) as device:
+                source = virtual_source(session) if practises else open_inputs(inputs)
+                drivers.append((device.capabilities.serial, device.mock is not None))
+                return not measure_guided(session, source, device, context).still_open
+
+        drivers: list[tuple[str, bool]] = []
+        measured(session)
+        serial, is_mock = drivers[-1]
+        numbers = [stroke.number for stroke in session.open_strokes]
         result: dict[str, Any] = {"name": self.name, "still_open": numbers, "verdict": None}
         if numbers:
             return Result(result)
-        known = Finished.load(folder)
-        verification, off, strokes_used, *_ = known or finish_folder(folder, context)
+        (verification, off, strokes_used, *_), _ = finish_decided(folder, context, measured)
         screen = written_screen(folder)
         result |= {
             "verdict": verification.verdict,
@@ -498,12 +558,17 @@ class CalibrationJob(
         return Result(result)
 
 
-def _recorded(inputs: Path, device: str | None, weight_n: float, context: Context) -> RigCheck:
+def _recorded(inputs: Path, asked: RunCalibration | CheckRig, context: Context) -> RigCheck:
     """Check a rig with its own instruments, a person and a weight."""
     from calibration.rig import measure_rig
     from calibration.sources import open_inputs
     from firmware_io import open_device
 
     with ExitStack() as stack:
-        driver = None if device is None else stack.enter_context(closing(open_device(device)))
-        return measure_rig(open_inputs(inputs), weight_n, context.ask, driver)
+        driver = None
+        if asked.device is not None:
+            driver = stack.enter_context(closing(open_device(asked.device)))
+        assert asked.weight_n is not None
+        second_n = asked.second_weight_n
+        return measure_rig(open_inputs(inputs), asked.weight_n, context.ask, driver,
+                           second_weight_n=second_n)  # fmt: skip

@@ -12,43 +12,41 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import date
-from math import hypot, inf, isfinite, log, nan
+from math import hypot, isfinite
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from scipy.stats import linregress, sem
 from scipy.stats import t as student
 
+from calibration.budget import Budget
 from calibration.fit import Fit
 from calibration.parameters import PER_RIG, Array, Mask, Parameters
 from calibration.predict import StrokeConditions, StrokePredictor
-from calibration.protocol import CARRIER_HZ, FREQUENCY_HZ
+from calibration.protocol import CARRIER_HZ, FREQUENCY_HZ, USUAL_MM_PER_S
 from calibration.reduction import Point, Reduced
 from calibration.rig import RigCheck
-from haptix.errors import InputError
+from calibration.steadiness import LEVEL, TOLERANCE_JND, Steadiness, steadiness
 from haptix.perception import WEBER_FRACTION
 from haptix.report import Heading, HeadingsOf
+from haptix.screen import VerifiedRange
 
 Verdict = Literal["passed", "provisional", "failed"]
-
-TOLERANCE_JND = 0.5
-"""Largest error of friction that passes, its uncertainty included [JND]."""
 
 RIG_HOLDS_DAYS = 31
 """A rig checked longer before or after its strokes is not known: cables and gains are changed."""
 
 FEWEST_HELD_OUT = 4
 FEWEST_OF_GROUP = 2
-_FEWEST_OF_TREND = 4
-_LEVEL = 0.95  # one side: both sides of an equivalence at 5 %
+_OTHER_SPEED = 1.3  # times the usual one, up or down, from which a stroke counts as fast or slow
+_LONG_S = 10.0  # from which a contact counts as long
 _LIGHT_BELOW_N = 0.45  # the middle of the protocols' forces
 _AT_CARRIER = 0.5  # of the carrier's frequency, from which a stroke counts as one at the carrier
+_SLACK = 1.1  # above the volts that were read, up to which an amplifier counts as known
 _AT_HIGHEST = 0.9  # of the highest voltage that was held out: the carrier's is limited by current
 # Where friction is to be known: the range of the held-out strokes.
 _USED_N = (0.2, 0.5, 0.8)
 _USED_SHARES = (0.0, 0.5, 0.9)  # of the highest voltage
-_SPEED_MM_PER_S = 50.0  # that of the protocols
-_VOLTS_STEP = 0.01  # relative, of a numerical derivative
+_STEP = 0.01  # relative, of a numerical derivative
 _SHOWN = HeadingsOf(("number", "normal_force_n", "voltage_v", "frequency_hz", "mu"))
 _WITHIN = "{0.mean_jnd:+.2f} ± {0.uncertainty_jnd:.2f}"
 
@@ -110,14 +108,14 @@ class Equivalence:
     uncertainty_jnd : float
         The true mean is within it, either side, at 90 % [JND]: scatter, and the rig's gains.
     rig_jnd : float
-        Size of the error that the rig's gains have [JND], which no stroke shows.
+        What of it the uncertainty of the rig's gains alone would be [JND]; no stroke shows it.
     """
 
     group: Annotated[str, Heading("held-out strokes", "{0.group} ({0.count})")]
     strokes: tuple[int, ...]
     mean_jnd: Annotated[float, Heading("error [JND]", _WITHIN)]
     uncertainty_jnd: float
-    rig_jnd: Annotated[float, Heading("of the rig [JND]", ".2f")] = 0.0
+    rig_jnd: Annotated[float, Heading("by the rig alone [JND]", ".2f")] = 0.0
 
     @property
     def count(self) -> int:
@@ -127,45 +125,7 @@ class Equivalence:
     @property
     def bound_jnd(self) -> Annotated[float, Heading("at most [JND]", ".2f")]:
         """Largest error of friction that the strokes leave possible [JND]."""
-        return abs(self.mean_jnd) + self.uncertainty_jnd + self.rig_jnd
-
-
-@dataclass(frozen=True)
-class Steadiness:
-    """Sizes, each with the uncertainty that it has at 90 %, either side; NaN where not seen.
-
-    Parameters
-    ----------
-    repeatability_jnd : float
-        Standard deviation of repeated strokes, beyond their own errors [JND].
-    session_drift_jnd, session_drift_uncertainty_jnd : float
-        Change of friction from the first stroke to the last [JND], by a straight line through the
-        differences to the prediction over the strokes' order.
-    creep_jnd, creep_uncertainty_jnd : float
-        Change of friction for ten times the time in contact [JND], within strokes.
-    """
-
-    repeatability_jnd: float = nan
-    session_drift_jnd: float = nan
-    session_drift_uncertainty_jnd: float = nan
-    creep_jnd: float = nan
-    creep_uncertainty_jnd: float = nan
-
-    @property
-    def text(self) -> str:
-        """One line for people."""
-        parts = [f"strokes repeat within {self.repeatability_jnd:.2f} JND"]
-        if isfinite(self.session_drift_jnd):
-            parts.append(
-                f"over the session friction drifts by {self.session_drift_jnd:+.2f} ± "
-                f"{self.session_drift_uncertainty_jnd:.2f} JND"
-            )
-        if isfinite(self.creep_jnd):
-            parts.append(
-                f"it creeps by {self.creep_jnd:+.2f} ± "
-                f"{self.creep_uncertainty_jnd:.2f} JND in ten times the contact time"
-            )
-        return "; ".join(parts)
+        return abs(self.mean_jnd) + self.uncertainty_jnd
 
 
 @dataclass(frozen=True)
@@ -189,6 +149,14 @@ class Verification:
         used.
     steadiness : Steadiness
         Repeatability, drift over the session, and creep in contact.
+    budget : tuple of Budget
+        Uncertainty of friction, its range and the insulator.
+    contrast : Equivalence or None
+        Error of mu(V)/mu(0): of held-out strokes with a voltage, less that of strokes without.
+    volts_read : bool
+        Whether a second instrument read the volts.
+    is_open : bool
+        Whether it failed by scatter alone, so that more held-out strokes may decide.
     """
 
     strokes: tuple[HeldOutStroke, ...]
@@ -198,6 +166,28 @@ class Verification:
     untested: tuple[str, ...] = ()
     fit_bound_jnd: float = float("nan")
     steadiness: Steadiness = field(default_factory=Steadiness)
+    budget: tuple[Budget, ...] = ()
+    contrast: Equivalence | None = None
+    volts_read: bool = False
+    is_open: bool = False
+
+    @property
+    def contrast_verdict(self) -> Annotated[Verdict, Heading("verdict of the contrast")]:
+        """Verdict on mu(V)/mu(0) alone: no gain of a force changes it, so no weight is needed."""
+        if self.contrast is None or not self.volts_read:
+            return "provisional"
+        return "passed" if self.contrast.bound_jnd <= self.tolerance_jnd else "failed"
+
+    @property
+    def contrast_text(self) -> str:
+        """One line for people."""
+        if self.contrast is None:
+            return "provisional: fewer than two strokes without voltage, or with one"
+        unread = "" if self.volts_read else "; no second instrument read the volts"
+        return (
+            f"{self.contrast_verdict}: {self.contrast.mean_jnd:+.2f} ± "
+            f"{self.contrast.uncertainty_jnd:.2f} JND from the prediction{unread}"
+        )
 
     @property
     def passed(self) -> bool:
@@ -212,13 +202,34 @@ class Verification:
         return "provisional" if self.untested else "passed"
 
     @property
+    def verified(self) -> VerifiedRange | None:
+        """Range of force, volts, frequency, speed and contact of the strokes; None without any."""
+        points = [row.point for row in self.strokes if row.is_light]
+        if not points:
+            return None
+        names = "normal_force_n", "frequency_hz", "speed_mm_per_s"
+        columns = {name: [getattr(one, name) for one in points] for name in names}
+        highest: dict[float, float] = {}
+        for one in points:
+            highest[one.frequency_hz] = max(one.voltage_v, highest.get(one.frequency_hz, 0.0))
+        contact_s = [one.contact_s for one in points if isfinite(one.contact_s)]
+        return VerifiedRange(
+            **{name: (min(column), max(column)) for name, column in columns.items()},
+            contact_s=max(contact_s, default=None),
+            voltage_v=tuple(sorted(highest.items())),
+        )
+
+    @property
     def parts(self) -> list[tuple[str, Sequence[Any]]]:
         """What people read of it, by title: rows of a table, or lines."""
         return [
             ("Why it failed", self.failures),
             ("Not tested", self.untested),
             ("Errors of friction, by the strokes kept out of the fit", self.groups),
+            ("Contrast mu(V)/mu(0), a verdict of its own", [self.contrast_text]),
             ("Strokes kept out of the fit", self.strokes),
+            ("Uncertainty", self.budget),
+            ("Uncertainty budget", [row for one in self.budget for row in one.main]),
             ("Steadiness", [self.steadiness.text]),
         ]
 
@@ -240,6 +251,7 @@ def verify(
     tolerance_jnd: float = TOLERANCE_JND,
     rig: RigCheck | None = None,
     measured_on: date | None = None,
+    looks: int = 1,
 ) -> Verification:
     """Predict the held-out strokes, compare, and test for equivalence.
 
@@ -247,7 +259,27 @@ def verify(
     the fit's own uncertainty of friction is, where fewer than four strokes were kept out, or where
     the strokes do not determine the screen's insulator. It is provisional without a `rig` check of
     forces and volts, with one that lies more than `RIG_HOLDS_DAYS` from the strokes of
-    `measured_on`, and where no two held-out strokes are at the carrier.
+    `measured_on`, where the rig's check has fewer than three levels of volts at two frequencies or
+    one weight alone along the screen, where no two held-out strokes are at the carrier or at
+    another speed than the usual one, and where none is of a long contact. A verdict that is looked
+    at again, after strokes were added, has a level of 5 % over the number of `looks`.
+
+    Parameters
+    ----------
+    fit : Fit
+        What was fitted.
+    reduced : Reduced
+        All strokes, those held out included.
+    predictor : StrokePredictor
+        The model of the fit.
+    tolerance_jnd : float
+        Largest error that passes, in just-noticeable differences.
+    rig : RigCheck, optional
+        Check of the rig's forces and volts.
+    measured_on : date, optional
+        Day of the strokes.
+    looks : int
+        How often the verdict is looked at.
     """
     sensor = {name: fit.best(name) for name in PER_RIG if name in fit.names}
     predicted = HeldOutStroke.predicted(reduced.held_out, predictor, sensor)
@@ -258,15 +290,17 @@ def verify(
             f"expected {FEWEST_HELD_OUT} good strokes kept out of the fit or more, got {len(rows)}"
             + " in light contact" * (len(rows) < len(predicted))
         )
-    groups = groups_of(rows, fit, predictor, rig)
+    groups = groups_of(rows, fit, predictor, rig, looks)
+    undecided = 0
     for one in groups:
         if one.bound_jnd > tolerance_jnd:
+            undecided += abs(one.mean_jnd) <= tolerance_jnd
             failures.append(
                 f"{one.group} (strokes {', '.join(map(str, one.strokes))}): friction is "
                 f"{one.mean_jnd:+.2g} ± {one.uncertainty_jnd:.2g} JND from the "
-                f"prediction{_of_rig(one)}, which may be more than {tolerance_jnd:g}"
+                f"prediction, which may be more than {tolerance_jnd:g}"
                 + _undecided(fit)
-                * (abs(one.mean_jnd) + one.rig_jnd <= tolerance_jnd)
+                * (abs(one.mean_jnd) <= tolerance_jnd)
             )
     bound = fit_bound(fit, reduced, rows, predictor)
     if bound > tolerance_jnd:
@@ -297,10 +331,26 @@ def verify(
             f"half a JND: the tolerance was {tolerance_jnd:g} JND, of which no verdict may "
             "pass more than provisionally"
         )
-    if rig is None or rig.voltage_gain is None:
+    highest = max((row.point.voltage_v for row in rows), default=0.0)
+    if rig is None or not rig.reads_volts:
         untested.append(_gains_not_checked(rows, predictor, rig))
+    elif not rig.knows_volts:
+        untested.append(
+            "the volts at three levels and two frequencies: an amplifier may be weak at the "
+            "highest alone; repeat `haptix calibrate rig`"
+        )
+    elif rig.highest_read_v < highest / _SLACK:
+        untested.append(
+            f"the volts above {rig.highest_read_v:.3g} V: a second instrument read no higher, and "
+            f"strokes had {highest:.3g} V; repeat `haptix calibrate rig`"
+        )
     if rig is not None:
         failures += rig.faults()
+        if rig.second_tangential_gain is None:
+            untested.append(
+                "the tangential force by a second weight, or at another angle: repeat "
+                "`haptix calibrate rig` with --second-weight-n"
+            )
         if (days := rig.days_from(measured_on)) > RIG_HOLDS_DAYS:
             untested.append(
                 f"the rig on the day of the strokes: it was checked on {rig.measured_on}, "
@@ -308,8 +358,23 @@ def verify(
             )
     if rows and not any(one.group == "at the carrier" for one in groups):
         untested.append(f"the carrier: no two held-out strokes near {CARRIER_HZ:g} Hz")
+    if rows and not any(one.group in ("slow strokes", "fast strokes") for one in groups):
+        untested.append(f"other speeds: no two held-out strokes off {USUAL_MM_PER_S:g} mm/s")
+    if rows and not any(one.group == "late in a long contact" for one in groups):
+        untested.append(f"long contacts: no held-out stroke slides for {_LONG_S:g} s or more")
+    good = [one for one in reduced.points if not one.outlier and not one.voltage_v]
+    at_rest = HeldOutStroke.predicted(good, predictor)
     return Verification(
-        rows, tolerance_jnd, tuple(failures), groups, tuple(untested), bound, steady
+        rows,
+        tolerance_jnd,
+        tuple(failures),
+        groups,
+        tuple(untested),
+        bound,
+        steady,
+        contrast=contrast_of(rows, at_rest, fit, predictor, rig),
+        volts_read=rig is not None and rig.knows_volts and rig.highest_read_v >= highest / _SLACK,
+        is_open=bool(undecided) and undecided == len(failures),
     )
 
 
@@ -317,7 +382,7 @@ def _gains_not_checked(
     rows: tuple[HeldOutStroke, ...], predictor: StrokePredictor, rig: RigCheck | None
 ) -> str:
     """Say what the gains that no stroke tells from friction would do."""
-    power = _volts_power([row.point for row in rows], predictor) if rows else np.zeros(1)
+    power = _power([row.point for row in rows], predictor, "voltage_v") if rows else np.zeros(1)
     force, volts = (0.01 * one / WEBER_FRACTION for one in (1.0, float(power.max())))
     of_volts = f"1 % of the volts up to {volts:.2f} JND"
     if rig is not None:
@@ -336,14 +401,14 @@ def _undecided(fit: Fit) -> str:
     )
 
 
-def _of_rig(one: Equivalence) -> str:
-    return f", and {one.rig_jnd:.2g} JND by the rig's gains" if one.rig_jnd else ""
-
-
 def groups_of(
-    rows: tuple[HeldOutStroke, ...], fit: Fit, predictor: StrokePredictor, rig: RigCheck | None
+    rows: tuple[HeldOutStroke, ...],
+    fit: Fit,
+    predictor: StrokePredictor,
+    rig: RigCheck | None,
+    looks: int = 1,
 ) -> tuple[Equivalence, ...]:
-    """Mean errors of the groups that have two strokes or more."""
+    """Mean errors of the groups that have two strokes or more, and that late in a contact."""
     if len(rows) < FEWEST_OF_GROUP:
         return ()
     points = [row.point for row in rows]
@@ -356,12 +421,13 @@ def groups_of(
     freedom_here = len(rows) - 1
     spread = float(((residual - residual.mean()) ** 2 / sd**2).sum())
     sd *= np.sqrt(max((freedom + spread) / (freedom + freedom_here), 1.0))
-    quantile = float(student.ppf(_LEVEL, freedom + freedom_here))
-    size, gain_sd = np.zeros(len(rows)), np.zeros(len(rows))
+    quantile = float(student.ppf(1 - (1 - LEVEL) / looks, freedom + freedom_here))
+    gain_sd = np.zeros(len(rows))
     if rig is not None:
-        size, gain_sd = rig.friction_error(_volts_power(points, predictor))
-    force, volts, hertz = np.array(
-        [(p.normal_force_n, p.voltage_v, p.frequency_hz) for p in points]
+        powers = (_power(points, predictor, name) for name in ("voltage_v", "normal_force_n"))
+        gain_sd = rig.friction_spread(*powers)
+    force, volts, hertz, speed = np.array(
+        [(p.normal_force_n, p.voltage_v, p.frequency_hz, p.speed_mm_per_s) for p in points]
     ).T
     chosen = {
         "all": np.ones(len(rows), dtype=bool),
@@ -369,14 +435,27 @@ def groups_of(
         "firm strokes": force >= _LIGHT_BELOW_N,
         "at the carrier": hertz >= _AT_CARRIER * CARRIER_HZ,
         "at the highest voltage": volts >= _AT_HIGHEST * volts.max(),
+        "slow strokes": speed < USUAL_MM_PER_S / _OTHER_SPEED,
+        "fast strokes": speed > USUAL_MM_PER_S * _OTHER_SPEED,
     }
     groups = []
     for name, inside in chosen.items():
         if (count := int(inside.sum())) >= FEWEST_OF_GROUP:
-            error = hypot(float(np.linalg.norm(sd[inside])) / count, float(gain_sd[inside].max()))
+            by_rig = float(gain_sd[inside].max())
+            error = hypot(float(np.linalg.norm(sd[inside])) / count, by_rig)
             numbers = tuple(p.number for p, one in zip(points, inside, strict=True) if one)
-            mean, largest = float(residual[inside].mean()), float(size[inside].max())
-            groups.append(Equivalence(name, numbers, mean, quantile * error, largest))
+            mean = float(residual[inside].mean())
+            groups.append(Equivalence(name, numbers, mean, quantile * error, quantile * by_rig))
+    # What a contact changes is seen within the stroke, beside the error of all at its beginning.
+    if late := [p for p in points if p.contact_s >= _LONG_S and isfinite(p.rise)]:
+        rise = float(np.mean([p.rise for p in late])) / WEBER_FRACTION
+        rise_sd = float(np.linalg.norm([p.rise_sd for p in late])) / len(late) / WEBER_FRACTION
+        error = hypot(groups[0].uncertainty_jnd, quantile * rise_sd)
+        numbers = tuple(p.number for p in late)
+        mean = groups[0].mean_jnd + rise
+        groups.append(
+            Equivalence("late in a long contact", numbers, mean, error, groups[0].rig_jnd)
+        )
     seen = np.isfinite(ripple)
     if (count := int(seen.sum())) >= FEWEST_OF_GROUP:
         mean = float(ripple[seen].mean())
@@ -386,13 +465,43 @@ def groups_of(
     return tuple(groups)
 
 
-def _volts_power(points: Sequence[Point], predictor: StrokePredictor) -> Array:
-    """Power of the voltage with which mu rises at strokes, d ln mu / d ln V, shape (strokes,)."""
-    more = [replace(one, voltage_v=(1 + _VOLTS_STEP) * one.voltage_v) for one in points]
+def contrast_of(
+    rows: tuple[HeldOutStroke, ...],
+    at_rest: tuple[HeldOutStroke, ...],
+    fit: Fit,
+    predictor: StrokePredictor,
+    rig: RigCheck | None,
+) -> Equivalence | None:
+    """Mean error of mu(V)/mu(0), in which the gains of both forces cancel; None for few strokes."""
+    driven = tuple(one for one in rows if one.point.voltage_v)
+    if min(len(driven), len(at_rest)) < FEWEST_OF_GROUP:
+        return None
+    errors, variance = [], 0.0
+    for group in (driven, at_rest):
+        errors.append(float(np.mean([one.residual_jnd for one in group])))
+        sd = _spreads(group, fit) / WEBER_FRACTION / len(group)
+        variance += float((sd**2).sum())
+    by_volts = 0.0
+    if rig is not None:
+        power = _power([one.point for one in driven], predictor, "voltage_v")
+        by_volts = float(power.max()) * rig.volts_spread / WEBER_FRACTION
+    quantile = float(student.ppf(LEVEL, max(len(fit.strokes) - len(fit.free), 3)))
+    return Equivalence(
+        "mu(V)/mu(0)",
+        tuple(one.point.number for one in driven),
+        errors[0] - errors[1],
+        quantile * hypot(variance**0.5, by_volts),
+        quantile * by_volts,
+    )
+
+
+def _power(points: Sequence[Point], predictor: StrokePredictor, name: str) -> Array:
+    """Power of a condition with which mu rises at strokes, d ln mu / d ln of it."""
+    more = [replace(one, **{name: (1 + _STEP) * getattr(one, name)}) for one in points]
     low, high = (
         predictor.by_profiles(StrokeConditions.of(strokes)).log_mu for strokes in (points, more)
     )
-    return np.asarray((high - low) / np.log1p(_VOLTS_STEP))
+    return np.asarray((high - low) / np.log1p(_STEP))
 
 
 def fit_bound(
@@ -406,7 +515,7 @@ def fit_bound(
     """
     highest = max((one.voltage_v for one in reduced.points if not one.outlier), default=0.0)
     axes = np.meshgrid(
-        _USED_N, highest * np.array(_USED_SHARES), (FREQUENCY_HZ, CARRIER_HZ), _SPEED_MM_PER_S
+        _USED_N, highest * np.array(_USED_SHARES), (FREQUENCY_HZ, CARRIER_HZ), USUAL_MM_PER_S
     )
     parameters = Parameters.of(predictor.model.finger, predictor.model.screen)
     names = parameters.names
@@ -425,7 +534,7 @@ def fit_bound(
         gain = covariance @ seen.T @ np.linalg.inv(seen @ covariance @ seen.T + noise)
         covariance = covariance - gain @ seen @ covariance
     variance = np.einsum("sp,pq,sq->s", used, covariance, used)[is_light]
-    quantile = float(student.ppf(_LEVEL, max(len(fit.strokes) + len(rows) - len(free), 3)))
+    quantile = float(student.ppf(LEVEL, max(len(fit.strokes) + len(rows) - len(free), 3)))
     return quantile * float(np.sqrt(variance.max(initial=0.0))) / WEBER_FRACTION
 
 
@@ -434,115 +543,3 @@ def _spreads(rows: tuple[HeldOutStroke, ...], fit: Fit) -> Array:
     points = [row.point for row in rows]
     own_sd = np.array([p.mu_sd / p.mu for p in points])
     return np.asarray(np.maximum(np.hypot(own_sd, fit.repeatability.log_mu), 1e-9))
-
-
-def steadiness(fit: Fit, reduced: Reduced, predictor: StrokePredictor) -> Steadiness:
-    """Find the trends of all good strokes against their prediction, by the profiles' predictor."""
-    points = [one for one in reduced.points if not one.outlier]
-    repeats = fit.repeatability.log_mu / WEBER_FRACTION
-    if len(points) < _FEWEST_OF_TREND:
-        return Steadiness(repeats)
-    predicted = predictor.by_profiles(StrokeConditions.of(points))
-    good = predicted.is_light
-    misfit = (np.log([one.mu for one in points]) - predicted.log_mu)[good] / WEBER_FRACTION
-    order = np.array([one.number for one in points], dtype=float)[good]
-    creep = np.array([one.creep for one in points])
-    creep = creep[np.isfinite(creep)] * log(10) / WEBER_FRACTION
-    return Steadiness(repeats, *_slope(order, misfit), *_mean(creep))
-
-
-def _slope(order: Array, misfit: Array) -> tuple[float, float]:
-    """Change from the first to the last, and its uncertainty."""
-    if len(order) < _FEWEST_OF_TREND or not np.ptp(order):
-        return nan, nan
-    line, lasts = linregress(order, misfit), float(np.ptp(order))
-    quantile = float(student.ppf(_LEVEL, len(order) - 2))
-    return line.slope * lasts, quantile * line.stderr * lasts
-
-
-def _mean(values: Array, fewest: int = _FEWEST_OF_TREND) -> tuple[float, float]:
-    """Mean, and its uncertainty from the scatter."""
-    if len(values) < fewest:
-        return nan, nan
-    quantile = float(student.ppf(_LEVEL, len(values) - 1))
-    return float(values.mean()), quantile * float(sem(values))
-
-
-@dataclass(frozen=True)
-class Drift:
-    """Mean change of friction since a profile was made.
-
-    Parameters
-    ----------
-    mean_jnd : float
-        Mean of measured minus predicted friction [JND].
-    uncertainty_jnd : float
-        The true mean is within it, either side, at 90 %: the scatter of the strokes, by Student's
-        t.
-    strokes : int
-        Number of strokes.
-    """
-
-    mean_jnd: Annotated[float, Heading("mean [JND]", "+.2f")]
-    uncertainty_jnd: Annotated[float, Heading("± [JND]", ".2f")]
-    strokes: Annotated[int, Heading("strokes")]
-
-    @classmethod
-    def of(cls, residuals: Array) -> Drift:
-        """Mean of residuals [JND] with its uncertainty, which two or more are needed for."""
-        if len(residuals) < 2:
-            return cls(float(residuals.sum()), inf, len(residuals))
-        return cls(*_mean(residuals, 2), len(residuals))
-
-    @property
-    def is_within(self) -> bool:
-        """Whether the whole interval is within half a JND."""
-        return abs(self.mean_jnd) + self.uncertainty_jnd <= TOLERANCE_JND
-
-
-@dataclass(frozen=True)
-class ProfileCheck:
-    """Strokes against a profile.
-
-    Parameters
-    ----------
-    strokes : tuple of HeldOutStroke
-        Every good stroke and its prediction.
-    drifts : mapping of str to Drift
-        Of "all" strokes, and of those "without_voltage" and "with_voltage": another finger or
-        cleaning shifts both, a changed insulator or drive the driven ones alone.
-    """
-
-    strokes: tuple[HeldOutStroke, ...]
-    drifts: dict[str, Drift]
-
-    @property
-    def passed(self) -> bool:
-        """Whether friction of all, and of the driven strokes, is within half a JND."""
-        return all(self.drifts[name].is_within for name in ("all", "with_voltage"))
-
-    @property
-    def verdict(self) -> Literal["passed", "failed"]:
-        """The same in a word."""
-        return "passed" if self.passed else "failed"
-
-
-def check_profile(reduced: Reduced, predictor: StrokePredictor) -> ProfileCheck:
-    """Compare all good strokes with a predictor of the profiles, none of which it was fitted to.
-
-    Raises
-    ------
-    InputError
-        If there are fewer than two good strokes with a voltage.
-    """
-    points = [point for point in reduced.points if not point.outlier]
-    driven = np.array([point.voltage_v > 0 for point in points], dtype=bool)
-    if driven.sum() < FEWEST_OF_GROUP:
-        raise InputError(
-            f"expected {FEWEST_OF_GROUP} good strokes with a voltage or more, got {driven.sum()}"
-        )
-    rows = HeldOutStroke.predicted(points, predictor)
-    residuals = np.array([one.residual_jnd for one in rows])
-    groups = {"all": residuals, "with_voltage": residuals[driven]}
-    groups["without_voltage"] = residuals[~driven]
-    return ProfileCheck(rows, {name: Drift.of(values) for name, values in groups.items()})

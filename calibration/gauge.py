@@ -1,0 +1,237 @@
+"""Over days and panels: a control chart of a rig, and its share of what was measured.
+
+The chart is that of single values with moving ranges (Shewhart; ISO 7870-2). The gauge study is an
+analysis of variance of crossed random factors (AIAG, Measurement Systems Analysis, 4th edition).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from math import isnan, nan, sqrt
+from typing import Annotated
+
+import numpy as np
+from scipy.stats import f as fisher
+from scipy.stats import linregress
+from scipy.stats import t as student
+
+from calibration.parameters import Array
+from haptix.errors import InputError
+from haptix.report import Heading
+
+BASELINE = 20
+"""Values at the beginning of a chart that set its limits."""
+
+FEWEST = 5
+"""Values from which a chart has limits."""
+
+_RANGE_OF_TWO = 1.128  # mean range of two normal values, in standard deviations
+_ROW = 9  # on one side of the middle: one in 256 by chance (Nelson 1984)
+_POOLED = 0.25  # probability above which an interaction counts as scatter (AIAG)
+_LEVEL = 0.975
+
+
+@dataclass(frozen=True)
+class ControlChart:
+    """Values of a check standard, in order, and what they say.
+
+    Parameters
+    ----------
+    values : tuple of float
+        In order of time.
+    middle, low, high : float
+        Mean of the first `BASELINE`, and limits three standard deviations away; NaN for fewer than
+        `FEWEST`.
+    drift : float
+        Change from the first value to the last, by a straight line.
+    drift_uncertainty : float
+        The true one is within it, either side, at 95 %.
+    findings : tuple of str
+        Why to stop and look; empty where there is no reason.
+    """
+
+    values: tuple[float, ...]
+    middle: float
+    low: float
+    high: float
+    drift: float
+    drift_uncertainty: float
+    findings: tuple[str, ...]
+
+    @classmethod
+    def of(cls, values: Sequence[float]) -> ControlChart:
+        """Chart values in order of time."""
+        if len(values) < FEWEST:
+            return cls(tuple(values), nan, nan, nan, nan, nan, ())
+        column = np.array(values, dtype=float)
+        first = column[:BASELINE]
+        middle = float(first.mean())
+        sd = float(np.abs(np.diff(first)).mean()) / _RANGE_OF_TWO
+        low, high = middle - 3 * sd, middle + 3 * sd
+        line = linregress(np.arange(len(column)), column)
+        lasts = len(column) - 1
+        drift = float(line.slope) * lasts
+        unsure = float(student.ppf(_LEVEL, len(column) - 2) * line.stderr) * lasts
+        findings = []
+        if not low <= column[-1] <= high:
+            findings.append(f"the last value, {column[-1]:.3g}, is outside {low:.3g} to {high:.3g}")
+        sides = np.sign(column[-_ROW:] - middle)
+        if len(sides) == _ROW and abs(sides.sum()) == _ROW:
+            findings.append(f"the last {_ROW} values lie on one side of {middle:.3g}")
+        if abs(drift) > max(unsure, 3 * sd):
+            findings.append(f"they drift by {drift:+.2g} ± {unsure:.2g} from the first to the last")
+        return cls(tuple(values), middle, low, high, drift, unsure, tuple(findings))
+
+    @property
+    def text(self) -> str:
+        """One line for people."""
+        if isnan(self.middle):
+            return f"{len(self.values)} of {FEWEST} values that set the limits"
+        if self.findings:
+            return f"stop and look: {'; '.join(self.findings)}"
+        return f"in control: {self.middle:.3g}, within {self.low:.3g} to {self.high:.3g}"
+
+
+@dataclass(frozen=True)
+class VarianceComponent:
+    """What one factor, or two together, add to the variance of a value.
+
+    Parameters
+    ----------
+    source : str
+        Name of the factor, or "repeatability".
+    squares : float
+        Sum of squares.
+    freedom : int
+        Degrees of freedom.
+    sd : float
+        Standard deviation that it makes, in the unit of the values; 0 where none shows.
+    probability : float
+        That scatter alone makes as much; NaN of the repeatability.
+    share : float
+        Of the variance of all.
+    """
+
+    source: Annotated[str, Heading("source")]
+    squares: Annotated[float, Heading("sum of squares", ".4g")]
+    freedom: Annotated[int, Heading("degrees of freedom")]
+    sd: Annotated[float, Heading("standard deviation", ".4g")]
+    probability: Annotated[float, Heading("by chance", ".2g")]
+    share: Annotated[float, Heading("share of the variance", ".1%")]
+
+
+@dataclass(frozen=True)
+class GaugeStudy:
+    """Components of the variance of measured values, the first factor being what is measured.
+
+    An interaction that scatter alone makes in a quarter of studies counts as scatter.
+    """
+
+    components: tuple[VarianceComponent, ...]
+    part: str
+
+    @classmethod
+    def of(cls, values: Array, factors: Sequence[str]) -> GaugeStudy:
+        """Analyse values of crossed factors.
+
+        Parameters
+        ----------
+        values : array, shape (levels of each factor..., trials)
+            Every level of each factor with each of the others, as often.
+        factors : sequence of str
+            Names of the factors: first the part, then operators, days.
+
+        Raises
+        ------
+        InputError
+            If a factor has one level, or there is nothing to tell scatter by.
+        """
+        sizes, count = values.shape[:-1], values.size
+        if min(sizes, default=0) < 2 or values.shape[-1] < 1 or len(factors) != len(sizes):
+            raise InputError(
+                f"expected two levels or more of each of {', '.join(factors)}, got "
+                f"{' x '.join(map(str, values.shape))} values"
+            )
+        axes = range(len(sizes))
+        grand = values.mean()
+
+        def mean_of(*kept: int) -> Array:
+            others = tuple(axis for axis in range(values.ndim) if axis not in kept)
+            return np.asarray(values.mean(axis=others, keepdims=True) - grand)
+
+        rows: dict[tuple[int, ...], tuple[float, int]] = {}
+        for axis in axes:
+            share = count / sizes[axis]
+            rows[(axis,)] = share * float((mean_of(axis) ** 2).sum()), sizes[axis] - 1
+        for one, two in combinations(axes, 2):
+            both = mean_of(one, two) - mean_of(one) - mean_of(two)
+            share = count / (sizes[one] * sizes[two])
+            freedom = (sizes[one] - 1) * (sizes[two] - 1)
+            rows[(one, two)] = share * float((both**2).sum()), freedom
+        total = float(((values - grand) ** 2).sum())
+        left, freedom = total - sum(s for s, _ in rows.values()), count - 1
+        freedom -= sum(n for _, n in rows.values())
+        if freedom < 1:  # a single trial of two factors: their interaction is the scatter
+            raise InputError("expected two trials or more of each, or a third factor")
+        kept = {}
+        for key, (squares, n) in rows.items():
+            chance = float(fisher.sf(squares / n / (left / freedom), n, freedom))
+            if len(key) == 2 and chance > _POOLED:
+                continue
+            kept[key] = squares, n
+        scatter = total - sum(s for s, _ in kept.values())
+        freedom = count - 1 - sum(n for _, n in kept.values())
+        noise = scatter / freedom
+        variances, chances = {}, {}
+        for key, (squares, n) in kept.items():
+            others = [k for k in kept if len(k) == 2 and len(key) == 1 and key[0] in k]
+            expected = noise + sum(kept[k][0] / kept[k][1] - noise for k in others)
+            each = count / float(np.prod([sizes[axis] for axis in key]))
+            variances[key] = max((squares / n - expected) / each, 0.0)
+            against = max(others, key=lambda k: kept[k][0] / kept[k][1], default=None)
+            under = (noise, freedom) if against is None else (
+                kept[against][0] / kept[against][1], kept[against][1]
+            )  # fmt: skip
+            chances[key] = float(fisher.sf(squares / n / under[0], n, under[1]))
+        of_all = noise + sum(variances.values())
+        components = [
+            VarianceComponent(
+                " with ".join(factors[axis] for axis in key), *kept[key], sqrt(variances[key]),
+                chances[key], variances[key] / of_all,
+            )
+            for key in kept
+        ]  # fmt: skip
+        last = VarianceComponent(
+            "repeatability", scatter, freedom, sqrt(noise), nan, noise / of_all
+        )
+        return cls((*components, last), factors[0])
+
+    def sd(self, source: str) -> float:
+        """Standard deviation of a source; 0 of an interaction that counts as scatter."""
+        return next((one.sd for one in self.components if one.source == source), 0.0)
+
+    @property
+    def reproducibility(self) -> float:
+        """Standard deviation by operators, days and interactions."""
+        others = [one.sd for one in self.components if one.source not in (self.part, _REPEATS)]
+        return float(np.linalg.norm(others))
+
+    @property
+    def gauge(self) -> float:
+        """Standard deviation of repeatability and reproducibility together."""
+        return float(np.hypot(self.sd(_REPEATS), self.reproducibility))
+
+    @property
+    def text(self) -> str:
+        """One line for people."""
+        whole = float(np.hypot(self.gauge, self.sd(self.part)))
+        return (
+            f"repeatability {self.sd(_REPEATS):.3g}, reproducibility {self.reproducibility:.3g}, "
+            f"both {self.gauge:.3g}: {self.gauge / whole:.1%} of all; {self.part}: "
+            f"{self.sd(self.part):.3g}"
+        )
+
+
+_REPEATS = "repeatability"

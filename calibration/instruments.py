@@ -1,0 +1,102 @@
+"""Instruments of a rig with the dates of their certificates: an expired one is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from datetime import date
+from typing import Annotated, Self
+
+from pydantic import Field, model_validator
+
+from calibration.recording import StrokeRecording
+from haptix.documents import Document, Part
+from haptix.errors import InputError
+from haptix.report import Heading
+
+INSTRUMENTS = "instruments.toml"
+"""Name of the file in a session's folder."""
+
+DRIVER = "driver"
+"""Instrument that needs no certificate: the rig's check reads its volts."""
+
+Word = Annotated[str, Field(min_length=1)]
+
+
+class Instrument(Part):
+    """One instrument.
+
+    Parameters
+    ----------
+    name, serial : str
+        As recordings name it, such as "force sensor" and "FT12345".
+    certificate : str
+        Number of its certificate.
+    calibrated_on, due_on : datetime.date
+        First and last day on which the certificate holds.
+    """
+
+    name: Annotated[Word, Heading("instrument")]
+    serial: Annotated[Word, Heading("serial number")]
+    certificate: Annotated[Word, Heading("certificate")]
+    calibrated_on: Annotated[date, Heading("calibrated on")]
+    due_on: Annotated[date, Heading("due on")]
+
+    @model_validator(mode="after")
+    def _is_in_order(self) -> Self:
+        if self.due_on < self.calibrated_on:
+            raise ValueError(f"{self.name}: expected a due date after {self.calibrated_on}")
+        return self
+
+    def fault(self, day: date) -> str:
+        """Say why its certificate does not hold on a day; empty where it does."""
+        which = f"{self.name} {self.serial}"
+        if day > self.due_on:
+            return f"{which}: its certificate {self.certificate} expired on {self.due_on}"
+        if day < self.calibrated_on:
+            return (
+                f"{which}: its certificate {self.certificate} begins on {self.calibrated_on}, "
+                f"after {day}; was a clock set back?"
+            )
+        return ""
+
+
+class Instruments(Document):
+    """All instruments of a rig, as a file."""
+
+    instruments: Annotated[tuple[Instrument, ...], Field(min_length=1)]
+
+    def check(self, used: Mapping[str, str], day: date) -> None:
+        """Raise `InputError` unless all that is used has a certificate that holds on a day.
+
+        `used` has serial numbers by names, as a source of forces or a recording has them.
+        """
+        if faults := self.faults(used, day):
+            raise InputError(
+                "; ".join(faults) + ": calibrate it, and put its new dates in the file"
+            )
+
+    def faults(self, used: Mapping[str, str], day: date) -> list[str]:
+        """Say what of the instruments that are used does not hold on a day."""
+        known = {(one.name, one.serial): one for one in self.instruments}
+        faults = []
+        for name, serial in used.items():
+            if name == DRIVER:
+                continue
+            one = known.get((name, serial))
+            said = f"{name} {serial}: it is not in the file of instruments"
+            faults.append(said if one is None else one.fault(day))
+        return [one for one in faults if one]
+
+    def check_strokes(self, recordings: Iterable[StrokeRecording]) -> None:
+        """Raise `InputError` unless all held on the day of each stroke; nothing is thrown away."""
+        late: dict[str, list[int]] = {}
+        for one in recordings:
+            day = date.fromisoformat(one.conditions.started[:10])
+            for fault in self.faults(one.conditions.instruments, day):
+                late.setdefault(fault, []).append(one.stroke.number)
+        if late:
+            said = (f"{why} (strokes {', '.join(map(str, at))})" for why, at in late.items())
+            raise InputError(
+                f"{'; '.join(said)}: what was measured is kept; calibrate the instrument, and open "
+                "these strokes again"
+            )

@@ -1,0 +1,288 @@
+"""Tasks over days and panels: batches, certificates, instruments, standards, the register."""
+
+from __future__ import annotations
+
+import re
+from datetime import UTC, date, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from pydantic import Field
+
+from calibration.tasks import RunCalibration, SessionFolder
+from haptix.desk import Context, Result, Task
+from haptix.errors import InputError
+from haptix.fields import Argument, FileThere, FingerName, FolderThere, NewFile, Text
+from haptix.report import record
+
+if TYPE_CHECKING:
+    from calibration.gauge import GaugeStudy
+
+RegisterFile = Annotated[NewFile, Argument, Field(description="The register: a JSON file.")]
+SessionThere = Annotated[FolderThere, Argument, Field(description="Folder of the session.")]
+
+
+class CheckInstruments(Task, command="calibrate instruments"):
+    """Check the dates of the instruments in a file, and of those that a session used.
+
+    Exit code 1 if a certificate has expired, or an instrument has none.
+    """
+
+    file: Annotated[FileThere, Argument] = Field(
+        description="instruments.toml: name, serial, certificate, calibrated_on, due_on of each."
+    )
+    session: FolderThere | None = Field(
+        None, description="Session whose strokes are checked, each on its day."
+    )
+
+    def run(self, context: Context) -> Result:
+        """Check them."""
+        from calibration.instruments import Instruments
+
+        known, today = Instruments.load(self.file), _today()
+        faults = {one: one.fault(today) for one in known.instruments}
+        if self.session is not None:
+            from calibration.session import Session
+
+            known.check_strokes(Session.open(self.session).recordings)
+        rows = [{**record(one), "holds": not fault, "remarks": fault}
+                for one, fault in faults.items()]  # fmt: skip
+        for row in rows:
+            row.update(calibrated_on=str(row["calibrated_on"]), due_on=str(row["due_on"]))
+        expired = [fault for fault in faults.values() if fault]
+        title = f"{self.file}: {'; '.join(expired) or 'all certificates hold'}"
+        return Result(rows, [(title, rows)], failed=bool(expired))
+
+
+class Certify(Task, command="calibrate certificate"):
+    """Write the certificate of a session that passed, as a PDF beside its report.
+
+    What was not verified by `run` is verified anew. Refused where the verification failed, or where
+    an instrument had no certificate on the day of a stroke.
+    """
+
+    folder: SessionThere
+    instruments: FileThere | None = Field(
+        None, description="Instruments. [default: instruments.toml in the session's folder]"
+    )
+
+    def run(self, context: Context) -> Result:
+        """Write it."""
+        from calibration.certificate import CERTIFICATE, write_certificate
+        from calibration.fit import Fit
+        from calibration.instruments import INSTRUMENTS, Instruments
+        from calibration.session import Session
+        from calibration.steps import FIT, Finished, rig_check, verify_folder, written_screen
+        from haptix.finger import Finger
+        from haptix.pair import FINGER
+
+        file = self.instruments or self.folder / INSTRUMENTS
+        if not file.exists():
+            raise InputError(
+                f"expected --instruments, or {file}: name, serial, certificate, calibrated_on and "
+                "due_on of each instrument"
+            )
+        known = Finished.load(self.folder)
+        verification = known.verification if known else verify_folder(self.folder)[0]
+        screen = written_screen(self.folder)
+        if screen is None:
+            raise InputError(f"{self.folder}: no profile: {'; '.join(verification.failures)}")
+        path = self.folder / CERTIFICATE
+        number = write_certificate(
+            path, screen, Finger.load(self.folder / FINGER), Fit.load(self.folder / FIT),
+            verification, Session.open(self.folder).recordings, Instruments.load(file),
+            rig_check(self.folder),
+        )  # fmt: skip
+        rows = [{"number": number, "certificate": str(path), "verdict": verification.verdict}]
+        return Result(rows, [(str(path), rows)])
+
+
+class KeepRegister(Task, command="calibrate register"):
+    """Keep the register of all panels: enter sessions, print states and due dates, write a page.
+
+    Several rigs may use one register at the same time. Exit code 1 if a panel is overdue or failed.
+    """
+
+    register_file: RegisterFile
+    sessions: Annotated[tuple[FolderThere, ...], Argument] = Field(
+        (), description="Folders of sessions whose state is entered."
+    )
+    page: NewFile | None = Field(None, description="HTML page to write.")
+
+    def run(self, context: Context) -> Result:
+        """Enter, print and write."""
+        from calibration.register import Panel, Register, update_register, write_register_page
+
+        today, entered = _today(), [Panel.of(folder) for folder in self.sessions]
+
+        def with_all(register: Register) -> Register:
+            for panel in entered:
+                register = register.with_panel(panel)
+            return register
+
+        if not entered and not self.register_file.exists():
+            raise InputError(f"{self.register_file}: expected a register, or sessions to enter")
+        kept = update_register(self.register_file, today, with_all)
+        if self.page is not None:
+            write_register_page(self.page, kept, today)
+        rows = [{**one.model_dump(mode="json"), "due": one.due(today)} for one in kept.panels]
+        late = [one for one in kept.panels if one.state == "failed" or "overdue" in one.due(today)]
+        shown = ("panel", "state", "open_strokes", "due", "measured_on", "operator", "session")
+        table = [{name.replace("_", " "): row[name] for name in shown} for row in rows]
+        title = f"{self.register_file}: {len(rows)} panels, {len(late)} overdue or failed"
+        return Result(rows, [(title, table)], failed=bool(late))
+
+
+class RunBatch(RunCalibration, command="calibrate batch"):
+    """Run panel after panel, each in a folder of its own. The same command again continues.
+
+    Finished panels are computed no more, and one that another rig measures is passed over. Exit
+    code 1 if one failed, or strokes are still open.
+    """
+
+    folder: SessionFolder = Field(description="Folder of the sessions: one each.")
+    panel: Annotated[tuple[Text, ...], Field(min_length=1)] = Field(
+        description="Name of a panel; may be repeated."
+    )
+    register_file: NewFile | None = Field(
+        None, description="The register into which the state of each is entered: a JSON file."
+    )
+
+    def run(self, context: Context) -> Result:
+        """Run what is left."""
+        from filelock import FileLock, Timeout
+
+        if self.name is not None:
+            raise InputError("--name: expected --panel NAME for each panel")
+        folders = {name: self.folder / re.sub(r"[^\w.-]+", "-", name) for name in self.panel}
+        if len({str(folder).casefold() for folder in folders.values()}) < len(self.panel):
+            raise InputError(f"--panel: expected names that differ, got {', '.join(self.panel)}")
+        self.folder.mkdir(parents=True, exist_ok=True)
+        rows: list[dict[str, object]] = []
+        for name, folder in folders.items():
+            context.tell(step=f"panel {name}")
+            try:
+                with FileLock(f"{folder}.lock", timeout=0):
+                    rows.append(self._one(name, folder, context))
+            except Timeout:
+                rows.append({"panel": name, "state": "measured by another rig", "open_strokes": 0})
+            if rows[-1]["open_strokes"]:
+                break  # the person has stopped, or a stroke cannot be made
+        left = len(folders) - len(rows)
+        failed = left > 0 or any(one["open_strokes"] or one["state"] == "failed" for one in rows)
+        title = f"{self.folder}: {len(rows)} of {len(folders)} panels"
+        return Result(rows, [(title, rows)], failed=failed)
+
+    def _one(self, name: str, folder: Path, context: Context) -> dict[str, object]:
+        from calibration.register import Panel, update_register
+
+        given = {field: getattr(self, field) for field in RunCalibration.model_fields}
+        RunCalibration(**{**given, "folder": folder, "name": name}).run(context)
+        panel = Panel.of(folder)
+        if self.register_file is not None:
+            update_register(self.register_file, _today(), lambda kept: kept.with_panel(panel))
+        return panel.model_dump(mode="json", include={"panel", "state", "open_strokes", "session"})
+
+
+class ChartStandard(Task, command="calibrate standard"):
+    """Enter strokes on a check standard into the register, and chart them over days.
+
+    The standard is a panel that is kept, with a profile of its own. Exit code 1 where the chart
+    says to stop and look.
+    """
+
+    register_file: RegisterFile
+    folder: SessionThere
+    profile: FileThere = Field(description="screen.toml of the standard.")
+    finger: FingerName | None = Field(
+        None, description="Finger: a preset or a file. [default: finger.toml beside the profile]"
+    )
+
+    def run(self, context: Context) -> Result:
+        """Enter and chart."""
+        from calibration.predict import StrokePredictor
+        from calibration.profile import check_profile
+        from calibration.register import Register, StandardReading, update_register
+        from calibration.session import Session
+        from calibration.steps import reduce_folder
+        from haptix.friction import ContactModel
+        from haptix.pair import profiles
+
+        finger, screen = profiles(self.finger, str(self.profile))
+        checked = check_profile(
+            reduce_folder(self.folder), StrokePredictor(ContactModel(finger, screen))
+        )
+        session = Session.open(self.folder)
+        days = [one.conditions.started[:10] for one in session.recordings]
+        reading = StandardReading(
+            standard=screen.name, measured_on=date.fromisoformat(min(days)),
+            operator=session.info.operator, change_jnd=checked.drifts["all"].mean_jnd,
+        )  # fmt: skip
+
+        def with_reading(register: Register) -> Register:
+            if reading in register.readings:
+                return register
+            return register.replace(readings=(*register.readings, reading))
+
+        kept = update_register(self.register_file, _today(), with_reading)
+        chart = kept.chart(screen.name)
+        of_it = [one for one in kept.readings if one.standard == screen.name]
+        document = {**record(chart), "standard": screen.name}
+        return Result(
+            document, [(f"{screen.name}: {chart.text}", of_it)], failed=bool(chart.findings)
+        )
+
+
+class StudyGauge(Task, command="calibrate gauge"):
+    """Find how much of what was measured is the panels', and how much the operators' and the days'.
+
+    Analysis of variance of a CSV file whose last column is the value and whose other columns are
+    factors: the panel first, then such as operator and day. Every panel by every operator on every
+    day, as often.
+    """
+
+    table: Annotated[FileThere, Argument] = Field(description="CSV file.")
+
+    def run(self, context: Context) -> Result:
+        """Analyse it."""
+        study = self.study()
+        document = {
+            "components": record(study.components),
+            **{name: getattr(study, name) for name in ("reproducibility", "gauge")},
+        }
+        return Result(document, [(study.text, study.components)])
+
+    def study(self) -> GaugeStudy:
+        """Read the table, in any order of its rows."""
+        import numpy as np
+
+        from calibration.gauge import GaugeStudy
+        from haptix.files import read_csv
+
+        lines = list(read_csv(self.table, []))
+        names = list(lines[0].cells) if lines else []
+        if len(names) < 3:
+            raise InputError(f"{self.table}: expected two factors or more, and a value")
+        *factors, value = names
+        cells: dict[tuple[str, ...], list[float]] = {}
+        for line in lines:
+            try:
+                number = float(line.cells[value])
+            except ValueError:
+                raise InputError(
+                    f"{self.table}: expected a number in {value}, got {line.cells[value]!r}"
+                ) from None
+            cells.setdefault(tuple(line.cells[name] for name in factors), []).append(number)
+        levels = [sorted({key[at] for key in cells}) for at in range(len(factors))]
+        trials = {len(one) for one in cells.values()}
+        if len(trials) > 1 or len(cells) != np.prod([len(one) for one in levels]):
+            raise InputError(
+                f"{self.table}: expected every {' with every '.join(factors)}, as often; "
+                f"got {len(cells)} combinations with {', '.join(map(str, sorted(trials)))} values"
+            )
+        values = np.array([cells[key] for key in sorted(cells)])
+        return GaugeStudy.of(values.reshape(*map(len, levels), -1), factors)
+
+
+def _today() -> date:
+    return datetime.now(UTC).date()
