@@ -8,52 +8,41 @@ namespace Haptix
     using System.Security.Cryptography;
     using System.Threading.Tasks;
     using Haptix.Messages;
+    using Newtonsoft.Json;
     using Newtonsoft.Json.Linq;
 
-    /// <summary>A material's document, such as `haptix material` and the studio save.</summary>
-    public sealed class Material
+    /// <summary>A material: an object of `Haptix.Materials`, or a document, such as `haptix material` saves.</summary>
+    public abstract class Material
     {
-        public readonly JObject Document;
-
-        Material(JObject document) { Document = document; }
+        sealed class Saved : Material
+        {
+            [Preserve, JsonExtensionData]
+            public IDictionary<string, JToken> Fields;
+        }
 
         /// <summary>Return the material of a JSON text, such as `{"kind": "grating", "period_mm": 2}`.</summary>
-        public static Material Parse(string json) { return new Material(JObject.Parse(json)); }
+        public static Material Parse(string json) { return new Saved { Fields = JObject.Parse(json) }; }
 
         /// <summary>Return the material of a file. Files that it names are sent by `Session.Asset`.</summary>
         public static Material Load(string path) { return Parse(File.ReadAllText(path)); }
     }
 
-    /// <summary>The layout of a session; `Session.Layout`.</summary>
-    public sealed class Layout
+    /// <summary>The layout of a session; `Session.Layout`. Millimetres from the screen's corner.</summary>
+    public sealed partial class Layout
     {
         readonly Session _session;
         int _count;
 
         internal Layout(Session session) { _session = session; }
 
-        /// <summary>
-        /// Add a region and return it. Millimetres from the screen's corner; without a size it is as
-        /// large as its material. The name is for `Contact.Region`, and made where none is given.
-        /// </summary>
-        public async Task<Region> Add(Material material, double xMm = 0, double yMm = 0, double? widthMm = null,
-            double? heightMm = null, double? rotationDeg = null, string shape = null, string blend = null,
-            double? opacity = null, string name = null)
-        {
-            var region = new Region(_session, name ?? "region " + ++_count);
-            await region.Send("add", new JObject {
-                { "material", material.Document }, { "x_mm", xMm }, { "y_mm", yMm }, { "width_mm", widthMm },
-                { "height_mm", heightMm }, { "rotation_deg", rotationDeg }, { "shape", shape }, { "blend", blend },
-                { "opacity", opacity } }).ConfigureAwait(false);
-            return region;
-        }
-
         /// <summary>Remove all regions.</summary>
-        public Task<LayoutReply> Clear() { return _session.LayoutSet("{\"regions\": []}"); }
+        public Task<LayoutReply> Clear() { return _session.LayoutSet(new LayoutDocument { Regions = new RegionDocument[0] }); }
+
+        static JToken Json(object value) { return Session.Json(value); }
     }
 
-    /// <summary>A region of the layout, by its name.</summary>
-    public sealed class Region
+    /// <summary>A region of the layout, by its name; each call is one change.</summary>
+    public sealed partial class Region
     {
         readonly Session _session;
         public readonly string Name;
@@ -64,35 +53,15 @@ namespace Haptix
             Name = name;
         }
 
-        /// <summary>Move it there within a time; what is not given stays.</summary>
-        public Task<LayoutReply> Move(double? xMm = null, double? yMm = null, double? rotationDeg = null, double overS = 0.02)
-        {
-            return Send("move", new JObject {
-                { "x_mm", xMm }, { "y_mm", yMm }, { "rotation_deg", rotationDeg }, { "over_s", overS } });
-        }
-
-        /// <summary>Change what is given, in a cross-fade.</summary>
-        public Task<LayoutReply> Change(Material material = null, double? widthMm = null, double? heightMm = null,
-            double? opacity = null)
-        {
-            return Send("change", new JObject {
-                { "material", material == null ? null : material.Document }, { "width_mm", widthMm },
-                { "height_mm", heightMm }, { "opacity", opacity } });
-        }
-
-        /// <summary>Set the value of a control, such as a slider, 0 to 1.</summary>
-        public Task<LayoutReply> SetValue(double value) { return Send("value", new JObject { { "value", value } }); }
-
-        /// <summary>Remove it; it fades out.</summary>
-        public Task<LayoutReply> Remove() { return Send("remove", new JObject()); }
-
         internal Task<LayoutReply> Send(string op, JObject fields)
         {
             var change = new JObject { { "op", op }, { "name", Name } };
-            foreach (KeyValuePair<string, JToken> field in fields)
-                if (field.Value != null && field.Value.Type != JTokenType.Null) change[field.Key] = field.Value;
-            return _session.LayoutChange(new JArray { change }.ToString());
+            foreach (JProperty field in fields.Properties())
+                if (field.Value.Type != JTokenType.Null) change[field.Name] = field.Value;
+            return _session.LayoutChange(new object[] { change });
         }
+
+        static JToken Json(object value) { return Session.Json(value); }
     }
 
     public sealed partial class Session

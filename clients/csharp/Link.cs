@@ -3,6 +3,7 @@ namespace Haptix
 {
     using System;
     using System.Collections.Concurrent;
+    using System.Collections.Generic;
     using System.Globalization;
     using System.IO;
     using System.Net.Security;
@@ -20,11 +21,34 @@ namespace Haptix
         const int BufferBytes = 16384, MostHeader = 8192;
         static readonly TimeSpan ConnectTime = TimeSpan.FromSeconds(5);
 
+        const int MostAtOnce = 64, MostWaiting = 1000; // batches of touches
+
         struct Message { public byte[] Bytes; public bool IsText; public long Ping; }
+
+        /// <summary>As many of something as a rate lets pass, and some at once.</summary>
+        sealed class Limiter
+        {
+            readonly double _rate, _most;
+            double _free, _atS = Session.NowS;
+
+            public Limiter(double rate, double most) { _rate = rate; _free = _most = most; }
+
+            /// <summary>Take some, and return how long to wait before the next.</summary>
+            public double Take(int count)
+            {
+                double atS = Session.NowS;
+                _free = Math.Min(_most, _free + (atS - _atS) * _rate) - count;
+                _atS = atS;
+                return Math.Max(0, -_free / _rate);
+            }
+        }
 
         readonly WebSocket _socket;
         readonly TcpClient _tcp;
         readonly BlockingCollection<Message> _outbox = new BlockingCollection<Message>();
+        readonly Queue<KeyValuePair<byte[], int>> _waiting = new Queue<KeyValuePair<byte[], int>>();
+        Limiter _batches, _touches;
+        double _nextS; // when touches may be sent again
         readonly CancellationTokenSource _ends = new CancellationTokenSource();
         readonly byte[] _part = new byte[65536];
 
@@ -108,6 +132,36 @@ namespace Haptix
             if (!_outbox.IsAddingCompleted) _outbox.Add(new Message { Bytes = bytes, IsText = isText });
         }
 
+        /// <summary>Send touches no faster than the service takes them, from now on.</summary>
+        public void Limit(Messages.Limits limits)
+        {
+            lock (_waiting)
+            {
+                _touches = new Limiter(limits.TouchesPerS, limits.BatchTouches);
+                _batches = new Limiter(limits.BatchesPerS, MostAtOnce);
+            }
+        }
+
+        /// <summary>Send a batch of touches, or let it wait; return whether it could be.</summary>
+        public bool SendTouches(byte[] bytes, int count)
+        {
+            var batch = new KeyValuePair<byte[], int>(bytes, count);
+            lock (_waiting)
+            {
+                if (_outbox.IsAddingCompleted || _waiting.Count >= MostWaiting) return false;
+                if (_waiting.Count == 0 && Session.NowS >= _nextS) Pass(batch);
+                else _waiting.Enqueue(batch);
+                if (_waiting.Count == 1) _outbox.Add(new Message()); // who sends must look at the time
+                return true;
+            }
+        }
+
+        void Pass(KeyValuePair<byte[], int> batch)
+        {
+            Send(batch.Key, false);
+            if (_batches != null) _nextS = Session.NowS + Math.Max(_batches.Take(1), _touches.Take(batch.Value));
+        }
+
         /// <summary>Answer a ping, by the clock of the moment when the answer leaves.</summary>
         public void Answer(long ping)
         {
@@ -154,14 +208,28 @@ namespace Haptix
         {
             try
             {
-                foreach (Message message in _outbox.GetConsumingEnumerable(_ends.Token))
+                while (!_outbox.IsCompleted)
                 {
-                    var kind = message.IsText ? WebSocketMessageType.Text : WebSocketMessageType.Binary;
-                    var bytes = new ArraySegment<byte>(message.Bytes ?? Pong(message.Ping));
-                    _socket.SendAsync(bytes, kind, true, _ends.Token).GetAwaiter().GetResult();
+                    Message message;
+                    int waitMs = Timeout.Infinite;
+                    lock (_waiting)
+                    {
+                        bool isTime = Session.NowS >= _nextS;
+                        if (_waiting.Count > 0 && isTime) Pass(_waiting.Dequeue());
+                        else if (_waiting.Count > 0) waitMs = (int)Math.Ceiling((_nextS - Session.NowS) * 1e3);
+                    }
+                    if (!_outbox.TryTake(out message, Math.Max(waitMs, -1), _ends.Token)) continue;
+                    if (message.IsText) Write(message.Bytes ?? Pong(message.Ping), true);
+                    else if (message.Bytes != null) Write(message.Bytes, false);
                 }
             }
             catch (Exception) { } // who receives hears of it too
+        }
+
+        void Write(byte[] bytes, bool isText)
+        {
+            var kind = isText ? WebSocketMessageType.Text : WebSocketMessageType.Binary;
+            _socket.SendAsync(new ArraySegment<byte>(bytes), kind, true, _ends.Token).GetAwaiter().GetResult();
         }
 
         static byte[] Pong(long ping)

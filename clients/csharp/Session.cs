@@ -7,7 +7,12 @@ namespace Haptix
     using System.Threading;
     using System.Threading.Tasks;
     using Haptix.Messages;
+    using Newtonsoft.Json;
     using Newtonsoft.Json.Linq;
+
+    /// <summary>What Unity's stripping must keep: fields that are found by reflection alone.</summary>
+    [AttributeUsage(AttributeTargets.All)]
+    sealed class PreserveAttribute : Attribute { }
 
     /// <summary>The connection broke, and is tried again.</summary>
     public sealed class Disconnected { public string Reason; }
@@ -29,12 +34,16 @@ namespace Haptix
         const double WaitS = 10.0, CloseS = 1.0;
         const double FirstS = 0.1, LastS = 5.0; // between two attempts to connect again
         const int MostEvents = 1000; // that wait for `Pump`; then the oldest are dropped
+        static readonly JsonSerializer Given = new JsonSerializer { NullValueHandling = NullValueHandling.Ignore };
         static readonly Dictionary<string, Type> Types = new Dictionary<string, Type>
         {
             { "lease", typeof(Lease) }, { "output", typeof(Output) }, { "inventory", typeof(Inventory) },
             { "contact", typeof(Contact) }, { "effect_ended", typeof(EffectEnded) },
             { "job", typeof(Job) }, { "warning", typeof(Warning) }, { "error", typeof(Error) }, { "bye", typeof(Bye) },
         };
+
+        // IL2CPP compiles ahead of time, so it must see each collection of numbers that JSON becomes.
+        internal static readonly object[] Kept = { new List<double>(), new Dictionary<string, double>() };
 
         readonly string _name;
         readonly Func<Service> _find;
@@ -46,10 +55,10 @@ namespace Haptix
         readonly TaskCompletionSource<Session> _opened = NewSource<Session>();
         readonly ManualResetEventSlim _closing = new ManualResetEventSlim();
         readonly Thread _thread;
-        readonly Dictionary<string, double> _streams = new Dictionary<string, double>();
+        readonly JObject _streams = new JObject();
         readonly HashSet<string> _watched = new HashSet<string>(); // jobs
         Dictionary<string, string[]> _columns = new Dictionary<string, string[]>();
-        Geometry _geometry;
+        JObject _geometry;
         Link _link; // null while there is no connection
         volatile bool _isWelcome;
         double _silentS; // of the service; then the connection is given up
@@ -83,11 +92,14 @@ namespace Haptix
         public Output Output { get; private set; }
 
         /// <summary>Call `handler` with each message, `Frame`, `Disconnected`, `Resumed` or `Closed`.</summary>
-        public void On<T>(Action<T> handler)
+        /// <returns>What ends that.</returns>
+        public Action On<T>(Action<T> handler)
         {
             List<Action<object>> handlers;
             if (!_handlers.TryGetValue(typeof(T), out handlers)) _handlers[typeof(T)] = handlers = new List<Action<object>>();
-            handlers.Add(each => handler((T)each));
+            Action<object> calls = each => handler((T)each);
+            handlers.Add(calls);
+            return () => handlers.Remove(calls);
         }
 
         /// <summary>Call the handlers of what has come; once a frame, from the main thread.</summary>
@@ -102,87 +114,6 @@ namespace Haptix
             }
         }
 
-        public Task<Lease> Acquire(bool takeover = false)
-        {
-            return Ask<Lease>(new Acquire { Type = "acquire", Takeover = takeover });
-        }
-
-        /// <summary>Give the lease back; 0 V first.</summary>
-        public Task<Done> Release() { return Ask<Done>(new Plain { Type = "release" }); }
-
-        /// <summary>Let touches be felt.</summary>
-        public Task<Output> Arm() { return Ask<Output>(new Plain { Type = "arm" }); }
-
-        /// <summary>End at 0 V and keep the lease.</summary>
-        public Task<Output> Disarm() { return Ask<Output>(new Plain { Type = "disarm" }); }
-
-        /// <summary>End at 0 V, whoever holds the output.</summary>
-        public Task<Done> Stop() { return Ask<Done>(new Plain { Type = "stop" }); }
-
-        /// <summary>Replace the layout by a document in JSON.</summary>
-        public Task<LayoutReply> LayoutSet(string json)
-        {
-            return Ask<LayoutReply>(new JObject { { "type", "layout_set" }, { "document", JObject.Parse(json) } });
-        }
-
-        /// <summary>Change the layout by operations in JSON, `[{"op": "move", ...}]`: all, or nothing.</summary>
-        public Task<LayoutReply> LayoutChange(string json)
-        {
-            return Ask<LayoutReply>(new JObject { { "type", "layout_change" }, { "ops", JArray.Parse(json) } });
-        }
-
-        /// <summary>Say how pixels become millimetres: origin + turn(rotation) (px / pxPerMm).</summary>
-        public async Task<Done> Geometry(double pxPerMm, double xMm = 0, double yMm = 0, double rotationDeg = 0)
-        {
-            double[] origin = { xMm, yMm };
-            var geometry = new Geometry { Type = "geometry", PxPerMm = pxPerMm, OriginMm = origin, RotationDeg = rotationDeg };
-            Done done = await Ask<Done>(geometry).ConfigureAwait(false);
-            _geometry = geometry;
-            return done;
-        }
-
-        /// <summary>Play a transient effect, given in JSON; `EffectEnded` tells its end.</summary>
-        public Task<Playing> Play(string json)
-        {
-            return Ask<Playing>(new JObject { { "type", "play" }, { "effect", JObject.Parse(json) } });
-        }
-
-        public Task<Done> Cancel(long effectId)
-        {
-            return Ask<Done>(new Cancel { Type = "cancel", EffectId = effectId });
-        }
-
-        /// <summary>Set the share of friction that is asked for, 0 to 1.</summary>
-        public Task<Output> Intensity(double value)
-        {
-            return Ask<Output>(new Intensity { Type = "intensity", Value = value });
-        }
-
-        /// <summary>Hold 0 V while time runs.</summary>
-        public Task<Output> Mute(bool on) { return Ask<Output>(new Switch { Type = "mute", On = on }); }
-
-        /// <summary>Hold 0 V while time stands.</summary>
-        public Task<Output> Pause(bool on) { return Ask<Output>(new Switch { Type = "pause", On = on }); }
-
-        public Task<Inventory> Inventory() { return Ask<Inventory>(new Plain { Type = "inventory" }); }
-
-        /// <summary>Return how far a job is; `Job` tells its changes until it ends, and how far it is after a lost connection.</summary>
-        public async Task<Job> Watch(string job)
-        {
-            Job found = await Ask<Job>(new Watch { Type = "watch", Job = job }).ConfigureAwait(false);
-            lock (_gate) _watched.Add(job);
-            return found;
-        }
-
-        /// <summary>Ask for a stream of `Frame` at a rate; 0 ends it.</summary>
-        public async Task<Subscribed> Subscribe(string stream, double rateHz)
-        {
-            var streams = new Dictionary<string, double> { { stream, rateHz } };
-            Subscribed found = await Ask<Subscribed>(new Subscribe { Type = "subscribe", Streams = streams }).ConfigureAwait(false);
-            lock (_gate) _streams[stream] = rateHz;
-            return found;
-        }
-
         /// <summary>Report a touch, now unless it says when; false where there is no connection.</summary>
         public bool Touch(float xMm, float yMm, float? normalForceN = null, int touchId = 0,
             TouchKind kind = TouchKind.Move, double? timeS = null)
@@ -194,30 +125,31 @@ namespace Haptix
         /// <summary>Take a finger off.</summary>
         public bool Lift(int touchId = 0) { return Touch(0f, 0f, null, touchId, TouchKind.Up); }
 
-        /// <summary>Report many touches in one batch of bytes, at most `Welcome.Limits.BatchTouches`.</summary>
+        /// <summary>
+        /// Report many touches in one batch of bytes, at most `Welcome.Limits.BatchTouches`. Faster than the service
+        /// takes them they wait, and what is asked meanwhile passes them; false where there is no connection, or
+        /// while 1000 wait.
+        /// </summary>
         public bool Touches(IList<TouchReport> touches)
         {
             lock (_gate)
-            {
-                if (_link == null || !_isWelcome) return false;
-                _link.Send(Batches.Write(touches, ++_batch), false);
-                return true;
-            }
+                return _link != null && _isWelcome && _link.SendTouches(Batches.Write(touches, ++_batch), touches.Count);
         }
 
         /// <summary>Send a message and return its answer; throws `Refused` or `Lost`.</summary>
-        public async Task<T> Ask<T>(object message)
+        public async Task<T> Ask<T>(string type, JObject fields)
         {
             TaskCompletionSource<JObject> answer = NewSource<JObject>();
-            JObject json = JObject.FromObject(message);
-            string type = (string)json["type"];
+            var message = new JObject { { "type", type }, { "id", 0 } };
+            foreach (JProperty field in fields.Properties())
+                if (field.Value.Type != JTokenType.Null) message[field.Name] = field.Value;
             long id;
             lock (_gate) // ids leave in their order
             {
                 if (_link == null) throw new Lost(type + ": the connection is gone");
-                json["id"] = id = ++_id;
+                message["id"] = id = ++_id;
                 _asked[id] = answer;
-                _link.Send(json);
+                _link.Send(message);
             }
             using (var ends = new CancellationTokenSource())
             {
@@ -229,7 +161,26 @@ namespace Haptix
                 }
                 ends.Cancel();
             }
-            return (await answer.Task.ConfigureAwait(false)).ToObject<T>();
+            var found = (await answer.Task.ConfigureAwait(false)).ToObject<T>();
+            Remember(type, fields);
+            return found;
+        }
+
+        void Remember(string type, JObject fields)
+        {
+            lock (_gate)
+            {
+                if (type == "geometry") _geometry = fields;
+                if (type == "watch") _watched.Add((string)fields["job"]);
+                if (type != "subscribe") return;
+                foreach (JProperty stream in ((JObject)fields["streams"]).Properties()) _streams[stream.Name] = stream.Value;
+            }
+        }
+
+        /// <summary>Return the JSON of a material, a message or a number.</summary>
+        internal static JToken Json(object value)
+        {
+            return value == null ? JValue.CreateNull() : JToken.FromObject(value, Given);
         }
 
         /// <summary>Leave: 0 V first, and the lease is free for others. Takes a second at most.</summary>
@@ -248,7 +199,7 @@ namespace Haptix
             try
             {
                 if (Lease != null && Lease.IsMine) await Release().ConfigureAwait(false);
-                await Ask<Done>(new Plain { Type = "bye" }).ConfigureAwait(false);
+                await Ask<Done>("bye", new JObject()).ConfigureAwait(false);
             }
             catch (Exception) { } // it is gone already, and with it the voltage
         }

@@ -45,9 +45,9 @@ namespace Haptix
             {
                 _silentS = WaitS;
                 lock (_gate) _link = link;
-                var hello = new Hello { Type = "hello", Protocol = Protocol, Client = _name, Token = service.Token };
-                if (Welcome != null) hello.Resume = Welcome.Resume;
-                Task<Welcome> greeted = Ask<Welcome>(hello);
+                var hello = new JObject { { "protocol", Protocol }, { "client", _name }, { "token", service.Token } };
+                if (Welcome != null) hello["resume"] = Welcome.Resume;
+                Task<Welcome> greeted = Ask<Welcome>("hello", hello);
                 try
                 {
                     while (link.IsOpen) Take(link);
@@ -76,22 +76,26 @@ namespace Haptix
             Lease = welcome.Lease;
             Output = welcome.Output;
             _silentS = 3 * welcome.KeepAlive.IdleS;
+            lock (_gate) if (_link != null) _link.Limit(welcome.Limits);
             Restore(again).ContinueWith(done => done.Exception, TaskContinuationOptions.OnlyOnFaulted);
         }
 
         /// <summary>The service keeps lease and layout for who resumes; these are of the session.</summary>
         async Task Restore(bool again)
         {
-            if (_geometry != null) await Ask<Done>(_geometry).ConfigureAwait(false);
-            Dictionary<string, double> streams;
-            lock (_gate) streams = new Dictionary<string, double>(_streams);
-            if (streams.Count > 0)
-                await Ask<Subscribed>(new Subscribe { Type = "subscribe", Streams = streams }).ConfigureAwait(false);
+            JObject geometry, streams;
+            lock (_gate)
+            {
+                geometry = _geometry;
+                streams = new JObject { { "streams", _streams.DeepClone() } };
+            }
+            if (geometry != null) await Ask<Done>("geometry", geometry).ConfigureAwait(false);
+            if (streams["streams"].HasValues) await Ask<Subscribed>("subscribe", streams).ConfigureAwait(false);
             string[] watched;
             lock (_gate) watched = new List<string>(_watched).ToArray();
             foreach (string job in watched)
             {
-                try { Tell(await Ask<Job>(new Watch { Type = "watch", Job = job }).ConfigureAwait(false)); }
+                try { Tell(await Watch(job).ConfigureAwait(false)); }
                 catch (Refused) { lock (_gate) _watched.Remove(job); } // another service knows none
             }
             _isWelcome = true;

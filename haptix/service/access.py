@@ -31,7 +31,11 @@ CODE_S = 300.0  # a code is good for so long, and for one page
 _LETTERS = "ABCDEFGHJKLMNPQRSTUVWXYZ23456789"  # none that is taken for another
 _CODE_LETTERS = 8
 _MOST_TRIES, _TRIES_S = 5, 60.0  # of one origin at once, and until as many more
-_ALL_TRIES, _MOST_ORIGINS = 600, 1000  # of all foreign origins together; those that are remembered
+_MOST_ORIGINS = 1000  # whose tries are remembered
+_ALL_TRIES, _NEAR_LETTERS = 600, 3
+"""Of all origins together: the tries whose first letters are those of the code. Others count for
+their own origin alone: who makes up origins finds those letters once in 32,768 tries, and cannot
+use up the tries of who reads them."""
 _SHOW_S = 3.0  # between two codes on the terminal
 _MOST_TOKENS = 100
 
@@ -176,10 +180,11 @@ class Access:
         """
         if not origin or origin == "null":
             raise Problem("access", "expected a page with an origin; programs read service.json")
-        if not self._may_try(origin):
-            raise Problem("limit", f"expected at most {_MOST_TRIES} tries a minute; wait a minute")
         typed_code = code.strip().upper().replace("-", "")
-        if not hmac.compare_digest(typed_code.encode(), self.code().encode()):
+        is_near = _is_same(typed_code[:_NEAR_LETTERS], self.code()[:_NEAR_LETTERS])
+        if not self._may_try(origin) or (is_near and not self._all_tries.takes()):
+            raise Problem("limit", f"expected at most {_MOST_TRIES} tries a minute; wait a minute")
+        if not _is_same(typed_code, self.code()):
             raise Problem("access", "this is not the code that the terminal shows", "/code")
         token = secrets.token_urlsafe(32)
         pages = dict([*self._pages.items()][1 - _MOST_TOKENS :])
@@ -189,12 +194,12 @@ class Access:
         return token
 
     def _may_try(self, origin: str) -> bool:
-        """Whether an origin has tries left; the service's own pages never wait for others."""
+        """Whether an origin has tries left."""
         new = Limiter(_MOST_TRIES / _TRIES_S, self._now_s, _MOST_TRIES)
         self._tries[origin] = own = self._tries.pop(origin, new)
         if len(self._tries) > _MOST_ORIGINS:
             self._tries.pop(next(iter(self._tries)))
-        return own.takes() and (origin in self.origins or self._all_tries.takes())
+        return own.takes()
 
     def write_entrance(self, address: str) -> Path:
         """Write a page that leads to an address; who else is on this machine cannot read it.
@@ -215,7 +220,7 @@ class Access:
         A browser names no origin when one of the service's own pages reads by GET; those of other
         origins it names.
         """
-        if origin is None and hmac.compare_digest(token.encode(), self.native.encode()):
+        if origin is None and _is_same(token, self.native):
             return True
         page = self._pages.get(_hash(token))
         if page is None:
@@ -249,6 +254,11 @@ class Access:
 
 def _json(content: object) -> bytes:
     return json.dumps(content).encode()
+
+
+def _is_same(text: str, secret: str) -> bool:
+    """Compare without telling by the time how much is the same."""
+    return hmac.compare_digest(text.encode(), secret.encode())
 
 
 def _hash(token: str) -> str:

@@ -9,12 +9,13 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import ceil
-from typing import Any
+from typing import Any, NamedTuple
 
 from haptix.service import messages as m
 from haptix.service.batches import TelemetryFrame, numbered, write_frame
 from haptix.service.client_touches import ClientClock, TouchInbox
 from haptix.service.limiter import Limiter
+from haptix.touch.events import TouchEvent
 
 _LOG = logging.getLogger("haptix.service")
 
@@ -22,7 +23,16 @@ _MOST_WAITING = 64  # replies that a client has not read
 _MOST_FRAMES = 4
 _MOST_PINGS = 64  # that wait for an answer
 _TOUCH_ERRORS_PER_S = 10
+_FORGOTTEN_S = 10.0  # without a report: its up was lost
 _DROPPED_S = 10.0  # between two warnings of touches that were left out
+
+
+class Settings(NamedTuple):
+    """What a session asks of the output, for as long as it holds it; it ends with the session."""
+
+    intensity: float = 1.0
+    muted: bool = False
+    paused: bool = False
 
 
 @dataclass
@@ -45,6 +55,8 @@ class ServiceSession:
         self.resume = secrets.token_urlsafe(16)
         self.clock = ClientClock()
         self.geometry: m.Geometry | None = None
+        self.settings = Settings()
+        self._fingers: dict[int, float] = {}  # when each was heard last
         self.last_id = 0
         self.began_s = now_s()
         self.unanswered_s: float | None = None  # first ping since it was heard
@@ -59,6 +71,7 @@ class ServiceSession:
         self.has_more = asyncio.Event()
         self.ahead: deque[str | bytes] = deque()  # read, and not yet taken
         self.ahead_bytes = 0
+        self.behind_s = 0.0  # for so long more has come than could be read
         self.has_ahead = asyncio.Event()
         self.requests: deque[Any] = deque()  # messages that wait for the engine
         self.has_requests = asyncio.Event()
@@ -133,6 +146,19 @@ class ServiceSession:
             more = f" ({self._left_out - 1} more were left out)" if self._left_out > 1 else ""
             self.refuse(0, m.Problem(first.code, first.sentence + more, first.path))
             self._left_out = 0
+
+    def has_finger(self, touch: TouchEvent) -> bool:
+        """Take note of a finger; whether it is one of those that there may be at once."""
+        if touch.kind == "up":
+            self._fingers.pop(touch.touch_id, None)
+            return True
+        if touch.touch_id not in self._fingers:
+            heard = self._fingers.items()
+            self._fingers = {one: at_s for one, at_s in heard if touch.t_s - at_s < _FORGOTTEN_S}
+            if len(self._fingers) >= m.Limits().fingers:
+                return False
+        self._fingers[touch.touch_id] = touch.t_s
+        return True
 
     def warn_of_dropped(self, now_s: float) -> None:
         """Warn of touches that were left out because the service was late, every ten seconds."""

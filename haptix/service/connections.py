@@ -27,7 +27,9 @@ _FILES = 1024  # that the process may have open; some systems grant 256 until as
 REQUEST_S, UPLOAD_S = 10.0, 60.0
 """For a request to come and be answered; of who has shown a token, for its body to come."""
 _AT_ONCE, _WAITING = 24, 4096  # newcomers taken in one turn of the loop, and waiting for it
-_READ_BYTES = 16 * 1024  # of a connection in one turn; then others have theirs
+_READ_BYTES, _SESSION_BYTES = 16 * 1024, 4 * 1024
+"""Of a connection in one turn of the loop, then others have theirs. A session's messages may be of
+30 bytes, and another session's STOP takes four turns: with 4 KiB of them a turn takes 2 ms."""
 _IDLE, _STRANGER, _OWNER, _SESSION = range(4)
 
 
@@ -37,8 +39,9 @@ class Listener(socket.socket):
     The others would have been closed for those a moment later, at ten times the cost.
     """
 
-    def __init__(self, fileno: int) -> None:
+    def __init__(self, fileno: int, crowd: Crowd) -> None:
         super().__init__(fileno=fileno)
+        self._crowd = crowd
         self._newcomers: deque[tuple[socket.socket, Any]] = deque()
 
     def accept(self) -> tuple[socket.socket, Any]:
@@ -47,7 +50,9 @@ class Listener(socket.socket):
             self._newcomers = deque(self._drain(), _AT_ONCE)
         if not self._newcomers:
             raise BlockingIOError
-        return self._newcomers.popleft()
+        newcomer = self._newcomers.popleft()
+        self._crowd.add(_Newcomer(*newcomer))
+        return newcomer
 
     def _drain(self) -> Iterator[tuple[socket.socket, Any]]:
         taken: deque[socket.socket] = deque()
@@ -60,24 +65,50 @@ class Listener(socket.socket):
                 yield newcomer
 
 
+class _Newcomer:
+    """One of the crowd that asyncio has told nobody of yet: its TLS handshake is not done."""
+
+    def __init__(self, socket: socket.socket, address: tuple[Any, ...]) -> None:
+        self.socket, self.number, self.peer = socket, socket.fileno(), address[0]
+        self._since_s = time.monotonic()
+
+    def abort(self) -> None:
+        """End the handshake; asyncio closes the socket then."""
+        with suppress(OSError):
+            self.socket.shutdown(socket.SHUT_RDWR)
+
+    def rank(self) -> int:
+        """How much it needs its place."""
+        return _IDLE
+
+    def is_late(self, now_s: float) -> bool:
+        """Whether it takes longer than anybody needs, or is closed."""
+        return now_s - self._since_s > REQUEST_S or self.socket.fileno() < 0
+
+
 class Crowd:
     """All connections, the one that was quiet for the longest first."""
 
     def __init__(self) -> None:
-        self.connections: dict[_Connection, None] = {}
+        self.connections: dict[_Connection | _Newcomer, None] = {}
         self._of_peer: Counter[str] = Counter()
+        self._newcomers: dict[int, _Newcomer] = {}  # by the number of their sockets
 
-    def add(self, newcomer: _Connection) -> None:
+    def add(self, newcomer: _Connection | _Newcomer) -> None:
         """Take a connection, and close another where there are too many."""
+        if before := self._newcomers.pop(newcomer.number, None):  # itself, or one that is closed
+            self.remove(before)
+        if isinstance(newcomer, _Newcomer):
+            self._newcomers[newcomer.number] = newcomer
         peer = newcomer.peer
         if self._of_peer[peer] >= MOST_OF_PEER:
-            self._least(one for one in self.connections if one.peer == peer).abort()
+            self._end(self._least(one for one in self.connections if one.peer == peer))
         elif len(self.connections) >= MOST_CONNECTIONS:
-            self._least(self.connections).abort()
+            self._end(self._least(self.connections))
         self.connections[newcomer] = None
         self._of_peer[peer] += 1
 
-    def remove(self, one: _Connection) -> None:
+    def remove(self, one: _Connection | _Newcomer) -> None:
         """Forget a connection that is closed."""
         if one in self.connections:
             del self.connections[one]
@@ -88,10 +119,14 @@ class Crowd:
     def look(self, now_s: float) -> None:
         """Close those that take too long."""
         for one in [one for one in self.connections if one.is_late(now_s)]:
-            one.abort()
+            self._end(one)
+
+    def _end(self, one: _Connection | _Newcomer) -> None:
+        self.remove(one)
+        one.abort()
 
     @staticmethod
-    def _least(connections: Iterable[_Connection]) -> _Connection:
+    def _least(connections: Iterable[_Connection | _Newcomer]) -> _Connection | _Newcomer:
         """Return the one that needs its place least, of such the one quiet for the longest."""
         least = None
         for one in connections:
@@ -116,6 +151,7 @@ class _Connection:
         transport.max_size = _READ_BYTES
         self.since_s = time.monotonic()
         self.peer = (transport.get_extra_info("peername") or ("",))[0]
+        self.number = transport.get_extra_info("socket").fileno()
         self.crowd.add(self)
 
     def connection_lost(self, exc: Exception | None) -> None:
@@ -124,7 +160,6 @@ class _Connection:
 
     def abort(self) -> None:
         """Close it at once."""
-        self.crowd.remove(self)
         self.transport.abort()
 
     def rank(self) -> int:
@@ -162,6 +197,19 @@ class _Http(_Connection, H11Protocol):
 class _Socket(_Connection, WebSocketsSansIOProtocol):
     """A session's socket."""
 
+    def connection_made(self, transport: Any) -> None:
+        super().connection_made(transport)
+        transport.max_size = _SESSION_BYTES
+        self.close_timeout = 1.0  # who is shown out may go on sending
+
+    def data_received(self, data: bytes) -> None:
+        now_s = time.monotonic()
+        if len(data) < _SESSION_BYTES or self.scope is None:  # else more has come already
+            self.since_s = now_s
+        elif (session := self.scope["state"].get("session")) is not None:
+            session.behind_s = now_s - self.since_s
+        super().data_received(data)
+
 
 class HttpServer(uvicorn.Server):
     """Ends at 0 V before it closes its clients' connections.
@@ -180,15 +228,15 @@ class HttpServer(uvicorn.Server):
 
     def __init__(self, app: Any, hub: Hub, listen: Listen | None, end: Callable[[], None]) -> None:
         self._hub, self._end, self.crowd = hub, end, Crowd()
-        own = {"crowd": self.crowd}
+        shared = {"crowd": self.crowd}
         super().__init__(
             uvicorn.Config(
                 app,
-                http=type("Http", (_Http,), own),
-                ws=type("Socket", (_Socket,), own),
+                http=type("Http", (_Http,), shared),
+                ws=type("Socket", (_Socket,), shared),
                 log_level="critical",  # what a client did wrong it is told itself
                 backlog=_AT_ONCE,
-                ws_max_size=MOST_TEXT_BYTES,
+                ws_max_size=4 * MOST_TEXT_BYTES,  # what is too long is told, and closes nothing
                 ws_per_message_deflate=False,  # work for bytes that leave no machine
                 ws_ping_interval=None,  # the session's own pings show that the script lives
                 timeout_graceful_shutdown=2,
@@ -205,7 +253,7 @@ class HttpServer(uvicorn.Server):
 
             soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
             resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, min(_FILES, hard)), hard))
-        sockets = [Listener(fileno=one.detach()) for one in sockets or ()]
+        sockets = [Listener(one.detach(), self.crowd) for one in sockets or ()]
         await super().startup(sockets)
         for one in sockets:
             one.listen(_WAITING)

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
 from haptix.service import messages as m
-from haptix.service.client_session import ServiceSession
+from haptix.service.client_session import ServiceSession, Settings
 from haptix.service.messages import Problem
 from haptix.touch.events import TouchEvent
 
@@ -43,6 +43,7 @@ class KeptLease(NamedTuple):
     layout: int
     resume: str
     until_s: float
+    settings: Settings
 
 
 class OutputControl:
@@ -64,6 +65,7 @@ class OutputControl:
         self.engine, self._welcome = engine, welcome
         self.holder: ServiceSession | None = None
         self._kept: KeptLease | None = None
+        self._told = Settings()  # what the engine was told last
         self.output = m.OutputMessage(
             state="off",
             device=device,
@@ -111,7 +113,7 @@ class OutputControl:
         if session is not None:
             reason = "the client that held the output is gone"
             self.engine.tell("stop", reason=reason)
-            self._kept = KeptLease(session.layout, session.resume, until_s)
+            self._kept = KeptLease(session.layout, session.resume, until_s, session.settings)
             self._give(None, "the holder is gone")
             self.set(state="off", reason=reason)
 
@@ -121,7 +123,7 @@ class OutputControl:
         if kept is None or not hmac.compare_digest(resume.encode(), kept.resume.encode()):
             return False
         self._kept = None
-        session.layout = kept.layout
+        session.layout, session.settings = kept.layout, kept.settings
         self._give(session, "resumed")
         return True
 
@@ -135,6 +137,12 @@ class OutputControl:
         self.engine.tell("stop", reason=reason)
         if self.output.state != "off":
             self.set(state="off", reason=reason)
+
+    def lend(self, kind: str) -> None:
+        """End at 0 V and tell which kind of job has the device now; "" at its end."""
+        if kind:
+            self.disarm("a job has the device")
+        self.set(lent_to=kind)
 
     @property
     def is_live(self) -> bool:
@@ -162,6 +170,28 @@ class OutputControl:
                 session.send(self.output)
         return self.output.model_copy(update={"id": number})
 
+    def news(self, settings: Settings) -> list[tuple[str, dict[str, Any]]]:
+        """Return what the engine is to be told, of a session's settings and the person's own."""
+        person, before = self.output, self._told
+        muted = settings.muted or person.person_muted
+        now = Settings(settings.intensity * person.person_intensity, muted, settings.paused)
+        self._told = now
+        whole = (
+            ("intensity", {"value": now.intensity}, now.intensity != before.intensity),
+            ("mute", {"on": now.muted}, now.muted != before.muted),
+            ("pause", {"on": now.paused}, now.paused != before.paused),
+        )
+        return [(do, fields) for do, fields, is_new in whole if is_new]
+
+    def follow(self, **of_person: Any) -> None:
+        """Let the engine do what the holder, and the person, want now."""
+        settings = self.holder.settings if self.holder else Settings()
+        changes = settings._asdict() | of_person
+        if self.output != self.output.model_copy(update=changes):
+            self.set(**changes)
+        for do, fields in self.news(settings):
+            self.engine.tell(do, **fields)
+
     def lease_of(self, session: ServiceSession, reason: str, number: int = 0) -> m.Lease:
         """Return who holds the output, as a message to a session."""
         holder = self.holder
@@ -177,6 +207,7 @@ class OutputControl:
         _LOG.info("lease: session %s, %s", session.number if session else None, reason)
         for each in self._welcome():
             each.send(self.lease_of(each, reason))
+        self.follow()
 
     def _forget(self) -> None:
         kept, self._kept = self._kept, None

@@ -411,6 +411,7 @@ class EngineServer:
         renderer = LiveRenderer(
             self._surface, layout.layout, self._device, settings=LiveSettings(strict=False)
         )
+        renderer.verified.on_warning = self._beyond_verified
         for kind in ("enter", "leave", "press", "release", "detent"):
             renderer.on(kind, partial(self._contact, layout))
         self._tick_s = time.monotonic()
@@ -431,6 +432,9 @@ class EngineServer:
             raise error
         drive = {"carrier_hz": carrier_hz(self._surface), "highest_v": renderer.highest_v}
         return {"full_drive": drive}
+
+    def _beyond_verified(self, sentence: str) -> None:
+        self._outbox.say(event="warning", sentence=sentence)
 
     def _contact(self, layout: SessionLayout, event: LayoutEvent) -> None:
         names = (name for name, patch in layout.patches.items() if patch is event.patch)

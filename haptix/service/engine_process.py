@@ -12,7 +12,7 @@ from contextlib import suppress
 from typing import Any
 
 from haptix.service.messages import Problem
-from haptix.service.pool import IDLE_S, MOST_SILENT_IDLY, Process
+from haptix.service.pool import BEAT_S, IDLE_S, LONGEST_SILENCE_S, Process
 from haptix.service.wire import AMPLITUDE, TELEMETRY, frame, touch_frame
 from haptix.touch.events import TouchEvent
 
@@ -96,13 +96,15 @@ class FeltFingerProcess(Process):
 
     Parameters
     ----------
-    on_telemetry : callable
-        Takes its telemetry.
+    on_event, on_telemetry : callable
+        Take what it says: that it hangs, and its telemetry.
     """
 
-    def __init__(self, on_telemetry: Callable[[bytes], None]) -> None:
+    def __init__(
+        self, on_event: Callable[[dict[str, Any]], None], on_telemetry: Callable[[bytes], None]
+    ) -> None:
         super().__init__(nice=_FINGER_NICE)
-        self._on_telemetry = on_telemetry
+        self._on_event, self._on_telemetry = on_event, on_telemetry
         self._opening: dict[str, Any] = {}
         self._is_wanted = self._is_open = False
         self._starter: asyncio.Task[None] | None = None
@@ -153,6 +155,9 @@ class FeltFingerProcess(Process):
         """Start it again."""
         self._is_open = False
         if self._is_wanted:
+            how = "hung" if self.has_hung else f"ended with code {code}"
+            sentence = f"the virtual finger {how}; another one is started"
+            self._on_event({"event": "warning", "stream": "felt", "sentence": sentence})
             self._starter = asyncio.create_task(self._start(_RESTART_S))
 
 
@@ -183,7 +188,7 @@ class EngineProcess(Process):
         self._sparing: asyncio.Task[None] | None = None
         self._rates: dict[str, float] = {}
         self._replay = EngineReplay()
-        self.felt_finger = FeltFingerProcess(on_telemetry)
+        self.felt_finger = FeltFingerProcess(on_event, on_telemetry)
 
     async def start(self) -> dict[str, Any]:
         """Start the engine; return what it has opened."""
@@ -212,7 +217,7 @@ class EngineProcess(Process):
         self._sparing = None
         if spare.returncode is not None:
             return await super()._spawn()
-        self.has_loaded(MOST_SILENT_IDLY)  # it may hang, too
+        self.has_loaded(round(LONGEST_SILENCE_S / BEAT_S))  # it may hang, too
         return spare
 
     async def ask(self, do: str, **fields: Any) -> dict[str, Any]:

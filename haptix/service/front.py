@@ -43,6 +43,7 @@ _HTTP_STATUS: dict[str, int] = {
     "access": 403,
     "unknown": 404,
     "order": 409,
+    "stale": 412,
     "lease": 409,
     "device": 503,
     "internal": 500,
@@ -82,7 +83,8 @@ class Guard:
         elif scope["type"] == "http" and scope["method"] == "OPTIONS" and origin is not None:
             await Response(status_code=204, headers=_cors(origin))(scope, receive, send)
         else:
-            receive = _bounded(receive, _most(scope)) if scope["type"] == "http" else receive
+            if scope["type"] == "http" and _most(scope) < inf:
+                receive = _bounded(receive)
             try:
                 await self._app(scope, receive, _with_headers(send, origin, self._access))
             except Exception as error:  # it was answered by `fail`
@@ -96,16 +98,17 @@ def _most(scope: Scope) -> float:
     return inf if scope["path"].startswith("/v1/assets/") else MOST_BODY_BYTES
 
 
-def _bounded(receive: Receive, most: float) -> Receive:
-    """Refuse a body that did not say how long it is, once it is too long."""
-    size = 0
+def _bounded(receive: Receive) -> Receive:
+    """Refuse a body that did not say how long it is, once it is too long, or holds too much."""
+    body = bytearray()
 
     async def receives() -> MutableMapping[str, Any]:
-        nonlocal size
         message = await receive()
-        size += len(message.get("body", b""))
-        if size > most:
+        body.extend(message.get("body", b""))
+        if len(body) > MOST_BODY_BYTES:
             raise HTTPException(413, f"expected a body of at most {MOST_BODY_BYTES} bytes")
+        if not message.get("more_body") and (why := m.too_many(body)):
+            raise HTTPException(413, why)
         return message
 
     return receives

@@ -71,7 +71,7 @@ class Hub:
         self._next = 1
         self._was_live = False  # when the engine failed
         self.control = OutputControl(engine, device, self.welcome)
-        self.jobs = JobBoard(engine, self.on_job_change, self.control.disarm)
+        self.jobs = JobBoard(engine, self.on_job_change, self.control.lend)
 
     # --- coming and going ------------------------------------------------------------------------
 
@@ -149,7 +149,8 @@ class Hub:
                 wait_s = max(wait_s, session.touches.wait_s(len(touches)))
                 session.inbox.put(touches)
             else:
-                message = m.read_client(data)
+                most_bytes = m.MOST_TEXT_BYTES if session.is_welcome else m.MOST_HELLO_BYTES
+                message = m.read_client(data, most_bytes)
                 self._note_answer(session)
                 wait_s = max(wait_s, self._sort(session, message))
         except Problem as problem:
@@ -210,8 +211,16 @@ class Hub:
         elif kind == "effect_ended" and self.control.holder is not None:
             self.control.holder.send(m.EffectEnded(**event))
         elif kind == "warning":
+            stream = event.get("stream")
             for session in self.welcome():
-                session.send(m.WarningMessage(sentence=event["sentence"]))
+                if stream is None or session.streams.get(stream):
+                    session.send(m.WarningMessage(sentence=event["sentence"]))
+
+    def warn(self, owner: str, sentence: str) -> None:
+        """Warn the sessions of a token's owner, or one that is named by its number."""
+        for session in self.welcome():
+            if owner in (session.owner, f"session {session.number}"):
+                session.send(m.WarningMessage(sentence=sentence))
 
     def _on_output(self, state: str, reason: str) -> None:
         """Take what the engine says of the output; a virtual driver is armed again by itself."""
@@ -321,12 +330,16 @@ class Hub:
         late_s = self.stalls.late_s(now_s)
         clock, geometry = session.clock, session.geometry
         usable = [touch_events(clock, geometry, touches, now_s, late_s) for touches in batches]
-        events = [event for touches in usable for event in touches.events]
+        sent = [event for touches in usable for event in touches.events]
+        events = [event for event in sent if session.has_finger(event)]
         if events:
             self.engine.touch(events)
             _LOG.debug("session %d: %d touches", session.number, len(events))
         first = next((touches.problem for touches in usable if touches.problem is not None), None)
-        return sum(touches.left_out for touches in usable), first
+        if first is None and len(events) < len(sent):
+            most = m.Limits().fingers
+            first = Problem("limit", f"touch_id: expected at most {most} fingers at once; lift one")
+        return sum(touches.left_out for touches in usable) + len(sent) - len(events), first
 
     def _note_answer(self, session: ServiceSession) -> None:
         session.unanswered_s = None

@@ -7,11 +7,12 @@ lower intensity.
 from __future__ import annotations
 
 from datetime import UTC, date, datetime
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from fastapi import APIRouter, Depends, Request
-from pydantic import BaseModel
+from pydantic import BaseModel, Field
 
+from haptix.files import write_whole
 from haptix.service.messages import Error, Problem
 
 if TYPE_CHECKING:
@@ -39,6 +40,8 @@ class Profile(BaseModel):
     """Standard deviation of the logarithm of each number that was found."""
     warnings: tuple[str, ...]
     """Reasons not to trust it."""
+    verified: str
+    """Range in which a calibration has verified it; empty where none has."""
     document: dict[str, Any]
 
 
@@ -67,6 +70,7 @@ def profiles_of(finger: Finger, screen: Screen, sources: dict[str, str]) -> dict
         rests_on=calibration.rests_on if calibration else (),
         spread=calibration.spread if calibration else {},
         warnings=tuple(screen.warnings()),
+        verified="" if screen.verified is None else screen.verified.text,
         document=screen.model_dump(mode="json"),
     )
     finger_profile = Profile(
@@ -78,6 +82,7 @@ def profiles_of(finger: Finger, screen: Screen, sources: dict[str, str]) -> dict
         rests_on=(),
         spread={},
         warnings=tuple(guessed),
+        verified="",
         document=finger.model_dump(mode="json"),
     )
     profiles = {"screen": screen_profile, "finger": finger_profile}
@@ -89,7 +94,7 @@ def _source(source: str, name: str) -> str:
 
 
 def profiles_router(hub: Hub, token: Callable[..., Awaitable[None]]) -> APIRouter:
-    """Return the route ``/v1/profiles/{kind}``."""
+    """Return the routes ``/v1/profiles/{kind}`` and ``/v1/person``."""
     router = APIRouter(dependencies=[Depends(token)])
 
     @router.get("/v1/profiles/{kind}")
@@ -99,7 +104,31 @@ def profiles_router(hub: Hub, token: Callable[..., Awaitable[None]]) -> APIRoute
             raise Problem("device", "the engine is not there yet; ask again")
         return Profile.model_validate(hub.profiles[kind])
 
+    path = hub.access.folder / "person.json"
+    if path.exists():
+        of_person = PersonSettings.model_validate_json(path.read_text())
+        hub.control.follow(**of_person.model_dump())
+
+    @router.get("/v1/person")
+    async def person() -> PersonSettings:
+        """The person's own strength and mute."""
+        return PersonSettings.model_validate(hub.control.output, from_attributes=True)
+
+    @router.put("/v1/person", status_code=204)
+    async def set_person(body: PersonSettings) -> None:
+        """Set the person's own strength and mute; they stay, whichever app is felt."""
+        hub.control.follow(**body.model_dump())
+        write_whole(path, body.model_dump_json())
+
     return router
+
+
+class PersonSettings(BaseModel):
+    """What the person at the screen wants of all apps; what an app wants comes beside it."""
+
+    person_intensity: Annotated[float, Field(ge=0, le=1)] = 1.0
+    """Share of what apps ask for."""
+    person_muted: bool = False
 
 
 class FullDrive(BaseModel):

@@ -9,6 +9,7 @@ from typing import Any
 
 from haptix.desk import Context, Task, all_tasks
 from haptix.errors import InputError
+from haptix.files import write_folder
 from haptix.presets import FINGERS, SCREENS
 
 
@@ -52,8 +53,11 @@ class JobWork:
         if task.keeps:
             context.folder = Path(self._context[task.keeps])
         with in_folder(Path(self._context.get("assets", "")), is_sealed=True):
-            result: dict[str, Any] = task(**fields).run(context).document
-        return result
+            result = task(**fields).run(context)
+        if result.files:
+            write_folder(Path(self._context["results"]), result.files)
+        document = result.document
+        return document if isinstance(document, dict) else {"rows": document}
 
     def _name(self, kind: str, name: str | None) -> str | None:
         """Return a preset or what is in use: a client names no files."""

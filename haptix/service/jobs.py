@@ -10,13 +10,16 @@ from __future__ import annotations
 import asyncio
 import logging
 import secrets
+import shutil
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 from haptix.desk import all_tasks
+from haptix.service.access import service_folder
 from haptix.service.control import Engine
 from haptix.service.messages import JobMessage, Problem, StrokeTrace
 from haptix.service.pool import NICE, Process
@@ -147,19 +150,21 @@ class JobBoard:
         Lends its device to jobs that play.
     tell : callable
         Takes each change of a job.
-    disarm : callable
-        Ends at 0 V, for a reason, before a job plays.
+    lend : callable
+        Ends at 0 V before a kind of job plays, and is told of its end by "".
     """
 
     def __init__(
         self,
         engine: Engine,
         tell: Callable[[JobMessage], None],
-        disarm: Callable[[str], None],
+        lend: Callable[[str], None],
     ) -> None:
-        self._engine, self._tell, self._disarm = engine, tell, disarm
+        self._engine, self._tell, self._lend = engine, tell, lend
         self.context: dict[str, Any] = {}
         """What all jobs know: assets, device, finger, screen."""
+        self.results = service_folder() / "results"
+        """Of jobs, a folder each."""
         self.jobs: dict[str, Job] = {}
         self._queue: deque[Job] = deque()
         self._runner: asyncio.Task[None] | None = None
@@ -175,11 +180,13 @@ class JobBoard:
         if len(self._queue) >= MOST_QUEUED:
             raise Problem("limit", f"expected at most {MOST_QUEUED} jobs that wait; cancel one")
         message = JobMessage(job=secrets.token_hex(8), kind=kind, state="queued")
-        job = Job(owner, message, {**fields, "context": self.context}, self._tell)
+        context = {**self.context, "results": str(self._folder_of(message.job))}
+        job = Job(owner, message, {**fields, "context": context}, self._tell)
         for old in [job for job in self.jobs.values() if job.is_over][
             : len(self.jobs) - _MOST_ENDED
         ]:
             del self.jobs[old.message.job]
+            shutil.rmtree(self._folder_of(old.message.job), ignore_errors=True)
         self.jobs[message.job] = job
         self._queue.append(job)
         if self._runner is None or self._runner.done():
@@ -198,6 +205,16 @@ class JobBoard:
         if job is None or job.owner != owner:
             raise Problem("unknown", f"no job of yours is called {name!r:.40}", "/job")
         return job
+
+    def files(self, name: str, owner: str) -> dict[str, Path]:
+        """Return the files that an owner's job has written, by their names in its folder."""
+        folder = self._folder_of(self.get(name, owner).message.job)
+        paths = sorted(path for path in folder.rglob("*") if path.is_file())
+        return {path.relative_to(folder).as_posix(): path for path in paths}
+
+    def _folder_of(self, job: str) -> Path:
+        """Return where a job may write; what stands there goes when the job is forgotten."""
+        return self.results / job
 
     def all(self, owner: str) -> tuple[JobMessage, ...]:
         """Return what is known of an owner's jobs, the oldest first."""
@@ -228,7 +245,7 @@ class JobBoard:
             on_device = plays(job.message.kind)
             try:
                 if on_device:
-                    self._disarm("a job has the device")
+                    self._lend(job.message.kind)
                     await self._engine.ask("lend")
                 await job.run()
             except Problem as problem:
@@ -237,3 +254,4 @@ class JobBoard:
                 if on_device:
                     with suppress(Problem):  # an engine that has died opens it anew
                         await self._engine.ask("take_back")
+                    self._lend("")

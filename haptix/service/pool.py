@@ -19,8 +19,10 @@ import asyncio
 import json
 import logging
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 from haptix.service.messages import Problem
@@ -37,10 +39,10 @@ IDLE_S = 60.0
 MOST_WORKERS, MOST_WAITING = 3, 16
 NICE = 10
 """A picture or a job may wait."""
-BEAT_S, MOST_SILENT, MOST_SILENT_IDLY = 0.1, 7, 20
+BEAT_S, MOST_SILENT, LONGEST_SILENCE_S = 0.1, 7, 2.0
 """Between two beats, which a process returns at once; so many without an answer mean that it hangs.
 Beats are counted, not seconds: a front that was stopped itself finds nobody silent. Workers of the
-pool have a low priority, and are waited for longer."""
+pool have a low priority: who waits for one is told then, and it is ended only after the last."""
 
 
 class Process:
@@ -223,12 +225,28 @@ class Process:
             answer.set_result(message)
 
 
+class _Worker(Process):
+    """A worker of the pool, which tells whom it works for that it is silent."""
+
+    def __init__(self) -> None:
+        super().__init__(nice=NICE)
+        self.tell_owner: Callable[[str], None] = lambda sentence: None
+        self.has_surface = False
+
+    def on_silence(self, silent_s: float) -> None:
+        """Tell its owner once, and wait a little."""
+        if silent_s >= LONGEST_SILENCE_S:
+            super().on_silence(silent_s)
+        elif silent_s < (MOST_SILENT + 0.5) * BEAT_S:
+            self.tell_owner(f"a worker was silent for {silent_s:.1f} s; another one may answer")
+
+
 @dataclass
 class _Owned:
     """The worker of one owner, which answers one question after the other."""
 
     turn: asyncio.Lock = field(default_factory=asyncio.Lock)
-    process: Process | None = None
+    process: _Worker | None = None
     is_busy: bool = False
     rests: asyncio.TimerHandle | None = None
 
@@ -253,14 +271,21 @@ class Pool:
         Assets, surface, finger and screen, as the engine has them.
     longest_s : float
         Longest time for one answer, from when its turn comes and the worker has started.
+    tell : callable
+        Takes an owner, and a sentence for it.
     """
 
-    def __init__(self, opening: dict[str, Any], longest_s: float = LONGEST_S) -> None:
-        self.opening, self._longest_s = opening, longest_s
+    def __init__(
+        self,
+        opening: dict[str, Any],
+        longest_s: float = LONGEST_S,
+        tell: Callable[[str, str], None] = lambda owner, sentence: None,
+    ) -> None:
+        self.opening, self._longest_s, self.tell = opening, longest_s, tell
         self.owned: dict[str, _Owned] = {}  # the one used last stands last
         self._room = asyncio.Semaphore(MOST_WORKERS)
-        self.spare: asyncio.Task[Process] | None = None
-        self.processes: set[Process] = set()
+        self.spare: asyncio.Task[_Worker] | None = None
+        self.processes: set[_Worker] = set()
         self._waiting = 0
         self._keeps_spare = self._ends = False
 
@@ -284,11 +309,11 @@ class Pool:
                     raise Problem("device", f"{do}: the service ends")
                 owned.is_busy = True
                 try:
-                    return await self._ask_now(owned, do, fields)
+                    return await self._ask_now(owner, owned, do, fields)
                 except Problem:
                     if owned.process is None or not owned.process.has_hung:
                         raise
-                    return await self._ask_now(owned, do, fields)  # another one, once
+                    return await self._ask_now(owner, owned, do, fields)  # another one, once
                 finally:
                     owned.is_busy = False
         finally:
@@ -318,7 +343,9 @@ class Pool:
                 await self.spare
         await asyncio.gather(*(process.stop() for process in self.processes))
 
-    async def _ask_now(self, owned: _Owned, do: str, fields: dict[str, Any]) -> dict[str, Any]:
+    async def _ask_now(
+        self, owner: str, owned: _Owned, do: str, fields: dict[str, Any]
+    ) -> dict[str, Any]:
         limit_s = START_S
         try:
             async with asyncio.timeout(limit_s):
@@ -326,14 +353,18 @@ class Pool:
                     self._make_room(owned)
                     owned.process = await self._take()
                 process = owned.process
-                if do != "decode":  # which needs little
+                process.tell_owner = partial(self.tell, owner)
+                if do != "decode" and not process.has_surface:  # it needs little
                     process.loads()
                     if do != "schema":
                         await process.ask("load")  # the surface
-                        process.has_loaded(MOST_SILENT_IDLY)
+                        process.has_surface = True
+                        process.has_loaded()
             limit_s = self._longest_s
             async with asyncio.timeout(limit_s):
-                return await process.ask(do, **fields)
+                answer = await process.ask(do, **fields)
+            process.has_loaded()
+            return answer
         except TimeoutError:
             owned.end()
             raise Problem("limit", f"{do}: took more than {limit_s:g} s") from None
@@ -346,18 +377,23 @@ class Pool:
         if len(others) >= MOST_WORKERS:  # not all are busy, for it is this one's turn
             next(worker for worker in others if not worker.is_busy).end()
 
-    async def _take(self) -> Process:
+    async def _take(self) -> _Worker:
         """Return a worker that has worked for nobody."""
         spare, self.spare = self.spare, None
         if spare is not None:
             with suppress(Problem, TimeoutError):
                 process = await spare
-                if process.pid is not None:
+                try:
+                    # One that hangs may not have been noticed yet.
+                    async with asyncio.timeout(LONGEST_SILENCE_S):
+                        await process.ask("open", **self.opening)
                     return process
+                except TimeoutError:
+                    process.kill()
         return await self._start()
 
-    async def _start(self) -> Process:
-        process = Process(nice=NICE)
+    async def _start(self) -> _Worker:
+        process = _Worker()
         self.processes = {process for process in self.processes if not process.has_ended} | {
             process
         }
@@ -366,7 +402,7 @@ class Pool:
             if self._ends:
                 process.kill()
             await process.ask("open", **self.opening)
-        process.has_loaded(MOST_SILENT_IDLY)
+        process.has_loaded()
         return process
 
     def _release(self, owner: str, owned: _Owned) -> None:

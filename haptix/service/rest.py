@@ -8,30 +8,25 @@ workers or becomes a job.
 from __future__ import annotations
 
 import base64
-import json
 from collections.abc import Callable
-from hashlib import sha256
 from pathlib import Path
 from typing import Annotated, Any, Self, get_type_hints
 
-from fastapi import APIRouter, Header, Request, Response
+from fastapi import APIRouter, Request, Response
 from fastapi import Path as PathParameter
-from fastapi.responses import FileResponse, JSONResponse
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from fastapi.responses import FileResponse
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from haptix.desk import Task, all_tasks, task_at
-from haptix.fields import FOLDER_NAME
-from haptix.files import write_whole
+from haptix.fields import FOLDER_NAME, JsonObject
 from haptix.gallery import FOLDER, presets
-from haptix.service import messages as m
 from haptix.service.document_work import EXPORT
 from haptix.service.jobs import JobBoard
+from haptix.service.kept_layouts import layouts_router, read_layout
 from haptix.service.messages import Error, JobMessage, Problem
 from haptix.service.pool import Pool
 
-MOST_LAYOUTS = 1000
 _MOST_COLUMNS_MOVING = 160
-Name = Annotated[str, PathParameter(pattern=r"^[A-Za-z0-9][A-Za-z0-9 _.-]{0,79}$")]
 Size = Annotated[float, Field(gt=0, le=1e4, allow_inf_nan=False)]
 Force = Annotated[float, Field(gt=0, le=100, allow_inf_nan=False)]
 
@@ -55,7 +50,7 @@ class PictureRequest(BaseModel):
     """What `POST /v1/pictures` takes."""
 
     model_config = ConfigDict(extra="forbid")
-    material: dict[str, Any]
+    material: JsonObject
     width_mm: Size
     height_mm: Size
     columns: Annotated[int, Field(ge=1, le=400)] = 160
@@ -92,7 +87,7 @@ class CheckRequest(BaseModel):
     """What `POST /v1/materials/check` takes."""
 
     model_config = ConfigDict(extra="forbid")
-    material: dict[str, Any]
+    material: JsonObject
     normal_force_n: Force = 0.5
 
 
@@ -121,9 +116,7 @@ def documents_router(pool: Pool, layouts: Path) -> APIRouter:
         Folder of kept layouts.
     """
     router = APIRouter(prefix="/v1")
-
-    def kept(name: str) -> Path:
-        return layouts / f"{name}.json"
+    router.include_router(layouts_router(layouts))
 
     @router.get("/gallery")
     async def gallery() -> tuple[PresetMessage, ...]:
@@ -145,44 +138,6 @@ def documents_router(pool: Pool, layouts: Path) -> APIRouter:
         """JSON Schema of all kinds of material, and of the signals within them."""
         return await pool.ask(request.state.owner, "schema")
 
-    @router.get("/layouts")
-    async def names() -> tuple[str, ...]:
-        """Names of the layouts that are kept."""
-        return tuple(sorted(path.stem for path in layouts.glob("*.json")))
-
-    @router.get("/layouts/{name}")
-    async def get_layout(name: Name, response: Response) -> m.LayoutDocument:
-        """A layout; its `ETag` is for `If-Match`."""
-        text = _text(kept(name))
-        response.headers["etag"] = _etag(text)
-        return m.LayoutDocument.model_validate_json(text)
-
-    @router.put(
-        "/layouts/{name}", status_code=204, response_model=None, responses={412: {"model": m.Error}}
-    )
-    async def put_layout(
-        name: Name,
-        document: dict[str, Any],
-        if_match: Annotated[str | None, Header()] = None,
-    ) -> Response:
-        """Keep a layout; with `If-Match`, only over the one that has this `ETag`."""
-        path = kept(name)
-        if if_match is not None and (not path.is_file() or _etag(_text(path)) != if_match):
-            why = "another has changed this layout meanwhile; read it again"
-            wrong = m.Error(id=0, code="order", sentence=why, path="")
-            return JSONResponse(wrong.model_dump(), 412)
-        if not path.is_file() and len(list(layouts.glob("*.json"))) >= MOST_LAYOUTS:
-            raise Problem("limit", f"expected at most {MOST_LAYOUTS} layouts; remove one")
-        text = _layout(document).model_dump_json(exclude_none=True)
-        write_whole(path, text)
-        return Response(status_code=204, headers={"etag": _etag(text)})
-
-    @router.delete("/layouts/{name}", status_code=204)
-    async def delete_layout(name: Name) -> None:
-        """Remove a layout."""
-        _text(kept(name))
-        kept(name).unlink()
-
     @router.post("/pictures")
     async def picture(request: Request, body: PictureRequest) -> Picture:
         """Draw what a material asks for."""
@@ -195,34 +150,15 @@ def documents_router(pool: Pool, layouts: Path) -> APIRouter:
 
     async def export(request: Request, body: BaseModel) -> Response:
         fields = body.model_dump()
-        regions = _layout(fields["document"]).model_dump(mode="json", exclude_none=True)["regions"]
+        regions = read_layout(fields["document"]).model_dump(mode="json", exclude_none=True)[
+            "regions"
+        ]
         fields["document"] = {"kind": "layout", "regions": regions}
         answer = await pool.ask(request.state.owner, "export", **fields)
         return Response(base64.b64decode(answer["content"]), media_type="application/zip")
 
     router.post("/exports", response_class=Response)(_takes(task_at(EXPORT), export))
     return router
-
-
-def _layout(document: dict[str, Any]) -> m.LayoutDocument:
-    """Read a layout as the session does: from JSON, which knows lists and no tuples."""
-    try:
-        return m.LayoutDocument.model_validate_json(json.dumps(document))
-    except ValidationError as error:
-        first = error.errors()[0]
-        path = "".join(f"/{part}" for part in first["loc"])
-        raise Problem("document", f"{path[1:]}: {first['msg']}", path) from None
-
-
-def _text(path: Path) -> str:
-    try:
-        return path.read_text()
-    except OSError:
-        raise Problem("unknown", f"no layout is called {path.stem!r}") from None
-
-
-def _etag(text: str) -> str:
-    return f'"{sha256(text.encode()).hexdigest()[:32]}"'
 
 
 def _data_url(path: Path) -> str:
@@ -245,7 +181,9 @@ def jobs_router(board: JobBoard) -> APIRouter:
 
     for task in all_tasks():
         if task.route:
-            router.post(f"/{task.route}", status_code=202)(_begins(board, task))
+            about = {"x-task": task.kind}  # so that a page can offer a form for it
+            begins = _begins(board, task)
+            router.post(f"/{task.route}", status_code=202, openapi_extra=about)(begins)
 
     @router.get("/surfaces")
     async def surfaces(request: Request) -> tuple[JobMessage, ...]:
@@ -270,6 +208,19 @@ def jobs_router(board: JobBoard) -> APIRouter:
     async def job(request: Request, job: JobName) -> JobMessage:
         """How far a job is, what it asks, and its result."""
         return board.get(job, request.state.owner).message
+
+    @router.get("/jobs/{job}/files")
+    async def files(request: Request, job: JobName) -> tuple[str, ...]:
+        """Names of the files that a job has written."""
+        return tuple(board.files(job, request.state.owner))
+
+    @router.get("/jobs/{job}/files/{name:path}", response_class=FileResponse)
+    async def file(request: Request, job: JobName, name: str) -> FileResponse:
+        """A file that a job has written."""
+        path = board.files(job, request.state.owner).get(name)
+        if path is None:
+            raise Problem("unknown", f"this job has no file {name!r:.80}", "/name")
+        return FileResponse(path, filename=path.name)
 
     @router.delete("/jobs/{job}", status_code=204)
     async def cancel(request: Request, job: JobName) -> Response:

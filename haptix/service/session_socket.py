@@ -4,7 +4,8 @@
               +--stop, at once--> hub
 
 The reader always reads, so that a stop waits for nothing that its client has sent before. What a
-client sends faster than it may waits in `ahead`; what does not fit there is refused.
+client sends faster than it may waits in `ahead`; what does not fit there is refused. A client that
+sends faster than can be read is shown out, at 0 V: its stop would come too late.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ _GATHER_S = 0.005
 engine and the virtual finger a turn. A batch that comes later than that is passed on at once."""
 _MOST_AHEAD, _MOST_AHEAD_BYTES = 1000, 4 * 2**20
 _EVERY = 256  # messages read, others have a turn
+_LONGEST_BEHIND_S = 0.03  # that much is read; a stop behind more would not come within 50 ms
 _STOP = re.compile(r'"type"\s*:\s*"stop"')
 _TURNS_S = 0.0005  # for the loop to read what has come meanwhile
 
@@ -74,9 +76,12 @@ async def _reads(hub: Hub, socket: WebSocket, client: ServiceSession) -> None:
                 data = ""
             else:
                 client.refuse_flood(_MOST_AHEAD)
+                if client.behind_s > _LONGEST_BEHIND_S:
+                    client.close(4429, "sends more than can be read; a stop would come too late")
             client.ahead_bytes -= len(data)
             if is_stop or read % _EVERY == 0:  # the writer sends the answer to a stop
                 await asyncio.sleep(0)
+        hub.closed(client)  # 0 V at once
         await asyncio.sleep(1.0)  # its writer says why, and closes
 
 
@@ -101,7 +106,7 @@ async def _takes(hub: Hub, client: ServiceSession) -> None:
         wait_s = hub.receive(client, data)
         if client.inbox and not client.inbox.is_due:
             wait_s = max(wait_s, _gather(hub, client))
-        if wait_s > 0:
+        if wait_s > 0 or client.waiting:  # its writer has a turn
             await asyncio.sleep(wait_s)
 
 
@@ -205,12 +210,16 @@ async def _answer(hub: Hub, session: ServiceSession, message: Any) -> m.Message 
         )
     elif isinstance(message, m.Cancel):
         await _ask(hub, "cancel", effect_id=message.effect_id)
-    elif isinstance(message, m.Intensity):
-        await _ask(hub, "intensity", value=message.value)
-        return control.set(number, intensity=message.value)
-    elif isinstance(message, m.Switch):
-        await _ask(hub, message.type, on=message.on)
-        changed: dict[str, Any] = {"muted" if message.type == "mute" else "paused": message.on}
+    elif isinstance(message, m.Intensity | m.Switch):
+        changed: dict[str, Any]
+        if isinstance(message, m.Intensity):
+            changed = {"intensity": message.value}
+        else:
+            changed = {"muted" if message.type == "mute" else "paused": message.on}
+        settings = session.settings._replace(**changed)
+        for do, fields in control.news(settings):
+            await _ask(hub, do, **fields)
+        session.settings = settings
         return control.set(number, **changed)
     elif message.type == "release":
         control.release("released")

@@ -8,6 +8,7 @@ clients <--HTTP, WebSocket--> front <--frames--> engine <--> driver
 from __future__ import annotations
 
 import asyncio
+import shutil
 from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
@@ -103,7 +104,7 @@ def serve(
         from haptix.service.rest import documents_router
 
         m.build()
-        pool = Pool({})
+        pool = Pool({}, tell=hub.warn)
 
         async def start() -> None:
             try:
@@ -119,6 +120,8 @@ def serve(
             hub.jobs.context = {**used, "device": device, "assets": opening["assets"]}
             hub.jobs.context["logs"] = str(folder / "experiments")
             hub.jobs.context["calibrations"] = str(folder / "calibrations")
+            hub.jobs.results = folder / "results"
+            shutil.rmtree(hub.jobs.results, ignore_errors=True)  # of jobs that are forgotten
             on_ready(access, hub.inventory)
             pool.warm()
 

@@ -1,6 +1,7 @@
 /** The connection of a session: hello, pings, answers by id, events, and connecting again. */
 
 import { readFrame } from "./batches.js";
+import { Calls } from "./calls.js";
 
 /** @import * as m from "../types/messages.js" */
 /** @import { Frame } from "./batches.js" */
@@ -28,6 +29,7 @@ const WAIT_S = 10;
 const CLOSE_S = 1;
 const [FIRST_S, LAST_S] = [0.1, 5]; // between two attempts to connect again
 const OFFSETS = 64;
+const [MOST_AT_ONCE, MOST_WAITING] = [64, 1000]; // batches of touches
 
 /** The service refused a message; `code` and `path` say what and where. */
 export class Refused extends Error {
@@ -57,8 +59,27 @@ export function now() {
   return performance.now() / 1e3;
 }
 
+/** As many of something as a rate lets pass, and some at once. */
+class Limiter {
+  /** @param {number} rate @param {number} most */
+  constructor(rate, most) {
+    this.rate = rate;
+    this.most = this.free = most;
+    this.at_s = now();
+  }
+
+  /** Take some, and return how long to wait before the next [s].
+   * @param {number} count */
+  take(count) {
+    const at_s = now();
+    this.free = Math.min(this.most, this.free + (at_s - this.at_s) * this.rate) - count;
+    this.at_s = at_s;
+    return Math.max(0, -this.free / this.rate);
+  }
+}
+
 /** What `Session` sends its messages over. */
-export class Connection {
+export class Connection extends Calls {
   /** @type {m.Welcome} what the service said at first: limits, devices, profiles */
   welcome = /** @type {any} */ (undefined);
   /** @type {m.Lease} who holds the output, as last told */
@@ -85,9 +106,20 @@ export class Connection {
   columns = {};
   /** @type {number[]} */
   #offsets = [];
+  /** @type {{geometry?: object, subscribe?: {streams: object}}} what the service does not keep */
+  #replayed = {};
+  /** @type {Set<string>} jobs */
+  #watched = new Set();
+  /** @type {{bytes: ArrayBuffer, count: number}[]} batches of touches */
+  #waiting = [];
+  /** @type {ReturnType<typeof setTimeout> | undefined} until the next may be sent */
+  #later;
+  /** @type {Limiter[]} */
+  #limiters = [];
 
   /** @param {Options} options */
   constructor(options) {
+    super();
     this.#options = options;
   }
 
@@ -114,6 +146,9 @@ export class Connection {
       const [client, resume] = [this.#options.name, this.welcome?.resume];
       this.welcome = await this.ask("hello", { protocol: PROTOCOL, client, token, resume });
       ({ lease: this.lease, output: this.output } = this.welcome);
+      const { batches_per_s, touches_per_s, batch_touches } = this.welcome.limits;
+      this.#limiters = [new Limiter(batches_per_s, MOST_AT_ONCE)];
+      this.#limiters.push(new Limiter(touches_per_s, batch_touches));
       await this.restore();
       this.#watchSilence(socket);
     } catch (error) {
@@ -127,17 +162,45 @@ export class Connection {
   }
 
   /** Send again what a service does not keep for who resumes. @protected */
-  async restore() {}
+  async restore() {
+    for (const [type, fields] of Object.entries(this.#replayed)) await this.ask(type, fields);
+    for (const job of this.#watched) {
+      await this.ask("watch", { job }).then(
+        (found) => this.#tell("job", found), // it may have ended since
+        (error) => {
+          if (!(error instanceof Refused)) throw error;
+          this.#watched.delete(job); // another service knows none
+        },
+      );
+    }
+  }
 
   /**
-   * Send bytes; return whether there was a connection to send them over.
+   * Send a batch of touches, or let it wait; return whether it could be.
    * @param {() => ArrayBuffer} write
+   * @param {number} count touches in it
    * @protected
    */
-  send(write) {
+  send(write, count) {
     if (this.#socket?.readyState !== 1 || this.#is_opening) return false;
-    this.#socket.send(write());
+    if (this.#waiting.length >= MOST_WAITING) return false;
+    this.#waiting.push({ bytes: write(), count });
+    this.#pass();
     return true;
+  }
+
+  #pass() {
+    while (this.#waiting.length && this.#later === undefined && this.#socket?.readyState === 1) {
+      const { bytes, count } = /** @type {any} */ (this.#waiting.shift());
+      this.#socket.send(bytes);
+      const [batches, touches] = this.#limiters;
+      const wait_s = Math.max(batches.take(1), touches.take(count));
+      const passes = () => {
+        this.#later = undefined;
+        this.#pass();
+      };
+      if (wait_s > 0) this.#later = setTimeout(passes, wait_s * 1e3);
+    }
   }
 
   /** Leave: 0 V first, and the lease is free for others. */
@@ -170,6 +233,7 @@ export class Connection {
 
   /**
    * Send a message and return its answer; rejects with `Refused` or `Lost`.
+   * @override
    * @param {string} type
    * @param {object} [fields]
    * @returns {Promise<any>}
@@ -179,8 +243,9 @@ export class Connection {
     const id = ++this.#id;
     /** @type {ReturnType<typeof setTimeout> | undefined} */
     let timer;
+    let answer;
     try {
-      return await new Promise((resolve, reject) => {
+      answer = await new Promise((resolve, reject) => {
         this.#asked.set(id, { resolve, reject });
         const late = () => reject(new Lost(`${type}: no answer within ${WAIT_S} s`));
         timer = setTimeout(late, WAIT_S * 1e3);
@@ -189,6 +254,18 @@ export class Connection {
     } finally {
       clearTimeout(timer);
       this.#asked.delete(id);
+    }
+    this.#remember(type, fields);
+    return answer;
+  }
+
+  /** @param {string} type @param {any} fields */
+  #remember(type, fields) {
+    if (type === "geometry") this.#replayed.geometry = fields;
+    if (type === "watch") this.#watched.add(fields.job);
+    if (type === "subscribe") {
+      const streams = { ...this.#replayed.subscribe?.streams, ...fields.streams };
+      this.#replayed.subscribe = { streams };
     }
   }
 
@@ -239,6 +316,9 @@ export class Connection {
   #lost(socket, { code, reason }) {
     if (socket !== this.#socket) return;
     this.#socket = undefined;
+    this.#waiting = [];
+    clearTimeout(this.#later);
+    this.#later = undefined;
     clearInterval(this.#watch);
     for (const { reject } of this.#asked.values()) reject(new Lost(`it closed: ${code} ${reason}`));
     if (this.#is_opening) return; // `open` throws

@@ -153,6 +153,34 @@ test("a wrong token is no reason to try again", async () => {
   await assert.rejects(connect({ ...options, url: "ws://127.0.0.1:1/" }), { name: "Lost" });
 });
 
+test("touches in a loop bury no question, and beyond 1000 batches they are refused", async () => {
+  class Slow {
+    readyState = 1;
+    sent = [];
+    constructor() {
+      Slow.last = this;
+      queueMicrotask(() => this.onopen());
+    }
+    send(data) {
+      this.sent.push(data);
+      if (typeof data !== "string") return;
+      const { type, id } = JSON.parse(data);
+      const limits = { fingers: 10, batch_touches: 1024, batches_per_s: 0.001, touches_per_s: 12000 };
+      const lease = { is_mine: false };
+      const answer = { type: type === "hello" ? "welcome" : "done", id, limits, lease };
+      queueMicrotask(() => this.onmessage({ data: JSON.stringify({ ...answer, keep_alive: { idle_s: 9 } }) }));
+    }
+    close() {}
+  }
+  const h = await connect({ name: "x", url: "ws://x", WebSocket: Slow });
+  const taken = Array.from({ length: 2000 }, () => h.touch({ x_mm: 1, y_mm: 1 }));
+  assert.equal(taken.filter(Boolean).length, 1065); // 64 at once, one on credit, and 1000 that wait
+  await h.stop();
+  assert.equal(Slow.last.sent.length, 67);
+  assert.equal(JSON.parse(Slow.last.sent.at(-1)).type, "stop");
+  await h.close();
+});
+
 test("a silent service is left, and a handler that fails ends nothing", async () => {
   class Silent {
     static count = 0;

@@ -44,7 +44,7 @@ class Plain(Message):
 
 
 class Geometry(PixelPlaces, Message):
-    """Pixels to millimetres: ``mm = origin + turn(rotation) (px / px_per_mm)``."""
+    """Say how pixels become mm: ``origin_mm + turn(rotation_deg) (px / px_per_mm)``."""
 
     type: Literal["geometry"]
     id: Id
@@ -69,10 +69,10 @@ class TouchesMessage(Message):
 
     type: Literal["touch"]
     id: Id | None = None
-    touches: Annotated[tuple[TouchMessage, ...], Field(max_length=MOST_TOUCHES)]
+    touches: Annotated[tuple[TouchMessage, ...], Field(max_length=MOST_TOUCHES, fail_fast=True)]
 
 
-class RegionMessage(RegionFields, Message):
+class RegionDocument(RegionFields, Message):
     """A region: its name, its material's document, and where it lies."""
 
     name: Name
@@ -82,7 +82,7 @@ class RegionMessage(RegionFields, Message):
 class LayoutDocument(Message):
     """All regions; beside them nothing is felt."""
 
-    regions: Annotated[tuple[RegionMessage, ...], Field(max_length=256)]
+    regions: Annotated[tuple[RegionDocument, ...], Field(max_length=256, fail_fast=True)]
 
 
 class LayoutSet(Message):
@@ -93,7 +93,7 @@ class LayoutSet(Message):
     document: LayoutDocument
 
 
-class AddRegion(RegionMessage):
+class AddRegion(RegionDocument):
     """Add a region."""
 
     op: Literal["add"]
@@ -108,7 +108,7 @@ class ChangeRegion(RegionFields, Message):
 
 
 class MoveRegion(Place, Message):
-    """Move a region, in `over_s`."""
+    """Move a region within `over_s`; what is left out stays."""
 
     op: Literal["move"]
     name: Name
@@ -123,7 +123,7 @@ class RemoveRegion(Message):
 
 
 class SetValue(Message):
-    """Set the value of a control: a slider, a toggle, a dial. It comes after all other changes."""
+    """Set the value of a control, such as a slider; it comes after all other changes."""
 
     op: Literal["value"]
     name: Name
@@ -140,11 +140,11 @@ class LayoutChange(Message):
 
     type: Literal["layout_change"]
     id: Id
-    ops: Annotated[tuple[Change, ...], Field(min_length=1, max_length=256)]
+    ops: Annotated[tuple[Change, ...], Field(min_length=1, max_length=256, fail_fast=True)]
 
 
 class Play(Message):
-    """Play an effect that ends, such as a transient, for all fingers."""
+    """Play an effect that ends, such as a transient; `effect_ended` tells its end."""
 
     type: Literal["play"]
     id: Id
@@ -160,7 +160,7 @@ class Cancel(Message):
 
 
 class Intensity(Message):
-    """Share of the asked friction, 0 to 1."""
+    """Set the share of friction that is asked for, 0 to 1."""
 
     type: Literal["intensity"]
     id: Id
@@ -176,7 +176,7 @@ class Switch(Message):
 
 
 class Subscribe(Message):
-    """Streams that the client wants, each with its highest rate in hertz; 0 ends one."""
+    """Ask for streams, each with its highest rate in hertz; 0 ends one."""
 
     type: Literal["subscribe"]
     id: Id

@@ -23,7 +23,7 @@ class Limits(Message):
     effects: int = 16
     asset_bytes: int = 32 * 2**20
     assets_bytes: int = 2**30
-    image_pixels: int = 24_000_000
+    image_pixels: int = 24_000_000  # those kept of a picture, which may have up to 200 000 000
 
 
 class KeepAlive(Message):
@@ -47,7 +47,10 @@ class Lease(Message):
 
 
 class OutputMessage(Message):
-    """What the output does. `voltage_share` is of the highest voltage; volts are not told."""
+    """What the output does. `intensity`, `muted` and `paused` are its holder's.
+
+    While a job plays, `lent_to` is its kind, and `state` is that of all others: off.
+    """
 
     type: Literal["output"] = "output"
     id: int = 0
@@ -56,6 +59,9 @@ class OutputMessage(Message):
     intensity: float
     muted: bool
     paused: bool
+    person_intensity: float = 1.0  # the person's own, whichever app holds the output
+    person_muted: bool = False
+    lent_to: str = ""
     reason: str
 
 

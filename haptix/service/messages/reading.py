@@ -1,4 +1,4 @@
-"""From JSON texts to messages, and which field of a text is wrong."""
+"""From JSON texts to messages, which field of a text is wrong, and the schema of all messages."""
 
 from __future__ import annotations
 
@@ -7,15 +7,25 @@ import re
 from typing import Any, get_args
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
+from pydantic.json_schema import models_json_schema
 
-from haptix.service.messages.base import MOST_DEPTH, MOST_TEXT_BYTES, Problem
-from haptix.service.messages.from_client import ClientMessage
+from haptix.service.messages.base import (
+    MOST_DEPTH,
+    MOST_KEYS,
+    MOST_LISTS,
+    MOST_TEXT_BYTES,
+    MOST_VALUES,
+    PROTOCOL,
+    Problem,
+)
+from haptix.service.messages.from_client import ClientMessage, TouchMessage
 from haptix.service.messages.from_server import ServerMessage
 
 _LATER = ConfigDict(defer_build=True)
 CLIENT: TypeAdapter[Any] = TypeAdapter(ClientMessage, config=_LATER)
 SERVER: TypeAdapter[Any] = TypeAdapter(ServerMessage, config=_LATER)
 _STRINGS = re.compile(r'"(?:[^"\\]++|\\.)*+"?', re.DOTALL)  # possessive: no way back is kept
+_ID = re.compile(r'\s*\{\s*(?:"type"\s*:\s*"\w*"\s*,\s*)?"id"\s*:\s*(\d{1,15})\b')
 _BRACKETS = re.compile(r"[\[\]{}]")
 
 
@@ -26,7 +36,7 @@ def build() -> None:
         kind.model_rebuild()
 
 
-def read_client(text: str) -> Any:
+def read_client(text: str, most_bytes: int = MOST_TEXT_BYTES) -> Any:
     """Return the client's message of a JSON text.
 
     Raises
@@ -34,14 +44,25 @@ def read_client(text: str) -> Any:
     Problem
         With the field that is wrong.
     """
-    if len(text) > MOST_TEXT_BYTES or len(text.encode()) > MOST_TEXT_BYTES:
-        raise Problem("limit", f"expected at most {MOST_TEXT_BYTES} bytes of text")
+    if len(text) > most_bytes or len(text.encode()) > most_bytes:
+        raise Problem("limit", f"expected at most {most_bytes} bytes of text")
+    if counts := too_many(text.encode()):
+        raise Problem("limit", counts)
     if _depth(text) > MOST_DEPTH:
         raise Problem("limit", f"expected a text of at most {MOST_DEPTH} nested brackets")
     try:
         return CLIENT.validate_json(text)
     except ValidationError as error:
         raise _problem(error) from None
+
+
+def too_many(text: bytes | bytearray) -> str:
+    """Say what a JSON text has too many of, by its separators; empty where it has not."""
+    keys, values = text.count(b":"), text.count(b",")
+    brackets, quotes = text.count(b"[") + text.count(b"{"), text.count(b'"')
+    if keys > MOST_KEYS or values > MOST_VALUES or brackets > MOST_LISTS or quotes > 4 * MOST_KEYS:
+        return f"expected at most {MOST_KEYS} keys, {MOST_LISTS} lists and {MOST_VALUES} values"
+    return ""
 
 
 def read_server(text: str) -> Any:
@@ -51,6 +72,9 @@ def read_server(text: str) -> Any:
 
 def id_of(text: str) -> int:
     """Return the id of a message that was refused, 0 where it has none."""
+    if len(text) > MOST_TEXT_BYTES or too_many(text.encode()):  # to parse it is what is refused
+        first = _ID.match(text)
+        return int(first[1]) if first else 0
     try:
         value = json.loads(text)
     except (ValueError, RecursionError):
@@ -92,3 +116,109 @@ def _problem(error: ValidationError) -> Problem:
 
 def _pointer(part: Any) -> str:
     return str(part).replace("~", "~0").replace("/", "~1")
+
+
+def schema() -> dict[str, Any]:
+    """Return the JSON Schema of all messages, from which the clients' types are made."""
+    client = CLIENT.json_schema(ref_template="#/$defs/{model}")
+    server = SERVER.json_schema(ref_template="#/$defs/{model}", mode="serialization")
+    extra = models_json_schema([(TouchMessage, "validation")], ref_template="#/$defs/{model}")[1]
+    parts = client.pop("$defs") | server.pop("$defs") | extra["$defs"]
+    text = json.dumps({name: parts[name] for name in sorted(parts)})
+    # Clients call a HelloMessage a Hello; here the name is that of another class.
+    named = json.loads(re.sub(r'(?<=[A-Za-z])Message"', '"', text))
+    both = {"ClientMessage": client, "ServerMessage": server}
+    both = json.loads(re.sub(r'(?<=/)([A-Za-z]+)Message"', r'\1"', json.dumps(both)))
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": f"haptix session {PROTOCOL[0]}.{PROTOCOL[1]}",
+        "$defs": named | both,
+    }
+
+
+REPLIES = {
+    "hello": "welcome",
+    "acquire": "lease",
+    **dict.fromkeys(("arm", "disarm", "intensity", "mute", "pause"), "output"),
+    **dict.fromkeys(("layout_set", "layout_change"), "layout"),
+    "play": "playing",
+    "subscribe": "subscribed",
+    "watch": "job",
+    "inventory": "inventory",
+    **dict.fromkeys(("release", "stop", "geometry", "cancel", "touch"), "done"),
+}
+"""What answers each message of a client, where it is not refused by `error`; others have none."""
+
+_ABOUT = {
+    "release": "Give the lease back; 0 V first.",
+    "arm": "Let touches be felt.",
+    "disarm": "End at 0 V and keep the lease.",
+    "stop": "End at 0 V, whoever holds the output.",
+    "inventory": "Ask which devices and profiles there are.",
+    "bye": "Leave: 0 V first, and the lease is free.",
+    "mute": "Hold 0 V while time runs, until the lease ends.",
+    "pause": "Hold 0 V while time stands, until the lease ends.",
+}
+"""Of messages that share a class."""
+
+_BYTES = {
+    "touches": "A batch of touches, see docs/clients.md, Bytes.",
+    "telemetry": "A frame of telemetry, see docs/clients.md, Bytes.",
+}
+_CHANNEL = {"$ref": "#/channels/session"}
+
+
+def asyncapi() -> dict[str, Any]:
+    """Return the AsyncAPI document; what the service receives are the client's messages."""
+    definitions = json.loads(
+        json.dumps(schema()["$defs"]).replace("#/$defs/", "#/components/schemas/")
+    )
+    both = {side: definitions.pop(side) for side in ("ClientMessage", "ServerMessage")}
+    types = {side: union["discriminator"]["mapping"] for side, union in both.items()}
+    messages: dict[str, Any] = {}
+    operations: dict[str, Any] = {}
+    for side, action in (("ClientMessage", "receive"), ("ServerMessage", "send")):
+        for kind, reference in types[side].items():
+            name = f"{action}_{kind}"
+            about = definitions[reference.rsplit("/", 1)[1]]["description"]
+            about = _ABOUT.get(kind, about) if action == "receive" else about
+            messages[name] = {"name": kind, "summary": about, "payload": {"$ref": reference}}
+            operations[name] = {
+                "action": action,
+                "channel": _CHANNEL,
+                "messages": [_in_channel(name)],
+            }
+            if action == "receive" and kind in REPLIES:
+                answers = [_in_channel(f"send_{reply}") for reply in (REPLIES[kind], "error")]
+                operations[name]["reply"] = {"channel": _CHANNEL, "messages": answers}
+    for kind, action in (("touches", "receive"), ("telemetry", "send")):
+        messages[kind] = {
+            "name": kind,
+            "summary": _BYTES[kind],
+            "contentType": "application/octet-stream",
+        }
+        operations[kind] = {
+            "action": action,
+            "channel": _CHANNEL,
+            "messages": [_in_channel(kind)],
+        }
+    version = "{}.{}".format(*PROTOCOL)
+    return {
+        "asyncapi": "3.0.0",
+        "info": {"title": "haptix session", "version": version},
+        "defaultContentType": "application/json",
+        "servers": {"local": {"host": "127.0.0.1:7421", "protocol": "ws"}},
+        "channels": {
+            "session": {
+                "address": "/v1/session",
+                "description": "A WebSocket of the subprotocol haptix.v1.",
+                "messages": {name: {"$ref": f"#/components/messages/{name}"} for name in messages},
+            }
+        },
+        "operations": operations,
+        "components": {"messages": messages, "schemas": definitions},
+    }
+
+
+def _in_channel(name: str) -> dict[str, str]:
+    return {"$ref": f"#/channels/session/messages/{name}"}

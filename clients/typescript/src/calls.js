@@ -1,0 +1,194 @@
+/** What a session can be asked. Made by scripts/client_calls.py from the description of the session; do not edit. */
+
+/** @import * as m from "../types/messages.js" */
+
+/** The messages of a session that are answered; each rejects with `Refused` or `Lost`. */
+export class Calls {
+  /** What is felt where. */
+  layout = new Layout(this);
+
+  /**
+   * Send a message and return its answer; what is undefined is left out.
+   * @param {string} type
+   * @param {object} [fields]
+   * @returns {Promise<any>}
+   */
+  async ask(type, fields) {
+    throw new Error(`${type} ${fields}: expected a connection`);
+  }
+
+  /** Ask for the lease on the output; with `takeover` also from who holds it.
+   * @param {m.Acquire["takeover"]} [takeover]
+   * @returns {Promise<m.Lease>} */
+  acquire(takeover = false) {
+    return this.ask("acquire", { takeover });
+  }
+
+  /** Let touches be felt.
+   * @returns {Promise<m.Output>} */
+  arm() {
+    return this.ask("arm");
+  }
+
+  /** End an effect by the number that `playing` gave.
+   * @param {m.Cancel["effect_id"]} effectId
+   * @returns {Promise<m.Done>} */
+  cancel(effectId) {
+    return this.ask("cancel", { effect_id: effectId });
+  }
+
+  /** End at 0 V and keep the lease.
+   * @returns {Promise<m.Output>} */
+  disarm() {
+    return this.ask("disarm");
+  }
+
+  /** Say how pixels become mm: ``origin_mm + turn(rotation_deg) (px / px_per_mm)``.
+   * @param {Omit<m.Geometry, "type" | "id">} fields
+   * @returns {Promise<m.Done>} */
+  geometry(fields) {
+    return this.ask("geometry", fields);
+  }
+
+  /** Set the share of friction that is asked for, 0 to 1.
+   * @param {m.Intensity["value"]} value
+   * @returns {Promise<m.Output>} */
+  intensity(value) {
+    return this.ask("intensity", { value });
+  }
+
+  /** Ask which devices and profiles there are.
+   * @returns {Promise<m.Inventory>} */
+  inventory() {
+    return this.ask("inventory");
+  }
+
+  /** Change the layout of this session: all of `ops`, or nothing.
+   * @param {m.LayoutChange["ops"]} ops
+   * @returns {Promise<m.LayoutReply>} */
+  layoutChange(ops) {
+    return this.ask("layout_change", { ops });
+  }
+
+  /** Replace the layout of this session by a document.
+   * @param {m.LayoutSet["document"]} document
+   * @returns {Promise<m.LayoutReply>} */
+  layoutSet(document) {
+    return this.ask("layout_set", { document });
+  }
+
+  /** Hold 0 V while time runs, until the lease ends.
+   * @param {m.Switch["on"]} on
+   * @returns {Promise<m.Output>} */
+  mute(on) {
+    return this.ask("mute", { on });
+  }
+
+  /** Hold 0 V while time stands, until the lease ends.
+   * @param {m.Switch["on"]} on
+   * @returns {Promise<m.Output>} */
+  pause(on) {
+    return this.ask("pause", { on });
+  }
+
+  /** Play an effect that ends, such as a transient; `effect_ended` tells its end.
+   * @param {m.Play["effect"]} effect
+   * @returns {Promise<m.Playing>} */
+  play(effect) {
+    return this.ask("play", { effect });
+  }
+
+  /** Give the lease back; 0 V first.
+   * @returns {Promise<m.Done>} */
+  release() {
+    return this.ask("release");
+  }
+
+  /** End at 0 V, whoever holds the output.
+   * @returns {Promise<m.Done>} */
+  stop() {
+    return this.ask("stop");
+  }
+
+  /** Ask for streams, each with its highest rate in hertz; 0 ends one.
+   * @param {m.Subscribe["streams"]} streams
+   * @returns {Promise<m.Subscribed>} */
+  subscribe(streams) {
+    return this.ask("subscribe", { streams });
+  }
+
+  /** Ask how far a job is, and be told of its changes until it ends.
+   * @param {m.Watch["job"]} job
+   * @returns {Promise<m.Job>} */
+  watch(job) {
+    return this.ask("watch", { job });
+  }
+}
+
+/** What is felt where; the service keeps it for who connects again. */
+export class Layout {
+  #calls;
+  #count = 0;
+
+  /** @param {Calls} calls */
+  constructor(calls) {
+    this.#calls = calls;
+  }
+
+  /**
+   * Add a region. Millimetres from the screen's corner; without a size it is as large as its material. The
+   * name, for `contact.region`, is made where none is given.
+   * @param {m.AddRegion["material"]} material
+   * @param {Omit<m.AddRegion, "op" | "name" | "material"> & {name?: string}} [fields]
+   * @returns {Promise<Region>}
+   */
+  async add(material, { name, ...fields } = {}) {
+    this.#count += 1;
+    const region = new Region(this.#calls, name || `region ${this.#count}`);
+    await this.#calls.layoutChange([{ op: "add", name: region.name, material, ...fields }]);
+    return region;
+  }
+
+  /** Remove all regions. */
+  clear() {
+    return this.#calls.layoutSet({ regions: [] });
+  }
+}
+
+/** A region of the layout, by its name; each call is one change. */
+export class Region {
+  #calls;
+
+  /** @param {Calls} calls @param {string} name */
+  constructor(calls, name) {
+    this.#calls = calls;
+    this.name = name;
+  }
+
+  /** Change what is given of a region, in a cross-fade.
+   * @param {Omit<m.ChangeRegion, "op" | "name">} [fields]
+   * @returns {Promise<m.LayoutReply>} */
+  change(fields = {}) {
+    return this.#calls.layoutChange([{ op: "change", name: this.name, ...fields }]);
+  }
+
+  /** Move a region within `over_s`; what is left out stays.
+   * @param {Omit<m.MoveRegion, "op" | "name">} [fields]
+   * @returns {Promise<m.LayoutReply>} */
+  move(fields = {}) {
+    return this.#calls.layoutChange([{ op: "move", name: this.name, ...fields }]);
+  }
+
+  /** Remove a region; it fades out.
+   * @returns {Promise<m.LayoutReply>} */
+  remove() {
+    return this.#calls.layoutChange([{ op: "remove", name: this.name }]);
+  }
+
+  /** Set the value of a control, such as a slider; it comes after all other changes.
+   * @param {m.SetValue["value"]} value
+   * @returns {Promise<m.LayoutReply>} */
+  setValue(value) {
+    return this.#calls.layoutChange([{ op: "value", name: this.name, value }]);
+  }
+}

@@ -1,0 +1,44 @@
+/** The effects of the WICG's proposal, over the service of HAPTIX_SERVICE and without it. */
+
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { setTimeout as sleep } from "node:timers/promises";
+import WebSocket from "ws";
+
+import { connect } from "../src/haptix.js";
+import { find } from "../src/node.js";
+import { playHaptics, polyfill } from "../src/web-haptics.js";
+
+test("without a session that may play, the device vibrates", () => {
+  const vibrated = [];
+  Object.defineProperty(globalThis, "navigator", { configurable: true, writable: true,
+    value: { vibrate: (pattern) => !!vibrated.push(pattern) } });
+  polyfill(() => null);
+  assert.equal(navigator.playHaptics("edge", 0.5), true);
+  assert.equal(navigator.playHaptics("error"), true);
+  assert.deepEqual(vibrated, [[20], [40, 40, 40]]);
+  const own = (globalThis.navigator = { playHaptics: () => "its own" });
+  polyfill(() => null);
+  assert.equal(own.playHaptics("tick"), "its own");
+  assert.equal(playHaptics(null, "tick"), false); // nothing vibrates here
+  assert.throws(() => playHaptics(null, "buzz"), /hint,edge,tick,align,success,error, got buzz/);
+  assert.throws(() => playHaptics(null, "tick", 2), RangeError);
+});
+
+test("the service plays each effect, as strong as asked", async () => {
+  const h = await connect({ name: "web haptics", find, WebSocket });
+  const asked = [];
+  const play = h.play.bind(h);
+  h.play = async (effect) => (asked.push(effect), play(effect));
+  await h.acquire(true);
+  await h.arm();
+  for (const effect of ["hint", "edge", "tick", "align"]) assert.equal(playHaptics(h, effect, 0.5), true);
+  assert.deepEqual(asked.map(({ kind, name, intensity }) => [kind, name, intensity]),
+    ["hint", "edge", "tick", "align"].map((name) => ["effect", name, 0.5]));
+  asked.length = 0;
+  playHaptics(h, "success");
+  playHaptics(h, "error");
+  while (asked.length < 5) await sleep(10);
+  assert.deepEqual(asked.map(({ name }) => name).sort(), ["edge", "edge", "edge", "tick", "tick"]);
+  await h.close();
+});
