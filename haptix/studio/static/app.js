@@ -1,8 +1,10 @@
 /** The frame of the pages: header, state, STOP, pairing, messages, and which page is shown. */
 
 import { History, Layout, START } from "./document.js";
-import { el, fill } from "./dom.js";
+import { el, fill, save, store, stored } from "./dom.js";
+import { guide } from "./guide.js";
 import { picturesFrom } from "./pictures.js";
+import { SavedLayout } from "./saved.js";
 import { sentence, Service } from "./service.js";
 import { texts } from "./texts.js";
 import { choose, view } from "./view.js";
@@ -15,7 +17,9 @@ import { choose, view } from "./view.js";
  * @typedef {object} App
  * @property {Service} service
  * @property {History<m.LayoutDocument>} history the layout that is edited and felt
- * @property {Layout} layout what the service has of it
+ * @property {SavedLayout} saved its drafts, and what is kept
+ * @property {Layout} layout what the service lets be felt of it
+ * @property {{element: HTMLElement}} guide of the first visit
  */
 
 /** @typedef {{mount: (root: HTMLElement, app: App) => (() => void)}} Page `mount` returns what ends it */
@@ -28,12 +32,16 @@ const PAGES = [
   { path: "screens", load: () => import("./pages/screens.js") },
   { path: "calibrate", load: () => import("./pages/calibrate.js") },
   { path: "sit", load: () => import("./pages/sit.js") },
+  { path: "tasks", load: () => import("./pages/tasks.js") },
 ];
 const NOTICE_MS = 8000;
+const [FAULTS, MOST_FAULTS] = ["haptix.faults", 20];
+const STOP_KEY = "F8"; // as stop.html shows it
 const service = new Service();
 const history = new History(START);
+const parts = { service, history, saved: new SavedLayout(service, history), layout: new Layout(service, history) };
 /** @type {App} */
-const app = { service, history, layout: new Layout(service, history) };
+const app = { ...parts, guide: guide(parts) };
 const main = el("main", { id: "main", tabIndex: -1 });
 /** @type {() => void} */
 let leave = () => {};
@@ -96,14 +104,18 @@ function output() {
     const { phase } = service.state.get();
     const [out, lease] = [service.output.get(), service.lease.get()];
     const others = lease !== null && lease.holder !== null && !lease.is_mine;
-    const does = service.isArming.get() ? "arming" : (out?.state ?? "off");
-    const state = phase !== "open" ? phase : others ? "observing" : does;
+    const held = out?.paused ? "paused" : out?.muted || out?.person_muted ? "muted" : "armed";
+    const played = out?.state === "armed" ? held : (out?.state ?? "off");
+    const does = out?.lent_to ? "lent" : service.isArming.get() ? "arming" : played;
+    const state = phase !== "open" ? phase : others && !out?.lent_to ? "observing" : does;
     whole.dataset.state = state;
-    const name = service.isReal ? out?.device : texts.state.virtual;
-    fill(word, texts.state[state], state === "armed" && name ? el("small", {}, ` · ${name}`) : null);
+    const device = service.isReal ? out?.device : texts.state.virtual;
+    const more = { armed: device, lent: out?.lent_to, observing: texts.state[played].toLowerCase() };
+    const name = more[/** @type {keyof typeof more} */ (state)];
+    fill(word, texts.state[state], name ? el("small", {}, ` · ${name}`) : null);
     word.title = out?.reason ?? "";
     const armed = out?.state === "armed" && !others;
-    button.hidden = phase !== "open" || state === "arming";
+    button.hidden = phase !== "open" || state === "arming" || state === "lent";
     button.textContent = others ? texts.frame.takeOver : armed ? texts.frame.disarm : texts.frame.arm;
     button.title = armed ? "" : texts.frame.armHelp;
     button.onclick = () =>
@@ -220,11 +232,12 @@ function notices() {
     seen = all.at(-1) ?? seen;
   });
   /** @param {Notice} notice */
-  function add({ kind, sentence: text }) {
+  function add({ kind, sentence: text, help }) {
     const same = [...list.children].find((each) => each.firstChild?.textContent === text);
     same?.remove();
     const close = el("button.small", { type: "button", "aria-label": texts.frame.close }, "×");
-    const shownNotice = el("div.notice", {}, el("span", {}, text), close);
+    const shownNotice = el("div.notice", {}, el("span", {}, text),
+      help && el("button.small", { type: "button", onclick: help.act }, help.label), close);
     shownNotice.dataset.kind = kind;
     close.onclick = () => shownNotice.remove();
     list.append(shownNotice);
@@ -236,8 +249,35 @@ function notices() {
 /** @type {Notice | undefined} */
 let seen;
 
-addEventListener("keydown", (event) => {
-  if (event.key === "Escape") void service.attempt(() => service.stop());
+/** Close the menus that are open but not around `target`. @param {EventTarget | null} target */
+function closeMenus(target) {
+  const open = /** @type {HTMLDetailsElement[]} */ ([...document.querySelectorAll("details.drop-down[open]")]);
+  const closed = open.filter((menu) => !menu.contains(/** @type {Node | null} */ (target)));
+  for (const menu of closed) {
+    if (menu.contains(document.activeElement)) menu.querySelector("summary")?.focus();
+    menu.open = false;
+  }
+  return closed.length > 0;
+}
+
+/** Tell of an exception, and keep it for a report: each sentence once a visit. @param {unknown} error */
+function fault(error) {
+  const why = sentence(error);
+  if (faults.has(why)) return;
+  faults.add(why);
+  const stack = error instanceof Error ? error.stack : "";
+  const all = [...JSON.parse(stored(FAULTS) || "[]"), { sentence: why, stack, page: location.hash, at: new Date() }];
+  store(FAULTS, JSON.stringify(all.slice(-MOST_FAULTS)));
+  const act = () => save(new Blob([`{"browser": ${JSON.stringify(navigator.userAgent)}, "faults": ${stored(FAULTS)}}`]), "haptix-report.json");
+  service.notify("error", texts.frame.fault(why), { label: texts.frame.report, act });
+}
+const faults = new Set();
+
+addEventListener("error", ({ error }) => void (error && fault(error))); // else it is no exception
+addEventListener("unhandledrejection", ({ reason }) => fault(reason));
+addEventListener("pointerdown", ({ target }) => void closeMenus(target), { capture: true });
+addEventListener("keydown", ({ key }) => {
+  if (key === STOP_KEY || (key === "Escape" && !closeMenus(null))) void service.attempt(() => service.stop());
 });
 // A page that is left or loaded again gives the lease back; else it is kept for its return.
 addEventListener("pagehide", () => void service.session?.ask("bye").catch(() => {}));

@@ -20,7 +20,7 @@ export function boxOf({ regions }) {
   return { left, top, width: right + MARGIN_MM - left, height: bottom + MARGIN_MM - top };
 }
 
-/** Return the box that a region lies in, turned or not. @param {m.Region} region @returns {Box} */
+/** Return the box that a region lies in, turned or not. @param {m.RegionDocument} region @returns {Box} */
 export function boxOfRegion(region) {
   const { x, y, width, height, turn } = placeOf(region);
   const [c, s] = [Math.abs(Math.cos(turn)), Math.abs(Math.sin(turn))];
@@ -31,7 +31,7 @@ export function boxOfRegion(region) {
 /** Where a region lies that says nothing of it. */
 export const PLACE = { x_mm: 0, y_mm: 0, rotation_deg: 0 };
 
-/** @param {m.Region} region */
+/** @param {m.RegionDocument} region */
 export function placeOf(region) {
   const turn = ((region.rotation_deg ?? 0) * Math.PI) / 180;
   return {
@@ -48,7 +48,7 @@ export class Board {
   /** @type {m.LayoutDocument} */
   document = { regions: [] };
   /** Pictures of regions that move, where they are shown moving.
-   * @type {(region: m.Region) => CanvasImageSource | null} */
+   * @type {(region: m.RegionDocument) => CanvasImageSource | null} */
   moving = () => null;
   /** Called when the place of the plane on the page has changed. */
   onFit = () => {};
@@ -74,7 +74,7 @@ export class Board {
     this.#observer.disconnect();
   }
 
-  /** Return the style of an element that lies over a region. @param {m.Region} region */
+  /** Return the style of an element that lies over a region. @param {m.RegionDocument} region */
   styleOf(region) {
     const { x, y, width, height, turn } = placeOf(region);
     const [left, top, wide, high] = [x - this.box.left, y - this.box.top, width, height].map((mm) => `${mm * this.px_per_mm}px`);

@@ -2,12 +2,10 @@
 
 import { Refused } from "/client/haptix.js";
 import { PLACE } from "./board.js";
-import { pause, store, stored, Value } from "./dom.js";
+import { pause, Value } from "./dom.js";
 import { sentence } from "./service.js";
-import { texts } from "./texts.js";
 
 /** @import { Session } from "/client/haptix.js" */
-/** @import { App } from "./app.js" */
 /** @import { Service } from "./service.js" */
 /** @import * as m from "../../../clients/typescript/types/messages.js" */
 
@@ -273,84 +271,4 @@ export function changes(before, after) {
     ops.push({ op: moves ? "move" : "change", name: region.name, ...fields, ...(moves ? { over_s: GLIDE_S } : {}) });
   }
   return ops;
-}
-
-const KEY = "haptix.layout";
-const AFTER_MS = 2000;
-const t = texts.make;
-
-export class SavedLayout {
-  /** @type {Value<string>} what became of it, for people */
-  state = new Value("");
-  #timer = 0;
-  #etag = "";
-  #name = stored(KEY) || t.untitled;
-  /** @type {unknown} the document that is kept */
-  #known = null;
-
-  /** @param {App} app */
-  constructor(app) {
-    this.app = app;
-    this.end = app.history.document.on((document) => {
-      if (this.#known === null) this.#known = document; // what there was at the start needs no writing
-      if (this.#known === document) return;
-      clearTimeout(this.#timer);
-      this.#timer = setTimeout(() => void this.write(), AFTER_MS);
-      this.state.set(t.changed);
-    });
-  }
-
-  get name() {
-    return this.#name;
-  }
-
-  /** Go on under another name. @param {string} name */
-  rename(name) {
-    this.#name = name.trim() || t.untitled;
-    this.#etag = "";
-    store(KEY, this.#name);
-    return this.write();
-  }
-
-  /** Names of all that are kept. @returns {Promise<string[]>} */
-  async names() {
-    return (await this.app.service.rest("GET", "/v1/layouts")).json();
-  }
-
-  /** Open a layout. @param {string} name */
-  async open(name) {
-    clearTimeout(this.#timer);
-    const answer = await this.app.service.rest("GET", `/v1/layouts/${encodeURIComponent(name)}`);
-    const document = await answer.json();
-    this.#etag = answer.headers.get("etag") ?? "";
-    this.#name = name;
-    store(KEY, name);
-    this.#known = document;
-    this.app.history.open(document);
-    this.state.set(t.opened(name));
-  }
-
-  /** Write it now. */
-  async write() {
-    clearTimeout(this.#timer);
-    const document = this.app.history.current;
-    /** @type {Record<string, string>} */
-    const headers = this.#etag ? { "if-match": this.#etag } : {};
-    try {
-      const path = `/v1/layouts/${encodeURIComponent(this.#name)}`;
-      const answer = await this.app.service.rest("PUT", path, document, headers);
-      this.#etag = answer.headers.get("etag") ?? "";
-      this.#known = document;
-      this.state.set(t.saved(this.#name));
-    } catch (error) {
-      this.state.set(t.unsaved);
-      if (error instanceof Refused && error.code === "order") this.#etag = "";
-      this.app.service.notify("error", sentence(error));
-    }
-  }
-
-  close() {
-    this.end();
-    if (this.#known !== this.app.history.current) void this.write();
-  }
 }

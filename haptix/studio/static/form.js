@@ -19,13 +19,14 @@ export async function schemaOf(service, route) {
 }
 
 /**
- * Return a form that begins a task: a field for each parameter, in the order of its declaration.
+ * Return a form that begins a task: a field for each parameter, in the order of its declaration, what
+ * is required first.
  * @param {Service} service
  * @param {string} route
  * @param {{title: string, help: string}} head
  * @param {(values: Values) => Promise<unknown>} begin
  * @param {Values} [values] what fields begin with, in place of their defaults
- * @param {Record<string, Child[]>} [own] what the page has in place of a parameter's field
+ * @param {Record<string, Child[] | (() => Child[])>} [own] what the page has in place of a parameter's field
  * @param {{fields?: Child[], links?: Child[]}} [more] of the page, below the fields and beside the button
  */
 export function taskForm(service, route, head, begin, values = {}, own = {}, more = {}) {
@@ -43,9 +44,12 @@ export function taskForm(service, route, head, begin, values = {}, own = {}, mor
   });
   void service.attempt(async () => {
     const { properties, required = [] } = await schemaOf(service, route);
-    const fields = Object.entries(properties).flatMap(([name, field]) => {
-      if (name in own) return own[name];
-      values[name] ??= field.default;
+    const names = Object.keys(properties).sort((one, other) => Number(required.includes(other)) - Number(required.includes(one)));
+    const fields = names.flatMap((name) => {
+      const field = properties[name];
+      const parts = own[name];
+      if (parts) return typeof parts === "function" ? parts() : parts;
+      values[name] ??= field.default ?? (required.includes(name) ? field.examples?.[0] : undefined);
       const input = control(field, values[name], (to) => (values[name] = to), `f-${name}`);
       if (input instanceof HTMLInputElement && input.type === "checkbox") return el("label.check", {}, input, field.title);
       if (input instanceof HTMLInputElement) input.required = required.includes(name) || typeof field.default === "number";
@@ -67,15 +71,25 @@ export function control(field, value, change, id) {
   /** @type {Schema[]} */
   const ways = [field, ...(field.anyOf ?? [])];
   const way = (/** @type {string[]} */ ...types) => ways.find(({ type }) => types.includes(type));
-  const choices = ways.find((each) => each.enum)?.enum;
+  // Texts with examples are names that the service knows.
+  const choices = ways.find((each) => each.enum)?.enum ?? (way("string") && !way("array") && field.examples);
   if (choices) {
-    const select = el("select", { id, onchange: () => change(select.value) },
-      choices.map((/** @type {string} */ choice) => el("option", { value: choice, selected: choice === value }, choice)));
+    const none = way("null") ? [el("option", { value: "" }, t.usual)] : [];
+    const select = el("select", { id, onchange: () => change(select.value || undefined) },
+      none, choices.map((/** @type {string} */ choice) => el("option", { value: choice, selected: choice === value }, choice)));
     return select;
   }
   if (way("boolean") && typeof value !== "object") {
     const box = el("input", { id, type: "checkbox", checked: Boolean(value), onchange: () => change(box.checked) });
     return box;
+  }
+  const words = way("array")?.items?.type === "string";
+  if (words && (value ?? []).every((/** @type {any} */ item) => typeof item === "string")) {
+    const input = el("input", {
+      id, type: "text", value: (value ?? []).join(", "),
+      onchange: () => change(input.value.split(",").map((word) => word.trim()).filter(Boolean)),
+    });
+    return input;
   }
   const number = way("number", "integer");
   if (number && typeof (value ?? 0) === "number") {

@@ -87,7 +87,10 @@ export class Gallery {
     const document = documentOf(asset, suffix);
     // The service looks into the file: what it cannot read becomes no region.
     await this.service.rest("POST", "/v1/pictures", { material: document, width_mm: 10, height_mm: 10, columns: 8 });
-    const size = PICTURES.includes(suffix) ? await sizeOf(file) : { width_mm: WIDE_MM, height_mm: 40 };
+    if (!PICTURES.includes(suffix)) return { title, document, width_mm: WIDE_MM, height_mm: 40 };
+    const { pixels, ...size } = await sizeOf(file);
+    const kept = session.welcome.limits.image_pixels;
+    if (pixels > kept) this.service.notify("note", t.reduced(file.name, pixels, kept));
     return { title, document, ...size };
   }
 
@@ -133,9 +136,11 @@ function documentOf(asset, suffix) {
  * @param {File} file */
 async function sizeOf(file) {
   try {
-    const { width, height } = await createImageBitmap(file);
-    return { width_mm: WIDE_MM, height_mm: Math.round((10 * WIDE_MM * height) / width) / 10 };
+    const bitmap = await createImageBitmap(file);
+    const { width, height } = bitmap;
+    bitmap.close();
+    return { pixels: width * height, width_mm: WIDE_MM, height_mm: Math.round((10 * WIDE_MM * height) / width) / 10 };
   } catch {
-    return { width_mm: undefined, height_mm: undefined };
+    return { pixels: 0, width_mm: undefined, height_mm: undefined };
   }
 }

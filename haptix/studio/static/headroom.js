@@ -21,7 +21,7 @@ export class Headroom {
   /** @type {Value<string>} in a sentence */
   summary = new Value("");
   #layer = el("div.headroom", { hidden: true, "aria-hidden": "true" });
-  /** @type {Map<m.Region, HTMLCanvasElement>} */
+  /** @type {Map<m.RegionDocument, HTMLCanvasElement>} */
   #drawn = new Map();
   #timer = 0;
   #number = 0;
@@ -55,7 +55,7 @@ export class Headroom {
   /** @param {m.LayoutDocument} document */
   async #draw(document) {
     const number = ++this.#number;
-    /** @type {Map<m.Region, HTMLCanvasElement>} */
+    /** @type {Map<m.RegionDocument, HTMLCanvasElement>} */
     const drawn = new Map();
     const parts = [];
     for (const region of document.regions) {

@@ -18,11 +18,13 @@ export class Jobs {
    * @param {Service} service
    * @param {string} kind
    * @param {(job: m.Job) => void} take called with each change of a watched job
+   * @param {string} [route] where one is begun
    */
-  constructor(service, kind, take) {
+  constructor(service, kind, take, route = `${kind}s`) {
     this.service = service;
     this.kind = kind;
     this.take = take;
+    this.route = route;
   }
 
   /** Hear of jobs from now on. @param {() => Promise<void>} onSession called with each session */
@@ -39,7 +41,7 @@ export class Jobs {
 
   /** Begin a job; it is to be watched. @param {Record<string, any>} body @returns {Promise<m.Job>} */
   async begin(body) {
-    return (await this.service.rest("POST", `/v1/${this.kind}s`, body)).json();
+    return (await this.service.rest("POST", `/v1/${this.route}`, body)).json();
   }
 
   /** All that are known of this kind. @returns {Promise<m.Job[]>} */

@@ -24,7 +24,7 @@ const VIRIDIS = [
   [40, 174, 128], [94, 201, 98], [173, 220, 48], [253, 231, 37],
 ];
 
-/** @type {((region: m.Region) => Promise<CanvasImageSource>) | null} */
+/** @type {((region: m.RegionDocument) => Promise<CanvasImageSource>) | null} */
 let source = null;
 /** @type {Map<string, CanvasImageSource>} */
 const cache = new Map();
@@ -71,7 +71,7 @@ export function shade(share) {
 
 /**
  * Return the picture of a region. `again` is called when a better one has come.
- * @param {m.Region} region
+ * @param {m.RegionDocument} region
  * @param {() => void} again
  * @returns {CanvasImageSource}
  */
@@ -94,7 +94,7 @@ export function pictureOf(region, again) {
 /**
  * Replace a draft by the service's picture. A service that is busy or starts again is asked
  * again, after longer and longer pauses; of what it refuses, the draft stays.
- * @param {m.Region} region @param {string} key @param {() => void} again
+ * @param {m.RegionDocument} region @param {string} key @param {() => void} again
  */
 async function improve(region, key, again) {
   for (let wait_ms = SETTLED_MS; wait_ms < LONGEST_WAIT_MS; wait_ms *= 3) {
@@ -109,7 +109,7 @@ async function improve(region, key, again) {
   }
 }
 
-/** A quick picture of a material's character, not of its numbers. @param {m.Region} region */
+/** A quick picture of a material's character, not of its numbers. @param {m.RegionDocument} region */
 function draft({ material, width_mm, height_mm }) {
   const [w, h] = [width_mm ?? 20, height_mm ?? 20];
   const zoom = Math.min(PX_PER_MM, MOST_PX / Math.max(w, h));
@@ -119,7 +119,7 @@ function draft({ material, width_mm, height_mm }) {
   const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
   context.fillStyle = "#3d5c72";
   context.fillRect(0, 0, canvas.width, canvas.height);
-  const period = Number(material.period_mm);
+  const period = "period_mm" in material ? Number(material.period_mm) : 0;
   if (period > 0) {
     for (let x = 0; x < canvas.width; x += 1) {
       const share = 0.5 + 0.5 * Math.sin((2 * Math.PI * x) / zoom / period);
@@ -168,7 +168,7 @@ export class Films {
   #last = NaN;
 
   /** Return a region's picture of now; null where it stands still, or is not known yet.
-   * @param {m.Region} region */
+   * @param {m.RegionDocument} region */
   at(region) {
     const scene_s = (this.#last = this.scene_s);
     if (Number.isNaN(scene_s)) return null;
@@ -190,7 +190,7 @@ export class Films {
     return frames?.[Math.floor((scene_s - second) * frames.length)] ?? null;
   }
 
-  /** @param {Film} film @param {m.Region} region @param {number} second */
+  /** @param {Film} film @param {m.RegionDocument} region @param {number} second */
   async #ask(film, region, second) {
     const is_first = film.asked < 0;
     film.asked = second;
@@ -208,7 +208,7 @@ export class Films {
     }
   }
 
-  /** @param {m.Region} region @param {number} t_s @param {number} frame_s */
+  /** @param {m.RegionDocument} region @param {number} t_s @param {number} frame_s */
   async #frames({ material, width_mm, height_mm }, t_s, frame_s) {
     const body = { material, width_mm, height_mm, columns: FILM_COLUMNS, t_s, frames: RATE_HZ, frame_s };
     const { columns, rows, levels } = await (await this.service.rest("POST", "/v1/pictures", body)).json();

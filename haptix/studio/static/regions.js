@@ -143,7 +143,7 @@ export class Regions {
     });
   }
 
-  /** @param {string} name @param {string} label @param {Partial<m.Region>} fields */
+  /** @param {string} name @param {string} label @param {Partial<m.RegionDocument>} fields */
   #change(name, label, fields) {
     this.history.change(label, (draft) => {
       const region = draft.regions.find((each) => each.name === name);
@@ -167,7 +167,7 @@ export class Regions {
     element.addEventListener("pointermove", (moved) => {
       const drawn = rectangle(moved);
       this.#drawing.hidden = false;
-      Object.assign(this.#drawing.style, this.board.styleOf({ name: "", material: {}, ...drawn }));
+      Object.assign(this.#drawing.style, this.board.styleOf({ name: "", material: { kind: "noise" }, ...drawn }));
       fill(this.#drawing, `${drawn.width_mm} × ${drawn.height_mm} mm`);
     }, { signal: end.signal });
     element.addEventListener("pointerup", (up) => {

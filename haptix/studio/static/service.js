@@ -12,7 +12,8 @@ import { texts } from "./texts.js";
  * @property {"pair" | "connecting" | "open" | "lost"} phase
  * @property {string} reason why it is so, in a sentence, or ""
  */
-/** @typedef {{at: number, kind: "error" | "warning" | "note", sentence: string}} Notice */
+/** @typedef {{label: string, act: () => void}} Help */
+/** @typedef {{at: number, kind: "error" | "warning" | "note", sentence: string, help?: Help}} Notice */
 
 const KEY = "haptix.token";
 const URL_HERE = `${location.origin.replace(/^http/, "ws")}/v1/session`;
@@ -116,9 +117,9 @@ export class Service {
     }
   }
 
-  /** @param {Notice["kind"]} kind @param {string} text */
-  notify(kind, text) {
-    const notice = { at: Date.now(), kind, sentence: text };
+  /** @param {Notice["kind"]} kind @param {string} text @param {Help} [help] */
+  notify(kind, text, help) {
+    const notice = { at: Date.now(), kind, sentence: text, help };
     this.notices.set([...this.notices.get(), notice].slice(-MOST_NOTICES));
   }
 
@@ -128,9 +129,10 @@ export class Service {
    * @param {string} path
    * @param {any} [body]
    * @param {Record<string, string>} [headers]
+   * @param {RequestInit} [options]
    * @returns {Promise<Response>}
    */
-  async rest(method, path, body, headers = {}) {
+  async rest(method, path, body, headers = {}, options = {}) {
     /** @type {Record<string, string>} */
     const sent = { authorization: `Bearer ${this.#token}`, ...headers };
     let content = body;
@@ -138,7 +140,7 @@ export class Service {
       content = JSON.stringify(body);
       sent["content-type"] ??= "application/json";
     }
-    const answer = await fetch(path, { method, headers: sent, body: content });
+    const answer = await fetch(path, { ...options, method, headers: sent, body: content });
     if (!answer.ok) {
       const refusal = await answer.json().catch(() => ({}));
       const { code = "internal", sentence: why = `${method} ${path}: ${answer.status}` } = refusal;

@@ -1,6 +1,9 @@
 /**
  * Friction force as sound: its vibration above 40 Hz as it is, and what vibrates too fast for a
  * thousand rows a second as noise, as loud as the force changes and the finger is fast.
+ *
+ * Rows come in frames, more or less late. A jitter buffer holds back what it takes, by the latest
+ * frame of the last seconds, for the rows to last until the next frame.
  */
 
 const HIGH_PASS_HZ = 40;
@@ -9,34 +12,60 @@ const FULL_N = 0.25; // a vibration of so many newtons is full scale
 const NOISE = 0.004; // of full scale, for 1 N/s at 1 mm/s
 const CEILING = 10 ** (-12 / 20); // what comes out is never louder, before the volume
 const KEPT = 8192;
+const FRAMES = 200; // whose lateness is remembered: 10 s
+const MARGIN_S = 0.01;
+const LONGEST_S = 0.5; // later than that sound helps nobody: gaps are heard instead
+const NEAR_S = 0.005; // so near to its aim the buffer is left alone
+const FASTEST = 0.04; // by which the sound is slower or faster until the buffer is right; 2/3 of a semitone
 
 // @ts-ignore: of the AudioWorklet's own scope
 class FeltFriction extends AudioWorkletProcessor {
-  /** @param {any} options */
-  constructor(options) {
+  constructor() {
     super();
-    const { delay_s } = options.processorOptions;
     this.force = new Float32Array(KEPT);
     this.speed = new Float32Array(KEPT);
     this.written = 0; // rows
     this.read = 0; // row, between rows too
     this.rate_hz = 1000;
-    this.delay_s = delay_s;
+    this.heard_s = 0; // time of what goes out
+    /** @type {{late_s: number, span_s: number}[]} */
+    this.frames = [];
+    this.waits = 0; // samples, until it goes on to read
+    this.speed_up = 0;
     this.before = { force: 0, high: 0, low: 0, band: 0 };
     this.level = 0; // 0 while nothing comes, so that it neither begins nor ends with a click
     // @ts-ignore
-    this.port.onmessage = ({ data: { rows, rate_hz } }) => {
-      if (this.read >= this.written) this.read = this.written - this.delay_s * rate_hz; // begins anew
-      this.rate_hz = rate_hz;
-      for (let at = 0; at < rows.length; at += 2) {
-        this.force[this.written % KEPT] = rows[at];
-        this.speed[this.written % KEPT] = rows[at + 1];
-        this.written += 1;
-      }
-      // What has waited for too long is dropped: late sound is worse than a gap.
-      const most = 4 * this.delay_s * rate_hz;
-      if (this.written - this.read > most) this.read = this.written - this.delay_s * rate_hz;
-    };
+    this.port.onmessage = ({ data }) => this.take(data);
+  }
+
+  /** @param {{rows: Float32Array, rate_hz: number, end_s: number} | null} data null: time stood */
+  take(data) {
+    if (!data) {
+      this.frames = [];
+      return;
+    }
+    const { rows, rate_hz, end_s } = data;
+    this.rate_hz = rate_hz;
+    const before = this.written;
+    for (let at = 0; at < rows.length; at += 2) {
+      this.force[this.written % KEPT] = rows[at];
+      this.speed[this.written % KEPT] = rows[at + 1];
+      this.written += 1;
+    }
+    const late_s = this.heard_s - end_s; // up to a constant, as the two clocks differ
+    this.frames.push({ late_s, span_s: rows.length / 2 / rate_hz });
+    if (this.frames.length > FRAMES) this.frames.shift();
+    const latest_s = Math.max(...this.frames.map((one) => one.late_s + one.span_s));
+    const aim_s = Math.min(latest_s - late_s + MARGIN_S, LONGEST_S);
+    const off_s = (this.written - this.read) / rate_hz - aim_s;
+    this.speed_up = 0;
+    if (this.read >= before - 1) {
+      // Nothing was left to hear: begin anew, once enough has come.
+      this.read = before;
+      // @ts-ignore: sampleRate is of the scope
+      this.waits = Math.round(Math.max(0, aim_s - (this.written - before) / rate_hz) * sampleRate);
+    } else if (off_s > LONGEST_S / 2) this.read += off_s * rate_hz; // has waited for too long: is dropped
+    else if (Math.abs(off_s) > NEAR_S) this.speed_up = Math.max(-FASTEST, Math.min(FASTEST, off_s));
   }
 
   /** @param {Float32Array[][]} _ @param {Float32Array[][]} outputs */
@@ -49,7 +78,8 @@ class FeltFriction extends AudioWorkletProcessor {
     const [out] = outputs[0];
     for (let at = 0; at < out.length; at += 1) {
       const row = Math.floor(this.read);
-      const here = this.read < this.written - 1 && row >= 0;
+      const here = !this.waits && this.read < this.written - 1;
+      if (this.waits) this.waits -= 1;
       this.level += ((here ? 1 : 0) - this.level) * 0.002;
       let force = state.force;
       let change = 0;
@@ -60,7 +90,7 @@ class FeltFriction extends AudioWorkletProcessor {
         change = Math.abs(b - a) * this.rate_hz;
         speed = this.speed[row % KEPT];
       }
-      this.read += here || this.read < 0 ? this.rate_hz / rate : 0;
+      if (here) this.read += (this.rate_hz / rate) * (1 + this.speed_up);
       state.high = high * (state.high + force - state.force);
       state.force = force;
       const white = Math.random() * 2 - 1;
@@ -69,6 +99,7 @@ class FeltFriction extends AudioWorkletProcessor {
       const loud = state.high / FULL_N + state.band * NOISE * change * Math.sqrt(speed);
       out[at] = CEILING * Math.tanh((this.level * loud) / CEILING);
     }
+    this.heard_s += out.length / rate;
     return true;
   }
 }

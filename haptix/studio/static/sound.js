@@ -2,7 +2,7 @@
 
 /** @import { Track } from "./telemetry.js" */
 
-export const DELAY_S = 0.05; // of what is heard, so that it does not break off between two frames
+export const DELAY_S = 0.06; // of what is heard, where frames come in time: one of 50 ms, and a margin
 
 /** Plays what fingers feel while it is on. */
 export class Sound {
@@ -18,13 +18,12 @@ export class Sound {
     const context = (this.#context ??= new AudioContext({ latencyHint: "interactive" }));
     if (!this.#node) {
       await context.audioWorklet.addModule("/studio/sound-worklet.js");
-      this.#node = new AudioWorkletNode(context, "felt-friction", {
-        processorOptions: { delay_s: DELAY_S },
-      });
+      this.#node = new AudioWorkletNode(context, "felt-friction");
       this.#gain = new GainNode(context);
       this.#node.connect(this.#gain).connect(context.destination);
     }
     this.volume(volume_db);
+    this.#node.port.postMessage(null); // its clock stood
     await context.resume();
   }
 
@@ -54,7 +53,7 @@ export class Sound {
 }
 
 /**
- * Return what the sound is made of: felt force [N] and speed [mm/s] of each row, and their rate.
+ * Return what the sound is made of: felt force [N] and speed [mm/s] of each row, their rate and end.
  * @param {Track} track @param {number} from @param {number} to
  */
 export function heardOf(track, from, to) {
@@ -65,5 +64,6 @@ export function heardOf(track, from, to) {
     rows[2 * (row - from)] = track.at("force_n", row) || 0;
     rows[2 * (row - from) + 1] = Math.hypot(dx, dy) / step_s || 0;
   }
-  return { rows, rate_hz: (to - from - 1) / (track.at("t", to - 1) - track.at("t", from)) };
+  const end_s = track.at("t", to - 1);
+  return { rows, end_s, rate_hz: (to - from - 1) / (end_s - track.at("t", from)) };
 }

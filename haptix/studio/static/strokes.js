@@ -93,7 +93,7 @@ const SETTLE_MS = 400; // until what was felt at the end is told
 const t = texts.compare;
 
 /** Return the layout of one material alone, under all of a stroke.
- * @param {m.Region} region @param {Stroke} stroke @returns {m.LayoutDocument} */
+ * @param {m.RegionDocument} region @param {Stroke} stroke @returns {m.LayoutDocument} */
 export function alone(region, stroke) {
   const { name, material } = region;
   const [xs, ys] = [stroke.map((point) => point.x_mm), stroke.map((point) => point.y_mm)];

@@ -121,10 +121,10 @@ export class Telemetry {
     }
   }
 
-  /** The finger that was told of last. @returns {Track | undefined} */
+  /** The finger that was driven last. @returns {Track | undefined} */
   get newest() {
     let newest;
-    for (const track of this.tracks.values()) if (!newest || track.end_s > newest.end_s) newest = track;
+    for (const track of this.tracks.values()) if (track.end_s > (newest?.end_s ?? -Infinity)) newest = track;
     return newest;
   }
 }
@@ -206,7 +206,7 @@ export class Readings {
     const { values } = this;
     const { reaction_s } = telemetry.stats;
     values.reaction.textContent = reaction_s > 0 ? `${(1e3 * reaction_s).toFixed(1)} ms` : "–";
-    if (!track?.count) return;
+    if (!track) return;
     const row = track.count - 1;
     values.wanted.textContent = track.at("wanted", row).toFixed(3);
     const felt = lastFelt(track);

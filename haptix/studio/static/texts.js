@@ -1,12 +1,25 @@
 /** All that the pages say, in one place. */
 
+/** Of jobs that a page follows. */
+const ofJobs = {
+  progress: "Progress",
+  answer: "Answer",
+  end: "Cancel",
+  states: /** @type {Record<string, string>} */ ({
+    queued: "Waiting", running: "Running", asking: "Your turn", done: "Done", failed: "Failed", cancelled: "Cancelled",
+  }),
+};
+
+/** @param {number} jnd */
+const levelsOf = (jnd) => (jnd < 1 ? "no two levels" : `some ${Math.floor(jnd) + 1} levels`);
+
 export const texts = {
   name: "haptix studio",
-  pages: { play: "Play", make: "Make", screens: "Screens", calibrate: "Calibrate", sit: "Sit" },
+  pages: { play: "Play", make: "Make", screens: "Screens", calibrate: "Calibrate", sit: "Sit", tasks: "Tasks" },
   frame: {
     skip: "Skip to the page",
     pages: "Pages",
-    stop: "STOP: 0 V for all, also while this page hangs. The key Esc does the same.",
+    stop: "STOP: 0 V for all, also while this page hangs. The key F8 does the same, and Esc where no menu is open.",
     theme: { system: "Theme: system", light: "Theme: light", dark: "Theme: dark" },
     arm: "Arm",
     disarm: "Disarm",
@@ -17,6 +30,23 @@ export const texts = {
     loading: "Loading…",
     late: "Some touches came too late to be felt: this machine is busy.",
     failed: "This page could not be loaded.",
+    fault: (/** @type {string} */ why) => `Something failed in this page, which goes on: ${why}`,
+    report: "Save a report",
+  },
+  guide: {
+    title: "Your first layout.",
+    step: (/** @type {number} */ number) => `Your first layout, step ${number} of 5.`,
+    steps: {
+      add: "Press a material of the gallery: it becomes a region on the board.",
+      move: "Drag the region to another place, or move it with the arrow keys.",
+      turn: "Change a number under Parameters. Beside it stands how much of that a finger notices.",
+      feel: "Slide over the region with a finger, a pen or the held mouse button.",
+      keep: "Give your layout a name and press Keep.",
+    },
+    yours: "It is yours: Layouts has its earlier versions, Export takes it away.",
+    there: "Go there",
+    skip: "Skip",
+    end: "End the guide",
   },
   state: {
     connecting: "Connecting…",
@@ -25,6 +55,9 @@ export const texts = {
     off: "Off: 0 V",
     arming: "Arming…",
     armed: "Armed",
+    muted: "Armed, muted: 0 V",
+    paused: "Armed, paused: 0 V",
+    lent: "A job has the device, and may play",
     asleep: "Asleep: 0 V",
     failed: "Driver failed: 0 V",
     observing: "Another client holds the output",
@@ -54,6 +87,16 @@ export const texts = {
       wanted: "Friction wanted", felt: "Friction felt", force: "Normal force",
       speed: "Speed", voltage: "Voltage", reaction: "Reaction",
     },
+    means: "What these numbers mean",
+    meanings: [
+      "Friction: the force along the screen over the force onto it; 0.3 at a normal force of 0.5 N is 0.15 N.",
+      "Wanted is what the layout asks for, felt is what the model says that this finger feels a moment later.",
+      "Normal force: how hard the finger presses; 1 N is the weight of 100 g.",
+      "Speed: of the finger along the screen; one that rests feels nothing.",
+      "Voltage: amplitude on the screen's electrode, of the highest that its limits allow.",
+      "Reaction: from a touch that comes in until it changes the output.",
+      "JND, a just-noticeable difference: the least change of friction that a finger notices, 11 % of it. An error below 1 JND is not noticed.",
+    ],
     parts: { rendering: "Rendering", reach: "Out of reach", total: "Total" },
     partsHelp: {
       rendering: "What is felt against what can be had: prediction of the finger, modulation, surface.",
@@ -76,7 +119,7 @@ export const texts = {
     sound: "Sound",
     soundOn: "Hear it",
     soundOff: "Mute",
-    soundHelp: (/** @type {number} */ ms) => `The felt friction force, ${ms} ms late.`,
+    soundHelp: (/** @type {number} */ ms) => `The felt friction force, ${ms} ms late; up to half a second where this machine is busy, so that it does not break off.`,
     volume: "Volume in decibels",
     stroke: "Stroke",
     record: "Record",
@@ -102,6 +145,7 @@ export const texts = {
     finger: "Finger",
     source: "Profile",
     calibrated: "Calibrated",
+    verified: "Verified for",
     age: (/** @type {string} */ date, /** @type {number} */ days) => `${date}, ${days} ${days === 1 ? "day" : "days"} ago`,
     never: "not on this screen: it is a preset",
     verdict: "Verdict",
@@ -125,7 +169,7 @@ export const texts = {
     reaction: "Reaction, median",
     reaction99: "Reaction, 99 %",
     intensity: "Intensity",
-    intensityHelp: "Share of the friction that is asked for.",
+    intensityHelp: "Your share of the friction that any app asks for; it stays, as Mute does.",
     mute: "Mute: 0 V while time runs",
     pause: "Pause: 0 V, and time stands",
     stop: "STOP",
@@ -152,6 +196,7 @@ export const texts = {
     numbers: "Expected numbers with commas between them.",
     json: "This is not JSON.",
     asJson: "as JSON",
+    usual: "default",
   },
   pair: {
     title: "Who is there?",
@@ -175,6 +220,8 @@ export const texts = {
       widgets: "Widgets", motion: "Moving and beating", behaviour: "By speed, force, touch",
     },
     refused: (/** @type {string} */ name, /** @type {string} */ why) => `${name} was not added: ${why}`,
+    reduced: (/** @type {string} */ name, /** @type {number} */ pixels, /** @type {number} */ kept) =>
+      `${name}: ${Math.round(pixels / 1e6)} megapixels were averaged to at most ${Math.round(kept / 1e6)}, which is finer than a finger feels.`,
     sending: (/** @type {string} */ name) => `${name} is sent and read…`,
     noFile: (/** @type {string} */ known) => `expected a file that ends in ${known}`,
     undo: "Undo",
@@ -196,8 +243,8 @@ export const texts = {
     parametersOf: (/** @type {string} */ name) => `Parameters of ${name}`,
     choose: "Choose a region to turn its parameters.",
     range: (/** @type {number} */ low, /** @type {number} */ high, /** @type {number} */ jnd) =>
-      `This screen reaches friction of ${low.toFixed(3)} to ${high.toFixed(3)} at 0.5 N: ${jnd.toFixed(1)} just-noticeable differences (JND).`,
-    effect: (/** @type {number} */ jnd) => `one step: ${jnd < 0.005 ? "0" : jnd.toFixed(2)} JND at a place`,
+      `This screen reaches friction of ${low.toFixed(3)} to ${high.toFixed(3)} at 0.5 N: ${jnd.toFixed(1)} just-noticeable differences (JND). A JND is the least change that a finger notices, 11 % of the friction; of ${jnd.toFixed(1)} JND, ${levelsOf(jnd)} can be told apart.`,
+    effect: (/** @type {number} */ jnd) => `one step: ${jnd < 0.005 ? "0" : jnd.toFixed(2)} JND at a place${jnd < 1 ? ", too little to be noticed by itself" : ""}`,
     wrap: "Let it change…",
     wraps: /** @type {Record<string, string>} */ ({
       moving: "it moves", "by-speed": "by the finger's speed", "by-force": "by the finger's force", envelope: "in time",
@@ -217,17 +264,36 @@ export const texts = {
     did: {
       add: (/** @type {string} */ name) => `add ${name}`, remove: (/** @type {string} */ name) => `remove ${name}`,
       move: "move", size: "size", order: "order", place: "place", parameter: "parameter",
+      restore: (/** @type {number} */ revision) => `back to revision ${revision}`,
     },
     drawn: { title: "Ribs", document: { kind: "grating", period_mm: 2.5 } },
     untitled: "untitled",
     name: "Name of the layout",
-    nameHelp: "Letters, digits, spaces, points, dashes. It is kept on this machine under this name.",
-    open: "Open",
+    nameHelp: "Letters, digits, spaces, points, dashes. Another name renames the kept layout.",
+    keep: "Keep",
+    keepHelp: "Keep the layout under its name (Ctrl+S). Drafts are saved by themselves, apart from it.",
+    layouts: "Layouts",
+    fresh: "New layout",
+    copy: "Keep as a copy",
+    importFile: "Open an exported zip",
+    removeIt: (/** @type {string} */ name) => `Delete ${name}`,
+    kept: "Kept",
+    versions: "Earlier versions",
+    version: (/** @type {number} */ revision, /** @type {number} */ unix_s) => `revision ${revision}, ${new Date(1000 * unix_s).toLocaleString()}`,
+    drafts: "Drafts",
+    draftOf: (/** @type {string} */ name, /** @type {number} */ unix_s) => `${name}, ${new Date(1000 * unix_s).toLocaleString()}`,
+    removedOnes: "Deleted",
+    bringBack: (/** @type {string} */ name) => `Bring ${name} back`,
     noneKept: "None is kept yet.",
     opened: (/** @type {string} */ name) => `${name} opened`,
+    openedDraft: (/** @type {string} */ name) => `draft of ${name} opened`,
+    renamed: (/** @type {string} */ name) => `is called ${name} now`,
+    removed: (/** @type {string} */ name) => `${name} deleted`,
     changed: "changed",
-    saved: (/** @type {string} */ name) => `saved as ${name}`,
-    unsaved: "not saved",
+    drafted: "draft saved",
+    saved: (/** @type {string} */ name) => `kept as ${name}`,
+    unsaved: "not saved; it is tried again",
+    noLayout: "expected a zip or folder with layout.json, as Export makes it",
     export: "Export",
     exporting: "exporting…",
     exported: (/** @type {string} */ name) => `${name}: exported`,
@@ -241,7 +307,7 @@ export const texts = {
   },
   sit: {
     title: "Sit a participant down",
-    help: "An adaptive experiment fills the screen. The output is off until it begins, and the device is the experiment's meanwhile. STOP and Esc end it at 0 V; in full screen the first Esc only leaves full screen, so use STOP.",
+    help: "An adaptive experiment fills the screen. The output is off until it begins, and the device is the experiment's meanwhile. STOP and its key F8 end it at 0 V.",
     experiment: "Experiment",
     experiments: /** @type {Record<string, string>} */ ({
       "ripple-20-Hz": "Ripple of friction at 20 Hz: the least that is felt",
@@ -299,14 +365,12 @@ export const texts = {
       queued: "waits", running: "plays", asking: "asks the participant", done: "done", failed: "failed", cancelled: "ended",
     }),
     end: "End it",
-    threshold: (/** @type {number} */ level, /** @type {number} */ spread) => `threshold ${level.toFixed(1)} dB ± ${(spread ?? 0).toFixed(1)} dB`,
+    threshold: (/** @type {number} */ level, /** @type {number} */ low, /** @type {number} */ high) => `threshold ${level.toFixed(1)} dB (95 %: ${low.toFixed(1)} to ${high.toFixed(1)})`,
   },
   calibrate: {
     title: "Calibrate this screen",
-    help: "Strokes over the screen with and without voltage, guided step by step. The output is off until a stroke plays, and the device is the calibration's meanwhile. STOP and Esc end it at 0 V; what was measured is kept.",
-    progress: "How far it is",
-    answer: "Answer",
-    end: "End it",
+    help: "Strokes over the screen with and without voltage, guided step by step. The output is off until a stroke plays, and the device is the calibration's meanwhile. STOP and its key F8 end it at 0 V; what was measured is kept.",
+    ...ofJobs,
     steps: /** @type {[string, string][]} */ ([
       ["measure", "Strokes"], ["fit", "Fit"], ["verify", "Verify"], ["install", "Install"],
     ]),
@@ -314,9 +378,6 @@ export const texts = {
     working: /** @type {Record<string, string>} */ ({
       "": "It is being planned…", measure: "Slide now…", fit: "The strokes are reduced and fitted…",
       verify: "The strokes that were kept out are compared with the fit…", install: "The profile is installed…",
-    }),
-    states: /** @type {Record<string, string>} */ ({
-      queued: "It waits", running: "It works", asking: "Your turn", done: "Done", failed: "It failed", cancelled: "It was ended",
     }),
     choices: /** @type {Record<string, string>} */ ({
       go: "Go", "repeat the last one": "Repeat the last one", stop: "Stop for now", "install it": "Install it", "leave it": "Leave it",
@@ -348,5 +409,14 @@ export const texts = {
     notInstalled: "not installed",
     open: (/** @type {number} */ count) => `${count} ${count === 1 ? "stroke is" : "strokes are"} still open. Begin again under the same name to go on.`,
     save: "Save the whole report",
+  },
+  tasks: {
+    ...ofJobs,
+    choose: "Tasks",
+    share: (/** @type {number} */ share, /** @type {number} */ left_s) =>
+      share ? `${Math.round(100 * share)} %, about ${left_s < 90 ? `${Math.ceil(left_s)} s` : `${Math.round(left_s / 60)} min`} left` : "Starting…",
+    material: "Material",
+    materialHelp: "One of the layout that Play and Make show.",
+    more: (/** @type {number} */ rows) => `and ${rows} more rows`,
   },
 };

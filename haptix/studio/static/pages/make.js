@@ -1,7 +1,7 @@
 /** Make a layout: the gallery, regions on the board, the parameters of each, and files to take away. */
 
 import { Board, boxOf, PLACE, placeOf } from "../board.js";
-import { SavedLayout } from "../document.js";
+import { layoutIn } from "../archive.js";
 import { el, fill, save } from "../dom.js";
 import { schemaOf } from "../form.js";
 import { Gallery } from "../gallery.js";
@@ -21,8 +21,7 @@ const CHECKED_MS = 300;
 
 /** @param {HTMLElement} root @param {App} app */
 export function mount(root, app) {
-  const { service, history } = app;
-  const saved = new SavedLayout(app);
+  const { service, history, saved } = app;
   const board = new Board({ "aria-label": t.board, role: "group" });
   const headroom = new Headroom(board, service);
   const gallery = new Gallery(service, (start) => add(start));
@@ -50,6 +49,9 @@ export function mount(root, app) {
   const reach = el("p.reach", { hidden: true, role: "status" });
   headroom.summary.on((text) => void (reach.textContent = text));
   const state = el("span.quiet", { role: "status" });
+  const helps = el("span");
+  /** @type {(() => void)[]} */
+  const ends = [];
   const list = el("ol.order", { "aria-label": t.order });
   const parameters = el("section.sheet.parameters", { "aria-label": t.parameters });
   const problem = el("p.told", { role: "alert" });
@@ -60,18 +62,18 @@ export function mount(root, app) {
     gallery.element,
     el("section.bench", {},
       el("div.row.bar-of", {}, undo, redo, shows, naming(), exports),
-      board.element, reach, el("div.hint-of", {}, el("p.quiet", {}, t.hint), state)),
-    el("div.side", {}, el("section.sheet", {}, el("h2", {}, t.order), list), parameters),
+      board.element, reach, el("div.hint-of", {}, el("p.quiet", {}, t.hint), el("span", {}, state, " ", helps))),
+    el("div.side", {}, el("section.sheet", {}, app.guide.element, el("h2", {}, t.order), list), parameters),
   );
 
-  /** Add a region. @param {Start} start @param {Partial<m.Region>} [place] */
+  /** Add a region. @param {Start} start @param {Partial<m.RegionDocument>} [place] */
   function add(start, place = {}) {
     const { regions: all } = history.current;
     let name = start.title;
     for (let number = 2; all.some((region) => region.name === name); number += 1) name = `${start.title} ${number}`;
     const { width_mm, height_mm } = start;
     const material = structuredClone(start.document);
-    const region = /** @type {m.Region} */ (JSON.parse(JSON.stringify(
+    const region = /** @type {m.RegionDocument} */ (JSON.parse(JSON.stringify(
       { name, material, ...freePlace(history.current, width_mm ?? 60, height_mm ?? 40), width_mm, height_mm, ...place })));
     history.change(t.did.add(name), (draft) => void draft.regions.push(region));
     regions.focus(name);
@@ -90,7 +92,7 @@ export function mount(root, app) {
   }
 
   /** Exchange two regions in the order, by their heights.
-   * @param {{region: m.Region}[]} in_order @param {number} at @param {number} by */
+   * @param {{region: m.RegionDocument}[]} in_order @param {number} at @param {number} by */
   function lift(in_order, at, by) {
     const names = in_order.map(({ region }) => region.name);
     [names[at], names[at + by]] = [names[at + by], names[at]];
@@ -121,7 +123,7 @@ export function mount(root, app) {
     checking = setTimeout(() => void check(region), CHECKED_MS);
   }
 
-  /** Ask what the material can do here. @param {m.Region} region */
+  /** Ask what the material can do here. @param {m.RegionDocument} region */
   async function check(region) {
     const number = ++checked;
     try {
@@ -141,7 +143,7 @@ export function mount(root, app) {
   const places = {};
   const defaults = /** @type {Record<string, any>} */ ({ ...PLACE, width_mm: "", height_mm: "", opacity: 1, z: 0 });
 
-  /** Where the region lies. @param {m.Region} region */
+  /** Where the region lies. @param {m.RegionDocument} region */
   function placing({ name }) {
     const fields = Object.keys(defaults).map((key) => {
       const input = el("input", {
@@ -186,25 +188,47 @@ export function mount(root, app) {
   }
 
   function naming() {
-    const input = el("input.title", { type: "text", value: saved.name, maxLength: 60, pattern: "[A-Za-z0-9][A-Za-z0-9 _.\\-]*", "aria-label": t.name, title: t.nameHelp,
-      onchange: () => {
-        if (input.reportValidity()) void saved.rename(input.value);
+    const input = el("input.title", { type: "text", maxLength: 60, pattern: "[A-Za-z0-9][A-Za-z0-9 _.\\-]*", "aria-label": t.name, title: t.nameHelp,
+      onchange: async () => {
+        if (input.reportValidity()) await saved.attempt(() => saved.rename(input.value));
+        input.value = saved.name.get();
       } });
+    ends.push(saved.name.on((name) => void (input.value = name)));
+    const keep = el("button", { type: "button", title: t.keepHelp, "aria-keyshortcuts": "Control+S", onclick: () => void saved.attempt(() => saved.keep()) }, t.keep);
+    const file = el("input", { type: "file", accept: ".zip", hidden: true, "aria-label": t.importFile, onchange: async () => {
+      for (const each of file.files ?? []) await saved.attempt(() => openArchive(each));
+      file.value = "";
+    } });
     const menu = el("div.menu");
-    const others = el("details.drop-down", {
-      ontoggle: async () => {
-        if (!others.open) return;
-        const names = (await service.attempt(() => saved.names())) ?? [];
-        fill(menu, names.map((name) => el("button", { type: "button", onclick: () => {
-          others.open = false;
-          void service.attempt(async () => {
-            await saved.open(name);
-            input.value = name;
-          });
-        } }, name)), names.length ? null : el("p.quiet", {}, t.noneKept));
-      },
-    }, el("summary", {}, t.open), menu);
-    return el("span.row", {}, input, others);
+    const layouts = el("details.drop-down", { ontoggle: () => layouts.open && void saved.attempt(showLayouts) }, el("summary", {}, t.layouts), menu);
+
+    async function showLayouts() {
+      const name = saved.name.get();
+      const [names, removed, drafts] = await Promise.all([saved.names(), saved.names(true), saved.drafts()]);
+      const versions = saved.revision ? (await saved.versions(name)).slice(1) : [];
+      const choice = (/** @type {string} */ text, /** @type {() => Promise<unknown>} */ act) => el("button", { type: "button", onclick: () => {
+        layouts.open = false;
+        void saved.attempt(act);
+      } }, text);
+      const list = (/** @type {string} */ title, /** @type {Node[]} */ choices) => choices.length ? [el("h3", {}, title), ...choices] : [];
+      fill(menu,
+        choice(t.fresh, () => saved.begin()), choice(t.copy, () => saved.duplicate()), choice(t.importFile, async () => file.click()),
+        saved.revision ? choice(t.removeIt(name), () => saved.remove()) : null,
+        list(t.kept, names.map((each) => choice(each, () => saved.open(each)))), names.length ? null : el("p.quiet", {}, t.noneKept),
+        list(t.versions, versions.map((each) => choice(t.version(each.revision, each.unix_s), () => saved.restore(each)))),
+        list(t.drafts, drafts.map((each) => choice(t.draftOf(each.name, each.unix_s), () => saved.openDraft(each.id)))),
+        list(t.removedOnes, removed.map((each) => choice(t.bringBack(each), () => saved.bringBack(each)))));
+    }
+    return el("span.row", {}, input, keep, layouts, file);
+  }
+
+  /** Open a layout that was exported. @param {File} file */
+  async function openArchive(file) {
+    const { session } = service;
+    if (!session) throw new TypeError(texts.state.lost);
+    const layout = await layoutIn(file, (asset, suffix) => session.asset(asset, suffix));
+    await saved.begin();
+    history.change(t.did.add(file.name), (draft) => void (draft.regions = layout.regions));
   }
 
   /** @param {string[]} forms */
@@ -227,7 +251,7 @@ export function mount(root, app) {
     const { y, height } = placeOf(region);
     state.textContent = t.exporting;
     const answer = await service.rest("POST", "/v1/exports", { document, form, y_mm: y + height / 2 });
-    save(await answer.blob(), `${saved.name.replaceAll(" ", "-")}-${form}.zip`);
+    save(await answer.blob(), `${saved.name.get().replaceAll(" ", "-")}-${form}.zip`);
     state.textContent = t.exported(titleOf(form));
   }
 
@@ -238,10 +262,18 @@ export function mount(root, app) {
     const preset = gallery.presets.find((preset) => preset.name === name);
     const { x_mm, y_mm } = board.place(event);
     if (preset) add(preset, { x_mm: Math.round(x_mm), y_mm: Math.round(y_mm) });
-    else void gallery.take([...(event.dataTransfer?.files ?? [])]);
+    else for (const file of event.dataTransfer?.files ?? []) {
+      if (file.name.endsWith(".zip")) void saved.attempt(() => openArchive(file));
+      else void gallery.take([file]);
+    }
   });
   const keys = (/** @type {KeyboardEvent} */ event) => {
-    if (!(event.ctrlKey || event.metaKey) || /** @type {Element} */ (event.target).matches("input, textarea")) return;
+    if (!(event.ctrlKey || event.metaKey)) return;
+    if (event.key === "s") {
+      event.preventDefault();
+      void saved.attempt(() => saved.keep());
+    }
+    if (/** @type {Element} */ (event.target).matches("input, textarea")) return;
     const again = event.key === "y" || (event.key === "z" && event.shiftKey) || event.key === "Z";
     if (event.key !== "z" && !again) return;
     event.preventDefault();
@@ -251,7 +283,7 @@ export function mount(root, app) {
   addEventListener("keydown", keys);
 
   let ended = false;
-  const ends = [
+  ends.push(
     history.document.on((document) => {
       regions.show(document);
       showPanel(document);
@@ -262,6 +294,7 @@ export function mount(root, app) {
       redo.title = again && t.redoes(again);
     }),
     saved.state.on((text) => void (state.textContent = text)),
+    saved.help.on((help) => fill(helps, help && el("button.small", { type: "button", onclick: () => void saved.attempt(help.act) }, help.label))),
     service.state.on(({ phase }) => {
       if (phase !== "open" || panel) return;
       void service.attempt(async () => {
@@ -272,12 +305,11 @@ export function mount(root, app) {
       void service.attempt(async () => showExports((await schemaOf(service, "exports")).properties.form.enum));
       void service.attempt(() => gallery.load());
     }),
-  ];
+  );
   return () => {
     ended = true;
     removeEventListener("keydown", keys);
     for (const end of ends) end();
-    saved.close();
     board.close();
   };
 }

@@ -1,7 +1,7 @@
 /** Feel the layout: the board, and beside it what a finger feels of it. */
 
 import { Board } from "../board.js";
-import { el, keyed, save } from "../dom.js";
+import { bullets, el, keyed, save } from "../dom.js";
 import { Films } from "../pictures.js";
 import { FrictionPlot, KEYS, loadPlots, SpectrumPlot } from "../plots.js";
 import { sentence } from "../service.js";
@@ -44,9 +44,9 @@ export function mount(root, app) {
   root.append(
     el("section.plane", {}, board.element, hint,
       el("div.legend", {}, where, legend())),
-    el("div.tools.sheet", {}, forceTools(), soundTools(sound), strokes.element, comparison.element),
+    el("div.tools.sheet", {}, app.guide.element, forceTools(), soundTools(sound), strokes.element, comparison.element),
     el("section.live", {},
-      el("div.sheet", {}, readings.element),
+      el("div.sheet", {}, readings.element, el("details", {}, el("summary", {}, t.means), bullets(t.meanings))),
       el("div.sheet", {}, el("h2", {}, KEYS.wanted(t.wanted), KEYS.felt(t.felt), KEYS.band(t.band)), friction),
       el("div.sheet", {}, el("h2", {}, t.spectrum), spectrum),
       el("div.sheet", {}, el("h2", {}, t.error), readings.errors)),
@@ -94,6 +94,7 @@ export function mount(root, app) {
   /** @param {number} at_ms */
   function frame(at_ms) {
     if (ended) return;
+    requestAnimationFrame(frame); // first: what fails below ends this frame alone
     if (films.isDue(at_ms)) board.draw();
     trail.draw(touching.cursors.values());
     const track = telemetry.newest;
@@ -113,7 +114,6 @@ export function mount(root, app) {
       said.textContent = t.said(track.at("wanted", row), track.at("felt", Math.max(track.known - 1, 0)), [...over]);
       said_ms = at_ms;
     }
-    requestAnimationFrame(frame);
   }
   let plotted = 0;
   let turn = true;

@@ -17,6 +17,7 @@ import { texts } from "../texts.js";
  * @property {string[]} rests_on
  * @property {Record<string, number>} spread
  * @property {string[]} warnings
+ * @property {string} verified
  * @property {Record<string, unknown>} document
  */
 /** @typedef {{highest_v: number, normal_force_n: number[], current_a: number[]}} Drive as `GET /v1/drive` gives it */
@@ -104,20 +105,20 @@ function controls({ service }) {
   const set = (/** @type {(session: Session) => Promise<m.Output>} */ change) => void service.attempt(async () => {
     if (service.session) service.output.set(await change(service.session));
   });
-  const slider = el("input", {
-    id: "intensity", type: "range", min: "0", max: "1", step: "0.05",
-    onchange: () => set((session) => session.intensity(Number(slider.value))),
-  });
+  // The person's own: of all apps, and after this page is gone.
+  const own = () => void service.attempt(() =>
+    service.rest("PUT", "/v1/person", { person_intensity: Number(slider.value), person_muted: mute.checked }));
+  const slider = el("input", { id: "intensity", type: "range", min: "0", max: "1", step: "0.05", onchange: own });
   const value = el("output");
-  const mute = el("input", { type: "checkbox", onchange: () => set((session) => session.mute(mute.checked)) });
+  const mute = el("input", { type: "checkbox", onchange: own });
   const pause = el("input", { type: "checkbox", onchange: () => set((session) => session.pause(pause.checked)) });
   const show = () => {
     const output = service.output.get();
-    for (const input of [slider, mute, pause]) input.disabled = !service.lease.get()?.is_mine;
+    pause.disabled = !service.lease.get()?.is_mine;
     if (!output) return;
-    slider.value = String(output.intensity);
-    value.textContent = `${Math.round(100 * output.intensity)} %`;
-    mute.checked = output.muted;
+    slider.value = String(output.person_intensity);
+    value.textContent = `${Math.round(100 * output.person_intensity)} %`;
+    mute.checked = output.person_muted;
     pause.checked = output.paused;
   };
   const ends = [service.output.on(show), service.lease.on(show)];
@@ -128,7 +129,7 @@ function controls({ service }) {
 }
 
 /** @param {Profile} profile */
-function described({ name, source, calibrated, age_days, verdict, rests_on, spread, warnings, document }) {
+function described({ name, source, calibrated, age_days, verdict, rests_on, spread, warnings, verified, document }) {
   /** @type {[string, string | Node][]} */
   const rows = [
     [t.source, source === "preset" ? `${name} (preset)` : `${name}, ${source}`],
@@ -136,6 +137,7 @@ function described({ name, source, calibrated, age_days, verdict, rests_on, spre
     [t.warnings, warnings.length ? bullets(warnings) : calibrated ? t.trusted : t.preset],
   ];
   if (verdict) rows.push([t.verdict, verdict]);
+  if (verified) rows.push([t.verified, verified]);
   if (rests_on.length) rows.push([t.rests, bullets(rests_on)]);
   const deviations = Object.entries(spread);
   if (deviations.length) rows.push([t.spread, bullets(deviations.map(([key, sd]) => `${key}: ${(100 * sd).toFixed(1)} %`))]);

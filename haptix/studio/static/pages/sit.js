@@ -161,7 +161,7 @@ export function mount(root, app) {
   /** @param {Job} job */
   function thresholdOf({ result }) {
     if (!result || result.threshold_db === null || result.threshold_db === undefined) return "";
-    return t.threshold(Number(result.threshold_db), Number(result.spread_db));
+    return t.threshold(Number(result.threshold_db), Number(result.low_db), Number(result.high_db));
   }
 
   addEventListener("keydown", (event) => {
