@@ -74,6 +74,13 @@ class Capabilities:
     ------
     DeviceError
         If a number is impossible.
+
+    Examples
+    --------
+    >>> from firmware_io import open_device
+    >>> with open_device("mock:") as device:
+    ...     print(device.capabilities.ceiling_v <= 200.0)
+    True
     """
 
     name: str
@@ -119,7 +126,15 @@ class Capabilities:
 
     @classmethod
     def from_report(cls, report: CapabilitiesReport, sample_rate_hz: int) -> Self:
-        """Return the capabilities in a driver's report, at one of its rates."""
+        """Return the capabilities in a driver's report, at one of its rates.
+
+        Parameters
+        ----------
+        report : CapabilitiesReport
+            What the driver told.
+        sample_rate_hz : int
+            One of its rates [Hz].
+        """
         return cls(
             name=report.name,
             sample_rate_hz=float(sample_rate_hz),
@@ -139,6 +154,13 @@ class Capabilities:
 
     def best_rate_hz(self, mode: Mode, most_hz: float = math.inf) -> int:
         """Return the highest rate in a mode that is at most `most_hz`.
+
+        Parameters
+        ----------
+        mode : Mode
+            The driver's mode.
+        most_hz : float
+            Highest rate that will do [Hz].
 
         Raises
         ------

@@ -98,6 +98,10 @@ class Device:
         # Holds only the stream: a reference to the device would keep it from being collected.
         weakref.finalize(self, self._stream.abandon)
 
+    def __repr__(self) -> str:
+        driver = self._capabilities
+        return f"Device({self.name}, {driver.sample_rate_hz:g} Hz, at most {driver.ceiling_v:g} V)"
+
     @property
     def capabilities(self) -> Capabilities:
         """The driver's capabilities."""
@@ -275,8 +279,12 @@ class Device:
     def progress(self, is_fresh: bool = False, is_due: bool = False) -> Progress:
         """Read the driver's reports and return its progress.
 
-        With `is_fresh`, ask for a report. With `is_due`, read even if the next is not due yet: a
-        driver tells at once that it has refused a revision.
+        Parameters
+        ----------
+        is_fresh : bool
+            Ask the driver for a report.
+        is_due : bool
+            Read even if the next report is not due: a refused revision is told at once.
 
         Raises
         ------

@@ -113,6 +113,12 @@ class DriveLimits:
     LimitError
         If a limit is not finite and positive, or is above its default: limits can be lowered only.
         So if `capacitance_f` is below its default: that would raise the voltage.
+
+    Examples
+    --------
+    >>> limits = DriveLimits(ceiling_v=100.0)
+    >>> limits.ceiling_v, limits.window_s
+    (100.0, 1.0)
     """
 
     ceiling_v: float = ABSOLUTE_CEILING_V
@@ -161,7 +167,14 @@ class DriveLimits:
         return self.max_rms_a / self.capacitance_f
 
     def highest_sine_v(self, frequency_hz: float) -> float:
-        """Amplitude of the strongest sine that ceiling and slew admit, in volts."""
+        """Amplitude of the strongest sine that ceiling and slew admit, in volts.
+
+        Examples
+        --------
+        >>> limits = DriveLimits()
+        >>> limits.highest_sine_v(100.0) <= limits.ceiling_v
+        True
+        """
         slews = 2.0 * math.pi * frequency_hz * self.ceiling_v
         return self.ceiling_v * min(1.0, self.max_slew_v_per_s / max(slews, 1.0))
 
@@ -285,6 +298,11 @@ class DriveLimits:
         -------
         ndarray, shape (n,)
             At least one sample, in volts; the last is 0.0. It passes `check` after `last_v`.
+
+        Examples
+        --------
+        >>> DriveLimits().ramp_to_zero(100.0, sample_rate_hz=1000.0, ramp_s=0.004).tolist()
+        [75.0, 50.0, 25.0, 0.0]
         """
         # One sample to round up, one so that the rounding of a step cannot reach the limit.
         shortest = int(abs(last_v) * sample_rate_hz / self.max_slew_v_per_s) + 2

@@ -83,7 +83,13 @@ def read_address(address: str) -> tuple[Scheme, dict[str, Any]]:
 
 @dataclass(frozen=True)
 class BusReport:
-    """The result of searching one bus."""
+    """The result of searching one bus.
+
+    Parameters
+    ----------
+    devices : tuple of DeviceInfo
+        What was found.
+    """
 
     kind: str
     """Such as "usb"."""
@@ -94,7 +100,13 @@ class BusReport:
 
 
 def list_devices() -> list[DeviceInfo]:
-    """Return the mock and all devices on the buses, without opening any."""
+    """Return the mock and all devices on the buses, without opening any.
+
+    Examples
+    --------
+    >>> "mock:" in [device.address for device in list_devices()]
+    True
+    """
     mock = DeviceInfo("mock:", "mock", "mock driver", True, "Plays into memory; always there.")
     return [mock, *(device for report in survey_buses() for device in report.devices)]
 

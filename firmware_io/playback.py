@@ -50,11 +50,23 @@ class WaveSource:
     def window(
         self, first: int, count: int, at_s: float, is_revision: bool
     ) -> npt.NDArray[np.float64]:
-        """Return samples from index `first` on."""
+        """Return samples from index `first` on.
+
+        Parameters
+        ----------
+        first, count, at_s, is_revision
+            As in `Source.window`.
+        """
         return self._samples(first, count)
 
     def settle(self, obeyed: int, undone: bool) -> None:
-        """Nothing is revised."""
+        """Nothing is revised.
+
+        Parameters
+        ----------
+        obeyed, undone
+            As in `Source.settle`.
+        """
 
     def played(self, index: int) -> None:
         """Nothing is kept."""

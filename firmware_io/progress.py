@@ -119,7 +119,15 @@ class Marked:
 
     @classmethod
     def of(cls, report: MarkedReport, clock: OutputClock) -> Self:
-        """Take a driver's report, with its clock against the host's."""
+        """Take a driver's report, with its clock against the host's.
+
+        Parameters
+        ----------
+        report : MarkedReport
+            What the driver told.
+        clock : OutputClock
+            The driver's clock against the host's.
+        """
         if report.clock_ticks == NEVER:
             return cls(report.sample_index, report.code, None, None)
         time_s = clock.time_of(report.clock_ticks)

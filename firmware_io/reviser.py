@@ -134,10 +134,28 @@ class Source(Protocol):
         """Return samples from index `first` on, of which the first is played at `at_s`.
 
         They begin where the sample before them ends. A revision ends where the one behind begins.
+
+        Parameters
+        ----------
+        first : int
+            Index of the first sample.
+        count : int
+        at_s : float
+            When the first is played [s].
+        is_revision : bool
+            Whether they replace samples that are queued.
         """
 
     def settle(self, obeyed: int, undone: bool) -> None:
-        """Take the oldest revisions as played; with `undone`, all others never were."""
+        """Take the oldest revisions as played; with `undone`, all others never were.
+
+        Parameters
+        ----------
+        obeyed : int
+            How many of the oldest revisions were played.
+        undone : bool
+            Whether all others are as if they had never been.
+        """
 
     def played(self, index: int) -> None:
         """Forget what lies before an index."""

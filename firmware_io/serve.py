@@ -223,6 +223,10 @@ def main(arguments: list[str] | None = None) -> int:
         "--record", type=Path, help="write the output to this .npy file (volts) at the end"
     )
     options = parser.parse_args(arguments)
+    record = options.record
+    if record is not None and record.exists() and not record.is_file():
+        sys.stderr.write(f"--record: {record} is no regular file; name another\n")
+        return 1
     try:
         driver = MockDriver(
             sample_rate_hz=options.sample_rate_hz,
@@ -231,26 +235,27 @@ def main(arguments: list[str] | None = None) -> int:
             serial=options.serial,
             pace="real",
             # It may be served for days, and no host can ask for its record.
-            kept_s=1.0 if options.record is None else math.inf,
+            kept_s=1.0 if record is None else math.inf,
         )
         token = read_token(options.token_file)
         server = DriverServer(driver, options.host, options.port, token)
     except (HaptixError, OSError, OverflowError) as error:
         sys.stderr.write(f"{error}\n")
         return 1
-    sys.stdout.write(f"{server.address}\n")
-    sys.stdout.flush()
     # SIGHUP: its terminal was closed.
     for ending in (signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)):
         signal.signal(ending, lambda *_: server.stop())
+    sys.stdout.write(f"{server.address}\n")
+    sys.stdout.flush()
     gc.freeze()  # what has been imported: a full collection takes milliseconds, a board none
     with suppress(KeyboardInterrupt):
         server.serve()
-    if options.record is not None:
+    if record is not None:
         try:
-            np.save(options.record, driver.output_v)
+            with record.open("wb") as file:  # by its name alone numpy would choose another one
+                np.save(file, driver.output_v)
         except OSError as error:
-            sys.stderr.write(f"cannot write {options.record}: {error.strerror or error}\n")
+            sys.stderr.write(f"cannot write {record}: {error.strerror or error}\n")
             return 1
     return 0
 

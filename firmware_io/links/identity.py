@@ -26,23 +26,10 @@ def udev_rule(vendor_id: int = VENDOR_ID, product_id: int = PRODUCT_ID) -> str:
 def udev_rule_is_installed(root: Path = Path("/")) -> bool:
     """Return whether the rule file below `root` exists and has the right text."""
     try:
-        return (root / RULE_FILE).read_text() == udev_rule()
+        path = root / RULE_FILE
+        return path.is_file() and path.read_text() == udev_rule()
     except OSError:
         return False
-
-
-def install_udev_rule(root: Path = Path("/")) -> Path:
-    """Write the rule file below `root` and return its path.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written; usually only root may.
-    """
-    path = root / RULE_FILE
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(udev_rule())
-    return path
 
 
 def permission_remedy() -> str:

@@ -267,7 +267,17 @@ class MockDriver:
         contact: int = 0,
         phase: TouchPhase = TouchPhase.MOVE,
     ) -> bool:
-        """Report a finger on the panel; False if the host has not read the last eight reports."""
+        """Report a finger on the panel; False if the host has not read the last eight reports.
+
+        Parameters
+        ----------
+        x_mm, y_mm : float
+        normal_force_n : float, optional
+            Normal force [N], if the panel measures it.
+        contact : int
+        phase : TouchPhase
+            Whether it comes down, moves or lifts.
+        """
         force_mn = 65535 if normal_force_n is None else round(normal_force_n * 1e3)
         report = TouchReport(0, round(x_mm * 1e3), round(y_mm * 1e3), force_mn, contact, phase)
         with self._lock:

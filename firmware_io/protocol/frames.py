@@ -135,8 +135,8 @@ def _read_capabilities(payload: bytes, fields: struct.Struct) -> CapabilitiesRep
         for rate_hz, modes in _RATE.iter_unpack(payload[fields.size : rates_end])
     )
     texts = (_text(data) for data in (name, serial, calibration_id))
-    told = (bool(flags & 2), bool(flags & 4), flags >> 3 & 3)
-    ends = (bool(flags & 1), rates, *_GUARD.unpack_from(payload, rates_end), *told)
+    flagged = (bool(flags & 2), bool(flags & 4), flags >> 3 & 3)
+    ends = (bool(flags & 1), rates, *_GUARD.unpack_from(payload, rates_end), *flagged)
     values: tuple[Any, ...] = (*numbers, *texts, *ends)
     return CapabilitiesReport(*values)
 
@@ -505,6 +505,11 @@ def volts_to_codes(
     ------
     LimitError
         If a voltage is not finite, or lies beyond full scale or the ceiling.
+
+    Examples
+    --------
+    >>> codes_to_volts(volts_to_codes([0.0, -100.0], full_scale_v=250.0), 250.0).round(2).tolist()
+    [0.0, -100.0]
     """
     values = np.asarray(volts, dtype=np.float64)
     limit = full_scale_v if ceiling_v is None else min(ceiling_v, full_scale_v)
@@ -536,6 +541,18 @@ def top_code(limit_v: float, full_scale_v: float) -> int:
 
 
 def codes_to_volts(codes: npt.NDArray[np.int16], full_scale_v: float) -> npt.NDArray[np.float64]:
-    """Return the voltages of codes, in volts, in the same shape."""
+    """Return the voltages of codes, in volts, in the same shape.
+
+    Parameters
+    ----------
+    codes : array of int16
+    full_scale_v : float
+        Voltage [V] of the largest code.
+
+    Examples
+    --------
+    >>> codes_to_volts(np.array([0, 32767], np.int16), 200.0).tolist()
+    [0.0, 200.0]
+    """
     # Division first: code 32767 then gives exactly full scale.
     return codes / FULL_SCALE_CODE * full_scale_v
