@@ -7,10 +7,33 @@ load on first use, so that importing haptix does not import torch.
 """
 
 import os
+import sys
+
+if "".join(sys.argv[:1]).endswith(("/haptix", "\\haptix", "\\haptix.exe", "-m")):
+    # The command: Ctrl-C while it loads is no traceback. Other programs have their own way.
+    _before = sys.excepthook
+    sys.excepthook = lambda kind, *error: (
+        None if kind is KeyboardInterrupt else _before(kind, *error)
+    )
 
 import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_load, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+
+def __getattr__(name: str) -> object:
+    try:
+        return _load(name)
+    except AttributeError as error:
+        error.name, error.obj = name, sys.modules[__name__]  # Python then says what is like it
+        raise
+    except ImportError as error:
+        from haptix.version import foreign_package
+
+        if advice := foreign_package("firmware_io"):
+            raise ImportError(advice) from error
+        raise
+
 
 if os.environ.get("HAPTIX_LOG"):
     from haptix.log import start_as_environment_says

@@ -21,18 +21,25 @@ import threading
 import time
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Coroutine
 from concurrent.futures import Future
 from contextlib import suppress
+from hashlib import sha256
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Generic, Literal, NamedTuple, Self, TypeVar
+from urllib.error import HTTPError
+from urllib.request import ProxyHandler, Request, build_opener
+
+from pydantic import BaseModel
 
 from haptix.errors import DeviceError, HaptixError, InputError, from_extra
 from haptix.files import read_json
 from haptix.service import messages as m
 from haptix.service.access import service_folder
 from haptix.service.batches import TelemetryFrame, read_frame, write_touches
+from haptix.service.client_calls import AsyncCalls, ClientLayout, PlainCalls, PlainLayout, given
+from haptix.service.limiter import Limiter
 
 with from_extra("serve"):
     from websockets.asyncio.client import ClientConnection
@@ -42,14 +49,14 @@ with from_extra("serve"):
 
 _LOG = logging.getLogger("haptix.client")
 _SUBPROTOCOL = Subprotocol("haptix.v1")
-_WAIT_S, _CLOSE_S = 10.0, 1.0
+_WAIT_S, _CLOSE_S, _FILE_S = 10.0, 1.0, 60.0
 _FIRST_S, _LAST_S = 0.1, 5.0  # between two attempts to connect again
 _REPLAYED = ("geometry", "subscribe")  # what the service does not keep for who resumes
-_MOST_SENDING = 64  # batches that are not sent yet; then a touch waits
+_MOST_SENDING = 64  # batches that are not sent yet, or at once; then a touch waits
 
 TouchKind = Literal["down", "move", "up"]
 Sent = TypeVar("Sent", covariant=True)
-Change = Callable[..., Awaitable[m.LayoutReply]]
+Result = TypeVar("Result")
 
 
 class ReportsTouches(ABC, Generic[Sent]):
@@ -68,7 +75,19 @@ class ReportsTouches(ABC, Generic[Sent]):
         kind: TouchKind = "move",
         t_s: float | None = None,
     ) -> Sent:
-        """Report a touch, at `now_s` unless `t_s` says when."""
+        """Report a touch, at `now_s` unless `t_s` says when.
+
+        Parameters
+        ----------
+        x_mm, y_mm : float
+        normal_force_n : float, optional
+            Normal force [N], if measured.
+        touch_id : int
+        kind : str
+            "down", "move" or "up".
+        t_s : float, optional
+            Time of the session [s]; `now_s` if not given.
+        """
         stamp_s = self.now_s() if t_s is None else t_s
         touch = m.TouchMessage(
             t_s=stamp_s,
@@ -81,7 +100,14 @@ class ReportsTouches(ABC, Generic[Sent]):
         return self.touches([touch])
 
     def lift(self, touch_id: int = 0, t_s: float | None = None) -> Sent:
-        """Take a finger off."""
+        """Take a finger off.
+
+        Parameters
+        ----------
+        touch_id : int
+        t_s : float, optional
+            Time of the session [s]; `now_s` if not given.
+        """
         return self.touch(0.0, 0.0, touch_id=touch_id, kind="up", t_s=t_s)
 
     @staticmethod
@@ -90,74 +116,22 @@ class ReportsTouches(ABC, Generic[Sent]):
         return time.monotonic()
 
 
-class ClientRegion:
-    """A region of a session's layout, by its name; each call is one change."""
-
-    def __init__(self, change: Change, name: str) -> None:
-        self._change, self.name = change, name
-
-    async def move(self, **fields: Any) -> m.LayoutReply:
-        """Move to a `haptix.region.Place`, within `over_s`; what is left out stays."""
-        return await self._change({"op": "move", "name": self.name, **fields})
-
-    async def change(self, **fields: Any) -> m.LayoutReply:
-        """Change what `ClientLayout.add` takes, in a cross-fade."""
-        return await self._change({"op": "change", "name": self.name, **_plain(fields)})
-
-    async def set_value(self, value: float) -> m.LayoutReply:
-        """Set the value of a control, such as a slider, 0 to 1."""
-        return await self._change({"op": "value", "name": self.name, "value": value})
-
-    async def remove(self) -> m.LayoutReply:
-        """Take it off; it fades out."""
-        return await self._change({"op": "remove", "name": self.name})
-
-
-class ClientLayout:
-    """The layout of a session; ``h.layout`` of a client.
-
-    Parameters
-    ----------
-    change : callable
-        ``layout_change`` of the client.
-    """
-
-    def __init__(self, change: Change) -> None:
-        self._change, self._count = change, 0
-
-    async def add(self, material: Any, *, name: str = "", **fields: Any) -> ClientRegion:
-        """Add a region.
-
-        Parameters
-        ----------
-        material : dict or Material
-            Its document, or one of `haptix.materials` that names no files.
-        name : str, optional
-            For `contact` events; made where none is given.
-        **fields
-            Those of `haptix.region.RegionFields`.
-
-        Raises
-        ------
-        Refused
-            If the service refuses it.
-        """
-        self._count += 1
-        name = name or f"region {self._count}"
-        fields = _plain({"material": material, **fields})
-        await self._change({"op": "add", "name": name, **fields})
-        return ClientRegion(self._change, name)
-
-
-def _plain(fields: dict[str, Any]) -> dict[str, Any]:
-    material: Any = fields.get("material")
-    if hasattr(material, "model_dump"):
-        return {**fields, "material": material.model_dump(mode="json", exclude_none=True)}
-    return fields
+def _document(value: object) -> dict[str, Any]:
+    if isinstance(value, BaseModel):
+        return value.model_dump(mode="json", exclude_none=True)
+    raise InputError(f"expected a material or a document of JSON, got {type(value).__name__}")
 
 
 class LostConnection(NamedTuple):
-    """The connection broke; it is tried again, unless `is_final`."""
+    """The connection broke; it is tried again, unless `is_final`.
+
+    Parameters
+    ----------
+    reason : str
+        Why it broke.
+    is_final : bool
+        Whether it is not tried again.
+    """
 
     reason: str
     is_final: bool
@@ -172,11 +146,24 @@ class Refused(HaptixError):
         self.code, self.path = error.code, error.path
 
 
-class AsyncClient(ReportsTouches[Awaitable[None]]):
+class Lost(DeviceError):
+    """The connection to the service is gone, or no answer came."""
+
+
+class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
     """A session with the service; made by `connect_async`.
 
     A broken connection is opened again, with the lease and layout where the service kept them, and
     never armed: "lost" and "resumed" tell it, and "closed" that nothing more comes.
+
+    Parameters
+    ----------
+    name : str
+        Name of the app, for others to see.
+    find : callable
+        Returns the service's address and token.
+    resume : str
+        Token of the session to go on with.
 
     Attributes
     ----------
@@ -190,10 +177,13 @@ class AsyncClient(ReportsTouches[Awaitable[None]]):
 
     def __init__(self, name: str, find: Callable[[], tuple[str, str]], resume: str = "") -> None:
         self._name, self._find, self._resume = name, find, resume
-        self.layout = ClientLayout(self.layout_change)
+        self.layout = ClientLayout(self)
         self._pending: dict[int, asyncio.Future[Any]] = {}
         self._handlers: dict[str, list[Callable[[Any], None]]] = {}
         self._number = self._batch = 0
+        limits = m.Limits()
+        self._batches = Limiter(limits.batches_per_s, self.now_s, _MOST_SENDING)
+        self._touches = Limiter(limits.touches_per_s, self.now_s, limits.batch_touches)
         self._replayed: dict[str, dict[str, Any]] = {}
         self._watched: set[str] = set()  # jobs
         self._ended = "it was not opened"  # why there is no connection; "" while there is one
@@ -230,29 +220,45 @@ class AsyncClient(ReportsTouches[Awaitable[None]]):
         tasks = (task for task in (self._reader, self._runner) if task is not None)
         await asyncio.gather(*tasks, return_exceptions=True)
 
-    def on(self, kind: str, handler: Callable[[Any], None]) -> None:
-        """Call `handler` with each event of a type: "contact", "output", "frame", "lost" ..."""
-        self._handlers.setdefault(kind, []).append(handler)
+    def on(self, kind: str, handler: Callable[[Any], None]) -> Callable[[], None]:
+        """Call `handler` with each event of a type: "contact", "output", "frame", "lost" ...
+
+        Parameters
+        ----------
+        kind : str
+            The type of event, such as "contact", "output", "frame" or "lost".
+        handler : callable
+            Takes the event.
+
+        Returns
+        -------
+        callable
+            What ends that.
+        """
+        handlers = self._handlers.setdefault(kind, [])
+        handlers.append(handler)
+        return lambda: handlers.remove(handler)
 
     async def ask(self, kind: str, **fields: Any) -> Any:
-        """Send a message and return its answer.
+        """Send a message and return its answer; fields that are None are left out.
 
         Raises
         ------
         Refused
             If the service refuses it.
-        DeviceError
-            If the connection is gone.
+        Lost
+            If the connection is gone, or no answer came within 10 s.
         """
         self._number += 1
         number = self._number
         answer: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
         self._pending[number] = answer
         try:
-            await self._send(json.dumps({"type": kind, "id": number, **fields}))
+            message = {"type": kind, "id": number, **given(**fields)}
+            await self._send(json.dumps(message, default=_document))
             reply = await asyncio.wait_for(answer, _WAIT_S)
         except TimeoutError:
-            raise DeviceError(f"{kind}: the service did not answer within {_WAIT_S:g} s") from None
+            raise Lost(f"{kind}: the service did not answer within {_WAIT_S:g} s") from None
         finally:
             self._pending.pop(number, None)
         if kind == "subscribe":  # a stream that is not named stays as it was
@@ -265,56 +271,46 @@ class AsyncClient(ReportsTouches[Awaitable[None]]):
             self._watched.add(fields["job"])
         return reply
 
-    async def acquire(self, takeover: bool = False) -> m.Lease:
-        """Ask for the lease on the output."""
-        lease: m.Lease = await self.ask("acquire", takeover=takeover)
-        return lease
+    async def asset(self, path: str | Path) -> str:
+        """Send a file that materials read; return ``sha256:...``, as a document calls it.
 
-    async def release(self) -> None:
-        """Give the lease back; 0 V first."""
-        await self.ask("release")
+        Raises
+        ------
+        Refused
+            If it is too large, or of a kind that nothing reads.
+        """
+        return await asyncio.to_thread(self._send_file, Path(path))
 
-    async def arm(self) -> m.OutputMessage:
-        """Let touches be felt."""
-        output: m.OutputMessage = await self.ask("arm")
-        return output
-
-    async def disarm(self) -> m.OutputMessage:
-        """End at 0 V and keep the lease."""
-        output: m.OutputMessage = await self.ask("disarm")
-        return output
-
-    async def stop(self) -> None:
-        """End at 0 V, whoever holds the output."""
-        await self.ask("stop")
-
-    async def layout_set(self, document: dict[str, Any]) -> m.LayoutReply:
-        """Replace the layout."""
-        reply: m.LayoutReply = await self.ask("layout_set", document=document)
-        return reply
-
-    async def layout_change(self, *ops: dict[str, Any]) -> m.LayoutReply:
-        """Change the layout: all, or nothing."""
-        reply: m.LayoutReply = await self.ask("layout_change", ops=list(ops))
-        return reply
-
-    async def intensity(self, value: float) -> m.OutputMessage:
-        """Set the share of friction that is asked for, 0 to 1."""
-        output: m.OutputMessage = await self.ask("intensity", value=value)
-        return output
+    def _send_file(self, path: Path) -> str:
+        address, token = self._find()
+        content = path.read_bytes()
+        digest = sha256(content).hexdigest()
+        base = address.removesuffix("/v1/session").replace("ws", "http", 1)
+        request = Request(
+            f"{base}/v1/assets/{digest}?suffix={path.suffix.lower()}",
+            content,
+            {"authorization": f"Bearer {token}"},
+            method="PUT",
+        )
+        try:
+            with build_opener(ProxyHandler({})).open(request, timeout=_FILE_S):
+                return f"sha256:{digest}"
+        except HTTPError as error:
+            raise Refused(m.Error.model_validate_json(error.read())) from None
+        except OSError as error:
+            raise Lost(f"the service does not take {path.name}: {error}") from None
 
     async def touches(self, touches: list[m.TouchMessage]) -> None:
-        """Report many touches in one batch of bytes."""
+        """Report many touches in one batch of bytes.
+
+        Faster than the service takes them they wait, and what is asked meanwhile passes them.
+        """
+        self.check()
+        wait_s = max(self._batches.wait_s(), self._touches.wait_s(len(touches)))
+        if wait_s > 0:
+            await asyncio.sleep(wait_s)
         self._batch += 1
         await self._send(write_touches(touches, self._batch))
-
-    async def watch(self, job: str) -> m.JobMessage:
-        """Return how far a job is; `on("job", ...)` is called with its changes until it ends.
-
-        So it is with how far the job is then, after each time that the connection was lost.
-        """
-        job_message: m.JobMessage = await self.ask("watch", job=job)
-        return job_message
 
     async def _open(self) -> None:
         address, token = self._find()
@@ -328,9 +324,7 @@ class AsyncClient(ReportsTouches[Awaitable[None]]):
                 close_timeout=_CLOSE_S,
             )
         except (OSError, WebSocketException) as error:
-            raise DeviceError(
-                f"no service answers at {address}: {error}; start haptix serve"
-            ) from None
+            raise Lost(f"no service answers at {address}: {error}; start haptix serve") from None
         self._socket, self._ended = socket, ""
         self._reader = asyncio.create_task(self._read(socket))
         protocol = "{}.{}".format(*m.PROTOCOL)
@@ -381,7 +375,7 @@ class AsyncClient(ReportsTouches[Awaitable[None]]):
     def check(self) -> None:
         """Raise `DeviceError` while there is no connection."""
         if self._ended:
-            raise DeviceError(f"the connection to the service is gone: {self._ended}")
+            raise Lost(f"the connection to the service is gone: {self._ended}")
 
     async def _send(self, data: str | bytes) -> None:
         self.check()
@@ -389,7 +383,7 @@ class AsyncClient(ReportsTouches[Awaitable[None]]):
         try:
             await self._socket.send(data)
         except WebSocketException as error:
-            raise DeviceError(f"the connection to the service is gone: {error}") from None
+            raise Lost(f"the connection to the service is gone: {error}") from None
 
     async def _read(self, socket: ClientConnection) -> None:
         silent_s = _WAIT_S
@@ -413,7 +407,7 @@ class AsyncClient(ReportsTouches[Awaitable[None]]):
             self._ended = self._ended or "it was closed"
             for answer in self._pending.values():
                 if not answer.done():
-                    answer.set_exception(DeviceError(f"the service is gone: {self._ended}"))
+                    answer.set_exception(Lost(f"the service is gone: {self._ended}"))
 
     async def _take(self, message: Any) -> None:
         if isinstance(message, m.PingMessage):
@@ -429,7 +423,7 @@ class AsyncClient(ReportsTouches[Awaitable[None]]):
             answer.set_result(message)
 
     def _emit(self, kind: str, event: m.Message | TelemetryFrame | LostConnection) -> None:
-        for handler in self._handlers.get(kind, ()):
+        for handler in tuple(self._handlers.get(kind, ())):
             try:
                 handler(event)
             except Exception as error:  # one of the app; pings must be answered nevertheless
@@ -440,7 +434,13 @@ class AsyncClient(ReportsTouches[Awaitable[None]]):
 async def connect_async(
     name: str, address: str = "", token: str = "", resume: str = ""
 ) -> AsyncClient:
-    """Open a session; see `haptix.client.connect`."""
+    """Open a session; see `haptix.client.connect`.
+
+    Parameters
+    ----------
+    name, address, token, resume : str
+        As in `haptix.client.connect`.
+    """
 
     def find() -> tuple[str, str]:
         if address and token:
@@ -457,34 +457,21 @@ async def connect_async(
 def _service_file() -> dict[str, Any]:
     path: Path = service_folder() / "service.json"
     if not path.exists():
-        raise DeviceError("no service runs for this user: start haptix serve")
+        raise Lost("no service runs for this user: start haptix serve")
     return read_json(path)
 
 
-class _Plain:
-    """What is called with await, called without."""
-
-    def __init__(self, target: Any, run: Callable[[Any], Any]) -> None:
-        self._target, self._run = target, run
-
-    def __getattr__(self, name: str) -> Any:
-        call = getattr(self._target, name)
-        if not callable(call):
-            return call
-
-        def plain(*args: Any, **fields: Any) -> Any:
-            answer = self._run(call(*args, **fields))
-            return _Plain(answer, self._run) if isinstance(answer, ClientRegion) else answer
-
-        return plain
-
-
-class Client(ReportsTouches[None]):
+class Client(ReportsTouches[None], PlainCalls):
     """The plain face of `AsyncClient`: the same calls, without ``await``.
 
     A thread of its own answers the service's pings, so a program that computes for long stays
     alive. Handlers are called in that thread, where this face cannot be used. Touches do not wait
     until they are sent.
+
+    Parameters
+    ----------
+    name, address, token, resume : str
+        As in `haptix.client.connect`.
     """
 
     def __init__(self, name: str, address: str = "", token: str = "", resume: str = "") -> None:
@@ -499,7 +486,7 @@ class Client(ReportsTouches[None]):
             self._end()
             raise
         self.on = self._client.on
-        self.layout = _Plain(self._client.layout, self._run)
+        self.layout = PlainLayout(self)
         self._sending: deque[Future[None]] = deque()
 
     def __enter__(self) -> Self:
@@ -513,9 +500,13 @@ class Client(ReportsTouches[None]):
     ) -> None:
         self.close()
 
-    def __getattr__(self, name: str) -> Callable[..., Any]:
-        call: Callable[..., Any] = getattr(_Plain(self._client, self._run), name)
-        return call
+    def ask(self, kind: str, **fields: Any) -> Any:
+        """Send a message and return its answer; see `AsyncClient.ask`."""
+        return self._run(self._client.ask(kind, **fields))
+
+    def asset(self, path: str | Path) -> str:
+        """Send a file that materials read; return ``sha256:...``, as a document calls it."""
+        return self._run(self._client.asset(path))
 
     @property
     def welcome(self) -> m.Welcome:
@@ -542,11 +533,14 @@ class Client(ReportsTouches[None]):
             self._run(self._client.close())
             self._end()
 
-    def _run(self, coroutine: Any) -> Any:
+    def _run(self, coroutine: Coroutine[Any, Any, Result]) -> Result:
         if threading.current_thread() is self._thread:
             coroutine.close()
             raise InputError("a handler cannot wait for the service: use connect_async, or a queue")
-        future: Future[Any] = asyncio.run_coroutine_threadsafe(coroutine, self._loop)
+        if self._loop.is_closed():
+            coroutine.close()
+            raise Lost("this client is closed; connect again")
+        future: Future[Result] = asyncio.run_coroutine_threadsafe(coroutine, self._loop)
         return future.result()
 
     def _end(self) -> None:

@@ -29,7 +29,8 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError,
 from pydantic.fields import FieldInfo
 
 from haptix.errors import HaptixError, InputError
-from haptix.fields import ForClients, Local, Profile, Typed, expected_words
+from haptix.fields import ForClients, Local, ProfileName, Typed, expected_words
+from haptix.presets import FINGERS, SCREENS
 from haptix.task_list import MODULES
 from haptix.units import decimal_comma, read_number, title_of, unit_of
 
@@ -180,13 +181,21 @@ class Task(BaseModel, ABC):
             marks = marks_of(parameter)
             if Local in marks:
                 continue
-            if Profile in marks:  # which of them a client may name is known where the task runs
+            title, unit = parameter.title or title_of(name), unit_of(name)
+            extra: Any = {"x-unit": unit} if unit else None
+            if ProfileName in marks:  # which of them a client may name is known where the task runs
                 kind = Annotated[str, Field(min_length=1, max_length=200)] | None
-                field = Field(None, description=parameter.description)
+                known = SCREENS if name == "screen" else FINGERS
+                field = Field(None, description=parameter.description, examples=[*known])
             elif ForClients in marks and not parameter.is_required():
-                kind, field = get_args(kind)[0], Field(description=parameter.description)
-            field.title = parameter.title or title_of(name)
-            field.json_schema_extra = {"x-unit": unit_of(name)} if unit_of(name) else None
+                kind = get_args(kind)[0]
+                field = Field(  # with its title: what is set later is lost beside an Annotated type
+                    title=title,
+                    description=parameter.description,
+                    examples=parameter.examples,
+                    json_schema_extra=extra,
+                )
+            field.title, field.json_schema_extra = title, extra
             fields[name] = (kind, field)
         settings = ConfigDict(extra="forbid", allow_inf_nan=False)
         name = f"{cls.__name__}Request"

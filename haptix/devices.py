@@ -157,6 +157,13 @@ def open_device(address: str) -> Device:
     CalibrationWarning
         If the device names a calibration other than the profile that is installed for its serial
         number (`haptix.devices`).
+
+    Examples
+    --------
+    >>> device = open_device("mock:")
+    >>> device.capabilities.ceiling_v
+    200.0
+    >>> device.close()
     """
     device = firmware_io.open_device(address)
     try:

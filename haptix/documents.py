@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 import tomlkit
 from pydantic import (
@@ -19,6 +19,7 @@ from pydantic import (
 from torch import Tensor
 
 from haptix.checks import plain
+from haptix.display import html_table
 from haptix.errors import FileFormatError, InputError
 from haptix.files import checked_values, file_at, json_text, read_json, read_toml, write_whole
 from haptix.units import with_numbers
@@ -53,6 +54,19 @@ class Part(BaseModel):
             getattr(self, name) == getattr(other, name) for name in type(self).model_fields
         )
 
+    if not TYPE_CHECKING:  # where a misspelt attribute is found
+
+        def __getattr__(self, name: str) -> Any:
+            try:
+                return super().__getattr__(name)
+            except AttributeError as error:
+                error.name, error.obj = name, self  # Python then says what is like it
+                raise
+
+    def _repr_html_(self) -> str:
+        fields = type(self).model_fields
+        return html_table(type(self).__name__, {name: getattr(self, name) for name in fields})
+
 
 class Document(Part):
     """A file of its own: TOML, or JSON where its name ends in ``.json``."""
@@ -69,7 +83,14 @@ class Document(Part):
             raise InputError(first_error(type(self).__name__, error)) from None
 
     def replace(self, **fields: Any) -> Self:
-        """Return a copy with some fields changed, validated like a new one."""
+        """Return a copy with some fields changed, validated like a new one.
+
+        Examples
+        --------
+        >>> import haptix
+        >>> haptix.Finger.preset("wet").replace(poisson_ratio=0.45).poisson_ratio
+        0.45
+        """
         return type(self)(**{**dict(self), **fields})
 
     @classmethod
@@ -80,6 +101,12 @@ class Document(Part):
         ------
         InputError
             If there is no preset of that name.
+
+        Examples
+        --------
+        >>> from haptix.finger import Finger
+        >>> Finger.preset("wet").name
+        'wet'
         """
         if name not in cls.presets:
             raise InputError(
@@ -90,7 +117,21 @@ class Document(Part):
 
     @classmethod
     def named(cls, name: str, folder: Path = Path()) -> Self:
-        """Load the file `name` in `folder` if it ends in ``.toml``, else return a preset."""
+        """Load the file `name` in `folder` if it ends in ``.toml``, else return a preset.
+
+        Parameters
+        ----------
+        name : str
+            A preset's name, or that of a file.
+        folder : Path
+            Where the file lies.
+
+        Examples
+        --------
+        >>> import haptix
+        >>> haptix.Finger.named("dry").name
+        'dry'
+        """
         return cls.load(folder / name) if name.endswith(".toml") else cls.preset(name)
 
     @classmethod
@@ -136,6 +177,15 @@ class Document(Part):
         ------
         InputError
             If a text holds what no file takes, such as a NUL.
+
+        Examples
+        --------
+        >>> import haptix
+        >>> from tempfile import TemporaryDirectory
+        >>> with TemporaryDirectory() as folder:
+        ...     haptix.Finger.preset("wet").save(f"{folder}/mine.toml")
+        ...     print(haptix.Finger.load(f"{folder}/mine.toml").name)
+        wet
         """
         fields = self.model_dump(mode="json", exclude_none=True)
         try:

@@ -27,7 +27,17 @@ __all__ = [
 
 
 class InputError(HaptixError, ValueError):
-    """A value that cannot be used; the message says which, what was expected and what was given."""
+    """A value that cannot be used; the message says which, what was expected and what was given.
+
+    Examples
+    --------
+    >>> import haptix
+    >>> try:
+    ...     haptix.Finger(poisson_ratio=3.0)
+    ... except InputError as error:
+    ...     print("poisson_ratio" in str(error))
+    True
+    """
 
 
 class RangeError(InputError):

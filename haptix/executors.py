@@ -29,7 +29,7 @@ class Here(Executor):
         return future
 
 
-def executor_of(given: Any) -> Executor:
+def executor_of(executor: Any) -> Executor:
     """Return an executor: the one given, that of a Dask client, or `Here` for None.
 
     Raises
@@ -37,14 +37,14 @@ def executor_of(given: Any) -> Executor:
     InputError
         If it is none of these.
     """
-    if given is None:
+    if executor is None:
         return Here()
-    if hasattr(given, "get_executor"):  # a Dask client
-        threads = sum(given.nthreads().values())
-        given = given.get_executor(pure=False)
-        given.at_once = 2 * max(1, threads)
-    instance("executor", given, Executor, "concurrent.futures has some; a Dask client is one too")
-    return given  # type: ignore[no-any-return]  # checked
+    if hasattr(executor, "get_executor"):  # a Dask client
+        threads = sum(executor.nthreads().values())
+        executor = executor.get_executor(pure=False)
+        executor.at_once = 2 * max(1, threads)
+    instance("executor", executor, Executor, "those of concurrent.futures, or a Dask client")
+    return executor  # type: ignore[no-any-return]  # checked
 
 
 def finished(

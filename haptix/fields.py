@@ -10,11 +10,12 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field
 
 from haptix.errors import DeviceError, InputError
+from haptix.files import checked_values
 from haptix.presets import FINGERS, SCREENS, TERMS
 
 
@@ -45,7 +46,11 @@ class ForClients:
     """Marks what is no option, but a document or a list that clients of the service must send."""
 
 
-class Profile:
+JsonObject = Annotated[dict[str, Any], AfterValidator(checked_values)]
+"""A document that came from anywhere, and holds no more than a file may: see `checked_values`."""
+
+
+class ProfileName:
     """Marks a name of a finger or a screen: the service knows which a client may name."""
 
 
@@ -189,11 +194,14 @@ FOLDER_NAME = r"^[A-Za-z0-9][A-Za-z0-9_\-]{0,79}$"
 FolderName = Annotated[str, Field(pattern=FOLDER_NAME)]
 Label = Annotated[str, AfterValidator(_label)]
 Text = Annotated[str, AfterValidator(_text)]
-FingerName = Annotated[str, AfterValidator(preset_or_file(FINGERS)), Profile()]
-ScreenName = Annotated[str, AfterValidator(preset_or_file(SCREENS)), Profile()]
-TermName = Annotated[str, AfterValidator(one_of(*TERMS))]
+FingerName = Annotated[str, AfterValidator(preset_or_file(FINGERS)), ProfileName()]
+ScreenName = Annotated[str, AfterValidator(preset_or_file(SCREENS)), ProfileName()]
+TermName = Annotated[
+    str, AfterValidator(one_of(*TERMS)), Field(json_schema_extra={"enum": [*TERMS]})
+]
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
+Seed = Annotated[int, Field(ge=0, le=2**63 - 1)]
 Range = Annotated[tuple[float, float], AfterValidator(_is_ordered)]
 PositiveRange = Annotated[tuple[Positive, Positive], AfterValidator(_is_ordered)]
 Argument = Typed(is_argument=True)

@@ -125,7 +125,7 @@ def _write(files: Mapping[Path, Content], is_secret: bool = False) -> None:
     try:
         for path, content in files.items():
             path.parent.mkdir(parents=True, exist_ok=True)
-            real, there = (path, None) if is_secret else _place(path)
+            real, there = (path, None) if is_secret else place(path)
             draft = real.with_name(f".{real.name}.{token_hex(8)}.part")
             drafts[draft] = path
             mode = 0o600 if is_secret or there else 0o666
@@ -141,7 +141,7 @@ def _write(files: Mapping[Path, Content], is_secret: bool = False) -> None:
                 draft.unlink(missing_ok=True)
 
 
-def _place(path: Path) -> tuple[Path, os.stat_result | None]:
+def place(path: Path) -> tuple[Path, os.stat_result | None]:
     """Return the file that a path leads to, and what is known of it if it is there.
 
     Raises
@@ -181,7 +181,7 @@ def publish(drafts: Mapping[Path, Path], is_secret: bool = False) -> None:
 
     Links are followed, and files keep their mode and owner; see `write_whole`.
     """
-    places = {draft: (path, None) if is_secret else _place(path) for draft, path in drafts.items()}
+    places = {draft: (path, None) if is_secret else place(path) for draft, path in drafts.items()}
     for draft, (_, there) in places.items():
         if there is not None:
             _keep_mode(draft, there)
@@ -313,6 +313,11 @@ def parse_json(text: str | bytes, most_values: int = _MOST_VALUES) -> Any:
     ------
     ValueError
         If it is no JSON, or is more than a document holds: see `checked_values`.
+
+    Examples
+    --------
+    >>> parse_json('{"width_mm": 60}')
+    {'width_mm': 60}
     """
     try:
         return checked_values(json.loads(text, parse_constant=_refuse_constant), most_values)
@@ -465,6 +470,13 @@ def csv_text(
     """Return a CSV table: a line of names, then the rows; None is an empty cell.
 
     Floats have `digits` significant digits, or without it as many as they need.
+
+    Examples
+    --------
+    >>> print(csv_text(["x_mm", "mu"], [[0.0, 0.25], [1.0, 0.5]]), end="")
+    x_mm,mu
+    0.0,0.25
+    1.0,0.5
     """
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")

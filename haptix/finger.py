@@ -95,7 +95,7 @@ class Finger(Document):
     """One fingertip: presets "semi-wet" (the paper's Fig. 3C), "dry" and "wet".
 
     Sources: physics page, section 3 (Ayyildiz et al., PNAS 2018). Their tau_f is the paper's,
-    carried over to the theory "corrected" by `haptix.friction.in_theory`.
+    carried over to the theory "local" by `haptix.friction.in_theory`.
 
     Parameters
     ----------
@@ -121,9 +121,21 @@ class Finger(Document):
     response_hz_per_mm_per_s
         Friction follows the attraction like a first-order system whose cut-off frequency rises in
         proportion to the sliding speed: this much per mm/s (2025; physics page, section 7).
+    contact_time_s, softening_time_s, softened_share
+        Time since the finger came down; time constant with which the stratum corneum softens under
+        the screen, and the share of its modulus that is left (term "occlusion").
+    sliding_speed_mm_per_s, speed_exponent
+        Speed, and the power with which tau_f grows with it (term "sliding-speed").
+    shear_area_loss : float
+        Share of the apparent area at rest that shear takes (term "shear-area").
     roughness, dielectric
         Roughness spectrum, and the skin's permittivity and resistivity: a table, or a name of
         `haptix.electro.SKIN_DIELECTRICS`.
+
+    Examples
+    --------
+    >>> Finger.preset("wet").name
+    'wet'
     """
 
     presets: ClassVar = FINGERS
@@ -142,11 +154,26 @@ class Finger(Document):
     response_hz_per_mm_per_s: PositiveFloat = 13.8
     # One finger is written and hashed as it was before there could be more.
     fingers_on_screen: Annotated[PositiveInt, Field(exclude_if=lambda count: count == 1)] = 1
+    # The largest published effects, of terms on request: a plan says what it may cost to lack them.
+    contact_time_s: Annotated[float, Field(ge=0, exclude_if=lambda one: one == 10.0)] = 10.0
+    softening_time_s: Annotated[float, Field(gt=0, exclude_if=lambda one: one == 5.0)] = 5.0
+    softened_share: Annotated[float, Field(gt=0, le=1, exclude_if=lambda one: one == 0.1)] = 0.1
+    sliding_speed_mm_per_s: Annotated[float, Field(gt=0, exclude_if=lambda one: one == 200.0)] = (
+        200.0
+    )
+    speed_exponent: Annotated[float, Field(ge=-1, le=1, exclude_if=lambda one: one == 0.3)] = 0.3
+    shear_area_loss: Annotated[float, Field(ge=0, lt=1, exclude_if=lambda one: one == 0.2)] = 0.2
     roughness: AnyRoughness = Roughness()
     dielectric: AnySkinDielectric = SkinDielectric()
 
     def solid(self) -> ElasticSolid:
-        """Return the elastic solid: the layered skin, or a half-space without a bulk modulus."""
+        """Return the elastic solid: the layered skin, or a half-space without a bulk modulus.
+
+        Examples
+        --------
+        >>> type(Finger.preset("wet").solid()).__name__  # a stratum corneum over tissue
+        'Layered'
+        """
         if self.bulk_modulus_pa is None:
             return HalfSpace(self.youngs_modulus_pa, self.poisson_ratio)
         return Layered(
@@ -158,10 +185,25 @@ class Finger(Document):
         )
 
     def apparent_area_m2(self, normal_force_n: Tensor) -> Tensor:
-        """A0 [m^2] at normal forces [N] of any shape."""
+        """A0 [m^2] at normal forces [N] of any shape.
+
+        Examples
+        --------
+        >>> finger = Finger.preset("wet")
+        >>> bool(finger.apparent_area_m2(1.0) > finger.apparent_area_m2(0.5))
+        True
+        """
         return self.apparent_area_at_1n_m2 * normal_force_n**self.apparent_area_exponent
 
     def content_hash(self) -> str:
-        """SHA-256 of everything in the profile."""
+        """SHA-256 of everything in the profile.
+
+        Examples
+        --------
+        >>> Finger.preset("wet").content_hash() == Finger.preset("wet").content_hash()
+        True
+        >>> Finger.preset("wet").content_hash() == Finger.preset("dry").content_hash()
+        False
+        """
         text = json.dumps(self.model_dump(mode="json"), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()

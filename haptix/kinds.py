@@ -205,7 +205,15 @@ class Kind(Part):
 
     @classmethod
     def upgrade(cls, fields: dict[str, Any], version: int) -> dict[str, Any]:
-        """Turn the fields of an older document, of a `schema_version`, into today's."""
+        """Turn the fields of an older document, of a `schema_version`, into today's.
+
+        Parameters
+        ----------
+        fields : dict
+            The document's fields.
+        version : int
+            Its `schema_version`.
+        """
         return fields
 
     def describe(self) -> dict[str, Any]:
@@ -215,6 +223,12 @@ class Kind(Part):
         ------
         InputError
             If it holds what was made in a program, and no document describes.
+
+        Examples
+        --------
+        >>> from haptix.texture import Grating
+        >>> Grating(period_mm=2.0).describe()["period_mm"]
+        2.0
         """
         try:
             return self.model_dump(mode="json", exclude_none=True)
@@ -222,7 +236,14 @@ class Kind(Part):
             raise error.__cause__ or error from None
 
     def replace(self, **fields: Any) -> Self:
-        """Return a copy with some fields changed, validated like a new one."""
+        """Return a copy with some fields changed, validated like a new one.
+
+        Examples
+        --------
+        >>> from haptix.texture import Grating
+        >>> Grating(period_mm=2.0).replace(period_mm=3.0).period_mm
+        3.0
+        """
         known = {name: getattr(self, name) for name in type(self).model_fields}
         return type(self)(**{**known, **fields})
 

@@ -47,6 +47,13 @@ def past_limits(status: Tensor, mu: Tensor, spot_pressure_pa: Tensor) -> Tensor:
 
 
 def limits_passed(status: Tensor) -> list[str]:
-    """Say which limits some of the states are past, and how many of them."""
+    """Say which limits some of the states are past, and how many of them.
+
+    Examples
+    --------
+    >>> import torch
+    >>> limits_passed(torch.tensor([int(Status.OK)]))
+    []
+    """
     counts = ((limit.words, int((status == int(one)).sum())) for one, limit in LIMITS.items())
     return [f"{words} ({count} of {status.numel()})" for words, count in counts if count]

@@ -64,7 +64,7 @@ def start(level: str = "debug", file: str | Path | None = None) -> None:
         raise InputError(f"log: expected {' or '.join(LEVELS)}, got {level!r}")
     stop()
     if file is None:
-        _running = Log(level, Output(sys.stderr))
+        _running = Log(level, LogOutput(sys.stderr))
         os.environ[VARIABLE] = level
     else:
         path = Path(file).absolute()
@@ -103,11 +103,11 @@ class Log:
     ----------
     level : str
         The lowest level that is taken.
-    output : Output
+    output : LogOutput
         Where they are written.
     """
 
-    def __init__(self, level: str, output: Output) -> None:
+    def __init__(self, level: str, output: LogOutput) -> None:
         self.aside = _Aside(SimpleQueue())
         self.writer = _Writer(self.aside, output)
         self.writer.start()
@@ -156,7 +156,7 @@ class _Aside(QueueHandler):
 class _Writer(QueueListener):
     """Writes records, and where some are missing, how many."""
 
-    def __init__(self, aside: _Aside, output: Output) -> None:
+    def __init__(self, aside: _Aside, output: LogOutput) -> None:
         super().__init__(aside.queue)
         self.output = output
         self._aside, self._reported = aside, 0
@@ -193,7 +193,7 @@ class _Writer(QueueListener):
             self.output.lost = lost
 
 
-class Output(logging.StreamHandler[TextIO]):
+class LogOutput(logging.StreamHandler[TextIO]):
     """Where records are written. What cannot be is counted, and never raised or printed."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
@@ -207,7 +207,7 @@ class Output(logging.StreamHandler[TextIO]):
         self.why = str(sys.exc_info()[1])
 
 
-class _File(Output, RotatingFileHandler):
+class _File(LogOutput, RotatingFileHandler):
     """A file of this user alone, which is begun anew when it is full."""
 
     def __init__(self, path: Path, lock: FileLock | None) -> None:

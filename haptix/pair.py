@@ -71,7 +71,10 @@ def check_measured_with(screen: Screen, finger: Finger, file: str | Path) -> Non
 
 
 def described(finger: Finger, screen: Screen) -> dict[str, str]:
-    """Return the names of finger and screen, and whether they were measured together."""
+    """Return the names of finger and screen, whether they were measured together, and the range.
+
+    The range is that in which the screen's calibration was verified, where its profile states one.
+    """
     made = screen.calibration
     if made is None:
         pair = "screen not measured"
@@ -83,9 +86,11 @@ def described(finger: Finger, screen: Screen) -> dict[str, str]:
         pair = "measured together"
     if made is not None and made.is_virtual:
         pair += "; virtual"
-    return {"finger": finger.name, "screen": screen.name, "pair": pair}
+    about = {"finger": finger.name, "screen": screen.name, "pair": pair}
+    return about if screen.verified is None else {**about, "verified": screen.verified.text}
 
 
 def first_line(about: Mapping[str, str]) -> str:
     """Return the first line of an output for people, of what `described` returns."""
-    return f"finger {about['finger']!r}, screen {about['screen']!r} ({about['pair']})"
+    line = f"finger {about['finger']!r}, screen {about['screen']!r} ({about['pair']})"
+    return f"{line}; verified for {about['verified']}" if "verified" in about else line

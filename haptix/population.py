@@ -107,6 +107,13 @@ class Population:
         All of them.
     statement : str
         The spread and its origin, for sidecars.
+
+    Examples
+    --------
+    >>> spread = {"frictional_shear_stress_pa": 0.3}
+    >>> people = Population.around(Finger.preset("wet"), size=3, spread=spread, seed=1)
+    >>> len(people.fingers)
+    3
     """
 
     fingers: tuple[Finger, ...]
@@ -176,7 +183,19 @@ class Population:
     def draw(
         finger: Finger, size: int, spread: Mapping[str, float], seed: int
     ) -> Iterator[tuple[Finger, dict[str, float]]]:
-        """Yield the fingers of `around` one by one, with the ratio of each field to its median."""
+        """Yield the fingers of `around` one by one, with the ratio of each field to its median.
+
+        Parameters
+        ----------
+        finger : Finger
+            The median.
+        size : int
+            How many fingers, 2 or more.
+        spread : mapping of str to float
+            Standard deviation of the logarithm of each field that varies.
+        seed : int
+            The same seed gives the same fingers.
+        """
         whole("size", size, 2)
         if not spread:
             raise InputError("spread: expected the spread of one field of the finger or more")

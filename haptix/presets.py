@@ -10,10 +10,10 @@ FINGERS: dict[str, dict[str, Any]] = {
     "semi-wet": {
         "bulk_modulus_pa": 10e3,
         "frictional_shear_stress_pa": 5.531446e6,
-        "theory": "corrected",
+        "theory": "local",
     },
     "dry": {
-        "theory": "corrected",
+        "theory": "local",
         "bulk_modulus_pa": 10e3,
         "youngs_modulus_pa": 1e9,
         "poisson_ratio": 0.3,
@@ -24,7 +24,7 @@ FINGERS: dict[str, dict[str, Any]] = {
         "bulk_modulus_pa": 10e3,
         "youngs_modulus_pa": 10e6,
         "frictional_shear_stress_pa": 3.46451e6,
-        "theory": "corrected",
+        "theory": "local",
     },
 }
 

@@ -23,6 +23,8 @@ Blend = Literal["over", "add", "multiply", "max", "min"]
 
 
 def _one_sentence(shape: Any, read: ValidatorFunctionWrapHandler) -> Any:
+    if isinstance(shape, list):  # of JSON, which a strict model reads here as Python's
+        shape = tuple(tuple(each) if isinstance(each, list) else each for each in shape)
     try:
         return read(shape)
     except ValidationError:
@@ -92,7 +94,13 @@ class RegionFields(Place):
     priority: Annotated[int, Field(ge=-1000, le=1000)] | None = None
 
     def corner(self, width_mm: float, height_mm: float) -> tuple[float, float, float, float]:
-        """Turned corner x, y [mm], angle [rad] and scale of a region of a size."""
+        """Turned corner x, y [mm], angle [rad] and scale of a region of a size.
+
+        Parameters
+        ----------
+        width_mm, height_mm : float
+            The region's size [mm], before it is scaled.
+        """
         x, y = self.x_mm or 0.0, self.y_mm or 0.0
         angle, scale = radians(self.rotation_deg or 0.0), self.scale or 1.0
         if angle == 0.0:

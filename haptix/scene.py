@@ -167,6 +167,8 @@ class Scene(Document):
         Textures of the scene.
     materials : tuple of material
         Materials of the scene: tables, or paths of their files relative to `folder`.
+    not_shown : {"warn", "refuse"}
+        What planning does where the theory's accuracy was not shown, see `haptix.contact.Accuracy`.
     budget_jnd : float
         Largest error of friction in just-noticeable differences (JND) of ``0.11 mu``.
     override : Override
@@ -178,6 +180,13 @@ class Scene(Document):
     ------
     InputError
         If a field is unknown, missing or outside its range.
+
+    Examples
+    --------
+    >>> drive = {"scheme": "carrier", "carrier_hz": 10e3}
+    >>> scene = Scene(finger="wet", screen="3m-sct3250", normal_force_n=(0.2, 0.8), drive=drive)
+    >>> scene.finger.name
+    'wet'
     """
 
     name: str = "custom"
@@ -190,6 +199,7 @@ class Scene(Document):
     textures: tuple[SceneTexture, ...] = ()
     materials: tuple[AnyMaterial, ...] = ()
     budget_jnd: Annotated[PositiveFloat, renamed("budget_jnd", "budget_thresholds")] = 0.5
+    not_shown: Literal["warn", "refuse"] = "warn"
     override: Override = Override()
     folder: Annotated[Path, Field(exclude=True)] = Path()
 
@@ -268,8 +278,8 @@ class Scene(Document):
 
     def terms(self, fidelity: FidelityName = "mean-field") -> frozenset[str]:
         """Names of the possible terms; of those that are left to the scene, what it asks for."""
-        asked, possible = self.override.terms, self.possible_terms(fidelity)
-        return frozenset(t for t in possible if asked.get(t) or not TERMS[t].left_to_scene)
+        wanted, possible = self.override.terms, self.possible_terms(fidelity)
+        return frozenset(t for t in possible if wanted.get(t) or not TERMS[t].left_to_scene)
 
     def model(
         self,
@@ -278,7 +288,17 @@ class Scene(Document):
         device: torch.device | str = "cpu",
         terms: frozenset[str] | None = None,
     ) -> ContactModel:
-        """Return the contact model of the scene, with some terms or its own."""
+        """Return the contact model of the scene, with some terms or its own.
+
+        Parameters
+        ----------
+        fidelity : str
+            How the contact is solved, see `ContactModel`.
+        dtype, device
+            Precision of the numbers, and where they are.
+        terms : set of str, optional
+            Terms of the model; the scene's own if not given.
+        """
         on = self.terms(fidelity) if terms is None else terms
         return ContactModel(
             self.finger,

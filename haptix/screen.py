@@ -9,8 +9,11 @@ from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal, Self
 
+import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import Field
 
+from haptix.checks import Array
 from haptix.documents import Document, Part
 from haptix.presets import SCREENS
 
@@ -22,12 +25,110 @@ CALIBRATION_VALID_DAYS = 365
 """Age [days] from which a calibration counts as old: insulators wear and take up water."""
 
 
+_SLACK = 1.1
+
 NO_INSTRUMENT = "(no instrument)"
 """What stands behind a virtual instrument in place of its serial number."""
 
 
 class CalibrationWarning(UserWarning):
     """A screen's profile is a placeholder, failed its verification, is old or was edited."""
+
+
+Ends = tuple[float, float]
+
+
+class VerifiedRange(Part):
+    """Where strokes that were kept out of the fit have verified the profile; lowest and highest.
+
+    Parameters
+    ----------
+    normal_force_n, frequency_hz, speed_mm_per_s : (float, float)
+        Of the strokes, as they were measured.
+    voltage_v : tuple of (float, float)
+        Frequency and the highest amplitude at it, by frequency; linear over ln f in between.
+    contact_s : float or None
+        Longest time in contact; None in profiles of earlier versions.
+    """
+
+    normal_force_n: Ends
+    frequency_hz: Ends
+    speed_mm_per_s: Ends
+    voltage_v: Annotated[tuple[Ends, ...], Field(min_length=1)]
+    contact_s: Annotated[float | None, Field(exclude_if=lambda value: value is None)] = None
+
+    @property
+    def text(self) -> str:
+        """One line for people."""
+        volts = ", ".join(f"{most:.3g} V at {hertz:g} Hz" for hertz, most in self.voltage_v)
+        lasts = "" if self.contact_s is None else f", contacts of up to {self.contact_s:.3g} s"
+        return (
+            f"{self.normal_force_n[0]:.2g} to {self.normal_force_n[1]:.2g} N, up to {volts}, "
+            f"{self.speed_mm_per_s[0]:.3g} to {self.speed_mm_per_s[1]:.3g} mm/s{lasts}"
+        )
+
+    def highest_v(self, frequency_hz: float) -> float:
+        """Highest amplitude [V] that is verified at a frequency."""
+        return float(self._highest(frequency_hz))
+
+    def largest(self, frequency_hz: float) -> tuple[float, float, float, float]:
+        """Return force [N], speed [mm/s], contact time [s] and amplitude [V]; `beyond` names more.
+
+        Parameters
+        ----------
+        frequency_hz : float
+            Frequency of the drive [Hz].
+        """
+        return (
+            _SLACK * self.normal_force_n[1],
+            _SLACK * self.speed_mm_per_s[1],
+            _SLACK * (self.contact_s or np.inf),
+            _SLACK * self.highest_v(frequency_hz),
+        )
+
+    def _highest(self, frequency_hz: ArrayLike) -> Array:
+        hertz, volts = np.array(self.voltage_v).T
+        at = np.log(np.asarray(frequency_hz, dtype=float))
+        return np.asarray(np.interp(at, np.log(hertz), volts))
+
+    def beyond(
+        self,
+        normal_force_n: ArrayLike,
+        voltage_v: ArrayLike,
+        frequency_hz: ArrayLike | None = None,
+        speed_mm_per_s: ArrayLike | None = None,
+        contact_s: ArrayLike | None = None,
+    ) -> list[str]:
+        """Say which of these values, one or several of each, lie outside by 10 % or more.
+
+        A person holds force and speed no better. Without a frequency the highest amplitude of all
+        holds.
+        """
+        said = []
+        for name, unit, values, (low, high) in (
+            ("force", "N", normal_force_n, self.normal_force_n),
+            ("frequency", "Hz", frequency_hz, self.frequency_hz),
+            ("speed", "mm/s", speed_mm_per_s, self.speed_mm_per_s),
+            ("contact", "s", contact_s, (0.0, self.contact_s or np.inf)),
+        ):
+            used = np.asarray([] if values is None else values, dtype=float)
+            outside = used[(used < low / _SLACK) | (used > high * _SLACK)]
+            if outside.size:
+                said.append(f"{name} {_reached(outside)} {unit}: verified {low:.3g} to {high:.3g}")
+        highest = np.array(self.voltage_v)[:, 1].max()
+        if frequency_hz is not None:
+            highest = self._highest(frequency_hz)
+        used, highest = np.broadcast_arrays(np.asarray(voltage_v, dtype=float), highest)
+        is_above = used > highest * _SLACK
+        if is_above.any():
+            most = float(highest[is_above].max())
+            said.append(f"amplitude {_reached(used[is_above])} V: verified to {most:.3g}")
+        return said
+
+
+def _reached(values: Array) -> str:
+    low, high = (f"{end:.3g}" for end in (values.min(), values.max()))
+    return low if low == high else f"{low} to {high}"
 
 
 class Calibration(Part):
@@ -50,6 +151,8 @@ class Calibration(Part):
         What was assumed and not measured.
     finger_hash : str
         `Finger.content_hash` of the finger that was measured with it; empty in older profiles.
+    verified : VerifiedRange or None
+        Where the verification holds; None in older profiles, and where it failed.
     content_hash : str
         SHA-256 of the profile as it was written; an edited profile has another one.
     """
@@ -61,6 +164,7 @@ class Calibration(Part):
     spread: dict[str, float] = Field(default={})
     rests_on: tuple[str, ...] = ()
     finger_hash: Annotated[str, Field(exclude_if=lambda value: not value)] = ""
+    verified: Annotated[VerifiedRange | None, Field(exclude_if=lambda value: value is None)] = None
     content_hash: str = ""
 
     @property
@@ -97,6 +201,11 @@ class Screen(Document):
         True where the numbers are a guess; everything that is made with it says so.
     calibration : Calibration or None
         Where the numbers come from, for a profile that a calibration has written.
+
+    Examples
+    --------
+    >>> Screen.preset("3m-sct3250").max_voltage_v <= 200.0
+    True
     """
 
     presets: ClassVar = SCREENS
@@ -131,7 +240,13 @@ class Screen(Document):
         return screen
 
     def warnings(self) -> list[str]:
-        """Reasons not to trust the profile, as outputs quote them; none for presets."""
+        """Reasons not to trust the profile, as outputs quote them; none for presets.
+
+        Examples
+        --------
+        >>> Screen().warnings()
+        []
+        """
         reasons = ["a placeholder, not calibrated"] if self.is_placeholder else []
         if (made := self.calibration) is not None:
             if made.verdict == "failed":
@@ -149,6 +264,11 @@ class Screen(Document):
                 reasons.append("its profile was changed after the calibration")
         return [f"screen {self.name!r} ({reason})" for reason in reasons]
 
+    @property
+    def verified(self) -> VerifiedRange | None:
+        """Range in which its calibration is verified; None where none is stated."""
+        return None if self.calibration is None else self.calibration.verified
+
     def content_hash(self) -> str:
         """SHA-256 of everything in the profile but the hash itself."""
         fields = self.model_dump(mode="json")
@@ -163,5 +283,11 @@ class Screen(Document):
 
     @property
     def h0_m(self) -> float:
-        """Effective thickness d1/eps1 of the screen's insulator [m]."""
+        """Effective thickness d1/eps1 of the screen's insulator [m].
+
+        Examples
+        --------
+        >>> Screen(insulator_thickness_m=1e-6, insulator_permittivity=4.0).h0_m
+        2.5e-07
+        """
         return self.insulator_thickness_m / self.insulator_permittivity

@@ -5,19 +5,23 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from haptix.contact import Accuracy, beyond_validation
+from haptix.display import Displayed, axes_or_new
 from haptix.errors import InputError
 from haptix.limits import limits_passed
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 
 @dataclass(frozen=True)
-class GapSums:
+class GapSums(Displayed):
     """Sums over the gap distribution of solved states, of the shape of the states.
 
     `ContactState` says what they are.
@@ -30,7 +34,7 @@ class GapSums:
 
 
 @dataclass(frozen=True)
-class ContactState:
+class ContactState(Displayed):
     """Solved states; every tensor has the broadcast shape of the inputs.
 
     Where `status` is `Status.PULL_IN` there is no light contact: the values are those at its end.
@@ -76,10 +80,58 @@ class ContactState:
         """Intervals of mu and of mu(V)/mu(0) that boundary elements showed of the theory."""
         return self.find_accuracy()
 
+    def plot(self, ax: Axes | None = None, quantity: str = "mu", **along: Any) -> Axes:
+        """Draw a quantity against one of the inputs, a line for each row of the other ones.
+
+        Parameters
+        ----------
+        ax : Axes, optional
+            Axes of matplotlib to draw into; without them, those of a new figure.
+        quantity : str
+            What is drawn, such as ``"mu"`` or ``"area_fraction"``.
+        **along
+            The input of the last axis of the states, such as ``voltage_v=[0, 100, 200]``.
+
+        Returns
+        -------
+        Axes
+            The axes.
+
+        Raises
+        ------
+        InputError
+            If there is no such quantity, or `along` is not one input of the states' last length.
+
+        Examples
+        --------
+        >>> import haptix
+        >>> model = haptix.ContactModel(haptix.Finger.preset("wet"), haptix.Screen())
+        >>> volts = [0.0, 50.0, 100.0]
+        >>> from matplotlib.figure import Figure
+        >>> axes = model.solve(0.5, volts).plot(Figure().subplots(), voltage_v=volts)
+        >>> axes.get_xlabel(), axes.get_ylabel()
+        ('voltage_v', 'mu')
+        """
+        values = getattr(self, quantity, None)
+        if not isinstance(values, Tensor):
+            raise InputError(f"quantity: expected a tensor of the states, got {quantity!r:.40}")
+        rows = values.detach().cpu().reshape(-1, values.shape[-1] if values.ndim else 1)
+        ((name, numbers),) = along.items() if len(along) == 1 else (("", ()),)
+        if np.size(numbers) != rows.shape[1]:
+            raise InputError(
+                f"plot: expected one input of {rows.shape[1]} numbers, such as voltage_v=[...], "
+                f"got {', '.join(along) or 'none'}"
+            )
+        ax = axes_or_new(ax)
+        ax.plot(np.ravel(numbers), rows.T)
+        ax.set(xlabel=name, ylabel=quantity)
+        return ax
+
     def warnings(self) -> list[str]:
         """Where the states lie below what was validated or past a limit, as outputs quote it."""
-        lowest = (float(one.detach().min()) for one in (self.x, self.rolloff_waves))
-        return [*beyond_validation(*lowest), *limits_passed(self.status)]
+        lowest, highest = (float(end) for end in self.x.detach().aminmax())
+        fewest = float(self.rolloff_waves.detach().min())
+        return [*beyond_validation(lowest, highest, fewest), *limits_passed(self.status)]
 
     @property
     def attraction_pa(self) -> Tensor:
@@ -115,7 +167,7 @@ class ContactState:
 
 
 @dataclass(frozen=True)
-class PeriodState:
+class PeriodState(Displayed):
     """One period of the drive; every tensor has shape (samples,)."""
 
     t_s: Tensor
@@ -130,6 +182,13 @@ class PeriodState:
     """Friction coefficient."""
     status: Tensor
     """Integers of `Status`."""
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw friction against time into axes of matplotlib, or into new ones; return them."""
+        ax = axes_or_new(ax)
+        ax.plot(self.t_s.cpu(), self.mu.detach().cpu())
+        ax.set(xlabel="time (s)", ylabel="friction coefficient")
+        return ax
 
 
 def checked(
@@ -155,7 +214,13 @@ def checked(
 
 
 def broadcast_shape(*tensors: Tensor) -> torch.Size:
-    """Return the shape to which the tensors broadcast, or raise `InputError`."""
+    """Return the shape to which the tensors broadcast, or raise `InputError`.
+
+    Examples
+    --------
+    >>> broadcast_shape(torch.zeros(3, 1), torch.zeros(4))
+    torch.Size([3, 4])
+    """
     try:
         # torch's own function would import its compiler first, which takes half a second.
         return torch.Size(np.broadcast_shapes(*(tensor.shape for tensor in tensors)))

@@ -6,7 +6,13 @@ from enum import IntEnum
 
 
 class Status(IntEnum):
-    """Outcome of one sample; tensors of status hold these numbers."""
+    """Outcome of one sample; tensors of status hold these numbers.
+
+    Examples
+    --------
+    >>> Status(0)
+    <Status.OK: 0>
+    """
 
     OK = 0
     """Solved, or in the reachable range."""

@@ -16,6 +16,7 @@ MODULES = [
     "haptix.tasks.stimuli",
     "calibration.tasks",
     "calibration.result_tasks",
+    "calibration.keeping_tasks",
 ]
 """Modules of tasks, in the order in which help lists them."""
 
@@ -49,7 +50,10 @@ def commands() -> dict[str, tuple[str, str]]:
 
 
 def _text(module: str) -> str:
-    """Return the text of a module, without importing it."""
-    spec = find_spec(module)
-    assert spec is not None and spec.origin is not None
-    return Path(spec.origin).read_text(encoding="utf-8")
+    """Return the text of a module, of this distribution first, without importing it."""
+    path = Path(__file__).parents[1].joinpath(*module.split(".")).with_suffix(".py")
+    if not path.exists():
+        spec = find_spec(module)
+        assert spec is not None and spec.origin is not None
+        path = Path(spec.origin)
+    return path.read_text(encoding="utf-8")

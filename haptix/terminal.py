@@ -6,14 +6,17 @@ import json
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from time import monotonic
 from typing import Annotated, Any, Literal, Self
 
 import typer
 
 from haptix.errors import HaptixError
 from haptix.report import record, row, text
+from haptix.version import foreign_package
 
 _LONGEST_MESSAGE = 10_000
+_TELLS_EACH_S = 10.0
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
 
@@ -30,6 +33,12 @@ def run(app: Callable[[], object], name: str) -> None:
         said = "".join(one if one.isprintable() else repr(one)[1:-1] for one in said)
         sys.stderr.write(f"{name}: {said}\n")
         sys.exit(getattr(error, "exit_code", 2))
+    except ImportError:
+        advice = foreign_package("calibration")
+        if not advice:
+            raise
+        sys.stderr.write(f"{name}: {advice}\n")
+        sys.exit(2)
 
 
 def show(title: str, results: Sequence[Any], as_json: bool) -> None:
@@ -126,6 +135,11 @@ def breakdown_note(share: float) -> str:
     )
 
 
+def accuracy_note(accuracy: Mapping[str, Any] | None) -> str:
+    """Return what a title says of an `Accuracy.record`; files of earlier versions have none."""
+    return "" if accuracy is None else f"; {accuracy['says']}"
+
+
 def warning_note(warnings: Sequence[str]) -> str:
     """Return what a title says about results beyond what was validated, or past a limit."""
     return f"; beyond what was validated: {'; '.join(warnings)}" if warnings else ""
@@ -153,9 +167,20 @@ class ProgressBar:
         console = Console(stderr=True)
         self._bars = Progress(*columns, console=console, disable=not console.is_terminal)
         self._tasks: dict[str, Any] = {}
+        self._told_s = self._began_s = monotonic()
 
     def __call__(self, stage: str, share: float) -> None:
-        """Show which share of a stage is done."""
+        """Show which share of a stage is done; without a terminal, in a line now and then."""
+        if self._bars.disable:
+            if stage not in self._tasks:
+                self._tasks[stage] = self._began_s = monotonic()
+            now_s = monotonic()
+            if now_s - self._told_s > _TELLS_EACH_S:
+                self._told_s = now_s
+                left_s = (now_s - self._began_s) * (1 - share) / share if share else None
+                left = f", {left_s:.0f} s left" if left_s is not None else ""
+                sys.stderr.write(f"haptix: {stage}: {share:.0%}{left}\n")
+            return
         self._bars.start()
         if stage not in self._tasks:
             for earlier in self._tasks.values():
@@ -165,7 +190,7 @@ class ProgressBar:
 
     def note(self, line: str) -> None:
         """Show a line beside the bar of the present stage."""
-        for stage in [*self._tasks][-1:]:
+        for stage in [] if self._bars.disable else [*self._tasks][-1:]:
             self._bars.update(self._tasks[stage], description=f"{stage}: {line}")
 
     def __enter__(self) -> Self:

@@ -7,18 +7,18 @@ friction. `ActiveTerms` applies those that are on, stage by stage.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import partial, reduce
 from math import inf
 from operator import attrgetter
-from typing import ClassVar, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from haptix.contact import ElasticSolid, HalfSpace, MeanField
+from haptix.contact import ElasticSolid, HalfSpace, Layered, MeanField
 from haptix.electro import VACUUM_PERMITTIVITY, FieldLimit
 from haptix.electro.breakdown import bearable_field, breaks_down
 from haptix.errors import InputError
@@ -43,6 +43,7 @@ class Stage(StrEnum):
     GAPS = "gaps"
     HARDNESS = "hardness"
     SUPPLY = "supply"
+    SHEAR = "shear"
     STATUS = "status"
 
 
@@ -139,6 +140,10 @@ class Term:
         The contact's own complex capacitance is given [F], see `haptix.electro.Circuit`.
         """
         return share
+
+    def shear(self, stress_pa: float | Tensor, given: Properties) -> float | Tensor:
+        """Friction force per real contact area [Pa]; from the finger's tau_f."""
+        return stress_pa
 
     def status(self, status: Tensor, field: FieldInGap, given: Properties) -> Tensor:
         """`haptix.Status` of states; from OK, or PULL_IN where the light contact has ended."""
@@ -315,6 +320,71 @@ class Breakdown(Term):
         return state.breakdown_voltage_v
 
 
+class Occlusion(Term):
+    """``E = E0 (r + (1 - r) exp(-t/tau))``: sweat softens the stratum corneum under the screen.
+
+    Neither tau_f nor the roughness changes: the real area grows, and with it friction.
+    """
+
+    name = "occlusion"
+    summary = "the stratum corneum softens while the screen covers it; off: as at the first touch"
+    source = "Dzidek et al., PNAS 114, 10864 (2017): first-order, saturated within 20 s"
+    uses = ("finger.contact_time_s", "finger.softening_time_s", "finger.softened_share")
+    on_request = True
+    left_to_scene = True
+
+    def solid(self, solid: ElasticSolid, given: Properties) -> ElasticSolid:
+        share = float(self.share(given.finger, given.finger.contact_time_s))
+        if isinstance(solid, Layered):
+            return replace(solid, layer_modulus_pa=solid.layer_modulus_pa * share)
+        assert isinstance(solid, HalfSpace)  # the terms before make no other
+        return replace(solid, youngs_modulus_pa=solid.youngs_modulus_pa * share)
+
+    @staticmethod
+    def share(finger: Finger, contact_time_s: Any) -> Any:
+        """Share of the stratum corneum's modulus that is left after a time [s], or times."""
+        least = finger.softened_share
+        return least + (1 - least) * np.exp(-contact_time_s / finger.softening_time_s)
+
+
+class SlidingSpeed(Term):
+    """``tau_f (v / 30 mm/s)^k``: by a finger's own law, friction rises or falls with the speed.
+
+    30 mm/s is the middle, in its logarithm, of the 5 to 200 mm/s at which k was measured.
+    """
+
+    name = "sliding-speed"
+    summary = "tau_f goes as a power of the sliding speed over 30 mm/s; off: the same at any speed"
+    source = "k from -0.2 to 0.3 by person and moisture; Pasumarty et al., Tribol. Lett. 44 (2011)"
+    uses = ("finger.sliding_speed_mm_per_s", "finger.speed_exponent")
+    on_request = True
+    left_to_scene = True
+
+    def shear(self, stress_pa: float | Tensor, given: Properties) -> float | Tensor:
+        finger = given.finger
+        factor: float = self.factor(finger, finger.sliding_speed_mm_per_s)
+        return stress_pa * factor
+
+    @staticmethod
+    def factor(finger: Finger, speed_mm_per_s: Any) -> Any:
+        """Factor of tau_f at a speed [mm/s], or an array of them."""
+        return (speed_mm_per_s / 30.0) ** finger.speed_exponent
+
+
+class ShearArea(Term):
+    """``A0 (1 - loss)``: shear lifts the edge of the contact from the screen."""
+
+    name = "shear-area"
+    summary = "the apparent area of a sliding finger is smaller than at rest; off: that at rest"
+    source = "10 to 30 %: Delhaye et al., J. R. Soc. Interface 11 (2014); Sahli et al., PNAS (2018)"
+    uses = ("finger.shear_area_loss",)
+    on_request = True
+    left_to_scene = True
+
+    def size(self, area_m2: Tensor, normal_force_n: Tensor, given: Properties) -> Tensor:
+        return area_m2 * (1 - given.finger.shear_area_loss)
+
+
 TERMS: dict[str, Term] = {kind.name: kind() for kind in Term.__subclasses__()}
 """All terms by name. They act in the order in which this file has them."""
 
@@ -331,7 +401,16 @@ class Honouring(Protocol):
 
 
 def possible_terms(finger: Finger, screen: Screen, fidelity: Honouring) -> frozenset[str]:
-    """Names of all terms that the profiles have the values for and the fidelity can honour."""
+    """Names of all terms that the profiles have the values for and the fidelity can honour.
+
+    Examples
+    --------
+    >>> from haptix.fidelity import FIDELITIES
+    >>> from haptix.finger import Finger
+    >>> from haptix.screen import Screen
+    >>> possible_terms(Finger(), Screen(), FIDELITIES["mean-field"]) <= set(TERMS)
+    True
+    """
     return frozenset(
         name
         for name, term in TERMS.items()
@@ -468,6 +547,11 @@ class ActiveTerms:
         """`haptix.Status` of states whose light contact holds or not, given their field."""
         light = torch.where(is_stable, int(Status.OK), int(Status.PULL_IN))
         return reduce(lambda status, term: term.status(status, field, self.given), self.all, light)
+
+    def shear_stress_pa(self) -> float | Tensor:
+        """Friction force per real contact area [Pa], from tau_f."""
+        stress: float | Tensor = self.given.finger.frictional_shear_stress_pa
+        return reduce(lambda stress, term: term.shear(stress, self.given), self.all, stress)
 
     def placeholders(self) -> list[str]:
         """Names of the unmeasured values that the terms rest on."""

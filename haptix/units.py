@@ -65,6 +65,11 @@ def with_numbers(name: str, fields: Mapping[str, Any]) -> dict[str, Any]:
     ------
     InputError
         If a string under such a key is not a number with such a unit.
+
+    Examples
+    --------
+    >>> with_numbers("screen", {"width_mm": "2 cm", "name": "left"})
+    {'width_mm': 20.0, 'name': 'left'}
     """
     return {key: _converted(f"{name}.{key}", key, value) for key, value in fields.items()}
 
@@ -82,12 +87,24 @@ def _converted(place: str, key: str, value: Any) -> Any:
 
 
 def unit_of(name: str) -> str:
-    """Return the unit that the end of a field's name says, or an empty text."""
+    """Return the unit that the end of a field's name says, or an empty text.
+
+    Examples
+    --------
+    >>> unit_of("normal_force_n")
+    'N'
+    """
     return next((unit for end, (unit, _) in _SUFFIXES.items() if name.endswith(end)), "")
 
 
 def title_of(name: str) -> str:
-    """Return a field's name in words, without its unit."""
+    """Return a field's name in words, without its unit.
+
+    Examples
+    --------
+    >>> title_of("normal_force_n")
+    'Normal force'
+    """
     suffix = next((end for end in _SUFFIXES if name.endswith(end)), "")
     return name.removesuffix(suffix).replace("_", " ").capitalize()
 
@@ -99,6 +116,11 @@ def read_number(name: str, text: str) -> float:
     ------
     ValueError
         If it is none.
+
+    Examples
+    --------
+    >>> read_number("voltage_v", "0.1 kV")
+    100.0
     """
     with suppress(ValueError):
         return float(text)
@@ -111,7 +133,13 @@ def read_number(name: str, text: str) -> float:
 
 
 def decimal_comma(text: str) -> str:
-    """Say how a number that was typed with a comma is written; nothing of other texts."""
+    """Say how a number that was typed with a comma is written; nothing of other texts.
+
+    Examples
+    --------
+    >>> decimal_comma("0,4")
+    '; the decimal sign is a point: 0.4'
+    """
     comma = _DECIMAL_COMMA.search(text)
     return f"; the decimal sign is a point: {comma[1]}.{comma[2]}" if comma else ""
 

@@ -1,3 +1,21 @@
-"""Version of the distribution."""
+"""Version of the distribution, and whether its other packages are those that came with it."""
 
-__version__ = "0.1.0"
+from __future__ import annotations
+
+from importlib.util import find_spec
+from pathlib import Path
+
+__version__ = "0.2.0.dev0"
+
+
+def foreign_package(name: str) -> str:
+    """Return what to do about a package of this name that did not come with haptix, or ""."""
+    expected = Path(__file__).parents[1] / name / "__init__.py"
+    spec = find_spec(name)
+    if spec and spec.origin and expected.exists() and expected.samefile(spec.origin):
+        return ""
+    places = [*(spec.submodule_search_locations or [str(spec.origin)])] if spec else ["none"]
+    return (
+        f"{name}: expected the package that came with haptix, {expected.parent}, got {places[0]}; "
+        "rename that one, take it off PYTHONPATH, or install haptix in an environment of its own"
+    )

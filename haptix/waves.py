@@ -22,6 +22,11 @@ def turns(first: int, count: int, frequency_hz: float, sample_rate_hz: float) ->
     """Phase in periods at samples `first` to ``first + count - 1``, below 1 at the first.
 
     Whole periods are taken off in whole numbers: hours of samples keep their precision.
+
+    Examples
+    --------
+    >>> turns(0, 4, frequency_hz=1000, sample_rate_hz=4000).tolist()
+    [0.0, 0.25, 0.5, 0.75]
     """
     whole, part = _turns_per_sample(frequency_hz, sample_rate_hz)
     start = int(first) * whole % part / part
@@ -36,6 +41,11 @@ def sine(
 
     By angle addition on a fixed grid of samples: three times as fast as a sine per sample. A value
     depends on its sample's number alone.
+
+    Examples
+    --------
+    >>> (sine(0, 4, frequency_hz=1000, sample_rate_hz=4000) + 0.0).round(6).tolist()
+    [0.0, 1.0, 0.0, -1.0]
     """
     whole, part = _turns_per_sample(frequency_hz, sample_rate_hz)
     table_sine, table_cosine = _table(frequency_hz, sample_rate_hz)
@@ -102,6 +112,11 @@ class Waveform:
     ------
     InputError
         If the shape is unknown, or the duty is not between 0 and 1.
+
+    Examples
+    --------
+    >>> Waveform("square").mean_square, round(Waveform("sine").mean_square, 12)
+    (1.0, 0.5)
     """
 
     shape: Shape | Literal["samples"] = "sine"
@@ -124,6 +139,11 @@ class Waveform:
         ------
         InputError
             If there are fewer than two samples, one is not finite, or all are 0.
+
+        Examples
+        --------
+        >>> Waveform.of_samples([1.0, -1.0]).mean
+        0.0
         """
         try:
             period = np.asarray(samples, dtype=float)
@@ -140,7 +160,13 @@ class Waveform:
         return cls("samples", period=period / peak)
 
     def at(self, turns: Array) -> Array:
-        """Values at phases in periods, of any shape."""
+        """Values at phases in periods, of any shape.
+
+        Examples
+        --------
+        >>> Waveform("square").at(np.array([0.25, 0.75])).tolist()
+        [1.0, -1.0]
+        """
         place = turns + self.shift_turns
         if self.shape == "sine":
             return np.asarray(np.sin(2 * pi * place))
@@ -160,6 +186,11 @@ class Waveform:
         """Amplitudes c of the series ``Re sum_n c_n exp(2 pi i n s)``, s in periods.
 
         Shape (count + 1,); c_0 is the mean. Of samples it is the series that passes through them.
+
+        Examples
+        --------
+        >>> int(abs(Waveform("square").harmonics(3)).argmax())  # the lowest
+        1
         """
         n = np.arange(count + 1)
         c = np.zeros(count + 1, dtype=np.complex128)

@@ -68,9 +68,15 @@ class Preset:
 
 @cache
 def presets() -> tuple[Preset, ...]:
-    """All presets, by family."""
-    found = [_read(path) for path in sorted(FOLDER.glob("*.json"))]
-    return tuple(sorted(found, key=lambda one: (FAMILIES.index(one.family), one.title)))
+    """All presets, by family.
+
+    Examples
+    --------
+    >>> "corduroy" in [preset.name for preset in presets()]
+    True
+    """
+    unsorted = [_read(path) for path in sorted(FOLDER.glob("*.json"))]
+    return tuple(sorted(unsorted, key=lambda one: (FAMILIES.index(one.family), one.title)))
 
 
 def preset(name: str) -> Preset:
@@ -106,6 +112,11 @@ def load(path: str | Path) -> Material:
     ------
     InputError, FileFormatError
         If there is no such preset, or the file cannot be read, see `haptix.materials.load`.
+
+    Examples
+    --------
+    >>> load("gallery:corduroy").kind
+    'grating'
     """
     from haptix.materials import load as from_file
 
