@@ -65,6 +65,8 @@ class Written:
     A table of their own takes five seconds and gives the same to 1e-5; `verify_folder` makes one.
     """
 
+    by_profiles = StrokePredictor.by_profiles
+
     def __init__(
         self, predictor: StrokePredictor, finger: haptix.Finger, screen: haptix.Screen
     ) -> None:

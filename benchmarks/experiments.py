@@ -1,91 +1,101 @@
-"""Simulated observers through each adaptive method: bias, scatter, the spread that is stated.
+"""Simulated observers through each method: coverage and width of the 95 % intervals.
 
     python benchmarks/experiments.py [runs] [method ...]
 
-Observers: the one that the methods assume (slope 3.5, lapse rate 0.02), others, and one who
-guesses. What assumes several slopes and lapse rates has observers drawn from them first. Bounds of
-the first of each: bias within 0.15 dB and twice its standard error, the mean spread within 25 % of
-the scatter.
+Observers: the one that is assumed; cumulative normals of 2 and of 5 dB with lapses of 3 %; 3 dB of
+drift in 100 trials; lapses of 15 % after trial 60; slopes 2 and 6; and one who guesses. The
+threshold is where 1 - 1/e of the way from guess to all right is reached, its mean where it drifts.
 """
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from math import exp, isnan, log, log10
+from math import erfc, exp, isnan, sqrt
 from random import Random
-from typing import Any
 
 import numpy as np
 
-from haptix.stimuli.adaptive import ConstantStimuli, Method, Quest, UpDown
+from haptix.stimuli.adaptive import ConstantStimuli, Quest, UpDown
+from haptix.stimuli.adaptive.methods import ThresholdMethod
 
 GRID = np.arange(6.0, 45.0, 1.0)
+COARSE = np.arange(6.0, 45.0, 2.0)
 CEILING = 46.0
-DRAWN = ((1.0, 2.0, 3.5, 5.0, 8.0), (0.0, 0.02, 0.05, 0.1))
-METHODS: dict[str, Callable[[int], Method]] = {
+METHODS: dict[str, Callable[[int], ThresholdMethod]] = {
     "up-down": lambda seed: UpDown(36.0),
-    "quest+": lambda seed: Quest(GRID, GRID, trials=40),
-    "quest+ free": lambda seed: Quest(GRID, GRID, DRAWN[0], lapse=DRAWN[1], trials=100),
-    "constant-stimuli": lambda seed: ConstantStimuli(range(12, 34, 3), 25, seed),
+    "up-down longer": lambda seed: UpDown(36.0, stop_after=18),
+    "quest+ one slope": lambda seed: Quest(GRID, GRID, trials=40),
+    "quest+": lambda seed: Quest(
+        COARSE, COARSE, (1.5, 2.5, 3.5, 5.0), lapse=(0.01, 0.04, 0.1), trials=100
+    ),
+    "constant-stimuli": lambda seed: ConstantStimuli(range(13, 32, 3), 20, seed),
 }
-OBSERVERS: tuple[Any, ...] = ((3.5, 0.02), (2.5, 0.02), (5.0, 0.02), (1.5, 0.02), (1.5, 0.08), None)
 
 
-def share(level: float, threshold: float, slope: float, lapse: float) -> float:
-    return 1 - lapse - (0.5 - lapse) * exp(-(10 ** min(slope * (level - threshold) / 20, 3)))
+def weibull(slope: float) -> Callable[[float], float]:
+    return lambda off: 1 - exp(-(10 ** min(slope * off / 20, 3)))
 
 
-def run(method: Method, right: Callable[[float], float], seed: int) -> int:
-    draw, trials = Random(seed), 0
+def normal(deviation: float) -> Callable[[float], float]:
+    return lambda off: 0.5 * erfc(-(off / deviation + 0.3375) / sqrt(2))
+
+
+OBSERVERS = {
+    # Share, lapse rate, that after trial 60, drift in 100 trials.
+    "assumed": (weibull(3.5), 0.02, 0.02, 0.0),
+    "normal, 2 dB": (normal(2.0), 0.03, 0.03, 0.0),
+    "normal, 5 dB": (normal(5.0), 0.03, 0.03, 0.0),
+    "drifts": (weibull(3.5), 0.02, 0.02, 3.0),
+    "tires": (weibull(3.5), 0.02, 0.15, 0.0),
+    "slope 2": (weibull(2.0), 0.02, 0.02, 0.0),
+    "slope 6": (weibull(6.0), 0.02, 0.02, 0.0),
+    "guesses": (lambda off: 0.0, 0.0, 0.0, 0.0),
+}
+
+
+def run(method: ThresholdMethod, observer: str, start: float, seed: int) -> float:
+    """Run a method; return the observer's mean threshold."""
+    core, first, later, drift = OBSERVERS[observer]
+    draw, trial = Random(seed), 0
     while not method.is_done:
         level = min(method.level, CEILING)
-        method.update(draw.random() < right(level), level)
-        trials += 1
-    return trials
+        lapse = later if trial >= 60 else first
+        share = 0.5 + (0.5 - lapse) * core(level - start - drift * trial / 100)
+        method.update(draw.random() < share, level)
+        trial += 1
+    return start + drift * (trial - 1) / 200
 
 
 def main() -> None:
-    runs = int(sys.argv[1]) if len(sys.argv) > 1 else 1000
-    print("method            slope lapse   bias  +-se scatter spread ratio  none warned trials")
+    runs = int(sys.argv[1]) if len(sys.argv) > 1 else 400
+    print("method            observer      coverage +-se  width   bias scatter  none warned trials")
     for name in sys.argv[2:] or METHODS:
-        make = METHODS[name]
-        for observer in ((DRAWN,) if "free" in name else ()) + OBSERVERS:
-            off, spread, trials = [], [], []
-            none = warned = 0
+        for observer in OBSERVERS:
+            off, width, trials = [], [], []
+            held = none = warned = 0
             for seed in range(runs):
-                method, truth = make(seed), 22 + 0.1 * (seed % 10)
-                if observer is None:
-                    trials.append(run(method, lambda level: 0.5, seed))
-                else:
-                    slope, lapse = observer
-                    if observer is DRAWN:
-                        slope, lapse = (Random(f"{seed} {one}").choice(one) for one in DRAWN)
-                    trials.append(run(method, lambda x: share(x, truth, slope, lapse), seed))  # noqa: B023
-                    if isinstance(method, UpDown):  # settles where that share is right
-                        at = (1 - lapse - method.target) / (0.5 - lapse)
-                        truth += 20 / slope * log10(-log(at))
+                method = METHODS[name](seed)
+                truth = run(method, observer, 22 + 0.1 * (seed % 10), seed)
                 found = method.estimate()
-                warned += any("no threshold" not in line for line in found.warnings)
-                none += isnan(found.threshold)
-                if not isnan(found.threshold):
-                    off.append(found.threshold - truth)
-                    spread.append(found.spread)
-            who = "  guesses  " if observer is None else "      drawn"
-            if observer not in (None, DRAWN):
-                who = "{:5.1f} {:5.2f}".format(*observer)
-            line = f"{name:17s} {who}"
-            if observer is not None:
-                scatter = float(np.std(off, ddof=1))
-                mean = float(np.nanmean(spread))
-                line += (
-                    f" {np.mean(off):+6.2f} {scatter / len(off) ** 0.5:5.2f} {scatter:7.2f} "
-                    f"{mean:6.2f} {mean / scatter:5.2f}"
-                )
+                trials.append(len(method.answers))
+                if isnan(found.threshold):
+                    none += 1
+                    continue
+                warned += bool(found.warnings)
+                held += found.low <= truth <= found.high
+                off.append(found.threshold - truth)
+                width.append(found.width)
+            line = f"{name:17s} {observer:13s}"
+            if observer == "guesses":
+                line += " " * 38
             else:
-                line += " " * 33
+                share = held / len(off)
+                error = sqrt(share * (1 - share) / len(off))
+                line += f" {share:8.3f} {error:4.3f} {np.median(width):6.2f} "
+                line += f"{np.mean(off):+6.2f} {np.std(off):7.2f} "
             print(
-                f"{line} {none / runs:5.1%} {warned / runs:6.1%} {np.mean(trials):6.0f}", flush=True
+                f"{line}{none / runs:6.1%} {warned / runs:6.1%} {np.mean(trials):6.0f}", flush=True
             )
 
 

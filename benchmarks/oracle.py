@@ -7,8 +7,8 @@ equilibrium by the secant method on I itself, with no table in between. The term
 distributions, finite size by a root of the mean gap, plasticity by mirror images in 50 digits, the
 skin's and a leaking gap's impedance in complex numbers, gaps held at what they bear, the body's
 impedance in series, and the critical-voltage formula. The theories are the published one and the
-corrected one of docs/mean-field.md, whose area is a root at every magnification. It shares no code
-with the package.
+corrected one of docs/mean-field.md, whose area is a root at every magnification, and what
+attraction does beside the spots. It shares no code with the package.
 """
 
 from collections.abc import Callable
@@ -19,7 +19,7 @@ from math import erf, pi, sqrt
 import mpmath
 import numpy as np
 from scipy import special
-from scipy.integrate import quad, simpson
+from scipy.integrate import cumulative_simpson, quad, simpson
 from scipy.interpolate import CubicSpline, PchipInterpolator
 from scipy.optimize import brentq
 
@@ -498,6 +498,56 @@ class Oracle:
             high = excess(now)
         return now
 
+    def beside_the_spots(
+        self, pressure: float, applied: float, h0: complex
+    ) -> tuple[float, float, float]:
+        """``(p_A - p0)/c``, the gaps' share of it and p_g [Pa] of the theory "local", at p_A.
+
+        By the four equations of docs/mean-field.md, of a contact without finite size.
+        """
+        u, density, closed = self.gaps(pressure, 1e-6 * abs(h0))
+        x, mass, step = np.log(u), density * u, 0.1
+
+        def ranks(p: float) -> tuple[np.ndarray, np.ndarray]:
+            """Share of the area below each gap, and above: each is exact where it is small."""
+            gap, at, tiny = self.gaps(p, u[0])
+            part = np.interp(u, gap, at, right=0.0) * u
+            below = np.concatenate([[0.0], cumulative_simpson(part, x=x)])
+            above = np.concatenate([cumulative_simpson(part[::-1], x=-x[::-1])[::-1], [0.0]])
+            return self.area_fraction(p) + tiny + below, above
+
+        rank = ranks(pressure)[0]
+        fall = np.zeros_like(u)  # per ln p, by differences of fourth order
+        for steps, weight in ((1, 8), (-1, -8), (2, -1), (-2, 1)):
+            below, above = ranks(pressure * np.exp(steps * step))
+            fall += weight / 12 / step * np.where(rank < 0.5, below, -above)
+        work = np.maximum(fall, 0.0) * u
+        work = np.minimum(work / simpson(work, x=x), 4 * mass)
+        reach = np.divide(work, mass, out=np.zeros_like(mass), where=mass > 1e-12 * mass.max())
+        spots, angle = pi / 2 * self.area_fraction(pressure), pi / 2 * np.minimum(rank, 1.0)
+        beyond = np.arccos(np.clip(np.cos(angle) / np.cos(spots), -1.0, 1.0)) - (angle - spots)
+        edge = np.diff(2 / pi * beyond, prepend=0.0)  # the first of gaps below the finest
+        rest = self.mean_gap(pressure)
+
+        def sums(lift: float) -> tuple[float, float, float]:
+            pull = abs(u + lift * reach / 2 + h0) ** -2
+            gaps = closed * pull[0] + float(simpson(mass * pull, x=x))
+            beside = float(edge[0] * pull[0] + (edge[1:] * (pull[1:] + pull[:-1]) / 2).sum())
+            return gaps, float(simpson(work * pull, x=x)), beside
+
+        near = sums(0.0)[2]
+
+        def outcome(lift: float) -> tuple[float, float, float]:
+            gaps, moved, lifted = sums(lift)
+            z = sqrt(max(near / lifted, 1.0)) - 1
+            total = gaps + near / (1 + z * z / (1 + z)) ** 2
+            return total, gaps, applied + (pressure - applied) * moved / total
+
+        def excess(lift: float) -> float:
+            return self.mean_gap(min(outcome(lift)[2], pressure)) - rest - lift
+
+        return outcome(float(brentq(excess, 0.0, self.mean_gap(applied) - rest, rtol=1e-6)))
+
     def nothing_below(self, state: State, root: float, shares: tuple[float, ...]) -> bool:
         """Whether attraction exceeds the contact's pressure at these shares of a root."""
         between = state.applied * (root / state.applied) ** np.array(shares)
@@ -522,6 +572,25 @@ class Oracle:
         return min(1.0, self.light_area(reference) * pressure / reference)
 
 
+def softened(modulus_pa: float, left: float, seconds: float, constant_s: float) -> float:
+    """Modulus that relaxes at the rate (E - left E0)/constant, by small steps."""
+    steps = 20_000
+    ratio = 1.0
+    for _ in range(steps):
+        ratio += (left - ratio) * seconds / steps / constant_s
+    return modulus_pa * ratio
+
+
+def shear_at_speed(stress_pa: float, speed: float, exponent: float) -> float:
+    """tau_f at a speed [mm/s]: a straight line in a log-log plot through its own at 30 mm/s."""
+    return float(np.exp(np.log(stress_pa) + exponent * (np.log(speed) - np.log(30.0))))
+
+
+def sheared_area(at_rest_m2: float, loss: float) -> float:
+    """A0 of a finger that slides."""
+    return at_rest_m2 - loss * at_rest_m2
+
+
 TERMS = {
     "layered-skin": Solid.effective,
     "apparent-area": apparent_area,
@@ -531,6 +600,9 @@ TERMS = {
     "leaky-gap": thickness,
     "field-limit": held_square,
     "body-return": voltage_left,
+    "occlusion": softened,
+    "sliding-speed": shear_at_speed,
+    "shear-area": sheared_area,
     "breakdown": breaks_down,
 }
 """Independent implementation of each term of the package."""

@@ -3,7 +3,7 @@
     .venv/bin/python benchmarks/preset_shear_stress.py
 
 The paper gives tau_f for its own area (physics page, section 3). These numbers stand in
-`Finger.presets`; run this again after a change of the theory "corrected". A dry finger's area is
+`Finger.presets`; run this again after a change of the theory "local". A dry finger's area is
 that of its hardness in every theory, and its tau_f stays.
 """
 

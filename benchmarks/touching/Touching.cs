@@ -19,7 +19,7 @@ static class Touching
         var sentS = new List<string>();
         using (Session h = Session.Connect("C#").Result)
         {
-            h.LayoutSet(Layout).Wait();
+            h.LayoutSet(Newtonsoft.Json.JsonConvert.DeserializeObject<Haptix.Messages.LayoutDocument>(Layout)).Wait();
             h.Acquire().Wait();
             h.Arm().Wait();
             Thread.Sleep(1000);

@@ -1,0 +1,328 @@
+"""Unseen fingers, known by their current: how near mu(V)/mu(0) comes, against open loop.
+
+The truth is ``independent_finger.py``: other contact laws and other distributions of the gaps, by
+tables that it makes. The current through panel, contact and body is worked out here, of its gaps.
+Nothing of the package stands in the truth; `haptix.sensing` sees readings and touches alone.
+
+    python benchmarks/independent_finger.py contacts.npz     # once
+    python benchmarks/sensing.py contacts.npz                # 100 fingers of each contact
+    python benchmarks/sensing.py contacts.npz --noise 0.01
+    python benchmarks/sensing.py hostile 200000              # streams of readings that lie
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import os
+import sys
+from dataclasses import dataclass, replace
+from math import pi
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from independent_finger import (
+    AREAS,
+    EPS0,
+    GAPS,
+    H_RMS,
+    LAYER,
+    MODULUS,
+    PRESSURES,
+    SKIN,
+    Contact,
+    Finger,
+    contacts,
+)
+from oracle import thickness
+
+import haptix
+from haptix.render.adapting import Adaptation
+from haptix.sensing import ContactCurrent, EnrolledFinger, FingerObserver, Knowledge, Reading
+from haptix.sensing.observer import SensorWatch
+from haptix.surface import Slice
+
+Array = npt.NDArray[np.float64]
+
+HERTZ, PANEL_F, BODY_F = 4000.0, 2e-9, 150e-12
+RATE_HZ, DELAY_S, FULL_A = 250.0, 0.002, 0.02
+JND = 0.11
+NOMINAL = {
+    "youngs_modulus_pa": MODULUS,
+    "h_rms_m": H_RMS,
+    "apparent_area_at_1n_m2": 45.65e-6,
+    "apparent_area_exponent": 0.1366,
+    "frictional_shear_stress_pa": 8e6,
+    "h0_m": 0.125e-6,
+    "skin_dielectric_scale": 1.0,
+    "response_hz_per_mm_per_s": 13.8,
+}
+SPREAD = {
+    "youngs_modulus_pa": 0.5,
+    "h_rms_m": 0.25,
+    "apparent_area_at_1n_m2": 0.3,
+    "frictional_shear_stress_pa": 0.3,
+}
+"""Standard deviations of the logarithms (physics page, section 12)."""
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A finger of the independent simulator, with what it draws."""
+
+    finger: Finger
+
+    def ratio(self, force_n: float, volts: float) -> float:
+        return self.finger.mean_mu(force_n, volts, HERTZ) / self.finger.mean_mu(force_n, 0.0, HERTZ)
+
+    def farads(self, force_n: float, volts: float) -> complex:
+        """Contact and body in series."""
+        known = self.finger.values
+        scale = known["youngs_modulus_pa"] / MODULUS * known["h_rms_m"] / H_RMS
+        area0 = known["apparent_area_at_1n_m2"] * force_n ** known["apparent_area_exponent"]
+        mu = self.finger.mean_mu(force_n, volts, HERTZ)
+        area = mu * force_n / known["frictional_shear_stress_pa"] / area0
+        log_p = np.log(PRESSURES)
+        # The area says the pressure: both rise together.
+        p = np.interp(np.log(area), np.log(self.finger.contact.area), log_p)
+        skin = LAYER * known["skin_dielectric_scale"]
+        thick = thickness(known["h0_m"], HERTZ, skin, SKIN)
+        touching = scale * np.exp(
+            np.interp(np.log(area0), np.log(AREAS), np.log(self.finger.contact.touching + 1e-12))
+        )
+        pressure = scale * np.exp(p)
+        near = np.sqrt(pressure * (pressure ** (2 / 3) + touching ** (2 / 3)) ** 1.5)
+        each = self.finger.contact.gaps @ (1 / (GAPS * known["h_rms_m"] / H_RMS + thick))
+        at = np.log(near / scale)
+        gaps = np.interp(at, log_p, each.real) + 1j * np.interp(at, log_p, each.imag)
+        contact = EPS0 * area0 * (gaps + area / thick)
+        # The sign of i: an insulator that leaks draws current in phase with the voltage.
+        contact = complex(contact.real, -abs(contact.imag))
+        return contact * BODY_F / (contact + BODY_F)
+
+
+def drawn(
+    contact: Contact, random: np.random.Generator, spread: dict[str, float]
+) -> tuple[Truth, float, float]:
+    """A finger, its force and the highest voltage of what it strokes."""
+    while True:
+        values = dict(NOMINAL)
+        for name, width in spread.items():
+            values[name] *= float(np.exp(width * random.normal()))
+        force, volts = float(random.uniform(0.15, 0.8)), float(random.uniform(40, 150))
+        finger = Finger(contact, values)
+        if finger.is_light(force, volts, HERTZ):
+            return Truth(finger), force, volts
+
+
+def drifting(truth: Truth, share: float) -> Truth:
+    """The same finger with more or less sweat: its skin insulates by that much less."""
+    values = dict(truth.finger.values)
+    values["skin_dielectric_scale"] *= 1 - share
+    return Truth(replace(truth.finger, values=values, _tables={}))
+
+
+def stroke(
+    truth: Truth,
+    force_n: float,
+    volts: float,
+    model: ContactCurrent,
+    noise: float,
+    slid_s: float,
+    random: np.random.Generator,
+    person: EnrolledFinger | None = None,
+    is_weighed: bool = False,
+) -> tuple[FingerObserver, float]:
+    """Let an observer see an untouched panel for 2 s, then a stroke; return it and the time."""
+    observer = FingerObserver(model, person=person)
+    jw, step = 2j * pi * HERTZ, 1 / RATE_HZ
+    each = noise * np.sqrt(0.010 * RATE_HZ)
+
+    def told(at_s: float, farads: complex, amplitude: float) -> None:
+        current = jw * farads * amplitude
+        error = random.normal(size=2) @ (1, 1j) * each * abs(current)
+        error += random.normal(size=2) @ (1, 1j) * 1e-5 * FULL_A  # 12 bits after the lock-in
+        reading = Reading(at_s, complex(current + error), amplitude)
+        observer.read(reading, at_s + DELAY_S)
+
+    for i in range(int(2 * RATE_HZ)):
+        told(i * step, PANEL_F, 20.0)
+    # At this voltage and two others; in between the capacitance is a parabola of V^2.
+    knots = np.array([0.5, 0.8, 1.0]) * volts
+    rows = []
+    for share in (0.0, 0.1 / 60 * slid_s):
+        one = drifting(truth, share)
+        rows.append(np.polyfit(knots**2, [one.farads(force_n, v) for v in knots.tolist()], 2))
+    begin = 2.0 + step
+    tremor = random.uniform(0, 2 * pi)
+    slope = np.log(abs(truth.farads(1.05 * force_n, volts) / truth.farads(force_n, volts)))
+    slope /= np.log(1.05)
+    for i in range(int(slid_s * RATE_HZ) + 1):
+        at = begin + i * step
+        if i % 3 == 0:
+            speed = 50.0 * min(1.0, (at - begin) / 0.02)
+            observer.touched(at, 1, speed, force_n if is_weighed else None)
+        amplitude = volts * (0.75 + 0.25 * np.sin(2 * pi * 20 * at))
+        part = i * step / slid_s
+        pressed = 1 + 0.03 * np.sin(2 * pi * 6 * at + tremor)
+        farads = sum(
+            w * np.polyval(row, amplitude**2) for w, row in zip((1 - part, part), rows, strict=True)
+        )
+        told(at, PANEL_F + farads * pressed**slope, float(amplitude))
+    return observer, at + DELAY_S
+
+
+def fingers(
+    contact: Contact,
+    model: ContactCurrent,
+    count: int,
+    noise: float,
+    slid_s: float,
+    seed: int,
+    skin: float,
+    is_enrolled: bool = False,
+) -> dict[str, Array]:
+    """Errors [JND] of the ratio, open loop and sensed, and of ln force."""
+    random = np.random.default_rng(seed)
+    spread = SPREAD | {"skin_dielectric_scale": skin}
+    usual = model.population.force_n
+    found: dict[str, list[float]] = {"open": [], "sensed": [], "sd": [], "force": [], "gain": []}
+    reference = Truth(Finger(contact, NOMINAL))
+    log_b = float(np.log((1 - 1 / reference.ratio(usual, 100.0)) / 1e4))
+    latent = np.zeros((1, 6))
+    calibrated = log_b - float(model.log_attraction(latent, 100.0)[0])
+    for _ in range(count):
+        truth, force, volts = drawn(contact, random, spread)
+        person = None
+        if is_enrolled:
+            learned, _ = stroke(truth, usual, volts, model, noise, 5.0, random, None, True)
+            person = learned.enrolled()
+        observer, now = stroke(truth, force, volts, model, noise, slid_s, random, person)
+        estimate = observer.estimate(now)
+        assert estimate.state is Knowledge.LEARNS, estimate
+        ratio = drifting(truth, 0.1 / 60 * slid_s).ratio(force, volts)
+        base = float(model.log_attraction(latent, volts)[0]) + calibrated
+        for name, gain in (("open", 0.0), ("sensed", estimate.log_gain)):
+            pull = min(np.exp(base + gain) * volts**2, 0.9)
+            found[name].append(abs(1 / (1 - pull) / ratio - 1) / JND)
+        found["force"].append(float(np.log(estimate.force_n / force)))
+        true_gain = np.log((1 - 1 / ratio) / volts**2) - base
+        found["sd"].append((true_gain - estimate.log_gain) / estimate.log_gain_sd)
+        found["gain"].append(true_gain)
+    return {name: np.array(values) for name, values in found.items()}
+
+
+def hostile(streams: int, seed: int) -> None:
+    """Streams of 40 readings that lie, each to an adaptation that renders: what must never be."""
+    logging.getLogger("haptix.sensing").setLevel(logging.ERROR)
+    random = np.random.default_rng(seed)
+    known = haptix.ContactModel(haptix.Finger.preset("semi-wet"), haptix.Screen())
+    surface = haptix.FrictionSurface.build(
+        known, {"normal_force_n": (0.15, 0.8), "frequency_hz": HERTZ}, tolerance=5e-3
+    )
+    plain = Slice.of(surface.table, 180.0)
+    observer = FingerObserver(ContactCurrent.of_model(known, HERTZ))
+    wrong, took = 0, 0
+    for number in range(streams):
+        adapted = Adaptation(observer)
+        adapted.reset()
+        observer.watch = SensorWatch(observer.settings, HERTZ)
+        observer.baseline_f = complex(PANEL_F)
+        at = 0.0
+        # Half of the streams begin with what could be true, and so are believed.
+        kinds = [0 if number % 2 else random.integers(len(_LIES)), *random.integers(0, 8, 2)]
+        usual, hops = random.uniform(25, 180), number % 3 == 0
+        adapted.touched(0.0, 1, 50.0, 0.4, False)
+        for i in range(40):
+            at += 0.004
+            volts = float(usual * random.uniform(0.9, 1.1))
+            if hops and random.random() < 0.1:
+                volts = float(random.choice([0.0, 15.0, 1e9, -50.0]))
+            extra = _LIES[kinds[min(i // 24, 2)]](random, i)
+            current = 2j * pi * HERTZ * extra * volts
+            late = 0.05 if hops and random.random() < 0.03 else 0.002
+            with np.errstate(all="ignore"):
+                adapted.read(Reading(at - late, current, volts, bool(random.random() < 0.05)), at)
+            if i % 4 == 0:
+                adapted.window(at, 1 / 12000, True)
+                slices, part = adapted.over(plain, 48)
+                (low, one), (_, two) = (s.reach(np.array([0.4])) for s in slices)
+                felt = float(abs(np.log(one / two)[0])) / JND
+                column = slices[1].column(0.4)
+                is_well = bool(
+                    np.isfinite(part).all()
+                    and np.isfinite(one).all()
+                    and column.end_v <= 180.0
+                    and low[0] > 0
+                    and felt < 0.25 * 0.4
+                )
+                wrong += not is_well
+        took += observer.estimate(at).readings
+        assert abs(adapted.estimate.log_gain if adapted.estimate else 0.0) < 10
+    print(f"{streams} hostile streams of 40 readings, seed {seed}: {wrong} windows wrong, ", end="")
+    print(f"{took} averages were believed")
+
+
+_LIES = (
+    lambda random, i: PANEL_F + random.uniform(0, 60e-12),
+    lambda random, i: PANEL_F + 1e-9 * random.normal() * (1 + 1j),
+    lambda random, i: 0j,
+    lambda random, i: -PANEL_F,
+    lambda random, i: complex(np.nan if random.random() < 0.5 else np.inf, 0),
+    lambda random, i: PANEL_F + 20e-12,
+    lambda random, i: PANEL_F * np.exp(2j * pi * random.random()),
+    lambda random, i: PANEL_F + 290e-12 * (i % 2),
+)
+
+
+def main() -> None:
+    if sys.argv[1:2] == ["hostile"]:
+        hostile(int(sys.argv[2]), int(sys.argv[3]) if len(sys.argv) > 3 else 1)
+        return
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("contacts", help="tables of independent_finger.py")
+    parser.add_argument("--fingers", type=int, default=100)
+    parser.add_argument("--noise", type=float, nargs="+", default=[1e-3])
+    parser.add_argument("--slid", type=float, nargs="+", default=[0.5])
+    parser.add_argument("--skin", type=float, default=0.0, help="sd of ln of its insulation")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--enrolled", action="store_true", help="after 5 s at a known force")
+    parser.add_argument("--uncalibrated", action="store_true")
+    given = parser.parse_args()
+    known = haptix.ContactModel(haptix.Finger.preset("semi-wet"), haptix.Screen())
+    model = ContactCurrent.of_model(known, HERTZ)
+    print(
+        f"{'contact':>18} noise slid |  open: median 95 % | sensed: median 95 % | force 68 %  chi"
+    )
+    for name, contact in contacts(Path(given.contacts)).items():
+        own = model
+        if not given.uncalibrated:
+            reference = Truth(Finger(contact, NOMINAL)).farads(model.population.force_n, 100.0)
+            plain = complex(model.capacitance_f(np.zeros((1, 6)), 100.0)[0])
+            own = model.calibrated(abs(reference) / abs(plain))
+        for noise in given.noise:
+            for slid_s in given.slid:
+                found = fingers(
+                    contact,
+                    own,
+                    given.fingers,
+                    noise,
+                    slid_s,
+                    given.seed,
+                    given.skin,
+                    given.enrolled,
+                )
+                numbers: list[Any] = []
+                for key in ("open", "sensed"):
+                    numbers += [np.median(found[key]), np.percentile(found[key], 95)]
+                numbers.append(np.percentile(np.abs(found["force"]), 68))
+                numbers.append(np.sqrt(np.mean(found["sd"] ** 2)))
+                shown = "  ".join(f"{number:6.2f}" for number in numbers)
+                print(f"{name:>18} {noise:5.2%} {slid_s:4g} | {shown}", flush=True)
+
+
+if __name__ == "__main__":
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    main()
