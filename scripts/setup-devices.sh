@@ -30,6 +30,10 @@ packages=(
     # the client in C#
     mono-mcs mono-runtime libmono-system4.0-cil libmono-system-core4.0-cil libnewtonsoft-json5.0-cil
     python3
+    # types of the session's messages in C++, Rust and Kotlin
+    g++ nlohmann-json3-dev
+    rustc cargo librust-serde-json-dev librust-serde-derive-dev
+    kotlin
     # decimal commas: files do not depend on them
     locales
 )
