@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import re
 import sys
 from dataclasses import dataclass
 from typing import Protocol
@@ -10,10 +11,15 @@ import pytest
 
 from haptix.cli import main
 
+_PROGRESS = re.compile(r"^haptix: [^\n]*: \d+%(?:, \d+ s left)?\n", re.MULTILINE)
+
 
 @dataclass(frozen=True)
 class CommandResult:
-    """What a command printed, and its exit code."""
+    """What a command printed, and its exit code.
+
+    Without the lines of progress, of which a slow machine prints some and a fast one none.
+    """
 
     code: int
     out: str
@@ -42,4 +48,4 @@ def run_haptix(*arguments: object, stdin: str | None = None) -> CommandResult:
             main()
         except SystemExit as end:
             code = end.code if isinstance(end.code, int) else int(end.code is not None)
-    return CommandResult(code, out.getvalue(), err.getvalue())
+    return CommandResult(code, out.getvalue(), _PROGRESS.sub("", err.getvalue()))

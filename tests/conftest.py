@@ -17,8 +17,7 @@ from xdist.remote import Producer
 from xdist.scheduler import LoadFileScheduling
 
 from haptix import ContactModel, Finger, Screen
-from haptix.contact import MeanField
-from haptix.electro.attraction_table import AttractionTable
+from tests import skips
 from tests.command_line import CommandLine, run_haptix
 from tests.steady_clock import steady_driver
 
@@ -60,6 +59,13 @@ def pytest_runtest_makereport(
         why = report.longrepr[2] if isinstance(report.longrepr, tuple) else report.longrepr
         report.longrepr = f"{NO_SKIPS}=1, so this must run, but: {why}"
     return report
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    skipped = terminalreporter.stats.get("skipped", [])
+    reasons = [one.longrepr[2] for one in skipped if isinstance(one.longrepr, tuple)]
+    if line := skips.summary(reasons):
+        terminalreporter.write_line(line)
 
 
 #: Files with tests of half a minute each: begun first, so that no process is left alone with one.
@@ -104,51 +110,6 @@ def plain_terminal() -> Iterator[None]:
         patch.setenv("TERM", "dumb")
         for name in ("FORCE_COLOR", "CLICOLOR_FORCE", "PY_COLORS"):
             patch.delenv(name, raising=False)
-        yield
-
-
-_SOLVE = AttractionTable.__dict__["solve"]
-_FINGER_PA = (300.0, 1e6)
-
-
-@pytest.fixture
-def tables_solved_anew(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every model solves its own tables, where two models are compared."""
-    monkeypatch.setattr(AttractionTable, "solve", _SOLVE)
-
-
-@pytest.fixture(scope="session", autouse=True)
-def tables_solved_once() -> Iterator[None]:
-    """Solve the gaps of equal contacts once in a process, as one model does by itself.
-
-    Most tests make the same few fingers anew, and two thirds of a solve are these gaps. Which
-    gaps a contact has is asked of it directly in tests/contact.
-    """
-    solve = AttractionTable.solve
-    kept: list[AttractionTable] = []
-
-    def solve_once(
-        contact: MeanField, lowest_pa: float, highest_pa: float, widened: bool = False
-    ) -> AttractionTable:
-        if contact.stress_variance.requires_grad:
-            return solve(contact, lowest_pa, highest_pa, widened)
-        same = [
-            table
-            for table in kept
-            if table.contact.equals(contact) and (table.lifted is not None) == widened
-        ]
-        for table in same:
-            if table.covers(lowest_pa, highest_pa):
-                return table.part(lowest_pa, highest_pa)
-        if same:  # one that several tests ask for, each over pressures of its own
-            low, high = min(lowest_pa, _FINGER_PA[0]), max(highest_pa, _FINGER_PA[1])
-            kept.append(solve(contact, low, high, widened))
-            return kept[-1].part(lowest_pa, highest_pa)
-        kept.append(solve(contact, lowest_pa, highest_pa, widened))
-        return kept[-1]
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(AttractionTable, "solve", solve_once)
         yield
 
 

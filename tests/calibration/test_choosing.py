@@ -40,7 +40,7 @@ def predictor(theory, shear):
 
 def chosen(parameters):
     forms = {NAME: predictor("open-gaps", 8e6)}
-    return fit_in_best_theory(None, predictor("corrected", 5.5e6), parameters, forms)
+    return fit_in_best_theory(None, predictor("local", 5.5e6), parameters, forms)
 
 
 def test_decisive_strokes_change_the_theory_and_its_start_of_tau_f(fitted, parameters):
@@ -54,7 +54,7 @@ def test_decisive_strokes_change_the_theory_and_its_start_of_tau_f(fitted, param
 @pytest.mark.parametrize("evidence", [-DECISIVE + 1, 30.0])
 def test_others_keep_it(fitted, parameters, evidence):
     made = fitted(evidence)
-    assert chosen(parameters).fit.theory == "corrected"
+    assert chosen(parameters).fit.theory == "local"
     assert len(made) == 1
 
 
@@ -65,9 +65,9 @@ def test_a_known_tau_f_belongs_to_its_theory(fitted, parameters):
     ):
         fitted(-100.0)
         assert isinstance(known, Parameters)
-        assert chosen(known).fit.theory == "corrected"
+        assert chosen(known).fit.theory == "local"
 
 
 def test_a_fit_that_is_no_better_is_not_taken(fitted, parameters):
     fitted(-DECISIVE - 1, costs=(50.0, 60.0))
-    assert chosen(parameters).fit.theory == "corrected"
+    assert chosen(parameters).fit.theory == "local"

@@ -10,13 +10,15 @@ from typer.testing import CliRunner
 
 import haptix
 from calibration import Fit, Protocol, Session, steps
-from calibration.rig import RIG, RigCheck
+from calibration.practice import VIRTUAL_RIG
+from calibration.rig import RIG
 from calibration.steps import RESTS_ON, fit_folder, reduce_folder, verify_folder
 from haptix.campaign import run_campaign
-from haptix.campaign.plans import CalibrationFits
+from haptix.campaign.kinds import CalibrationFits
 from haptix.cli.application import app as whole
 from haptix.cli.tasks import group_of
 from haptix.errors import InputError
+from haptix.screen import NO_INSTRUMENT
 
 app = group_of("calibrate", "Calibrate a screen.")
 
@@ -24,16 +26,19 @@ run = CliRunner()
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
+def folder(tmp_path_factory, finger):
     """A session of few strokes, measured."""
     folder = tmp_path_factory.mktemp("calibration")
-    made = run.invoke(app, ["plan", str(folder / "plan.toml"), "--minutes", "1.5", "--json"])
+    finger.save(folder / "finger.toml")
+    known = ["--finger", str(folder / "finger.toml")]
+    planning = ["plan", str(folder / "plan.toml"), "--minutes", "1.7", "--json", *known]
+    made = run.invoke(app, planning)
     assert made.exit_code == 0, made.output
     assert_for_machines(made.stdout)
     plan = Protocol.load(folder / "plan.toml")
     short = [one.model_copy(update={"length_mm": 14.0}) for one in plan.strokes]
     plan.model_copy(update={"strokes": tuple(short)}).save(folder / "plan.toml")
-    arguments = ["measure", str(folder / "s"), "--plan", str(folder / "plan.toml")]
+    arguments = ["measure", str(folder / "s"), "--plan", str(folder / "plan.toml"), *known]
     arguments += ["--source", "virtual", "--device", "mock:", "--name", "panel 7", "--json"]
     made = run.invoke(app, arguments)
     assert made.exit_code == 0, made.output
@@ -89,6 +94,7 @@ def assert_for_machines(text):
                 words = (
                     "name",
                     "verdict",
+                    "contrast_verdict",
                     "advice",
                     "remarks",
                     "term",
@@ -97,6 +103,10 @@ def assert_for_machines(text):
                     "failures",
                     "group",
                     "theory",
+                    "quantity",
+                    "source",
+                    "kind",
+                    "unit",
                     "outlier",  # why a stroke is none of the fit, or empty
                 )
                 if isinstance(one, str):
@@ -126,7 +136,7 @@ def test_all_the_way_to_a_surface(folder):
     assert found["h0_m"]["value"] == pytest.approx(1.25e-7, rel=0.1)
     done = run.invoke(app, ["verify", session, "--json"])
     assert json.loads(done.stdout)["verdict"] == "provisional", done.output
-    right = RigCheck(normal_gain=1.0, tangential_gain=1.0, voltage_gain=1.0)
+    right = VIRTUAL_RIG
     right.save(folder / "s" / "rig.toml")
     # The fit takes the sensor's bandwidth from the check.
     early = run.invoke(app, ["verify", session])
@@ -148,6 +158,31 @@ def test_all_the_way_to_a_surface(folder):
     assert json.loads(answer.stdout)[0]["mu"] == pytest.approx(mu, rel=1e-4)
 
 
+def certify(folder):
+    """A certificate is written where all instruments hold, and refused where one does not."""
+    command = ["certificate", str(folder), "--json"]
+    assert "expected --instruments" in str(run.invoke(app, command).exception)
+    dates = "calibrated_on = 2020-01-01\ndue_on = {}\n"
+    kept = 'schema_version = 1\n[[instruments]]\nname = "force sensor"\ncertificate = "D-1"\n'
+    kept += f'serial = "virtual finger {NO_INSTRUMENT}"\n' + dates
+    (folder / "instruments.toml").write_text(kept.format("2020-12-31"))
+    late = str(run.invoke(app, command).exception)
+    assert "D-1 expired on 2020-12-31 (strokes 1, 2," in late
+    assert "what was measured is kept" in late
+    (folder / "instruments.toml").write_text(kept.format("2999-12-31"))
+    made = json.loads(run.invoke(app, command).stdout)[0]
+    content = (folder / "certificate.pdf").read_bytes()
+    assert content.startswith(b"%PDF") and f"Certificate {made['number']}".encode() in content
+    assert len(re.findall(rb"/Type /Page\b", content)) >= 2
+    register = [str(folder.parent / "panels.json"), str(folder), "--json"]
+    page = ["--page", str(folder.parent / "panels.html")]
+    rows = json.loads(run.invoke(app, ["register", *register, *page]).stdout)
+    assert [(row["panel"], row["state"], row["due"]) for row in rows] == [
+        ("panel 7", "passed", "not due")
+    ]
+    assert "panel 7" in (folder.parent / "panels.html").read_text()
+
+
 def test_a_finished_session_is_not_computed_again(fitted, tmp_path, monkeypatch):
     shutil.copytree(fitted, tmp_path / "s")
     known = {"youngs_modulus_pa": 4e7, "h_rms_m": 22e-6}
@@ -165,9 +200,10 @@ def test_a_finished_session_is_not_computed_again(fitted, tmp_path, monkeypatch)
     assert "finished before, and nothing is computed again" in shown
     assert not calls
     monkeypatch.setattr(steps, "reduce_folder", reduce_folder)
-    right = RigCheck(normal_gain=1.0, tangential_gain=1.0, voltage_gain=1.0)
+    right = VIRTUAL_RIG
     right.save(tmp_path / "s" / RIG)
     assert json.loads(run.invoke(app, command).stdout)["verdict"] == "passed"
+    certify(tmp_path / "s")
     (tmp_path / "s" / "finished.json").write_text("{")
     assert json.loads(run.invoke(app, command).stdout)["verdict"] == "passed"
 
@@ -260,7 +296,7 @@ def edit_plan(folder):
 
 
 def check_rig(folder):
-    RigCheck(normal_gain=1.0, tangential_gain=1.0, voltage_gain=1.0).save(folder / RIG)
+    VIRTUAL_RIG.save(folder / RIG)
 
 
 @pytest.mark.parametrize(

@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from calibration import Parameters, Protocol, StrokePredictor, fit_strokes, full_protocol, verify
+from calibration import Parameters, Protocol, StrokePredictor, fit_strokes, verify
 from calibration.parameters import PER_FINGER
 from calibration.power import chance_of_passing, with_enough_held_out
-from calibration.practice import draw_truth
+from calibration.practice import VIRTUAL_RIG, draw_truth
 from calibration.profile import finger_at
 from calibration.protocol import short_protocol, with_held_out
 from calibration.reduction import Reduced
-from calibration.rig import RigCheck
 from haptix.cli.tasks import group_of
 
 app = group_of("calibrate", "Calibrate a screen.")
@@ -68,8 +67,10 @@ def test_no_number_of_strokes_helps_a_rig_that_is_too_bad(predictor, start, shor
     assert sum(one.held_out for one in most.strokes) == 60
 
 
-def test_the_command_says_how_long_it_takes(tmp_path):
+def test_the_command_says_how_long_it_takes(tmp_path, finger):
+    finger.save(tmp_path / "finger.toml")
     command = ["plan", str(tmp_path / "usual.toml"), "--max-voltage-v", "150"]
+    command += ["--finger", str(tmp_path / "finger.toml")]
     usual = CliRunner().invoke(app, command)
     assert usual.exit_code == 0, usual.exception
     command[1] = str(tmp_path / "plan.toml")
@@ -77,14 +78,15 @@ def test_the_command_says_how_long_it_takes(tmp_path):
     rows = json.loads(made.stdout)
     strokes = Protocol.load(tmp_path / "plan.toml").strokes
     assert len(strokes) > len(Protocol.load(tmp_path / "usual.toml").strokes)
-    assert rows[0]["minutes"] == pytest.approx(len(strokes) * 9 / 60)  # 9 s each
+    # 9 s each, and one that slides for 12 s
+    assert rows[0]["minutes"] == pytest.approx((len(strokes) * 9 + 12) / 60)
     assert rows[0]["chance_of_passing"] >= 0.9
     assert "where strokes repeat within 0.01, a good screen passes in" in " ".join(
         usual.stdout.split()
     )
 
 
-RIGHT = RigCheck(normal_gain=1.0, tangential_gain=1.0, voltage_gain=1.0)
+RIGHT = VIRTUAL_RIG
 
 
 class Written:
@@ -133,9 +135,9 @@ def test_sessions_pass_as_their_plan_says(predictor, start, short, session):
     assert sum(wrong) <= 3  # more have a probability of 0.1 %
 
 
-def test_an_undecided_session_asks_for_what_would_decide_it(predictor, start, session):
-    undecided = session(full_protocol(VOLTS), 0.07, 1)
+def test_an_undecided_session_asks_for_what_would_decide_it(short, session):
+    undecided = session(short, 0.07, 1)
     asked = [one for one in undecided.failures if "its scatter leaves that open" in one]
     assert asked and "--repeatability-percent" in asked[0]
-    wrong = session(full_protocol(VOLTS), 0.01, 1, 1.2)
+    wrong = session(short, 0.01, 1, 1.2)
     assert wrong.failures and "leaves that open" not in " ".join(wrong.failures)

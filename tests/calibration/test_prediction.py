@@ -42,7 +42,7 @@ def test_another_finger_is_the_same_table_scaled(predictor, parameters):
         youngs_modulus_pa=55e6,
         bulk_modulus_pa=10e3 * 55 / 40,
         frictional_shear_stress_pa=1e7,
-        theory="corrected",  # the predictor's
+        theory="open-gaps",  # the predictor's
         apparent_area_at_1n_m2=40e-6,
         apparent_area_exponent=0.2,
         roughness=Roughness(h_rms_m=26e-6),

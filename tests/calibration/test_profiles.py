@@ -12,14 +12,14 @@ import firmware_io
 import haptix
 from calibration import Parameters, StrokePredictor, full_protocol
 from calibration.practice import TRUTH, compare_with_truth, draw_truth
-from calibration.profile import match_screens
+from calibration.profile import check_profile, match_screens
 from calibration.reduction import Reduced
-from calibration.verification import Drift, check_profile
+from calibration.steadiness import Drift
 from firmware_io import Device, MockDriver, MockLink
 from haptix.cli.application import app as whole
 from haptix.cli.tasks import group_of
 from haptix.devices import install_profile, installed_profile, profile_of, profiles_for
-from haptix.screen import NO_INSTRUMENT, Calibration, CalibrationWarning
+from haptix.screen import NO_INSTRUMENT, Calibration, CalibrationWarning, VerifiedRange
 
 app = group_of("calibrate", "Calibrate a screen.")
 
@@ -117,6 +117,36 @@ def test_a_calibrated_screen_takes_the_finger_beside_it(measured):
     assert shown.startswith("finger 'semi-wet', screen 'panel 7' (measured together)\n")
     named = CliRunner().invoke(whole, [*command, "--finger", "semi-wet"]).stdout
     assert named.startswith("finger 'semi-wet', screen 'panel 7' (screen measured with another")
+
+
+def test_query_and_render_say_where_they_leave_the_verified_range(tmp_path, screen, finger):
+    verified = VerifiedRange(
+        normal_force_n=(0.2, 0.3),
+        frequency_hz=(125.0, 4000.0),
+        speed_mm_per_s=(45.0, 55.0),
+        voltage_v=((125.0, 200.0), (4000.0, 80.0)),
+    )
+    own = calibrated(screen, finger_hash=finger.content_hash(), verified=verified)
+    own.save(tmp_path / "screen.toml")
+    finger.save(tmp_path / "finger.toml")
+    panel = ["--screen", str(tmp_path / "screen.toml")]
+    query = ["query", "--voltage-v", "100", "--frequency-hz", "4000", *panel]
+    out = " ".join(CliRunner().invoke(whole, [*query, "--normal-force-n", "0.5"]).stdout.split())
+    words = ("force 0.5 N: verified 0.2 to 0.3", "amplitude 100 V: verified to 80")
+    assert "beyond what was validated" in out and all(said in out for said in words)
+    json_out = CliRunner().invoke(whole, [*query, "--normal-force-n", "0.5", "--json"]).stdout
+    assert json.loads(json_out)[0]["beyond_verified"] == "; ".join(words)
+    inside = CliRunner().invoke(
+        whole, ["query", "--voltage-v", "70", "--normal-force-n", "0.25", *panel]
+    )
+    said = " ".join(inside.stdout.split())
+    assert "verified for 0.2 to 0.3 N" in said and "beyond what was validated" not in said
+    rows = "".join(f"{0.05 * k:g},{10 + 5 * k},20,0.5\n" for k in range(9))
+    (tmp_path / "path.csv").write_text(f"t_s,x_mm,y_mm,normal_force_n\n{rows}")
+    render = ["render", "--trajectory", str(tmp_path / "path.csv"), *panel]
+    rendered = CliRunner().invoke(whole, [*render, "--out", str(tmp_path / "out"), "--json"])
+    said = json.loads(rendered.stdout)[0]["beyond_verified"]
+    assert said[:2] == [words[0], "speed 100 mm/s: verified 45 to 55"]
 
 
 def test_without_the_finger_that_was_measured_with_it_a_screen_is_refused(measured):

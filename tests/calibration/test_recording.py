@@ -223,4 +223,4 @@ def test_a_map_that_leaves_a_signal_out(tmp_path, stroke):
 
 def test_strokes_describe_themselves():
     one = Stroke(number=3, normal_force_n=0.5, voltage_v=100, frequency_hz=125)
-    assert one.label == "stroke 3: 0.5 N, 40 mm and back at 50 mm/s, 100 V at 125 Hz"
+    assert one.label == "stroke 3: 0.5 N, 40 mm there and back at 50 mm/s, 100 V at 125 Hz"

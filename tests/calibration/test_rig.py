@@ -51,13 +51,14 @@ class Bench:
 
     def __init__(self, normal=1.0, tangential=1.0, volts=1.0):
         self.normal, self.tangential, self.volts = normal, tangential, volts
-        self.step = ""
+        self.step, self.level_v = "", 0.0
 
     def ask(self, prompt):
         self.step = prompt.split()[0]
-        return f"{self.volts * 100 / np.sqrt(2):.4f}"
+        return f"{self.volts * self.level_v / np.sqrt(2):.6f}"
 
     def record(self, stroke):
+        self.level_v = stroke.voltage_v
         t, tapped = tap(1500.0, 2500.0, 8.0)
         pressed = 2.0 * self.normal * (self.step == "Put" and not stroke.voltage_v)
         pulled = 2.0 * self.tangential * (self.step == "Let")
@@ -75,9 +76,11 @@ class Bench:
         ({}, []),
         ({"tangential": 1.1, "volts": 0.9}, []),
         ({"normal": -1.0}, ["wrong sign"]),
-        ({"tangential": 0.2248}, ["check its unit"]),
+        ({"tangential": 0.2248}, ["is it in lbf?"]),
+        ({"tangential": 3.597}, ["is it in ozf?"]),
+        ({"tangential": 10.0}, ["check its unit"]),
     ],
-    ids=["right", "scales", "sign", "unit"],
+    ids=["right", "scales", "sign", "pounds", "ounces", "unit"],
 )
 def test_gains_are_those_of_the_rig(gains, faults):
     bench = Bench(**gains)
@@ -85,7 +88,12 @@ def test_gains_are_those_of_the_rig(gains, faults):
         found = measure_rig(None, 2.0, bench.ask, device, bench.record)
     assert found.normal_gain == pytest.approx(gains.get("normal", 1.0), rel=1e-6)
     assert found.tangential_gain == pytest.approx(gains.get("tangential", 1.0), rel=1e-3)
-    assert found.voltage_gain == pytest.approx(gains.get("volts", 1.0), rel=1e-3)
+    # Three levels up to the strokes' highest, or to what the driver's slew rate allows at 4 kHz.
+    assert [(one.frequency_hz, round(one.monitor_v, -1)) for one in found.volts] == [
+        (125.0, 50), (125.0, 120), (125.0, 200), (4000.0, 50), (4000.0, 110), (4000.0, 180)
+    ]  # fmt: skip
+    for one in found.volts:
+        assert one.gain == pytest.approx(gains.get("volts", 1.0), rel=1e-3)
     assert found.pole_hz == pytest.approx(1500.0, rel=0.2)
     assert len(found.faults()) == len(faults)
     assert all(said in found.faults()[0] for said in faults)
@@ -94,10 +102,9 @@ def test_gains_are_those_of_the_rig(gains, faults):
 def test_volts_that_nothing_read_are_not_checked():
     bench = Bench(volts=0.9)
     found = measure_rig(None, 2.0, bench.ask, None, bench.record)
-    assert found.voltage_gain is None
+    assert not found.reads_volts
+    assert found.highest_read_v == 0
     assert found.faults() == []
-    size, _ = found.friction_error(np.array([0.0, 2.0]))
-    np.testing.assert_allclose(size, 0.0, atol=1e-9)
 
 
 def test_readings_that_were_written_down(tmp_path):
@@ -112,6 +119,8 @@ def test_readings_that_were_written_down(tmp_path):
     made = CliRunner().invoke(app, command)
     assert made.exit_code == 0, made.output
     (row,) = json.loads(made.stdout)
+    uneven = CliRunner().invoke(app, [*command, "--monitor-v", "180"])
+    assert "expected as many of each, got 2, 1 and 0" in str(uneven.exception)
     found = RigCheck.load(tmp_path / "s" / "rig.toml")
     assert (row["tangential_gain"], row["voltage_gain"]) == (found.tangential_gain, 0.9)
     assert found.tangential_gain == pytest.approx(2.158 / 1.962)

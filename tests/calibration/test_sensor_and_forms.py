@@ -58,7 +58,7 @@ def test_a_slow_sensor_leaves_the_intervals_right(sensed, predictor, finger, scr
 
 @pytest.mark.slow
 def test_another_gap_distribution_is_weighed_and_widens(predictor, reduced_of, finger, screen):
-    other = StrokePredictor(haptix.ContactModel(finger, screen, gap_distribution="plain"))
+    other = StrokePredictor(haptix.ContactModel(finger, screen, gap_distribution="combined"))
     truth = Parameters.of(finger, screen).started_at(h0_m=H0_M)
     strokes = reduced_of(
         other, short_protocol(other, truth, max_voltage_v=150.0), truth, np.random.default_rng(6)
@@ -67,10 +67,10 @@ def test_another_gap_distribution_is_weighed_and_widens(predictor, reduced_of, f
     forms = other_forms(predictor.model)
     alone = fit_strokes(strokes, predictor, start, bootstraps=0)
     fit = fit_strokes(strokes, predictor, start, bootstraps=0, forms=forms)
-    plain, theory = fit.forms
-    assert (plain.form, theory.form) == ('gap distribution "plain"', 'theory "open-gaps"')
-    assert plain.evidence < theory.evidence  # the true form fits best
-    away = np.log(plain.h0_ratio)
+    combined, theory = fit.forms
+    assert [combined.form, theory.form] == ['gap distribution "combined"', 'theory "local"']
+    assert combined.evidence < theory.evidence  # the true form fits best
+    away = np.log(combined.h0_ratio)
     # Bayes: before the strokes the default form is twice as likely as either other.
     odds = [0.5 * np.exp(-one.evidence / 2) for one in fit.forms]
     share = odds[0] / (1 + sum(odds))

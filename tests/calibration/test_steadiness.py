@@ -10,7 +10,7 @@ from calibration import Parameters
 from calibration.fit import Repeatability
 from calibration.predict import StrokeConditions
 from calibration.reduction import Point, Reduced, reduce_stroke
-from calibration.verification import steadiness
+from calibration.steadiness import steadiness
 from haptix.perception import WEBER_FRACTION
 from haptix.report import record
 

@@ -20,13 +20,14 @@ from calibration import (
     verify,
     write_report,
 )
+from calibration.practice import VIRTUAL_RIG
 from calibration.predict import StrokeConditions
 from calibration.profile import write_archive
 from calibration.reduction import Reduced
 from calibration.report import farthest_stroke
-from calibration.rig import RigCheck
+from calibration.rig import VoltsRead
 from haptix.perception import WEBER_FRACTION
-from haptix.screen import CALIBRATION_VALID_DAYS, CalibrationWarning
+from haptix.screen import CALIBRATION_VALID_DAYS, CalibrationWarning, VerifiedRange
 
 H0_M = 1.6e-7
 
@@ -50,7 +51,7 @@ def written(fit, finger, screen, predictor):
     return StrokePredictor(haptix.ContactModel(calibrated_finger(finger, fit), panel))
 
 
-RIGHT = RigCheck(normal_gain=1.0, tangential_gain=1.0, voltage_gain=1.0)
+RIGHT = VIRTUAL_RIG
 
 
 @pytest.fixture(scope="module")
@@ -128,7 +129,7 @@ def test_what_was_not_tested_makes_the_verdict_provisional(fit, strokes, written
     assert (found.verdict, found.failures) == ("provisional", ())
     assert "known weight" in found.untested[0]
     # A weight alone says nothing of an amplifier that is weak behind its monitor.
-    found = verify(fit, strokes, written, rig=RIGHT.replace(voltage_gain=None))
+    found = verify(fit, strokes, written, rig=RIGHT.replace(volts=()))
     assert found.verdict == "provisional"
     day = date(2026, 3, 1)
     for days, verdict in ((0, "passed"), (31, "passed"), (-32, "provisional")):
@@ -142,16 +143,100 @@ def test_what_was_not_tested_makes_the_verdict_provisional(fit, strokes, written
     assert any("near 4000 Hz" in one for one in found.untested)
 
 
+def read_by(rig, reduced, volts=lambda v: 1.0):
+    """The strokes as a rig of these gains reads them; the monitor shows 1/volts of the volts."""
+    return Reduced(
+        tuple(
+            replace(
+                p,
+                normal_force_n=p.normal_force_n * rig.normal_gain,
+                mu=p.mu * rig.tangential_gain / rig.normal_gain,
+                voltage_v=p.voltage_v / volts(p.voltage_v),
+            )
+            for p in reduced.points
+        )
+    )
+
+
 @pytest.mark.parametrize(
     "gains",
-    [{"tangential_gain": 1.1}, {"normal_gain": 0.9}, {"voltage_gain": 0.9}, {"normal_gain": -1.0}],
+    [
+        {"tangential_gain": 1.1},
+        {"normal_gain": 0.9},
+        {"normal_gain": 0.55, "tangential_gain": 0.55},
+    ],
     ids=str,
 )
-def test_a_gain_that_no_stroke_shows_fails_by_the_rig_check(fit, strokes, written, gains):
-    """Friction 10 % wrong is 0.9 JND; a tenth of the volts is as much where they matter."""
-    found = verify(fit, strokes, written, rig=RIGHT.replace(**gains))
+def test_known_gains_of_the_forces_are_taken_off(fit, strokes, written, passed, gains):
+    """Both forces at 0.55 leave their ratio, and are the friction of another force."""
+    second = gains.get("tangential_gain", 1.0)
+    rig = RIGHT.replace(**gains, second_tangential_gain=second)
+    read = read_by(rig, strokes)
+    off = verify(fit, read, written, rig=RIGHT).bound_jnd
+    found = verify(fit, rig.corrected(read), written, rig=rig)
+    assert off > 0.5 or len(gains) == 2  # which is seen by the range that is stated alone
+    assert found.passed
+    # The strokes' own errors, a tenth of the scatter, were not read by the rig.
+    assert found.bound_jnd == pytest.approx(passed.bound_jnd, rel=0.01)
+    force = found.verified.normal_force_n
+    assert force == pytest.approx(passed.verified.normal_force_n)
+
+
+def test_contrast_has_a_verdict_of_its_own(fit, strokes, written, passed):
+    """Friction wrong by a tenth at all voltages has the right contrast, and the other way round."""
+    assert passed.contrast_verdict == "passed"
+    tenth = tuple(replace(p, mu=1.1 * p.mu) for p in strokes.points)
+    found = verify(fit, Reduced(tenth), written, rig=RIGHT)
+    assert (found.verdict, found.contrast_verdict) == ("failed", "passed")
+    assert found.contrast.mean_jnd == pytest.approx(1.1 * passed.contrast.mean_jnd, abs=1e-6)
+    driven = tuple(replace(p, mu=(1.1 if p.voltage_v else 1.0) * p.mu) for p in strokes.points)
+    found = verify(fit, Reduced(driven), written, rig=RIGHT)
+    assert found.contrast_verdict == "failed"
+    # 10 % of mu are 0.91 JND.
+    assert found.contrast.mean_jnd == pytest.approx(0.91, abs=0.1)
+    unread = verify(fit, strokes, written, rig=RIGHT.replace(volts=()))
+    assert unread.contrast_verdict == "provisional"
+
+
+def test_a_wrong_sign_is_no_gain_and_fails(fit, strokes, written):
+    wrong = RIGHT.replace(normal_gain=-1.0)
+    found = verify(fit, wrong.corrected(strokes), written, rig=wrong)
     assert found.verdict == "failed"
-    assert "rig" in found.failures[0] or "sign" in found.failures[0]
+    assert "sign" in found.failures[0]
+
+
+def weak(volts):
+    """Gain of an amplifier that is 12 % low at 200 V and right at 100 V."""
+    return 1.0 - 0.12 * np.clip(volts / 100.0 - 1, 0, None)
+
+
+def test_an_amplifier_that_is_weak_at_high_volts_is_read_there(fit, strokes, written, passed):
+    levels = [50.0, 75.0, 100.0, 120.0, 140.0, 160.0, 180.0, 200.0]
+    volts = [
+        VoltsRead(frequency_hz=hertz, monitor_v=v, gain=float(weak(v)))
+        for hertz in (125.0, 4000.0)
+        for v in levels
+    ]
+    rig = RIGHT.replace(volts=volts)
+    shown = np.linspace(0, 200, 2001)
+    read = Reduced(
+        tuple(
+            replace(p, voltage_v=float(np.interp(p.voltage_v, shown * weak(shown), shown)))
+            for p in strokes.points
+            if p.voltage_v < 175
+        )
+    )
+    near = passed.strokes[0].point
+    assert near.voltage_v > 0
+    corrected = rig.corrected(read)
+    for p, one in zip(strokes.points, (p for p in corrected.points), strict=False):
+        if p.number == one.number:  # linear between the readings
+            assert one.voltage_v == pytest.approx(p.voltage_v, rel=2e-3)
+    # Read at 100 V alone, the amplifier is not known at the strokes' volts.
+    low = rig.replace(volts=[one for one in volts if one.monitor_v <= 100.0])
+    found = verify(fit, strokes, written, rig=low)
+    assert found.verdict == "provisional"
+    assert "the volts above 100 V" in found.untested[0]
 
 
 @pytest.mark.parametrize(
@@ -301,3 +386,112 @@ def test_the_archive_holds_the_folder(tmp_path):
     with zipfile.ZipFile(folder / "archive.zip") as archive:
         assert sorted(archive.namelist()) == ["s/fit.json", "s/strokes/stroke-001.h5"]
         assert archive.read("s/strokes/stroke-001.h5") == b"raw"
+
+
+def test_the_profile_carries_what_was_verified(
+    passed, calibrated, strokes, tmp_path, screen, fit, predictor
+):
+    """Force, volts, frequency and speed of the strokes that were kept out, and nothing beyond."""
+    held = strokes.held_out
+    verified = calibrated.verified
+    for name in ("normal_force_n", "frequency_hz", "speed_mm_per_s"):
+        column = [getattr(one, name) for one in held]
+        assert getattr(verified, name) == (min(column), max(column))
+    highest = {one.frequency_hz: 0.0 for one in held}
+    for one in held:
+        highest[one.frequency_hz] = max(highest[one.frequency_hz], one.voltage_v)
+    assert dict(verified.voltage_v) == highest and len(highest) > 1
+    inside = held[0]
+    assert verified.beyond(inside.normal_force_n, inside.voltage_v, inside.frequency_hz, 50.0) == []
+    calibrated.save(tmp_path / "screen.toml")
+    again = haptix.Screen.load(tmp_path / "screen.toml")
+    assert again == calibrated and again.warnings() == calibrated.warnings()
+    failed = calibrated_screen(screen, fit, replace(passed, failures=("wrong",)), predictor)
+    assert failed.verified is None
+
+
+BOX = VerifiedRange(
+    normal_force_n=(0.2, 0.8),
+    frequency_hz=(125.0, 4000.0),
+    speed_mm_per_s=(45.0, 55.0),
+    voltage_v=((125.0, 180.0), (4000.0, 80.0)),
+)
+
+
+@pytest.mark.parametrize(
+    ("used", "said"),
+    [
+        ((0.5, 80.0, 4000.0, 50.0), []),
+        ((0.21, 195.0, 125.0, 41.0), []),  # a tenth more or less
+        ((0.1, 80.0, 4000.0), ["force 0.1 N: verified 0.2 to 0.8"]),
+        (([0.5, 0.9, 1.2], 80.0, 4000.0), ["force 0.9 to 1.2 N: verified 0.2 to 0.8"]),
+        ((0.5, 120.0, 4000.0), ["amplitude 120 V: verified to 80"]),
+        ((0.5, 120.0, 125.0), []),
+        ((0.5, 150.0), []),  # without a frequency
+        # Halfway in ln f: 130 V.
+        ((0.5, [120.0, 150.0], 707.1), ["amplitude 150 V: verified to 130"]),
+        ((0.5, 10.0, 50.0, 120.0), ["frequency 50 Hz: verified 125 to 4e+03",
+                                    "speed 120 mm/s: verified 45 to 55"]),
+    ],
+)  # fmt: skip
+def test_what_leaves_the_verified_range_is_said(used, said):
+    assert BOX.beyond(*used) == said
+
+
+def with_defect(strokes, defect):
+    """The strokes with a friction that the model does not have."""
+    rise = 0.3 if defect == "contact" else 0.0
+    power = 0.15 if defect == "speed" else 0.0
+    return Reduced(
+        tuple(
+            replace(
+                p,
+                mu=p.mu * (p.speed_mm_per_s / 50.0) ** power,
+                rise=p.rise + np.log1p(rise),
+            )
+            for p in strokes.points
+        )
+    )
+
+
+@pytest.mark.parametrize(
+    ("defect", "group"),
+    [("contact", "late in a long contact"), ("speed", "slow strokes"), ("speed", "fast strokes")],
+)
+def test_friction_that_leaves_the_model_inside_the_range_fails(
+    fit, strokes, written, defect, group
+):
+    """30 % more late in a contact, and friction that goes as speed^0.15: 2.7 and 1 JND."""
+    found = verify(fit, with_defect(strokes, defect), written, rig=RIGHT)
+    assert found.verdict == "failed" and not found.is_open
+    assert any(one.startswith(group) for one in found.failures)
+
+
+def test_what_the_strokes_did_not_try_makes_the_verdict_provisional(fit, strokes, written, passed):
+    """One speed, no long contact, or a rig that was read at one level or by one weight alone."""
+    one_speed = tuple(replace(p, speed_mm_per_s=50.0) for p in strokes.points)
+    brief = tuple(replace(p, contact_s=2.0, rise=np.nan) for p in strokes.points)
+    for points, said in ((one_speed, "other speeds"), (brief, "long contacts")):
+        found = verify(fit, Reduced(points), written, rig=RIGHT)
+        assert found.verdict == "provisional"
+        assert any(one.startswith(said) for one in found.untested)
+    # Right at 100 V and 12 % low at 200 V, or both forces by a weight that was half of its name.
+    for change, said in (
+        ({"volts": (), "voltage_gain": 1.0}, "the volts at three levels"),
+        ({"second_tangential_gain": None}, "the tangential force by a second weight"),
+    ):
+        found = verify(fit, strokes, written, rig=RIGHT.replace(**change))
+        assert found.verdict == "provisional"
+        assert any(one.startswith(said) for one in found.untested)
+    bent = verify(fit, strokes, written, rig=RIGHT.replace(second_tangential_gain=0.9))
+    assert any("another, expected the same" in one for one in bent.failures)
+    slow, fast = passed.verified.speed_mm_per_s
+    assert slow < 30 and fast > 85
+    assert passed.verified.contact_s == pytest.approx(14.0)
+
+
+def test_a_second_look_has_half_the_level(fit, strokes, written, passed):
+    again = verify(fit, strokes, written, rig=RIGHT, looks=2)
+    # Student's quantiles of 97.5 % and 95 % at many degrees of freedom: 1.96 and 1.645.
+    widths = [found.groups[0].uncertainty_jnd for found in (again, passed)]
+    assert widths[0] / widths[1] == pytest.approx(1.96 / 1.645, rel=0.02)

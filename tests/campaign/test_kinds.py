@@ -206,8 +206,8 @@ def test_a_document_survives_its_way_to_a_worker(load):
 
 @pytest.mark.slow
 def test_the_trade_off_is_that_of_the_command(load, tmp_path, monkeypatch):
-    monkeypatch.setattr("haptix.tradeoff.runs.TABULATED", ("closed-form",))
-    monkeypatch.setattr("haptix.tradeoff.runs.QUICK", (100, 1000, (0.5,)))
+    monkeypatch.setattr("haptix.tradeoff.TABULATED", ("closed-form",))
+    monkeypatch.setattr("haptix.tradeoff.QUICK", (100, 1000, (0.5,)))
     plan = load('name = "a"\nkind = "trade-off"\nquick = true\nfingers = ["gel.toml"]\n' + SCENE)
     scene = next(plan.tasks()).task.scene
     done = run_campaign(plan, tmp_path / "out")

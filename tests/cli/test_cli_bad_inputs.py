@@ -112,7 +112,7 @@ WRONG = {
     "demo into a file": ((*DEMO, "--out", "file"), "file"),
     "demo of no width": ((*DEMO, "--width-mm", "0"), "width.mm"),
     "demo of half a unit": ((*DEMO, "--carrier-hz", "4k"), "--carrier-hz.*20 kHz.*'4k'"),
-    "demo of no carrier": ((*DEMO, "--carrier-hz", "0"), "above 0"),
+    "demo of no carrier": ((*DEMO, "--carrier-hz", "0"), "at least 1000"),
     "demo of a fast carrier": ((*DEMO, "--carrier-hz", "20000"), "quarter.*20000"),
     "demo of a polarity": ((*DEMO, "--polarity", "up"), "polarity.*bright-high"),
     "demo of a finger": ((*DEMO, "--finger", "nobody"), "'nobody'"),

@@ -192,7 +192,11 @@ def test_query_of_a_surface(haptix_cli, surface_file):
     assert [row["status"] for row in rows] == ["OUT_OF_RANGE"] * 2 + ["OK"] * 2
     for row in rows:
         names = {"finger", "screen", "pair"}
-        assert set(row) == {"normal_force_n", "voltage_v", "mu", "status", *names}
+        intervals = {"interval_jnd", "contrast_interval_jnd"}
+        assert set(row) == {"normal_force_n", "voltage_v", "mu", "status", *names, *intervals}
+        cell = surface.intervals(row["normal_force_n"]).mu_jnd
+        shown_jnd = row["interval_jnd"]
+        assert float(cell) == (float("inf") if shown_jnd is None else shown_jnd)
         # Outside, the value is that of the nearest force, 0.2 N.
         force = max(row["normal_force_n"], 0.2)
         assert row["mu"] == pytest.approx(float(surface.mu(force, row["voltage_v"])), rel=1e-12)
@@ -300,6 +304,7 @@ def test_doctor(haptix_cli, tmp_path):
     buses = {"usb", "hid", "audio", "serial", "daq"}
     assert {
         "haptix",
+        "packages",
         "torch",
         "cache",
         "solver",
@@ -307,7 +312,7 @@ def test_doctor(haptix_cli, tmp_path):
         "firmware",
         "timing",
     } | buses == set(rows)
-    for name in ("haptix", "torch", "cache", "solver", "firmware"):
+    for name in ("haptix", "packages", "torch", "cache", "solver", "firmware"):
         assert rows[name]["ok"] == "yes"
     assert haptix.__version__ in rows["haptix"]["detail"]
     assert rows["cache"]["detail"] == str(tmp_path / "cache")
@@ -351,6 +356,11 @@ def test_a_table_fits_its_terminal_whole(haptix_cli, more):
     assert shown.code == 0
     lines = shown.out.splitlines()
     assert max(map(len, lines)) <= 80
+    # The least load and the largest share of a pull past breakdown stand in the title alone.
+    assert f"from {min(row.pop('x') for row in rows):.2g};" in " ".join(shown.out.split())
+    assert f"up to {max(row.pop('pull_past_breakdown') for row in rows):.0%}" in " ".join(
+        shown.out.split()
+    )
     # What others in place of placeholders change has no columns: the title says it, whole.
     spreads = [[row.pop(name) for row in rows] for name in [*rows[0]] if name.endswith("_jnd")]
     # Nor have finger and screen: they stand in the first line.

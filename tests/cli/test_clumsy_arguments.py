@@ -17,25 +17,28 @@ LONG = "a" * 5000
 # folder there are a file called "file" and a folder called "folder".
 NOT_READ = ("", "missing", "folder", LONG, "file/below", "fehlt-\u00fc\U0001f600", "a\nb")
 NOT_WRITTEN = ("folder", LONG, "file/below", "folder/", ".", "..", "file/a/b")
+NOT_THERE = ("missing", LONG, "file/below")
 NOT_MADE = ("file", "file/below", LONG)
 NOT_A_NUMBER = ("", "nan", "inf", "-inf", "1e309", "ten", "1,5", "0x10", "1 K", "--", "\u00bd")
 KINDS = {
     "file that is read": (
         "--image --material --trajectory --profile --tap --inputs --columns --plan --certificate "
-        "--key scene plan recipe sidecar log file files profile a b",
+        "--key --recipe --instruments scene plan recipe sidecar log file files profile a b "
+        "recording one other table",
         NOT_READ,
     ),
     "surface that is read": ("--surface surface", NOT_READ),
-    "file or folder that is read": ("what source", ("missing", LONG, "file/below")),
-    "file that is written": ("--out --log out", NOT_WRITTEN),
+    "file or folder that is read": ("what source sessions", NOT_THERE),
+    "file that is written": ("--out --log --page out", NOT_WRITTEN),
+    "file that may be new": ("--register-file register_file", ("folder", LONG, "file/below")),
     "folder": ("--csv --root --study study folder", NOT_MADE),
     "preset": (
         "--finger --screen",
         ("", "missing", "semiwet", "Semi-wet", "missing.toml", LONG, ".toml", "folder/.toml"),
     ),
     "word": (
-        "--skin-dielectric --fidelity --theory --with --without --polarity --waveform --protocol "
-        "--source --on",
+        "shell --skin-dielectric --fidelity --theory --with --without --polarity --waveform "
+        "--protocol --source --on",
         ("", "missing", "mean_field", "FINITE-SIZE", LONG, "\u00fc"),
     ),
     "address": (
@@ -48,12 +51,13 @@ KINDS = {
         "--horizon-ms --largest-mb --memory-gb --simulate-db --difference-db --between-db "
         "--max-voltage-v --minutes --crosstalk --temperature-c --humidity-percent --weight-n "
         "--repeatability-percent --tolerance-jnd --normal-reading-n --tangential-reading-n "
-        "--monitor-v --voltmeter-v --speed-mm-per-s --shortest-mm --longest-mm --ask-after-h",
+        "--speed-mm-per-s --shortest-mm --longest-mm --ask-after-h --second-weight-n "
+        "--second-tangential-reading-n",
         NOT_A_NUMBER,
     ),
     "numbers": (
         "--normal-force-n --voltage-v --frequency-hz --h0-m --mu --mu-range --tolerance "
-        "--threshold-db --slope --lapse --participants",
+        "--monitor-v --monitor-hz --voltmeter-v --threshold-db --slope --lapse --participants",
         ("", ",", "nan", "inf", "1e309", "ten", "1,,2", "1;2", "1 K", "\u00bd", "[1]"),
     ),
     "whole number": (
@@ -62,7 +66,7 @@ KINDS = {
     ),
     "pair": ("--fix --prior", ("", "=", "h0_m", "h0_m=", "h0_m=nan", "h0_m=1,2,3", "=1,2")),
     "label": ("--participant --session --task", ("", "a b", "\u00e4", "../x", "a" * 65)),
-    "name": ("--name --serial --listen", ("", " ")),
+    "name": ("--name --panel --serial --listen", ("", " ")),
     "any text": ("--operator", ()),
 }  # fmt: skip
 OUT_IS_A_FOLDER = {
@@ -116,6 +120,8 @@ def wrong_values(words, option):
         return NOT_MADE
     if (words, option) == ("calibrate install", "--finger"):
         return NOT_READ
+    if (words, option) == ("calibrate instruments", "--session"):
+        return NOT_THERE
     if (words, option) == ("build", "what"):
         return (*NOT_WRITTEN, "missing.toml")
     if (words, option) == ("calibrate fit", "--finger"):

@@ -7,53 +7,26 @@ import pytest
 from fastapi import FastAPI
 
 import haptix
-from haptix import cli, desk, task_list
+from haptix import cli, desk
 from haptix.campaign.kinds import load_campaign
 from haptix.campaign.run import run_campaign
 from haptix.service.job_work import JobWork
 from haptix.service.rest import jobs_router
+from haptix.tasks.rendering import Render
 from tests.command_line import run_haptix
-
-ONE_FILE = '''
-"""A task of somebody's own."""
-
-from pydantic import Field
-
-from haptix.desk import Context, Result, Task
-from haptix.fields import FileThere, NotNegative
-
-
-class Charge(Task, command="charge", route="charges"):
-    """Charge of a capacitor at some voltages."""
-
-    voltage_v: tuple[NotNegative, ...] = Field(description="Amplitudes.")
-    width_mm: float = Field(10.0, gt=0, description="Width of a square electrode.")
-    notes: FileThere | None = Field(None, description="What was measured.")
-
-    def run(self, context: Context) -> Result:
-        """Compute it."""
-        context.progress("charge", 0.5)
-        area_m2 = (self.width_mm / 1e3) ** 2
-        rows = [{"voltage_v": one, "charge_c": 1e-6 * area_m2 * one} for one in self.voltage_v]
-        return Result({"rows": rows, "last_c": rows[-1]["charge_c"]}, [("charge", rows)])
-'''
+from tests.one_task import put_in
 
 
 @pytest.fixture
 def charge(own_folder, monkeypatch):
     """The file in place, and nothing else: its commands are listed as those of haptix are."""
-    (own_folder / "charging.py").write_text(ONE_FILE)
-    monkeypatch.syspath_prepend(str(own_folder))
-    monkeypatch.setattr(task_list, "MODULES", [*task_list.MODULES, "charging"])
-    monkeypatch.setattr(desk, "MODULES", task_list.MODULES)
-    listed = task_list.tasks_of(["charging"])
-    monkeypatch.setitem(cli.COMMANDS, "charge", listed["charge"])
+    put_in(own_folder, monkeypatch)
     yield own_folder
     sys.modules.pop("charging", None)
 
 
 def test_its_command_has_help_units_and_defaults(charge):
-    assert "charge     Charge of a capacitor at some voltages." in cli.help_text()
+    assert "charge      Charge of a capacitor at some voltages." in cli.help_text()
     shown = " ".join(run_haptix("charge", "--help").out.split())
     assert "--voltage-v V,... Amplitudes. [required]" in shown
     assert "--width-mm mm Width of a square electrode. [default: 10]" in shown
@@ -104,10 +77,19 @@ def test_its_route_has_a_schema_for_a_form_and_names_no_files(charge):
     assert width["description"] == "Width of a square electrode."
 
 
+def test_what_only_clients_give_has_its_title_and_unit_too():
+    fields = Render.body().model_json_schema()["properties"]
+    found = {name: (fields[name]["title"], fields[name]["x-unit"]) for name in ("t_s", "x_mm")}
+    assert found == {"t_s": ("T", "s"), "x_mm": ("X", "mm")}
+    assert fields["normal_force_n"]["examples"] == [[0.5, 0.5]]
+
+
 def test_its_job_runs(charge):
     said = []
-    work = JobWork({"assets": str(charge)}, lambda **fields: said.append(fields), iter(()))
+    context = {"assets": str(charge), "results": str(charge / "results")}
+    work = JobWork(context, lambda **fields: said.append(fields), iter(()))
     assert work.charge(voltage_v=[2.0])["last_c"] == pytest.approx(2e-10)
+    assert (charge / "results" / "charges.csv").read_text().endswith("\n2,2e-10\n")
 
 
 def test_its_campaign_runs_each_combination(charge):

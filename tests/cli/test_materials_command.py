@@ -4,6 +4,7 @@ import json
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PIL import Image
 
@@ -63,3 +64,40 @@ def test_a_material_is_rendered_and_what_is_wrong_is_one_sentence(
         assert result.code == 2
         assert message in result.err
         assert result.err.count("\n") == 1
+
+
+def made_up_recording(path, speed=60.0):
+    """Ridges of 1.6 mm and a slower wave, along 24 mm at 2 kHz."""
+    t = np.arange(0, 24 / speed, 5e-4)
+    x = speed * t
+    mu = 0.5 * (1 + 0.06 * np.sin(2 * np.pi * x / 1.6) + 0.03 * np.sin(2 * np.pi * x / 0.31))
+    lines = [f"{a:.6f},{b:.5f},{c:.6f}" for a, b, c in zip(t, x, mu, strict=True)]
+    path.write_text("t_s,position_mm,mu\n" + "\n".join(lines))
+
+
+@pytest.mark.slow
+def test_fit_writes_a_small_material_and_says_in_which_bands_it_is_near(haptix_cli, own_folder):
+    made_up_recording(own_folder / "ridges.csv")
+    rows = json.loads(haptix_cli("material", "fit", "ridges.csv", "--json").out)
+    assert (own_folder / "ridges.toml").stat().st_size <= 300
+    material = haptix.materials.load(own_folder / "ridges.toml")
+    assert isinstance(material, haptix.texture.Spectral)
+    assert [round(period, 1) for period, _ in material.waves] == [1.6, 0.3]
+    near = {row["band"]: row["within"] for row in rows}
+    # 1.6 mm are 62.5 Hz at 100 mm/s; 0.31 mm are 64.5, 145 and 323 Hz at 20, 45 and 100. Where
+    # neither is, there are skirts of a window alone.
+    for band, least in (("46-77 Hz", 4), ("129-215 Hz", 1), ("215-359 Hz", 2)):
+        assert int(near[band][0]) >= least
+
+
+def test_a_recording_is_nearer_to_itself_at_another_speed_than_to_another(haptix_cli, own_folder):
+    for name, speed in (("slow", 40.0), ("fast", 60.0)):
+        made_up_recording(own_folder / f"{name}.csv", speed)
+    (row,) = json.loads(haptix_cli("material", "distance", "slow.csv", "fast.csv", "--json").out)
+    other = str(EXAMPLES / "spectral.toml")
+    (far,) = json.loads(haptix_cli("material", "distance", "slow.csv", other, "--json").out)
+    assert row["distance_db"] < 0.5 * far["distance_db"]
+    share = str(EXAMPLES / "grating.toml")
+    result = haptix_cli("material", "distance", "slow.csv", share)
+    assert result.code == 2
+    assert "share" in result.err

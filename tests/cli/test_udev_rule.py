@@ -40,6 +40,15 @@ def test_an_old_rule_is_replaced(tmp_path):
     assert path.read_text() == udev_rule()
 
 
+def test_a_rule_that_is_a_device_stays_one(tmp_path):
+    path = tmp_path / "etc/udev/rules.d/70-haptix.rules"
+    path.parent.mkdir(parents=True)
+    path.symlink_to("/dev/full")
+    done = doctor(tmp_path, "--install-udev", "--yes")
+    assert (done.exit_code, "regular file" in done.output) == (2, True)
+    assert path.is_symlink()
+
+
 def test_where_it_may_not_write(tmp_path):
     (tmp_path / "etc").write_text("a file where a folder should be")
     done = doctor(tmp_path, "--install-udev", "--yes")

@@ -1,18 +1,21 @@
 """The C# client, compiled as C# 6 and run under Mono, against the real front."""
 
 import os
+import re
+import runpy
 import shutil
 import subprocess
 
+from haptix.materials import material_of
 from haptix.service.jobs import Job
-from haptix.service.messages import JobMessage
-from tests.clients.compiled import compiled
-from tests.made_clients import CSHARP
+from haptix.service.messages import JobMessage, LayoutDocument
+from tests.clients.compiled import compiled, compiled_sources
+from tests.made_clients import CSHARP, ROOT, make_clients
 from tests.waiting import PATIENCE_S, wait_for
 
 
 def test_client(service, tmp_path):
-    program = compiled(tmp_path / "test.exe", CSHARP / "Test")
+    program = compiled(tmp_path / "test.exe", CSHARP / "Test~")
     watched = JobMessage(job="a1", kind="surface", state="running")
     service.hub.jobs.jobs["a1"] = Job("programs", watched, {}, lambda _: None)
     folder = service.access.folder
@@ -40,8 +43,54 @@ def test_client(service, tmp_path):
     assert removed == {"op": "remove", "name": "region 1"}
 
 
-def test_example_compiles_without_unity(tmp_path):
-    stubs = tmp_path / "stubs"
-    stubs.mkdir()
-    shutil.copy(CSHARP / "Test" / "UnityStubs.cs", stubs)
-    compiled(tmp_path / "example.dll", CSHARP / "Example", stubs)
+SAMPLE = CSHARP / "Samples~" / "Ribs"
+
+
+def test_unity_s_package_compiles_as_unity_would(tmp_path):
+    """As three assemblies: Unity's (stubs), the package's, and a project's with the sample."""
+    make_clients()
+    (tmp_path / "stubs").mkdir()
+    shutil.copy(CSHARP / "Test~" / "UnityStubs.cs", tmp_path / "stubs")
+    unity = compiled_sources(tmp_path / "UnityEngine.dll", [tmp_path / "stubs"], [])
+    package = compiled_sources(tmp_path / "Haptix.dll", [CSHARP, CSHARP / "Unity"], [unity])
+    compiled_sources(tmp_path / "Assembly-CSharp.dll", [SAMPLE], [unity, package])
+    code = package.read_bytes()
+    for name in (b"System.Reflection.Emit", b"System.Linq.Expressions", b"MakeGeneric"):
+        assert name not in code  # IL2CPP compiles ahead of time
+
+
+def test_il2cpp_sees_each_collection_of_numbers_and_keeps_each_field():
+    make_clients()
+    made = "".join((CSHARP / f"{name}.cs").read_text() for name in ("Messages", "Materials"))
+    fields = re.findall(r"\n( +\[.*\]\n +)?public (\S+(?: \S+)?) \w+ \{ get; set; \}", made)
+    assert len(fields) > 200
+    assert all("Preserve" in attribute for attribute, _ in fields)
+    collections = {
+        kind for _, kind in fields if re.match(r"(double|long|bool)\??\[|Dictionary", kind)
+    }
+    of_objects = {"Dictionary<string, string[]>"}
+    assert collections - of_objects == {"double[]", "double[][]", "Dictionary<string, double>"}
+    kept = (CSHARP / "Session.cs").read_text()
+    assert "Kept = { new List<double>(), new Dictionary<string, double>() }" in kept
+
+
+def test_the_sample_s_scene_names_files_of_the_package():
+    script = runpy.run_path(str(ROOT / "scripts" / "make-clients.py"))
+    scene, component = (
+        (SAMPLE / "Ribs.unity").read_text(),
+        CSHARP / "Unity" / "LayoutUnderFinger.cs",
+    )
+    files = (component, SAMPLE / "LogContacts.cs", SAMPLE / "layout.json")
+    named = set(re.findall(r"guid: (\w{32})", scene))
+    assert named == {script["unity_id"](path) for path in files}
+    fields = r"^        public (?!event)[^(\n]+? (\w+)(?: =.*)?;$"
+    shown = re.search(r"m_EditorClassIdentifier:\n((?:  \w.*\n)+)", scene)
+    values = set(re.findall(r"^  (\w+):", shown[1], re.MULTILINE))
+    region = {"name", "material", "placeMm", "opacity"}
+    assert values == set(re.findall(fields, component.read_text(), re.MULTILINE)) - region
+
+
+def test_the_sample_s_layout_is_taken():
+    text = (SAMPLE / "layout.json").read_text()
+    for region in LayoutDocument.model_validate_json(text).regions:
+        material_of(region.material)

@@ -9,6 +9,7 @@ import pytest
 import haptix.client
 from haptix.errors import DeviceError, InputError
 from haptix.service.jobs import Job
+from haptix.service.limiter import Limiter
 from haptix.service.messages import JobMessage
 from tests.waiting import PATIENCE_S, wait_for
 
@@ -115,8 +116,10 @@ def test_after_close_nothing_is_sent_and_no_thread_is_left(service, connect):
     h = connect("test")
     h.acquire()
     h.close()
-    with pytest.raises(DeviceError):
+    with pytest.raises(DeviceError, match="the connection to the service is gone"):
         h.touch(1.0, 1.0)
+    with pytest.raises(DeviceError, match="this client is closed; connect again"):
+        h.stop()
     assert threading.active_count() == before
     wait_for(lambda: service.hub.control.holder is None)
 
@@ -184,3 +187,40 @@ def test_streams_that_were_asked_for_one_by_one_are_all_asked_for_again(service,
         wait_for(lambda: resumed)
         (session,) = service.hub.sessions.values()
         assert session.streams == {"stats": 10.0, "friction": 100.0}
+
+
+def test_a_flood_of_touches_does_not_bury_the_client_s_own_stop(service, connect):
+    async def floods():
+        async with await haptix.client.connect_async("test") as h:
+            h._batches = Limiter(1.0, h.now_s, 64)  # a rate that no machine is too slow for
+            await h.acquire()
+            await h.arm()
+            flood = [asyncio.ensure_future(h.touch(float(number), 2.0)) for number in range(500)]
+            await h.stop()
+            sent = sum(one.done() for one in flood)
+            for one in flood:
+                one.cancel()
+            await asyncio.gather(*flood, return_exceptions=True)
+            return sent
+
+    assert asyncio.run(floods()) <= 66  # 64 at once, and one for each second that a stop takes
+    assert service.engine.when("stop")
+
+
+def test_files_effects_streams_mute_and_pause_have_their_calls(service, connect, tmp_path):
+    with connect("test") as h:
+        path = tmp_path / "a.CSV"
+        path.write_bytes(b"x,y")
+        name = h.asset(path)
+        assert service.folder.joinpath("assets", f"{name.removeprefix('sha256:')}.csv").is_file()
+        assert h.asset(path) == name  # it is there already
+        (tmp_path / "notes.txt").write_bytes(b"")
+        with pytest.raises(haptix.client.Refused, match="expected one of"):
+            h.asset(tmp_path / "notes.txt")
+        h.acquire(takeover=True)  # from the client of a test before
+        h.arm()
+        assert h.mute(True).muted and h.pause(True).paused
+        assert not h.mute(False).muted
+        playing = h.play({"kind": "transient"})
+        h.cancel(playing.effect_id)
+        assert h.subscribe({"stats": 10.0}).columns["stats"]

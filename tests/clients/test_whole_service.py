@@ -44,7 +44,7 @@ def test_typescript(environment):
 
 
 def test_csharp(environment, tmp_path):
-    program = compiled(tmp_path / "test.exe", CSHARP / "Test")
+    program = compiled(tmp_path / "test.exe", CSHARP / "Test~")
     command = ["mono", program, GOLDEN, "golden"]
     done = subprocess.run(
         command, capture_output=True, text=True, timeout=PATIENCE_S, env=environment

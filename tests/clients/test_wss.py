@@ -3,21 +3,14 @@
 import os
 import shutil
 import subprocess
-import threading
 
 import pytest
 
 import haptix.client
 from haptix.errors import DeviceError
-from haptix.service.access import Access, Listen, listens
-from haptix.service.assets import AssetStore
-from haptix.service.connections import HttpServer
-from haptix.service.front import application
-from haptix.service.hub import Hub
-from haptix.service.messages import DeviceMessage, Inventory
 from tests.clients.compiled import compiled
 from tests.made_clients import TYPESCRIPT, node_tools
-from tests.service.service_under_test import WrittenEngine
+from tests.service.service_under_test import Service, certified
 from tests.waiting import PATIENCE_S, wait_for
 
 pytestmark = pytest.mark.slow  # the same clients speak to the front without TLS
@@ -54,43 +47,22 @@ static class Far
 """
 
 
-class FarService:
+class FarService(Service):
     """A front as `haptix serve --listen localhost` starts it."""
 
     def __init__(self, folder):
-        self.certificate, key = folder / "certificate.pem", folder / "key.pem"
-        made = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2"]
-        made += ["-subj", "/CN=localhost", "-addext", "subjectAltName=DNS:localhost"]
-        files = ["-keyout", str(key), "-out", str(self.certificate)]
-        subprocess.run([*made, *files], check=True, capture_output=True)
-        self.engine = WrittenEngine()
-        self.listener = listens("localhost", 0)
-        port = self.listener.getsockname()[1]
-        self.access = Access(port, folder / "service", ("localhost",))
-        device = DeviceMessage(address="mock:", name="mock", is_real=False)
-        inventory = Inventory(devices=(device,), finger="semi-wet", screen="x", kinds=())
-        hub = Hub(self.access, self.engine, inventory, "mock:")
-        app = application(hub, AssetStore(folder / "assets"))
-        reached = Listen("localhost", self.certificate, key)
-        self.server = HttpServer(app, hub, reached, lambda: None)
-        self.url = f"wss://localhost:{port}/v1/session"
-        self.thread = threading.Thread(target=self.server.run, args=([self.listener],))
-        self.thread.start()
-        wait_for(lambda: self.server.started)
+        listen = certified(folder)
+        super().__init__(folder / "service", listen=listen)
+        self.certificate = listen.certificate
+        self.url = f"wss://localhost:{self.port}/v1/session"
 
     def felt(self):
         """Whether the touch of a client came, and its file."""
         return [report.x_mm for report in self.engine.reports] == [7.0]
 
-    def close(self):
-        self.server.should_exit = True
-        self.thread.join()
-
 
 @pytest.fixture
 def far(tmp_path):
-    if shutil.which("openssl") is None:
-        pytest.skip("needs openssl, to make a certificate")
     service = FarService(tmp_path)
     yield service
     service.close()

@@ -142,7 +142,7 @@ def test_the_gaps_keep_their_area_and_mean() -> None:
 def test_theories_by_name() -> None:
     finger, screen = Finger.preset("semi-wet"), Screen.preset("3m-sct3250")
     plain = ContactModel(finger, screen)
-    assert plain.describe()["theory"] == "corrected"
+    assert plain.describe()["theory"] == "local"
     for name, theory in THEORIES.items():
         model = ContactModel(finger, screen, theory=name)
         told = model.describe()

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy import special
 from scipy.integrate import quad
 
-from haptix.contact import HalfSpace, Layered, MeanField, RoughnessSpectrum
+from haptix.contact import THEORIES, AreaLaw, HalfSpace, Layered, MeanField, RoughnessSpectrum
 from haptix.contact.tables import SeparationIntegral
 from haptix.errors import InputError
 
@@ -253,3 +253,40 @@ def test_unknown_choices() -> None:
         MeanField(spectrum, HalfSpace(1e6), gap_distribution="new")
     with pytest.raises(InputError, match=r'contact_spots.*"widened".*\'all\''):
         MeanField(spectrum, HalfSpace(1e6)).inverse_square_gap(1e4, 1e-7, "all")
+
+
+ROUGH = RoughnessSpectrum.self_affine(1e-6, 0.8, 1e4, 1e5, 1e7)
+
+
+def _skin(theory: str = "local", modulus_pa: float | torch.Tensor = 4e7) -> MeanField:
+    return THEORIES[theory].mean_field(ROUGH, HalfSpace(modulus_pa))
+
+
+def test_equal_contacts_are_one_object_and_others_are_not() -> None:
+    assert _skin() is _skin(modulus_pa=torch.tensor(4e7, dtype=torch.float64))
+    assert _skin() is not _skin(modulus_pa=4.1e7)
+    assert _skin() is not _skin("corrected")
+    # A recorded modulus has a graph of its own, which no other solve may extend.
+    recorded = torch.tensor(4e7, dtype=torch.float64, requires_grad=True)
+    assert _skin(modulus_pa=recorded) is not _skin(modulus_pa=recorded)
+    for _ in "ab":
+        (slope,) = torch.autograd.grad(
+            _skin(modulus_pa=recorded).lattice_mean_gap(-60, -60).sum(), recorded
+        )
+        assert float(slope) != 0
+
+
+def test_the_lattice_has_the_same_bits_whatever_was_asked_before() -> None:
+    one, other = (MeanField(ROUGH, HalfSpace(4e7), area=AreaLaw(0.48)) for _ in "ab")
+    one.lattice_mass(-90, -2)
+    ends = -50, -17  # they cut blocks of nodes in two
+    assert torch.equal(one.lattice_mass(*ends), other.lattice_mass(*ends))
+    assert torch.equal(one.lattice_mean_gap(*ends), other.lattice_mean_gap(*ends))
+    pressure = torch.exp(one.log_lattice(*ends))
+    # Solved as one batch, only rounding differs.
+    torch.testing.assert_close(
+        one.lattice_mass(*ends), one.gap_histogram(pressure).mass, rtol=1e-9, atol=1e-15
+    )
+    torch.testing.assert_close(
+        one.lattice_mean_gap(*ends), one.mean_gap(pressure), rtol=1e-12, atol=0
+    )

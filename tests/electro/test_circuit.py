@@ -79,3 +79,16 @@ def test_the_capacitance_lies_between_its_bounds(fidelity: str) -> None:
     strength = EPS0 / 4 * 100.0**2
     assert bool((per_area[1] < (state.attraction_pa[1] / strength).sqrt()).all())
     assert bool((per_area[1] > per_area[0]).all())
+
+
+def test_equal_insulators_share_a_column() -> None:
+    h0 = torch.tensor([2e-7, 1e-7 - 1e-7j, 2e-7, 1e-7 + 1e-7j, 2e-7, 1e-7 - 1e-7j])
+    medium = torch.tensor([1.0, 1.0, 1.0, 1.0, 3.0, 1.0])
+    column = torch.tensor([5, 4, 3, 2, 1, 0, 0, 4])
+    circuit = Circuit(h0, medium, column)
+    shared = circuit.shared()
+    assert len(shared.thickness_m) == 4  # the third and the last are like earlier ones
+    for kept, of_all in ((shared.thickness_m, h0), (shared.medium, medium)):
+        assert torch.equal(kept[shared.column], of_all[column])
+    h0.requires_grad_()  # each has a gradient of its own
+    assert Circuit(h0, medium, column).shared().column is column

@@ -262,3 +262,32 @@ def test_it_is_nearer_to_boundary_elements_than_an_even_attraction(cell: str) ->
     missed_area, missed_pull = np.median(new, 0) / np.median(even, 0)
     assert missed_area < 0.5
     assert missed_pull < 1
+
+
+@pytest.mark.parametrize("frequency_hz", [None, 300.0])
+def test_many_insulators_are_as_each_of_them(
+    model: ContactModel, frequency_hz: float | None
+) -> None:
+    """Many are worked out on a lattice of insulators, few are not."""
+    draw = np.random.default_rng(5)
+    force, voltage = draw.uniform(0.1, 1.0, 400), draw.uniform(0.0, 200.0, 400)
+    h0_m = np.geomspace(5e-8, 5e-7, 400)
+    together = model.solve(force, voltage, frequency_hz, h0_m)
+    for i in range(0, 400, 40):
+        alone = model.solve(force[i], voltage[i], frequency_hz, h0_m[i])
+        # 1.5e-6 at most of 12,000 states, against a tenth of 5e-4 of the tables.
+        assert float(together.mu[i]) == pytest.approx(float(alone.mu), rel=5e-6)
+        end = float(alone.pull_in_voltage_v)
+        assert float(together.pull_in_voltage_v[i]) == pytest.approx(end, rel=1e-5)
+
+
+def test_blocks_of_many_insulators_come_back_in_order(model: ContactModel) -> None:
+    """More states than a block: they are solved by insulators."""
+    count = 20_000
+    force = torch.linspace(0.1, 1.0, count, dtype=torch.float64)
+    h0_m = torch.tensor([3e-7, 1e-7, 2e-7], dtype=torch.float64).repeat(count // 3 + 1)[:count]
+    mu = model.solve(force, 100.0, None, h0_m).mu
+    for thickness in (1e-7, 2e-7, 3e-7):
+        at = h0_m == thickness
+        own = model.solve(force[at], 100.0, None, thickness).mu
+        assert torch.allclose(mu[at], own, rtol=1e-12)

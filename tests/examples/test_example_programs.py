@@ -54,6 +54,18 @@ def test_a_program_draws_its_picture(short, name, capsys, tmp_path):
     assert "0 underruns" in printed
 
 
+def test_the_picture_of_the_readme_is_of_a_photograph_and_of_what_is_felt(tmp_path, capsys):
+    pytest.importorskip("matplotlib", reason="the extra figures")
+    program = load("examples/photograph_to_friction.py")
+    program.main(out=str(tmp_path / "picture.png"))
+    kept = imread(FOLDER.parent / "docs" / "photograph-to-friction.png")
+    made = imread(tmp_path / "picture.png")
+    assert made.shape == kept.shape
+    # Another matplotlib may draw letters and lines a little otherwise; another stroke differs more.
+    assert np.abs(made.astype(float) - kept).mean() < 8
+    assert float(re.search(r"within ([\d.]+) JND", capsys.readouterr().out)[1]) < 0.5
+
+
 def test_real_time_is_played_and_not_evaluated(short, steady_mock, capsys, tmp_path):
     short("moving_edge")(device="mock:pace=real")
     printed = capsys.readouterr().out

@@ -107,7 +107,9 @@ def test_friction_in_time_and_against_force_have_one_set_up(figures):
     # At the peak of the drive the attraction is twice the mean: that of sqrt(2) times the volts.
     peak = figures["fig3b"].columns["friction_200v_n"].max()
     wider = ContactModel(model.finger, Screen(max_voltage_v=300.0))
-    assert peak == pytest.approx(float(wider.solve(1.0, 200 * sqrt(2), h0_m=0.2e-6).mu), rel=1e-4)
+    asked = float(wider.solve(1.0, 200 * sqrt(2), h0_m=0.2e-6).mu)
+    # What a mean attraction does is tabulated, which moves mu by up to 6e-4 (docs/mean-field.md).
+    assert peak == pytest.approx(asked, rel=6e-4)
 
 
 def test_the_published_finite_size_is_a_kink_in_the_curve_of_200_volts(figures):
@@ -220,7 +222,7 @@ def test_leakage_takes_low_frequencies_away_and_leaves_a_maximum(figures):
 def test_area_against_pressure_agrees_with_boundary_elements(figures):
     columns = figures["fig2d"].columns
     pressure = columns["pressure_pa"]
-    worst = {"as-published": 0.0, "corrected": 0.0}
+    worst = {"as-published": 0.0, "local": 0.0}
     for voltage in ("0v", "50v", "100v", "150v", "200v"):
         marks = columns[f"area_fraction_boundary_elements_{voltage}"]
         for name in worst:
@@ -232,8 +234,8 @@ def test_area_against_pressure_agrees_with_boundary_elements(figures):
             at = np.exp(np.interp(np.log(pressure[within]), np.log(pressure[drawn]),
                                   np.log(line[drawn])))  # fmt: skip
             worst[name] = max(worst[name], float(np.abs(at / marks[within] - 1).max()))
-    # Six surfaces scatter by up to 18 % near the instability; 15 % is what is asked of the theory.
-    assert worst["corrected"] < 0.20
+    # 10 % at most is asked of the theory's area under voltage; nothing was fitted to these.
+    assert worst["local"] < 0.10
     assert worst["as-published"] > 0.30
 
 
@@ -335,7 +337,8 @@ def test_captions_say_what_the_numbers_rest_on(figures, name, placeholders, term
     assert placeholders in caption
     on = caption.split("Terms on: ")[1]
     assert all(term in on for term in terms)
-    assert "ontact spots" in caption and "excluded" in caption
+    spots = "excluded" if name == "gaps" else "widened"
+    assert "ontact spots" in caption and spots in caption
     assert "nan" not in caption
 
 

@@ -17,6 +17,7 @@ from torch import Tensor
 from haptix import ContactModel, Finger, Screen, Status
 from haptix.contact import THEORIES
 from haptix.finger import Roughness
+from haptix.friction import in_theory
 from haptix.terms import TERMS
 from tests.programs import load
 
@@ -31,7 +32,7 @@ GAP = 1e-3  # asked of the mean gap, as in test_independent_mean_field
 AREA = 1e-6
 
 SCREEN = Screen(max_voltage_v=5000.0)
-FINGER = Finger.preset("semi-wet")
+FINGER = in_theory(Finger.preset("semi-wet"), "corrected")  # the oracle spreads attraction evenly
 STIFF = Finger(
     theory="corrected",
     youngs_modulus_pa=1e9,
@@ -164,6 +165,38 @@ def test_friction_of_a_finite_contact(name: str, theory: Any, spots: Any, slow: 
     assert any(light) and not all(light)  # loads on both sides of it were seen
 
 
+# --- attraction beside the spots
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("force", "h0", "share"), [(0.5, 2e-7, 0.5), (0.1, 5e-8, 0.7), (1.0, 1e-6, 0.6)]
+)
+def test_attraction_beside_the_spots(
+    force: float, h0: float, share: float, slow: ModuleType
+) -> None:
+    """Loads of 1.9, 3.4 and 3.7 p0; the equations are those of the page."""
+    finger, skin = Finger.preset("semi-wet"), FINGER
+    solid = slow.Solid(
+        skin.youngs_modulus_pa,
+        skin.poisson_ratio,
+        skin.layer_thickness_m,
+        skin.bulk_modulus_pa,
+        skin.bulk_poisson_ratio,
+    )
+    # The weight v is a quotient of small differences: four times as fine, its error is some 1e-3.
+    oracle = slow.Oracle(self_affine(slow, skin.roughness), solid, slow.CORRECTED, fineness=4)
+    model = ContactModel(finger, SCREEN, theory="local", terms={"finite-size": False})
+    voltage = share * float(model.solve(force, 0.0, None, h0).pull_in_voltage_v)
+    state = model.solve(force, voltage, None, h0)
+    applied, found = force / nominal(finger, force), float(state.pressure_pa)
+    strength = slow.EPS0 * voltage**2 / 4
+    total, gaps, moved = oracle.beside_the_spots(found, applied, complex(h0))
+    assert apart(found - applied, strength * total) < ATTRACTION
+    assert apart(state.gap_attraction_pa, strength * gaps) < ATTRACTION
+    assert apart(state.mean_gap_m, oracle.mean_gap(moved)) < GAP
+
+
 # --- plasticity
 
 
@@ -196,6 +229,23 @@ def test_the_apparent_area(force: float, slow: ModuleType) -> None:
         force, FINGER.apparent_area_at_1n_m2, FINGER.apparent_area_exponent
     )
     assert float(active.apparent_area_m2(tensor(force))) == pytest.approx(expected, rel=1e-12)
+
+
+def test_a_finger_in_time(slow: ModuleType) -> None:
+    finger = FINGER.replace(contact_time_s=3.0, sliding_speed_mm_per_s=70.0)
+    on = dict.fromkeys(("occlusion", "sliding-speed", "shear-area"), True)
+    active = ContactModel(finger, SCREEN, terms=on).solver.terms
+    q = torch.tensor([1e5], dtype=torch.float64)
+    plain = ContactModel(finger, SCREEN).solver.terms
+    share = float(active.solid().effective_modulus(q) / plain.solid().effective_modulus(q))
+    # The oracle takes steps of 3 s / 20,000 of 5 s: their first-order error is below 1e-4.
+    assert share == pytest.approx(slow.softened(1.0, 0.1, 3.0, 5.0), rel=1e-4)
+    shear = slow.shear_at_speed(finger.frictional_shear_stress_pa, 70.0, 0.3)
+    assert active.shear_stress_pa() == pytest.approx(shear, rel=1e-12)
+    rest = float(plain.apparent_area_m2(tensor(0.5)))
+    assert float(active.apparent_area_m2(tensor(0.5))) == pytest.approx(
+        slow.sheared_area(rest, 0.2), rel=1e-12
+    )
 
 
 @pytest.mark.parametrize(

@@ -53,6 +53,21 @@ def test_a_record_is_written_however_the_server_ends(tmp_path, end):
     assert np.abs(np.load(record)).max() > 45.0
 
 
+def test_a_record_is_a_regular_file_of_any_name(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    server = run_server("--record", str(tmp_path / "pipe"))
+    assert (server.wait(PATIENCE_S), "no regular file" in server.stderr.read()) == (1, True)
+    target = tmp_path / "there"
+    target.write_bytes(b"old")
+    target.chmod(0o640)
+    (tmp_path / "link").symlink_to(target)
+    server = run_server("--record", str(tmp_path / "link"))
+    server.stdout.readline()
+    server.terminate()
+    server.wait(PATIENCE_S)
+    assert np.load(target).ndim == 1 and target.stat().st_mode & 0o777 == 0o640
+
+
 def test_a_server_beyond_this_machine_needs_a_token():
     server = run_server("--host", "0.0.0.0")
     assert server.wait(PATIENCE_S) == 1

@@ -11,6 +11,8 @@ import pytest
 
 from haptix import files
 from haptix.errors import FileFormatError, InputError
+from haptix.render.intervals import TouchSample
+from haptix.stimuli.adaptive.trial_log import TouchLog, TrialLog
 
 NOBODY, SOMEBODY = 65534, 12345
 SECRET = 0o600
@@ -94,6 +96,25 @@ def test_what_is_no_regular_file_is_refused_and_stays(tmp_path, kind):
     if kind != "folder":
         with pytest.raises(InputError, match="no regular file"):
             files.check_folder(tmp_path, ["out"])
+
+
+def logs_a_trial(path):
+    TrialLog(path, {})
+
+
+def logs_a_touch(path):
+    sample = TouchSample(0.0, 1.0, 2.0, None, 0, "down")
+    TouchLog(path.with_name("trials.tsv")).append(1, 1, 1, [sample])
+
+
+@pytest.mark.parametrize("write", [logs_a_trial, logs_a_touch])
+def test_a_log_of_trials_is_no_pipe(tmp_path, write):
+    """Whoever opens a pipe waits for its other end, which may never come."""
+    path = tmp_path / "trials_touches.tsv"
+    os.mkfifo(path)
+    with pytest.raises(InputError, match="regular file"):
+        write(path)
+    assert stat.S_ISFIFO(path.stat().st_mode)
 
 
 def test_a_secret_is_nobody_elses_from_the_first_and_follows_no_link(tmp_path, monkeypatch):

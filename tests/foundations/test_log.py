@@ -63,7 +63,7 @@ def disk():
 
 @pytest.fixture
 def on_disk(disk):
-    running = log.Log("debug", log.Output(disk))
+    running = log.Log("debug", log.LogOutput(disk))
     yield running
     disk.goes_on.set()
     running.close()
@@ -254,7 +254,7 @@ def test_a_stream_goes_on_whatever_the_disk_does(disk, on_disk, monkeypatch, fau
     on_disk.close()
     expected, _ = played()
     monkeypatch.setattr(log, "MOST_WAITING", 50)
-    slow = log.Log("debug", log.Output(disk))
+    slow = log.Log("debug", log.LogOutput(disk))
     if fault == "blocks":
         disk.goes_on.clear()
     else:

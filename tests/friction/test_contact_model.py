@@ -40,6 +40,11 @@ def applied_pressure(finger: Finger, force: float) -> float:
     return force / area
 
 
+def evenly_attracted(model: ContactModel, terms: dict[str, bool] | None = None) -> ContactModel:
+    """Return the model whose attraction is a pressure, so that ``p = p0 + p_a`` holds."""
+    return ContactModel(model.finger, model.screen, theory="corrected", terms=terms)
+
+
 @pytest.mark.parametrize("force", [0.05, 0.1, 0.5, 1.0])
 def test_without_voltage_there_is_the_area_of_the_load_alone(
     published: ContactModel, force: float
@@ -145,7 +150,7 @@ def test_the_equilibrium_holds_by_the_solver_itself(spots: str, frequency: float
     ],
 )
 def test_pull_in_by_brute_force(semi_wet: ContactModel, force: float, h0: float) -> None:
-    semi_wet = ContactModel(semi_wet.finger, semi_wet.screen, terms={"finite-size": False})
+    semi_wet = evenly_attracted(semi_wet, terms={"finite-size": False})
     applied = applied_pressure(semi_wet.finger, force)
     pressure = applied * torch.logspace(0, math.log10(31.0), 400, dtype=torch.float64)
     pull = semi_wet.contact.inverse_square_gap(pressure, tensor(h0), "excluded")
@@ -168,6 +173,7 @@ def test_pull_in_by_brute_force(semi_wet: ContactModel, force: float, h0: float)
 
 
 def test_past_pull_in_every_value_is_that_of_the_end(semi_wet: ContactModel) -> None:
+    semi_wet = evenly_attracted(semi_wet)
     end = float(semi_wet.solve(0.5, 0.0, h0_m=H0).pull_in_voltage_v)
     state = semi_wet.solve(0.5, tensor(1 + 1e-9, 2.0, 10.0) * end, h0_m=H0)
     applied = applied_pressure(semi_wet.finger, 0.5)
@@ -181,7 +187,7 @@ def test_past_pull_in_every_value_is_that_of_the_end(semi_wet: ContactModel) -> 
 
 
 def test_light_load_has_a_critical_voltage(semi_wet: ContactModel) -> None:
-    semi_wet = ContactModel(semi_wet.finger, semi_wet.screen, terms={"finite-size": False})
+    semi_wet = evenly_attracted(semi_wet, terms={"finite-size": False})
     # mu_on/mu_off = 1/(1 - (V/Vc)^2), Vc = 2/sqrt(eps0 Lambda), where Lambda = I/p is constant.
     # It is not quite: Lambda falls by a tenth or so per doubling of p, and p rises by 12 % here.
     applied = applied_pressure(semi_wet.finger, 0.01)
@@ -267,13 +273,13 @@ def test_more_states_than_are_solved_together(semi_wet: ContactModel) -> None:
     assert batch[some].tolist() == pytest.approx(alone, rel=1e-12)  # rounding
 
 
-@pytest.mark.usefixtures("tables_solved_anew")
 def test_a_result_does_not_depend_on_what_was_asked_before() -> None:
     finger, screen = Finger.preset("semi-wet"), Screen.preset("3m-sct3250")
     fresh, used = ContactModel(finger, screen), ContactModel(finger, screen)
     used.solve(tensor(0.3, 0.31), 0.0)
     used.solve(tensor(0.02, 3.0), 0.0)
-    a, b = (m.solve(tensor(0.37), 180.0, 125.0) for m in (fresh, used))
+    # Of one force, low voltages stay at the end of the table that is made for them.
+    a, b = (m.solve(tensor(0.37), torch.linspace(0.0, 180.0, 19), 125.0) for m in (fresh, used))
     for name in FIELDS:
         # The table's nodes lie on one lattice; only summation may differ.
         torch.testing.assert_close(getattr(a, name), getattr(b, name), rtol=1e-12, atol=0)

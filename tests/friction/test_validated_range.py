@@ -8,6 +8,7 @@ import torch
 from haptix import ContactModel, Finger, Screen
 from haptix.contact import Accuracy
 from haptix.contact.accuracy import (
+    HEAVIEST_X,
     UNDER_VOLTAGE,
     VALIDATED_WAVES,
     VALIDATED_X,
@@ -86,6 +87,21 @@ def test_a_state_at_200_v_does_not_have_the_accuracy_of_0_v() -> None:
 
 
 def test_nothing_is_said_within_what_was_validated() -> None:
-    assert beyond_validation(VALIDATED_X, VALIDATED_WAVES) == []
-    assert len(beyond_validation(0.99 * VALIDATED_X, VALIDATED_WAVES)) == 1
-    assert len(beyond_validation(VALIDATED_X, 0.99 * VALIDATED_WAVES)) == 1
+    ends = (VALIDATED_X, HEAVIEST_X, VALIDATED_WAVES)
+    assert beyond_validation(*ends) == []
+    for place, factor in enumerate((0.99, 1.01, 0.99)):
+        beyond = [end * factor if i == place else end for i, end in enumerate(ends)]
+        assert len(beyond_validation(*beyond)) == 1
+
+
+def test_heavy_contact_has_no_interval() -> None:
+    said = accuracy("local", 1.01 * HEAVIEST_X, 1e-3, 0.0, 1.0)
+    assert float(said.mu) == inf
+    assert "up to 0.1" in said.not_shown[0]
+    assert said.record()["mu_percent"] is None
+    state = ContactModel(Finger.preset("semi-wet"), Screen()).solve(0.5, 0.0)
+    # A thousandth of the modulus: the same load is a heavy one.
+    soft = Finger.preset("semi-wet").replace(youngs_modulus_pa=4e4, bulk_modulus_pa=None)
+    heavy = ContactModel(soft, Screen()).solve(0.5, 0.0)
+    assert not state.warnings()
+    assert any("validated up to" in one for one in heavy.warnings())

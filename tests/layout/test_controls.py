@@ -27,7 +27,7 @@ class Finger:
     def at(self, x, y=5.0, is_down=True):
         self.clock.now_s += 0.01
         now = Report(self.clock.now_s, x, y, 0.5, is_down)
-        self.layout.heard(7, now)
+        self.layout.report(7, now)
         self.listeners.report(self.layout, 7, now.t_s, now)
 
     def asked(self, x, y=5.0):

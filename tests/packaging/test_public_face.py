@@ -126,3 +126,18 @@ def test_the_command_and_the_data_files_ship():
     for package in settings["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]:
         assert (ROOT / package / "py.typed").is_file()
     assert (ROOT / "haptix" / "simulation" / "finger_path.csv").is_file()
+
+
+@pytest.mark.parametrize(
+    ("code", "meant"),
+    [
+        ("import haptix; haptix.FrictionSurfce", "FrictionSurface"),
+        ("import haptix; haptix.Finger.preset('wet').youngs_modulus", "youngs_modulus_pa"),
+        ("import haptix.texture as t; t.Grating(period_mm=2.0).period_m", "period_mm"),
+    ],
+)
+def test_a_misspelt_attribute_is_answered_by_what_is_like_it(code, meant):
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    last = done.stderr.splitlines()[-1]
+    assert last.startswith("AttributeError")
+    assert f"Did you mean: '{meant}'?" in last

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import jsonschema
 import pytest
+from packaging.version import Version
 from ruamel.yaml import YAML
 
 import haptix
@@ -53,18 +54,29 @@ def test_the_version_stands_in_one_place():
     assert "version" in settings["project"]["dynamic"]
     source = (ROOT / settings["tool"]["hatch"]["version"]["path"]).read_text(encoding="utf-8")
     assert f'__version__ = "{haptix.__version__}"' in source
-    # What cannot read it there says the same.
-    assert read_yaml(ROOT / "CITATION.cff")["version"] == haptix.__version__
-    package = json.loads((ROOT / "clients" / "typescript" / "package.json").read_text())
-    assert package["version"] == haptix.__version__
+    # What cannot read it there says the same, in the form of its language.
+    packages = [ROOT / "clients" / name / "package.json" for name in ("typescript", "csharp")]
+    versions = [json.loads(path.read_text())["version"] for path in packages]
+    project = (ROOT / "clients" / "csharp" / "Haptix.Client.csproj").read_text()
+    versions += re.findall("<Version>(.*)</Version>", project)
+    assert {one.replace("-dev.", ".dev") for one in versions} == {haptix.__version__}
 
 
 def test_the_changelog_begins_with_what_is_not_released_and_then_this_version():
     text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     headings = re.findall(r"^## \[(.+?)\](?: - (\S+))?$", text, re.MULTILINE)
     assert headings[0] == ("Unreleased", "")
-    cited = read_yaml(ROOT / "CITATION.cff")["date-released"]
-    assert headings[1] == (haptix.__version__, cited)
+    cited = read_yaml(ROOT / "CITATION.cff")
+    assert headings[1] == (cited["version"], cited["date-released"])
+
+
+def test_what_is_not_released_calls_itself_later_than_the_release():
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    unreleased = text.partition("## [Unreleased]")[2].partition("\n## [")[0].strip()
+    released = Version(read_yaml(ROOT / "CITATION.cff")["version"])
+    own = Version(haptix.__version__)
+    assert own.is_devrelease if unreleased else own == released
+    assert own > released or not unreleased
 
 
 def test_the_workflows_call_commands_of_this_project():
@@ -103,6 +115,20 @@ def test_the_release_tries_every_wheel_that_is_built():
     tried = {one["wheel"] for one in jobs["try"]["strategy"]["matrix"]["include"]}
     assert len(tags) == 5
     assert tried == tags
+
+
+def test_the_upload_to_pypi_is_trusted_and_comes_after_the_tries():
+    jobs = read_yaml(ROOT / ".github/workflows/release.yml")["jobs"]
+    (name,) = (n for n, job in jobs.items() if "id-token" in job.get("permissions", {}))
+    assert jobs[name]["permissions"] == {"id-token": "write"}  # and no more
+    assert "secrets." not in (ROOT / ".github/workflows/release.yml").read_text(encoding="utf-8")
+    needed, before = {name}, set()
+    while needed:
+        job = needed.pop()
+        before.add(job)
+        needs = jobs[job].get("needs", [])
+        needed |= {needs} if isinstance(needs, str) else set(needs)
+    assert {"build", "try"} <= before
 
 
 def test_what_is_pinned_for_a_release_has_hashes_and_the_versions_of_the_build():

@@ -140,6 +140,20 @@ def test_a_wheel_from_the_sources_that_are_published_is_for_this_machine(tmp_pat
     assert len(libraries) == 1
 
 
+def test_a_wheel_knows_the_pages_of_the_project_where_the_release_names_them(tmp_path):
+    code = (
+        "from hatchling.metadata.core import ProjectMetadata as M; "
+        "from hatchling.plugin.manager import PluginManager as P; "
+        "import json; print(json.dumps(M('.', P()).core.urls))"
+    )
+    plain = {name: value for name, value in os.environ.items() if name != "HAPTIX_HOME"}
+    assert json.loads(run(sys.executable, "-c", code, cwd=ROOT, env=plain)) == {}
+    env = {**plain, "HAPTIX_HOME": "https://example.org/x/haptix"}
+    urls = json.loads(run(sys.executable, "-c", code, cwd=ROOT, env=env))
+    assert urls["Homepage"] == "https://example.org/x/haptix"
+    assert {"Documentation", "Changelog", "Issues"} <= set(urls)
+
+
 def test_the_wheel_is_fit_to_be_published(wheel):
     pytest.importorskip("twine")
     assert "PASSED" in run(sys.executable, "-m", "twine", "check", "--strict", wheel)

@@ -8,8 +8,7 @@ import pytest
 import haptix
 from haptix.materials import KINDS
 from haptix.motion import Depends, Motion
-from haptix.planning import plan_scene
-from haptix.planning.plan import HOLDABLE, effects_of_materials, holding
+from haptix.planning import HOLDABLE, effects_of_materials, holding, plan_scene
 from haptix.scene import Scene
 
 SLOW = {"kind": "moving", "velocity_mm_s": [1e-4, 0.0], "of": {"kind": "grating", "period_mm": 9.0}}

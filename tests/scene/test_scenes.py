@@ -95,11 +95,14 @@ def test_the_terms_are_all_that_the_profiles_and_the_fidelity_allow():
         "field-limit",
         "body-return",
         "breakdown",
+        "occlusion",
+        "sliding-speed",
+        "shear-area",
     }
     assert scene.possible_terms() == everything
     not_closed = {"finite-size", "plasticity", "field-limit", "body-return"}
     assert scene.possible_terms("closed-form") == everything - not_closed
-    left = {"field-limit", "body-return"}
+    left = {"field-limit", "body-return", "occlusion", "sliding-speed", "shear-area"}
     assert scene.model().terms == everything - left
     asking = scene.replace(override=Override(terms=dict.fromkeys(left, True)))
     assert asking.model().terms == everything

@@ -1,10 +1,14 @@
 """A real front on a real socket, with an engine that writes down what it is told."""
 
 import asyncio
+import shutil
+import subprocess
 import threading
 import time
 
-from haptix.service.access import Access, listens
+import pytest
+
+from haptix.service.access import Access, Listen, listens
 from haptix.service.assets import AssetStore
 from haptix.service.connections import HttpServer
 from haptix.service.front import application
@@ -41,21 +45,33 @@ class WrittenEngine:
         return [at_s for name, _, at_s in self.told if name == do]
 
 
+def certified(folder):
+    """Where other machines reach a service, with a certificate for localhost that is made here."""
+    if shutil.which("openssl") is None:
+        pytest.skip("needs openssl, to make a certificate")
+    listen = Listen("localhost", folder / "certificate.pem", folder / "key.pem")
+    made = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2"]
+    made += ["-subj", "/CN=localhost", "-addext", "subjectAltName=DNS:localhost"]
+    files = ["-keyout", str(listen.key), "-out", str(listen.certificate)]
+    subprocess.run([*made, *files], check=True, capture_output=True)
+    return listen
+
+
 class Service:
     """Serves until it is closed."""
 
-    def __init__(self, folder, documents=None):
+    def __init__(self, folder, documents=None, listen=None):
         self.engine, self.folder = WrittenEngine(), folder
-        sockets = [listens("127.0.0.1", 0)]
+        sockets = [listens("127.0.0.1" if listen is None else listen.host, 0)]
         self.port = sockets[0].getsockname()[1]
-        self.access = Access(self.port, folder)
+        self.access = Access(self.port, folder, (listen.host,) if listen else ())
         device = DeviceMessage(address="usb:serial=SECRET7", name="SECRET7", is_real=True)
         inventory = Inventory(devices=(device,), finger="semi-wet", screen="3m-sct3250", kinds=())
         self.hub = Hub(self.access, self.engine, inventory, "mock:")
         # A busy machine must not change what a test sees; stalls are tested by themselves.
         self.hub.stalls.late_s = lambda now_s: 0.0  # type: ignore[method-assign]
         self.app = application(self.hub, AssetStore(folder / "assets"), documents=documents)
-        self.server = HttpServer(self.app, self.hub, None, lambda: None)
+        self.server = HttpServer(self.app, self.hub, listen, lambda: None)
         self.thread = threading.Thread(target=self.server.run, args=(sockets,))
         self.thread.start()
         wait_for(lambda: self.server.started)

@@ -92,7 +92,7 @@ OWN = "http://127.0.0.1:7421"
 
 
 def test_a_page_that_guesses_keeps_nobody_out(access):
-    """Not the service's own page, whatever many origins try, and no other one."""
+    """Neither the service's own page, nor another one, however many origins it makes up."""
     code = access.code()
     for number in range(1000):
         with pytest.raises(Problem):
@@ -101,9 +101,17 @@ def test_a_page_that_guesses_keeps_nobody_out(access):
     for number in range(1000):
         with pytest.raises(Problem):
             access.pair("AAAAAAAA", f"https://{number}.example.com", "a guess")
-    with pytest.raises(Problem, match="tries a minute"):  # all together have a budget, too
-        access.pair(access.code(), "https://one-more.example.com", "a page")
+    assert access.pair(access.code(), "https://one-more.example.com", "a page")
     assert OWN in access.origins and access.pair(access.code(), OWN, "studio")
+
+
+def test_all_that_come_near_to_a_code_have_a_budget(access):
+    near = access.code()[:4] + "AAAA"
+    for number in range(600):
+        with pytest.raises(Problem, match="not the code"):
+            access.pair(near, f"https://{number}.example.com", "a guess")
+    with pytest.raises(Problem, match="tries a minute"):
+        access.pair(access.code(), PAGE, "a page")
 
 
 def test_a_code_is_good_until_its_token_is_kept(access, monkeypatch):

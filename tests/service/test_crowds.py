@@ -4,19 +4,21 @@ import errno
 import json
 import resource
 import socket
+import ssl
 import time
 from contextlib import ExitStack, suppress
 
 import httpx
 import pytest
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
-from haptix.service import connections
+from haptix.service import connections, session_socket
 from haptix.service.connections import MOST_CONNECTIONS, MOST_OF_PEER
 from haptix.service.front import SUBPROTOCOL
-from tests.service.service_under_test import Service
+from tests.service.service_under_test import Service, certified
 from tests.service.test_sessions import Client
 from tests.waiting import PATIENCE_S, wait_for
 
@@ -25,7 +27,9 @@ HALF = b"POST /v1/pair HTTP/1.1\r\nHost: 127.0"
 
 
 @pytest.fixture
-def service(tmp_path):
+def service(tmp_path, monkeypatch):
+    """A service that shows nobody out for being late: on a slow machine its own test is."""
+    monkeypatch.setattr(session_socket, "_LONGEST_BEHIND_S", float("inf"))
     running = Service(tmp_path / "service")
     yield running
     running.close()
@@ -51,6 +55,30 @@ def test_a_crowd_that_says_nothing_keeps_nobody_from_stop(service, begin):
         assert client.ask("inventory")["type"] == "inventory"  # a session keeps its place
         with Client(service) as newcomer:
             assert newcomer.welcome["type"] == "welcome"
+
+
+def test_handshakes_that_are_never_done_are_counted_and_ended(tmp_path, monkeypatch):
+    monkeypatch.setattr(connections, "MOST_OF_PEER", 20)
+    listen = certified(tmp_path)
+    service = Service(tmp_path / "service", listen=listen)
+    crowd = service.server.crowd.connections
+    try:
+        with ExitStack() as stack:
+            silent = [
+                stack.enter_context(socket.create_connection(("localhost", service.port)))
+                for _ in range(60)
+            ]
+            silent[0].settimeout(PATIENCE_S)
+            with suppress(ConnectionError):
+                assert silent[0].recv(1) == b""  # it was quiet for the longest
+            trusts = ssl.create_default_context(cafile=listen.certificate)
+            url = f"https://localhost:{service.port}/stop"
+            assert httpx.post(url, verify=trusts, timeout=PATIENCE_S).status_code == 204
+            wait_for(lambda: 0 < len(crowd) <= 20)
+            monkeypatch.setattr(connections, "REQUEST_S", 0.0)
+            wait_for(lambda: not crowd)
+    finally:
+        service.close()
 
 
 def test_the_process_may_open_enough_files(service):
@@ -95,8 +123,37 @@ def test_a_stop_waits_for_nothing_that_its_client_has_sent(service, kind):
         flooder.socket.socket.close()  # answers to hundreds of messages may still come
 
 
-def test_a_flood_is_kept_up_to_a_size_and_told(service):
+def test_a_flood_has_little_of_a_turn(service, monkeypatch):
+    """Another session's stop waits for some turns, so each has to be short."""
+    pieces = []
+    receive = WebSocketsSansIOProtocol.data_received
+    monkeypatch.setattr(
+        WebSocketsSansIOProtocol,
+        "data_received",
+        lambda protocol, data: (pieces.append(len(data)), receive(protocol, data)),
+    )
     with Client(service) as flooder:
+        text = json.dumps({"type": "layout_set", "id": 2, "document": {"a": "x" * 500_000}})
+        flooder.socket.send(text)
+        assert flooder.until(lambda message: message["type"] == "error")
+    assert 500_000 < sum(pieces) < 510_000
+    assert max(pieces) <= 4096
+
+
+def test_many_errors_at_once_are_all_told(service):
+    """It is no fault of a client that its answers are not written yet."""
+    with Client(service) as client:
+        for _ in range(150):
+            client.socket.send("no JSON")
+        client.say("inventory")
+        client.until(lambda message: message["type"] == "inventory")
+        assert sum(message["type"] == "error" for message in client.heard) == 150
+
+
+def test_a_flood_is_kept_up_to_a_size_and_told(service):
+    """And its stop is still read."""
+    with Client(service).holds() as flooder:
+        service.engine.told.clear()
         number = flooder.number + 1
         big = json.dumps({"type": "x" * 60_000})
         session = service.hub.sessions[flooder.welcome["session"]]
@@ -107,6 +164,26 @@ def test_a_flood_is_kept_up_to_a_size_and_told(service):
         assert "left out" in told["sentence"]
         flooder.socket.send(json.dumps({"type": "stop", "id": number + 1000}))
         wait_for(lambda: service.engine.when("stop"))
+
+
+def test_who_sends_more_than_can_be_read_is_shown_out_at_0_v(service, monkeypatch):
+    monkeypatch.setattr(session_socket, "_LONGEST_BEHIND_S", -1.0)  # as on a machine without time
+    with Client(service) as other, Client(service).holds() as flooder:
+        flooder.ask("arm")
+        service.engine.told.clear()
+        text = json.dumps({"type": "inventory", "id": flooder.number + 1})
+        with suppress(ConnectionClosed):
+            for _ in range(100_000):
+                flooder.socket.send(text)
+                with suppress(TimeoutError):
+                    while True:
+                        flooder.socket.recv(timeout=0)
+        wait_for(lambda: service.engine.when("stop"))
+        assert service.hub.control.output.state == "off"
+        with pytest.raises(ConnectionClosed, match="more than can be read"):
+            while True:
+                flooder.socket.recv(PATIENCE_S)
+        assert other.ask("inventory")["type"] == "inventory"
 
 
 PATHS = (

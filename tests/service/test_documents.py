@@ -4,6 +4,7 @@ import asyncio
 import base64
 import io
 import json
+import os
 import zipfile
 
 import httpx
@@ -12,9 +13,11 @@ import pytest
 
 import haptix
 from haptix.gallery import ASSETS, presets
+from haptix.service import kept_layouts
 from haptix.service import pool as pool_module
 from haptix.service.assets import AssetStore
 from haptix.service.document_work import DocumentWork
+from haptix.service.kept_layouts import KeptTexts
 from haptix.service.messages import Problem
 from haptix.service.pool import Pool
 from haptix.service.rest import documents_router
@@ -80,8 +83,72 @@ def test_a_layout_is_kept_and_two_writers_do_not_lose_each_other_s_work(rest):
     assert late.status_code == 412
     assert "meanwhile" in late.json()["sentence"]
     assert rest.get("/layouts").json() == ["my desk"]
-    assert rest.delete("/layouts/my desk").status_code == 204
+    assert rest.put("/layouts/my desk", json=LAYOUT).status_code == 412  # it was not read before
+    assert rest.delete("/layouts/my desk", headers=seen).status_code == 412
+    now = {"if-match": done.headers["etag"]}
+    again = rest.put("/layouts/my desk", json=more, headers=seen)  # its answer was lost
+    assert again.headers["etag"] == now["if-match"]
+    assert rest.delete("/layouts/my desk", headers=now).status_code == 204
     assert rest.get("/layouts/my desk").status_code == 404
+    gone = rest.put("/layouts/my desk", json=LAYOUT, headers=now)
+    assert gone.status_code == 412
+    assert "removed or renamed" in gone.json()["sentence"]
+
+
+def test_versions_of_a_layout_are_kept_and_follow_its_name(rest):
+    """An earlier version is read again, also of a layout that was renamed or removed."""
+    header = {}
+    for count in (0, 1, 2):
+        document = {"regions": LAYOUT["regions"][:count]}
+        done = rest.put("/layouts/first", json=document, headers=header)
+        header = {"if-match": done.headers["etag"]}
+    assert rest.put("/layouts/second", json=LAYOUT).status_code == 204
+    taken = rest.post("/layouts/first/rename", json={"to": "second"}, headers=header)
+    assert taken.status_code == 409
+    stale = rest.post("/layouts/first/rename", json={"to": "third"})
+    assert stale.status_code == 412
+    done = rest.post("/layouts/first/rename", json={"to": "third"}, headers=header)
+    assert done.status_code == 204
+    assert {"second", "third"} <= set(rest.get("/layouts").json())
+    assert rest.delete("/layouts/third", headers=header).status_code == 204
+    assert "third" in rest.get("/layouts?removed=true").json()
+    found = rest.get("/layouts/third/versions").json()
+    assert [one["revision"] for one in found] == [3, 2, 1]
+    oldest = rest.get("/layouts/third/versions/2").json()
+    assert [one["name"] for one in oldest["regions"]] == ["a"]
+    # Another one takes the name of a removed one, whose versions stay.
+    second = {"if-match": rest.get("/layouts/second").headers["etag"]}
+    moved = rest.post("/layouts/second/rename", json={"to": "third"}, headers=second)
+    assert moved.status_code == 204
+    assert "third" not in rest.get("/layouts?removed=true").json()
+    assert len(rest.get("/layouts/third 2/versions").json()) == 3
+
+
+def test_layouts_of_an_earlier_version_open(tmp_path):
+    """A file per layout, and fields that are not known any more: nothing is refused or lost."""
+    kept = tmp_path / "my desk.json"
+    kept.write_text('{"regions":[],"former":1}')
+    for _ in range(2):  # at each start of the service
+        store = KeptTexts(tmp_path)
+        assert store.names() == ["my desk"]
+        assert store.read("my desk") == ('{"regions":[],"former":1}', 1)
+    kept.write_text('{"regions":[]}')  # put there by hand
+    assert KeptTexts(tmp_path).read("my desk") == ('{"regions":[]}', 2)
+
+
+def test_only_the_newest_versions_and_drafts_are_kept(tmp_path, monkeypatch):
+    store = KeptTexts(tmp_path, most_versions=3)
+    revision = None
+    for number in range(7):
+        revision = f'"{store.write("a", str(number), revision)}"'
+    assert [store.read("a", one.revision)[0] for one in store.versions("a")] == ["6", "5", "4"]
+    monkeypatch.setattr(kept_layouts, "MOST_REMOVED", 2)
+    for number in range(4):
+        path = tmp_path / f"b{number}" / "1.json"
+        store.write(f"b{number}", "x", None)
+        store.remove(f"b{number}", '"1"')
+        os.utime(path.with_name("2.json"), (number, number))
+    assert store.names(are_removed=True) == ["b2", "b3"]
 
 
 @pytest.mark.parametrize("name", ["..", "%2e%2e%2fservice", ".hidden", "a/b", "x" * 81])
@@ -188,6 +255,31 @@ def test_a_line_is_exported_with_what_it_loses(work, form):
         assert json.loads(archive.read("lost.json"))["lost"]
     with pytest.raises(haptix.InputError, match="y_mm"):
         unpacked(work, form, y_mm=500.0)
+
+
+@pytest.mark.parametrize(
+    "value",
+    ['"\\ud800"', '{"\\udfff": 1}', '"\\u0000"', "[" * 300 + "]" * 300, "9" * 4000],
+    ids=["half a character", "half a key", "nul", "deep", "long"],
+)
+@pytest.mark.parametrize(
+    ("method", "path", "body"),
+    [
+        ("PUT", "/drafts/odd", '{"name": "odd", "document": {"a": %s}}'),
+        ("PUT", "/layouts/odd", '{"regions": %s}'),
+        ("POST", "/pictures", '{"material": {"a": %s}, "width_mm": 9, "height_mm": 9}'),
+        ("POST", "/materials/check", '{"material": {"a": %s}}'),
+        ("POST", "/exports", '{"document": {"a": %s}, "form": "wav"}'),
+        ("POST", "/headroom", '{"material": {"a": %s}, "width_mm": 9, "height_mm": 9}'),
+        ("POST", "/experiments", '{"recipe": {"a": %s}, "log": "x", "participant": "p"}'),
+    ],
+)
+def test_what_no_file_may_hold_is_the_clients_fault(rest, method, path, body, value):
+    """Not one of the service, which could keep it by halves or not at all."""
+    json_type = {"content-type": "application/json"}
+    answer = rest.request(method, path, content=body % value, headers=json_type)
+    assert answer.status_code == 422
+    assert "Value error" in answer.json()["sentence"], answer.text
 
 
 @pytest.mark.slow  # the process itself starts; what it answers is tested above, refusals with REST

@@ -22,6 +22,7 @@ class FakeRenderer:
     is_muted = False
     stats = SimpleNamespace(block_s=[])
     highest_v = 1.0
+    verified = SimpleNamespace(on_warning=None)
 
     def __init__(self, error=None, at=""):
         self.error, self.at, self.exits = error, at, 0

@@ -25,8 +25,8 @@ def test_a_twin_that_dies_or_hangs_is_started_again():
 
 
 async def scenario():
-    frames = []
-    finger = FeltFingerProcess(frames.append)
+    events, frames = [], []
+    finger = FeltFingerProcess(events.append, frames.append)
     finger.opens(OPENING)
     finger.feed(amplitude_frame(0.0, 1e-3, np.zeros(3)))  # there is none yet: nothing happens
     finger.want(True)
@@ -42,6 +42,8 @@ async def scenario():
         finger.kill()
         await finger.stop()
     assert finger.pid is None
+    told = [event["sentence"] for event in events]
+    assert ["code -9" in told[0], "hung" in told[1], len(told)] == [True, True, 2]
 
 
 async def feels(finger, frames):

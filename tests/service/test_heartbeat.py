@@ -21,14 +21,19 @@ from tests.waiting import PATIENCE_S
 def test_a_worker_that_hangs_is_ended_and_another_answers(assets, monkeypatch):  # noqa: F811
     monkeypatch.setattr(pool_module, "START_S", PATIENCE_S)
 
+    told = []
+
     async def scenario(pool):
+        pool.tell = lambda *warning: told.append(warning)
         digest = keep(assets, 1)
         await pool.ask("one", "decode", digest=digest)
+        await pool.ask("one", "schema")  # for which it imports much
         hung = pool.owned["one"].process
         number = hung.pid
         os.kill(number, signal.SIGSTOP)
         found = await pool.ask("one", "decode", digest=digest)
         assert found["bytes"] == 48  # of one pixel
+        assert [(owner, "silent" in sentence) for owner, sentence in told] == [("one", True)]
         assert hung.has_hung
         assert pool.owned["one"].process.pid != number
         await until(lambda: hung.pid is None)
@@ -50,6 +55,19 @@ def test_a_process_that_loads_is_waited_for_and_a_hung_one_refuses_its_questions
         assert process.pid is None
 
     asyncio.run(scenario())
+
+
+def test_of_a_hung_worker_those_are_told_whom_it_concerns(tmp_path):
+    inventory = m.Inventory(devices=(), finger="f", screen="s", kinds=())
+    hub = Hub(Access(1, tmp_path), WrittenEngine(), inventory, "x", HandClock())
+    feels, draws = hub.open(None), hub.open(None)
+    feels.name, draws.name, draws.owner = "feels", "draws", "https://example.org"
+    feels.streams["felt"] = 100.0
+    hub.on_engine_event({"event": "warning", "stream": "felt", "sentence": "the finger hung"})
+    hub.warn("https://example.org", "its worker is silent")
+    hub.warn(f"session {feels.number}", "a worker of the session is silent")
+    assert ["finger hung" in feels.waiting[0], "session is silent" in feels.waiting[1]] == [1, 1]
+    assert ["its worker" in text for text in draws.waiting] == [True]
 
 
 @pytest.mark.parametrize(

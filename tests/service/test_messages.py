@@ -8,10 +8,11 @@ from math import inf, nan
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from haptix.service import messages as m
-from haptix.service.messages import Problem
-from haptix.service.messages.schema import REPLIES
+from haptix.service.messages import Problem, reading
+from haptix.service.messages.reading import REPLIES
 from tests.clients.golden import GOLDEN
 
 SCALARS = st.sampled_from([None, True, -1, 0, 7, 2**60, 1.5, nan, inf, "", "1", "up", [], {}])
@@ -79,11 +80,51 @@ def test_the_field_is_named(text, path, words):
     assert caught.value.path == path
 
 
-@pytest.mark.parametrize("text", ['{"a":' * 17 + "1" + "}" * 17, "[" * 60_000, " " * 70_000])
+@pytest.mark.parametrize("text", ['{"a":' * 17 + "1" + "}" * 17, "[" * 60_000, " " * (2**20 + 1)])
 def test_depth_and_length_are_bounded(text):
     with pytest.raises(Problem) as caught:
         m.read_client(text)
     assert caught.value.code == "limit"
+
+
+@pytest.mark.parametrize(
+    "inner",
+    [
+        '"document": {"regions": [' + "0," * 400_000 + "0]}",
+        ", ".join(f'"{number}": 0' for number in range(60_000)),
+        '"a": ' + "[]" * 300_000,
+        '"a": ' + '"' * 900_000,
+    ],
+    ids=["values", "keys", "brackets", "quotes"],
+)
+def test_what_would_take_long_to_refuse_is_not_parsed(inner, monkeypatch):
+    """Seconds in which nobody's stop would be read."""
+    text = '{"type": "layout_set", "id": 7, ' + inner + "}"
+    monkeypatch.setattr(reading, "CLIENT", None)
+    monkeypatch.setattr(reading, "_depth", None)
+    monkeypatch.setattr("haptix.service.messages.reading.json.loads", None)
+    with pytest.raises(Problem, match="16384 keys, 32768 lists and 100000 values") as caught:
+        m.read_client(text)
+    assert (caught.value.code, m.id_of(text)) == ("limit", 7)
+
+
+@pytest.mark.parametrize(
+    ("kind", "field"), [("layout_set", "regions"), ("layout_change", "ops"), ("touch", "touches")]
+)
+def test_the_first_wrong_part_of_many_is_told_and_no_other_one_looked_at(kind, field):
+    parts = {field: [0] * 90_000}
+    fields = {"document": parts} if kind == "layout_set" else parts
+    with pytest.raises(ValidationError) as caught:
+        reading.CLIENT.validate_json(json.dumps({"type": kind, "id": 1, **fields}))
+    assert caught.value.error_count() <= 2  # and, without it, that there are too few
+
+
+def test_the_largest_layout_that_there_may_be_is_read():
+    waves = {"kind": "sum", "parts": [{"kind": "sine", "period_mm": 2.0, "phase": 0.1}] * 4}
+    place = {"x_mm": 0.0, "y_mm": 0.0, "width_mm": 9.0, "height_mm": 9.0, "opacity": 1.0}
+    regions = [{"name": f"{number}", "material": waves, **place} for number in range(256)]
+    text = json.dumps({"type": "layout_set", "id": 1, "document": {"regions": regions}})
+    assert len(m.read_client(text).document.regions) == 256
 
 
 def test_brackets_in_strings_do_not_nest():

@@ -141,7 +141,7 @@ def test_there_are_no_more_workers_than_may_be_and_a_spare_of_nobody(assets, mon
 
 
 def test_who_is_held_up_holds_up_nobody_else(assets, monkeypatch):
-    monkeypatch.setattr(pool_module, "MOST_SILENT_IDLY", 10**6)  # hung ones: test_heartbeat.py
+    monkeypatch.setattr(pool_module, "LONGEST_SILENCE_S", 1e6)  # hung ones: test_heartbeat.py
 
     async def scenario(pool):
         digest = keep(assets, 1)
@@ -156,6 +156,17 @@ def test_who_is_held_up_holds_up_nobody_else(assets, monkeypatch):
         with pytest.raises(Problem, match="code -9"):
             await stuck
         assert await pool.ask("stuck", "decode", digest=digest)  # a new one
+
+    running(assets, scenario)
+
+
+def test_a_spare_that_hangs_is_left_for_a_new_one(assets):
+    async def scenario(pool):
+        pool.warm()
+        spare = (await pool.spare).pid
+        os.kill(spare, signal.SIGSTOP)
+        assert await pool.ask("one", "schema")  # before it a worker may be silent: it loads
+        assert pool.owned["one"].process.pid != spare
 
     running(assets, scenario)
 

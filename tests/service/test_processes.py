@@ -221,7 +221,7 @@ def test_what_a_finger_does_is_told_and_what_an_app_sets_is_obeyed(running):
         wait_for(lambda: any(event.type == "effect_ended" for event in events))
         ended = next(event for event in events if event.type == "effect_ended")
         assert (ended.effect_id, ended.how) == (effect, "played")
-        client.layout_change({"op": "remove", "name": "ribs"})
+        client.layout_change([{"op": "remove", "name": "ribs"}])
         wait_for(lambda: not running.is_live())
         sliding.stop()
 

@@ -435,8 +435,8 @@ def test_a_flood_slows_its_sender_only(service, monkeypatch, kind):
 
 def test_an_oversized_message_closes_its_own_session(service):
     with Client(service) as client, Client(service) as other:
-        client.socket.send("x" * 70_000)
         with pytest.raises(ConnectionClosed) as closed:
+            client.socket.send("x" * 5_000_000)
             client.until(lambda message: False)
         # The system drops the farewell where bytes of the message were not read.
         assert closed.value.rcvd is None or closed.value.rcvd.code == 1009
@@ -462,3 +462,98 @@ def test_a_file_is_kept_under_its_hash(service):
     assert [put(), put()] == [201, 200]
     got = httpx.get(f"{base}/{digest}", headers=headers)
     assert got.content == content and got.headers["x-content-type-options"] == "nosniff"
+
+
+def settings(service):
+    """What the engine was told last of strength, mute and pause."""
+    names = ("intensity", "mute", "pause")
+    told = {do: fields for do, fields, _ in service.engine.told if do in names}
+    return {do: next(iter(fields.values())) for do, fields in told.items()}
+
+
+def test_what_an_app_mutes_and_weakens_ends_with_its_lease(service):
+    with Client(service) as first, Client(service) as second:
+        first.ask("acquire")
+        assert first.ask("mute", on=True)["muted"]
+        first.ask("pause", on=True)
+        first.ask("intensity", value=0.25)
+        second.ask("acquire", takeover=True)
+        assert settings(service) == {"mute": False, "pause": False, "intensity": 1.0}
+        assert not service.hub.control.output.muted
+        first.ask("acquire", takeover=True)  # its own are the same session's still
+        assert settings(service) == {"mute": True, "pause": True, "intensity": 0.25}
+    wait_for(lambda: settings(service) == {"mute": False, "pause": False, "intensity": 1.0})
+
+
+def test_who_resumes_finds_its_settings_again(service):
+    client = Client(service)
+    client.ask("acquire")
+    client.ask("mute", on=True)
+    client.socket.close()
+    wait_for(lambda: settings(service) == {"mute": False})
+    with Client(service, resume=client.welcome["resume"]) as again:
+        assert again.welcome["output"]["muted"]
+        assert settings(service) == {"mute": True}
+
+
+def test_the_person_s_own_strength_and_mute_stay(service):
+    base = f"http://127.0.0.1:{service.port}/v1/person"
+    headers = {"authorization": f"Bearer {service.access.native}"}
+    wanted = {"person_intensity": 0.5, "person_muted": True}
+    assert httpx.put(base, json=wanted, headers=headers).status_code == 204
+    with Client(service) as client:
+        client.ask("acquire")
+        output = client.ask("intensity", value=0.5)
+        assert (output["intensity"], output["person_intensity"]) == (0.5, 0.5)
+        assert settings(service) == {"mute": True, "intensity": 0.25}
+        assert client.ask("mute", on=False)["person_muted"]
+        assert settings(service)["mute"] is True  # no app takes the person's mute away
+    wait_for(lambda: settings(service) == {"mute": True, "intensity": 0.5})
+    assert httpx.get(base, headers=headers).json() == wanted
+    again = Service(service.folder)  # the next start of the service
+    assert again.hub.control.output.person_muted
+    again.close()
+    free = {"person_intensity": 1.0, "person_muted": False}
+    assert httpx.put(base, json=free, headers=headers).status_code == 204
+
+
+@pytest.mark.parametrize(
+    ("wrong", "why"),
+    [
+        ({"normal_force_n": 50.0}, "at most 20 N, got 50 N"),
+        ({"x_mm": 1e6}, "got 1e+06, 0 mm"),
+        ({"touch_id": 10}, "at most 10 fingers at once"),
+    ],
+)
+def test_a_touch_that_no_finger_makes_is_refused_and_the_others_count(service, wrong, why):
+    with Client(service).holds() as client:
+        right = [{"touch_id": finger, "x_mm": 1.0, "y_mm": 0.0} for finger in range(10)]
+        touches = [*right, {"x_mm": 0.0, "y_mm": 0.0} | wrong]
+        stamped = [{"t_s": client.now_s(), "kind": "down"} | touch for touch in touches]
+        refused = client.ask("touch", touches=stamped)
+        assert refused["type"] == "error" and why in refused["sentence"]
+        assert {report.touch_id for report in service.engine.reports} == set(range(10))
+        lifted = [{"t_s": client.now_s(), "kind": "up", "touch_id": 3}]
+        eleventh = [{"t_s": client.now_s(), "touch_id": 10, "x_mm": 1.0, "y_mm": 0.0}]
+        assert client.ask("touch", touches=[*lifted, *eleventh])["type"] == "done"
+
+
+def test_as_many_regions_as_welcome_says_come_in_one_message(service):
+    with Client(service).holds() as client:
+        limits = client.welcome["limits"]
+        material = {"kind": "grating", "period_mm": 2.0, "note": "x" * 3000}  # 4 KiB of each
+        regions = [{"name": f"region {n}", "material": material} for n in range(limits["regions"])]
+        document = {"regions": regions}
+        assert len(json.dumps(document)) > 700_000
+        assert client.ask("layout_set", document=document)["type"] == "layout"
+        assert len(service.engine.told[-1][1]["document"]["regions"]) == limits["regions"]
+        refused = client.ask("layout_set", document=document | {"note": "x" * 2**20})
+        assert refused["code"] == "limit" and "1048576 bytes" in refused["sentence"]
+        assert service.hub.control.output.state != "off"  # and the output goes on
+
+
+def test_who_has_shown_no_token_sends_little(service):
+    address = f"ws://127.0.0.1:{service.port}/v1/session"
+    with connect(address, subprotocols=[SPOKEN], proxy=None) as socket:
+        socket.send(json.dumps({"type": "hello", "id": 1, "client": "x" * 5000}))
+        assert json.loads(socket.recv())["sentence"] == "expected at most 4096 bytes of text"

@@ -60,7 +60,7 @@ def own_folder(own_folder, path, surface):
 @pytest.fixture
 def undrawn(monkeypatch):
     """No picture, which takes longer than the rest: where other outputs are looked at."""
-    draw = "haptix.simulation.figure.draw"
+    draw = "haptix.simulation.folder.draw"
     monkeypatch.setattr(draw, lambda simulation, file: file.write_bytes(b"no picture"))
 
 

@@ -168,7 +168,7 @@ def short_path(file, duration_s, x_mm):
         (1e-6, 4000.0),  # no sample at all
         (2e-4, 4000.0),  # samples, but no whole period
         (5e-4, 4000.0),  # two periods
-        (0.1, 10.0),  # one period of a slow carrier
+        (0.005, 1000.0),  # five periods of a slow carrier
     ],
 )
 def test_a_path_without_ten_periods(demo, tmp_path, duration_s, carrier_hz):

@@ -58,7 +58,7 @@ def test_a_path_that_cannot_be_evaluated_is_told_without_nan(setting, surface, t
 
 
 def test_a_folder_is_whole_or_as_it_was(simulation, tmp_path, monkeypatch):
-    draw = "haptix.simulation.figure.draw"
+    draw = "haptix.simulation.folder.draw"
     monkeypatch.setattr(draw, lambda _, file: file.write_bytes(b"first"))
     write(tmp_path, simulation, {"run": 1})
     before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}

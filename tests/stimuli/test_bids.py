@@ -115,7 +115,7 @@ def test_a_session_has_the_answers_the_path_and_the_force(log, tmp_path):
     events = table(place / "motion" / f"{base}_events.tsv")
     assert len(events) == 5 and all(float(row["duration"]) > 0 for row in events)
     # The touches of a trial lie within it, by one clock.
-    start = float(rows[0]["onset"]) - float(events[0]["onset"])
+    start = float(rows[0]["onset_s"]) - float(events[0]["onset"])
     first = motion[:8, 2] + start
     assert (first < float(rows[0]["time_s"]) + 1e-3).all()
 
@@ -274,6 +274,37 @@ def test_a_study_begins_with_an_experiment_that_runs(tmp_path):
     with pytest.raises(InputError, match="not empty"):
         begin(study, "again")
     assert all(path.exists() for path in files)
+
+
+def test_the_recipe_of_a_log_from_elsewhere_comes_with_it(log, tmp_path):
+    path, _ = log
+    beside, study = path.with_name(f"{path.stem}_experiment.toml"), tmp_path / "study"
+    own = tmp_path / "own.toml"
+    own.write_text('name = "own"\n')
+    copies = []
+    for participant, recipe in (("01", None), ("02", own)):
+        export(path, study, participant, "1", "detection", recipe)
+        copies += [*(study / "sourcedata" / f"sub-{participant}").rglob("*_experiment.toml")]
+    assert [one.read_bytes() for one in copies] == [own.read_bytes()]  # the log has none beside
+    try:
+        beside.write_text('name = "beside"\n')
+        export(path, study, "03", "1", "detection")
+        (copy,) = (study / "sourcedata" / "sub-03").rglob("*_experiment.toml")
+        assert copy.read_bytes() == beside.read_bytes()
+    finally:
+        beside.unlink()
+
+
+def test_what_haptix_knows_of_a_session_is_said(log, tmp_path):
+    path, _ = log
+    export(path, tmp_path / "study", "01", "1", "detection")
+    (about,) = (tmp_path / "study" / "sub-01").rglob("*_beh.json")
+    fields = json.loads(about.read_text())
+    assert fields["Instructions"].endswith("?") and fields["TaskDescription"]
+    assert set(fields["kind"]["HED"]) == set(fields["kind"]["Levels"])
+    assert json.loads((tmp_path / "study" / "dataset_description.json").read_text())["HEDVersion"]
+    names = about.with_suffix(".tsv").read_text().split("\n")[0].split("\t")
+    assert not {"onset", "duration"} & set(names) and {"onset_s", "duration_s"} <= set(names)
 
 
 @pytest.mark.slow  # starts the validator's own runtime; what the files hold is tested above

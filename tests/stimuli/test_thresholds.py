@@ -1,133 +1,174 @@
-"""Thresholds that methods state: near the truth, with the spread they have, and none by chance."""
+"""Thresholds that methods state: intervals that hold the truth, and none by chance."""
 
-from math import exp, log, log10
+from functools import cache
+from math import erfc, exp, sqrt
 from random import Random
 
 import numpy as np
 import pytest
 
-from haptix.stimuli.adaptive import ConstantStimuli, Quest, UpDown
+from haptix.stimuli.adaptive import ConstantStimuli, Quest, UpDown, fit
 
 GRID = np.arange(6.0, 45.0, 1.0)
+COARSE = np.arange(6.0, 45.0, 2.0)
 CEILING = 46.0
 METHODS = {
-    "up-down": lambda seed: UpDown(36.0),
-    "quest+": lambda seed: Quest(GRID, GRID, trials=40),
-    "constant-stimuli": lambda seed: ConstantStimuli(range(12, 34, 3), 25, seed),
+    "up-down": lambda seed: UpDown(36.0, stop_after=18),
+    "quest+": lambda seed: Quest(
+        COARSE, COARSE, (1.5, 2.5, 3.5, 5.0), lapse=(0.01, 0.04, 0.1), trials=100
+    ),
+    "constant-stimuli": lambda seed: ConstantStimuli(range(13, 32, 3), 20, seed),
 }
-RUNS = 24  # benchmarks/experiments.py has a thousand
+RUNS = 40  # benchmarks/experiments.py has hundreds
 
 
-def share(level, threshold, slope, lapse):
-    """Weibull function in two intervals, written out."""
-    return 1 - lapse - (0.5 - lapse) * exp(-(10 ** min(slope * (level - threshold) / 20, 3)))
+def weibull(slope):
+    """Share of the way from guess to all right, of a level above the threshold [dB]."""
+    return lambda off: 1 - exp(-(10 ** min(slope * off / 20, 3)))
 
 
-def run(method, right, seed):
-    draw = Random(seed)
+def normal(deviation):
+    """The same of a cumulative normal; its threshold is where 1 - 1/e of the way is reached."""
+    return lambda off: 0.5 * erfc(-(off / deviation + 0.3375) / sqrt(2))
+
+
+OBSERVERS = {
+    # Share, lapse rate, that after trial 60, drift in 100 trials.
+    "assumed": (weibull(3.5), 0.02, 0.02, 0.0),
+    "normal of 2 dB": (normal(2.0), 0.03, 0.03, 0.0),
+    "normal of 5 dB": (normal(5.0), 0.03, 0.03, 0.0),
+    "drifts": (weibull(3.5), 0.02, 0.02, 3.0),
+    "tires": (weibull(3.5), 0.02, 0.15, 0.0),
+    "slope 2": (weibull(2.0), 0.02, 0.02, 0.0),
+    "slope 6": (weibull(6.0), 0.02, 0.02, 0.0),
+}
+
+
+def run(method, share, seed):
+    """Run a method with the share right of a level in a trial; return it."""
+    draw, trial = Random(seed), 0
     while not method.is_done:
         level = min(method.level, CEILING)
-        method.update(draw.random() < right(level), level)
+        method.update(draw.random() < share(level, trial), level)
+        trial += 1
     return method
 
 
-def estimates(name, slope=3.5, lapse=0.02):
-    """What each run states, and how far its threshold is from the truth."""
+@cache
+def estimates(name, observer):
+    """What each run states, and the mean threshold in it."""
+    core, first, later, drift = OBSERVERS[observer]
+    found = []
     for seed in range(RUNS):
-        truth = 22 + 0.1 * (seed % 10)
-        method = run(METHODS[name](seed), lambda x: share(x, truth, slope, lapse), seed)  # noqa: B023
-        if name == "up-down":  # settles where 79.4 % are right
-            truth += 20 / slope * log10(-log((1 - lapse - method.target) / (0.5 - lapse)))
-        found = method.estimate()
-        yield found, found.threshold - truth
+        start = 22 + 0.1 * (seed % 10)
+
+        def share(level, trial, start=start):
+            lapse = later if trial >= 60 else first
+            return 0.5 + (0.5 - lapse) * core(level - start - drift * trial / 100)
+
+        method = run(METHODS[name](seed), share, seed)
+        truth = start + drift * (len(method.answers) - 1) / 200
+        found.append((method.estimate(), truth))
+    return found
 
 
 @pytest.mark.parametrize("name", METHODS)
-def test_thresholds_have_the_bias_and_the_spread_that_they_state(name):
-    found, off = zip(*estimates(name), strict=True)
-    scatter = np.std(off, ddof=1)
-    # The issue's bounds, with what so few runs leave open: 2 errors of a mean, and of a spread.
-    assert abs(np.mean(off)) < 0.15 + 2 * scatter / np.sqrt(RUNS)
-    ratio = np.mean([one.spread for one in found]) / scatter
-    assert abs(ratio - 1) < 0.25 + 2 / np.sqrt(2 * RUNS)
+@pytest.mark.parametrize("observer", OBSERVERS)
+def test_intervals_hold_the_truth(name, observer):
+    found = [(one, truth) for one, truth in estimates(name, observer) if one.low == one.low]
+    held = np.mean([one.low <= truth <= one.high for one, truth in found])
+    # 0.92 at least, the benchmark says; of so few runs three errors below.
+    assert len(found) >= RUNS - 2 and held > 0.92 - 3 * np.sqrt(0.92 * 0.08 / RUNS)
+    assert np.median([one.width for one, _ in found]) < 9  # and tell something
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_good_runs_are_not_warned_of(name):
+    warned = sum(bool(found.warnings) for found, _ in estimates(name, "assumed"))
+    assert warned < 0.1 * RUNS
 
 
 @pytest.mark.parametrize("name", METHODS)
 def test_one_who_guesses_has_no_threshold(name):
     none = 0
     for seed in range(RUNS):
-        found = run(METHODS[name](seed), lambda level: 0.5, seed).estimate()
-        is_none = np.isnan(found.threshold) and np.isnan(found.spread)
+        found = run(METHODS[name](seed), lambda level, trial: 0.5, seed).estimate()
+        is_none = np.isnan(found.threshold) and np.isnan(found.low) and np.isnan(found.high)
         assert not is_none or "no threshold" in found.warnings[0]
         none += is_none
-    assert none >= RUNS - 1  # of 100 who guess, one is as good as one who feels
+    assert none >= RUNS - 2  # of 100 who guess, one is as good as one who feels
 
 
 def test_a_walk_along_the_ceiling_gives_no_threshold():
     """However often the observer is right there."""
-    found = run(UpDown(40.0), lambda level: 0.7, 1).estimate()
-    assert np.isnan(found.threshold) and "end of what can be presented" in found.warnings[0]
+    found = run(UpDown(40.0), lambda level, trial: 0.7, 1).estimate()
+    assert np.isnan(found.threshold) and "above the levels" in found.warnings[0]
 
 
 def test_what_lies_outside_of_the_levels_is_no_threshold():
-    quest = run(METHODS["quest+"](0), lambda level: share(level, 60.0, 3.5, 0.02), 0)
+    far = weibull(3.5)
+    quest = run(METHODS["quest+"](0), lambda level, _: 0.5 + 0.48 * far(level - 60.0), 0)
     assert np.isnan(quest.estimate().threshold)
-    constant = run(METHODS["constant-stimuli"](0), lambda level: 0.98, 0)
-    assert "none lies within the levels" in " ".join(constant.estimate().warnings)
+    constant = run(METHODS["constant-stimuli"](0), lambda level, _: 0.98, 0)
+    assert "below the levels" in " ".join(constant.estimate().warnings)
 
 
-def test_a_wrong_model_is_warned_of():
-    """Slope 1.5 and lapse rate 0.08 bias the threshold by 2 to 3 dB."""
-    warned = {
-        observer: sum(any("hangs on" in line for line in found.warnings) for found, _ in several)
-        for observer, several in (
-            ((3.5, 0.02), estimates("constant-stimuli")),
-            ((1.5, 0.08), estimates("constant-stimuli", 1.5, 0.08)),
-        )
-    }
-    assert warned[1.5, 0.08] > 0.6 * RUNS
-    assert warned[3.5, 0.02] < 0.2 * RUNS
-    # Forty trials about one level do not tell the slope: a method that assumes one says so.
-    assumed, _ = next(iter(estimates("quest+", 1.5, 0.08)))
-    assert "hangs on" in assumed.warnings[0]
-    free = Quest(GRID, GRID, [1, 2, 4, 8], lapse=[0, 0.04, 0.08, 0.12], trials=40)
-    assert not run(free, lambda level: share(level, 22.0, 1.5, 0.08), 0).estimate().warnings
+def test_a_few_answers_give_no_threshold():
+    found = fit([(20.0, True), (10.0, False)] * 4)
+    assert np.isnan(found.threshold) and "8 answers; it takes 10" in found.warnings[0]
 
 
-def test_a_walk_that_has_not_settled_is_warned_of():
-    """A shallow function and lapses: what warns is seldom heard of a good observer."""
+def test_what_an_observer_does_is_said():
+    """A drift of 20 dB, lapses of a quarter, shares out of order: each in words."""
+    core = weibull(3.5)
 
-    def is_warned(found):
-        return any("settled" in line or "begin higher" in line for line in found.warnings)
+    def moved(level, trial):
+        return 0.5 + 0.5 * core(level - 15.0 - 20.0 * trial / 280)
 
-    warned = 0
+    levels = range(8, 37, 4)
+    drifting = run(ConstantStimuli(levels, 35, 1), moved, 1).estimate()
+    assert "drifts by +" in drifting.warnings[0] and drifting.others["drift"] > 4
+    lapsing = run(
+        ConstantStimuli(levels, 35, 1), lambda level, _: 0.5 + 0.3 * core(level - 15.0), 1
+    ).estimate()
+    assert "are lapses" in lapsing.warnings[0]
+    wild = ConstantStimuli([10.0, 15.0, 20.0, 25.0, 30.0], 80, 3)
+    shares = {10.0: 0.5, 15.0: 0.97, 20.0: 0.5, 25.0: 0.9, 30.0: 0.98}
+    assert "out of order" in " ".join(run(wild, lambda x, _: shares[x], 4).estimate().warnings)
+
+
+@pytest.mark.parametrize(("guess", "empties"), [(0.05, 100), (0.3, 100)])
+def test_trials_without_a_target_tell_who_says_yes(guess, empties):
+    """Yes or no: the share of false alarms is a parameter, and is returned."""
+    held, told, core = 0, [], weibull(3.5)
     for seed in range(RUNS):
-        method = run(UpDown(36.0), lambda level: share(level, 22.0, 1.5, 0.08), seed)
-        found = method.estimate()
-        warned += is_warned(found)
-        # Lapses at the first levels use its reversals up before it has come down.
-        assert found.threshold < 32.0 or is_warned(found) or np.isnan(found.threshold)
-    good = sum(is_warned(found) for found, _ in estimates("up-down"))
-    assert good < 0.25 * RUNS < warned  # 8 % and 40 % of some hundreds
+        draw = Random(f"empty {seed}")
+        false = sum(draw.random() < guess for _ in range(empties))
+        method = ConstantStimuli(range(13, 32, 3), 20, seed)
+        run(method, lambda level, _: guess + (0.98 - guess) * core(level - 22.0), seed)
+        found = method.estimate((false, empties))
+        told.append(found.others["guess"])
+        held += found.low <= 22.0 <= found.high
+    assert held / RUNS > 0.92 - 3 * np.sqrt(0.92 * 0.08 / RUNS)
+    # The error of a mean share of so many trials; the answers at low levels tell it too.
+    assert np.mean(told) == pytest.approx(guess, abs=0.02)
 
 
-def test_one_who_guesses_has_no_threshold_when_the_session_was_stopped():
-    method = Quest(GRID, GRID, trials=40)
-    draw = Random(4)
+@pytest.mark.parametrize("function", ["normal", "symmetric-normal"])
+def test_levels_in_another_unit_give_the_same(function):
+    """A normal function of a linear level: millimetres and metres alike."""
+    draw = Random(3)
+    answers = []
     for _ in range(30):
-        method.update(draw.random() < 0.5, method.level)
-    assert not method.is_done and np.isnan(method.estimate().threshold)
-
-
-def test_shares_that_no_function_has_are_warned_of():
-    levels = np.repeat([10.0, 15.0, 20.0, 25.0, 30.0], 40)
-    method = ConstantStimuli([10.0, 15.0, 20.0, 25.0, 30.0], 40)
-    for level, k in zip(levels, [*range(40)] * 5, strict=True):
-        method.update(k < {10: 20, 15: 38, 20: 22, 25: 36, 30: 39}[int(level)], level)
-    assert "no function of this form" in " ".join(method.estimate().warnings)
+        for level in np.linspace(-6.0, 6.0, 9).tolist():
+            share = 0.5 * erfc(-(level - 1.0) / 2.0 / sqrt(2))
+            answers.append((level, draw.random() < share))
+    one = fit(answers, function, 0.0)
+    small = fit([(level / 1000, right) for level, right in answers], function, 0.0)
+    assert one.low < 1.0 < one.high and one.width < 1.5
+    assert [small.threshold, small.low] == pytest.approx([one.threshold / 1000, one.low / 1000])
 
 
 def test_a_run_ends_at_its_most_trials():
-    method = run(UpDown(30.0, highest=40.0, most_trials=50), lambda level: 0.0, 0)
-    assert len(method.answers) == 50
-    assert "no reversals" in method.estimate().warnings[0]
+    method = run(UpDown(30.0, highest=40.0, most_trials=50), lambda level, _: 0.0, 0)
+    assert len(method.answers) == 50 and np.isnan(method.estimate().threshold)

@@ -65,9 +65,11 @@ def a_studio(environment):
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as process:
         found = re.search(r"http://127.0.0.1:\d+/#code=\w{8}", process.stdout.readline())
         assert found
-        yield found[0]
-        process.send_signal(signal.SIGINT)
-        process.communicate(timeout=PATIENCE_S)
+        try:
+            yield found[0]
+        finally:  # what failed must not wait for the service for ever
+            process.send_signal(signal.SIGINT)
+            process.communicate(timeout=PATIENCE_S)
 
 
 @pytest.fixture

@@ -82,6 +82,22 @@ def test_escape_stops_too(front, page):
     assert front.engine.when("stop")
 
 
+def test_the_key_of_stop_is_shown_and_stops_from_anywhere(front, page):
+    page.goto(address(front))
+    armed(page)
+    button = page.frame_locator("iframe.stop").get_by_role("button")
+    assert "F8" in button.inner_text()
+    page.keyboard.press("F8")
+    page.get_by_text("Off: 0 V").wait_for()
+    page.get_by_role("button", name="Arm").click()
+    armed(page)
+    before = len(front.engine.when("stop"))
+    button.focus()  # keys go to the frame now
+    page.keyboard.press("F8")
+    page.get_by_text("Off: 0 V").wait_for()
+    assert len(front.engine.when("stop")) == before + 1
+
+
 def test_a_real_driver_waits_for_a_hand(front, page):
     device = front.hub.inventory.devices[0].model_copy(update={"is_real": True})
     front.hub.inventory = front.hub.inventory.model_copy(update={"devices": (device,)})
@@ -90,6 +106,22 @@ def test_a_real_driver_waits_for_a_hand(front, page):
     assert not front.engine.when("arm")
     page.get_by_role("button", name="Arm").click()
     armed(page)
+
+
+def test_the_header_says_what_is_so_while_a_job_plays_and_while_muted(front, page):
+    page.goto(address(front))
+    word = page.get_by_role("status").filter(has_text="Armed")
+    word.wait_for()
+    tell = front.hub.control  # the next ping lets the page hear of it
+    tell.lend("calibration")
+    page.get_by_text("A job has the device, and may play · calibration").wait_for()
+    assert page.locator(".output button").is_hidden()  # arming would be refused
+    tell.lend("")
+    page.get_by_text("Off: 0 V").wait_for()
+    page.get_by_role("button", name="Arm").click()
+    word.wait_for()
+    tell.set(person_muted=True)
+    page.get_by_text("Armed, muted: 0 V").wait_for()
 
 
 def test_a_second_page_observes_until_it_takes_over(front, page):

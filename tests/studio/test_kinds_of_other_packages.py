@@ -27,7 +27,7 @@ def test_a_kind_of_another_package_is_felt_by_the_service_and_edited_in_the_stud
         page.goto(address)
         page.get_by_role("link", name="Make").click()
         page.locator(".thumb").first.wait_for()
-        page.locator("summary", has_text="Open").click()
+        page.locator("summary", has_text="Layouts").click()
         page.get_by_role("button", name="wool", exact=True).click()
         page.locator('button.region[aria-label^="sock"]').click()
         page.get_by_text("Loops of a thread across the stroke.").wait_for()
@@ -35,5 +35,13 @@ def test_a_kind_of_another_package_is_felt_by_the_service_and_edited_in_the_stud
         assert loop.input_value() == "6"
         loop.fill("3")
         loop.press("Enter")
-        kept = folder / "layouts" / "wool.json"  # written two seconds after the last change
-        wait_for(lambda: json.loads(kept.read_text())["regions"][0]["material"]["loop_mm"] == 3)
+        page.get_by_role("button", name="Keep", exact=True).click()
+
+        def kept_loops():
+            versions = (folder / "layouts" / "wool").glob("*.json")
+            return [
+                json.loads(path.read_text())["regions"][0]["material"]["loop_mm"]
+                for path in versions
+            ]
+
+        wait_for(lambda: 3 in kept_loops())

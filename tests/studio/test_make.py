@@ -3,6 +3,10 @@
 import asyncio
 import io
 import json
+import os
+import random
+import re
+import shutil
 import zipfile
 
 import pytest
@@ -17,6 +21,8 @@ from haptix.service.messages import Problem
 from haptix.service.rest import documents_router
 from tests.studio.conftest import a_front, a_page, address, keep, violations
 from tests.waiting import wait_for
+
+SEQUENCES = int(os.environ.get("HAPTIX_SEQUENCES", "6"))
 
 
 class PoolHere:
@@ -50,8 +56,9 @@ def maker(served):
     """The same front, with nothing told and no layout kept."""
     wait_for(lambda: not served.hub.sessions)
     served.engine.__init__()
-    for kept in (served.folder / "kept").glob("*.json"):
-        kept.unlink()
+    served.access._tries.clear()  # each test pairs a page of its own
+    for kept in (*(served.folder / "kept").iterdir(), *(served.folder / "drafts").iterdir()):
+        shutil.rmtree(kept, ignore_errors=True)  # the page before may still send its last draft
     return served
 
 
@@ -130,7 +137,7 @@ def test_a_stranger_makes_stripes_that_move_a_button_and_a_slider_of_a_photograp
     assert len(set(places)) == 4
     keep(page, "make")
     assert not violations(page)
-    page.get_by_text("saved as untitled").wait_for()
+    page.get_by_text("draft saved").wait_for()
     page.get_by_text("Export").click()
     with page.expect_download() as download:
         page.get_by_role("button", name="Document").click()
@@ -145,8 +152,6 @@ def test_a_stranger_makes_stripes_that_move_a_button_and_a_slider_of_a_photograp
         archive = zipfile.ZipFile(io.BytesIO(download.value.path().read_bytes()))
         assert names <= {name.rsplit(".", 1)[-1] for name in archive.namelist()}, form
     page.reload()
-    page.get_by_role("button", name="Open").or_(page.locator("summary", has_text="Open")).click()
-    page.get_by_role("button", name="untitled").click()
     page.locator("button.region").nth(3).wait_for()
 
 
@@ -236,3 +241,265 @@ def test_the_page_fits_and_is_legible(maker, page, width, theme):
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
     assert not violations(page)
     keep(page, f"make-{width}-{theme}")
+
+
+def test_a_first_visit_is_led_in_five_steps_to_a_layout_of_one_s_own(maker, page):
+    says = page.locator(".guide [role=status]")
+    says.get_by_text("step 1 of 5").wait_for()
+    page.locator(".thumb").first.click()
+    says.get_by_text("step 2 of 5").wait_for()
+    page.locator('button.region[aria-pressed="true"]').press("ArrowRight")
+    says.get_by_text("step 3 of 5").wait_for()
+    nudge(page)  # what was done before is done once
+    period = page.get_by_label("Period", exact=True)
+    period.fill("3.5")
+    period.press("Tab")
+    says.get_by_text("step 4 of 5").wait_for()
+    page.get_by_role("link", name="Go there").click()
+    page.locator("main.play .guide").wait_for()
+    event = {"event": "contact", "what": "enter", "region": "Ribs", "touch_id": 0, "t_s": 0.0}
+    maker.hub.on_engine_event(event)
+    says.get_by_text("step 5 of 5").wait_for()
+    page.get_by_role("link", name="Go there").click()
+    page.get_by_role("button", name="Keep", exact=True).click()
+    says.get_by_text("It is yours").wait_for()
+    assert not violations(page)
+    page.reload()
+    says.get_by_text("It is yours").wait_for()
+    page.get_by_role("button", name="End the guide").click()
+    page.reload()
+    opened(page)
+    assert page.locator(".guide").is_hidden()
+
+
+def shown(page):
+    """The regions that the page shows, with their places."""
+    return sorted(
+        page.locator("button.region").evaluate_all("all => all.map((one) => one.ariaLabel)")
+    )
+
+
+def labels_of(document):
+    """What a page shows of a document."""
+    return sorted(
+        "{name}: {width_mm:g} by {height_mm:g} mm, at {x_mm:g}, {y_mm:g} mm".format(**region)
+        for region in document["regions"]
+    )
+
+
+def on_service(service):
+    """What the drafts, and all versions of kept layouts, show."""
+    folders = service.folder.glob("drafts/*")
+    drafts = (max(folder.iterdir(), key=lambda path: int(path.stem)) for folder in folders)
+    documents = [json.loads(text)["document"] for path in drafts if (text := path.read_text())]
+    versions = service.folder.glob("kept/*/*.json")
+    documents += [json.loads(text) for path in versions if (text := path.read_text())]
+    return [labels_of(document) for document in documents]
+
+
+def newest_kept(service):
+    """What the kept layouts show."""
+    folders = (service.folder / "kept").iterdir()
+    newest = (max(folder.iterdir(), key=lambda path: int(path.stem)) for folder in folders)
+    return [labels_of(json.loads(path.read_text())) for path in newest]
+
+
+def confirmed(page):
+    """Wait until the page says that its layout is on the service; what it shows then."""
+    page.locator(".hint-of [role=status]", has_text=SAVED).wait_for(state="attached")
+    return shown(page)
+
+
+SAVED = re.compile("^(?!changed|not saved)")
+
+
+def opened(page):
+    """Wait until a page that was loaded shows its layout."""
+    page.locator("header .output:not([data-state=connecting], [data-state=lost])").wait_for()
+    return page
+
+
+def choose(page, name):
+    """Choose from the menu of layouts."""
+    page.locator("summary", has_text="Layouts").click()
+    page.locator(".menu button", has_text=name).first.click()
+
+
+def nudge(page, key="ArrowRight"):
+    page.locator('button.region[aria-label^="Ribs"]').focus()
+    page.keyboard.press(key)
+
+
+def kept(service, name):
+    """Where the first region of a kept layout lies."""
+    versions = (service.folder / "kept" / name).glob("*.json")
+    newest = max(versions, key=lambda path: int(path.stem))
+    return json.loads(newest.read_text())["regions"][0]["x_mm"]
+
+
+def test_escape_and_a_click_elsewhere_close_a_menu_and_nothing_else(maker, page):
+    opened(page)
+    page.locator("header .output[data-state=armed]").wait_for()
+    before = len(maker.engine.when("stop"))
+    menu, summary = page.locator("details.drop-down[open]"), page.locator("summary.main")
+    summary.click()
+    assert menu.count() == 1
+    page.keyboard.press("Escape")
+    assert menu.count() == 0
+    assert summary.evaluate("one => one === document.activeElement")
+    summary.click()
+    page.locator("summary", has_text="Layouts").click()
+    assert menu.count() == 1  # the other one
+    page.locator("h2").first.click()
+    assert menu.count() == 0
+    assert len(maker.engine.when("stop")) == before
+    page.keyboard.press("Escape")  # no menu is open
+    page.get_by_text("Off: 0 V").wait_for()
+    assert len(maker.engine.when("stop")) == before + 1
+
+
+@pytest.mark.parametrize("width", [1280, 768, 420])
+def test_menus_and_pages_are_in_reach_at_every_width(maker, page, width):
+    page.set_viewport_size({"width": width, "height": 900})
+    opened(page)
+    for summary in page.locator("summary").filter(has_text=re.compile("Layouts|Export")).all():
+        summary.click()
+        box = page.locator("details.drop-down[open] .menu").bounding_box()
+        assert box["x"] >= 0 and box["x"] + box["width"] <= width
+    for link in page.locator("nav a").all():
+        box, nav = link.bounding_box(), page.locator("nav").bounding_box()
+        assert box["x"] + box["width"] <= min(width, nav["x"] + nav["width"] + 0.5)
+
+
+def test_a_reload_and_an_arrow_key_overwrite_no_kept_layout(maker, page):
+    page.get_by_label("Name of the layout").fill("desk")
+    nudge(page)
+    nudge(page)
+    page.get_by_role("button", name="Keep", exact=True).click()
+    page.get_by_text("kept as desk").wait_for()
+    page.reload()
+    nudge(opened(page))
+    page.get_by_text("draft saved").wait_for()
+    assert kept(maker, "desk") == 2
+    assert page.get_by_label("Name of the layout").input_value() == "desk"
+    page.keyboard.press("Control+s")
+    page.get_by_text("kept as desk").wait_for()
+    assert kept(maker, "desk") == 3
+    choose(page, "revision 1")
+    until(page, lambda: any("at 2, 0 mm" in one for one in shown(page)))
+    page.keyboard.press("Control+z")  # going back is a change as any other
+    until(page, lambda: any("at 3, 0 mm" in one for one in shown(page)))
+
+
+def test_a_second_page_overwrites_nothing_and_keeps_its_own_beside(maker, page):
+    page.keyboard.press("Control+s")
+    page.get_by_text("kept as untitled").wait_for()
+    other = page.context.new_page()
+    other.goto(page.url)
+    nudge(opened(other))
+    other.get_by_text("draft saved").wait_for()
+    nudge(page, "ArrowLeft")
+    page.keyboard.press("Control+s")
+    page.get_by_text("kept as untitled").wait_for()
+    other.keyboard.press("Control+s")
+    other.locator(".hint-of", has_text="meanwhile").wait_for()
+    assert kept(maker, "untitled") == -1
+    other.get_by_role("button", name="Keep as a copy").click()
+    other.get_by_text("kept as untitled 2").wait_for()
+    assert kept(maker, "untitled 2") == 1
+    assert kept(maker, "untitled") == -1
+    other.close()
+    page.expected_errors.clear()  # the browser tells of the refused request
+
+
+def test_a_layout_is_renamed_deleted_and_brought_back(maker, page):
+    nudge(page)
+    page.keyboard.press("Control+s")
+    page.get_by_text("kept as untitled").wait_for()
+    name = page.get_by_label("Name of the layout")
+    name.fill("desk")
+    name.press("Enter")
+    page.get_by_text("is called desk now").wait_for()
+    assert kept(maker, "desk") == 1
+    choose(page, "Delete desk")
+    page.get_by_text("desk deleted").wait_for()
+    page.get_by_role("button", name="Bring desk back").click()
+    page.get_by_text("desk opened").wait_for()
+    assert name.input_value() == "desk"
+    assert kept(maker, "desk") == 1
+
+
+def test_an_exported_zip_opens_again_and_is_exported_byte_for_byte(maker, page, brick, tmp_path):
+    page.get_by_label("Add a file").set_input_files(brick)
+    page.get_by_role("heading", name="Parameters of brick").wait_for()
+
+    def export():
+        page.get_by_text("Export", exact=True).click()
+        with page.expect_download() as download:
+            page.get_by_role("button", name="Document").click()
+        return download.value.path().read_bytes()
+
+    first = export()
+    path = tmp_path / "desk.zip"
+    path.write_bytes(first)
+    for asset in (maker.folder / "assets").iterdir():
+        if brick.stat().st_size == asset.stat().st_size:
+            asset.unlink()  # it comes with the archive
+    choose(page, "New layout")
+    until(page, lambda: not shown(page))
+    page.get_by_label("Open an exported zip").set_input_files(path)
+    page.locator("button.region").nth(4).wait_for()
+    confirmed(page)
+    assert export() == first
+    path.write_bytes(first[: len(first) // 2])
+    page.get_by_label("Open an exported zip").set_input_files(path)
+    page.locator(".hint-of", has_text="expected a zip").wait_for()
+    assert len(shown(page)) == 5
+    page.expected_errors.clear()  # the file was away for a while
+
+
+@pytest.mark.parametrize(
+    "seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, SEQUENCES + 1))]
+)
+def test_no_confirmed_edit_is_lost(maker, page, seed):
+    """Random edits, undo, reloads, killed pages and second pages: what was said to be saved is.
+
+    `HAPTIX_SEQUENCES=1000 make test-slow ARGS='-k no_confirmed_edit'` tries that many.
+    """
+    chance, pages = random.Random(seed), [page]
+    first = shown(page)
+    done = []
+    seen = {page: first}
+    steps = ["edit", "edit", "undo", "reload", "second", "kill", "keep", "service"]
+    for _ in range(25):
+        here, what = chance.choice(pages), chance.choice(steps)
+        done.append((pages.index(here), what))
+        if what == "edit":
+            nudge(here, chance.choice(["ArrowRight", "ArrowDown", "Shift+ArrowLeft"]))
+            seen[here] = confirmed(here)
+        elif what == "undo":
+            here.keyboard.press("Control+z")
+            seen[here] = confirmed(here)
+        elif what == "reload":
+            opened(here).reload()
+            before, seen[here] = seen[here], confirmed(opened(here))
+            assert seen[here] in (before, *newest_kept(maker))  # another page may have kept it
+        elif what == "second" and len(pages) < 3:
+            pages.append(page.context.new_page())
+            pages[-1].goto(page.url)
+            seen[pages[-1]] = confirmed(opened(pages[-1]))
+        elif what == "kill" and len(pages) > 1:
+            pages.remove(here)
+            here.close()
+        elif what == "keep":
+            here.keyboard.press("Control+s")
+            here.locator(".hint-of", has_text=re.compile("kept as|meanwhile|already")).wait_for()
+        elif what == "service":
+            for session in list(maker.hub.sessions.values()):
+                session.close(1001, "the service starts anew")
+        for one in pages:
+            until(one, lambda one=one, seen=seen: shown(one) == seen[one])
+        there = [first, *on_service(maker)]
+        assert all(labels in there for labels in seen.values()), done
+        seen = {one: seen[one] for one in pages}
+    page.expected_errors.clear()  # the browser tells of refused requests

@@ -1,6 +1,7 @@
 """The page "Play" before a front whose engine writes down touches, and is told what they feel."""
 
 import itertools
+import json
 import re
 
 import numpy as np
@@ -154,6 +155,39 @@ def test_what_is_told_is_shown(front, play):
     ]  # fmt: skip
 
 
+def test_a_finger_that_got_no_drive_yet_ends_no_drawing(front, play):
+    play.mouse.move(*place(play, 10, 10))
+    play.mouse.down()
+    none = np.full((1, 8), np.nan)
+    frame = TelemetryFrame("friction", 7, 1, 0, next(BEGINS_S), STEP_S, none)
+    front.hub.on_telemetry(write_frame(frame))
+    play.wait_for_timeout(1200)  # each second it is said what is felt
+    play.mouse.up()
+    test_what_is_told_is_shown(front, play)
+
+
+def test_an_exception_is_told_and_kept_and_drawing_goes_on(front, play, tmp_path):
+    play.evaluate(
+        """() => {
+            const whole = Map.prototype.values;
+            Map.prototype.values = function () {
+                Map.prototype.values = whole;
+                throw new RangeError("a picture is broken");
+            };
+        }"""
+    )
+    play.locator(".notice", has_text="a picture is broken").wait_for()
+    test_what_is_told_is_shown(front, play)
+    with play.expect_download() as download:
+        play.get_by_role("button", name="Save a report").click()
+    (fault,) = json.loads(download.value.path().read_text())["faults"]
+    assert fault["sentence"] == "a picture is broken"
+    assert "play.js" in fault["stack"]
+    assert [error for error in play.expected_errors if "a picture is broken" not in error] == []
+    play.expected_errors.clear()
+    play.get_by_role("button", name="Close").click()
+
+
 PIXEL = """([x, y]) => {
     const canvas = document.querySelectorAll(".board canvas")[1];
     const { left, top } = canvas.getBoundingClientRect();
@@ -224,7 +258,7 @@ def test_two_materials_by_the_same_stroke_blind(front, play):
     assert not violations(play)
 
 
-@pytest.mark.parametrize("page_name", ["play", "screens", "calibrate", "sit"])
+@pytest.mark.parametrize("page_name", ["play", "screens", "calibrate", "sit", "tasks"])
 def test_anyone_can_use_it(front, play, page_name):
     play.evaluate("(name) => { location.hash = `#/${name}`; }", page_name)
     play.locator(f"main.{page_name}").wait_for()
@@ -247,6 +281,7 @@ PROFILES = {
         "calibrated": "2026-11-01", "age_days": 21, "verdict": "provisional",
         "rests_on": ["the response of the finger"], "spread": {"insulator_thickness_m": 0.04},
         "warnings": ["screen 'bench 3' (its calibration is provisional)"],
+        "verified": "0.2 to 0.8 N, up to 150 V",
         "document": {"name": kind, "insulator_thickness_m": 1e-6},
     }
     for kind in ("screen", "finger")

@@ -178,11 +178,11 @@ def test_from_instructions_by_practice_and_trials_to_thanks(front, page):
     looks.goto(f"http://127.0.0.1:{front.port}/#/sit")
     looks.get_by_text("plays").or_(looks.get_by_text("asks the participant")).first.wait_for()
     looks.close()
-    found = {"trials": 3, "threshold_db": -14.2, "spread_db": 1.5}
+    found = {"trials": 3, "threshold_db": -14.2, "low_db": -17.0, "high_db": -11.6}
     job.change(state="done", result=found)
     page.get_by_text("3 trials were counted").wait_for()
     page.keyboard.press("Space")
-    page.get_by_text("threshold -14.2 dB").wait_for()
+    page.get_by_text("threshold -14.2 dB (95 %: -17.0 to -11.6)").wait_for()
 
 
 def test_stop_ends_the_experiment_and_says_so(front, page):

@@ -10,6 +10,7 @@ import torch
 
 from haptix import ContactModel, Finger, FrictionSurface, InputError, LimitError, Screen, Status
 from haptix.errors import ToleranceError
+from haptix.finger import Roughness
 from haptix.surface import Tolerance, cached_surface, surface_key
 
 SMALL = {"normal_force_n": (0.4, 0.5), "voltage_v": (0.0, 100.0)}
@@ -222,7 +223,6 @@ def test_single_values_are_axes_that_do_not_vary(model: ContactModel) -> None:
         assert float(mu) == pytest.approx(float(expected), abs=1e-3)  # the tolerance
 
 
-@pytest.mark.usefixtures("tables_solved_anew")
 def test_the_same_inputs_give_the_same_surface(model: ContactModel, tmp_path: Path) -> None:
     first = FrictionSurface.build(model, SMALL, tolerance=1e-3)
     # Another model, which has been asked for other things before.
@@ -273,3 +273,49 @@ def test_the_cache_finds_mends_and_survives(
     without, found = cached_surface(model, SMALL, 1e-3)
     assert not found
     assert torch.equal(without.mu_table, built.mu_table)
+
+
+SMOOTH = Roughness(h_rms_m=1e-6, q0_per_m=1e3, q_rolloff_per_m=1e4, q1_per_m=1e7)
+
+
+def smooth_skin() -> ContactModel:
+    """Insulators a tenth as thick as the skin is rough: there boundary elements were solved."""
+    finger = Finger.preset("semi-wet")
+    return ContactModel(finger.replace(roughness=SMOOTH, frictional_shear_stress_pa=2e5), Screen())
+
+
+def test_a_surface_has_the_intervals_of_its_cells(tmp_path: Path) -> None:
+    model = smooth_skin()
+    # Insulators below a twentieth of the roughness were not shown: a part of the cells.
+    scene = {"normal_force_n": (0.3, 0.6), "voltage_v": (0.0, 15.0), "h0_m": (4.5e-8, 1e-7)}
+    built = FrictionSurface.build(model, scene, tolerance=1e-3, past_limits=True)
+    built.save(tmp_path / "a.surface")
+    surface = FrictionSurface.load(tmp_path / "a.surface")
+    draw = torch.Generator().manual_seed(3)
+    share = torch.rand(2, 200, generator=draw, dtype=torch.float64)
+    force, h0 = 0.3 * 2 ** share[0], 4.5e-8 * (10 / 4.5) ** share[1]
+    cells = surface.intervals(force, h0_m=h0)
+    voltage = surface.highest_voltage(force, h0_m=h0)
+    own = model.solve(force, voltage, h0_m=h0).accuracy
+    for cell, width in ((cells.mu_jnd, own.mu), (cells.contrast_jnd, own.ratio)):
+        # A cell has the wider of its ends' intervals. In between they bend by less than a fiftieth.
+        assert bool((cell >= 0.98 * torch.expm1(width) / 0.11)[cell.isfinite()].all())
+        assert bool((width.isinf() <= cell.isinf()).all())
+        assert 0 < int(cell.isfinite().sum()) < len(cell)
+    assert bool((cells.mu_jnd >= cells.contrast_jnd).all())
+    finite = cells.contrast_jnd[cells.contrast_jnd.isfinite()]
+    assert len(finite.unique()) > 3  # one number for each cell, not for the surface
+    assert 0 < cells.interpolation_jnd < 1
+    with pytest.raises(InputError, match="h0_m"):
+        surface.intervals(0.5)
+
+
+def test_a_surface_says_how_exact_its_theory_is() -> None:
+    model = smooth_skin()
+    scene = {"normal_force_n": (0.3, 0.6), "voltage_v": (0.0, 60.0), "h0_m": 1e-7}
+    accuracy = FrictionSurface.build(model, scene, tolerance=1e-2).info["accuracy"]
+    assert accuracy["not_shown"] == []
+    # At its highest drive and no less: the interval grows with mu(V)/mu(0).
+    at_end = model.solve([0.3, 0.6], 60.0, h0_m=1e-7).accuracy.record()
+    assert accuracy["ratio_percent"] == pytest.approx(at_end["ratio_percent"], rel=1e-3)
+    assert accuracy["mu_percent"] > accuracy["ratio_percent"] > 1

@@ -9,6 +9,8 @@ import pytest
 from PIL import Image
 
 from haptix import InputError, Texture
+from haptix.texture import pictures
+from haptix.texture.pictures import read_pixels
 
 
 def png(path, width, height):
@@ -43,7 +45,7 @@ def tiff(path, width, height, *, sample_format=1, bits=8):
     return path
 
 
-@pytest.mark.parametrize("size", [(40_000, 40_000), (9_000, 9_000), (12_000, 12_000)])
+@pytest.mark.parametrize("size", [(40_000, 40_000), (15_000, 13_500), (201_000_000, 1)])
 @pytest.mark.parametrize("kind", ["png", "tiff", "tiff of 64-bit floats"])
 def test_refused_with_an_estimate(tmp_path, kind, size):
     if kind == "png":
@@ -60,6 +62,33 @@ def test_refused_with_an_estimate(tmp_path, kind, size):
     finally:
         tracemalloc.stop()
     assert "\n" not in str(caught.value)
+
+
+def ramp(width, height, *channels):
+    """Steps of 100 columns, whose averages over 2 x 2 and 4 x 4 pixels are their own levels."""
+    levels = (np.arange(width) // 100 % 250).astype(np.uint8)
+    return np.broadcast_to(levels.reshape(1, -1, *[1] * len(channels)), (height, width, *channels))
+
+
+@pytest.mark.parametrize("kind", ["png", "jpg", "tif"])
+def test_a_photograph_of_54_megapixels_is_read_at_less(tmp_path, kind):
+    path = tmp_path / f"photo.{kind}"
+    Image.fromarray(np.ascontiguousarray(ramp(9_000, 6_000))).save(path)
+    pixels, _ = read_pixels("image", path)
+    assert pixels.shape == (3_000, 4_500)
+    # A step of JPEG rings over a block of 8 pixels, by a level or two.
+    middles = pixels[1_500, 25::50].astype(int)
+    assert np.abs(middles - ramp(9_000, 1)[0, 50::100]).max() <= (2 if kind == "jpg" else 0)
+    assert Texture.from_image(path, width_mm=90.0).level.shape == (3_000, 4_500)
+
+
+def test_averages_of_what_is_transparent_lie_on_white(monkeypatch, tmp_path):
+    monkeypatch.setattr(pictures, "MOST_KEPT", 1)
+    pixels = np.array([[[0, 255], [0, 255]], [[200, 0], [200, 0]]], np.uint8)  # black over nothing
+    Image.fromarray(pixels, "LA").save(tmp_path / "a.png")
+    assert pictures.read_grey(tmp_path / "a.png") == pytest.approx(255 / 2, abs=0.5)  # of rounding
+    Image.fromarray(np.zeros((1, 3), np.uint8)).save(tmp_path / "b.png")
+    assert pictures.read_grey(tmp_path / "b.png").shape == (1, 1)
 
 
 def test_the_limit_can_be_moved(tmp_path):

@@ -15,9 +15,10 @@ RATE = 48_000
 FORCE, VOLTAGE = 0.5, 150.0
 # The polynomial over the gaps holds the pull within 1e-4, whose share in friction is below 1; the
 # finger's bins have their exact mean where the period's have the field at their middle (4e-4 of the
-# pull at most, and most of the pull comes from where that is far less). A fiftieth of a threshold
-# is what the renderer's judge must keep: here a tenth of that.
-CLOSE = 0.002 * WEBER_FRACTION
+# pull at most, and most of the pull comes from where that is far less). The pull of the narrowest
+# gaps, where both are least exact, counts about twice in the area. A fiftieth of a threshold is
+# what the renderer's judge must keep: here a quarter of that.
+CLOSE = 0.005 * WEBER_FRACTION
 JUDGED = 0.02 * WEBER_FRACTION
 
 

@@ -1,0 +1,135 @@
+"""Help by any name, completion, outputs that take no more, Ctrl-C, implausible numbers."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import haptix
+from haptix import terminal
+from haptix.terminal import ProgressBar
+
+ROOT = Path(haptix.__file__).parents[1]
+
+
+def run(*arguments, **options):
+    return subprocess.run(
+        [sys.executable, "-m", "haptix.cli", *arguments], stderr=subprocess.PIPE, text=True,
+        cwd=ROOT, check=False, **options,
+    )  # fmt: skip
+
+
+def test_help_has_its_usual_names(haptix_cli):
+    assert haptix_cli("-h").out == haptix_cli("help").out == haptix_cli("--help").out
+    for command in (["query"], ["material", "show"]):
+        asked = haptix_cli("help", *command)
+        assert asked.out == haptix_cli(*command, "-h").out == haptix_cli(*command, "--help").out
+        assert asked.code == 0
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_there_is_a_script_that_completes(haptix_cli, shell):
+    script = haptix_cli("completion", shell)
+    assert script.code == 0
+    assert "_HAPTIX_COMPLETE" in script.out
+
+
+def test_a_shell_that_completes_gets_the_options():
+    asked = {"COMP_WORDS": "haptix query --f", "COMP_CWORD": "2"}
+    code = "import sys; from haptix.cli import main; sys.argv = ['haptix']; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False,
+        env=os.environ | asked | {"_HAPTIX_COMPLETE": "complete_bash"},
+    )  # fmt: skip
+    assert done.stdout.split() == ["--finger", "--fidelity", "--frequency-hz"]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs Linux's /dev/full")
+@pytest.mark.parametrize("command", [["--help"], ["material", "kinds"], ["material", "schema"]])
+def test_a_full_output_is_one_sentence(command):
+    with Path("/dev/full").open("w") as full:
+        done = run(*command, stdout=full)
+    assert done.stderr == "haptix: the output takes no more: No space left on device\n"
+    assert done.returncode == 2
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs pipes as POSIX has them")
+@pytest.mark.parametrize("command", [["--help"], ["material", "kinds"], ["material", "schema"]])
+def test_a_closed_pipe_is_no_traceback(command):
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = run(*command, stdout=writing)
+    os.close(writing)
+    assert done.stderr == ""
+    assert done.returncode != 0
+
+
+@pytest.mark.parametrize(
+    "where", ["lazy_loader.attach_stub", "haptix.task_list.commands", "haptix.terminal.run"]
+)
+def test_ctrl_c_is_no_traceback_from_the_first_command_on(where):
+    module, _, name = where.rpartition(".")
+    code = (
+        f"import sys; sys.argv = ['/bin/haptix', 'query']\n"
+        f"import {module}\n"
+        f"def interrupted(*_): raise KeyboardInterrupt\n"
+        f"{module}.{name} = interrupted\n"
+        "from haptix.cli import main; main()"
+    )
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (done.stdout, done.stderr) == ("", "")
+    assert done.returncode in (130, -signal.SIGINT)
+    # It is the command's alone: another program has its traceback.
+    command[-1] = "import haptix; raise KeyboardInterrupt"
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert "Traceback" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["query", "--h0-m", "0.2"], "--h0-m: expected metres, less than 0.001"),
+        (["build", "new.surface", "--h0-m", "0.1,0.2"], "--h0-m: expected metres"),
+        (["query", "--with", "finite-size", "--without", "finite-size"], "both name finite-size"),
+        (["render", "--carrier-hz", "60"], "--carrier-hz: expected a finite number of at least"),
+    ],
+)
+def test_implausible_numbers_are_refused(haptix_cli, arguments, said):
+    more = ["--normal-force-n", "0.5", "--voltage-v", "100"] if arguments[0] == "query" else []
+    done = haptix_cli(*arguments, *more)
+    assert done.code == 2
+    assert said in done.err
+
+
+def test_a_trajectory_in_milliseconds_is_refused(haptix_cli, tmp_path):
+    rows = [f"{8 * i},{5 + i * 0.1},20,0.5" for i in range(250)]
+    path = tmp_path / "path.csv"
+    path.write_text("t_s,x_mm,y_mm,normal_force_n\n" + "\n".join(rows))
+    done = haptix_cli("demo", "--trajectory", path, "--out", tmp_path / "out")
+    assert done.code == 2
+    assert "8 s apart; if these are milliseconds" in done.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_headings_of_query_take_two_lines(haptix_cli, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    out = haptix_cli(
+        "query", "--normal-force-n", 0.5, "--voltage-v", "0,100", "--frequency-hz", 4e3
+    ).out
+    table = out[: out.index("───")].splitlines()
+    blank = max(i for i, line in enumerate(table) if not line.strip() and i < len(table) - 2)
+    assert len([line for line in table[blank:] if line.strip()]) <= 2
+    assert max(map(len, out.splitlines())) <= 80
+
+
+def test_without_a_terminal_progress_is_a_line_now_and_then(monkeypatch, capsys):
+    now_s = iter([0.0, 0.0, 0.0, 6.0, 12.0, 13.0])
+    monkeypatch.setattr(terminal, "monotonic", lambda: next(now_s))
+    with ProgressBar() as update:
+        for share in (0.0, 0.25, 0.5, 0.75):
+            update("build the surface", share)
+    assert capsys.readouterr().err == "haptix: build the surface: 50%, 12 s left\n"

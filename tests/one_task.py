@@ -1,0 +1,51 @@
+"""A task of somebody's own, in one file; and that file put where haptix finds its tasks."""
+
+import os
+
+from haptix import cli, desk, task_list
+
+ONE_FILE = '''
+"""A task of somebody's own."""
+
+from pydantic import Field
+
+from haptix.desk import Context, Result, Task
+from haptix.fields import FileThere, NotNegative
+
+
+class Charge(Task, command="charge", route="charges"):
+    """Charge of a capacitor at some voltages."""
+
+    voltage_v: tuple[NotNegative, ...] = Field(description="Amplitudes.")
+    width_mm: float = Field(10.0, gt=0, description="Width of a square electrode.")
+    notes: FileThere | None = Field(None, description="What was measured.")
+
+    def run(self, context: Context) -> Result:
+        """Compute it."""
+        context.progress("charge", 0.5)
+        area_m2 = (self.width_mm / 1e3) ** 2
+        rows = [{"voltage_v": one, "charge_c": 1e-6 * area_m2 * one} for one in self.voltage_v]
+        table = "voltage_v,charge_c\\n" + "".join(
+            f"{row['voltage_v']:g},{row['charge_c']:g}\\n" for row in rows
+        )
+        document = {"rows": rows, "last_c": rows[-1]["charge_c"]}
+        return Result(document, [("charge", rows)], files={"charges.csv": table})
+'''
+LISTED = "from haptix import task_list\ntask_list.MODULES.append('charging')\n"
+
+
+def put_in(folder, monkeypatch):
+    """Write the file into a folder, and list it here and in the processes that begin from now on.
+
+    A stranger lists a new file by a line of `haptix.task_list`, and a new class of a file that is
+    there by none.
+    """
+    (folder / "charging.py").write_text(ONE_FILE)
+    (folder / "sitecustomize.py").write_text(LISTED)
+    paths = [str(folder), os.environ.get("PYTHONPATH", "")]
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, paths)))
+    monkeypatch.syspath_prepend(str(folder))
+    monkeypatch.setattr(task_list, "MODULES", [*task_list.MODULES, "charging"])
+    monkeypatch.setattr(desk, "MODULES", task_list.MODULES)
+    listed = task_list.tasks_of(["charging"])
+    monkeypatch.setitem(cli.COMMANDS, "charge", listed["charge"])

@@ -1,0 +1,91 @@
+"""What a newcomer types into the search of the built site leads to the page that answers it."""
+
+import functools
+import http.server
+import os
+import re
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+import haptix
+from tests.chromium import chromium
+
+ROOT = Path(haptix.__file__).parents[1]
+SEARCHES = {
+    "unity": "howto/unity.html",
+    "how do I calibrate": "howto/calibrate.html",
+    "Texture.from_image": "reference/haptix.texture.html#haptix.texture.Texture.from_image",
+    "photograph": "howto/texture.html",
+    "material": "howto/material.html",
+    "write a material": "howto/material.html",
+    "pixels": "howto/pixels.html",
+    "carrier": "howto/carrier.html",
+    "studio": "howto/studio.html",
+    "web page": "howto/web-page.html",
+    "connect a driver": "howto/driver.html",
+    "simulate": "howto/simulate.html",
+    "voltage for a friction": "howto/friction.html",
+    "friction for a voltage": "howto/friction.html",
+    "save a surface": "howto/surface.html",
+    "tolerance": "howto/tolerance.html",
+    "choose terms": "howto/terms.html",
+    "own finger": "howto/finger.html",
+    "run an experiment": "howto/experiment.html",
+    "stimuli": "howto/stimuli.html",
+    "slider": "howto/slider.html",
+    "stop": "howto/stop.html",
+    "plot": "howto/plot.html",
+    "FrictionSurface.build": "reference/haptix.surface.html#haptix.surface.FrictionSurface.build",
+    "ContactModel.solve": "reference/haptix.html#haptix.ContactModel.solve",
+    "install": "index.html",
+    "safety": "safety.html",
+    "glossary": "glossary.html",
+}
+
+
+class Quiet(http.server.SimpleHTTPRequestHandler):
+    def log_message(self, *arguments):
+        pass
+
+
+@pytest.fixture(scope="module")
+def search(tmp_path_factory):
+    """A function that types words into the site's search and returns the first links."""
+    site = tmp_path_factory.mktemp("site")
+    done = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "-q", "-d", str(site)], cwd=ROOT, check=False,
+        capture_output=True, text=True, env={**os.environ, "NO_MKDOCS_2_WARNING": "1"},
+    )  # fmt: skip
+    assert not done.returncode, done.stderr
+    handler = functools.partial(Quiet, directory=str(site))
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        address = f"http://127.0.0.1:{server.server_address[1]}/"
+        with chromium() as browser:
+            page = browser.new_page()
+
+            def links(words):
+                # A fresh page for each: what was found for the last words cannot be taken for this.
+                page.goto(f"{address}index.html")
+                page.locator("[data-md-component=search-query]").fill(words, force=True)
+                found = page.locator(".md-search-result__link")
+                found.first.wait_for(state="attached", timeout=120_000)
+                hrefs = found.evaluate_all("links => links.map(link => link.href)")
+                return [re.sub(r"\?[^#]*", "", href.removeprefix(address)) for href in hrefs]
+
+            yield links
+        server.shutdown()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("words", SEARCHES)
+def test_a_search_leads_to_the_page_that_answers_it(search, words):
+    page, _, section = SEARCHES[words].partition("#")
+    first = search(words)[:2]
+    assert first[0] == page
+    if section:  # the results of a page begin with the page
+        assert first[1] == SEARCHES[words]

@@ -1,0 +1,131 @@
+"""A live renderer that learns who touches: by steps, with a virtual finger's current."""
+
+import numpy as np
+import pytest
+
+import haptix
+from firmware_io.protocol import codes_to_volts
+from haptix.motion import Trajectory
+from haptix.perception import WEBER_FRACTION
+from haptix.render import DirectWave, LiveRenderer, LiveSettings
+from haptix.render.adapting import Adaptation
+from haptix.sensing import ContactCurrent, FingerObserver, Knowledge
+from haptix.texture import FrictionField
+from haptix.virtual_finger import VirtualCurrent
+from tests.live_strokes import CARRIER_HZ, HALF, RATE, SteppedRenderer, stroke
+
+BEGIN_S, END_S = 0.6, 1.4
+
+
+class Contrast(FrictionField):
+    """The same friction everywhere: 8 % above that without voltage."""
+
+    target = "contrast"
+    outside = 0.08
+
+    def _sample(self, x_mm, y_mm, footprint_mm):
+        return np.full(np.shape(x_mm), 0.08)
+
+
+@pytest.fixture(scope="module")
+def contact(model):
+    return ContactCurrent.of_model(model, CARRIER_HZ)
+
+
+@pytest.fixture(scope="module")
+def stiffer(model):
+    finger = model.finger
+    moduli = {name: 2 * getattr(finger, name) for name in ("youngs_modulus_pa", "bulk_modulus_pa")}
+    return haptix.ContactModel(finger.replace(**moduli), model.screen)
+
+
+def play(surface, observer, person, lie=lambda reading: reading, until_s=END_S):
+    """A stroke whose current is read as it is played; return the renderer, and the readings."""
+    renderer = SteppedRenderer(surface, Contrast())
+    if observer is not None:
+        renderer.adapted = Adaptation(observer)
+    current = VirtualCurrent(person, CARRIER_HZ, seed=1)
+    path = Trajectory.of([BEGIN_S, END_S], [5.0, 85.0], 10.0, 0.5)
+    mock, heard, estimates = renderer.device.mock, 0, []
+    size = round(RATE / current.converter.rate_hz)
+    with renderer:
+        events = stroke(end_s=until_s, begin_s=BEGIN_S)
+        zero_s = renderer.now_s() - len(mock.output[0]) / RATE
+        for k in range(int(until_s / 0.005)):
+            at_s = k * 0.005
+            while events and events[0].t_s <= at_s:
+                event = events.pop(0)
+                renderer.event(event._replace(t_s=event.t_s), event.t_s)
+            renderer.run_until(at_s)
+            codes = mock.output[0]
+            whole = (len(codes) - heard) // size * size
+            if observer is None or not whole:
+                continue
+            volts = codes_to_volts(codes[heard : heard + whole], mock.about.full_scale_mv / 1e3)
+            for reading in current.read(volts, RATE, path, zero_s + heard / RATE):
+                renderer.sensed(lie(reading))
+            heard += whole
+            estimates.append((renderer.now_s(), renderer.stats.finger))
+    return renderer, estimates
+
+
+def test_who_is_attracted_less_gets_more(surface, contact, stiffer):
+    plain, _ = play(surface, None, stiffer)
+    renderer, estimates = play(surface, FingerObserver(contact), stiffer)
+    found = estimates[-1][1]
+    assert found.state is Knowledge.LEARNS
+    assert found.log_gain < -0.2
+    # b V^2 is asked for: the amplitude goes with the root of the attraction. The estimate of the
+    # last 20 ms is not played yet.
+    rise = np.log(renderer.played.amplitude_v[-50] / plain.played.amplitude_v[-50])
+    assert rise == pytest.approx(-found.log_gain / 2, abs=0.05)
+    assert "finger: learns" in str(renderer.stats)
+
+
+def test_what_is_felt_never_steps(surface, contact, stiffer):
+    lying = []
+
+    def dies(reading):
+        lying.append(reading.t_s)
+        return reading._replace(current_a=0j) if reading.t_s > 1.2 else reading
+
+    renderer, estimates = play(surface, FingerObserver(contact), stiffer, dies)
+    states = {estimate.state for at_s, estimate in estimates if at_s > 1.2 + 0.017}
+    assert states == {Knowledge.SENSOR}
+    amplitude = renderer.played.amplitude_v
+    step_s = renderer.step_s
+    times = renderer.played.t0_s + step_s * np.arange(len(amplitude))
+    steady = times > BEGIN_S + 0.1  # behind the fade-in
+    mu = np.array([float(m) for m in renderer.slice.mu(np.full(len(amplitude), 0.5), amplitude)])
+    mu = mu[steady]
+    window = round(0.010 / step_s)
+    change = np.abs(mu[window:] / mu[:-window] - 1) / WEBER_FRACTION
+    assert change.max() < 0.25
+    assert change.max() > 0  # and it did change
+
+
+def test_off_it_plays_the_same_bits(surface, model):
+    played = [play(surface, None, model)[0].device.mock.played_codes for _ in range(2)]
+    np.testing.assert_array_equal(*played)
+
+
+def test_no_amplitude_is_beyond_the_limit(surface, contact, stiffer):
+    renderer, _ = play(surface, FingerObserver(contact), stiffer, until_s=0.9)
+    assert np.abs(renderer.device.mock.played_v).max() <= renderer.highest_v * (1 + 1e-4)
+
+
+def test_the_panel_is_probed_while_nobody_touches(surface, contact, stiffer):
+    observer = FingerObserver(contact)
+    play(surface, observer, stiffer, until_s=0.5)
+    # 500 ms at 20 V: 0.1 % a reading and 12 bits leave some 0.1 % of 2 nF, less a pole's 1.5 %.
+    assert abs(observer.baseline_f) == pytest.approx(2e-9, rel=3e-3)
+
+
+def test_what_cannot_sense_says_so(surface, contact):
+    device = haptix.open_device("mock:")
+    with pytest.raises(haptix.InputError, match="expected a carrier"):
+        LiveRenderer(surface, HALF, device, DirectWave(CARRIER_HZ), sense=FingerObserver(contact))
+    with pytest.raises(haptix.InputError, match="sense"):
+        LiveRenderer(surface, HALF, device, sense="yes")
+    with pytest.raises(haptix.InputError, match="sense=True"):
+        LiveRenderer(surface, HALF, device, settings=LiveSettings()).sensed(None)

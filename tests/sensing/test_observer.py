@@ -1,0 +1,277 @@
+"""What the observer learns of a virtual finger's current, and when it takes none."""
+
+from dataclasses import replace
+from math import nan, pi
+
+import numpy as np
+import pytest
+
+import haptix
+from haptix.motion import Trajectory
+from haptix.sensing import (
+    ContactCurrent,
+    FingerObserver,
+    Knowledge,
+    PopulationSpread,
+    Reading,
+    SensingSettings,
+)
+from haptix.virtual_finger import Converter, PanelCircuit, VirtualCurrent
+
+HERTZ, RATE = 4000.0, 48_000.0
+KNOWN = haptix.Finger.preset("semi-wet")
+SCREEN = haptix.Screen()
+
+
+@pytest.fixture(scope="module")
+def contact():
+    return ContactCurrent.of_model(haptix.ContactModel(KNOWN, SCREEN), HERTZ)
+
+
+@pytest.fixture(scope="module")
+def stiffer():
+    """A finger of 1.8 times the moduli: it is attracted less."""
+    return haptix.ContactModel(
+        KNOWN.replace(
+            youngs_modulus_pa=1.8 * KNOWN.youngs_modulus_pa,
+            bulk_modulus_pa=1.8 * KNOWN.bulk_modulus_pa,
+        ),
+        SCREEN,
+    )
+
+
+def log_attraction(model, force_n, volts):
+    rest, driven = model.solve(force_n, 0.0, HERTZ), model.solve(force_n, volts, HERTZ)
+    return float(np.log((1 - float(rest.mu / driven.mu)) / volts**2))
+
+
+def slide(observer, current, seconds=0.5, force_n=0.4, volts=120.0, **how):
+    """An untouched second at 20 V, then a stroke; return the time of the end."""
+    t = np.arange(int((1 + seconds) * RATE)) / RATE
+    drive = np.where(t < 1, 20.0, volts) * np.cos(2 * pi * HERTZ * t)
+    path = Trajectory.of([1.0, 1.0 + seconds], [0.0, 60.0 * seconds], 0.0, force_n)
+    delay_s = current.converter.delay_s
+    for reading in current.read(drive, RATE, path):
+        if reading.t_s > 1:
+            observer.touched(reading.t_s, how.get("fingers", 1), how.get("speed", 60.0))
+        observer.read(how.get("lie", lambda one: one)(reading), reading.t_s + delay_s)
+    return reading.t_s + delay_s
+
+
+# Each axis by two sigma of a finger, so that a wrong exponent shows.
+FINGERS = {
+    "stiffness": {"youngs_modulus_pa": 1.5, "bulk_modulus_pa": 1.5},
+    "roughness": {"h_rms_m": 1.2},
+    "area": {"apparent_area_at_1n_m2": 1.3},
+    "skin": {"scale": 1.3},
+}
+
+
+@pytest.mark.parametrize("name", FINGERS)
+def test_another_finger_is_the_known_one_scaled(contact, name):
+    change = FINGERS[name]
+    finger = KNOWN.replace(
+        **{key: ratio * getattr(KNOWN, key) for key, ratio in change.items() if hasattr(KNOWN, key)}
+    )
+    if name == "roughness":
+        rough = {"h_rms_m": 1.2 * KNOWN.roughness.h_rms_m}
+        finger = KNOWN.replace(roughness=KNOWN.roughness.model_copy(update=rough))
+    if name == "skin":
+        finger = KNOWN.replace(dielectric=KNOWN.dielectric.model_copy(update={"scale": 1.3}))
+    model = haptix.ContactModel(finger, SCREEN)
+    latent = np.zeros((1, 6))
+    latent[0, list(FINGERS).index(name)] = np.log(next(iter(change.values())))
+    latent[0, 4] = np.log(0.6 / contact.population.force_n)
+    state = model.solve(0.6, 100.0, HERTZ)
+    alone = complex(state.capacitance_f, -state.conductance_s / (2 * pi * HERTZ))
+    in_series = alone * SCREEN.body_capacitance_f / (alone + SCREEN.body_capacitance_f)
+    # The fit's own spread is 0.1 %.
+    assert abs(contact.capacitance_f(latent, 100.0)[0] / in_series - 1) < 5e-3
+    found = contact.log_attraction(latent, 100.0)[0]
+    assert found == pytest.approx(log_attraction(model, 0.6, 100.0), abs=5e-3)
+
+
+def test_a_stiffer_finger_is_known_after_half_a_second(contact, stiffer):
+    observer = FingerObserver(contact)
+    estimate = observer.estimate(slide(observer, VirtualCurrent(stiffer, HERTZ, seed=3)))
+    true = log_attraction(stiffer, 0.4, 120.0) - log_attraction(
+        haptix.ContactModel(KNOWN, SCREEN), 0.4, 120.0
+    )
+    assert estimate.state is Knowledge.LEARNS
+    assert true < -0.3
+    # The force is not known either: half of the error goes, and the rest is within 2 sigma.
+    assert abs(estimate.log_gain - true) < min(0.7 * abs(true), 2 * estimate.log_gain_sd)
+
+
+def test_a_measured_force_leaves_less_open(contact, stiffer):
+    found = []
+    for force_n in (None, 0.4):
+        observer = FingerObserver(contact)
+        current = VirtualCurrent(stiffer, HERTZ, seed=3)
+        t = np.arange(int(RATE * 1.5)) / RATE
+        path = Trajectory.of([1.0, 1.5], [0.0, 30.0], 0.0, 0.4)
+        drive = np.where(t < 1, 20.0, 120.0) * np.cos(2 * pi * HERTZ * t)
+        for reading in current.read(drive, RATE, path):
+            if reading.t_s > 1:
+                observer.touched(reading.t_s, 1, 60.0, force_n)
+            observer.read(reading, reading.t_s)
+        found.append(observer.estimate(reading.t_s))
+    assert found[1].log_gain_sd < 0.8 * found[0].log_gain_sd
+    assert found[1].force_sd < 0.11 < found[0].force_sd
+
+
+@pytest.mark.parametrize(
+    ("how", "state"),
+    [
+        ({"fingers": 2}, Knowledge.TWO),
+        ({"fingers": 0}, Knowledge.LIFTED),
+        ({"speed": 0.0}, Knowledge.RESTS),
+        ({"volts": 15.0}, Knowledge.LOW),
+    ],
+)
+def test_it_says_why_it_learns_nothing(contact, stiffer, how, state):
+    observer = FingerObserver(contact)
+    estimate = observer.estimate(slide(observer, VirtualCurrent(stiffer, HERTZ), 0.2, **how))
+    assert estimate.state is state
+    assert (estimate.log_gain, estimate.readings) == (0.0, 0)
+
+
+def test_without_an_untouched_panel_nothing_is_known(contact):
+    observer = FingerObserver(contact)
+    observer.touched(0.0, 1, 60.0)
+    observer.read(Reading(0.1, 0.007j, 120.0), 0.1)
+    assert observer.estimate(0.1).state is Knowledge.NO_BASELINE
+
+
+def test_two_fingers_freeze_what_was_learned(contact, stiffer):
+    observer = FingerObserver(contact)
+    end_s = slide(observer, VirtualCurrent(stiffer, HERTZ))
+    before = observer.estimate(end_s)
+    observer.touched(end_s, 2)
+    both = 2 * abs(VirtualCurrent(stiffer, HERTZ).farads(0.4, 120.0))
+    for i in range(1, 50):
+        at_s = end_s + i * 0.004
+        current = 2j * pi * HERTZ * (2e-9 + both) * 120 * (1 + 1e-5 * i)
+        observer.read(Reading(at_s, current, 120.0), at_s)
+    after = observer.estimate(at_s)
+    assert after.state is Knowledge.TWO
+    assert (after.log_gain, after.readings) == (before.log_gain, before.readings)
+
+
+def test_another_touch_may_be_of_another_person(contact, stiffer):
+    observer = FingerObserver(contact)
+    end_s = slide(observer, VirtualCurrent(stiffer, HERTZ))
+    person = observer.enrolled()
+    observer.touched(end_s, 0)
+    observer.touched(end_s + 0.5, 1, 60.0)
+    assert observer.estimate(end_s).log_gain < 0  # the same hand again
+    observer.touched(end_s + 0.6, 0)
+    observer.touched(end_s + 3.0, 1, 60.0)
+    assert observer.estimate(end_s).log_gain == 0
+    assert FingerObserver(contact, person=person).enrolled().mean[0] == person.mean[0] > 0
+
+
+LIES = {
+    "dead": lambda reading: reading._replace(current_a=0j),
+    "stuck": lambda reading: reading._replace(current_a=0.00612j),
+    "inverted": lambda reading: reading._replace(current_a=-reading.current_a),
+    "late": lambda reading: reading._replace(t_s=reading.t_s - 0.05),
+    "no number": lambda reading: reading._replace(current_a=complex(nan, 0)),
+    "far": lambda reading: reading._replace(current_a=100 * reading.current_a),
+}
+
+
+@pytest.mark.parametrize("name", LIES)
+def test_a_sensor_that_lies_is_not_trusted_within_10_ms(contact, stiffer, name):
+    observer = FingerObserver(contact)
+    current = VirtualCurrent(stiffer, HERTZ)  # 250 a second: two or three readings in 10 ms
+    end_s = slide(observer, current, 0.2)
+    assert observer.estimate(end_s).log_gain != 0
+    t = np.arange(int(0.010 * RATE)) / RATE
+    drive = 120 * np.cos(2 * pi * HERTZ * t)
+    path = Trajectory.of([0.0, 10.0], [0.0, 600.0], 0.0, 0.4)
+    for reading in current.read(drive, RATE, path, end_s):
+        observer.read(LIES[name](reading), reading.t_s)
+    estimate = observer.estimate(end_s + 0.010)
+    assert (estimate.state, estimate.log_gain) == (Knowledge.SENSOR, 0.0)
+
+
+@pytest.mark.parametrize("value", [complex(np.inf, 0), complex(nan, nan), 1e9j, -0.006j])
+def test_one_reading_that_cannot_be_right_does_not_count(contact, stiffer, value):
+    found = []
+    for is_hit in (False, True):
+        observer, times = FingerObserver(contact), []
+
+        def lie(reading, is_hit=is_hit, times=times):
+            times.append(reading.t_s)
+            return reading._replace(current_a=value) if is_hit and len(times) == 300 else reading
+
+        now_s = slide(observer, VirtualCurrent(stiffer, HERTZ, seed=3), lie=lie)
+        found.append(observer.estimate(now_s))
+    assert found[1].state is Knowledge.LEARNS
+    # One average less: the estimate moves by far less than it is uncertain.
+    assert found[1].log_gain == pytest.approx(found[0].log_gain, abs=0.3 * found[0].log_gain_sd)
+
+
+def test_a_silent_sensor_is_not_trusted_within_10_ms_and_comes_back(contact, stiffer):
+    observer = FingerObserver(contact)
+    current = VirtualCurrent(stiffer, HERTZ)
+    end_s = slide(observer, current, 0.2)
+    assert observer.estimate(end_s + 0.010).state is Knowledge.SENSOR
+    t = np.arange(int(0.7 * RATE)) / RATE
+    path = Trajectory.of([0.0, 10.0], [0.0, 600.0], 0.0, 0.4)
+    for reading in current.read(120 * np.cos(2 * pi * HERTZ * t), RATE, path, end_s + 0.02):
+        observer.read(reading, reading.t_s)
+    assert observer.estimate(reading.t_s).state is Knowledge.LEARNS
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_alone_moves_nothing_beyond_its_bounds(contact, seed):
+    random, observer = (
+        np.random.default_rng(seed),
+        FingerObserver(contact, SensingSettings(lost_s=1e3)),
+    )
+    observer.baseline_f = 2e-9 + 0j
+    observer.touched(0.0, 1, 60.0)
+    for i in range(1, 500):
+        farads = 2e-9 + 2e-10 * random.normal() + 2e-10j * random.normal()
+        volts = float(random.uniform(20, 200))
+        reading = Reading(i * 0.01, 2j * pi * HERTZ * farads * volts, volts)
+        observer.read(reading, reading.t_s)
+        estimate = observer.estimate(reading.t_s)
+        assert np.isfinite(estimate.log_gain)
+        assert 0 < estimate.log_gain_sd < 3
+    assert abs(estimate.log_gain) < 3
+
+
+def test_the_virtual_current_has_its_circuit():
+    model = haptix.ContactModel(KNOWN, SCREEN)
+    quiet = Converter(noise=0.0, hum_a=0.0, bits=24, pole_hz=1e9)
+    current = VirtualCurrent(model, HERTZ, quiet, PanelCircuit(rest_share=0.25))
+    t = np.arange(4800) / RATE
+    drive = 100 * np.cos(2 * pi * HERTZ * t)
+    alone = current.read(drive, RATE)[-1]
+    # 2 nF at 100 V and 4 kHz, by hand: 5.0265 mA a quarter ahead.
+    assert alone.current_a == pytest.approx(5.02655e-3j, rel=1e-4)
+    assert alone.voltage_v == pytest.approx(100.0)
+    path = Trajectory.of([0.0, 0.1], [0.0, 10.0], 0.0, 0.4)
+    touched = current.read(drive, RATE, path)[-1]
+    state = model.solve(0.4, 100.0, HERTZ)
+    contact = complex(state.capacitance_f, -state.conductance_s / (2 * pi * HERTZ))
+    added = (touched.current_a - alone.current_a) / (2j * pi * HERTZ * 100)
+    # Between the table's forces and voltages lines are within 1 %.
+    assert added == pytest.approx(contact * 150e-12 / (contact + 150e-12), rel=0.01)
+    resting = current.read(drive, RATE, Trajectory.of([0.0, 0.1], [0.0, 0.0], 0.0, 0.4))[-1]
+    assert abs(resting.current_a) < abs(touched.current_a)
+    small = VirtualCurrent(model, HERTZ, replace(quiet, range_a=1e-3))
+    assert small.read(drive, RATE)[-1].is_saturated
+
+
+def test_what_is_no_number_is_refused():
+    for make in (
+        lambda: PopulationSpread(stiffness=0.0),
+        lambda: Converter(bits=2),
+        lambda: SensingSettings(update_s=-1.0),
+    ):
+        with pytest.raises(haptix.InputError, match="expected"):
+            make()
