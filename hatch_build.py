@@ -41,14 +41,24 @@ TARGETS = {
 
 
 class CustomMetadataHook(MetadataHookInterface):
-    """Give the description."""
+    """Give the description, and the addresses where they are known."""
 
     def update(self, metadata: dict[str, Any]) -> None:
-        """Add the README: no pictures of the repository, and links to its files as their names."""
+        """Add the README without pictures, links to files as their names, and the project's URLs.
+
+        HAPTIX_HOME is the repository's address, which no file of it can know.
+        """
         text = (Path(self.root) / "README.md").read_text(encoding="utf-8")
         text = re.sub(r"!\[[^\]]*\]\((?!https?:)[^)]*\)\n\n", "", text)
         text = re.sub(r"\[([^\]]*)\]\((?!https?:|#)([^)]*)\)", r"\1 (`\2`)", text)
         metadata["readme"] = {"content-type": "text/markdown", "text": text}
+        if home := os.environ.get("HAPTIX_HOME"):
+            metadata["urls"] = {
+                "Homepage": home,
+                "Documentation": f"{home}/tree/main/docs",
+                "Changelog": f"{home}/blob/main/CHANGELOG.md",
+                "Issues": f"{home}/issues",
+            }
 
 
 class CustomBuildHook(BuildHookInterface[Any]):
