@@ -51,6 +51,7 @@ def test_a_failure_at_every_step_and_flipped_bits_end_at_0_v(tmp_path):
     assert re.search(r" [1-9]\d* at 0 V within 15 ms, [1-9]\d* within limits, 0 esc", done.stdout)
 
 
+@pytest.mark.slow  # the solver takes more than a minute
 def test_what_the_contracts_of_the_limiter_say_is_proven(tmp_path):
     need("make", "frama-c", "why3", "z3")
     done = make(tmp_path, "prove")

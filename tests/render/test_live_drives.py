@@ -129,7 +129,7 @@ WAVES = st.one_of(
     st.sampled_from(["strongest", "mean"]),
     st.booleans(),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_no_sample_is_ever_above_the_limit(fragile, wave, levels, mu_range, path, combination, two):
     waves = None if wave is None else DirectWave(125.0, wave)
     texture = Texture(np.array([levels]), width_mm=70.0, mu_range=mu_range, beyond="hold")
