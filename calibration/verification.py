@@ -221,8 +221,8 @@ class Verification:
 
     @property
     def parts(self) -> list[tuple[str, Sequence[Any]]]:
-        """What people read of it, by title: rows of a table, or lines."""
-        return [
+        """What people read of it, by title: rows of a table, or lines; without empty ones."""
+        parts: list[tuple[str, Sequence[Any]]] = [
             ("Why it failed", self.failures),
             ("Not tested", self.untested),
             ("Errors of friction, by the strokes kept out of the fit", self.groups),
@@ -232,6 +232,7 @@ class Verification:
             ("Uncertainty budget", [row for one in self.budget for row in one.main]),
             ("Steadiness", [self.steadiness.text]),
         ]
+        return [(title, rows) for title, rows in parts if rows]
 
     @property
     def worst_jnd(self) -> Annotated[float, Heading("worst stroke [JND]", ".2f")]:

@@ -66,6 +66,8 @@ def calibrated(screen, fit, passed, predictor):
 
 def test_good_strokes_pass(passed, strokes):
     assert passed.passed
+    titles = [title for title, _ in passed.parts]
+    assert "Why it failed" not in titles and "Not tested" not in titles
     assert len(passed.strokes) == len(strokes.held_out) == 8
     # 1 % of repeatability is a tenth of a threshold: three times that for the worst of eight.
     assert 0 < passed.worst_jnd < 0.4
@@ -115,7 +117,7 @@ def test_a_shift_of_the_tolerance_passes_in_one_of_twenty_at_most(fit, strokes, 
 def test_a_group_that_is_off_fails_and_is_named(fit, strokes, written, passed):
     off = [0.6 if row.point.normal_force_n < 0.45 else 0.0 for row in passed.strokes]
     found = verify(fit, shifted(strokes, passed.strokes, off), written, rig=RIGHT)
-    assert found.verdict == "failed"
+    assert found.verdict == "failed" and found.parts[0] == ("Why it failed", found.failures)
     assert re.search(
         r"light strokes \(strokes [\d, ]+\): friction is \+[\d.]+ ± ", found.failures[0]
     )
