@@ -46,7 +46,7 @@ def sliding(service: Service) -> Iterator[tuple[Any, list[tuple[float, str]], li
             client.touch(50 + 30 * float(np.sin(2 * time.monotonic())), 30.0, 0.5)
 
     def feels(frame: Any) -> None:
-        if np.nan_to_num(frame.rows[:, 7]).max() > 0:
+        if frame.stream == "friction" and np.nan_to_num(frame.rows[:, 7]).max() > 0:
             felt.append(time.monotonic())
 
     with haptix.client.connect("attacked") as client:
@@ -90,6 +90,36 @@ def hung_engine() -> dict[str, Any]:
             "told s": round(told_s - began_s, 2),
             "states": [(round(at_s - began_s, 2), state) for at_s, state in states],
             "felt again s": round(again_s - began_s, 2),
+        }
+
+
+def hung_worker() -> dict[str, Any]:
+    """SIGSTOP to every process but the front and the engine: the virtual finger's is one of them."""
+    felt_s: list[float] = []
+
+    def feels(frame: Any) -> None:
+        if frame.stream == "felt":
+            felt_s.append(time.monotonic())
+
+    with serving() as service, sliding(service) as (client, states, played_s):
+        client.on("frame", feels)
+        client.ask("subscribe", streams={"felt": 50.0, "friction": 200.0})
+        wait(lambda: felt_s)
+        time.sleep(20.0)
+        began_s = time.monotonic()
+        for name, pid in service.pids.items():
+            if name not in ("front", "engine"):
+                os.kill(pid, signal.SIGSTOP)
+        wait(lambda: time.monotonic() - felt_s[-1] > 0.3)
+        count = len(felt_s)
+        wait(lambda: len(felt_s) > count)
+        pauses_s = np.diff([at_s for at_s in played_s if at_s > began_s])
+        return {
+            "virtual finger feels again s": round(felt_s[count] - began_s, 2),
+            "longest pause of what is played s": round(float(pauses_s.max()), 2),
+            "states": [
+                (round(at_s - began_s, 2), state) for at_s, state in states if at_s > began_s
+            ],
         }
 
 
@@ -214,6 +244,7 @@ def flood(kind: str) -> dict[str, Any]:
 
 PROGRAMS = {
     "hung engine": hung_engine,
+    "hung worker": hung_worker,
     "1300 idle at 1024": lambda: crowd(1300, b"", 1024),
     "4000 half-open": lambda: crowd(4000, b"POST /v1/pair HTTP/1.1\r\nHost: 127.0", 20_000),
     "flood of inventory": lambda: flood("inventory"),

@@ -74,7 +74,7 @@ class KeptTexts:
     def __init__(self, folder: Path, most_versions: int = MOST_VERSIONS) -> None:
         self._folder, self._most = folder, most_versions
         self._lock = threading.RLock()
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         for path in folder.glob("*.json"):
             if path.is_file():
                 (folder / path.stem).mkdir(exist_ok=True)
