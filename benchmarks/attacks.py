@@ -94,7 +94,7 @@ def hung_engine() -> dict[str, Any]:
 
 
 def hung_worker() -> dict[str, Any]:
-    """SIGSTOP to every process but the front and the engine: the virtual finger's is one of them."""
+    """SIGSTOP to every process but front and engine: the virtual finger's is one of them."""
     felt_s: list[float] = []
 
     def feels(frame: Any) -> None:

@@ -233,7 +233,11 @@ def load(seconds: float, every_s: float = 10.0) -> Iterator[dict[str, Any]]:
             began_s, cpu_s = time.monotonic(), service.cpu_s()
             time.sleep(min(every_s, max(0.1, end_s - began_s)))
             spent_s = time.monotonic() - began_s
-            used = {name: used - cpu_s[name] for name, used in service.cpu_s().items()}
+            # A worker that was begun meanwhile stands in another's place.
+            used = {
+                name: max(0.0, used - cpu_s.get(name, 0.0))
+                for name, used in service.cpu_s().items()
+            }
             holds = service.holds()
             row, before = rows[-1], touches
             touches = float(row[3])

@@ -7,17 +7,29 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-MODULES = [
-    "haptix.tasks.rendering",
-    "haptix.tasks.surfaces",
-    "haptix.tasks.scenes",
-    "haptix.tasks.materials",
-    "haptix.tasks.campaigns",
-    "haptix.tasks.stimuli",
-    "calibration.tasks",
-    "calibration.result_tasks",
-    "calibration.keeping_tasks",
-]
+_FIRST = ["rendering", "surfaces", "scenes", "materials"]  # what a newcomer looks for in the help
+
+
+def _modules() -> list[str]:
+    """Return the modules of tasks: those of `haptix.tasks`, and those of calibration by name."""
+    ours = [path.stem for path in _folder("haptix.tasks").glob("[!_]*.py")]
+    ours.sort(key=lambda name: (_FIRST.index(name) if name in _FIRST else len(_FIRST), name))
+    measuring = sorted(path.stem for path in _folder("calibration").glob("*tasks.py"))
+    measuring.sort(key=len)  # `tasks` itself first
+    return [f"haptix.tasks.{name}" for name in ours] + [f"calibration.{name}" for name in measuring]
+
+
+def _folder(package: str) -> Path:
+    """Return where a package lies, of this distribution first, without importing it."""
+    folder = Path(__file__).parents[1].joinpath(*package.split("."))
+    if not folder.is_dir():
+        spec = find_spec(package)
+        assert spec is not None and spec.origin is not None
+        folder = Path(spec.origin).parent
+    return folder
+
+
+MODULES = _modules()
 """Modules of tasks, in the order in which help lists them."""
 
 _TASK = re.compile(
@@ -50,10 +62,10 @@ def commands() -> dict[str, tuple[str, str]]:
 
 
 def _text(module: str) -> str:
-    """Return the text of a module, of this distribution first, without importing it."""
-    path = Path(__file__).parents[1].joinpath(*module.split(".")).with_suffix(".py")
-    if not path.exists():
-        spec = find_spec(module)
-        assert spec is not None and spec.origin is not None
-        path = Path(spec.origin)
-    return path.read_text(encoding="utf-8")
+    """Return the text of a module without importing it."""
+    package, _, name = module.rpartition(".")
+    if package:
+        return (_folder(package) / f"{name}.py").read_text(encoding="utf-8")
+    spec = find_spec(name)
+    assert spec is not None and spec.origin is not None
+    return Path(spec.origin).read_text(encoding="utf-8")

@@ -37,8 +37,7 @@ LISTED = "from haptix import task_list\ntask_list.MODULES.append('charging')\n"
 def put_in(folder, monkeypatch):
     """Write the file into a folder, and list it here and in the processes that begin from now on.
 
-    A stranger lists a new file by a line of `haptix.task_list`, and a new class of a file that is
-    there by none.
+    A file in `haptix/tasks` is found without that; a test does not write there.
     """
     (folder / "charging.py").write_text(ONE_FILE)
     (folder / "sitecustomize.py").write_text(LISTED)

@@ -1,11 +1,16 @@
 """A new task is one class in one file: command, route, form, job and campaign come from it."""
 
 import json
+import shutil
+import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from fastapi import FastAPI
 
+import calibration
+import firmware_io
 import haptix
 from haptix import cli, desk
 from haptix.campaign.kinds import load_campaign
@@ -14,7 +19,7 @@ from haptix.service.job_work import JobWork
 from haptix.service.rest import jobs_router
 from haptix.tasks.rendering import Render
 from tests.command_line import run_haptix
-from tests.one_task import put_in
+from tests.one_task import ONE_FILE, put_in
 
 
 @pytest.fixture
@@ -30,6 +35,17 @@ def test_its_command_has_help_units_and_defaults(charge):
     shown = " ".join(run_haptix("charge", "--help").out.split())
     assert "--voltage-v V,... Amplitudes. [required]" in shown
     assert "--width-mm mm Width of a square electrode. [default: 10]" in shown
+
+
+def test_a_new_file_beside_the_others_is_found_by_no_list(tmp_path):
+    for package in (haptix, calibration, firmware_io):
+        folder = Path(package.__file__).parent
+        shutil.copytree(folder, tmp_path / folder.name, ignore=shutil.ignore_patterns("static"))
+    (tmp_path / "haptix" / "tasks" / "charging.py").write_text(ONE_FILE)
+    for words in (["--help"], ["charge", "--voltage-v", "1.5 V"]):
+        command = [sys.executable, "-m", "haptix.cli", *words]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert done.returncode == 0 and "charge" in done.stdout, done.stderr
 
 
 def test_its_command_understands_units_and_says_so(charge):

@@ -7,6 +7,7 @@ the list follows the core.
 """
 
 import os
+import resource
 import shutil
 import subprocess
 import sys
@@ -18,6 +19,10 @@ from typing import NamedTuple
 
 HERE = Path(__file__).resolve().parent
 CORE = HERE.parents[2] / "firmware_io" / "firmware"
+
+
+#: Processor time of a check, which takes 4 s: a mutant that waits for ever has been noticed.
+MOST_S = 300
 
 
 class Mutant(NamedTuple):
@@ -58,6 +63,7 @@ def survives(mutant: Mutant, command: list[str] | None = None) -> bool:
             text=True,
             check=False,
             env={**os.environ, "CORE": str(core)},
+            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (MOST_S, MOST_S)),
         )
         if "error:" in done.stderr:
             raise SystemExit(f"{mutant} does not compile: {done.stderr}")
