@@ -1,5 +1,7 @@
 /** Jobs of one kind on the service: begun, watched, answered and ended, whoever began them. */
 
+import { el } from "./dom.js";
+
 /** @import { Service } from "./service.js" */
 /** @import * as m from "../../../clients/typescript/types/messages.js" */
 
@@ -59,6 +61,24 @@ export class Jobs {
   /** @param {m.Job} job @param {string} text */
   answer(job, text) {
     void this.service.attempt(() => this.service.rest("POST", `/v1/jobs/${job.job}/answer`, { text }));
+  }
+
+  /**
+   * Where a person answers what a job asks: a button for each choice, or a line of text.
+   * @param {m.Job} job @param {string} submit @param {Record<string, string>} [names] of choices
+   */
+  answerForm(job, submit, names = {}) {
+    const { prompt, choices = [] } = job;
+    if (choices.length) {
+      const buttons = choices.map((choice, at) => el(at ? "button" : "button.main", { type: "button", onclick: () => this.answer(job, choice) }, names[choice] ?? choice));
+      return el("div.field-of", {}, el("p.large", {}, prompt), el("div.row", {}, buttons));
+    }
+    const text = el("input", { id: `answer-${job.job}`, type: "text" });
+    const onsubmit = (/** @type {Event} */ event) => {
+      event.preventDefault();
+      this.answer(job, text.value);
+    };
+    return el("form.field-of", { onsubmit }, el("label", { for: text.id }, prompt), el("div.row", {}, text, el("button.main", {}, submit)));
   }
 
   /** @param {m.Job} job */

@@ -47,7 +47,7 @@ export function mount(root, app) {
     }, title)));
     fill(now, el("h2", {}, t.states[job.state] ?? job.state), steps, bar,
       job.state === "running" ? el("p.large", {}, t.working[job.step ?? ""]) : null,
-      job.state === "asking" ? asks(job) : null,
+      job.state === "asking" ? jobs.answerForm(job, t.answer, t.choices) : null,
       job.sentence ? el("p.told", { role: "alert" }, job.sentence) : null,
       is_over || job.choices?.length ? null : el("div.row", {}, el("button", { type: "button", onclick: () => jobs.cancel(job) }, t.end)));
     /** @type {HTMLElement | null} */ (now.querySelector("input, button.main"))?.focus();
@@ -56,20 +56,6 @@ export function mount(root, app) {
       result_sheet.hidden = false;
       fill(result_sheet, ...report(result, () => void service.attempt(() => saveReport(String(result.name)))));
     }
-  }
-
-  /** @param {m.Job} job */
-  function asks(job) {
-    const { prompt, choices = [] } = job;
-    if (choices.length) {
-      return el("div.field-of", {}, el("p.large", {}, prompt),
-        el("div.row", {}, choices.map((choice, at) => el(at ? "button" : "button.main", { type: "button", onclick: () => jobs.answer(job, choice) }, t.choices[choice] ?? choice))));
-    }
-    const text = el("input", { id: "answer", type: "text" });
-    return el("form.field-of", { onsubmit: (/** @type {Event} */ event) => {
-      event.preventDefault();
-      jobs.answer(job, text.value);
-    } }, el("label", { for: "answer" }, prompt), el("div.row", {}, text, el("button.main", {}, t.answer)));
   }
 
   /** @param {string} of */

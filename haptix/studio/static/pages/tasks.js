@@ -115,7 +115,7 @@ class Card {
     fill(this.element, el("h2", {}, t.states[state]),
       isOver(job) ? null : this.#bar,
       state === "running" ? el("p.quiet", {}, t.share(share, left_s)) : null,
-      state === "asking" ? this.#asks(job) : null,
+      state === "asking" ? this.jobs.answerForm(job, t.answer) : null,
       sentence ? el("p.told", { role: "alert" }, sentence) : null,
       isOver(job) ? null : el("div.row", {}, el("button", { type: "button", onclick: () => this.jobs.cancel(job) }, t.end)));
     if (!result) return;
@@ -123,19 +123,6 @@ class Card {
     const files = el("div.files");
     this.element.append(...shown(result), files);
     void this.jobs.service.attempt(() => this.#addFiles(files));
-  }
-
-  /** @param {m.Job} job */
-  #asks(job) {
-    const { prompt, choices = [] } = job;
-    const text = el("input", { id: `a-${this.job}`, type: "text" });
-    const answers = choices.map((choice) => el("button", { type: "button", onclick: () => this.jobs.answer(job, choice) }, choice));
-    const submit = (/** @type {Event} */ event) => {
-      event.preventDefault();
-      this.jobs.answer(job, text.value);
-    };
-    return el("form.field-of", { onsubmit: submit }, el("label", { for: text.id }, prompt),
-      el("div.row", {}, answers.length ? answers : [text, el("button.main", {}, t.answer)]));
   }
 
   /** Link the files that it has written, and show its pictures. @param {HTMLElement} files */
