@@ -169,7 +169,7 @@ def finish_decided(
 def plan_that_decides(folder: Path, verification: Verification) -> Protocol | None:
     """Return the plan with the held-out strokes added that would decide a verdict; None for others.
 
-    As many as a good screen needs to pass in 90 % of sessions where strokes repeat as these did; at
+    As many as a good screen needs to pass in 95 % of sessions where strokes repeat as these did; at
     least half as many again.
     """
     session = Session.open(folder)
@@ -228,7 +228,7 @@ def plan_strokes(
 
     Finger and screen are the assumed ones. A short protocol takes `minutes`. The highest
     amplitude [V] is the screen's limit by default. With the rig's `repeatability` (standard
-    deviation of ln mu) held-out strokes are added until a good screen passes in 90 % of sessions.
+    deviation of ln mu) held-out strokes are added until a good screen passes in 95 % of sessions.
 
     Raises
     ------

@@ -63,7 +63,7 @@ class Planned(Task):
     repeatability_percent: Annotated[float, Field(ge=0.1, le=20)] | None = Field(
         None,
         description="Within which strokes repeat on this rig, as a report says: strokes are added "
-        "until a good screen passes in 90 % of sessions.",
+        "until a good screen passes in 95 % of sessions.",
     )
     finger: FingerName | None = Field(
         None,

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from calibration import Parameters, Protocol, StrokePredictor, fit_strokes, verify
 from calibration.parameters import PER_FINGER
-from calibration.power import chance_of_passing, with_enough_held_out
+from calibration.power import ENOUGH, chance_of_passing, with_enough_held_out
 from calibration.practice import VIRTUAL_RIG, draw_truth
 from calibration.profile import finger_at
 from calibration.protocol import short_protocol, with_held_out
@@ -44,7 +44,7 @@ def test_strokes_that_repeat_worse_pass_less_and_more_of_them_more(predictor, st
 
 def test_a_plan_holds_out_enough_and_fits_the_same_strokes(predictor, start, short):
     enough, chance = with_enough_held_out(predictor, start, short, 0.03, VOLTS)
-    assert chance >= 0.9
+    assert chance >= ENOUGH
 
     def fitted(plan):
         return sorted(
@@ -56,7 +56,7 @@ def test_a_plan_holds_out_enough_and_fits_the_same_strokes(predictor, start, sho
     assert fitted(enough) == fitted(short)
     count = sum(one.held_out for one in enough.strokes)
     fewer = with_held_out(short, count - 2, VOLTS)
-    assert chance_of_passing(predictor, start, fewer, 0.03) < 0.9
+    assert chance_of_passing(predictor, start, fewer, 0.03) < ENOUGH
     # One is good enough from the start, and stays as it is.
     assert with_enough_held_out(predictor, start, short, 0.01, VOLTS)[0] == short
 
@@ -80,7 +80,7 @@ def test_the_command_says_how_long_it_takes(tmp_path, finger):
     assert len(strokes) > len(Protocol.load(tmp_path / "usual.toml").strokes)
     # 9 s each, and one that slides for 12 s
     assert rows[0]["minutes"] == pytest.approx((len(strokes) * 9 + 12) / 60)
-    assert rows[0]["chance_of_passing"] >= 0.9
+    assert rows[0]["chance_of_passing"] >= ENOUGH
     assert "where strokes repeat within 0.01, a good screen passes in" in " ".join(
         usual.stdout.split()
     )
