@@ -239,7 +239,8 @@ def scale_rows(runs: Sequence[RunOfMethod]) -> list[Row]:
     """Return Bradley-Terry values [logit] of each level, for each participant and for all.
 
     Over all, comparisons are counted together; the spread is a bootstrap over participants, so that
-    it holds for others than these. `fit_p` is small where no scale orders the levels.
+    it holds for others than these. `fit_p` is small where no scale orders the levels. The intervals
+    of 95 % are normal ones of the spread; over all, Student's for the number of participants.
     """
     rows = []
     for members in _runs_by_condition(runs):
@@ -260,7 +261,7 @@ def scale_rows(runs: Sequence[RunOfMethod]) -> list[Row]:
             fitted = (value, np.std(drawn, axis=0, ddof=1), fit_p)
             first = members[0]
             assert isinstance(first.method, Pairs)
-            rows += _scale(first, first.method.levels, several.sum(0), fitted, of_all=True)
+            rows += _scale(first, first.method.levels, several.sum(0), fitted, len(wins))
     return rows
 
 
@@ -269,21 +270,39 @@ def _scale(
     levels: Sequence[float],
     wins: Array,
     found: tuple[Array, Array, float],
-    of_all: bool = False,
+    participants: int = 0,
 ) -> list[Row]:
+    from scipy.stats import t as student
+
     value, spread, fit_p = found
+    half = spread * student.ppf(0.975, participants - 1 if participants else inf)
     return [
         {
             **run.place,
-            **({"participant": ALL, "session": ""} if of_all else {}),
+            **({"participant": ALL, "session": ""} if participants else {}),
             "level_db": level,
             "comparisons": int(wins[k].sum() + wins[:, k].sum()),
             "scale_logit": float(value[k]),
+            "low_logit": _known(float(value[k] - half[k])),
+            "high_logit": _known(float(value[k] + half[k])),
             "spread_logit": _known(float(spread[k])),
             "fit_p": None if isnan(fit_p) else fit_p,
         }
         for k, level in enumerate(levels)
     ]
+
+
+def pair_rows(runs: Sequence[RunOfMethod]) -> list[Row]:
+    """Return, for each participant and pair of levels, how often the second one was more."""
+    rows = []
+    for run in runs:
+        assert isinstance(run.method, Pairs)
+        won = run.method.wins()
+        for (i, level), (k, other) in combinations(enumerate(run.method.levels), 2):
+            place = {**run.place, "level_db": level, "other_db": other}
+            counts = {"comparisons": int(won[i, k] + won[k, i]), "other_is_more": int(won[k, i])}
+            rows.append({**place, **counts})
+    return rows
 
 
 def magnitude_rows(runs: Sequence[RunOfMethod]) -> list[Row]:
@@ -337,9 +356,9 @@ class Analysis:
     Parameters
     ----------
     tables : dict of str to list of dict
-        "thresholds", "scales", "magnitudes" and "exponents" of each participant, as the tasks have
-        them; "group" and "exponents-group" over participants; "differences" of conditions within
-        participants.
+        "thresholds", "scales", "pairs", "magnitudes" and "exponents" of each participant, as the
+        tasks have them; "group" and "exponents-group" over participants; "differences" of
+        conditions within participants.
     notes : tuple of str
         What was mixed or is missing.
     runs : tuple of RunOfMethod
@@ -377,6 +396,7 @@ def analyse(source: str | Path) -> Analysis:
         tables["group"], tables["differences"] = over_participants(rows, "threshold_db")
     if pairs := by_task.get("pairs"):
         tables["scales"] = scale_rows(pairs)
+        tables["pairs"] = pair_rows(pairs)
     if numbers := by_task.get("magnitude"):
         tables["magnitudes"] = magnitude_rows(numbers)
         tables["exponents"] = _filled(map(_exponent_row, numbers))
@@ -394,7 +414,13 @@ def _threshold_row(run: RunOfMethod) -> Row:
 def _exponent_row(run: RunOfMethod) -> Row:
     assert isinstance(run.method, Magnitudes)
     others = run.estimate.others
+    from scipy.stats import t as student
+
     values = {name: _known(others.get(name)) for name in ("exponent", "exponent_spread")}
+    exponent, spread = values.values()
+    if exponent is not None and spread is not None and len(run.method.answers) > 2:
+        half = spread * float(student.ppf(0.975, len(run.method.answers) - 2))
+        values |= {"low": exponent - half, "high": exponent + half}
     warnings = {"warnings": "; ".join(run.estimate.warnings)}
     return {**run.place, "trials": len(run.rows), **values, **run.summary, **warnings}
 
@@ -540,9 +566,12 @@ def _of_groups(analysis: Analysis) -> Iterator[tuple[str, Figure]]:
             members = [row for row in listed if (row["condition"], row["experiment"]) == condition]
             for who in dict.fromkeys((row["participant"], row["session"]) for row in members):
                 line = [row for row in members if (row["participant"], row["session"]) == who]
-                axes.plot(
-                    [row["level_db"] for row in line], [row[column] for row in line],
-                    "o-", linewidth=3 if who[0] == ALL else 1, label=who[0],
+                y = np.array([row[column] for row in line])
+                high = [row.get("high_logit") for row in line]
+                axes.errorbar(
+                    [row["level_db"] for row in line], y,
+                    [0 if up is None else up - at for up, at in zip(high, y, strict=True)],
+                    fmt="o-", linewidth=3 if who[0] == ALL else 1, label=who[0],
                 )  # fmt: skip
             axes.set(xlabel="level [dB]", ylabel=column.replace("_", " "))
             if name == "magnitudes":
@@ -555,7 +584,13 @@ def _of_run(run: RunOfMethod) -> Figure:
     """Levels trial by trial; and against them the share right, or the numbers."""
     levels = np.array([float(row["level"]) for row in run.rows])
     trials = np.array([int(row["trial"]) for row in run.rows])
-    if isinstance(run.method, Pairs | Magnitudes):
+    if isinstance(run.method, Magnitudes):
+        figure, (axes,) = _axes(1, "")
+        at, numbers = np.array(run.method.answers).reshape(-1, 2).T
+        axes.semilogy(at, numbers, ".")
+        axes.set(xlabel="level [dB]", ylabel="number")
+        return figure
+    if isinstance(run.method, Pairs):
         figure, (axes,) = _axes(1, "")
         axes.plot(trials, levels, ".")
         axes.set(xlabel="trial", ylabel="level [dB]")

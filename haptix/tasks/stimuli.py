@@ -46,7 +46,7 @@ _STAGES = {
 _LABELS = ("session", "task", "condition", "source")
 _WIDE = (
     "experiment", "share_right", "catch_trials", "hits", "false_alarms", "criterion", "warnings",
-    "between", "p", "overdispersion", "drift_probability",
+    "between", "p", "overdispersion", "drift_probability", "spread_logit",
 )  # fmt: skip
 """Columns that are in the files, and too many for a terminal."""
 _ASK_AFTER_H = 12.0  # a session that was stopped goes on within a day

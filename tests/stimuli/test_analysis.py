@@ -24,7 +24,7 @@ from haptix.stimuli.adaptive import (
     UpDown,
 )
 from haptix.stimuli.adaptive.methods import bradley_terry
-from haptix.stimuli.analysis import analyse, write_analysis
+from haptix.stimuli.analysis import analyse, report_html, write_analysis
 from haptix.stimuli.study import export
 from tests.stimuli.presented import at_level
 
@@ -182,12 +182,21 @@ def test_a_scale_of_pairs_has_its_truth_within_its_spread(tmp_path):
             return question.right if draw.random() < p else other
 
         run(tmp_path / f"p{who}.tsv", Pairs(levels, 6, seed=who), answer, "pairs")
-    rows = analyse(tmp_path).tables["scales"]
+    analysis = analyse(tmp_path)
+    rows = analysis.tables["scales"]
     over_all = [row for row in rows if row["participant"] == "all"]
     assert len(rows) == 5 * 4 and [row["comparisons"] for row in over_all] == [72] * 4
     off = [(row["scale_logit"] - at[row["level_db"]]) / row["spread_logit"] for row in over_all]
     assert np.abs(off).max() < 4  # spreads; one draw of four values
     assert all(row["fit_p"] > 0.001 for row in over_all)
+    widths = [(row["high_logit"] - row["low_logit"]) / row["spread_logit"] for row in rows]
+    assert widths[:4] == pytest.approx([2 * 1.960] * 4, rel=1e-3)  # normal
+    assert widths[-4:] == pytest.approx([2 * 3.182] * 4, rel=1e-3)  # Student's, 3 degrees
+    pairs = analysis.tables["pairs"]
+    assert len(pairs) == 4 * 6 and {row["comparisons"] for row in pairs} == {6}
+    ends = [row["other_is_more"] for row in pairs if (row["level_db"], row["other_db"]) == (10, 36)]
+    assert sum(ends) > 16  # of 24: 92 % are expected, 22
+    assert "<img" in report_html(analysis, "pairs")
 
 
 @pytest.mark.parametrize("n", [6, 20])
@@ -234,6 +243,19 @@ def test_no_scale_orders_a_circle():
     circle = np.array([[0, 9, 1], [1, 0, 9], [9, 1, 0]], float)
     assert bradley_terry(circle)[2] < 1e-4
     assert np.isnan(bradley_terry(np.array([[0.0, 3.0], [1.0, 0.0]]))[2])
+
+
+def test_the_interval_of_an_exponent_is_that_of_its_regression(tmp_path):
+    """Three numbers at 0, 20 and 40 dB whose logs miss a line of slope 1 by e, -2e and e."""
+    miss = 0.1
+    numbers = {0.0: np.exp(miss), 20.0: 10 * np.exp(-2 * miss), 40.0: 100 * np.exp(miss)}
+    method = Magnitudes([*numbers], 1, seed=0)
+    run(tmp_path / "a.tsv", method, lambda asked: f"{numbers[asked.level]:.12g}", "magnitude")
+    analysis = analyse(tmp_path)
+    (row,) = analysis.tables["exponents"]
+    half = 12.7062 * np.sqrt(6 * miss**2 / 1 / (2 * np.log(10) ** 2))  # Student's, 1 degree
+    assert (row["low"], row["high"]) == pytest.approx((1 - half, 1 + half), rel=1e-4)
+    assert "<img" in report_html(analysis, "magnitudes")
 
 
 def test_magnitudes_are_geometric_means_free_of_everybody_s_own_scale(tmp_path):
