@@ -27,7 +27,7 @@ from calibration.parameters import PER_FINGER
 from calibration.power import with_enough_held_out
 from calibration.practice import VIRTUAL_RIG
 from calibration.predict import StrokeConditions
-from calibration.profile import finger_at
+from calibration.profile import calibrated_screen, finger_at, match_screens
 from calibration.reduction import Point, Reduced
 from calibration.rig import VoltsRead
 from haptix.friction import in_theory
@@ -125,6 +125,9 @@ class Sessions:
             added = [one for one in plan.strokes if one.number > len(points)]
             points += self.strokes(true, added, rng, repeatability, volts, defect)
         off = self.errors(true, written, finger, screen, found.verified, defect)
+        if found.passed:
+            screen = calibrated_screen(screen, fit, found, self.predictor)
+        self.made = true, finger, screen, volts
         return {
             "session": number, "form": FORMS[number % len(FORMS)], "repeatability": repeatability,
             "defect": defect, "volts": volts, "planned_minutes": planned_s / 60,
@@ -132,6 +135,38 @@ class Sessions:
             "verdict": found.verdict, "worst_jnd": off, "failures": list(found.failures)[:2],
             "strokes_used": len(fit.strokes),
         }  # fmt: skip
+
+    def matched(self, number, seed):
+        """Compare the screens of two sessions that passed, of two fingers, with the truth.
+
+        That is the mean of both true fingers, each on both screens.
+        """
+        made = []
+        for one in (number, number + 30):  # of one contact law
+            if self.session(one, seed, False)["verdict"] != "passed":
+                return []
+            made.append(self.made)
+        (one, finger_a, a, volts_a), (two, finger_b, b, volts_b) = made
+        a, b = (screen.replace(max_voltage_v=min(volts_a, volts_b)) for screen in (a, b))
+        rows = []
+        for match in match_screens(a, b, [finger_a, finger_b], (0.3, 0.6), 4000.0, 3):
+            for level in match.levels:
+                place = level.normal_force_n, level.voltage_a_v, 4000.0, 50.0
+                log_mu = [
+                    [
+                        np.log(stroke_of(Finger(f.contact, {**f.values, "h0_m": h0_m}), *place)[0])
+                        for h0_m in (one.values["h0_m"], two.values["h0_m"])
+                    ]
+                    for f in (one, two)
+                ]
+                true_jnd = float(np.expm1(np.diff(log_mu).mean())) / WEBER_FRACTION
+                off_jnd = abs(level.difference_jnd - true_jnd)
+                rows.append({
+                    "pair": number, "normal_force_n": place[0], "voltage_v": place[1],
+                    "screens_jnd": level.difference_jnd, "uncertainty_jnd": level.uncertainty_jnd,
+                    "true_jnd": true_jnd, "held": bool(off_jnd <= level.uncertainty_jnd),
+                })  # fmt: skip
+        return rows
 
     def errors(self, true, written, finger, screen, verified, defect):
         """Highest error of friction [JND] inside the range that is stated."""
@@ -187,8 +222,18 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--defects", action="store_true")
+    parser.add_argument("--match", action="store_true", help="compare the screens of two sessions")
     asked = parser.parse_args()
     bench, rows = Sessions(asked.contacts), []
+    if asked.match:
+        for number in range(asked.first, asked.first + asked.sessions):
+            for row in bench.matched(number, asked.seed):
+                rows.append(row)
+                print(json.dumps(row), flush=True)
+        at_volts = [row for row in rows if row["voltage_v"] > 0]
+        held = sum(row["held"] for row in at_volts)
+        print(f"{held} of {len(at_volts)} differences within their stated uncertainty")
+        return
     for number in range(asked.first, asked.first + asked.sessions):
         rows.append(bench.session(number, asked.seed, asked.defects))
         print(json.dumps(rows[-1]), flush=True)
