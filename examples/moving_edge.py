@@ -46,7 +46,8 @@ def main(
     surface = haptix.FrictionSurface.build(model, ranges)
 
     opened = haptix.open_device(device)
-    in_time = opened.mock is None or opened.mock.pace == "real"
+    mock = opened.mock
+    in_time = mock is None or mock.pace == "real"
     late_s = 0.0 if in_time else LATENCY_S
     layout = haptix.Layout()
     patch = layout.add(GRATING, 100.0, 0.0, 100.0, 60.0)
@@ -59,10 +60,10 @@ def main(
             patch.move(left_mm, 0.0, over_s=0.0)
             renderer.event(event)
     print(renderer.stats)
-    if in_time:
+    if mock is None or in_time:
         return
 
-    played = opened.mock.played_v
+    played = mock.played_v
     felt = VirtualFinger(model).feel(played, renderer.sample_rate_hz, t, *path.at(t))
     on_sheet = felt.x_mm - edge_mm(felt.t_s)
     share = np.where(on_sheet > 0, GRATING.friction(on_sheet, felt.y_mm), 0.0)

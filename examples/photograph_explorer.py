@@ -52,7 +52,8 @@ def main(
     surface = haptix.FrictionSurface.build(model, {"normal_force_n": force, "frequency_hz": 4000})
 
     opened = haptix.open_device(device)
-    in_time = opened.mock is None or opened.mock.pace == "real"
+    mock = opened.mock
+    in_time = mock is None or mock.pace == "real"
     true = (finger.t_s, finger.x_mm, finger.y_mm, finger.normal_force_n)
     with haptix.LiveRenderer(surface, texture, opened) as renderer:
         if in_time:
@@ -65,10 +66,10 @@ def main(
             ):
                 renderer.event(TouchEvent(t, 0, x, y, "move", n), arrival)
     print(renderer.stats)
-    if in_time:
+    if mock is None or in_time:
         return
 
-    played, rate_hz = opened.mock.played_v, renderer.sample_rate_hz
+    played, rate_hz = mock.played_v, renderer.sample_rate_hz
     felt = VirtualFinger(model).feel(played, rate_hz, *true)
     lowest, highest = renderer.reachable(felt.normal_force_n, felt.speed_mm_per_s)
     target = as_mu("share", texture.friction(felt.x_mm, felt.y_mm), lowest, highest)

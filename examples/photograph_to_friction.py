@@ -61,7 +61,7 @@ def main(photograph: str | None = None, out: str = "photograph-to-friction.png")
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("photograph", nargs="?")
     parser.add_argument("--out", default="photograph-to-friction.png")
     asked = parser.parse_args()

@@ -37,6 +37,7 @@ def main() -> None:
             renderer.touch(*touch)
 
     driver = device.mock
+    assert driver is not None  # other links have none
     print(f"{driver.samples_played} samples played, peak {abs(driver.played_v).max():.1f} V")
     print(
         f"ends at {driver.played_v[-1]:g} V, {driver.faults} faults, {driver.underruns} underruns"

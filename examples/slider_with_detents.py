@@ -59,7 +59,8 @@ def main(
     surface = haptix.FrictionSurface.build(model, {"normal_force_n": 0.5, "frequency_hz": 4000})
 
     opened = haptix.open_device(device)
-    in_time = opened.mock is None or opened.mock.pace == "real"
+    mock = opened.mock
+    in_time = mock is None or mock.pace == "real"
     value, values = 0, []
     with haptix.LiveRenderer(surface, slider, opened) as renderer:
         for event in paced(events_of(path), clock=renderer.now_s) if in_time else events_of(path):
@@ -69,10 +70,10 @@ def main(
                 value = int(np.clip(round(at), 0, steps - 1))
             values.append(value)
     print(renderer.stats)
-    if in_time:
+    if mock is None or in_time:
         return
 
-    played = opened.mock.played_v
+    played = mock.played_v
     felt = VirtualFinger(model).feel(played, renderer.sample_rate_hz, t, *path.at(t))
     reachable = renderer.reachable(felt.normal_force_n, felt.speed_mm_per_s)
     target = as_mu("share", slider.friction(felt.x_mm, felt.y_mm), *reachable)

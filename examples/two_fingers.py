@@ -11,6 +11,7 @@ plays them in real time.
 
 import sys
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import typer
@@ -43,7 +44,7 @@ def stroke(begin_s: float, end_s: float, left_mm: float, y_mm: float) -> haptix.
 
 
 def main(
-    combination: str = "strongest",
+    combination: Literal["strongest", "first", "mean"] = "strongest",
     device: str = "mock:pace=stepped",
     out: Path = Path("two_fingers.png"),
 ) -> None:
@@ -57,16 +58,17 @@ def main(
     surface = haptix.FrictionSurface.build(model, ranges)
 
     opened = haptix.open_device(device)
-    in_time = opened.mock is None or opened.mock.pace == "real"
+    mock = opened.mock
+    in_time = mock is None or mock.pace == "real"
     settings = LiveSettings(combination=combination)
     with haptix.LiveRenderer(surface, SCREEN, opened, settings=settings) as renderer:
         for event in paced(events, clock=renderer.now_s) if in_time else events:
             renderer.event(event, None if in_time else event.t_s + LATENCY_S)
     print(renderer.stats)
-    if in_time:
+    if mock is None or in_time:
         return
 
-    rate_hz, played = renderer.sample_rate_hz, opened.mock.played_v
+    rate_hz, played = renderer.sample_rate_hz, mock.played_v
     figure = Figure(figsize=(11, 10), layout="constrained")
     grid = figure.add_gridspec(4, 1, height_ratios=(1.6, 1, 1, 0.8))
     place = figure.add_subplot(grid[0])
