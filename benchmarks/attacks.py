@@ -170,7 +170,7 @@ def processor_s(service: Service) -> float:
 def flood(kind: str) -> dict[str, Any]:
     """One client sends as fast as it can; then its own stop, and another's, each many times.
 
-    Who sends more than can be read is shown out, at 0 V: that counts as its stop.
+    A client that sends more than can be read is disconnected, at 0 V: that counts as its stop.
     """
     from websockets.sync.client import connect
     from websockets.typing import Subprotocol
@@ -180,7 +180,7 @@ def flood(kind: str) -> dict[str, Any]:
         folder = Path(service.environment["HAPTIX_SERVICE"])
         token = json.loads((folder / "service.json").read_text())["token"]
         address = f"ws://127.0.0.1:{service.port}/v1/session"
-        own, others, worked, shown_out = [], [], [], 0
+        own, others, worked, disconnected = [], [], [], 0
         with haptix.client.connect("another") as another:
             for _ in range(10):
                 with connect(
@@ -210,7 +210,7 @@ def flood(kind: str) -> dict[str, Any]:
                                 text = socket_.recv()
                                 reading.append((time.monotonic(), text))
                         except Exception:
-                            reading.append((time.monotonic(), "shown out"))
+                            reading.append((time.monotonic(), "disconnected"))
 
                     threading.Thread(target=reads, daemon=True).start()
                     threading.Thread(target=floods, daemon=True).start()
@@ -221,11 +221,11 @@ def flood(kind: str) -> dict[str, Any]:
                         others.append(time.monotonic() - began_s)
                         worked.append(processor_s(service) - work_s)
                         time.sleep(0.02)
-                    shown_out += any(text == "shown out" for _, text in reading)
+                    disconnected += any(text == "disconnected" for _, text in reading)
                     began_s = time.monotonic()
                     with contextlib.suppress(Exception):
                         socket_.send(json.dumps({"type": "stop", "id": number}))
-                    answer = re.compile(rf'"id":{number}\b|^shown out$')
+                    answer = re.compile(rf'"id":{number}\b|^disconnected$')
 
                     def answered(answer: Any = answer, reading: Any = reading) -> Any:
                         return [at for at, text in [*reading] if answer.search(text)]
@@ -233,7 +233,7 @@ def flood(kind: str) -> dict[str, Any]:
                     own.append(max(0.0, wait(answered)[0] - began_s))
     return {
         "sent": number,
-        "shown out before its stop, of 10": shown_out,
+        "disconnected before its stop, of 10": disconnected,
         "own stop ms": [round(1e3 * float(np.percentile(own, p)), 1) for p in (50, 100)],
         "others' stop ms": [round(1e3 * float(np.percentile(others, p)), 1) for p in (50, 100)],
         "of that the front works ms": [

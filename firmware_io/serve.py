@@ -32,7 +32,7 @@ _READ_BYTES = 65536
 _SEND_S = 1.0
 #: Reads between two looks at who else wants in.
 _MOST_TURNS = 64
-#: A host that does not answer the challenge for longer is shown out; and so many may be about to.
+#: Time to answer the challenge [s], and how many hosts may be about to answer it.
 _ANSWER_S, _MOST_NEWCOMERS = 2.0, 16
 
 

@@ -1,9 +1,9 @@
-"""Who may reach the service, and where: address, TLS, host names, origins, pairing codes, tokens.
+"""Access control: address, TLS, host names, origins, pairing codes, tokens.
 
 Any page in a browser can open a socket to this machine, and any name can be made to point here.
 So the Host is checked against rebinding and the Origin against foreign pages, and a session needs a
-token. A page gets one for the code that the terminal shows; a program of this user reads one from
-the file ``service.json``. A token is bound to the origin that it was given to.
+token. A page gets one for the code on the terminal; a program of this user reads one from the file
+``service.json``. A token is valid for the origin that it was given to.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from haptix.service.limiter import Limiter
 from haptix.service.messages import Problem
 
 CODE_S = 300.0  # a code is good for so long, and for one page
-_LETTERS = "ABCDEFGHJKLMNPQRSTUVWXYZ23456789"  # none that is taken for another
+_LETTERS = "ABCDEFGHJKLMNPQRSTUVWXYZ23456789"  # without letters that look alike
 _CODE_LETTERS = 8
 _MOST_TRIES, _TRIES_S = 5, 60.0  # of one origin at once, and until as many more
 _MOST_ORIGINS = 1000  # whose tries are remembered
@@ -142,7 +142,7 @@ class Access:
         (self.folder / "service.json").unlink(missing_ok=True)
 
     def is_own_host(self, host: str | None) -> bool:
-        """Whether a request's Host is a name of this service; another one was rebound."""
+        """Whether a request's Host is a name of this service (DNS rebinding shows another)."""
         return host is not None and host.lower() in self.hosts
 
     def is_known_origin(self, origin: str | None) -> bool:
@@ -202,9 +202,9 @@ class Access:
         return own.takes()
 
     def write_entrance(self, address: str) -> Path:
-        """Write a page that leads to an address; who else is on this machine cannot read it.
+        """Write a page that forwards to an address; other users of this machine cannot read it.
 
-        An address that a browser is started with is seen by all in the list of processes.
+        All users see a browser's start address in the list of processes.
         """
         page = f'<!doctype html><meta http-equiv="refresh" content="0; url={address}">'
         return self._write("studio.html", page.encode())
@@ -228,7 +228,7 @@ class Access:
         return page["origin"] in self.origins if origin is None else page["origin"] == origin
 
     def owner_of(self, token: str) -> str:
-        """Return whose a token that was let in is: a page's origin, or "programs" of this user."""
+        """Return the owner of a valid token: a page's origin, or "programs" of this user."""
         page = self._pages.get(_hash(token))
         return "programs" if page is None else page["origin"]
 
@@ -257,7 +257,7 @@ def _json(content: object) -> bytes:
 
 
 def _is_same(text: str, secret: str) -> bool:
-    """Compare without telling by the time how much is the same."""
+    """Compare in constant time, so that the time tells nothing of the secret."""
     return hmac.compare_digest(text.encode(), secret.encode())
 
 

@@ -1,7 +1,7 @@
-"""The HTTP server: how many connections there may be, for how long, and which one goes for another.
+"""The HTTP server: number and age of connections, and which one is closed for a new one.
 
-A newcomer always gets in: the connection that needs its place least is closed for it. So idle and
-half-open connections, however many, keep nobody from STOP.
+A new connection is always accepted: the one that needs its place least is closed for it. So idle
+and half-open connections, however many, cannot block STOP.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ _IDLE, _STRANGER, _OWNER, _SESSION = range(4)
 
 
 class Listener(socket.socket):
-    """A listening socket that, of more newcomers than a turn can take, takes the last ones.
+    """A listening socket that accepts the newest connections of more than one turn can take.
 
-    The others would have been closed for those a moment later, at ten times the cost.
+    Older ones would be closed for the newest a moment later, at ten times the cost.
     """
 
     def __init__(self, fileno: int, crowd: Crowd) -> None:
@@ -66,7 +66,7 @@ class Listener(socket.socket):
 
 
 class _Newcomer:
-    """One of the crowd that asyncio has told nobody of yet: its TLS handshake is not done."""
+    """A connection that asyncio has not announced yet, because its TLS handshake is not done."""
 
     def __init__(self, socket: socket.socket, address: tuple[Any, ...]) -> None:
         self.socket, self.number, self.peer = socket, socket.fileno(), address[0]
@@ -82,12 +82,12 @@ class _Newcomer:
         return _IDLE
 
     def is_late(self, now_s: float) -> bool:
-        """Whether it takes longer than anybody needs, or is closed."""
+        """Whether it is closed, or has used up its time."""
         return now_s - self._since_s > REQUEST_S or self.socket.fileno() < 0
 
 
 class Crowd:
-    """All connections, the one that was quiet for the longest first."""
+    """All connections, the one that was quiet for longest first."""
 
     def __init__(self) -> None:
         self.connections: dict[_Connection | _Newcomer, None] = {}
@@ -127,7 +127,7 @@ class Crowd:
 
     @staticmethod
     def _least(connections: Iterable[_Connection | _Newcomer]) -> _Connection | _Newcomer:
-        """Return the one that needs its place least, of such the one quiet for the longest."""
+        """Return the one that needs its place least; of several, the one quiet for longest."""
         least = None
         for one in connections:
             if (rank := one.rank()) == _IDLE:
@@ -139,7 +139,7 @@ class Crowd:
 
 
 class _Connection:
-    """One of the crowd, whichever protocol it speaks."""
+    """A connection of any protocol."""
 
     crowd: Crowd
     transport: Any
@@ -173,7 +173,7 @@ class _Connection:
         return _OWNER if "owner" in state else _STRANGER
 
     def is_late(self, now_s: float) -> bool:
-        """Whether it takes longer than anybody needs."""
+        """Whether it has used up its time."""
         is_owner = self.scope is not None and "owner" in self.scope["state"]
         limit_s = UPLOAD_S if is_owner else REQUEST_S
         return self.rank() < _OWNER and now_s - self.since_s > limit_s
@@ -200,7 +200,7 @@ class _Socket(_Connection, WebSocketsSansIOProtocol):
     def connection_made(self, transport: Any) -> None:
         super().connection_made(transport)
         transport.max_size = _SESSION_BYTES
-        self.close_timeout = 1.0  # who is shown out may go on sending
+        self.close_timeout = 1.0  # a client that is disconnected may go on sending
 
     def data_received(self, data: bytes) -> None:
         now_s = time.monotonic()
@@ -212,7 +212,7 @@ class _Socket(_Connection, WebSocketsSansIOProtocol):
 
 
 class HttpServer(uvicorn.Server):
-    """Ends at 0 V before it closes its clients' connections.
+    """A server that sets 0 V before it closes its clients' connections.
 
     Parameters
     ----------
@@ -234,9 +234,9 @@ class HttpServer(uvicorn.Server):
                 app,
                 http=type("Http", (_Http,), shared),
                 ws=type("Socket", (_Socket,), shared),
-                log_level="critical",  # what a client did wrong it is told itself
+                log_level="critical",  # the client gets its own error
                 backlog=_AT_ONCE,
-                ws_max_size=4 * MOST_TEXT_BYTES,  # what is too long is told, and closes nothing
+                ws_max_size=4 * MOST_TEXT_BYTES,  # too long is an error, and closes nothing
                 ws_per_message_deflate=False,  # work for bytes that leave no machine
                 ws_ping_interval=None,  # the session's own pings show that the script lives
                 timeout_graceful_shutdown=2,

@@ -1,6 +1,6 @@
 """The engine and the virtual finger beside it, as the service's front sees them.
 
-The front starts both, restarts either when it dies, and replays to a new engine what the one before
+The front starts both and restarts either when it dies. It replays to a new engine what the last one
 had accepted: layouts, intensity, mute and pause (`EngineReplay`).
 """
 
@@ -18,7 +18,7 @@ from haptix.touch.events import TouchEvent
 
 
 class LayoutRecord:
-    """The layout of one session as a document: the last one, and what was changed since."""
+    """The layout of one session as a document: the last one set, and the changes since."""
 
     def __init__(self) -> None:
         self.revision = 0
@@ -59,7 +59,7 @@ class LayoutRecord:
 
 
 class EngineReplay:
-    """Records what one engine accepts, to replay it to the next one; nothing of it arms."""
+    """A record of what one engine accepts, replayed to the next; no replayed message arms."""
 
     def __init__(self) -> None:
         self._layouts: dict[int, LayoutRecord] = {}  # by session
@@ -92,7 +92,7 @@ _SPARE_S = 5.0  # from the first arming to the start of the spare, which loads f
 
 
 class FeltFingerProcess(Process):
-    """The virtual finger's worker; it runs while somebody wants what it feels, and a minute more.
+    """The virtual finger's worker; it ends a minute after its last subscriber has left.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ class FeltFingerProcess(Process):
         self.want(self._is_wanted)
 
     def want(self, on: bool) -> None:
-        """Start it if it is wanted, and end it when it was not for a while."""
+        """Start it if it is wanted; end it when it has not been wanted for a while."""
         if self._is_wanted and not on:
             self._rests = asyncio.get_running_loop().call_later(IDLE_S, self.kill)
         self._is_wanted = on
@@ -142,7 +142,7 @@ class FeltFingerProcess(Process):
             self.has_loaded()
 
     def feed(self, data: bytes) -> None:
-        """Pass on what it feels, once it has made its tables: they take seconds."""
+        """Send it touches and amplitudes, once it has made its tables, which takes seconds."""
         if self._is_open and self._is_wanted:
             self.write(data)
 
@@ -162,7 +162,7 @@ class FeltFingerProcess(Process):
 
 
 class EngineProcess(Process):
-    """Starts the engine, and again when it has died; disarmed each time.
+    """Starts the engine, and restarts it disarmed when it has died.
 
     Parameters
     ----------
@@ -244,7 +244,7 @@ class EngineProcess(Process):
         await asyncio.gather(super().stop(), self.felt_finger.stop())
 
     def tell(self, do: str, **fields: Any) -> None:
-        """Say something that has no answer."""
+        """Send a message that has no answer."""
         if do == "streams":
             self._rates = fields["rates"]
             self.felt_finger.want(self._rates.get("felt", 0.0) > 0)
@@ -281,7 +281,7 @@ class EngineProcess(Process):
             self._restart = asyncio.create_task(self._restart_later())
 
     async def _restart_later(self) -> None:
-        """Start it until its driver can be opened; one that ends meanwhile comes here again."""
+        """Start it, again and again until its driver can be opened."""
         reason, wait_s = "", _RESTART_S
         while not self._ends:
             await asyncio.sleep(wait_s)

@@ -1,4 +1,4 @@
-"""A virtual finger feels what the engine plays, live, a tenth of a second later at most.
+"""A virtual finger that feels live what the engine plays, at most a tenth of a second later.
 
 It takes touches and amplitudes as frames, in a worker of its own with a lower priority than the
 engine's, so that the engine keeps its time.
@@ -72,7 +72,7 @@ class FingerPath:
 
 
 class FeltFinger:
-    """Feels what is played along the paths of the fingers that touch.
+    """Computes what is felt along the paths of the touching fingers.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ class FeltFinger:
                 self._felt_s = max(self._felt_s, self._start_s)
 
     def feel(self, now_s: float) -> list[TelemetryFrame]:
-        """Return what was felt until now and not told yet."""
+        """Return what was felt and not yet returned."""
         with self._lock:
             until_s = self._start_s + (len(self._amplitude) - 1) * self._step_s
             for path in self._paths.values():
@@ -158,7 +158,7 @@ class FeltFinger:
 
 
 class FeltFingerThread:
-    """Feels in a thread of its own while frames come.
+    """Runs the virtual finger in a thread of its own while frames arrive.
 
     Parameters
     ----------
@@ -181,9 +181,9 @@ class FeltFingerThread:
             self._finger.play(*amplitude_of(data))
 
     def close(self) -> None:
-        """Feel no more."""
+        """Stop feeling."""
         self._ends.set()
-        self._thread.join()  # the process's end in the midst of torch's code would be an abort
+        self._thread.join()  # ending the process inside torch's code would abort it
 
     def _feels(self) -> None:
         while not self._ends.wait(_PART_S):

@@ -1,7 +1,7 @@
 """The service's front: the HTTP server and its application, without torch and without pixels.
 
-Every request passes `Guard`, which refuses foreign hosts and origins. Routes stand here, in `rest`,
-`in_use` and `pages`; sessions in `session_socket`.
+Every request passes `Guard`, which refuses foreign hosts and origins. Routes are here and in
+`rest`, `in_use` and `pages`, sessions in `session_socket`.
 """
 
 from __future__ import annotations
@@ -94,12 +94,12 @@ class Guard:
 
 
 def _most(scope: Scope) -> float:
-    """Return how many bytes a request's body may have; files of apps have limits of their own."""
+    """Return the size limit of a request's body [bytes]; files of apps have other limits."""
     return inf if scope["path"].startswith("/v1/assets/") else MOST_BODY_BYTES
 
 
 def _bounded(receive: Receive) -> Receive:
-    """Refuse a body that did not say how long it is, once it is too long, or holds too much."""
+    """Refuse a body of unknown length once it is too long or has too many values."""
     body = bytearray()
 
     async def receives() -> MutableMapping[str, Any]:
@@ -137,7 +137,7 @@ def _cors(origin: str) -> dict[str, str]:
 
 
 def _with_headers(send: Send, origin: str | None, access: Access) -> Send:
-    """Add what keeps pages apart to every answer."""
+    """Add the headers that isolate pages to every answer."""
     is_own = origin is None or origin in access.origins
 
     async def sends(message: MutableMapping[str, Any]) -> None:
@@ -237,7 +237,7 @@ def application(
 
     @app.exception_handler(HTTPException)
     async def refuse_request(request: Request, error: HTTPException) -> Response:
-        """Answer what the framework refuses as all else: no route, no JSON, a body too long."""
+        """Answer the framework's refusals like all others: no route, no JSON, a body too long."""
         codes: dict[int, Any] = {404: "unknown", 405: "unknown", 413: "limit"}
         sentence = error.detail
         if error.status_code in (404, 405):
@@ -255,7 +255,7 @@ def application(
 
     @app.exception_handler(Exception)
     async def fail(_: Request, error: Exception) -> Response:
-        """Answer what nobody foresaw, and a full disk, by a sentence, too."""
+        """Answer unforeseen errors and a full disk by a sentence, too."""
         sentence, status = f"a fault of the service: {type(error).__name__}; see its log", 500
         if isinstance(error, OSError):
             sentence = f"cannot be kept: {write_failure(error, hub.access.folder)}"
@@ -282,12 +282,12 @@ def application(
 
     @app.get("/v1/devices", dependencies=[Depends(token)])
     async def devices() -> m.Inventory:
-        """Devices and profiles that there are."""
+        """Devices and installed profiles."""
         return hub.inventory
 
     @app.put("/v1/assets/{digest}", status_code=201, dependencies=[Depends(token)])
     async def put_asset(digest: str, suffix: str, request: Request, response: Response) -> None:
-        """Keep a file under its SHA-256: 201, or 200 where it is there already."""
+        """Keep a file under its SHA-256: 201, or 200 if it is kept already."""
         if not await assets.put(digest, suffix, request.stream()):
             response.status_code = 200
 

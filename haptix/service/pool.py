@@ -98,11 +98,11 @@ class Process:
         )
 
     def loads(self) -> None:
-        """Take note that it imports torch, perhaps: on a busy machine no beat comes for long."""
+        """Note that it may be importing torch: on a busy machine it then misses many beats."""
         self._most_silent = round(START_S / BEAT_S)
 
     def has_loaded(self, most_silent: int = MOST_SILENT) -> None:
-        """Take note that it has what it needs: from now on it returns beats at once."""
+        """Note that it has loaded everything: from now on it returns beats at once."""
         self._most_silent, self._silent = most_silent, 0
 
     async def stop(self) -> None:
@@ -165,7 +165,7 @@ class Process:
         """Take a frame that is no message."""
 
     def on_exit(self, code: int | None) -> None:
-        """Take note that the process has ended."""
+        """Note that the process has ended."""
 
     def on_silence(self, silent_s: float) -> None:
         """End a process that hangs; called at each beat."""
@@ -226,7 +226,7 @@ class Process:
 
 
 class _Worker(Process):
-    """A worker of the pool, which tells whom it works for that it is silent."""
+    """A worker of the pool; its owner is told when it is silent."""
 
     def __init__(self) -> None:
         super().__init__(nice=NICE)
@@ -234,7 +234,7 @@ class _Worker(Process):
         self.has_surface = False
 
     def on_silence(self, silent_s: float) -> None:
-        """Tell its owner once, and wait a little."""
+        """Tell its owner once, and give it a little more time."""
         if silent_s >= LONGEST_SILENCE_S:
             super().on_silence(silent_s)
         elif silent_s < (MOST_SILENT + 0.5) * BEAT_S:
@@ -324,7 +324,7 @@ class Pool:
                 self.warm()
 
     def warm(self) -> None:
-        """Keep a worker that is nobody's."""
+        """Keep a worker without an owner."""
         self._keeps_spare = True
         if self.spare is None and not self._ends:
             self.spare = asyncio.create_task(self._start())
@@ -370,15 +370,15 @@ class Pool:
             raise Problem("limit", f"{do}: took more than {limit_s:g} s") from None
 
     def _make_room(self, owned: _Owned) -> None:
-        """End the worker that is idle for longest, if there are as many others as may be."""
+        """End the worker that has been idle for longest, if the pool is full."""
         others = [
             worker for worker in self.owned.values() if worker is not owned and worker.is_there
         ]
-        if len(others) >= MOST_WORKERS:  # not all are busy, for it is this one's turn
+        if len(others) >= MOST_WORKERS:  # one is idle, since this question got its turn
             next(worker for worker in others if not worker.is_busy).end()
 
     async def _take(self) -> _Worker:
-        """Return a worker that has worked for nobody."""
+        """Return a worker that has had no owner."""
         spare, self.spare = self.spare, None
         if spare is not None:
             with suppress(Problem, TimeoutError):

@@ -3,9 +3,9 @@
     socket --_reads--> ahead --_takes, at the client's rate--> hub --answer_in_turn--> engine
               +--stop, at once--> hub
 
-The reader always reads, so that a stop waits for nothing that its client has sent before. What a
-client sends faster than it may waits in `ahead`; what does not fit there is refused. A client that
-sends faster than can be read is shown out, at 0 V: its stop would come too late.
+The reader always reads, so that a stop does not wait for the client's earlier messages. Messages
+above the client's rate wait in `ahead`; those that do not fit there are refused. A client that
+sends faster than the reader reads is disconnected, at 0 V, because its stop would come too late.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ _GATHER_S = 0.005
 engine and the virtual finger a turn. A batch that comes later than that is passed on at once."""
 _MOST_AHEAD, _MOST_AHEAD_BYTES = 1000, 4 * 2**20
 _EVERY = 256  # messages read, others have a turn
-_LONGEST_BEHIND_S = 0.03  # that much is read; a stop behind more would not come within 50 ms
+_LONGEST_BEHIND_S = 0.03  # bytes read at most; a stop behind more would take over 50 ms
 _STOP = re.compile(r'"type"\s*:\s*"stop"')
-_TURNS_S = 0.0005  # for the loop to read what has come meanwhile
+_TURNS_S = 0.0005  # lets the loop read what has arrived
 
 
 async def serve_session(hub: Hub, socket: WebSocket, client: ServiceSession) -> None:
@@ -95,7 +95,7 @@ def _is_stop(text: str) -> bool:
 
 
 async def _takes(hub: Hub, client: ServiceSession) -> None:
-    """Take what was read, no faster than the client may send."""
+    """Take messages from `ahead`, at the client's rate at most."""
     while client.closing is None:
         if not client.ahead:
             client.has_ahead.clear()
@@ -111,7 +111,7 @@ async def _takes(hub: Hub, client: ServiceSession) -> None:
 
 
 def _gather(hub: Hub, client: ServiceSession) -> float:
-    """See to it that touches are passed on; return how long to read no more."""
+    """Pass touches on; return how long to pause reading."""
     loop = asyncio.get_running_loop()
     client.inbox.is_due = True
     wait_s = client.inbox.passed_s + _GATHER_S - hub.now_s()
@@ -162,7 +162,7 @@ async def answer_in_turn(hub: Hub, session: ServiceSession) -> None:
 
 
 async def _answer(hub: Hub, session: ServiceSession, message: Any) -> m.Message | None:
-    """Do what a message asks; return its answer, None where the session ends."""
+    """Handle a message; return its answer, or None if the session ends."""
     number: int = message.id
     control = hub.control
     if isinstance(message, m.Acquire):
@@ -185,7 +185,7 @@ async def _answer(hub: Hub, session: ServiceSession, message: Any) -> m.Message 
     if isinstance(message, m.Plain) and message.type == "inventory":
         return hub.inventory.model_copy(update={"id": number})
     if isinstance(message, m.Plain) and message.type == "bye":
-        if control.holder is session:  # nothing is kept for who says goodbye
+        if control.holder is session:  # no lease is kept after a goodbye
             control.release("its holder has left")
         session.close(1000, "bye")
         return None
@@ -236,12 +236,12 @@ async def _answer(hub: Hub, session: ServiceSession, message: Any) -> m.Message 
 
 
 async def _ask(hub: Hub, do: str, **fields: Any) -> dict[str, Any]:
-    is_layout = do.startswith("layout")  # the engine makes those beside all else
+    is_layout = do.startswith("layout")  # the engine makes those in parallel
     wait_s = LAYOUT_WAIT_S if is_layout else _WAIT_S
     try:
         return await asyncio.wait_for(hub.engine.ask(do, **fields), wait_s)
     except TimeoutError:
-        if is_layout:  # of an observer, perhaps: it stops nobody
+        if is_layout:  # perhaps an observer's, which stops nobody
             why = f"{do}: took more than {wait_s:g} s and may still come; use smaller files"
             raise Problem("limit", why) from None
         hub.engine.tell("stop", reason=f"{do} took too long")

@@ -342,7 +342,7 @@ def test_touches_that_are_left_out_are_told_ten_times_a_second_at_most(service):
     with Client(service).holds() as client:
         stale = TouchMessage(t_s=client.now_s() - 9.0, x_mm=1.0, y_mm=2.0)
         began_s = time.monotonic()
-        for number in range(200):  # it reads nothing meanwhile, and would be shown out
+        for number in range(200):  # it reads nothing meanwhile, and would be disconnected
             client.socket.send(write_touches([stale], number))
         assert client.ask("inventory")["type"] == "inventory"
         told = sum(message["type"] == "error" for message in client.heard)

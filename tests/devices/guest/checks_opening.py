@@ -88,7 +88,7 @@ def another_device_with_the_same_numbers(way):
 
 @check(*WAYS)
 def in_use_by_another_process_or_object(way):
-    """The second is shown out, the first plays on, and it may be opened when that has closed."""
+    """The second is disconnected, the first plays on, and it may be opened when that has closed."""
     elsewhere = Elsewhere(lambda: error_of(way.open))
     with PluggedBoard() as board:
         device = way.open(mode="waveform", sample_rate_hz=48000)
