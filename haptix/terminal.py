@@ -68,7 +68,7 @@ def show(title: str, results: Sequence[Any], as_json: bool) -> None:
         table.add_column(escape(column.heading), justify=justify, overflow="fold", width=width)
     for one in rows:
         table.add_row(*(escape(text(value)) for value in one.values()))
-    # A terminal folds lines that are too long; cut off, they would lose values.
+    # A terminal folds long lines; cutting them off would lose values.
     console.width = max(console.width, sum(widths) + len(columns) + 1)
     console.print(table)
 
@@ -96,7 +96,7 @@ class _Column:
 
 
 def _widths(columns: Sequence[_Column], room: int) -> list[int]:
-    """Widths within `room`, or the least ones: first words become whole, then all the rest."""
+    """Return widths within `room`, or the smallest: first whole words fit, then all the rest."""
     widths = [column.least for column in columns]
     for wanted in ([column.with_words for column in columns], [column.whole for column in columns]):
         while sum(widths) < room:
@@ -112,7 +112,7 @@ def placeholder_note(
 ) -> str:
     """Return what a title says about inputs that were not measured.
 
-    `spread_jnd` is the difference that others in their place make.
+    `spread_jnd` is the difference that other plausible values make.
     """
     if not placeholders:
         return ""

@@ -1,4 +1,4 @@
-"""How torch uses the machine: one thread where its arrays are small, and memory that is kept.
+"""Torch's threads and memory: one thread for small arrays, and freed memory that is kept.
 
 The contact model works on arrays of some 10^4 values, where two threads gain nothing. Torch's
 threads wait for each other by spinning: on a machine with busy cores, a solve on two threads took
@@ -68,7 +68,7 @@ class _Restored:
         self._threads = threads
 
     def __call__(self) -> None:
-        """Do nothing: what counts is that the pass keeps this until it ends."""
+        """Do nothing: the backward pass keeps a reference to this until it ends."""
 
     def __del__(self) -> None:
         torch.set_num_threads(self._threads)

@@ -1,7 +1,6 @@
 """Build a scene's surface in many ways, and measure the error, time and memory of each.
 
-The files of a trade-off are a table, all runs as JSON, and a picture of the runs to take among all
-others.
+A trade-off writes a table, all runs as JSON, and a picture that marks the recommended runs.
 """
 
 from __future__ import annotations
@@ -209,7 +208,7 @@ def run_tradeoff(
 
 
 def settings(scene: Scene, quick: bool, boundary_elements: bool) -> Iterator[MeasureSetting]:
-    """Yield the settings of a scene, the planned one first; what is felt has no part in them."""
+    """Yield the settings of a scene, the planned one first; textures do not matter for them."""
     scene = scene.replace(textures=(), materials=())
     ways: list[tuple[Any, str]] = [("planned", "")]
     tolerances = (QUICK if quick else _THOROUGH)[2]
@@ -320,7 +319,7 @@ class _Bench:
     def measure(
         self, surface: FrictionSurface, dtype: str, form: str, device: str
     ) -> dict[str, Any]:
-        """Errors, times and memory of a surface that is asked in one way, by fields of `Run`."""
+        """Return errors, times and memory of one way of querying a surface, by fields of `Run`."""
         points, voltage, truth = self.truths[form]
         # A collapsed axis stands for its whole range: it takes no values.
         varying = [name for name in COLLAPSIBLE if surface.table.axes[name].varies]
@@ -363,7 +362,7 @@ class _Bench:
 
 
 def chosen(runs: Sequence[Run], budget_jnd: float) -> tuple[Run, ...]:
-    """Return the runs with the fronts that each is on, and what each is the one to take for."""
+    """Return the runs with the fronts that each is on, and the uses for which it is recommended."""
     # Errors are compared to three digits: the seventh is no reason to take float64.
     rounded = [replace(run, error_max_jnd=float(f"{run.error_max_jnd:.3g}")) for run in runs]
     on: dict[int, list[str]] = {}
@@ -455,7 +454,7 @@ def write_tradeoff(
 
 
 def draw(tradeoff: Tradeoff) -> Figure:
-    """Draw error against build time, query time and memory: what to take, and the rest in grey."""
+    """Draw error against build time, query time and memory: recommended runs, the rest in grey."""
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
     from matplotlib.ticker import LogLocator, NullFormatter
@@ -519,7 +518,7 @@ def _panel(axes: Axes, tradeoff: Tradeoff, name: str) -> None:
 
 
 def _description(run: Run) -> str:
-    """What a run is, and what it costs."""
+    """The run's settings and costs."""
     model = "" if run.model == "planned" else f"{run.model.replace('-', ' ')}, "
     where = "" if run.device == "cpu" else ", GPU"
     return (

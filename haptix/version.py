@@ -1,4 +1,4 @@
-"""Version of the distribution, and whether its other packages are those that came with it."""
+"""Version of the distribution, and a check that its other packages belong to it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ __version__ = "0.2.0.dev0"
 
 
 def foreign_package(name: str) -> str:
-    """Return what to do about a package of this name that did not come with haptix, or ""."""
+    """Return advice about a foreign package of this name, or ""."""
     expected = Path(__file__).parents[1] / name / "__init__.py"
     spec = find_spec(name)
     if spec and spec.origin and expected.exists() and expected.samefile(spec.origin):

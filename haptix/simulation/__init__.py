@@ -1,4 +1,4 @@
-"""Rendering without hardware: a finger on a texture, a simulated driver, and what was felt."""
+"""Rendering without hardware: a virtual finger feels what a mock device plays."""
 
 from haptix.simulation.folder import FILES, errors_of, summary_of, write
 from haptix.simulation.simulation import (

@@ -1,4 +1,4 @@
-"""Whether a compact texture is felt as its recording: energies of felt friction in nine bands."""
+"""Compare a compact texture with its recording: energies of felt friction in nine bands."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ CASES = ((20.0, 0.2), (20.0, 0.8), (45.0, 0.4), (100.0, 0.2), (100.0, 0.8))
 WITHIN_DB = 1.0
 """How near the felt level of a band must be."""
 
-_LEAD_MM = 10.0  # before what is compared: the drive has faded in
+_LEAD_MM = 10.0  # left out at the start, while the drive fades in
 _STEP_S = 0.01  # between corners of the path
 _FELT_HZ = 5_000.0  # the attraction is followed up to a fifth: the highest band
 _TOLERANCE = "0.02 JND"
@@ -63,8 +63,8 @@ def felt_errors(
 ) -> Iterator[BandError]:
     """Yield the error of each band that was recorded, at each speed and force.
 
-    The longest stroke of the recording is felt as it is, one tile of the texture as it repeats.
-    Both ask for relative changes of friction around the same mean, by the same renderer and finger.
+    The finger feels the longest stroke of the recording as it is, and one tile of the texture as
+    it repeats. One renderer plays both as relative changes of friction around one mean.
     """
     stretch = max(recorded, key=lambda one: one.length_mm)
     x = _LEAD_MM + stretch.step_mm * np.arange(len(stretch.change))
@@ -98,7 +98,7 @@ def _felt(
     force: float,
     is_periodic: bool,
 ) -> Array:
-    """Energies of the relative changes of friction that a finger feels, shape (bands,)."""
+    """Return energies of the relative changes of friction that a finger feels, shape (bands,)."""
     end_s = (_LEAD_MM + length_mm + 1) / speed
     t = np.append(np.arange(0.0, end_s, _STEP_S), end_s)
     path = Trajectory(t, speed * t, np.full_like(t, 5.0), np.full_like(t, force))

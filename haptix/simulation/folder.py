@@ -35,7 +35,7 @@ _PERIODS = "of the modulation: mean friction of each period of the drive; the re
 
 _MOST = (5, 95)  # percentiles: each path starts and ends at rest
 
-_DRAWN_MM_PER_S = 50.0  # what depends on the motion is drawn as felt on the way to the right
+_DRAWN_MM_PER_S = 50.0  # what depends on the motion is drawn for a finger that moves to the right
 _PIXELS = 400  # across the texture
 _MARGIN_MM = 2.0  # around the path, on a texture without edges
 _ZOOM_S = 0.006
@@ -94,7 +94,7 @@ def summary_of(simulation: Simulation) -> dict[str, Any]:
 
 
 def _beyond_verified(simulation: Simulation) -> list[str]:
-    """What of the path and the drive the screen's calibration has not verified, but for 5 %."""
+    """Return what of path and drive the screen's calibration has not verified, but for 5 %."""
     verified = simulation.setting.model.screen.verified
     if verified is None:
         return []
@@ -126,7 +126,7 @@ def errors_of(simulation: Simulation) -> list[dict[str, str]]:
 
 
 def _theory(accuracy: Accuracy) -> str:
-    """The theory's own interval in words, which adds to all errors."""
+    """Return the theory's own interval in words; it adds to all errors."""
     parts = []
     for what, width in (("friction", accuracy.mu), ("mu(V)/mu(0)", accuracy.ratio)):
         jnd = float(torch.expm1(width.max())) / WEBER_FRACTION
@@ -195,7 +195,7 @@ def _felt_table(simulation: Simulation) -> str:
 
 
 def _wave(simulation: Simulation) -> bytes:
-    """Return the codes that went over the wire as a WAV file: it is what was played."""
+    """Return the codes that went over the wire, which were played, as a WAV file."""
     played, file = simulation.played, BytesIO()
     rate = round(played.renderer.sample_rate_hz)
     codes = volts_to_codes(played.drive_v, played.device.capabilities.full_scale_v)
@@ -223,7 +223,7 @@ def _sidecar(simulation: Simulation) -> dict[str, Any]:
 
 
 def _current(simulation: Simulation) -> dict[str, float]:
-    """Current through the person that the played drive makes, and its limits."""
+    """Return the current that the played drive sends through the person, and its limits."""
     played, limits = simulation.played, simulation.played.device.limits
     expected = Current.of_drive(
         played.drive_v, played.renderer.sample_rate_hz, limits.capacitance_f

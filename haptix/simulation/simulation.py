@@ -45,7 +45,7 @@ FINGER_PATH = Path(__file__).parent / "finger_path.csv"
 _FEWEST_PERIODS = 10
 _TOLERANCE = 5e-4  # of the surface, in mu; a sixtieth of a JND at mu = 0.27
 
-_ENDS_S = 0.01  # in which a driver has ramped to 0 V
+_ENDS_S = 0.01  # a driver ramps to 0 V in less
 _FEWEST_SAMPLES = 4  # that the virtual finger feels
 PARTS: Mapping[str, str] = {
     "finger": "what no drive can change: the finger's own response smooths friction along its path",
@@ -64,7 +64,7 @@ _LOOKED_AT = 200  # periods of a path
 
 @dataclass(frozen=True)
 class Setting(Displayed):
-    """A finger on a screen, and the texture that it is to feel along a path.
+    """A finger on a screen, and a texture for it to feel along a path.
 
     Parameters
     ----------
@@ -233,7 +233,7 @@ def _mock(address: str, pace: str) -> Device:
 
 
 def felt_in_steps(known: Played, finger: VirtualFinger, h0_m: float) -> dict[str, Felt]:
-    """Return what the finger feels with one source of error of `PARTS` after the other.
+    """Return what the finger feels with each source of error in `PARTS` switched off in turn.
 
     `known` has played the true path and kept its blocks: "prediction" is not among the sources.
     """
@@ -265,7 +265,7 @@ def felt_in_steps(known: Played, finger: VirtualFinger, h0_m: float) -> dict[str
 
 
 def _without_surface(known: Played, sent_v: Array, h0_m: float) -> Array:
-    """Amplitudes by which the model gives the friction that the surface gives by `sent_v`."""
+    """Return the amplitudes at which the model has the friction of the surface at `sent_v`."""
     renderer, model = known.renderer, known.setting.model
     at_s = known.start_s + known.collected("sample") / renderer.sample_rate_hz
     force = known.setting.path.at(at_s)[2]
@@ -409,7 +409,7 @@ class Simulation(Displayed):
 
     @property
     def pull_past_breakdown(self) -> float:
-        """Largest share of the attraction that no gap bears, see `ContactState`, on the path."""
+        """Largest share of the attraction past breakdown on the path, see `ContactState`."""
         state = self.at_strongest
         return 0.0 if state is None else float(state.pull_past_breakdown.max())
 
@@ -490,7 +490,7 @@ def simulate(
 
 
 def evaluate_live(played: Played, left_out_s: Sequence[tuple[float, float]] = ()) -> Evaluation:
-    """Errors of what a live renderer played, as `simulate` with a touch panel has them.
+    """Return errors of what a live renderer played, as `simulate` does with a touch panel.
 
     Parameters
     ----------
@@ -512,7 +512,7 @@ def _averaged_over_s(played: Played) -> float:
 
 
 def _target(played: Played, felt: Felt) -> tuple[Array, Array, Array, npt.NDArray[np.bool_]]:
-    """Reachable range, friction asked for, and whether it is reachable, at the times of `felt`."""
+    """Return reachable range, target and whether it is reachable, at the times of `felt`."""
     axis = played.renderer.surface.normal_force_n
     force = felt.normal_force_n.clip(axis.low, axis.high)
     low, high = played.renderer.reachable(force, felt.speed_mm_per_s)

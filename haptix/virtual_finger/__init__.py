@@ -1,4 +1,4 @@
-"""The virtual finger: what was played, felt through the contact model itself."""
+"""The virtual finger, which feels a played voltage by the contact model itself."""
 
 from haptix.virtual_finger.current import Converter, PanelCircuit, VirtualCurrent
 from haptix.virtual_finger.finger import VirtualFinger

@@ -1,4 +1,4 @@
-"""The current that a virtual finger draws, and what a converter makes of it."""
+"""The current that a virtual finger draws, and a converter's readings of it."""
 
 from __future__ import annotations
 
@@ -90,8 +90,8 @@ class PanelCircuit(Displayed):
 class VirtualCurrent(Displayed):
     """Readings of the current that a finger on a screen draws, in time.
 
-    At each instant the contact is in equilibrium with force and amplitude: its mechanics lag, the
-    current of a carrier does so by less than a reading. Contact and body are in series, the panel
+    At each instant the contact is in equilibrium with force and amplitude. Its mechanics lag
+    behind; a carrier's current lags by less than a reading. Contact and body are in series, the panel
     beside them.
 
     Parameters

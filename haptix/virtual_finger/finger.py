@@ -31,15 +31,15 @@ from haptix.virtual_finger.played import Amplitude, ComplexArray, Drive, Excerpt
 from haptix.virtual_finger.sensing import Felt, SensedForce, SensorModel
 
 _FINER = 4  # steps of the response in one of the output
-PART_S = 10.0  # felt at a time: bounds the memory
+PART_S = 10.0  # instants solved at once, which bounds the memory
 _ROUNDING = 1e-4  # of the limit: a driver's 16 bits may read back this much above it
 _FEWEST_SAMPLES = 4
-_DRIVE_RATES_HZ = (100.0, 1e6)  # of drivers there are, and what fits the memory
+_DRIVE_RATES_HZ = (100.0, 1e6)  # above those of existing drivers, and within memory
 _LOWEST_RATE_HZ = 10.0
 _MOST_SAMPLES = 20_000_000  # half an hour at 10 kHz, and a gigabyte
 _SOFTENING_STEP = 0.25  # of ln E: mu is within 0.5 % between two
-_LONG = 1e3  # times the time constant: softened as far as it goes
-_END = 1e-6  # of an output step: a path's last sample is felt though its time was rounded
+_LONG = 1e3  # time constants after which the skin is fully softened
+_END = 1e-6  # of an output step: keeps a path's last sample when its time was rounded
 
 
 class Sensed(NamedTuple):
@@ -60,7 +60,7 @@ class Sensed(NamedTuple):
 
 
 class VirtualFinger(Displayed):
-    """A finger that feels what a driver played, by the contact model and nothing else.
+    """A finger that feels what a driver played, by the contact model alone.
 
     At each instant the gaps' field follows from the voltage's whole spectrum (complex h0 per
     frequency), its square is the attraction, the finger's first-order response smooths it over a
@@ -109,7 +109,7 @@ class VirtualFinger(Displayed):
         self._h0 = torch.tensor(h0_m, dtype=torch.float64, device=model.contact.device)
 
     def read(self, felt: Felt) -> SensedForce:
-        """Return what the finger's sensor reads of what it felt."""
+        """Return a sensor's readings of what was felt."""
         return self.sensor.read(felt, self.seed)
 
     def feel(
@@ -252,7 +252,7 @@ class VirtualFinger(Displayed):
         before: Array | None = None,
         contact_s: float = 0.0,
     ) -> Sensed:
-        """Return the attraction at `count` instants of a path, from its beginning.
+        """Return the attraction at the first `count` instants of a path.
 
         Parameters
         ----------
@@ -277,7 +277,7 @@ class VirtualFinger(Displayed):
         return Sensed(time, *places, *squares, contact)
 
     def felt(self, parts: Sequence[Sensed], field: GapField) -> list[Felt]:
-        """Return what is felt of attractions; several are solved at once.
+        """Return what is felt under attractions; several are solved at once.
 
         Parameters
         ----------
@@ -357,7 +357,7 @@ class VirtualFinger(Displayed):
     def _friction_in_time(
         self, force: Array, squares: Array, field: GapField, contact_s: Array, speed: Array
     ) -> tuple[Array, npt.NDArray[np.int64]]:
-        """Friction coefficient at each instant of skin as it is then, and its status."""
+        """Return friction coefficient and status at each instant, of the skin at that time."""
         terms, finger = self.model.terms, self.model.finger
         factor = np.ones_like(force)
         if SlidingSpeed.name in terms:  # the solver has that of the finger's own speed
@@ -383,7 +383,7 @@ class VirtualFinger(Displayed):
         return mu, status
 
     def _softened(self, node: int, nodes: int) -> FrictionSolver:
-        """Solver of the finger whose skin is softened by as many of equal steps."""
+        """Return the solver of a finger whose skin is softened by so many equal steps."""
         if node not in self._softer:
             finger = self.model.finger
             share = finger.softened_share ** (node / nodes)
@@ -401,7 +401,7 @@ class VirtualFinger(Displayed):
         field: GapField,
         factor: Array,
     ) -> tuple[Array, npt.NDArray[np.int64]]:
-        """Friction coefficient in equilibrium at each instant, and its status but for the field."""
+        """Return friction in equilibrium at each instant, and its status without the field's."""
         edges = self.model.contact.gap_edges_m
         force, weight = (
             torch.from_numpy(a.copy()).to(edges.device) for a in (normal_force_n, squares.T)
@@ -425,7 +425,7 @@ class VirtualFinger(Displayed):
         return mu.detach().cpu().numpy(), status.cpu().numpy()
 
     def _status(self, excerpt: Excerpt, t_s: Array) -> npt.NDArray[np.int64]:
-        """Status between times, one fewer of them, by the field alone."""
+        """Return the status by the field alone, between each two times."""
         light = torch.ones(len(t_s) - 1, dtype=torch.bool)
         status = self.model.solver.terms.status(
             light, lambda gap_m: torch.from_numpy(excerpt.highest_field(gap_m, t_s))
@@ -434,7 +434,7 @@ class VirtualFinger(Displayed):
 
 
 class LiveVirtualFinger:
-    """Feels as `VirtualFinger.feel_carrier` does, in parts that follow each other.
+    """`VirtualFinger.feel_carrier` in consecutive parts.
 
     Parameters
     ----------
@@ -461,7 +461,7 @@ class LiveVirtualFinger:
         start_s: float,
         paths: Mapping[int, Trajectory],
     ) -> dict[int, Felt]:
-        """Return what fingers on several paths feel; the last time of each begins its next part.
+        """Return what fingers on several paths feel; the last time of a part begins the next one.
 
         Parameters
         ----------

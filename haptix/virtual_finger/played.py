@@ -1,4 +1,4 @@
-"""The squared field that a played voltage makes in gaps, and where in them it is followed.
+"""The squared field that a played voltage makes in gaps, at a few points in them.
 
 A gap u divides a voltage with the insulators frequency by frequency, ``E(f) = V(f)/(u + h0(f))``.
 Its attraction is proportional to the square of their sum in time. With a real length h near the
@@ -6,8 +6,8 @@ insulators' own, and ``s = h/(u + h)``, which runs from 0 in wide gaps to 1 at a
 
     E = F^-1[ V(f) / (1 + d(f) s) ] / (u + h),    d(f) = h0(f)/h - 1.
 
-What is left under the transform is smooth in s: a polynomial through its squares at a few Chebyshev
-points holds it for all gaps, and without dispersion (d = 0) a single point is exact. Where the
+The rest under the transform is smooth in s: a polynomial through its squares at a few Chebyshev
+points gives it for all gaps; without dispersion (d = 0) a single point is exact. Where the
 insulators span decades, as in a leaking gap, the polynomial is in ``ln(u + |h0|)`` instead.
 """
 
@@ -80,7 +80,7 @@ class GapField:
     def for_bands(
         cls, thickness_m: ComplexArray, attraction: Array, widest_gap_m: float
     ) -> GapField:
-        """Choose h and the fewest points that hold the attraction on every gap within 1e-4.
+        """Choose h and the fewest points that give the attraction on every gap within 1e-4.
 
         Parameters
         ----------
@@ -144,7 +144,7 @@ class GapField:
 
 
 def _by_band(frequency: Array, attraction: Array) -> tuple[npt.NDArray[np.int64], Array]:
-    """Index of the strongest frequency, and sum of the attraction, of each band not empty."""
+    """Return index of the strongest frequency and sum of the attraction of each non-empty band."""
     octave = np.log2(np.maximum(frequency, frequency[1] / 2) / frequency[1])
     band = np.floor(octave * _BANDS_PER_OCTAVE).astype(int)
     first = np.flatnonzero(np.diff(band, prepend=band[0] - 1))
@@ -220,7 +220,7 @@ class Samples:
 
 @dataclass(frozen=True)
 class Spectrum:
-    """Part of a drive as a spectrum, to be read at a rate that holds its square.
+    """Part of a drive as a spectrum, read at a rate that its square needs.
 
     Parameters
     ----------
@@ -256,7 +256,7 @@ class Spectrum:
         return squares
 
     def highest_field(self, gap_m: float, t_s: Array) -> Array:
-        """Largest magnitude of the field [V/m] in a gap, between times [s]: one fewer of them."""
+        """Largest magnitude of the field [V/m] in a gap, between each two times [s]."""
         size = np.abs(self._read(gap_m + self.thickness_m))
         at = np.rint((t_s - self.start_s) * self.rate_hz).astype(int).clip(0, self.samples - 1)
         # reduceat's last part runs on to the end, beyond the last time.

@@ -1,4 +1,4 @@
-"""What a virtual finger feels, what sensors read of it, and how near it is to a target."""
+"""What a virtual finger feels, its sensors' readings, and the error against a target."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from haptix.status import Status
 
 @dataclass(frozen=True)
 class Felt(Displayed):
-    """What the finger felt; arrays of shape (samples,), evenly spaced in time."""
+    """Felt friction; arrays of shape (samples,), evenly spaced in time."""
 
     t_s: Array
     """Time [s], on the clock of the path."""
@@ -240,7 +240,7 @@ class Evaluation:
 
     @property
     def weighted_jnd(self) -> Annotated[float, Heading("weighted [JND]", ".3g")]:
-        """The root mean square of that."""
+        """Its root mean square."""
         return self.by_frequency.rms_jnd
 
     @property
@@ -261,7 +261,7 @@ def evaluate(
     weber_fraction: float = WEBER_FRACTION,
     from_s: float | None = None,
 ) -> Evaluation:
-    """Compare what a finger felt with the target at the place where it truly was.
+    """Compare felt friction with the target at the finger's true place.
 
     Felt friction and target are averaged alike, over a moving window of `average_s`. A sample is
     evaluated if the finger slides in light contact, within reach, over the whole window.
@@ -352,7 +352,7 @@ def _figures(size: Array) -> tuple[float, float, float]:
 def _averaged(
     usable: npt.NDArray[np.bool_], width: int, *columns: Array
 ) -> tuple[npt.NDArray[np.bool_], list[Array]]:
-    """Where a whole window is usable, and the mean of each column over each sample's window."""
+    """Return where a whole window is usable, and each column's mean over each sample's window."""
     from scipy.ndimage import uniform_filter1d  # half a second of the live finger's start
 
     filled = (np.where(usable, column, 0.0) for column in columns)
@@ -364,7 +364,7 @@ def _averaged(
 def _side_by_side(
     usable: npt.NDArray[np.bool_], window: npt.NDArray[np.int64], *columns: Array
 ) -> tuple[npt.NDArray[np.bool_], list[Array]]:
-    """As `_averaged`, over the samples of one window number; those at the ends may not be whole."""
+    """Like `_averaged`, over samples of one window number; windows at the ends may be shorter."""
     window = window - window[0]
     count = np.bincount(window).clip(1)
     filled = (np.where(usable, column, 0.0) for column in columns)
