@@ -1,4 +1,4 @@
-"""Signals of what lies in space, as a finger meets it on its path."""
+"""Spatial signals, as a finger meets them on its path."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class SteadySpeed(SpeedProfile):
 
 
 class Strokes(SpeedProfile):
-    """To and fro over `stroke_mm`, each stroke in `stroke_s`, with the speed of a half sine.
+    """Strokes to and fro over `stroke_mm`, each of `stroke_s`, with the speed of a half sine.
 
     Parameters
     ----------
@@ -317,7 +317,7 @@ _REPORT_S = 1e-3  # between what a material hears of the finger
 
 
 class MaterialSignal(Signal):
-    """What a material asks for where the finger is: along x at a height `y_mm`, with all detail.
+    """A material's target under the finger, along x at a height `y_mm`, with all detail.
 
     Time counts from the first sample, at which the finger comes down. The force is constant, so
     that no button is pressed. A detent counts from the first millisecond at which it has been
@@ -350,7 +350,7 @@ class MaterialSignal(Signal):
         return self.of.evaluator.target
 
     def describe(self) -> dict[str, Any]:
-        """Everything that determines the values; files of the material by their content."""
+        """Everything that determines the values; the material's files by their content."""
         with by_content():
             return super().describe()
 

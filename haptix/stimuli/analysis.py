@@ -1,4 +1,4 @@
-"""From logs, or a study in the form of BIDS, to thresholds, scales, tables and a report."""
+"""Analysis of logs or of a BIDS study: thresholds, scales, tables and a report."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def runs_of(session: LoggedSession) -> Iterator[RunOfMethod]:
 
 
 def _unfinished(plan: SessionPlan, methods: Iterable[Method], estimates: Iterable[Estimate]) -> str:
-    """Warning that a session is not over, or ""; a log does not show whether a time has passed."""
+    """Return a warning that a session is not finished, or ""; times in the plan are not checked."""
     counted, stop = 0, plan.stop
     is_done = True
     for method in methods:
@@ -211,7 +211,7 @@ def _rows_by_condition(rows: Sequence[Row]) -> dict[tuple[Any, ...], list[Row]]:
 
 
 def _by_participant(rows: Sequence[Row], column: str) -> dict[str, tuple[float, float]]:
-    """Value and spread of each participant who has one; sessions count by their precision."""
+    """Return value and spread of each participant with one; sessions are weighted by precision."""
     by_name: dict[str, list[tuple[float, float]]] = {}
     for row in rows:
         if row[column] is not None and _counts(row):
@@ -238,8 +238,8 @@ _DRAWS = 200  # of participants with replacement: a spread is known to 5 %
 def scale_rows(runs: Sequence[RunOfMethod]) -> list[Row]:
     """Return Bradley-Terry values [logit] of each level, for each participant and for all.
 
-    Over all, comparisons are counted together; the spread is a bootstrap over participants, so that
-    it holds for others than these. `fit_p` is small where no scale orders the levels. The intervals
+    For all together, comparisons are pooled; the spread is a bootstrap over participants, so that
+    it holds for the population. `fit_p` is small where no scale orders the levels. The intervals
     of 95 % are normal ones of the spread; over all, Student's for the number of participants.
     """
     rows = []
@@ -308,10 +308,10 @@ def pair_rows(runs: Sequence[RunOfMethod]) -> list[Row]:
 def magnitude_rows(runs: Sequence[RunOfMethod]) -> list[Row]:
     """Return geometric means of the numbers for each level, of each participant and of all.
 
-    People choose scales of their own: over all, each one's numbers are divided by their geometric
-    mean and multiplied by that of everybody (modulus equalization; Lane, Catania & Stevens, J.
-    Acoust. Soc. Am. 33, 160 (1961)). The spread is a factor: of one's numbers, or over all of their
-    participants' means.
+    People choose their own scales. For all together, each one's numbers are divided by their
+    geometric mean and multiplied by that of everybody (modulus equalization; Lane, Catania &
+    Stevens, J. Acoust. Soc. Am. 33, 160 (1961)). The spread is a factor: that of one participant's
+    numbers, or for all together that of the participants' means.
     """
     rows = []
     for members in _runs_by_condition(runs):
@@ -351,7 +351,7 @@ def _runs_by_condition(runs: Sequence[RunOfMethod]) -> list[list[RunOfMethod]]:
 
 @dataclass(frozen=True)
 class Analysis:
-    """What some sessions say.
+    """Results of some sessions.
 
     Parameters
     ----------
@@ -373,9 +373,8 @@ class Analysis:
 def analyse(source: str | Path) -> Analysis:
     """Analyse a log, a folder of logs, or a study in the form of BIDS.
 
-    Thresholds are as the experiment stated them: none where the answers are as one who guesses
-    gives them. Sessions that their plan excludes are in
-    the tables and not in the means.
+    Thresholds are those that the experiment stated: none where the answers could be guesses.
+    Sessions that their plan excludes are in the tables, but not in the means.
 
     Raises
     ------
@@ -426,7 +425,7 @@ def _exponent_row(run: RunOfMethod) -> Row:
 
 
 def _filled(rows: Iterable[Row]) -> list[Row]:
-    """Give all rows the same columns, those that say why last."""
+    """Give all rows the same columns; the reasons come last."""
     listed = list(rows)
     names = dict.fromkeys(name for row in listed for name in row)
     last = [name for name in ("excluded", "warnings") if name in names]
@@ -471,7 +470,7 @@ _WILSON_INTERVAL = 0.95
 
 
 def report_html(analysis: Analysis, title: str) -> str:
-    """Return the page; without the extra ``stimuli`` it has no pictures, and says so."""
+    """Return the page; without the extra ``stimuli`` it says that it has no pictures."""
     parts = [paragraph(line) for line in (f"haptix {__version__}", *analysis.notes)]
     parts += [table(name, rows) for name, rows in analysis.tables.items()]
     drawn = [run for run in analysis.runs if run.rows]

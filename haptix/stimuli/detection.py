@@ -1,9 +1,9 @@
-"""Detection predicted before hardware is there: virtual finger, thresholds, and an observer.
+"""Prediction of detection before there is hardware: virtual finger, thresholds, observer.
 
-A stimulus of a set is rendered, its sensation level is that of what the skin attracts, and the
-louder of its steady part and its edges is compared with people whose thresholds scatter around the
-published ones. What they scatter by, how steep they are and how often they lapse are assumptions of
-the caller, told with each row: the thresholds' sources that were read do not say.
+Each stimulus of a set is rendered, and its sensation level follows from the attraction of the skin.
+The louder of its steady part and its edges is compared with people whose thresholds scatter around
+the published ones. Scatter, slope and lapse rate are assumptions of the caller, repeated in each
+row, because the sources that were read do not state them.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ class People:
 def levels(
     plan: SetPlan, on_progress: Callable[[float], None] = lambda share: None
 ) -> Iterator[tuple[str, Loudest, bool]]:
-    """Yield the name of each file of a set, its levels, and whether all its friction is reached."""
+    """Yield each file of a set: name, levels, and whether all its friction is reachable."""
     total, done = len(plan.stimuli) * len(plan.screens), 0
     for screen in plan.screens:
         apparatus = plan.apparatus(screen)

@@ -1,4 +1,4 @@
-"""Over participants: a hierarchical model of what each one's session says, and its contrasts."""
+"""A hierarchical model over participants and conditions, and its contrasts."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Group:
     between: float
 
     def contrast(self, factors: Array) -> tuple[float, float, float, float]:
-        """Return mean and 95 % interval of a sum of conditions, and p that it is on neither side.
+        """Return mean and 95 % interval of a sum of conditions, and p of its sign.
 
         p is twice the probability of the sign that is less likely.
         """
@@ -55,7 +55,7 @@ class Group:
 
 
 def group(value: Array, spread: Array, person: Sequence[str], condition: Sequence[int]) -> Group:
-    """Return means of conditions for others than these participants.
+    """Return means of conditions for the population of the participants.
 
     A value is the mean of its condition, plus what a participant has in all conditions, plus what
     they have in this one, plus its own error of a known `spread`; all normal. The standard

@@ -1,4 +1,4 @@
-"""Simulated runs of a plan: what its thresholds are worth, and how many participants it needs."""
+"""Simulated runs of a plan: precision of its thresholds, and the participants it needs."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def accuracy(
     seed: int = 0,
     ceiling: float | None = None,
 ) -> dict[str, Any]:
-    """Return what a method gives for an observer, over some runs.
+    """Return a method's bias, scatter and coverage for an observer, over some runs.
 
     Bias, scatter and median width of the interval are of the runs that gave a threshold; `coverage`
     is the share of those whose 95 % interval holds the truth.
@@ -103,8 +103,8 @@ def paired_power(
 ) -> Iterator[dict[str, Any]]:
     """Yield the power of a comparison of two conditions within participants, for each sample size.
 
-    Participants are simulated once, `runs` of them; samples of each size are drawn from them with
-    replacement, and a paired t-test is made of each.
+    `runs` participants are simulated once. Samples of each size are drawn from them with
+    replacement and tested by a paired t-test.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ _ALWAYS_GUESSED = 0.05  # share of answers that find a target where the task has
 
 
 class SimulateObserver(Task):
-    """Runs of one simulated observer: what its thresholds are worth, or the power of a comparison.
+    """Runs of one simulated observer: precision of its thresholds, or power of a comparison.
 
     The `experiment` is one of `ExperimentRecipe` without its conditions, and the `comparison` the
     `difference`, `between` and sample sizes `participants` of `paired_power`.

@@ -153,7 +153,7 @@ class Recipe(Document):
 
 
 class MakeStimuli(Task):
-    """A set of stimuli with all that it depends on: no file is read that it names.
+    """A set of stimuli with everything that it depends on; it reads no files.
 
     The fields are those of `StimulusSet`, but for the stimuli, as `Stimulus.describe` has them, and
     the fingers of a population with its statement.
@@ -456,7 +456,7 @@ def presentation_of(
 
 
 def _by_content(value: Any) -> Any:
-    """Leave out where recordings lie: their hash says what they are."""
+    """Leave out the paths of recordings: their hash identifies them."""
     if isinstance(value, Mapping):
         at = {"file"} if value.get("sha256") else set()
         return {name: _by_content(one) for name, one in value.items() if name not in at}

@@ -1,4 +1,4 @@
-"""From a stimulus to drive samples, block by block, by the surfaces of its fingers and screen."""
+"""Rendering of a stimulus to drive samples, block by block, by surfaces of fingers and screen."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _NODES = 65  # amplitudes at which a contact is solved
 class ContactTable:
     """Contact of the first finger against the amplitude of the drive, linear between its nodes.
 
-    All stimuli of one touch use it, so that none depends on which others are made with it.
+    All stimuli of one touch use it, so that no stimulus depends on the others of its set.
     """
 
     amplitude_v: Array
@@ -253,7 +253,7 @@ BLOCK = 1 << 16
 
 @dataclass(frozen=True)
 class Block:
-    """Consecutive samples of a drive, and how well they give the friction asked for."""
+    """Consecutive samples of a drive, and their error of friction against the target."""
 
     first: int
     drive_v: Array
@@ -358,7 +358,7 @@ class Rendering:
         return make(first, count, self.stimulus.carrier_hz, self.sample_rate_hz)
 
     def stream(self, threads: int = 1) -> Iterator[Block]:
-        """Yield the blocks in order, rendered by `threads` threads, which change no number."""
+        """Yield the blocks in order; their numbers do not depend on the number of threads."""
         return in_order(
             lambda first: self.block(first, min(BLOCK, self.samples - first)),
             range(0, self.samples, BLOCK),
@@ -390,7 +390,7 @@ def over_period(drive_v: Array, period: int) -> Array:
 
 
 def in_order(make: Callable[[int], Block], starts: range, threads: int) -> Iterator[Block]:
-    """Make blocks by several threads, a few ahead of the one that is handed out."""
+    """Make blocks by several threads, a few ahead of the one that is returned."""
     if threads <= 1:
         yield from map(make, starts)
         return

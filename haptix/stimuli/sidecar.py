@@ -1,4 +1,4 @@
-"""The JSON beside a drive file: how to play it, what friction it gives, what may be heard of it."""
+"""The JSON beside a drive file: how to play it, its friction, and whether it can be heard."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def _taper(size: int) -> Array:
 
 
 def reach(name: str, tally: Tally, response: Column) -> str:
-    """Say which friction a stimulus asks for that is not reachable, and the nearest that is."""
+    """Name the friction of a stimulus that is not reachable, and the nearest that is."""
     why = {
         Status.ABOVE: "the voltage limit",
         Status.PULL_IN: "pull-in",
@@ -235,7 +235,7 @@ def a_weighting_db(frequency_hz: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Lines:
-    """Of spectra of a length: the Hann window without its zeros, and the lines that are heard."""
+    """Hann window of a length without its zeros, and the audible lines of its spectrum."""
 
     taper: Array
     total: float
@@ -355,7 +355,7 @@ def _rms_slope(drive: Array) -> float:
 
 
 def _advice(drive_hz: float | None, envelope_hz: float | None) -> str:
-    """What to do about a drive and an envelope that are flagged."""
+    """Return advice about a flagged drive or envelope."""
     if drive_hz is None and envelope_hz is None:
         return "not flagged, and yet a panel may be heard: listen before the session"
     said = []

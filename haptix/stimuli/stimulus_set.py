@@ -86,7 +86,7 @@ DRAFTS = ".drafts"
 
 @dataclass(frozen=True)
 class Made:
-    """What became of one stimulus on one screen."""
+    """The result of one stimulus on one screen."""
 
     table: dict[str, Any]
     """Sidecar; empty where a limit is broken."""
@@ -100,7 +100,7 @@ class Made:
 
 @dataclass(frozen=True)
 class Batch:
-    """Some stimuli of a set on one screen, as a worker gets them."""
+    """A batch for a worker: some stimuli of a set on one screen."""
 
     plan: SetPlan
     screen: Screen
@@ -345,7 +345,7 @@ class MakingJob:
         return files_by_name
 
     def _check_tables(self, tables: dict[str, bytes]) -> None:
-        """Refuse to replace a trial table that somebody has added to.
+        """Refuse to replace a trial table to which somebody has added rows.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""A study in the form of BIDS (Brain Imaging Data Structure): its folder, the export of sessions.
+"""A BIDS study (Brain Imaging Data Structure): its folder, and the export of sessions.
 
 Motion after BIDS-Motion (BEP029; Jeung et al., Sci. Data 11, 716 (2024)). Participants have
 pseudonyms alone; dates stay in the log, a copy of which is in ``sourcedata``.
@@ -107,7 +107,7 @@ def session_log(study: Path, participant: str, session: str, task: str) -> Path:
 
 
 def _spelling(participant: str) -> str:
-    """Return what 7, 07 and 007, or p7 and P07, have in common."""
+    """Return one key for 7, 07 and 007, or for p7 and P07."""
     return re.sub(r"0*(\d+)$", r"\1", participant.casefold())
 
 
@@ -125,7 +125,7 @@ def keep_recipe(recipe: Path, log: Path) -> None:
 def write_session(
     files: Mapping[Path, bytes], study: Path, participant: str, task: str, record: Path
 ) -> list[Path]:
-    """Write the files of a session, and what the study does not say yet of itself.
+    """Write the files of a session, and missing files about the study.
 
     Parameters
     ----------
@@ -357,7 +357,7 @@ def _beh(
 
 
 def _stimulus(base: Path, rows: Sequence[Mapping[str, str]], task: str) -> dict[Path, bytes]:
-    """Level at regular times, which are so close that no trial falls between two of them."""
+    """Return the level at regular times, close enough that no trial falls between two."""
     onset_s = np.array([float(row["onset_s"]) for row in rows])
     start, end = onset_s.min(), max(float(row["time_s"]) for row in rows)
     closest_s = np.diff(np.unique(onset_s)).min(initial=1 / RATE_HZ)

@@ -91,8 +91,8 @@ class VirtualCurrent(Displayed):
     """Readings of the current that a finger on a screen draws, in time.
 
     At each instant the contact is in equilibrium with force and amplitude. Its mechanics lag
-    behind; a carrier's current lags by less than a reading. Contact and body are in series, the panel
-    beside them.
+    behind; a carrier's current lags by less than a reading. Contact and body are in series, and
+    the panel is parallel to them.
 
     Parameters
     ----------

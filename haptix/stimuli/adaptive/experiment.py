@@ -247,7 +247,7 @@ class Experiment:
             raise
 
     def _resume(self) -> None:
-        """Hear the rows of the log again, and see that it may go on."""
+        """Replay the rows of the log, and check that the session may continue."""
         differences = [*replay(self._sequence, self.log.rows, self.log.path)]
         if self.is_over:
             return
@@ -267,17 +267,17 @@ class Experiment:
 
     @property
     def trials(self) -> int:
-        """Accepted trials, those of practice, catch trials and an earlier run included."""
+        """Accepted trials, including practice, catch trials and those of an earlier run."""
         return self._sequence.trials
 
     @property
     def counted(self) -> int:
-        """Of those, the ones that the method has heard of."""
+        """Those trials that the method was updated with."""
         return self._sequence.counted
 
     @property
     def rested_s(self) -> float:
-        """How long ago the last trial of a log was that will be continued; otherwise 0."""
+        """Time since the last trial of a log that is to be continued; otherwise 0."""
         return 0.0 if self.is_over else self.log.rested_s
 
     def run(self) -> None:
@@ -436,7 +436,7 @@ class Experiment:
         return self.log.rows[-1]
 
     def _after(self, kind: str, is_right: bool | None) -> None:
-        """Tell the answer, and let the participant rest, as the plan says."""
+        """Give feedback and a rest, as the plan says."""
         practice, every = self.plan.practice, self.plan.break_every
         tells = practice.feedback if practice and kind == "practice" else self.plan.feedback
         if tells and self.tell is not None and is_right is not None:
