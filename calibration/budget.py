@@ -103,7 +103,7 @@ def uncertainty_budget(
     highest_v: tuple[float, float],
     rig: RigCheck | None = None,
 ) -> tuple[Budget, ...]:
-    """State mu(0), mu(V)/mu(0), the range that is reached, d1/eps1 and h0, with their budgets.
+    """Return mu(0), mu(V)/mu(0), the reachable range, d1/eps1 and h0, with their budgets.
 
     Friction is that at 0.5 N and 50 mm/s. `highest_v` are the amplitudes [V] at 125 Hz and at the
     carrier to which the profile is verified. mu(V) is at 125 Hz, the range and h0 (d1/eps1 and the
@@ -202,7 +202,7 @@ def _gains(posterior: Posterior, rig: RigCheck | None) -> list[Input]:
 
 
 def _forms(posterior: Posterior) -> list[Input]:
-    """Other forms of the model: each away from the fit by its distance, as often as it is true."""
+    """Other forms of the model, at their distances from the fit, weighted by probability."""
     names = posterior.forms or ("another form of the model",) * len(posterior.odds)
     return [
         Input(name, sqrt(float(share)), away)

@@ -1,4 +1,4 @@
-"""The certificate of a calibration: a PDF of one page, and an appendix with what it rests on."""
+"""The certificate of a calibration: a PDF of one page, with an appendix of its evidence."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _COLUMNS = 108  # characters of a line
 
 
 class _Page:
-    """A page that is written from the top down; a new one follows where it is full."""
+    """Pages written from the top down; a full page is followed by a new one."""
 
     def __init__(self, pages: PdfPages, footer: str) -> None:
         self._pages, self._footer = pages, footer
@@ -80,7 +80,7 @@ class _Page:
         self.line([(0, text)], 10, bold=True)
 
     def pairs(self, rows: Iterable[tuple[str, str]]) -> None:
-        """Write names and what they are; long ones go on below."""
+        """Write names and their values; long values are wrapped."""
         for name, what in rows:
             for number, text in enumerate(wrap(what, _COLUMNS - 26) or [""]):
                 self.line([(0, "" if number else name), (0.22, text)])
@@ -192,7 +192,7 @@ def write_certificate(
 
 
 def environment(recordings: Sequence[StrokeRecording]) -> str:
-    """Say the room's temperature and humidity, as far as they were recorded."""
+    """Return the room's temperature and humidity, where recorded."""
     said = []
     for name, unit in (("temperature_c", "°C"), ("humidity_percent", "%")):
         read = [getattr(one.conditions, name) for one in recordings]

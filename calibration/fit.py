@@ -62,7 +62,7 @@ _UpperBound = Annotated[  # JSON has no infinity
 
 @dataclass(frozen=True)
 class Repeatability:
-    """Spread of repeated strokes beyond their own errors, relative: the finger dries and turns.
+    """Relative spread of repeated strokes beyond their own errors: the finger dries and turns.
 
     Parameters
     ----------
@@ -182,7 +182,7 @@ class ParameterEstimate(Part):
 
 @dataclass(frozen=True)
 class Input(Displayed):
-    """One thing besides the strokes' scatter on which the fit rests.
+    """One source of uncertainty of the fit besides the strokes' scatter.
 
     Parameters
     ----------
@@ -201,7 +201,7 @@ class Input(Displayed):
 
 @dataclass(frozen=True)
 class Posterior(Displayed):
-    """Distribution of the free parameters' logarithms: what strokes leave possible.
+    """Posterior distribution of the free parameters' logarithms.
 
     A mixture of normal distributions. The fit in its own form is one component; each other form,
     and the fit with the finger's response and the sensor's pole exchanged, is another, weighed by
@@ -256,7 +256,7 @@ class Posterior(Displayed):
     def freedom_of(self, direction: Array, variance: float) -> float:
         """Degrees of freedom of a variance in which the scatter has its part.
 
-        By Welch and Satterthwaite: what was known before has no few.
+        By Welch and Satterthwaite; prior knowledge counts with infinite degrees of freedom.
         """
         return self.freedom / max(self.scatter(direction) / variance, 1e-3) ** 2
 
@@ -401,7 +401,7 @@ class Fit(Document):
         return [one for one in self.estimates if one.value is None]
 
     def parts(self, needs: Sequence[TermNeed] = ()) -> list[tuple[str, Sequence[Any]]]:
-        """Return what people read of it, by title: rows of a table, or lines."""
+        """Return the parts of its report, by title: rows of a table, or lines."""
         left_out = [f"stroke {number}: {why}" for number, why in sorted(self.left_out.items())]
         return [
             ("Results", self.estimates),
@@ -417,7 +417,7 @@ class Fit(Document):
 
     @property
     def shear_note(self) -> str:
-        """What its tau_f is worth: the product with the model's area alone was measured."""
+        """A note on tau_f: only its product with the model's area was measured."""
         return (
             f"by the theory {self.theory!r} and its gap distribution, which give the area of "
             "contact; another model has another tau_f for the same friction, so its interval holds "

@@ -1,4 +1,4 @@
-"""Fit a screen and a finger to strokes: which numbers, form and terms of the model they show."""
+"""Fit a screen and a finger to strokes: the model's numbers, form and terms."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def other_forms(
     terms: Mapping[str, bool] | None = None,
     tables: StrokePredictor | None = None,
 ) -> dict[str, StrokePredictor]:
-    """Predictors in the other gap distribution, and in the other theory that calibrates.
+    """Return predictors in the other gap distribution and the other theory for calibrations.
 
     `tables` is one that exists already, of the other theory.
     """
@@ -399,7 +399,7 @@ def compare_terms(
 
 
 def comparable_terms() -> list[str]:
-    """Names of the terms that a fit can do without: those that act on elastic skin."""
+    """Names of the terms that a fit can switch off: those that act on elastic skin."""
     return [
         name
         for name, term in TERMS.items()
@@ -424,7 +424,7 @@ def _score(residuals: Residuals, free: Array) -> float:
 
 
 def _starts(residuals: Residuals, fitted: Mapping[str, float]) -> list[Array]:
-    """Return where to start: at what was fitted, and at two values of a parameter that is new.
+    """Return starts: at the fitted values, and at two values of a new parameter.
 
     From a gap that leaks much the way to one that hardly leaks, one standard deviation of the prior
     up, may lead through a worse fit.

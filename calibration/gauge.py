@@ -1,4 +1,4 @@
-"""Over days and panels: a control chart of a rig, and its share of what was measured.
+"""A rig over days and panels: its control chart, and its share of the measured variance.
 
 The chart is that of single values with moving ranges (Shewhart; ISO 7870-2). The gauge study is an
 analysis of variance of crossed random factors (AIAG, Measurement Systems Analysis, 4th edition).
@@ -35,7 +35,7 @@ _LEVEL = 0.975
 
 @dataclass(frozen=True)
 class ControlChart:
-    """Values of a check standard, in order, and what they say.
+    """Values of a check standard, in order of time, and their alarms.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ class ControlChart:
 
 @dataclass(frozen=True)
 class VarianceComponent:
-    """What one factor, or two together, add to the variance of a value.
+    """Contribution of one factor, or of two together, to the variance of a value.
 
     Parameters
     ----------

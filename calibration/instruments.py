@@ -48,7 +48,7 @@ class Instrument(Part):
         return self
 
     def fault(self, day: date) -> str:
-        """Say why its certificate does not hold on a day; empty where it does."""
+        """Return why its certificate is not valid on a day; empty if it is."""
         which = f"{self.name} {self.serial}"
         if day > self.due_on:
             return f"{which}: its certificate {self.certificate} expired on {self.due_on}"
@@ -66,7 +66,7 @@ class Instruments(Document):
     instruments: Annotated[tuple[Instrument, ...], Field(min_length=1)]
 
     def check(self, used: Mapping[str, str], day: date) -> None:
-        """Raise `InputError` unless all that is used has a certificate that holds on a day.
+        """Raise `InputError` unless all used instruments have a certificate valid on a day.
 
         `used` has serial numbers by names, as a source of forces or a recording has them.
         """
@@ -76,7 +76,7 @@ class Instruments(Document):
             )
 
     def faults(self, used: Mapping[str, str], day: date) -> list[str]:
-        """Say what of the instruments that are used does not hold on a day."""
+        """Return which of the used instruments have no valid certificate on a day."""
         known = {(one.name, one.serial): one for one in self.instruments}
         faults = []
         for name, serial in used.items():
@@ -88,7 +88,7 @@ class Instruments(Document):
         return [one for one in faults if one]
 
     def check_strokes(self, recordings: Iterable[StrokeRecording]) -> None:
-        """Raise `InputError` unless all held on the day of each stroke; nothing is thrown away."""
+        """Raise `InputError` unless all were valid on the day of each stroke; strokes are kept."""
         late: dict[str, list[int]] = {}
         for one in recordings:
             day = date.fromisoformat(one.conditions.started[:10])

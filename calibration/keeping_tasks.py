@@ -57,8 +57,8 @@ class CheckInstruments(Task, command="calibrate instruments"):
 class Certify(Task, command="calibrate certificate"):
     """Write the certificate of a session that passed, as a PDF beside its report.
 
-    What was not verified by `run` is verified anew. Refused where the verification failed, or where
-    an instrument had no certificate on the day of a stroke.
+    A session that `run` did not verify is verified first. It is refused if the verification failed,
+    or if an instrument had no certificate on the day of a stroke.
     """
 
     folder: SessionThere
@@ -136,7 +136,7 @@ class KeepRegister(Task, command="calibrate register"):
 class RunBatch(RunCalibration, command="calibrate batch"):
     """Run panel after panel, each in a folder of its own. The same command again continues.
 
-    Finished panels are computed no more, and one that another rig measures is passed over. Exit
+    Finished panels are not computed again, and a panel that another rig measures is skipped. Exit
     code 1 if one failed, or strokes are still open.
     """
 

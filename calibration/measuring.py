@@ -1,4 +1,4 @@
-"""Measure: play a protocol on a screen, stroke by stroke, and keep what was recorded."""
+"""Measure: play a protocol on a screen stroke by stroke, and keep the recordings."""
 
 from __future__ import annotations
 
@@ -240,9 +240,9 @@ def measure_guided(
     conditions: Conditions | None = None,
     most_tries: int = 5,
 ) -> SessionOutcome:
-    """Measure what is open with a person, who goes on, repeats the last stroke, or stops.
+    """Measure open strokes with a person, who continues, repeats the last stroke, or stops.
 
-    Without `asks` nothing waits. For the other parameters see `measure`.
+    Without `asks` there are no prompts. For the other parameters see `measure`.
     """
     guide = _Guide(session, context, asks)
     while True:

@@ -216,7 +216,7 @@ class Parameters:
         return cls(tuple(parameters))
 
     def with_rig(self) -> Parameters:
-        """Return a copy with the force sensor's bandwidth, as little as is known of one."""
+        """Return a copy with the force sensor's bandwidth, with a wide prior."""
         return self._changed({name: Parameter(name, *one) for name, one in _RIG.items()})
 
     @property

@@ -1,4 +1,4 @@
-"""Practice: a calibration of a virtual finger on a virtual screen, whose truth is known."""
+"""Practice: a calibration of a virtual finger on a virtual screen with known truth."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class Person:
 
 
 class VirtualFingerSource(ForceSource):
-    """Computes the friction of what is played by the contact model, with an imperfect sensor.
+    """Friction of the played voltage by the contact model, read by an imperfect sensor.
 
     Parameters
     ----------

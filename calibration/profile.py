@@ -1,4 +1,4 @@
-"""Profiles of screen and finger: the result of a calibration, and how two of them compare."""
+"""Profiles of screen and finger, the result of a calibration, and comparisons of two."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def _assumptions(fit: Fit, predictor: StrokePredictor) -> list[str]:
 
 
 def calibrated_finger(finger: Finger, fit: Fit) -> Finger:
-    """Return the finger with which the fit predicts.
+    """Return the finger that the fit predicts with.
 
     Its numbers belong together: a single one is measured only if the fit determines it.
 

@@ -1,4 +1,4 @@
-"""The protocol: which strokes to make, as a file that a person can read and edit.
+"""The protocol: the strokes to make, as a file that a person can read and edit.
 
 The strokes of a short protocol are chosen for their information about the parameters.
 """

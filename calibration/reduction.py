@@ -1,4 +1,4 @@
-"""From raw force to mu(F_N, V0, f): without zero and drift, in full slip, the ripple by lock-in."""
+"""Reduction of raw forces to mu(F_N, V0, f): zero and drift, full slip, ripple by lock-in."""
 
 from __future__ import annotations
 
@@ -234,7 +234,7 @@ def reduce_stroke(recording: StrokeRecording, idle_s: float = 0.3, crosstalk: fl
 def without_drift(recording: StrokeRecording, idle_s: float) -> StrokeRecording:
     """Subtract from both forces the line or the cubic through their idle parts.
 
-    Where the finger is still on the screen at the end, only the zero before the touch.
+    If the finger is still on the screen at the end, subtract only the zero before the touch.
     """
     before, after = idle_parts(recording, idle_s)
     t, normal = recording.t_s, recording.normal_force_n

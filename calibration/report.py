@@ -158,7 +158,7 @@ def _friction(
 
 
 def minutes_of(recordings: Sequence[StrokeRecording]) -> dict[int, float]:
-    """Minutes from the first stroke to each, by number; without those that say no time."""
+    """Return minutes from the first stroke to each, by number, of strokes with a time."""
     started = {}
     for one in recordings:
         with suppress(ValueError):
@@ -170,7 +170,7 @@ def minutes_of(recordings: Sequence[StrokeRecording]) -> dict[int, float]:
 def _residuals_over_causes(
     fit: Fit, reduced: Reduced, predictor: StrokePredictor, minutes: Mapping[int, float]
 ) -> Figure:
-    """Residuals over what could cause them: a slope or a step in one of them is no noise."""
+    """Draw residuals over possible causes: a slope or a step shows a systematic error."""
     figure = Figure(figsize=(12.5, 2.6), layout="constrained")
     panels = figure.subplots(1, 5 if minutes else 4, sharey=True)
     good = [point for point in reduced.points if not point.outlier]
@@ -226,7 +226,7 @@ def _ripples(fit: Fit, reduced: Reduced, predictor: StrokePredictor) -> str:
 
 
 def _sizes(verification: Verification, fit: Fit) -> str:
-    """What the profile's friction rests on, in one line, each with its size in JND."""
+    """Return the parts of the error of the profile's friction in one line, each in JND."""
     rig = max((one.rig_jnd for one in verification.groups), default=0.0)
     scatter = max((one.uncertainty_jnd for one in verification.groups), default=np.nan)
     forms = max((one.effect_jnd * one.weight for one in fit.forms), default=0.0)

@@ -1,4 +1,4 @@
-"""Least squares of strokes: differences to the model, in units of their error, and the best fit."""
+"""Least squares of strokes: residuals in units of their error, and the best fit."""
 
 from __future__ import annotations
 
@@ -158,7 +158,7 @@ class Residuals:
         return np.asarray(sensor_gain(values, hertz).numpy())
 
     def weights(self, free: Array) -> Array:
-        """Weights of the data rows that the loss amounts to at its minimum."""
+        """Weights that the loss gives the data rows at its minimum."""
         return np.asarray(1 / np.sqrt(1 + (self.data(free) / SOFT_AT) ** 2))
 
     def data_information(self, free: Array) -> Array:
@@ -171,12 +171,12 @@ class Residuals:
         return self.with_prior(self.data_information(free))
 
     def with_prior(self, information: Array) -> Array:
-        """Add the priors; what nothing determines gets a spread of 1e4 instead of none."""
+        """Add the priors; undetermined directions get a spread of 1e4."""
         prior = self.prior_matrix.T @ self.prior_matrix
         return np.asarray(information + prior + 1e-8 * np.eye(len(prior)))
 
     def inputs(self, free: Array, covariance: Array) -> tuple[Input, ...]:
-        """What the fit rests on besides its strokes: the priors, and gains of the rig.
+        """Sources of uncertainty besides the strokes: the priors, and gains of the rig.
 
         A gain is that of the reading over the true value; 1 % of it moves the fit by 0.01 times the
         response.

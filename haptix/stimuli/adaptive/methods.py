@@ -39,7 +39,7 @@ class Method:
 
     @property
     def other_level(self) -> float | None:
-        """Level of what the next is compared with; None for the reference."""
+        """Level that the next presentation is compared with; None for the reference."""
         return None
 
     def update(self, is_right: float, level: float | None = None) -> None:
@@ -50,7 +50,7 @@ class Method:
         raise NotImplementedError
 
     def postpone(self) -> None:
-        """Hear that the presentation did not count; by default the same is next."""
+        """Note that the presentation did not count; by default it is presented again."""
 
     def estimate(self, empty: tuple[int, int] = (0, 0)) -> Estimate:
         """Estimate from the answers so far.
@@ -72,7 +72,7 @@ class Method:
 
 
 class ThresholdMethod(Method):
-    """A method that measures a threshold: of the same posterior, however it chose the levels."""
+    """A method that measures a threshold; all methods estimate it from the same posterior."""
 
     answers: Answers
     """Level of each trial, and whether the answer was right."""
@@ -80,7 +80,7 @@ class ThresholdMethod(Method):
 
     @property
     def guess_share(self) -> float:
-        """Share right of one who guesses."""
+        """Share right of an observer who guesses."""
         raise NotImplementedError
 
     def estimate(self, empty: tuple[int, int] = (0, 0)) -> Estimate:
@@ -88,7 +88,7 @@ class ThresholdMethod(Method):
 
 
 class FixedOrder(Method):
-    """A method whose presentations are in order before the first trial."""
+    """A method whose order of presentations is fixed before the first trial."""
 
     _order: list[tuple[float, ...]]
     """Level of each presentation, and of what it is compared with, if that is a level."""
@@ -176,7 +176,7 @@ class MethodsByCondition(Method):
         self.methods[self.condition].postpone()
 
     def estimate(self, empty: tuple[int, int] = (0, 0)) -> Estimate:
-        """Return the estimate of a single condition; several have one each, in `methods`."""
+        """Return the estimate of the only condition; several have theirs in `methods`."""
         if len(self.methods) == 1:
             return next(iter(self.methods.values())).estimate(empty)
         return Estimate()

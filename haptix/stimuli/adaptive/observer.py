@@ -43,9 +43,9 @@ class Question:
 class SimulatedObserver:
     """Answers right with the probability of a psychometric function.
 
-    An answer depends on the seed and the trial's number alone. Where there is no target, it finds
-    one with the probability `guess`. Of two levels it takes the higher by a cumulative normal of
-    their distance, and a magnitude is a power of 0.6 with a tenth of scatter.
+    An answer depends on the seed and the trial's number alone. Without a target it reports one with
+    the probability `guess`. It compares two levels by a cumulative normal of their distance.
+    Magnitudes follow a power of 0.6 with a scatter of a tenth.
     """
 
     threshold: float
@@ -141,7 +141,7 @@ def _number(source: TextIO, sink: TextIO) -> str:
 
 
 def _one_key(source: TextIO) -> str:
-    """One key press of a terminal, one character of anything else."""
+    """Read one key of a terminal, or one character of another source."""
     if not source.isatty():
         return source.read(1)
     import termios

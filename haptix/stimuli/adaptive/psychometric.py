@@ -1,4 +1,4 @@
-"""Psychometric functions, their fit to answers, and what the answers can say at all."""
+"""Psychometric functions, their fit to answers, and a test for guessing."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from haptix.checks import Array, choice
 
 @dataclass(frozen=True)
 class Estimate:
-    """What answers say: a threshold with its interval, and other parameters."""
+    """Estimate from answers: a threshold with its interval, and other parameters."""
 
     threshold: float = nan
     """Detection threshold, in the units of the levels; NaN if the answers give none."""
@@ -103,7 +103,7 @@ _TYPICAL_SLOPE = 3.5
 
 
 def chance_p(answers: Answers, guess: float) -> float:
-    """Probability that one who only guesses is right as often, or more often."""
+    """Probability that an observer who guesses is right at least as often."""
     from scipy.stats import binomtest
 
     right = sum(is_right for _, is_right in answers)
@@ -113,12 +113,12 @@ def chance_p(answers: Answers, guess: float) -> float:
 
 
 def without(found: Estimate, why: str) -> Estimate:
-    """Return an estimate that gives no threshold, and says why."""
+    """Return an estimate without a threshold, with the reason."""
     return Estimate(others=found.others, warnings=(f"no threshold: {why}", *found.warnings))
 
 
 def counted(answers: Answers) -> tuple[Array, Array, Array]:
-    """Levels, and how many answers at each were right and wrong."""
+    """Levels, and counts of right and wrong answers at each."""
     levels, at = np.unique([level for level, _ in answers], return_inverse=True)
     right = np.bincount(at, [is_right for _, is_right in answers], len(levels))
     total = np.bincount(at, minlength=len(levels)).astype(float)
@@ -131,7 +131,7 @@ def fit(
     guess: float = 0.5,
     empty: tuple[int, int] = (0, 0),
 ) -> Estimate:
-    """Return the threshold with its 95 % interval, whichever method chose the levels.
+    """Return the threshold with its 95 % interval; any method may have chosen the levels.
 
     The posterior over threshold, slope, lapse rate, overdispersion and drift, on a grid. Answers
     at one level in one quarter of the run are beta-binomial about the function: an observer who
@@ -263,7 +263,7 @@ def _posterior(answers: Answers, function: str, guess: float, empty: tuple[int, 
 
 
 def _said(others: Mapping[str, float], lapsing: float, scatter: Array) -> Iterator[str]:
-    """Say what an observer did that the answers show, and the interval allows for."""
+    """Name what the answers show of the observer, which the interval allows for."""
     if others["drift_probability"] > _SURELY:
         yield (
             f"the threshold drifts by {others['drift']:+.1f} from the first trial to the last; it "
@@ -279,12 +279,12 @@ def _said(others: Mapping[str, float], lapsing: float, scatter: Array) -> Iterat
 
 
 def _weights(likelihood: Array) -> Array:
-    """Return weights by their logarithms, the largest 1."""
+    """Return weights from their logarithms; the largest is 1."""
     return np.asarray(np.exp(likelihood - likelihood.max()))
 
 
 def _around(weight: Array, at: Array, count: int) -> Array:
-    """Return values about where a weight lies, within those that it was tried at."""
+    """Return values around a weight's centre, within the range that was tried."""
     share = weight / weight.sum()
     mean = float(share @ at)
     spread = float(np.sqrt(share @ (at - mean) ** 2)) + (at[1] - at[0]) / 3

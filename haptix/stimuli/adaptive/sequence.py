@@ -1,4 +1,4 @@
-"""The trials of a session one after the other: presented live, or replayed from its log."""
+"""The sequence of a session's trials, presented live or replayed from its log."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class NextTrial:
 
 @dataclass(eq=False)
 class TrialSequence:
-    """What comes next depends on method, task, plan, seed and the rows so far, and nothing else."""
+    """The sequence of trials: it depends on method, task, plan, seed and the rows so far alone."""
 
     method: Method
     task: TrialTask
@@ -89,7 +89,7 @@ class TrialSequence:
         self.trials, self.attempt = self.trials + 1, 0
 
     def difference(self, row: Mapping[str, str]) -> str:
-        """Say how a row is not that of the trial that comes next; empty if it is."""
+        """Return the difference of a row from the next trial; empty if there is none."""
         if self.method.is_done:
             return "comes after the last trial of the method"
         planned = self.next()
@@ -121,13 +121,13 @@ _LATER = ("kind", "condition")
 
 
 def replay(sequence: TrialSequence, rows: Sequence[Mapping[str, str]], path: Path) -> Iterator[str]:
-    """Let a sequence hear the rows of a log; yield how they differ from what it would present.
+    """Replay the rows of a log; yield the differences from what the sequence would present.
 
     Raises
     ------
     FileFormatError
         If a row of this program is not that of the plan, or a number is not the next. Rows of
-        another program may have been chosen otherwise, and are heard all the same.
+        another program may have been chosen otherwise, and are replayed all the same.
     """
     for number, row in enumerate(rows, 1):
         if different := sequence.difference(row):
@@ -140,7 +140,7 @@ def replay(sequence: TrialSequence, rows: Sequence[Mapping[str, str]], path: Pat
 
 
 def method_of(table: Mapping[str, Any]) -> Method:
-    """Make a method anew from what `Method.describe` says of it."""
+    """Make a method from the table of `Method.describe`."""
     if table["method"] == MethodsByCondition.kind:
         methods = {name: method_of(table["methods"][name]) for name in table["order"]}
         return MethodsByCondition(methods, table["interleaved"], table["seed"])
@@ -151,7 +151,7 @@ def method_of(table: Mapping[str, Any]) -> Method:
 
 
 def replayed(session: LoggedSession) -> tuple[TrialSequence, tuple[str, ...]]:
-    """Return the sequence of a session that was read, and what its log leaves open.
+    """Return the sequence of a session that was read, and notes on its log.
 
     Raises
     ------

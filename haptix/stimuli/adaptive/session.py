@@ -1,4 +1,4 @@
-"""What surrounds the trials of a session: task, order of conditions, practice, catch trials."""
+"""The frame of a session's trials: task, order of conditions, practice, catch trials."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from haptix.stimuli.adaptive.psychometric import CHANCE_P, Estimate, without
 
 @dataclass(frozen=True)
 class TrialTask:
-    """What is presented in a trial, and what is asked.
+    """The presentation and the question of a trial.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ Share = Annotated[float, Field(ge=0, le=1)]
 
 
 class Practice(Part):
-    """Trials at the beginning that do not count, at a level that is surely felt."""
+    """Practice trials, which do not count, at a level that is surely felt."""
 
     trials: PositiveInt
     level: float
@@ -140,7 +140,7 @@ class Practice(Part):
 
 
 class Catch(Part):
-    """Trials that the method does not hear of: they tell whether somebody attends.
+    """Catch trials: the method does not get them, and they show whether a person attends.
 
     Where one of several intervals has the target, it is at a `level` that is surely felt. Where the
     answer is whether there is a target, or a difference, there is none.
@@ -192,7 +192,7 @@ class SessionPlan(Part):
 
 
 def check_plan(plan: SessionPlan, task: TrialTask, name: str) -> None:
-    """Raise `InputError` where a task cannot have what a plan asks for."""
+    """Raise `InputError` if the task does not allow the plan."""
     if plan.catch is None:
         if task.detects:
             raise InputError(
@@ -213,7 +213,7 @@ _NORMAL = NormalDist()
 def summary(
     rows: Sequence[Mapping[str, str]], task: str, exclude: Exclude | None = None
 ) -> dict[str, Any]:
-    """Return what the rows of a log say, as plain values.
+    """Return the catch trials' results and exclusions of a log's rows, as plain values.
 
     Catch trials right; of tasks that detect also the shares of hits and false alarms, d' and the
     criterion; and by which rules the session is excluded.
@@ -245,7 +245,7 @@ def summary(
 def estimate_of(
     method: Method, rows: Sequence[Mapping[str, str]], task: str, condition: str = ""
 ) -> Estimate:
-    """Return what a method states, with what the rows say of trials without a target.
+    """Return a method's estimate, with the results of trials without a target.
 
     Where the task is to detect, there is no threshold unless a target was found more often where
     there was one (Fisher's exact test).

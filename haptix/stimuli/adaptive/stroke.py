@@ -56,7 +56,7 @@ def _mean(values: Sequence[float | None]) -> float | None:
 
 
 class StrokeRanges(Part):
-    """Least and most force and speed of a stroke that counts; each is checked where it is given."""
+    """Ranges of force and speed of a valid stroke; those that are given are checked."""
 
     normal_force_n: tuple[NonNegativeFloat, NonNegativeFloat] | None = None
     speed_mm_per_s: tuple[NonNegativeFloat, NonNegativeFloat] | None = None
@@ -73,7 +73,7 @@ class StrokeRanges(Part):
         return {name: getattr(self, name) for name in _UNITS if getattr(self, name) is not None}
 
     def objection(self, felt: Touch | None) -> str:
-        """Say why a stroke does not count; empty if it does."""
+        """Return the reason why a stroke is not valid; empty if it is."""
         if felt is None:
             return "no touch"
         for name, (low, high) in self.given().items():

@@ -63,9 +63,9 @@ def program() -> str:
 
 
 class End(BaseModel):
-    """What the file beside a log says of it: by that a missing tail is told.
+    """The file beside a log, by which a missing tail is found.
 
-    It is written after each row, and so is at most one row behind.
+    It is written after each row, so it is one row behind at most.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -94,7 +94,7 @@ class End(BaseModel):
 
 @dataclass(frozen=True)
 class LogText:
-    """What the bytes of a log say."""
+    """The content of a log."""
 
     settings: dict[str, Any]
     """Its first line."""
@@ -110,10 +110,10 @@ class LogText:
 
 
 def parse_log(path: Path, data: bytes, end: End | None) -> LogText:
-    """Check a log against itself and its end file, and return what it says.
+    """Check a log against its hashes and its end file, and return its content.
 
-    Each row has the hash of the line before, the first that of the head. A last line that was cut
-    off while it was written is no row.
+    Each row has the hash of the line before, the first row that of the head. A last line that was
+    cut off while it was written is ignored.
 
     Raises
     ------
@@ -180,15 +180,15 @@ def _checked_by(end: End | None, log: LogText, path: Path) -> LogText:
 
 
 def line_hash(line: str) -> str:
-    """Return the hash of a line, by which the next one says which it follows."""
+    """Return the hash of a line, which the next line repeats."""
     return hashlib.sha256(line.encode()).hexdigest()[:16]
 
 
 class TrialLog:
     """A tab-separated table with a line per trial, on the disk before the next trial begins.
 
-    Its first line holds what the trials rest on. An existing log is continued, and only by the
-    same `experiment`. A file that no log has made is never written to. A last line that was cut off
+    Its first line describes the experiment. An existing log is continued, and only by the
+    same `experiment`. A file that is no log is never written to. A last line that was cut off
     while it was written is dropped. From `open` to `close` a lock keeps other writers away.
 
     Parameters
@@ -250,7 +250,7 @@ class TrialLog:
     def go_on(self) -> None:
         """Let this program write a log that another began; its rows say so in ``version``.
 
-        The rows of a log of before get hashes now, and its head says how many had none.
+        The rows of a log of an earlier version get hashes, and its head says how many had none.
         """
         self.version = program()
         if self._format != _FORMAT:
@@ -343,13 +343,13 @@ class TrialLog:
         self._write_end(len(self.rows), self._last)
 
     def finish(self) -> None:
-        """Say that the session is over."""
+        """Mark the session as finished."""
         if self._format == _FORMAT and not self.finished:
             self._write_end(len(self.rows), self._last, finished=True)
             self.finished = True
 
     def resumed(self, now_s: float) -> tuple[int, float]:
-        """Number of this session, and the time by a clock that is 0 s in the log.
+        """Return this session's number, and the log's clock [s] at its start.
 
         A resumed log goes on after its last trial, by as much as has passed since.
         """
@@ -368,7 +368,7 @@ class TrialLog:
         return max(0.0, (datetime.now(UTC) - datetime.fromisoformat(date)).total_seconds())
 
     def _write(self, more: Mapping[str, Any]) -> None:
-        """Write head and rows anew, the end file first: without the log it says nothing."""
+        """Write head and rows anew, the end file first: alone it has no effect."""
         head = {"format": _FORMAT, "version": program(), **more, **self._experiment}
         lines = [f"# {json.dumps(head)}", "\t".join(COLUMNS)]
         last = line_hash("\n".join(lines))
@@ -476,7 +476,7 @@ class TouchLog:
         return ""
 
     def rows(self) -> Iterator[dict[str, str]]:
-        """Yield the rows that are whole; none where no panel has reported."""
+        """Yield the complete rows; none if no panel has reported."""
         if not self.path.exists():
             return
         head, *lines = read_text(self.path, LARGEST_TABLE_BYTES).splitlines(keepends=True)
@@ -525,7 +525,7 @@ class LoggedSession:
 
     @property
     def source(self) -> str:
-        """Where the answers came from; "n/a" in logs of before."""
+        """Source of the answers; "n/a" in logs of earlier versions."""
         return str(self.settings.get("source", "n/a"))
 
     @property
@@ -537,8 +537,8 @@ class LoggedSession:
 def read_sessions(source: str | Path) -> list[LoggedSession]:
     """Read the sessions of a log, of a folder of logs, or of a study.
 
-    Of a study those in ``sourcedata`` count, as they are the logs themselves; where a study is
-    without, as one that was passed on, its ``*_beh.tsv``.
+    Of a study the logs in ``sourcedata`` are read. A study without them, such as one that was
+    passed on, is read from its ``*_beh.tsv``.
 
     Raises
     ------
@@ -568,7 +568,7 @@ def read_sessions(source: str | Path) -> list[LoggedSession]:
 
 
 def is_log(path: Path) -> bool:
-    """Whether a file begins as a log of trials does."""
+    """Whether a file begins like a log of trials."""
     with reading(path, "a table"), path.open("rb") as file:
         return file.read(3) == b"# {"
 
