@@ -77,15 +77,15 @@ class Instruments(Document):
 
     def faults(self, used: Mapping[str, str], day: date) -> list[str]:
         """Return which of the used instruments have no valid certificate on a day."""
-        known = {(one.name, one.serial): one for one in self.instruments}
+        known = {(each.name, each.serial): each for each in self.instruments}
         faults = []
         for name, serial in used.items():
             if name == DRIVER:
                 continue
-            one = known.get((name, serial))
+            instrument = known.get((name, serial))
             said = f"{name} {serial}: it is not in the file of instruments"
-            faults.append(said if one is None else one.fault(day))
-        return [one for one in faults if one]
+            faults.append(said if instrument is None else instrument.fault(day))
+        return [fault for fault in faults if fault]
 
     def check_strokes(self, recordings: Iterable[StrokeRecording]) -> None:
         """Raise `InputError` unless all were valid on the day of each stroke; strokes are kept."""

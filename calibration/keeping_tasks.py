@@ -176,8 +176,8 @@ class RunBatch(RunCalibration, command="calibrate batch"):
     def _one(self, name: str, folder: Path, context: Context) -> dict[str, object]:
         from calibration.register import Panel, update_register
 
-        given = {field: getattr(self, field) for field in RunCalibration.model_fields}
-        RunCalibration(**{**given, "folder": folder, "name": name}).run(context)
+        fields = {field: getattr(self, field) for field in RunCalibration.model_fields}
+        RunCalibration(**{**fields, "folder": folder, "name": name}).run(context)
         panel = Panel.of(folder)
         if self.register_file is not None:
             update_register(self.register_file, _today(), lambda kept: kept.with_panel(panel))

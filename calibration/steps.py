@@ -148,8 +148,8 @@ def finish_decided(
         What was found, and whether it was known before.
     """
     known = Finished.load(folder)
-    found = known or finish_folder(folder, context)
-    while go_on is not None and (plan := plan_that_decides(folder, found.verification)) is not None:
+    done = known or finish_folder(folder, context)
+    while go_on is not None and (plan := plan_that_decides(folder, done.verification)) is not None:
         before = Session.open(folder)
         more_s = plan.duration_s - before.protocol.duration_s
         count = len(plan.strokes) - len(before.protocol.strokes)
@@ -162,8 +162,8 @@ def finish_decided(
             if len(Session.open(folder).open_strokes) == count:
                 before.protocol.save(folder / "protocol.toml")  # as it was: the verdict stands
             break
-        known, found = None, finish_folder(folder, context)
-    return found, known is not None
+        known, done = None, finish_folder(folder, context)
+    return done, known is not None
 
 
 def plan_that_decides(folder: Path, verification: Verification) -> Protocol | None:

@@ -155,19 +155,19 @@ def place(path: Path) -> tuple[Path, os.stat_result | None]:
             os.close(os.open(path, os.O_WRONLY | os.O_CREAT, 0o600))
             real.unlink()
         return real, None
-    there = real.stat()
-    if stat.S_ISDIR(there.st_mode):
+    file_stat = real.stat()
+    if stat.S_ISDIR(file_stat.st_mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
-    if not stat.S_ISREG(there.st_mode):
+    if not stat.S_ISREG(file_stat.st_mode):
         raise OSError(errno.EINVAL, "this is a pipe, a socket or a device; name a regular file")
     os.close(os.open(path, os.O_WRONLY))
-    return real, there
+    return real, file_stat
 
 
 def _keep_mode(draft: Path, there: os.stat_result) -> None:
     """Give a draft the owner and mode of the file that it replaces."""
-    own = draft.stat()
-    if (own.st_uid, own.st_gid) != (there.st_uid, there.st_gid):
+    draft_stat = draft.stat()
+    if (draft_stat.st_uid, draft_stat.st_gid) != (there.st_uid, there.st_gid):
         try:
             os.chown(draft, there.st_uid, there.st_gid)
         except PermissionError:

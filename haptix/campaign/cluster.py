@@ -153,8 +153,10 @@ class DaskWorkers(Executor):
                 self._judge(address, workers[address], seen.get(address))
         with self._lock:
             self._good = {at: n for at, n in self._good.items() if at in workers}
-            there = set(workers)
-            lost = [future for future, call in self._calls.items() if not call.workers & there]
+            present_workers = set(workers)
+            lost = [
+                future for future, call in self._calls.items() if not call.workers & present_workers
+            ]
             for future in lost if self._good else []:
                 call = self._calls[future]
                 _LOG.info("a call is sent again: its workers are gone")

@@ -174,14 +174,14 @@ class ContactCurrent(Displayed):
         for insulation in _INSULATIONS:
             scale = finger.dielectric.scale * insulation
             skin = finger.dielectric.model_copy(update={"scale": scale})
-            one = ContactModel(finger.replace(dielectric=skin), scaled, terms=model.terms)
+            skin_model = ContactModel(finger.replace(dielectric=skin), scaled, terms=model.terms)
             # Wider than the population, so that a filter may err within the fit.
             latent = 1.5 * people.sd * random.normal(size=(_DRAWN, len(LATENT)))
             latent[:, SKIN] = latent[:, ROUGHNESS] + np.log(insulation)
             volts = random.uniform(_LOWEST_V, screen.max_voltage_v, _DRAWN)
             place = _places(latent, volts, people, finger)
             place[:, 3] = np.minimum(place[:, 3], scaled.max_voltage_v**2)
-            drawn = _solve(one, place, finger, frequency)
+            drawn = _solve(skin_model, place, finger, frequency)
             kept = drawn.is_light
             places.append(place[kept])
             capacitances.append(drawn.per_area[kept])
@@ -192,9 +192,9 @@ class ContactCurrent(Displayed):
         logs = np.column_stack(
             [np.log(np.concatenate(capacitances)), np.log(np.concatenate(attractions))]
         )
-        found = np.linalg.lstsq(terms, logs, rcond=None)[0]
-        spread = np.abs(logs - terms @ found).std(axis=0)
-        fit = {"coefficients": found, "centre": centre, "width": width}
+        coefficients = np.linalg.lstsq(terms, logs, rcond=None)[0]
+        spread = np.abs(logs - terms @ coefficients).std(axis=0)
+        fit = {"coefficients": coefficients, "centre": centre, "width": width}
         return cls(
             people, frequency, finger.apparent_area_at_1n_m2, finger.apparent_area_exponent,
             screen.body_capacitance_f, MappingProxyType(fit),

@@ -219,11 +219,14 @@ def _by_participant(rows: Sequence[Row], column: str) -> dict[str, tuple[float, 
             if column == "threshold_db":
                 spread = (row["high_db"] - row["low_db"]) / _IN_SPREADS
             by_name.setdefault(row["participant"], []).append((row[column], spread or _EXACT))
-    found = {}
+    value_by_person = {}
     for name, sessions in by_name.items():
         value, precision = np.array([(v, 1 / s**2) for v, s in sessions]).T
-        found[name] = (float(value @ precision / precision.sum()), float(precision.sum() ** -0.5))
-    return found
+        value_by_person[name] = (
+            float(value @ precision / precision.sum()),
+            float(precision.sum() ** -0.5),
+        )
+    return value_by_person
 
 
 _EXACT = 1e-6  # numbers without scatter

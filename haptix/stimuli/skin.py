@@ -63,8 +63,8 @@ class Skin:
         self._divisor = lru_cache(maxsize=2)(self._over_reference)
 
     def _thickness(self, frequency_hz: Array) -> Array:
-        found = self._model.solver.terms.thickness(self._h0, torch.from_numpy(frequency_hz))
-        return np.asarray(found.detach().cpu().numpy())
+        thickness_m = self._model.solver.terms.thickness(self._h0, torch.from_numpy(frequency_hz))
+        return np.asarray(thickness_m.detach().cpu().numpy())
 
     def pull(self, drive_hz: Array) -> Array:
         """Attraction of sine drives over that of one of the reference frequency."""

@@ -346,8 +346,8 @@ def _beh(
     columns["onset_s"]["Units"] = columns["duration_s"]["Units"] = "s"
     columns["kind"] |= {"Levels": _KINDS, "HED": _HED}
     asks = _ASKS.get(str(settings.get("task")))
-    told = {} if asks is None else {"TaskDescription": _ABOUT, "Instructions": asks}
-    about = {"TaskName": task, **told, SETTINGS: settings, **columns}
+    description = {} if asks is None else {"TaskDescription": _ABOUT, "Instructions": asks}
+    about = {"TaskName": task, **description, SETTINGS: settings, **columns}
     files = {
         base.with_name(f"{base.name}_beh.tsv"): _tsv(names, table),
         base.with_name(f"{base.name}_beh.json"): json_text(about).encode(),

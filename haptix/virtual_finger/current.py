@@ -128,8 +128,8 @@ class VirtualCurrent(Displayed):
         """Complex capacitance by force and voltage."""
         finger = model.finger
         skin = finger.dielectric.model_copy(update={"scale": finger.dielectric.scale * scale})
-        one = ContactModel(finger.replace(dielectric=skin), model.screen, terms=model.terms)
-        state = one.solve(
+        skin_model = ContactModel(finger.replace(dielectric=skin), model.screen, terms=model.terms)
+        state = skin_model.solve(
             torch.from_numpy(_FORCES_N)[:, None], torch.from_numpy(self._volts), self.frequency_hz
         )
         loss = state.conductance_s.numpy() / (2 * pi * self.frequency_hz)
@@ -217,6 +217,6 @@ class VirtualCurrent(Displayed):
         step = 2 * converter.range_a / 2**converter.bits
         spread = np.hypot(share * abs(current), step / np.sqrt(6 * size))
         noise = self._random.normal(size=2) * spread
-        found = current + complex(*noise) + hum_a
+        read_a = current + complex(*noise) + hum_a
         is_saturated = abs(current) + converter.hum_a > converter.range_a
-        return Reading(t_s, found, volts, bool(is_saturated))
+        return Reading(t_s, read_a, volts, bool(is_saturated))

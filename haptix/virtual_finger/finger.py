@@ -361,8 +361,8 @@ class VirtualFinger(Displayed):
         terms, finger = self.model.terms, self.model.finger
         factor = np.ones_like(force)
         if SlidingSpeed.name in terms:  # the solver has that of the finger's own speed
-            own = SlidingSpeed.factor(finger, finger.sliding_speed_mm_per_s)
-            factor = SlidingSpeed.factor(finger, speed) / own
+            own_factor = SlidingSpeed.factor(finger, finger.sliding_speed_mm_per_s)
+            factor = SlidingSpeed.factor(finger, speed) / own_factor
         least = log(finger.softened_share)
         if Occlusion.name not in terms or least == 0:
             return self._friction(self.model.solver, force, squares, field, factor)

@@ -160,20 +160,20 @@ def fit(
     function_named(function)
     if len(answers) < _LEAST_ANSWERS:
         return without(Estimate(), f"{len(answers)} answers; it takes {_LEAST_ANSWERS} or more")
-    found = _posterior(answers, function, guess, empty)
+    posterior = _posterior(answers, function, guess, empty)
     levels = [level for level, _ in answers]
-    if not min(levels) <= found.threshold <= max(levels):
-        end = "above" if found.threshold > max(levels) else "below"
+    if not min(levels) <= posterior.threshold <= max(levels):
+        end = "above" if posterior.threshold > max(levels) else "below"
         why = f"it lies {end} the levels that were presented, {min(levels):g} to {max(levels):g}"
-        return without(found, why)
+        return without(posterior, why)
     if function == "symmetric-normal" or empty[1]:
-        return found
+        return posterior
     p = chance_p(answers, guess)
     if p <= CHANCE_P:
-        return found
+        return posterior
     right = sum(is_right for _, is_right in answers)
     why = f"{right} of {len(answers)} answers were right, as guessing gives them (p = {p:.2g})"
-    return without(found, why)
+    return without(posterior, why)
 
 
 def _posterior(answers: Answers, function: str, guess: float, empty: tuple[int, int]) -> Estimate:

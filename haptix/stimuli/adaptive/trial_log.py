@@ -464,8 +464,8 @@ class TouchLog:
 
     def _check(self) -> str:
         """Return the head if there is no table yet; cut off a line that was not finished."""
-        there = place(self.path)[1]
-        if there is None or not there.st_size:
+        file_stat = place(self.path)[1]
+        if file_stat is None or not file_stat.st_size:
             return _TOUCH_HEAD
         with self.path.open("r+b") as file:
             known = file.read(LARGEST_TABLE_BYTES)
