@@ -136,13 +136,13 @@ class Sessions:
             "strokes_used": len(fit.strokes),
         }  # fmt: skip
 
-    def matched(self, number, seed):
+    def matched(self, number, apart, seed):
         """Compare the screens of two sessions that passed, of two fingers, with the truth.
 
         That is the mean of both true fingers, each on both screens.
         """
         made = []
-        for one in (number, number + 30):  # of one contact law
+        for one in (number, number + apart):
             if self.session(one, seed, False)["verdict"] != "passed":
                 return []
             made.append(self.made)
@@ -223,11 +223,17 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--defects", action="store_true")
     parser.add_argument("--match", action="store_true", help="compare the screens of two sessions")
+    parser.add_argument(
+        "--apart",
+        type=int,
+        default=30,
+        help="of their numbers; a multiple of 3 is one contact law",
+    )
     asked = parser.parse_args()
     bench, rows = Sessions(asked.contacts), []
     if asked.match:
         for number in range(asked.first, asked.first + asked.sessions):
-            for row in bench.matched(number, asked.seed):
+            for row in bench.matched(number, asked.apart, asked.seed):
                 rows.append(row)
                 print(json.dumps(row), flush=True)
         at_volts = [row for row in rows if row["voltage_v"] > 0]
