@@ -171,18 +171,28 @@ def test_a_driver_that_is_unplugged_is_named(tmp_path, browser):
         keep(page, "error-unplugged")
 
 
+def stopped_while_its_script_hangs(service, page):
+    """Press STOP on a page whose script hangs; return the reason that the page gives."""
+    slide_until_live(page, service)
+    page.evaluate(
+        "setTimeout(() => { const end = Date.now() + 5000; while (Date.now() < end); }, 20)"
+    )
+    time.sleep(0.1)
+    page.mouse.click(1200, 30)
+    # Its script hangs for five seconds: its silence ends the voltage, and then it says so.
+    page.locator('.output[data-state="off"]').wait_for()
+    wait_for(lambda: not service.is_live())
+    return page.locator(".output .word").get_attribute("title")
+
+
 def test_stop_while_the_script_hangs_ends_the_volts(tmp_path, browser):
     with live(tmp_path, browser) as (service, page):
-        slide_until_live(page, service)
-        page.evaluate(
-            "setTimeout(() => { const end = Date.now() + 5000; while (Date.now() < end); }, 20)"
-        )
-        time.sleep(0.1)
-        page.mouse.click(1200, 30)
-        # Its script hangs for five seconds: its silence ends the voltage, and then it says so.
-        page.locator('.output[data-state="off"]').wait_for()
-        assert page.locator(".output .word").get_attribute("title") == "stopped by the button"
-        wait_for(lambda: not service.is_live())
+        # On a busy machine the engine may be silent for too long just then, and is replaced.
+        for _ in range(5):
+            reason = stopped_while_its_script_hangs(service, page)
+            if reason != "the engine is there again":
+                break
+        assert reason == "stopped by the button"
 
 
 def test_the_service_that_ends_is_said_and_a_new_one_is_found(tmp_path, browser):
