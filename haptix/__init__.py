@@ -10,7 +10,7 @@ import os
 import sys
 
 if "".join(sys.argv[:1]).endswith(("/haptix", "\\haptix", "\\haptix.exe", "-m")):
-    # The command: Ctrl-C while it loads is no traceback. Other programs have their own way.
+    # In the command, Ctrl-C while it loads prints no traceback. Other programs decide themselves.
     _before = sys.excepthook
     sys.excepthook = lambda kind, *error: (
         None if kind is KeyboardInterrupt else _before(kind, *error)
@@ -25,7 +25,7 @@ def __getattr__(name: str) -> object:
     try:
         return _load(name)
     except AttributeError as error:
-        error.name, error.obj = name, sys.modules[__name__]  # Python then says what is like it
+        error.name, error.obj = name, sys.modules[__name__]  # Python then suggests similar names
         raise
     except ImportError as error:
         from haptix.version import foreign_package

@@ -29,7 +29,7 @@ Length = float
 def number(
     name: str, value: Any, least: float = -inf, *, above: float = -inf, open_end: bool = False
 ) -> float:
-    """Check a number of at least `least` and above `above`; with `open_end` it may be infinite.
+    """Check that a number is at least `least` and above `above`; `open_end` allows infinity.
 
     An array or a tensor of one value is a number, a bool is not.
     """
@@ -62,7 +62,7 @@ def positive(name: str, value: Any, *, open_end: bool = False) -> float:
 
 
 def boolean(name: str, value: Any) -> bool:
-    """Check that a value is True or False, and not a word that says so."""
+    """Check that a value is True or False, and not a word such as "yes"."""
     if not isinstance(value, bool | np.bool_):
         raise InputError(f"{name}: expected True or False, got {value!r:.80}")
     return bool(value)
@@ -74,7 +74,7 @@ def shown(value: Any) -> str:
 
 
 def instance(name: str, value: Any, kind: type[Any], hint: str = "") -> None:
-    """Check that a value is of a class; `hint` says how one is made, or in which order."""
+    """Check that a value is of a class; `hint` says how to make one, or the order of arguments."""
     if not isinstance(value, kind):
         article = "an" if kind.__name__[0] in "AEIOU" else "a"
         raise InputError(

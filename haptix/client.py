@@ -1,4 +1,4 @@
-"""A client of `haptix serve`: another program's way to friction under a finger.
+"""A client of `haptix serve`, for programs that render friction under a finger.
 
 ::
 
@@ -51,8 +51,8 @@ _LOG = logging.getLogger("haptix.client")
 _SUBPROTOCOL = Subprotocol("haptix.v1")
 _WAIT_S, _CLOSE_S, _FILE_S = 10.0, 1.0, 60.0
 _FIRST_S, _LAST_S = 0.1, 5.0  # between two attempts to connect again
-_REPLAYED = ("geometry", "subscribe")  # what the service does not keep for who resumes
-_MOST_SENDING = 64  # batches that are not sent yet, or at once; then a touch waits
+_REPLAYED = ("geometry", "subscribe")  # sent again on resuming: the service does not keep them
+_MOST_SENDING = 64  # batches that are not sent yet; above this, a touch waits
 
 TouchKind = Literal["down", "move", "up"]
 Sent = TypeVar("Sent", covariant=True)
@@ -123,14 +123,14 @@ def _document(value: object) -> dict[str, Any]:
 
 
 class LostConnection(NamedTuple):
-    """The connection broke; it is tried again, unless `is_final`.
+    """The connection broke; the client connects again, unless `is_final`.
 
     Parameters
     ----------
     reason : str
         Why it broke.
     is_final : bool
-        Whether it is not tried again.
+        Whether the client gives up.
     """
 
     reason: str
@@ -153,8 +153,8 @@ class Lost(DeviceError):
 class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
     """A session with the service; made by `connect_async`.
 
-    A broken connection is opened again, with the lease and layout where the service kept them, and
-    never armed: "lost" and "resumed" tell it, and "closed" that nothing more comes.
+    A broken connection is opened again, with the lease and layout if the service kept them, but
+    never armed. The events "lost" and "resumed" report it; "closed" is the last event.
 
     Parameters
     ----------
@@ -168,9 +168,9 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
     Attributes
     ----------
     welcome : Welcome
-        What the service said at first: limits, devices, profiles.
+        First message of the service: limits, devices, profiles.
     layout : ClientLayout
-        What is felt where, by calls.
+        Calls that change what is felt where.
     """
 
     welcome: m.Welcome
@@ -193,7 +193,7 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
         self._runner: asyncio.Task[None] | None = None
 
     async def open(self) -> None:
-        """Connect and say hello; `connect_async` has done it."""
+        """Connect and say hello; `connect_async` does it for you."""
         await self._open()
         self._runner = asyncio.create_task(self._run())
 
@@ -233,7 +233,7 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
         Returns
         -------
         callable
-            What ends that.
+            Removes the handler.
         """
         handlers = self._handlers.setdefault(kind, [])
         handlers.append(handler)
@@ -303,7 +303,7 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
     async def touches(self, touches: list[m.TouchMessage]) -> None:
         """Report many touches in one batch of bytes.
 
-        Faster than the service takes them they wait, and what is asked meanwhile passes them.
+        Touches that come faster than the service takes them wait; other messages overtake them.
         """
         self.check()
         wait_s = max(self._batches.wait_s(), self._touches.wait_s(len(touches)))
@@ -462,11 +462,11 @@ def _service_file() -> dict[str, Any]:
 
 
 class Client(ReportsTouches[None], PlainCalls):
-    """The plain face of `AsyncClient`: the same calls, without ``await``.
+    """The blocking form of `AsyncClient`: the same calls, without ``await``.
 
     A thread of its own answers the service's pings, so a program that computes for long stays
-    alive. Handlers are called in that thread, where this face cannot be used. Touches do not wait
-    until they are sent.
+    alive. Handlers are called in that thread, where this client cannot be used. `touches` does not
+    wait until they are sent.
 
     Parameters
     ----------
@@ -510,7 +510,7 @@ class Client(ReportsTouches[None], PlainCalls):
 
     @property
     def welcome(self) -> m.Welcome:
-        """What the service said at first: limits, devices, profiles."""
+        """First message of the service: limits, devices, profiles."""
         return self._client.welcome
 
     def touches(self, touches: list[m.TouchMessage]) -> None:
@@ -555,9 +555,9 @@ def connect(name: str, address: str = "", token: str = "", resume: str = "") -> 
     Parameters
     ----------
     name : str
-        Who comes, for those who look at the sessions.
+        Name of this program in the list of sessions.
     address, token : str
-        Where the service is, and what lets in; by default what ``service.json`` says.
+        Address and access token of the service; by default those in ``service.json``.
     resume : str
         `welcome.resume` of a session whose connection was lost within the last 30 s.
 
@@ -566,6 +566,6 @@ def connect(name: str, address: str = "", token: str = "", resume: str = "") -> 
     DeviceError
         If no service runs.
     Refused
-        If it does not let this client in.
+        If the service does not admit this client.
     """
     return Client(name, address, token, resume)

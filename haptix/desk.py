@@ -1,4 +1,4 @@
-"""The desk: a task is one model of its parameters and one `run`, and every door is made from it.
+"""Tasks: each is one model of its parameters with one `run`, from which every door is made.
 
     class Query(Task, command="query"):
         \"\"\"Friction for a force and a voltage.\"\"\"
@@ -8,9 +8,8 @@
         def run(self, context: Context) -> Result: ...
 
 The doors are the command line (`haptix.cli.tasks`), the service's routes, jobs and forms
-(`haptix.service.rest`), and campaigns (`haptix.campaign`), which also do tasks that have no door of
-their own. Which tasks there are is read from the text of `MODULES`, so that a list of them loads
-nothing.
+(`haptix.service.rest`), and campaigns (`haptix.campaign`), which also do tasks that have no other
+door. The list of all tasks is read from the text of `MODULES`, so that it loads nothing.
 """
 
 from __future__ import annotations
@@ -57,11 +56,11 @@ class Result:
     tables : sequence of (str, sequence)
         For people: titles and rows, which are mappings, results with headings, or lines.
     lines : sequence of str
-        What stands below the tables.
+        Lines below the tables.
     files : mapping
         What a campaign keeps, by name: bytes, text, or a function that writes to a path.
     failed : bool
-        Whether what was tested failed, which is no error.
+        Whether a test that the task makes failed; that is a result and no error.
     costs : mapping
         Numbers that differ from run to run, such as times; a campaign keeps them apart.
     """
@@ -75,7 +74,7 @@ class Result:
 
     @property
     def row(self) -> dict[str, Any]:
-        """Its numbers and words, for a campaign's table: those of its first row."""
+        """Numbers and texts of the document's first row, for a campaign's table."""
         first = self.document[0] if isinstance(self.document, list) else self.document
         kinds = str | float | int | bool | None
         return {name: value for name, value in first.items() if isinstance(value, kinds)}
@@ -86,7 +85,7 @@ class CancelledError(HaptixError):
 
 
 class Context:
-    """What a task may use: each door brings its own. This one says nothing and asks nobody.
+    """What a task may use. Each door has a context of its own; this base shows and asks nothing.
 
     Parameters
     ----------
@@ -98,12 +97,12 @@ class Context:
         self.folder, self._is_cancelled = folder, False
 
     def progress(self, stage: str, share: float) -> None:
-        """Say which share of a stage is done; raises `CancelledError` once it is cancelled."""
+        """Report which share of a stage is done; raises `CancelledError` if it was cancelled."""
         if self._is_cancelled:
             raise CancelledError("cancelled")
 
     def cancel(self) -> None:
-        """End the task where it says next how far it is."""
+        """End the task at its next report of progress."""
         self._is_cancelled = True
 
     def ask(self, prompt: str, choices: Sequence[str] = ()) -> str:
@@ -111,7 +110,7 @@ class Context:
         raise InputError(f"nobody is here to answer: {prompt}")
 
     def tell(self, **what: Any) -> None:
-        """Tell who watches of a `step` or a `trace`."""
+        """Send a `step` or a `trace` to those who watch."""
 
 
 class Task(BaseModel, ABC):
@@ -126,17 +125,17 @@ class Task(BaseModel, ABC):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     command: ClassVar[str] = ""
-    """Words of the command line."""
+    """Words that call it on the command line."""
     route: ClassVar[str] = ""
-    """Of the service: ``POST /v1/route``; none where it is empty."""
+    """Route of the service, ``POST /v1/route``; none if empty."""
     kind: ClassVar[str] = ""
-    """Of its jobs."""
+    """Kind of the service's jobs that run it."""
     plays: ClassVar[bool] = False
     """Whether it plays on the device in use."""
     keeps: ClassVar[str] = ""
-    """Folder of the service for what it writes; none where it is empty."""
+    """Folder of the service for what it writes; none if empty."""
     stages: ClassVar[tuple[str, ...]] = ()
-    """What it says it does, in order, each for as long."""
+    """Stages that it reports, in order; each counts as equally long."""
 
     def __init__(self, /, **fields: Any) -> None:
         try:
@@ -159,7 +158,7 @@ class Task(BaseModel, ABC):
 
     @abstractmethod
     def run(self, context: Context) -> Result:
-        """Do it."""
+        """Do the task."""
 
     @property
     def needed_bytes(self) -> int:
@@ -168,7 +167,7 @@ class Task(BaseModel, ABC):
 
     @classmethod
     def path(cls) -> str:
-        """Where another process finds it."""
+        """Path by which another process imports it."""
         return f"{cls.__module__}:{cls.__qualname__}"
 
     @classmethod
@@ -183,13 +182,13 @@ class Task(BaseModel, ABC):
                 continue
             title, unit = parameter.title or title_of(name), unit_of(name)
             extra: Any = {"x-unit": unit} if unit else None
-            if ProfileName in marks:  # which of them a client may name is known where the task runs
+            if ProfileName in marks:  # the names that a client may use are checked at the run
                 kind = Annotated[str, Field(min_length=1, max_length=200)] | None
                 known = SCREENS if name == "screen" else FINGERS
                 field = Field(None, description=parameter.description, examples=[*known])
             elif ForClients in marks and not parameter.is_required():
                 kind = get_args(kind)[0]
-                field = Field(  # with its title: what is set later is lost beside an Annotated type
+                field = Field(  # title here: beside an Annotated type, one set later is lost
                     title=title,
                     description=parameter.description,
                     examples=parameter.examples,
@@ -203,9 +202,9 @@ class Task(BaseModel, ABC):
 
 
 def first_wrong(error: ValidationError) -> tuple[str, str]:
-    """Return the place of the first error, and what was expected and given."""
+    """Return the place of the first error, and what was expected and what came."""
     errors = error.errors()
-    # A name that is not known is why another is missing, as where one is mistyped.
+    # A mistyped name gives two errors, "unknown" and "missing": the first says more.
     first = next((wrong for wrong in errors if wrong["type"] == "extra_forbidden"), errors[0])
     place = ".".join(str(part) for part in first["loc"] if str(part).isidentifier())
     kind, message = first["type"], first["msg"].removeprefix("Value error, ")
@@ -222,7 +221,7 @@ def first_wrong(error: ValidationError) -> tuple[str, str]:
 
 
 def inner(annotation: Any) -> Any:
-    """Return a type without what is annotated, and without None."""
+    """Return a type without its annotations and without None."""
     if get_origin(annotation) is Annotated:
         return inner(get_args(annotation)[0])
     if get_origin(annotation) in (Union, UnionType):
@@ -252,7 +251,7 @@ def read(name: str, parameter: FieldInfo, texts: Any) -> Any:
     Raises
     ------
     ValueError
-        If it is none; the message says what was expected.
+        If the text is no such value; the message says what was expected.
     """
     kind: Any = Annotated[parameter.annotation, parameter]
     adapter = TypeAdapter[Any](kind, config=ConfigDict(allow_inf_nan=False))
@@ -265,7 +264,7 @@ def read(name: str, parameter: FieldInfo, texts: Any) -> Any:
 
 
 def _values(name: str, kind: Any, texts: Any) -> Any:
-    """Split lists at commas and read numbers; what is no text stays."""
+    """Split lists at commas and read numbers; values that are no text stay as they are."""
     if get_origin(kind) is not tuple:
         return read_number(name, texts) if kind is float and isinstance(texts, str) else texts
     item, lists = inner(get_args(kind)[0]), [texts] if isinstance(texts, str) else texts

@@ -1,4 +1,4 @@
-"""Devices, for rooms that know no wire, and the profiles that are installed for them.
+"""Devices for packages that do not import `firmware_io`, and the profiles installed for them.
 
 `open_device` opens a device with its profile. Profiles of screen and finger are installed under a
 driver's serial number::
@@ -77,11 +77,11 @@ def install_profile(
     Raises
     ------
     InputError
-        If the serial number is empty, the screen is not calibrated, failed, is old or was edited,
-        the finger is not the one that was measured with it, or it is that of a practice and the
-        driver is not known to be a mock.
+        If the serial number is empty; if the screen is not calibrated, failed, is old or was
+        edited; if the finger is not the one that was measured with it; or if the calibration was a
+        practice and the driver is not known to be a mock.
     FileFormatError
-        If a file is no such profile.
+        If a file is not such a profile.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", CalibrationWarning)  # refused below
@@ -103,7 +103,7 @@ def install_profile(
 
 
 def installed_profile(serial: str) -> ProfileFiles | None:
-    """Return the files that are installed for a serial number; None without."""
+    """Return the files that are installed for a serial number; None if there are none."""
     if not serial:
         return None
     folder = _folder_of(serial)
@@ -112,7 +112,7 @@ def installed_profile(serial: str) -> ProfileFiles | None:
 
 
 def profile_of(device: Device) -> ProfileFiles | None:
-    """Return the files that are installed for an open device; None without.
+    """Return the files that are installed for an open device; None if there are none.
 
     Warns
     -----
@@ -123,7 +123,7 @@ def profile_of(device: Device) -> ProfileFiles | None:
     files = installed_profile(about.serial)
     if about.calibration_id:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", CalibrationWarning)  # said where it is used
+            warnings.simplefilter("ignore", CalibrationWarning)  # comes where the profile is used
             installed_id = "" if files is None else Screen.load(files.screen).calibration_id
         if installed_id != about.calibration_id:
             state = f"{installed_id!r} is installed" if installed_id else "none is installed here"
@@ -139,7 +139,7 @@ def profile_of(device: Device) -> ProfileFiles | None:
 def _folder_of(serial: str) -> Path:
     if not serial.strip():
         raise InputError("serial: expected the serial number of a driver, got none")
-    # A name of one folder, whatever the driver says it is.
+    # A driver may send any text: make it the name of one folder.
     return profiles_folder() / quote(serial, safe=" ").replace(".", "%2E")
 
 

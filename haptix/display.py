@@ -1,4 +1,4 @@
-"""How objects show themselves: one line, a table in a notebook, equality as a bool, axes."""
+"""How objects are shown, as one line, as a table in a notebook or in axes; and `==` as a bool."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from haptix.errors import from_extra
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_LONGEST = 60  # characters of a value that is no array
+_LONGEST = 60  # characters of a value, if it is no array
 
 
 class Displayed:
@@ -28,15 +28,15 @@ class Displayed:
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        for name in ("__repr__", "__eq__", "__hash__"):  # what a class has, a dataclass keeps
+        for name in ("__repr__", "__eq__", "__hash__"):  # a dataclass keeps what its class defines
             if name not in cls.__dict__:
                 setattr(cls, name, getattr(Displayed, name))
 
     def _shown(self) -> Mapping[str, Any]:
-        """Return what is shown, by name."""
+        """Return the values that are shown, by name."""
         if not is_dataclass(self):
             return {}
-        return {one.name: getattr(self, one.name) for one in fields(self) if one.repr}
+        return {field.name: getattr(self, field.name) for field in fields(self) if field.repr}
 
     def __repr__(self) -> str:
         words = (f"{name}={brief(value)}" for name, value in self._shown().items())
@@ -48,13 +48,13 @@ class Displayed:
     def __eq__(self, other: object) -> bool:
         if self is other or type(self) is not type(other) or not is_dataclass(self):
             return self is other
-        compared = (one.name for one in fields(self) if one.compare)
+        compared = (field.name for field in fields(self) if field.compare)
         return all(_are_same(getattr(self, name), getattr(other, name)) for name in compared)
 
     def __hash__(self) -> int:
         if not is_dataclass(self):
             return object.__hash__(self)
-        values = (getattr(self, one.name) for one in fields(self) if one.compare)
+        values = (getattr(self, field.name) for field in fields(self) if field.compare)
         return hash((type(self), *(tuple(getattr(value, "shape", ())) for value in values)))
 
 
@@ -108,18 +108,18 @@ def _numpy(array: Any) -> Any:
     return np.asarray(array.detach().cpu() if hasattr(array, "detach") else array)
 
 
-def _are_same(one: Any, other: Any) -> bool:
-    if one is other:
+def _are_same(this: Any, other: Any) -> bool:
+    if this is other:
         return True
-    if hasattr(one, "dtype") and hasattr(other, "dtype"):
-        left, right = _numpy(one), _numpy(other)
+    if hasattr(this, "dtype") and hasattr(other, "dtype"):
+        left, right = _numpy(this), _numpy(other)
         return left.dtype == right.dtype and np.array_equal(
             left, right, equal_nan=left.dtype.kind in "fc"
         )
-    if isinstance(one, float) and one != one:
+    if isinstance(this, float) and this != this:
         return isinstance(other, float) and other != other
-    if isinstance(one, Mapping) and isinstance(other, Mapping):
-        return one.keys() == other.keys() and all(_are_same(one[key], other[key]) for key in one)
-    if isinstance(one, list | tuple) and isinstance(other, list | tuple):  # files have lists only
-        return len(one) == len(other) and all(map(_are_same, one, other))
-    return bool(one == other)
+    if isinstance(this, Mapping) and isinstance(other, Mapping):
+        return this.keys() == other.keys() and all(_are_same(this[key], other[key]) for key in this)
+    if isinstance(this, list | tuple) and isinstance(other, list | tuple):  # a file has no tuples
+        return len(this) == len(other) and all(map(_are_same, this, other))
+    return bool(this == other)

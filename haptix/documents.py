@@ -39,7 +39,7 @@ Quantity = Annotated[float | Tensor, PlainValidator(_positive), PlainSerializer(
 
 
 def renamed(name: str, former: str) -> Any:
-    """Annotate the field `name`: files of before have it as `former`, and are still read."""
+    """Annotate the field `name`, so that older files, which call it `former`, are still read."""
     return Field(validation_alias=AliasChoices(name, former))
 
 
@@ -49,18 +49,18 @@ class Part(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     def __eq__(self, other: object) -> bool:
-        # By fields alone: what cached properties hold may be arrays, which compare otherwise.
+        # By fields alone: cached properties may hold arrays, whose == is no bool.
         return type(self) is type(other) and all(
             getattr(self, name) == getattr(other, name) for name in type(self).model_fields
         )
 
-    if not TYPE_CHECKING:  # where a misspelt attribute is found
+    if not TYPE_CHECKING:  # with this method, a type checker would accept misspelt attributes
 
         def __getattr__(self, name: str) -> Any:
             try:
                 return super().__getattr__(name)
             except AttributeError as error:
-                error.name, error.obj = name, self  # Python then says what is like it
+                error.name, error.obj = name, self  # Python then suggests similar names
                 raise
 
     def _repr_html_(self) -> str:
@@ -69,7 +69,7 @@ class Part(BaseModel):
 
 
 class Document(Part):
-    """A file of its own: TOML, or JSON where its name ends in ``.json``."""
+    """A table with a file of its own: TOML, or JSON if its name ends in ``.json``."""
 
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
     """Fields by the names of presets."""
@@ -147,7 +147,7 @@ class Document(Part):
         """
         path = file_at("path", path)
         fields = read_json(path) if path.suffix == ".json" else read_toml(path)
-        if not fields:  # written in part, rather than all defaults
+        if not fields:  # an interrupted write, and not a document of all defaults
             raise FileFormatError(f"{path}: expected the fields of a {cls.__name__}, got none")
         version = fields.get("schema_version", 1)
         if version != 1:
@@ -176,7 +176,7 @@ class Document(Part):
         Raises
         ------
         InputError
-            If a text holds what no file takes, such as a NUL.
+            If a text holds a character that no file takes, such as a NUL.
 
         Examples
         --------
@@ -192,7 +192,7 @@ class Document(Part):
             checked_values(fields)
         except ValueError as error:
             raise InputError(
-                f"{Path(path).name}: expected what a file takes, got {error}"
+                f"{Path(path).name}: expected a text that a file takes, got {error}"
             ) from None
         is_json = Path(path).suffix == ".json"
         write_whole(path, json_text(fields) if is_json else tomlkit.dumps(fields))
@@ -201,12 +201,12 @@ class Document(Part):
 def first_error(name: str, error: ValidationError) -> str:
     """Return one sentence about the first error of a table called `name`."""
     errors = error.errors()
-    # A name that is not known is why another is missing, as where one is mistyped.
-    first = next((one for one in errors if one["type"] == "extra_forbidden"), errors[0])
+    # A mistyped name gives two errors, "unknown" and "missing": the first says more.
+    first = next((wrong for wrong in errors if wrong["type"] == "extra_forbidden"), errors[0])
     # Tags of a union, such as "self-affine", are not keys in the file.
     keys = [part for part in first["loc"] if isinstance(part, int) or part.isidentifier()]
     field = ".".join((name, *map(str, keys)))
-    # An error of a table, or of one within, names its reason; printing all fields would hide it.
+    # The error of a whole table names its reason; printing all its fields would hide that.
     is_within = isinstance(first.get("ctx", {}).get("error"), InputError)
     has_reason = first["type"] == "missing" or not first["loc"] or is_within
     got = "" if has_reason else f", got {first['input']!r:.200}"

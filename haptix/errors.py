@@ -27,7 +27,7 @@ __all__ = [
 
 
 class InputError(HaptixError, ValueError):
-    """A value that cannot be used; the message says which, what was expected and what was given.
+    """A value that cannot be used; the message names it and says what was expected and what came.
 
     Examples
     --------
@@ -45,18 +45,18 @@ class RangeError(InputError):
 
 
 class ToleranceError(HaptixError):
-    """A surface could not be made as accurate as asked within its size; `best` is what it reached.
+    """No surface of the allowed size is as accurate as requested; `best` is the closest one.
 
     Parameters
     ----------
     message : str
-        What was asked for and what was reached.
+        The accuracy that was requested, and the one that was reached.
     best : FrictionSurface or None
         The most accurate surface of that size.
     """
 
     exit_code = 3
-    """Of the command line; that of other errors is 2."""
+    """Exit code of the command line; that of other errors is 2."""
 
     def __init__(self, message: str, best: Any = None) -> None:
         super().__init__(message)
@@ -68,4 +68,4 @@ class FileFormatError(HaptixError):
 
 
 class OverloadWarning(UserWarning):
-    """A renderer that could not hold its lead; the message says which one would have held."""
+    """A renderer could not keep its lead; the message says which lead would have been enough."""

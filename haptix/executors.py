@@ -1,4 +1,4 @@
-"""Many calls on an executor: a few at a time, each result as soon as it is there."""
+"""Many calls on an executor: a few at a time, each result as soon as it is ready."""
 
 from __future__ import annotations
 
@@ -19,18 +19,20 @@ class Here(Executor):
 
     at_once = 1
 
-    def submit(self, work: Callable[..., Result], /, *given: Any, **named: Any) -> Future[Result]:
+    def submit(
+        self, work: Callable[..., Result], /, *arguments: Any, **options: Any
+    ) -> Future[Result]:
         """Do the call, and return a future that has ended."""
         future: Future[Result] = Future()
         try:
-            future.set_result(work(*given, **named))
+            future.set_result(work(*arguments, **options))
         except Exception as error:
             future.set_exception(error)
         return future
 
 
 def executor_of(executor: Any) -> Executor:
-    """Return an executor: the one given, that of a Dask client, or `Here` for None.
+    """Return an executor: the argument itself, that of a Dask client, or `Here` for None.
 
     Raises
     ------
@@ -55,29 +57,29 @@ def finished(
 ) -> Generator[tuple[Item, Future[Result]], None, None]:
     """Do `work` on all items, and yield each item with its future once that has ended.
 
-    Items are taken from `items` as room becomes free, so that it may be long, or may grow. Where
-    the iteration ends early, what has not begun is cancelled.
+    Items are taken from `items` only when they can be worked on, so `items` may be long or may
+    grow. If the iteration ends early, calls that have not begun are cancelled.
 
-    As many calls are in flight as the executor's ``at_once`` says, which is asked each time, since
-    workers come and go; without one, twice this machine's cores: one waits for each that is done.
+    The executor's ``at_once`` says how many calls may be in flight. It is read each time, since
+    workers come and go. Without it there are two calls per core: one runs while the next waits.
 
     Parameters
     ----------
     executor : Executor
         Where calls are done.
     work : callable
-        One item's result. A module's function where the executor has processes of its own.
+        Makes one item's result. If the executor has processes of its own, a module's function.
     items : iterable
         The items.
     until_idle : bool
-        Where the iteration ends early, wait for what has begun.
+        If the iteration ends early, wait for the calls that have begun.
     """
     waiting = iter(items)
     running: dict[Future[Result], Item] = {}
     try:
         while True:
-            room = getattr(executor, "at_once", 2 * (cpu_count() or 1)) - len(running)
-            for item in islice(waiting, max(0, room)):
+            free = getattr(executor, "at_once", 2 * (cpu_count() or 1)) - len(running)
+            for item in islice(waiting, max(0, free)):
                 running[executor.submit(work, item)] = item
             if not running:
                 return

@@ -1,6 +1,6 @@
 """Types of parameters that tasks share: files, folders, presets, devices, labels, texts.
 
-Each checks what is given before torch loads; the message does not repeat the parameter's name.
+Each checks its value before torch loads. The message leaves the parameter's name to the caller.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ class Typed:
     Parameters
     ----------
     option : str
-        Its option, in place of that of its name.
+        Its option, if that is not made from its name.
     is_argument : bool
-        Whether it has a place instead of an option.
+        Whether it is a positional argument instead of an option.
     metavar : str, optional
-        What stands for its value in the help.
+        Word for its value in the help.
     """
 
     option: str = ""
@@ -39,19 +39,19 @@ class Typed:
 
 
 class Local:
-    """Marks what names a file or a device of this machine: no client of the network gives it."""
+    """Marks a name of a file or device of this machine: no client of the network may send it."""
 
 
 class ForClients:
-    """Marks what is no option, but a document or a list that clients of the service must send."""
+    """Marks a document or a list that clients of the service must send; it is no option."""
 
 
 JsonObject = Annotated[dict[str, Any], AfterValidator(checked_values)]
-"""A document that came from anywhere, and holds no more than a file may: see `checked_values`."""
+"""A document from an untrusted source, no larger than a file may be: see `checked_values`."""
 
 
 class ProfileName:
-    """Marks a name of a finger or a screen: the service knows which a client may name."""
+    """Marks the name of a finger or a screen: the service knows which ones a client may use."""
 
 
 def expected_words(words: Collection[str], value: str) -> str:
@@ -73,7 +73,7 @@ def one_of(*words: str) -> Callable[[str], str]:
 
 
 def preset_or_file(presets: Collection[str]) -> Callable[[str], str]:
-    """Return a check that refuses what is neither a preset nor a TOML file that is there."""
+    """Return a check that refuses a name of neither a preset nor an existing TOML file."""
 
     def check(value: str) -> str:
         if value.endswith(".toml"):
@@ -124,7 +124,7 @@ def file_or_folder(path: Path) -> Path:
 
 def _above(path: Path) -> Path:
     """Return the path, or the first folder above it that exists."""
-    return next(one for one in (path, *path.absolute().parents) if _exists(one))
+    return next(each for each in (path, *path.absolute().parents) if _exists(each))
 
 
 def _exists(path: Path) -> bool:
@@ -136,7 +136,7 @@ def _exists(path: Path) -> bool:
 
 
 def check_new(path: Path, overwrite: bool, *inputs: Path) -> None:
-    """Refuse to write a file that exists, unless it may be replaced, or that is read."""
+    """Refuse to write onto an input, and onto a file that exists unless it may be replaced."""
     if path.exists() and not overwrite:
         raise InputError(f"{path} exists: name another file, or pass --overwrite to replace it")
     file_to_write(path)
@@ -144,10 +144,10 @@ def check_new(path: Path, overwrite: bool, *inputs: Path) -> None:
 
 
 def refuse_input(out: Path, *inputs: Path) -> None:
-    """Refuse to write a file onto one that is read."""
-    for one in inputs:
-        if out.exists() and one.exists() and out.samefile(one):
-            raise InputError(f"{out} is the file that is read: name another one to write")
+    """Refuse to write onto an input."""
+    for file in inputs:
+        if out.exists() and file.exists() and out.samefile(file):
+            raise InputError(f"{out} is the file that is read: name another file to write")
 
 
 def _material(value: Path) -> Path:
@@ -190,7 +190,7 @@ FileOrFolder = Annotated[Path, AfterValidator(file_or_folder), Local()]
 MaterialFile = Annotated[Path, AfterValidator(_material), Local()]
 Address = Annotated[str, AfterValidator(_address), Local()]
 FOLDER_NAME = r"^[A-Za-z0-9][A-Za-z0-9_\-]{0,79}$"
-"""Pattern of the names by which clients of the service know what it keeps; one of browsers, too."""
+"""Pattern of the names of what the service keeps for its clients; browsers accept it, too."""
 FolderName = Annotated[str, Field(pattern=FOLDER_NAME)]
 Label = Annotated[str, AfterValidator(_label)]
 Text = Annotated[str, AfterValidator(_text)]

@@ -1,4 +1,4 @@
-"""Files: written whole or not at all, read with a sentence about what is wrong."""
+"""Files: written whole or not at all; a file that cannot be read gives a sentence that says why."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ import platformdirs
 from haptix.errors import FileFormatError, HaptixError, InputError
 
 LARGEST_DOCUMENT_BYTES = 4_000_000
-"""Of a JSON, TOML or XML file. Those of haptix have some kilobytes; a TOML file of this size takes
-up to ten seconds to parse."""
+"""Largest JSON, TOML or XML file. Those of haptix have some kilobytes; a TOML file of this size
+takes up to ten seconds to parse."""
 LARGEST_TABLE_BYTES = LARGEST_PICTURE_BYTES = 64_000_000
-"""Of a CSV file: half an hour of a finger at 1 kHz, whose rows take some ten times as much memory.
-Of a picture that is read as a whole: as many pixels as a texture may have, in 16 bits."""
+"""Largest CSV file: half an hour of a finger at 1 kHz; its rows take some ten times as much memory.
+Also the largest picture that is read as a whole: the pixels of the largest texture in 16 bits."""
 
 FULL_DISK = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))  # no quota on Windows
-_MANY_FILES = 64  # fsync of one takes milliseconds
+_MANY_FILES = 64  # from here on they are synced together: one fsync takes milliseconds
 _BLOCK_BYTES = 1 << 20
 _MOST_VALUES = 100_000  # of a document; checks of that many wrong ones take 0.6 GB and 6 s
 _DEEPEST = 64  # tables and lists in each other; those of haptix have at most ten
 _UNUSABLE = re.compile("[\0\ud800-\udfff]")
-# Dotted keys, which tomllib reads in a time that grows with the square of their parts.
+# Dotted keys: the time of tomllib grows with the square of their number of parts.
 _DOTTED = re.compile(
     r"""(?<![\w-])(?:(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+)++"""
 )
@@ -47,11 +47,11 @@ _DOTTED = re.compile(
 _ENCODER = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
 Number = TypeVar("Number", int, float)
 Content = bytes | memoryview | str | Callable[[Path], object]
-"""What a file holds: bytes, text, or a function that writes it to the path that it is given."""
+"""Content of a file: bytes, text, or a function that takes a path and writes the file there."""
 
 
 def file_at(name: str, path: Any) -> Path:
-    """Return a path; raise `InputError` where it is none."""
+    """Return a path; raise `InputError` if the value is none."""
     if not isinstance(path, str | os.PathLike):
         raise InputError(f"{name}: expected the path of a file, got {path!r:.80}")
     return Path(path)
@@ -70,9 +70,9 @@ def file_name(name: str, text: str) -> str:
 def write_whole(path: str | Path, content: Content, is_secret: bool = False) -> None:
     """Write a file, or leave what was there before and raise `FileFormatError`.
 
-    Missing folders are made. The content goes to a temporary name beside the file, onto the disk,
-    and only then gets its name. A link is followed; a file keeps its mode and owner. What is no
-    regular file, may not be written, or would change its owner is refused.
+    Missing folders are made. The content is written to a temporary file beside the file and synced
+    to the disk; only then does it get its name. Links are followed, and a file keeps its mode and
+    owner. A file is refused if it is not regular, may not be written or would change its owner.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def write_whole(path: str | Path, content: Content, is_secret: bool = False) -> 
     content : bytes, str or callable
         What it will hold.
     is_secret : bool
-        Only this user will read it, at no time another; a link or file of that name is replaced.
+        Whether only this user may ever read it; a link or file of that name is then replaced.
     """
     path = file_at("path", path)
     try:
@@ -106,7 +106,7 @@ def write_folder(folder: Path, files: Mapping[str, Content]) -> list[Path]:
 
 
 def write_failure(error: OSError, path: Path) -> str:
-    """Return why `path` could not be written; of a full disk, which one and what is free on it."""
+    """Return why `path` could not be written; for a full disk, which one and its free space."""
     why = error.strerror or str(error)
     if error.errno not in FULL_DISK:
         return why
@@ -142,12 +142,12 @@ def _write(files: Mapping[Path, Content], is_secret: bool = False) -> None:
 
 
 def place(path: Path) -> tuple[Path, os.stat_result | None]:
-    """Return the file that a path leads to, and what is known of it if it is there.
+    """Return the file that a path leads to, and its `os.stat` if it exists.
 
     Raises
     ------
     OSError
-        If it is no regular file, or this user may not write it.
+        If it is not a regular file, or this user may not write it.
     """
     real = Path(os.path.realpath(path))
     if not os.path.lexists(real):
@@ -189,7 +189,7 @@ def publish(drafts: Mapping[Path, Path], is_secret: bool = False) -> None:
     _sync_files(drafts)
     *others, (draft, manifest) = drafts.items()
     if others:
-        # An old manifest would list files of the new set.
+        # While the files change, an old manifest would list files of the new set.
         manifest.unlink(missing_ok=True)
         for other, target in others:
             other.replace(target)
@@ -199,7 +199,7 @@ def publish(drafts: Mapping[Path, Path], is_secret: bool = False) -> None:
 
 
 def _sync_files(files: Collection[Path]) -> None:
-    """Put files onto the disk; many of them by one call for each file system."""
+    """Sync files to the disk; if they are many, by one call for each file system."""
     with suppress(AttributeError, OSError):  # where the C library has no such call
         if len(files) > _MANY_FILES and sys.platform == "linux":
             for folder in {file.parent for file in files}:
@@ -285,7 +285,7 @@ def read_text(path: str | Path, largest_bytes: int = LARGEST_DOCUMENT_BYTES) -> 
 
 @contextmanager
 def reading(path: str | Path, expected: str) -> Iterator[None]:
-    """Raise `FileFormatError` for whatever goes wrong with the contents of somebody's file.
+    """Raise `FileFormatError` for every error that the contents of a file cause.
 
     Parameters
     ----------
@@ -312,7 +312,7 @@ def parse_json(text: str | bytes, most_values: int = _MOST_VALUES) -> Any:
     Raises
     ------
     ValueError
-        If it is no JSON, or is more than a document holds: see `checked_values`.
+        If it is not JSON, or holds more than a document may: see `checked_values`.
 
     Examples
     --------
@@ -331,23 +331,23 @@ def checked_values(value: Any, most_values: int = _MOST_VALUES) -> Any:
     Raises
     ------
     ValueError
-        If there are too many of them or too deep in each other, an integer has more than 64 bits,
-        or a text holds what no file name or terminal takes.
+        If they are too many or nested too deep, an integer has more than 64 bits, or a text holds
+        a character that no file name or terminal takes.
     """
     level, count = [value], 0
     for _ in range(_DEEPEST):
         inner: list[Any] = []
-        for one in level:
-            if isinstance(one, dict):
-                inner += one
-                inner += one.values()
-            elif isinstance(one, list):
-                inner += one
-            elif isinstance(one, str):
-                if _UNUSABLE.search(one):
-                    raise ValueError(f"a text with a NUL or half a character: {one!r:.60}")
-            elif isinstance(one, int) and one.bit_length() > 64:
-                raise ValueError(f"an integer of {one.bit_length()} bits; expected 64 at most")
+        for item in level:
+            if isinstance(item, dict):
+                inner += item
+                inner += item.values()
+            elif isinstance(item, list):
+                inner += item
+            elif isinstance(item, str):
+                if _UNUSABLE.search(item):
+                    raise ValueError(f"a text with a NUL or half a character: {item!r:.60}")
+            elif isinstance(item, int) and item.bit_length() > 64:
+                raise ValueError(f"an integer of {item.bit_length()} bits; expected 64 at most")
         count += len(inner)
         if count > most_values:
             raise ValueError(f"more than {most_values} values; keep measurements in CSV files")
@@ -469,7 +469,7 @@ def csv_text(
 ) -> str:
     """Return a CSV table: a line of names, then the rows; None is an empty cell.
 
-    Floats have `digits` significant digits, or without it as many as they need.
+    Floats have `digits` significant digits; without it, as many as they need.
 
     Examples
     --------

@@ -92,7 +92,7 @@ AnyRoughness = Annotated[
 
 
 class Finger(Document):
-    """One fingertip: presets "semi-wet" (the paper's Fig. 3C), "dry" and "wet".
+    """One fingertip. Presets: "semi-wet" (the paper's Fig. 3C), "dry" and "wet".
 
     Sources: physics page, section 3 (Ayyildiz et al., PNAS 2018). Their tau_f is the paper's,
     carried over to the theory "local" by `haptix.friction.in_theory`.
@@ -111,13 +111,13 @@ class Finger(Document):
         tau_f, the friction force per real contact area.
     theory
         The form of the mean field that tau_f was fitted with, see `haptix.contact.THEORIES`; a
-        `ContactModel` of the finger uses it. A finger that names none is of before this field, and
-        keeps its friction: "open-gaps".
+        `ContactModel` of the finger uses it. A finger without it is older than this field and keeps
+        its friction: "open-gaps".
     apparent_area_at_1n_m2, apparent_area_exponent
         ``A0 = area * (F_N / 1 N)^exponent``, from 3 kPa at 0.1 N and 20 kPa at 0.9 N.
     fingers_on_screen : int
-        Fingers of the person that touch the electrode at once, alike. They share the body's return
-        to earth (term "body-return"); friction is that of each.
+        Equal fingers of one person that touch the electrode at once. They share the body's return
+        to earth (term "body-return"); friction is that of each finger.
     response_hz_per_mm_per_s
         Friction follows the attraction like a first-order system whose cut-off frequency rises in
         proportion to the sliding speed: this much per mm/s (2025; physics page, section 7).
@@ -152,9 +152,9 @@ class Finger(Document):
     apparent_area_at_1n_m2: PositiveFloat = 45.65e-6
     apparent_area_exponent: Annotated[float, Field(ge=0, lt=1)] = 0.1366
     response_hz_per_mm_per_s: PositiveFloat = 13.8
-    # One finger is written and hashed as it was before there could be more.
+    # A single finger is written and hashed as in versions that had no such field.
     fingers_on_screen: Annotated[PositiveInt, Field(exclude_if=lambda count: count == 1)] = 1
-    # The largest published effects, of terms on request: a plan says what it may cost to lack them.
+    # For terms on request, the largest published effects: a plan says what lacking them may cost.
     contact_time_s: Annotated[float, Field(ge=0, exclude_if=lambda one: one == 10.0)] = 10.0
     softening_time_s: Annotated[float, Field(gt=0, exclude_if=lambda one: one == 5.0)] = 5.0
     softened_share: Annotated[float, Field(gt=0, le=1, exclude_if=lambda one: one == 0.1)] = 0.1

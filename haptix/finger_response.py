@@ -1,9 +1,9 @@
 """The finger's response: how its friction follows electrovibration.
 
 Friction follows the attraction like a first-order system whose cut-off rises in proportion to the
-sliding speed (physics page, section 7). Such a cut-off is a fixed length: 1/e of an old state is
-left after 1/(2 pi r) mm of sliding for r Hz per mm/s, 11.5 um for 13.8, however the speed changes
-meanwhile. Against slid distance the equation has constant coefficients, and a step of it is exact.
+sliding speed (physics page, section 7). Such a cut-off is a fixed length: at r Hz per mm/s, 1/e of
+an old state is left after 1/(2 pi r) mm of sliding (11.5 um for 13.8), however the speed changes.
+Over slid distance the equation has constant coefficients, and one step of it is exact.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class FingerResponse:
     def power(
         self, frequency_hz: float | Array, speed_mm_per_s: float | Array
     ) -> npt.NDArray[np.float64]:
-        """Squared size of `gain`. What a ripple adds to the mean friction goes nearly with it."""
+        """Squared size of `gain`. A ripple adds to mean friction nearly in proportion to it."""
         gain = self.gain(frequency_hz, speed_mm_per_s)
         return np.asarray(np.square(gain.real) + np.square(gain.imag))
 

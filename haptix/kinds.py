@@ -1,7 +1,7 @@
 """Documents of many kinds: each kind is one class, in haptix or in another package.
 
-A `Kind` is a frozen table whose ``kind`` says of which class it is; `Kinds` finds the class. Files
-that a document names are each an `Asset`.
+A `Kind` is a frozen table; its field ``kind`` names its class, which `Kinds` finds. Each file that
+a document names is an `Asset`.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _BY_CONTENT: ContextVar[bool] = ContextVar("by_content", default=False)
 def in_folder(folder: Path, is_sealed: bool = False) -> Iterator[None]:
     """Read and write documents whose paths are relative to a folder.
 
-    A sealed folder is that of somebody else's documents: they name files by their hash only.
+    A sealed folder holds documents of other people, which may name files by their hash only.
     """
     token, seal = _FOLDER.set(folder), _IS_SEALED.set(is_sealed)
     try:
@@ -54,7 +54,7 @@ def in_folder(folder: Path, is_sealed: bool = False) -> Iterator[None]:
 
 @contextmanager
 def by_content() -> Iterator[None]:
-    """Write documents whose files are named by the hash of their content, wherever they lie."""
+    """Write documents that name their files by the hash of the content, and not by the path."""
     token = _BY_CONTENT.set(True)
     try:
         yield
@@ -76,7 +76,7 @@ def document_path(name: str) -> Path:
 
 
 def kinds_of(package: str) -> dict[str, str]:
-    """Return the module of each kind that a package of haptix has, from their text: none loads."""
+    """Return the module of each kind in a package of haptix, from its text: no module loads."""
     return {
         kind: f"haptix.{package}.{path.stem}"
         for path in sorted(Path(__file__).with_name(package).glob("*.py"))
@@ -87,17 +87,17 @@ def kinds_of(package: str) -> dict[str, str]:
 class Kinds(Mapping[str, type[Any]]):
     """Classes of the kinds of one family, by the names that documents use.
 
-    A class is imported when it is first asked for. Another package brings a kind as an entry point
-    whose name is that of the kind.
+    A class is imported at its first use. Another package adds a kind by an entry point that has
+    the kind's name.
 
     Parameters
     ----------
     group : str
         Group of the entry points.
     built_in : mapping
-        Modules of the kinds that haptix brings.
+        Modules of the kinds in haptix.
     also : mapping
-        Kinds by other names, which their `upgrade` reads: former ones, and short forms.
+        Kinds by their former names and short forms, which their `upgrade` reads.
     """
 
     def __init__(
@@ -110,10 +110,10 @@ class Kinds(Mapping[str, type[Any]]):
 
     @cached_property
     def _installed(self) -> dict[str, EntryPoint]:
-        return {one.name: one for one in entry_points(group=self._group)}
+        return {point.name: point for point in entry_points(group=self._group)}
 
     def enter(self, name: str, model: type[Any]) -> None:
-        """Take a class that was defined; `TypeError` if the kind is another's."""
+        """Register a new class; raise `TypeError` if the kind belongs to another one."""
         known = self._entered.setdefault(name, model)
         if (known.__module__, known.__qualname__) != (model.__module__, model.__qualname__):
             raise TypeError(f"{model.__name__}: the kind {name!r} is that of {known.__qualname__}")
@@ -128,7 +128,7 @@ class Kinds(Mapping[str, type[Any]]):
         return self._entered[name]
 
     def read(self, name: str, table: Mapping[str, Any], version: int = 1) -> Any:
-        """Make what a table describes; messages call it `name`.
+        """Make what a table describes; messages call the table `name`.
 
         Raises
         ------
@@ -222,7 +222,7 @@ class Kind(Part):
         Raises
         ------
         InputError
-            If it holds what was made in a program, and no document describes.
+            If it holds an object of the program that no document can describe.
 
         Examples
         --------
@@ -262,9 +262,9 @@ def call(name: str, make: Callable[..., Made], fields: Mapping[str, Any]) -> Mad
         If a field is unknown, missing or wrong.
     """
     known = signature(make).parameters
-    for one in fields:
-        if one not in known:
-            raise InputError(f"{name}.{one}: {_no_such(name, known)}")
+    for field in fields:
+        if field not in known:
+            raise InputError(f"{name}.{field}: {_no_such(name, known)}")
     try:
         return make(**fields)
     except InputError as error:
@@ -278,10 +278,10 @@ _SHARED: WeakValueDictionary[str, Any] = WeakValueDictionary()
 
 @dataclass(frozen=True, eq=False)
 class Asset:
-    """A file that a document names: by a path relative to its folder, or by its content.
+    """A file that a document names: by a path relative to its folder, or by its content's hash.
 
-    ``sha256:`` and the hash of its bytes stand for the file of that name, with any ending, in the
-    folder or in ``assets`` beside the document.
+    ``sha256:`` and the hash name the file whose name begins with that hash, with any ending, in
+    the folder or in ``assets`` beside the document.
     """
 
     name: str
@@ -299,35 +299,35 @@ class Asset:
 
     @property
     def path(self) -> Path:
-        """Where it is.
+        """Path of the file.
 
         Raises
         ------
         FileFormatError
-            If there is no file of that hash, or its content is another.
+            If there is no file of that hash, or its content has another hash.
         """
         if not self.name.startswith("sha256:"):
             return self.folder / self.name
         digest = self.name.removeprefix("sha256:")
         for folder in (self.folder, self.folder / "assets"):
-            for found in sorted(folder.glob(f"{digest}*")):
-                if sha256(found.read_bytes()).hexdigest() != digest:
-                    raise FileFormatError(f"{found}: its content is not that of its name")
-                return found
+            for candidate in sorted(folder.glob(f"{digest}*")):
+                if sha256(candidate.read_bytes()).hexdigest() != digest:
+                    raise FileFormatError(f"{candidate}: its content is not that of its name")
+                return candidate
         raise FileFormatError(f"cannot find {self.name} in {self.folder} or assets beside it")
 
     def shared(self, parameters: Any, make: Callable[[Path], Made]) -> Made:
-        """Return what `make` makes of the file; the same while anything holds it.
+        """Return what `make` makes of the file; it is shared as long as anything refers to it.
 
         Equal content and equal `parameters`, plain values, give the same object.
         """
         path = self.path
         content = sha256(path.read_bytes()).hexdigest() if path.is_file() else str(path)
         key = json.dumps([content, parameters], sort_keys=True)
-        made: Made | None = _SHARED.get(key)
-        if made is None:
-            made = _SHARED[key] = make(path)
-        return made
+        value: Made | None = _SHARED.get(key)
+        if value is None:
+            value = _SHARED[key] = make(path)
+        return value
 
 
 def asset_of(value: Any) -> Asset:
@@ -336,7 +336,7 @@ def asset_of(value: Any) -> Asset:
     Raises
     ------
     InputError
-        If it is no name, or a path in a sealed folder.
+        If it is not a name, or is a path in a sealed folder.
     """
     if isinstance(value, Asset):
         return value
@@ -359,7 +359,7 @@ def is_digest(text: str) -> bool:
 
 
 def _name_of(asset: Asset) -> str:
-    """Name for the document that is being written."""
+    """Return the name of a file for the document that is being written."""
     if asset.name.startswith("sha256:"):
         return asset.name
     if _BY_CONTENT.get():

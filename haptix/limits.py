@@ -1,4 +1,4 @@
-"""The declared limits of the model, each with its reason: past one a state's status says which.
+"""The declared limits of the model and their reasons. A state past one names it in its status.
 
 docs/limits.md has their sources.
 """
@@ -18,7 +18,7 @@ class Limit(NamedTuple):
 
     most: float
     words: str
-    """What lies beyond, and why it is no physics of a finger."""
+    """What lies past it, and why no finger is like that."""
 
 
 LIMITS = {
@@ -39,7 +39,7 @@ LIMITS = {
 
 
 def past_limits(status: Tensor, mu: Tensor, spot_pressure_pa: Tensor) -> Tensor:
-    """`haptix.Status` where friction and pressure count as well, from that without them."""
+    """Add the limits of friction and pressure to a `haptix.Status` that leaves them out."""
     for reason, value in ((Status.FRICTION, mu), (Status.PRESSURE, spot_pressure_pa)):
         past = (status == int(Status.OK)) & ~(value.detach() <= LIMITS[reason].most)
         status = status.masked_fill(past, int(reason))
@@ -55,5 +55,5 @@ def limits_passed(status: Tensor) -> list[str]:
     >>> limits_passed(torch.tensor([int(Status.OK)]))
     []
     """
-    counts = ((limit.words, int((status == int(one)).sum())) for one, limit in LIMITS.items())
+    counts = ((limit.words, int((status == int(past)).sum())) for past, limit in LIMITS.items())
     return [f"{words} ({count} of {status.numel()})" for words, count in counts if count]

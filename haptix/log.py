@@ -1,10 +1,10 @@
-"""The log of what happened between a touch and the driver, for whoever looks for a fault.
+"""The log of what happens between a touch and the driver, in which faults are looked for.
 
-Each room logs by Python's `logging` under its name, ``haptix.render`` or ``firmware_io.protocol``:
-at ``info`` what changes a state, is refused, repeated or dropped, and why; at ``debug`` also every
-frame. `start` writes these records in a thread of its own. Who logs never waits: what a slow or
-full disk does not take is dropped and counted, and the log says so where the records are missing.
-It must never hold a secret or what a participant answered.
+Each package logs by Python's `logging` under its name, such as ``haptix.render``: at ``info`` every
+change of state and all that is refused, repeated or dropped, with the reason; at ``debug`` also
+every frame. `start` writes these records in a thread of its own, so a caller never waits: records
+that a slow or full disk does not take are dropped and counted, and the log says where they are
+missing. It must never hold a secret or a participant's answers.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ ROOMS = ("haptix", "firmware_io", "calibration")
 LEVELS = ("info", "debug")
 MOST_WAITING = 8192
 FILE_BYTES, FILES_BEFORE = 20_000_000, 4
-END_S = 2.0  # for the disk to take what waits, at the end of the process
+END_S = 2.0  # time for the disk to take the waiting records when the process ends
 _SECRETS = re.compile(r"(?i)\b((?:token|password|secret|key)(?:=|['\"]: ?['\"]))[^\s,&'\"]+")
 _CREDENTIALS = re.compile(r"://[^/\s]+@")
 
-# What would move a terminal's cursor, but for line breaks.
+# Characters that move a terminal's cursor, except line breaks.
 _CONTROL = {code: f"\\x{code:02x}" for code in (*range(10), *range(11, 32), 127)}
 
 _running: Log | None = None
@@ -49,10 +49,10 @@ def start(level: str = "debug", file: str | Path | None = None) -> None:
     Parameters
     ----------
     level : str
-        "info" for changes of state, refusals, repetitions and losses; "debug" for all frames too.
+        "info" for changes of state, refusals, retries and losses; "debug" for all frames too.
     file : str or Path, optional
-        Where to; by default to the standard error. At 20 MB it becomes ``FILE.1``, and of these
-        four are kept. A file that another process logs to has a number added to its name.
+        The file; by default the standard error. At 20 MB it is renamed to ``FILE.1``, and four
+        such files are kept. If another process logs to it, its name gets a number.
 
     Raises
     ------
@@ -73,12 +73,12 @@ def start(level: str = "debug", file: str | Path | None = None) -> None:
 
 
 def into(file: Path) -> None:
-    """Log to a file: at the level of the log that runs, and all frames if none does."""
+    """Log to a file: at the level of the running log; if none runs, with all frames."""
     start(os.environ.get(VARIABLE, "").partition(",")[0] or "debug", file)
 
 
 def start_as_environment_says() -> None:
-    """Log if `VARIABLE` is set; a program is not stopped by what is wrong with it."""
+    """Log if `VARIABLE` is set; a wrong value does not stop the program."""
     level, _, file = os.environ.get(VARIABLE, "").partition(",")
     if level:
         try:
@@ -88,7 +88,7 @@ def start_as_environment_says() -> None:
 
 
 def stop() -> None:
-    """Write what waits, for two seconds at most, and log no more. Idempotent."""
+    """Write waiting records, for two seconds at most, and end the log. Idempotent."""
     global _running
     log, _running = _running, None
     if log is not None:
@@ -97,7 +97,7 @@ def stop() -> None:
 
 
 class Log:
-    """Takes the records of all rooms and writes them from a thread of its own.
+    """Takes the records of all packages and writes them from a thread of its own.
 
     Parameters
     ----------
@@ -111,17 +111,17 @@ class Log:
         self.aside = _Aside(SimpleQueue())
         self.writer = _Writer(self.aside, output)
         self.writer.start()
-        for room in ROOMS:
-            logging.getLogger(room).addHandler(self.aside)
-            logging.getLogger(room).setLevel(level.upper())
-        # A module, or a file; its other arguments may be secret.
+        for package in ROOMS:
+            logging.getLogger(package).addHandler(self.aside)
+            logging.getLogger(package).setLevel(level.upper())
+        # Name the module or the file only: the other arguments may be secret.
         by_module = sys.orig_argv[1:2] == ["-m"]
         program = sys.orig_argv[2] if by_module else Path(sys.argv[0]).name
         logging.getLogger("haptix.log").info("%s begins", program)
         atexit.register(self.close)
 
     def close(self) -> None:
-        """Write what waits, and say on the standard error how many records could not be written."""
+        """Write waiting records; print to standard error how many could not be written."""
         atexit.unregister(self.close)
         for room in ROOMS:
             logging.getLogger(room).removeHandler(self.aside)
@@ -133,7 +133,7 @@ class Log:
 
 
 class _Aside(QueueHandler):
-    """Puts records aside for the writer. Nothing here waits: not for a lock, nor for room."""
+    """Queues records for the writer. Nothing here waits, neither for a lock nor for space."""
 
     queue: SimpleQueue[Any]
     dropped = 0
@@ -154,7 +154,7 @@ class _Aside(QueueHandler):
 
 
 class _Writer(QueueListener):
-    """Writes records, and where some are missing, how many."""
+    """Writes records; where some are missing, it writes how many."""
 
     def __init__(self, aside: _Aside, output: LogOutput) -> None:
         super().__init__(aside.queue)
@@ -166,7 +166,7 @@ class _Writer(QueueListener):
         self.output.handle(record)
 
     def end(self) -> int:
-        """Write what waits; return how many records are missing and could not be told of."""
+        """Write waiting records; return how many are missing without a line that says so."""
         thread = self._thread
         assert thread is not None
         self.enqueue_sentinel()
@@ -194,7 +194,7 @@ class _Writer(QueueListener):
 
 
 class LogOutput(logging.StreamHandler[TextIO]):
-    """Where records are written. What cannot be is counted, and never raised or printed."""
+    """Where records are written. Failures are counted, and never raised or printed."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
@@ -222,7 +222,7 @@ class _File(LogOutput, RotatingFileHandler):
 
     def handleError(self, record: logging.LogRecord) -> None:
         super().handleError(record)
-        # What it has not written it would try again with each record.
+        # The stream would try its unwritten text again with each record: begin a new one.
         stream, self.stream = self.stream, None  # emit opens it again
         if stream is not None:
             with suppress(OSError):
@@ -251,7 +251,7 @@ def without_secrets(text: str) -> str:
 
 
 def _own_file(path: Path) -> _File:
-    """Return the file, or the first of ``NAME-2.log``, ``NAME-3.log``, ... that nobody logs to."""
+    """Return the file, or the first of ``NAME-2.log``, ``NAME-3.log``, ... that is not in use."""
     number = 1
     while True:
         candidate = path if number == 1 else path.with_stem(f"{path.stem}-{number}")

@@ -1,7 +1,7 @@
 """Which finger goes with which screen: a calibrated screen has the one that was measured with it.
 
 A calibration writes ``screen.toml`` and ``finger.toml`` into one folder, and their numbers belong
-together: friction by another finger is wrong by a just-noticeable difference and more.
+together: with another finger, friction is wrong by a just-noticeable difference or more.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def finger_beside(screen: str | Path, folder: Path = Path()) -> str | None:
     if not str(screen).endswith(".toml"):
         return None
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", CalibrationWarning)  # said where the screen is used
+        warnings.simplefilter("ignore", CalibrationWarning)  # comes where the screen is used
         profile = Screen.load(folder / screen)
     if profile.calibration is None:
         return None
@@ -46,7 +46,7 @@ def finger_beside(screen: str | Path, folder: Path = Path()) -> str | None:
 
 
 def profile_names(finger: str | None, screen: str | None) -> tuple[str, str]:
-    """Return names or files of finger and screen: as given, the finger beside it, or presets."""
+    """Return names or files of finger and screen: as given, beside the screen, or presets."""
     screen = screen or "3m-sct3250"
     return finger or finger_beside(screen) or "semi-wet", screen
 
@@ -75,22 +75,22 @@ def described(finger: Finger, screen: Screen) -> dict[str, str]:
 
     The range is that in which the screen's calibration was verified, where its profile states one.
     """
-    made = screen.calibration
-    if made is None:
+    calibration = screen.calibration
+    if calibration is None:
         pair = "screen not measured"
-    elif not made.finger_hash:
+    elif not calibration.finger_hash:
         pair = "screen measured with a finger that its profile does not name"
-    elif made.finger_hash != finger.content_hash():
+    elif calibration.finger_hash != finger.content_hash():
         pair = "screen measured with another finger"
     else:
         pair = "measured together"
-    if made is not None and made.is_virtual:
+    if calibration is not None and calibration.is_virtual:
         pair += "; virtual"
     about = {"finger": finger.name, "screen": screen.name, "pair": pair}
     return about if screen.verified is None else {**about, "verified": screen.verified.text}
 
 
 def first_line(about: Mapping[str, str]) -> str:
-    """Return the first line of an output for people, of what `described` returns."""
+    """Return the first line of an output for people, from what `described` returns."""
     line = f"finger {about['finger']!r}, screen {about['screen']!r} ({about['pair']})"
     return f"{line}; verified for {about['verified']}" if "verified" in about else line

@@ -50,11 +50,11 @@ class SolveStates(Task):
             box = replace(self.box, most_states=len(grid))
             how = {"fidelity": "boundary-element", "boundary_elements": box}
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of the box: it is what the plan asks for
+            warnings.simplefilter("ignore")  # the box's: the plan chose the box
             state = ContactModel(self.finger, self.screen, **how).solve(**at)
         columns = {name: values.tolist() for name, values in at.items()}
         columns |= {name: getattr(state, name).double().tolist() for name in _FOUND}
-        return {**columns, "status": [Status(int(one)).name for one in state.status]}
+        return {**columns, "status": [Status(int(number)).name for number in state.status]}
 
     def run(self, context: Context) -> Result:
         """Solve all states."""
@@ -139,7 +139,7 @@ class Population:
             Standard deviation of the logarithm, by field: ``{"youngs_modulus_pa": 0.3,
             "roughness.h_rms_m": 0.1}``. There is no default.
         """
-        fingers = tuple(one for one, _ in cls.draw(finger, size, spread, seed))
+        fingers = tuple(drawn for drawn, _ in cls.draw(finger, size, spread, seed))
         widths = ", ".join(f"{name} {width:g}" for name, width in sorted(spread.items()))
         return cls(
             fingers,
@@ -176,7 +176,7 @@ class Population:
         values = dict(
             zip(_AXES, map(tuple, (normal_force_n, voltage_v, frequency_hz)), strict=True)
         )
-        tasks = [SolveStates(finger=one, screen=screen, **values) for one in self.fingers]
+        tasks = [SolveStates(finger=finger, screen=screen, **values) for finger in self.fingers]
         return [*executor_of(executor).map(SolveStates.columns, tasks)]
 
     @staticmethod

@@ -1,4 +1,4 @@
-"""Names, and fields of the presets: known without loading what they describe."""
+"""Names and fields of the presets, known without loading the classes that they describe."""
 
 from __future__ import annotations
 
@@ -37,4 +37,4 @@ TERMS = tuple(
         re.MULTILINE,
     )
 )
-"""Names of the terms of `haptix.terms.TERMS`, from the text of that file: it would load torch."""
+"""Names of the terms of `haptix.terms.TERMS`, from its text, since importing it loads torch."""

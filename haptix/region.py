@@ -23,7 +23,7 @@ Blend = Literal["over", "add", "multiply", "max", "min"]
 
 
 def _one_sentence(shape: Any, read: ValidatorFunctionWrapHandler) -> Any:
-    if isinstance(shape, list):  # of JSON, which a strict model reads here as Python's
+    if isinstance(shape, list):  # JSON has lists, and a strict model takes tuples only here
         shape = tuple(tuple(each) if isinstance(each, list) else each for each in shape)
     try:
         return read(shape)
@@ -40,7 +40,7 @@ Shape = Annotated[
 
 
 class _Fields(BaseModel):
-    # Built at their first use: most processes use some of them only.
+    # Built at their first use: most processes use only some of them.
     model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
 
 

@@ -36,8 +36,8 @@ class Heading:
     title : str
         With the unit.
     form : str
-        As `format` takes it; of a flag both words, "off|on"; or a text with fields of the whole
-        result, "{0.mean:+.2f} ± {0.uncertainty:.2f}". By default numbers have four digits.
+        A format; for a flag its two words, "off|on"; or a text with fields of the whole result,
+        "{0.mean:+.2f} ± {0.uncertainty:.2f}". By default numbers have four digits.
     missing : str
         Shown for None and for what is no finite number.
     """
@@ -58,7 +58,7 @@ class Heading:
 
 
 class HeadingsOf(tuple[str, ...]):
-    """Fields that an inner result lends: ``Annotated[Point, HeadingsOf(("number", "mu"))]``."""
+    """Fields shown of an inner result: ``Annotated[Point, HeadingsOf(("number", "mu"))]``."""
 
 
 def text(value: Any) -> str:
@@ -71,7 +71,7 @@ def text(value: Any) -> str:
 def record(value: Any, only: Container[str] | None = None) -> Any:
     """Return a result, or results in lists and tables, as plain values for JSON.
 
-    Numbers that are not finite are None. A result has `only` these of its fields.
+    Numbers that are not finite become None. With `only`, a result has just these fields.
     """
     if _field_names(type(value)):
         plain: dict[str, Any] = {}
@@ -84,12 +84,12 @@ def record(value: Any, only: Container[str] | None = None) -> Any:
     if isinstance(value, Mapping):
         return {str(key): record(one) for key, one in value.items()}
     if isinstance(value, list | tuple):
-        return [record(one) for one in value]
+        return [record(result) for result in value]
     return None if isinstance(value, float) and not isfinite(value) else value
 
 
 def row(result: object, only: Container[str] | None = None) -> dict[str, str]:
-    """Return a row of a table for people, by heading; of all columns, or of `only` these fields."""
+    """Return a row of a table for people, by heading; of all fields, or of `only` these."""
     cells: dict[str, str] = {}
     for name, heading in _headings(type(result)).items():
         if isinstance(heading, HeadingsOf):
@@ -106,12 +106,12 @@ def titles_of(kind: type) -> dict[str, str]:
 
 
 def _field_names(kind: type) -> list[str]:
-    """Return the fields of a result; none of what is no result."""
+    """Return the fields of a result; an empty list for other classes."""
     return [*(getattr(kind, "model_fields", ()) or getattr(kind, "__dataclass_fields__", ()))]
 
 
 def _headings(kind: type) -> dict[str, Heading | HeadingsOf | None]:
-    """How each field, and then each property with a `Heading`, is shown; None: to programs only."""
+    """How each field and each property with a `Heading` is shown; None: to programs only."""
     hints = get_type_hints(kind, include_extras=True)
     hints = {name: hints[name] for name in _field_names(kind)}
     for base in reversed(kind.__mro__):
@@ -120,7 +120,7 @@ def _headings(kind: type) -> dict[str, Heading | HeadingsOf | None]:
                 hints[name] = get_type_hints(member.fget, include_extras=True)["return"]
     extras = {name: getattr(hint, "__metadata__", ()) for name, hint in hints.items()}
     return {
-        name: next((one for one in those if isinstance(one, Heading | HeadingsOf)), None)
+        name: next((mark for mark in those if isinstance(mark, Heading | HeadingsOf)), None)
         for name, those in extras.items()
     }
 
@@ -139,11 +139,13 @@ def page(title: str, parts: Iterable[str], verdict: str = "") -> str:
 
 def table(title: str, rows: Sequence[Any]) -> str:
     """Return results, or mappings with the same keys, as a table under its title; "" without."""
-    shown = [one if isinstance(one, Mapping) else row(one) for one in rows]
+    shown = [result if isinstance(result, Mapping) else row(result) for result in rows]
     if not shown:
         return ""
     head = "".join(f"<th>{escape(str(name))}</th>" for name in shown[0])
-    lines = ("".join(f"<td>{escape(text(cell))}</td>" for cell in one.values()) for one in shown)
+    lines = (
+        "".join(f"<td>{escape(text(cell))}</td>" for cell in cells.values()) for cells in shown
+    )
     body = "".join(f"<tr>{line}</tr>" for line in lines)
     return f"{_headline(title)}<table><tr>{head}</tr>{body}</table>"
 

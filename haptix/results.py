@@ -1,9 +1,9 @@
-"""Results by the hash of what they depend on: in a folder, or at a place that fsspec reaches.
+"""Results, named by the hash of what they depend on, in a folder or at a URL of fsspec.
 
 results/ab/abcd.../    files of one result, then result.json: the hashes of all, and its own
 
-A result counts only where every byte of it is what was written. It is read when it is used again:
-what was emptied, changed, swapped or removed is named, and made again.
+A result counts only if every byte of it is as it was written. All of it is read before it is used
+again; a file that was emptied, changed, swapped or removed is named, and the result is made again.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from haptix.version import __version__
 
 MANIFEST = "result.json"
 _DRAFT = ".part"
-# An object appears here only once all of it is there.
+# Stores that show an object only once it is complete.
 WRITES_WHOLE = {"s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "adl", "memory", "r2", "oss"}
 
 
 def result_key(task: str, document: Mapping[str, Any]) -> str:
-    """SHA-256 of what a result depends on, which is its name."""
+    """Return the name of a result: the SHA-256 of what it depends on."""
     text = json.dumps([__version__, task, document], sort_keys=True, allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
@@ -78,7 +78,7 @@ class ResultStore:
             return None
 
     def write(self, name: str, data: bytes) -> None:
-        """Write a file whole; an interrupted one leaves what was there before."""
+        """Write a file whole; if that is interrupted, the old file stays."""
         path = self._at(name)
         if self._writes_whole:
             self._system.pipe_file(path, data)
@@ -128,7 +128,7 @@ class ResultStore:
         return size + len(manifest)
 
     def check(self, key: str) -> tuple[dict[str, Any] | None, str]:
-        """Read a result, every byte of it.
+        """Read every byte of a result.
 
         Returns
         -------
@@ -172,7 +172,7 @@ class ResultStore:
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """Keep others of this machine out of a folder, and remove what killed writers left."""
+        """Lock a folder against this machine's other processes; remove drafts of killed writers."""
         if not self.is_local:
             yield
             return

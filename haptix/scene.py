@@ -210,11 +210,11 @@ class Scene(Document):
             return fields
         read, folder = dict(fields), Path(fields.get("folder", "."))
         screen = "" if "finger" in fields else fields.get("screen")
-        if isinstance(screen, str) and (own := finger_beside(screen, folder)):
-            read["finger"] = own
+        if isinstance(screen, str) and (finger_file := finger_beside(screen, folder)):
+            read["finger"] = finger_file
         if isinstance(materials := fields.get("materials"), list | tuple):
             with in_folder(folder):
-                read["materials"] = [material_of(one) for one in materials]
+                read["materials"] = [material_of(material) for material in materials]
         kinds: Mapping[str, type[Finger | Screen]] = {"finger": Finger, "screen": Screen}
         for key, kind in kinds.items():
             match read.get(key):
@@ -277,7 +277,7 @@ class Scene(Document):
         return possible_terms(self.finger, self.screen, FIDELITIES[fidelity])
 
     def terms(self, fidelity: FidelityName = "mean-field") -> frozenset[str]:
-        """Names of the possible terms; of those that are left to the scene, what it asks for."""
+        """Names of the possible terms; of those left to the scene, only what it asks for."""
         wanted, possible = self.override.terms, self.possible_terms(fidelity)
         return frozenset(t for t in possible if wanted.get(t) or not TERMS[t].left_to_scene)
 

@@ -28,7 +28,7 @@ CALIBRATION_VALID_DAYS = 365
 _SLACK = 1.1
 
 NO_INSTRUMENT = "(no instrument)"
-"""What stands behind a virtual instrument in place of its serial number."""
+"""Text that a virtual instrument has in place of a serial number."""
 
 
 class CalibrationWarning(UserWarning):
@@ -39,14 +39,14 @@ Ends = tuple[float, float]
 
 
 class VerifiedRange(Part):
-    """Where strokes that were kept out of the fit have verified the profile; lowest and highest.
+    """Ranges, lowest and highest, in which strokes kept out of the fit verified the profile.
 
     Parameters
     ----------
     normal_force_n, frequency_hz, speed_mm_per_s : (float, float)
-        Of the strokes, as they were measured.
+        Ranges of the strokes, as they were measured.
     voltage_v : tuple of (float, float)
-        Frequency and the highest amplitude at it, by frequency; linear over ln f in between.
+        Pairs of a frequency and the highest amplitude at it; linear over ln f in between.
     contact_s : float or None
         Longest time in contact; None in profiles of earlier versions.
     """
@@ -72,7 +72,7 @@ class VerifiedRange(Part):
         return float(self._highest(frequency_hz))
 
     def largest(self, frequency_hz: float) -> tuple[float, float, float, float]:
-        """Return force [N], speed [mm/s], contact time [s] and amplitude [V]; `beyond` names more.
+        """Largest force [N], speed [mm/s], contact time [s] and amplitude [V] within the range.
 
         Parameters
         ----------
@@ -99,12 +99,12 @@ class VerifiedRange(Part):
         speed_mm_per_s: ArrayLike | None = None,
         contact_s: ArrayLike | None = None,
     ) -> list[str]:
-        """Say which of these values, one or several of each, lie outside by 10 % or more.
+        """Describe which of these values, one or several of each, lie outside by over 10 %.
 
-        A person holds force and speed no better. Without a frequency the highest amplitude of all
-        holds.
+        A person cannot hold force and speed more exactly. Without a frequency, the bound is the
+        highest amplitude at any frequency.
         """
-        said = []
+        notes = []
         for name, unit, values, (low, high) in (
             ("force", "N", normal_force_n, self.normal_force_n),
             ("frequency", "Hz", frequency_hz, self.frequency_hz),
@@ -114,7 +114,7 @@ class VerifiedRange(Part):
             used = np.asarray([] if values is None else values, dtype=float)
             outside = used[(used < low / _SLACK) | (used > high * _SLACK)]
             if outside.size:
-                said.append(f"{name} {_reached(outside)} {unit}: verified {low:.3g} to {high:.3g}")
+                notes.append(f"{name} {_reached(outside)} {unit}: verified {low:.3g} to {high:.3g}")
         highest = np.array(self.voltage_v)[:, 1].max()
         if frequency_hz is not None:
             highest = self._highest(frequency_hz)
@@ -122,8 +122,8 @@ class VerifiedRange(Part):
         is_above = used > highest * _SLACK
         if is_above.any():
             most = float(highest[is_above].max())
-            said.append(f"amplitude {_reached(used[is_above])} V: verified to {most:.3g}")
-        return said
+            notes.append(f"amplitude {_reached(used[is_above])} V: verified to {most:.3g}")
+        return notes
 
 
 def _reached(values: Array) -> str:
@@ -169,8 +169,8 @@ class Calibration(Part):
 
     @property
     def is_virtual(self) -> bool:
-        """Whether a virtual finger was measured, and no screen."""
-        return any(NO_INSTRUMENT in one for one in self.instruments)
+        """Whether the calibration measured a virtual finger and no screen."""
+        return any(NO_INSTRUMENT in instrument for instrument in self.instruments)
 
 
 class Screen(Document):
@@ -216,10 +216,10 @@ class Screen(Document):
     insulator_strength_v_per_m: Plain = 500e6
     gap_resistivity_ohm_m: Plain | None = None
     max_voltage_v: Plain = 200.0
-    # The body of IEC 61000-4-2, by which every drive is limited (firmware_io.limits). Left out
-    # where it is that: files and hashes of earlier versions have no such field.
+    # The default is the body of IEC 61000-4-2, which limits every drive (firmware_io.limits). Files
+    # leave the default out, since files and hashes of earlier versions lack the field.
     body_capacitance_f: Annotated[Plain, Field(exclude_if=lambda value: value == 150e-12)] = 150e-12
-    # Left out where they are unknown, as above.
+    # A file leaves them out if they are unknown, as above.
     width_mm: Annotated[Plain | None, Field(exclude_if=lambda value: value is None)] = None
     height_mm: Annotated[Plain | None, Field(exclude_if=lambda value: value is None)] = None
     is_placeholder: bool = False
@@ -235,8 +235,8 @@ class Screen(Document):
             For each of `warnings`; outputs name them as well.
         """
         screen = super().load(path)
-        for one in screen.warnings():
-            warnings.warn(f"{path}: {one}", CalibrationWarning, stacklevel=2)
+        for reason in screen.warnings():
+            warnings.warn(f"{path}: {reason}", CalibrationWarning, stacklevel=2)
         return screen
 
     def warnings(self) -> list[str]:
@@ -278,7 +278,7 @@ class Screen(Document):
 
     @property
     def calibration_id(self) -> str:
-        """Name of this profile that a driver can hold: the start of its content's hash."""
+        """Short name of this profile, for the driver to store: the start of its content's hash."""
         return self.content_hash()[:16]
 
     @property

@@ -1,4 +1,4 @@
-"""States of the contact model: results, of one period of a drive too, and checks of the inputs."""
+"""Results of the contact model, for states and for one period of a drive; checks of its inputs."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 class GapSums(Displayed):
     """Sums over the gap distribution of solved states, of the shape of the states.
 
-    `ContactState` says what they are.
+    The properties of `ContactState` describe them.
     """
 
     pull_past_breakdown: Tensor
@@ -41,8 +41,8 @@ class ContactState(Displayed):
     """
 
     mu: Tensor
-    """Friction coefficient, ``tau_f A / F_N``, at the period's mean attraction: that of a carrier,
-    which a contact is too slow to follow. `ContactModel.over_period` has that of a slow drive."""
+    """Friction coefficient, ``tau_f A / F_N``, at a period's mean attraction: that of a carrier,
+    which a contact is too slow to follow. For a slow drive use `ContactModel.over_period`."""
     x: Tensor
     """``p0/(E* slope)``, with the slope of all waves: how lightly the contact is loaded."""
     rolloff_waves: Tensor
@@ -64,11 +64,11 @@ class ContactState(Displayed):
     breakdown_voltage_v: Tensor
     """Amplitude from which gap or insulator break down; a status where that term is on."""
     spot_pressure_pa: Tensor
-    """Mean pressure in the contact spots: what presses, attraction included, over the real area."""
+    """Mean pressure in the contact spots: normal force and attraction over the real area."""
     find_status: Callable[[], Tensor] = field(repr=False, compare=False)
     find_accuracy: Callable[[], Accuracy] = field(repr=False, compare=False)
     sum_gaps: Callable[[], GapSums] = field(repr=False, compare=False)
-    """These make what many callers do without; use the properties."""
+    """These make the values of the properties below at their first use: many callers need none."""
 
     @cached_property
     def status(self) -> Tensor:
@@ -77,7 +77,7 @@ class ContactState(Displayed):
 
     @cached_property
     def accuracy(self) -> Accuracy:
-        """Intervals of mu and of mu(V)/mu(0) that boundary elements showed of the theory."""
+        """Intervals of mu and of mu(V)/mu(0) that boundary elements showed for the theory."""
         return self.find_accuracy()
 
     def plot(self, ax: Axes | None = None, quantity: str = "mu", **along: Any) -> Axes:
@@ -100,7 +100,7 @@ class ContactState(Displayed):
         Raises
         ------
         InputError
-            If there is no such quantity, or `along` is not one input of the states' last length.
+            If there is no such quantity, or `along` is not one input as long as the last axis.
 
         Examples
         --------
@@ -128,7 +128,7 @@ class ContactState(Displayed):
         return ax
 
     def warnings(self) -> list[str]:
-        """Where the states lie below what was validated or past a limit, as outputs quote it."""
+        """Say where states lie below what was validated or past a limit, as outputs quote it."""
         lowest, highest = (float(end) for end in self.x.detach().aminmax())
         fewest = float(self.rolloff_waves.detach().min())
         return [*beyond_validation(lowest, highest, fewest), *limits_passed(self.status)]
@@ -140,9 +140,9 @@ class ContactState(Displayed):
 
     @property
     def pull_past_breakdown(self) -> Tensor:
-        """Share of the gaps' attraction that comes from gaps whose field is past what they bear.
+        """Share of the gaps' attraction that comes from gaps whose field exceeds what they bear.
 
-        Such gaps spark or leak: from a half on friction is likely to be lower than the model says.
+        Such gaps spark or leak: above a half, friction is likely to be lower than the model says.
         """
         return self._sums.pull_past_breakdown
 

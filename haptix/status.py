@@ -1,4 +1,4 @@
-"""Status of a sample: solved, or the reason why not."""
+"""Status of a sample: solved, or the reason why it is not."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Status(IntEnum):
     OK = 0
     """Solved, or in the reachable range."""
     PULL_IN = 1
-    """The light contact snaps in below this voltage; values are those where it does."""
+    """The light contact snaps in below this voltage; values are those at that point."""
     BELOW = 2
     """The target is below the friction without voltage; 0 V is returned."""
     ABOVE = 3

@@ -1,4 +1,4 @@
-"""Which tasks there are, read from the text of their modules: a list of them loads nothing."""
+"""The list of all tasks, read from the text of their modules, so that it loads nothing."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def _modules() -> list[str]:
 
 
 def _folder(package: str) -> Path:
-    """Return where a package lies, of this distribution first, without importing it."""
+    """Return the folder of a package, this distribution's first, without importing it."""
     folder = Path(__file__).parents[1].joinpath(*package.split("."))
     if not folder.is_dir():
         spec = find_spec(package)
@@ -38,7 +38,7 @@ _TASK = re.compile(
 
 
 def tasks_of(modules: Sequence[str]) -> dict[str, tuple[str, str]]:
-    """Return by the words of each task's command its ``module:Class`` and its first sentence."""
+    """Return ``module:Class`` and first sentence of each task, by the words of its command."""
     return {
         command: (f"{module}:{name}", sentence)
         for module in modules
@@ -47,7 +47,7 @@ def tasks_of(modules: Sequence[str]) -> dict[str, tuple[str, str]]:
 
 
 def commands() -> dict[str, tuple[str, str]]:
-    """Return by the first word of each task's command what it is, and its sentence.
+    """Return each task or group and its sentence, by the first word of its command.
 
     A task is ``module:Class``. Tasks of one module whose commands share their first word, such as
     ``material show``, are a group: the word with the first sentence of the module.

@@ -26,12 +26,12 @@ def run(app: Callable[[], object], name: str) -> None:
     try:
         app()
     except HaptixError as error:
-        said = str(error)
-        if len(said) > _LONGEST_MESSAGE:  # it may quote a file
-            said = f"{said[:_LONGEST_MESSAGE]} ..."
-        # Names of files may hold line breaks, and what would move a terminal's cursor.
-        said = "".join(one if one.isprintable() else repr(one)[1:-1] for one in said)
-        sys.stderr.write(f"{name}: {said}\n")
+        message = str(error)
+        if len(message) > _LONGEST_MESSAGE:  # it may quote a file
+            message = f"{message[:_LONGEST_MESSAGE]} ..."
+        # Names of files may hold line breaks, and characters that move a terminal's cursor.
+        message = "".join(char if char.isprintable() else repr(char)[1:-1] for char in message)
+        sys.stderr.write(f"{name}: {message}\n")
         sys.exit(getattr(error, "exit_code", 2))
     except ImportError:
         advice = foreign_package("calibration")
@@ -42,15 +42,15 @@ def run(app: Callable[[], object], name: str) -> None:
 
 
 def show(title: str, results: Sequence[Any], as_json: bool) -> None:
-    """Print results, or mappings with the same keys, as a table or as JSON; lines as lines."""
+    """Print results, or mappings with the same keys, as a table or as JSON; lines as they are."""
     if not as_json and results and isinstance(results[0], str):
         sys.stdout.writelines(f"{title}: {line}\n" for line in results)
         return
     if as_json:
-        plain = [one if isinstance(one, Mapping) else record(one) for one in results]
+        plain = [result if isinstance(result, Mapping) else record(result) for result in results]
         sys.stdout.write(json.dumps(plain, indent=2, allow_nan=False) + "\n")
         return
-    rows = [one if isinstance(one, Mapping) else row(one) for one in results]
+    rows = [result if isinstance(result, Mapping) else row(result) for result in results]
     from rich.box import SIMPLE
     from rich.console import Console
     from rich.markup import escape
@@ -59,15 +59,17 @@ def show(title: str, results: Sequence[Any], as_json: bool) -> None:
 
     console = Console()
     console.print(Text(title, "table.title"))
-    # The box: a line on each side, and one between two columns.
-    columns = [_Column.of(name, [one[name] for one in rows]) for name in rows[0]] if rows else []
+    # The box takes a line on each side, and one between two columns.
+    columns = (
+        [_Column.of(name, [cells[name] for cells in rows]) for name in rows[0]] if rows else []
+    )
     widths = _widths(columns, console.width - len(columns) - 1)
     table = Table(box=SIMPLE, padding=0)
     for column, width in zip(columns, widths, strict=True):
         justify: Literal["left", "right"] = "right" if column.is_number else "left"
         table.add_column(escape(column.heading), justify=justify, overflow="fold", width=width)
-    for one in rows:
-        table.add_row(*(escape(text(value)) for value in one.values()))
+    for cells in rows:
+        table.add_row(*(escape(text(value)) for value in cells.values()))
     # A terminal folds long lines; cutting them off would lose values.
     console.width = max(console.width, sum(widths) + len(columns) + 1)
     console.print(table)
@@ -80,9 +82,9 @@ class _Column:
     heading: str
     is_number: bool
     least: int
-    """Numbers are never broken, and headings may be, at underscores first."""
+    """Smallest width: numbers are never broken; headings may be, at underscores first."""
     with_words: int
-    """With the words of its heading whole."""
+    """Width at which no word of the heading is broken."""
     whole: int
 
     @classmethod
@@ -95,15 +97,15 @@ class _Column:
         return cls(heading, is_number, least, words, max(widest, len(heading)))
 
 
-def _widths(columns: Sequence[_Column], room: int) -> list[int]:
-    """Return widths within `room`, or the smallest: first whole words fit, then all the rest."""
+def _widths(columns: Sequence[_Column], available: int) -> list[int]:
+    """Return widths within `available`: the smallest, then with whole words, then with all text."""
     widths = [column.least for column in columns]
     for wanted in ([column.with_words for column in columns], [column.whole for column in columns]):
-        while sum(widths) < room:
+        while sum(widths) < available:
             short = [at for at, width in enumerate(widths) if width < wanted[at]]
             if not short:
                 break
-            widths[min(short, key=lambda at: widths[at])] += 1  # the narrowest
+            widths[min(short, key=lambda at: widths[at])] += 1  # widen the narrowest
     return widths
 
 
@@ -122,7 +124,7 @@ def placeholder_note(
 
 
 PULL_PAST_BREAKDOWN = 0.5
-"""Share of the attraction beyond what gaps bear from which outputs warn."""
+"""Outputs warn if at least this share of the attraction comes from gaps past what they bear."""
 
 
 def breakdown_note(share: float) -> str:

@@ -1,7 +1,7 @@
 """The terms of the contact model: effects that can be switched on and off by name.
 
-A term is a class of this file, and nothing else: its methods change stages between a load and its
-friction. `ActiveTerms` applies those that are on, stage by stage.
+Each term is one class of this file, whose methods change stages between a load and its friction.
+`ActiveTerms` applies those that are on, stage by stage.
 """
 
 from __future__ import annotations
@@ -62,23 +62,24 @@ class Term:
     """An effect that the contact model can leave out.
 
     A term overrides the methods of the stages that it changes. Each method gets the value of its
-    stage so far and returns the changed one; terms act in the order of `haptix.terms.TERMS`.
+    stage so far, at first the one after "from" below, and returns the changed one. Terms act in
+    the order of `haptix.terms.TERMS`.
     """
 
     name: ClassVar[str]
     summary: ClassVar[str]  # part of a surface's model hash: another wording is another model
     source: ClassVar[str]
     uses: ClassVar[tuple[str, ...]]
-    """Fields that it reads, such as "finger.hardness_pa"; it is possible where all have a value."""
+    """Fields that it reads, such as "finger.hardness_pa"; it is possible if all have a value."""
     needs_frequency: ClassVar[bool] = False
     """Whether a drive of unknown frequency is an error, or just leaves the term out."""
     on_request: ClassVar[bool] = False
     """Whether it is off unless requested. Others are on wherever they are possible."""
     left_to_scene: ClassVar[bool] = False
-    """Whether planning measures what it does, and has it on only where the scene asks for it."""
+    """Whether planning only measures its effect, and switches it on only if the scene asks."""
     work: ClassVar[float] = 0.1
-    """Share of a surface's build time that leaving it out saves, at most; planning weighs effects
-    with it. Most save next to nothing, and get some credit for a simpler model."""
+    """Largest share of a surface's build time that leaving it out saves; planning weighs it against
+    the effect. Most save next to nothing, and get some credit for a simpler model."""
     reports: ClassVar[Status | None] = None
     """The status that it gives, if it gives one."""
 
@@ -89,7 +90,7 @@ class Term:
 
     @property
     def changes_friction(self) -> bool:
-        """False where it gives a status and nothing else."""
+        """False if it gives a status and nothing else."""
         return self.stages != {Stage.STATUS}
 
     def parameters(self, finger: Finger, screen: Screen) -> dict[str, object]:
@@ -101,26 +102,26 @@ class Term:
         """Fields that it uses and that the profiles do not have."""
         return [name for name, value in self.parameters(finger, screen).items() if value is None]
 
-    def solid(self, solid: ElasticSolid, given: Properties) -> ElasticSolid:
+    def solid(self, solid: ElasticSolid, properties: Properties) -> ElasticSolid:
         """Elasticity of the finger; from a half-space of the stratum corneum."""
         return solid
 
-    def size(self, area_m2: Tensor, normal_force_n: Tensor, given: Properties) -> Tensor:
+    def size(self, area_m2: Tensor, normal_force_n: Tensor, properties: Properties) -> Tensor:
         """Apparent contact area [m^2] at normal forces [N]; from that at 1 N."""
         return area_m2
 
-    def insulators(self, h0_m: Tensor, frequency_hz: Tensor, given: Properties) -> Tensor:
+    def insulators(self, h0_m: Tensor, frequency_hz: Tensor, properties: Properties) -> Tensor:
         """Complex effective thickness [m] at frequencies [Hz]; from that of the screen's film."""
         return h0_m
 
-    def pull(self, limit: FieldLimit | None, given: Properties) -> FieldLimit | None:
+    def pull(self, limit: FieldLimit | None, properties: Properties) -> FieldLimit | None:
         """Field [V/m] at which gaps are held; from None, for no limit."""
         return limit
 
-    def gap_permittivity(self, frequency_hz: Tensor, given: Properties) -> Tensor | float:
+    def gap_permittivity(self, frequency_hz: Tensor, properties: Properties) -> Tensor | float:
         """Complex eps_g of what fills the gap, at frequencies [Hz]; 1 for dry air.
 
-        It is for the current, and belongs to `insulators`, where it acts on the field.
+        This is for the current; its effect on the field belongs to `insulators`.
         """
         return 1.0
 
@@ -129,23 +130,23 @@ class Term:
         return widest_m
 
     def hardness(
-        self, hardness_pa: float | Tensor | None, given: Properties
+        self, hardness_pa: float | Tensor | None, properties: Properties
     ) -> float | Tensor | None:
         """Stress [Pa] at which the skin yields; from None, for elastic skin."""
         return hardness_pa
 
-    def supply(self, share: Tensor, capacitance_f: Tensor, given: Properties) -> Tensor:
+    def supply(self, share: Tensor, capacitance_f: Tensor, properties: Properties) -> Tensor:
         """Complex share of the drive's voltage that a contact has; from all of it.
 
-        The contact's own complex capacitance is given [F], see `haptix.electro.Circuit`.
+        `capacitance_f` is the contact's own complex capacitance, see `haptix.electro.Circuit`.
         """
         return share
 
-    def shear(self, stress_pa: float | Tensor, given: Properties) -> float | Tensor:
+    def shear(self, stress_pa: float | Tensor, properties: Properties) -> float | Tensor:
         """Friction force per real contact area [Pa]; from the finger's tau_f."""
         return stress_pa
 
-    def status(self, status: Tensor, field: FieldInGap, given: Properties) -> Tensor:
+    def status(self, status: Tensor, field: FieldInGap, properties: Properties) -> Tensor:
         """`haptix.Status` of states; from OK, or PULL_IN where the light contact has ended."""
         return status
 
@@ -153,7 +154,7 @@ class Term:
         """Amplitude [V] from which it reports its status; infinite without a status."""
         return torch.full_like(state.mu, inf)
 
-    def placeholders(self, given: Properties) -> list[str]:
+    def placeholders(self, properties: Properties) -> list[str]:
         """Names of the unmeasured values that it rests on."""
         return []
 
@@ -166,8 +167,8 @@ class LayeredSkin(Term):
     source = f"{PNAS_2018}, SI; physics page, section 3"
     uses = ("finger.layer_thickness_m", "finger.bulk_modulus_pa", "finger.bulk_poisson_ratio")
 
-    def solid(self, solid: ElasticSolid, given: Properties) -> ElasticSolid:
-        return given.finger.solid()
+    def solid(self, solid: ElasticSolid, properties: Properties) -> ElasticSolid:
+        return properties.finger.solid()
 
 
 class ApparentArea(Term):
@@ -178,8 +179,8 @@ class ApparentArea(Term):
     source = f"{PNAS_2018}: 3 kPa at 0.1 N, 20 kPa at 0.9 N"
     uses = ("finger.apparent_area_at_1n_m2", "finger.apparent_area_exponent")
 
-    def size(self, area_m2: Tensor, normal_force_n: Tensor, given: Properties) -> Tensor:
-        return given.finger.apparent_area_m2(normal_force_n)
+    def size(self, area_m2: Tensor, normal_force_n: Tensor, properties: Properties) -> Tensor:
+        return properties.finger.apparent_area_m2(normal_force_n)
 
 
 class FiniteSize(Term):
@@ -189,7 +190,7 @@ class FiniteSize(Term):
     summary = "the mean gap cannot exceed the highest asperity of the apparent contact"
     source = "physics page, section 2: h_rms sqrt(2 ln N)"
     uses = ("finger.roughness", "finger.apparent_area_at_1n_m2")
-    on_request = True  # but for theories that have it among their usual terms
+    on_request = True  # except for theories that have it among their usual terms
     work = 0.35  # 20,000 states took 0.158 s with it and 0.101 s without, on one core
 
     def gaps(self, widest_m: Tensor | None, area_m2: Tensor, contact: MeanField) -> Tensor | None:
@@ -207,9 +208,9 @@ class Plasticity(Term):
     work = 0.2  # 20,000 states of a dry finger took 0.101 s with it and 0.080 s without
 
     def hardness(
-        self, hardness_pa: float | Tensor | None, given: Properties
+        self, hardness_pa: float | Tensor | None, properties: Properties
     ) -> float | Tensor | None:
-        return given.finger.hardness_pa
+        return properties.finger.hardness_pa
 
 
 class SkinInsulation(Term):
@@ -220,12 +221,12 @@ class SkinInsulation(Term):
     source = f"{PNAS_2018}, Eq. 4"
     uses = ("finger.layer_thickness_m", "finger.dielectric")
 
-    def insulators(self, h0_m: Tensor, frequency_hz: Tensor, given: Properties) -> Tensor:
-        skin = given.finger.dielectric
-        return h0_m + given.finger.layer_thickness_m / skin.relative_permittivity(frequency_hz)
+    def insulators(self, h0_m: Tensor, frequency_hz: Tensor, properties: Properties) -> Tensor:
+        skin = properties.finger.dielectric
+        return h0_m + properties.finger.layer_thickness_m / skin.relative_permittivity(frequency_hz)
 
-    def placeholders(self, given: Properties) -> list[str]:
-        return ["dielectric of the skin"] if given.finger.dielectric.is_placeholder else []
+    def placeholders(self, properties: Properties) -> list[str]:
+        return ["dielectric of the skin"] if properties.finger.dielectric.is_placeholder else []
 
 
 class LeakyGap(Term):
@@ -240,21 +241,21 @@ class LeakyGap(Term):
     uses = ("screen.gap_resistivity_ohm_m",)
     needs_frequency = True
 
-    def insulators(self, h0_m: Tensor, frequency_hz: Tensor, given: Properties) -> Tensor:
-        return h0_m * self.gap_permittivity(frequency_hz, given)
+    def insulators(self, h0_m: Tensor, frequency_hz: Tensor, properties: Properties) -> Tensor:
+        return h0_m * self.gap_permittivity(frequency_hz, properties)
 
-    def gap_permittivity(self, frequency_hz: Tensor, given: Properties) -> Tensor:
-        resistivity = given.screen.gap_resistivity_ohm_m
+    def gap_permittivity(self, frequency_hz: Tensor, properties: Properties) -> Tensor:
+        resistivity = properties.screen.gap_resistivity_ohm_m
         assert resistivity is not None  # the term is not possible without
         leak = 1 / (2 * torch.pi * frequency_hz * VACUUM_PERMITTIVITY * resistivity)
         return torch.complex(torch.ones_like(leak), leak)
 
 
 class FieldLimited(Term):
-    """Each gap's amplitude is held at what it bears: discharge leaks the rest.
+    """Each gap's field is held at what the gap bears: discharge leaks the rest.
 
     The attraction of a gap is then ``eps0/4 min(V0^2/|u + h0|^2, E_b(u)^2)``, with E_b of
-    `haptix.electro.breakdown.bearable_field`. Contact spots have no gap and keep theirs.
+    `haptix.electro.breakdown.bearable_field`. Contact spots have no gap and keep their attraction.
     """
 
     name = "field-limit"
@@ -264,8 +265,8 @@ class FieldLimited(Term):
     on_request = True
     left_to_scene = True
 
-    def pull(self, limit: FieldLimit | None, given: Properties) -> FieldLimit:
-        screen = given.screen
+    def pull(self, limit: FieldLimit | None, properties: Properties) -> FieldLimit:
+        screen = properties.screen
         return partial(
             bearable_field,
             insulator_permittivity=screen.insulator_permittivity,
@@ -274,7 +275,7 @@ class FieldLimited(Term):
 
 
 class BodyReturn(Term):
-    """``C_b / (C_b + n C_c)`` of the voltage is left for each of n alike contacts.
+    """Each of n equal contacts has ``C_b / (C_b + n C_c)`` of the voltage.
 
     They stand side by side on one electrode, in series with the body's capacitance to earth.
     """
@@ -286,9 +287,9 @@ class BodyReturn(Term):
     on_request = True
     left_to_scene = True
 
-    def supply(self, share: Tensor, capacitance_f: Tensor, given: Properties) -> Tensor:
-        body = given.screen.body_capacitance_f
-        return share * (body / (body + given.finger.fingers_on_screen * capacitance_f))
+    def supply(self, share: Tensor, capacitance_f: Tensor, properties: Properties) -> Tensor:
+        body = properties.screen.body_capacitance_f
+        return share * (body / (body + properties.finger.fingers_on_screen * capacitance_f))
 
 
 class Breakdown(Term):
@@ -309,8 +310,8 @@ class Breakdown(Term):
     on_request = True
     reports = Status.BREAKDOWN
 
-    def status(self, status: Tensor, field: FieldInGap, given: Properties) -> Tensor:
-        screen = given.screen
+    def status(self, status: Tensor, field: FieldInGap, properties: Properties) -> Tensor:
+        screen = properties.screen
         broken = breaks_down(
             field, screen.insulator_permittivity, screen.insulator_strength_v_per_m
         )
@@ -333,11 +334,11 @@ class Occlusion(Term):
     on_request = True
     left_to_scene = True
 
-    def solid(self, solid: ElasticSolid, given: Properties) -> ElasticSolid:
-        share = float(self.share(given.finger, given.finger.contact_time_s))
+    def solid(self, solid: ElasticSolid, properties: Properties) -> ElasticSolid:
+        share = float(self.share(properties.finger, properties.finger.contact_time_s))
         if isinstance(solid, Layered):
             return replace(solid, layer_modulus_pa=solid.layer_modulus_pa * share)
-        assert isinstance(solid, HalfSpace)  # the terms before make no other
+        assert isinstance(solid, HalfSpace)  # earlier terms make no other solid
         return replace(solid, youngs_modulus_pa=solid.youngs_modulus_pa * share)
 
     @staticmethod
@@ -360,8 +361,8 @@ class SlidingSpeed(Term):
     on_request = True
     left_to_scene = True
 
-    def shear(self, stress_pa: float | Tensor, given: Properties) -> float | Tensor:
-        finger = given.finger
+    def shear(self, stress_pa: float | Tensor, properties: Properties) -> float | Tensor:
+        finger = properties.finger
         factor: float = self.factor(finger, finger.sliding_speed_mm_per_s)
         return stress_pa * factor
 
@@ -381,8 +382,8 @@ class ShearArea(Term):
     on_request = True
     left_to_scene = True
 
-    def size(self, area_m2: Tensor, normal_force_n: Tensor, given: Properties) -> Tensor:
-        return area_m2 * (1 - given.finger.shear_area_loss)
+    def size(self, area_m2: Tensor, normal_force_n: Tensor, properties: Properties) -> Tensor:
+        return area_m2 * (1 - properties.finger.shear_area_loss)
 
 
 TERMS: dict[str, Term] = {kind.name: kind() for kind in Term.__subclasses__()}
@@ -433,7 +434,7 @@ def chosen_terms(
         Names of all that are on; or a mapping that switches single ones, name to bool; or None for
         all possible ones that need no request.
     of_theory : frozenset of str
-        Names that count as needing none in the theory of the contact.
+        Names of terms that need no request in the theory of the contact.
 
     Raises
     ------
@@ -469,34 +470,36 @@ def chosen_terms(
     return frozenset(on)
 
 
-_STEADY_HZ = 1e-9  # of a steady voltage: a period of 30 years, in which all that leaks conducts
+_STEADY_HZ = 1e-9  # stands for 0 Hz: in a period of 30 years everything that leaks conducts
 
 
 class ActiveTerms:
     """Properties of finger and screen with the terms that are on."""
 
-    def __init__(self, given: Properties, names: Iterable[str]) -> None:
+    def __init__(self, properties: Properties, names: Iterable[str]) -> None:
         on = set(names)
-        self.given = given
+        self.properties = properties
         self.all = tuple(term for name, term in TERMS.items() if name in on)
         self.stages = frozenset[Stage]().union(*(term.stages for term in self.all))
 
     def solid(self) -> ElasticSolid:
         """The elastic solid, from a half-space of the stratum corneum."""
-        finger = self.given.finger
+        finger = self.properties.finger
         base: ElasticSolid = HalfSpace(finger.youngs_modulus_pa, finger.poisson_ratio)
-        return reduce(lambda solid, term: term.solid(solid, self.given), self.all, base)
+        return reduce(lambda solid, term: term.solid(solid, self.properties), self.all, base)
 
     def hardness_pa(self) -> float | Tensor | None:
         """Stress [Pa] at which the skin yields; None for elastic skin."""
         none: float | Tensor | None = None
-        return reduce(lambda hardness, term: term.hardness(hardness, self.given), self.all, none)
+        return reduce(
+            lambda hardness, term: term.hardness(hardness, self.properties), self.all, none
+        )
 
     def apparent_area_m2(self, normal_force_n: Tensor) -> Tensor:
         """A0 [m^2] at normal forces [N] of any shape, from that at 1 N."""
-        at_1n = self.given.finger.apparent_area_m2(torch.ones_like(normal_force_n))
+        at_1n = self.properties.finger.apparent_area_m2(torch.ones_like(normal_force_n))
         return reduce(
-            lambda area, term: term.size(area, normal_force_n, self.given), self.all, at_1n
+            lambda area, term: term.size(area, normal_force_n, self.properties), self.all, at_1n
         )
 
     def widest_gap_m(self, area_m2: Tensor, contact: MeanField) -> Tensor | None:
@@ -521,38 +524,40 @@ class ActiveTerms:
         frequency = frequency_hz.clamp(min=_STEADY_HZ)
         thickness = torch.complex(h0_m, torch.zeros_like(h0_m))
         for term in self.all:
-            thickness = term.insulators(thickness, frequency, self.given)
+            thickness = term.insulators(thickness, frequency, self.properties)
         return thickness.expand(np.broadcast_shapes(h0_m.shape, frequency.shape))
 
     def field_limit(self) -> FieldLimit | None:
         """Field [V/m] at which gaps are held; None for no limit."""
         none: FieldLimit | None = None
-        return reduce(lambda limit, term: term.pull(limit, self.given), self.all, none)
+        return reduce(lambda limit, term: term.pull(limit, self.properties), self.all, none)
 
     def gap_permittivity(self, frequency_hz: Tensor) -> Tensor | float:
         """Complex eps_g of what fills the gap, at frequencies [Hz]."""
         permittivity: Tensor | float = 1.0  # of dry air
         for term in self.all:
-            permittivity = permittivity * term.gap_permittivity(frequency_hz, self.given)
+            permittivity = permittivity * term.gap_permittivity(frequency_hz, self.properties)
         return permittivity
 
     def voltage_share(self, capacitance_f: Tensor) -> Tensor:
         """Complex share of the drive's voltage that contacts of a capacitance [F] have."""
         whole = torch.ones_like(capacitance_f)
         return reduce(
-            lambda share, term: term.supply(share, capacitance_f, self.given), self.all, whole
+            lambda share, term: term.supply(share, capacitance_f, self.properties), self.all, whole
         )
 
     def status(self, is_stable: Tensor, field: FieldInGap) -> Tensor:
         """`haptix.Status` of states whose light contact holds or not, given their field."""
         light = torch.where(is_stable, int(Status.OK), int(Status.PULL_IN))
-        return reduce(lambda status, term: term.status(status, field, self.given), self.all, light)
+        return reduce(
+            lambda status, term: term.status(status, field, self.properties), self.all, light
+        )
 
     def shear_stress_pa(self) -> float | Tensor:
         """Friction force per real contact area [Pa], from tau_f."""
-        stress: float | Tensor = self.given.finger.frictional_shear_stress_pa
-        return reduce(lambda stress, term: term.shear(stress, self.given), self.all, stress)
+        stress: float | Tensor = self.properties.finger.frictional_shear_stress_pa
+        return reduce(lambda stress, term: term.shear(stress, self.properties), self.all, stress)
 
     def placeholders(self) -> list[str]:
         """Names of the unmeasured values that the terms rest on."""
-        return [name for term in self.all for name in term.placeholders(self.given)]
+        return [name for term in self.all for name in term.placeholders(self.properties)]

@@ -37,7 +37,7 @@ def one_thread() -> Iterator[None]:
 
 
 def given_threads() -> int:
-    """Return the number of threads outside of `one_thread`, for code that starts its own."""
+    """Return the number of threads outside of `one_thread`, for code that starts threads itself."""
     threads = _given.get()
     return torch.get_num_threads() if threads is None else threads
 

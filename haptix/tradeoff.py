@@ -95,9 +95,9 @@ class Run:
     memory_bytes: Annotated[int, Heading("memory [bytes]")]
     """Memory of the surface or slice."""
     fronts: str = ""
-    """Those of "build", "query" and "memory" where no other of its form is better in both."""
+    """Fronts ("build", "query", "memory") that it is on: no run of its form is better in both."""
     take: Annotated[str, Heading("take")] = ""
-    """What it is the one to take for, see `TAKE`."""
+    """Use for which it is recommended, see `TAKE`."""
 
 
 COSTS: Mapping[str, str] = {
@@ -107,7 +107,7 @@ COSTS: Mapping[str, str] = {
 }
 """What is traded against the error: the field of a run, by the name of its front."""
 
-# What a campaign's table has of a setting, asked as a float32 surface; its file has all.
+# Columns of a campaign's table for a setting, queried as a float32 surface; its file has all.
 _WAY = {"dtype": "float32", "form": "surface", "device": "cpu"}
 _TIMES = ("build_s", "query_s_per_million", "invert_s_per_million")
 _RESULTS = ("error_max_jnd", "error_p99_jnd", "outside_share", "memory_bytes")
@@ -118,9 +118,9 @@ TAKE: Mapping[str, tuple[float, tuple[str, ...]]] = {
     "smallest within a tenth of the budget": (0.1, (_MEMORY, _ERROR)),
     "most exact": (inf, (_ERROR, _MEMORY)),
 }
-"""What a user may want: the share of the budget that its error may have, and of what it has least.
-Times are not among them, since they differ from run to run; nor are slices, which answer at one
-frequency and h0."""
+"""Recommended uses: the share of the budget that the error may have, and the fields to minimise.
+Times are left out, since they differ from run to run; so are slices, which answer at one frequency
+and h0."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ class Tradeoff:
 
     scene: Scene
     runs: tuple[Run, ...]
-    """The planned setting's first."""
+    """All runs, those of the planned setting first."""
     points: int
     """Held-out states."""
     batch: int
@@ -221,7 +221,7 @@ def settings(scene: Scene, quick: bool, boundary_elements: bool) -> Iterator[Mea
 
 
 class MeasureSetting(Task):
-    """One way to build a scene's surface, measured in every way to ask it.
+    """One way to build a scene's surface, measured in every way to query it.
 
     The `model` is that of a `Run`, and the `tolerance` that of the surface against it.
     """
@@ -232,14 +232,14 @@ class MeasureSetting(Task):
     tolerance: str
 
     def run(self, context: Context) -> Result:
-        """Build and measure it; times are costs, and no results."""
+        """Build and measure it; times are costs and no results."""
         runs = [asdict(run) for run in self.runs()]
         usual = next((run for run in runs if _WAY.items() <= run.items()), runs[0])
         row, costs = ({name: usual[name] for name in names} for names in (_RESULTS, _TIMES))
         for run in runs:
             way = f"{run['dtype']} {run['form']} {run['device']}"
             costs |= {f"{way} {name}": run.pop(name) for name in _TIMES}
-            del run["fronts"], run["take"]  # they are among all settings
+            del run["fronts"], run["take"]  # these compare all settings
         document = {"points": self.bench().count, "runs": runs}
         return Result(row, files={"runs.json": json_text(document)}, costs=costs)
 
@@ -248,7 +248,7 @@ class MeasureSetting(Task):
         return _bench(self.scene.model_dump_json(), self.quick)
 
     def runs(self, on_progress: Progress = lambda stage, share: None) -> list[Run]:
-        """Build the surface, and measure it in every way to ask it."""
+        """Build the surface, and measure it in every way to query it."""
         model, tolerance, bench = self.model, self.tolerance, self.bench()
         dtypes: tuple[str, ...] = ("float64", "float32")
         devices: tuple[str, ...] = ("cpu", "cuda") if torch.cuda.is_available() else ("cpu",)
@@ -271,7 +271,7 @@ class MeasureSetting(Task):
             full = bench.scene.model(model, terms=_terms(bench.scene, model))
             try:
                 surface = FrictionSurface.build(full, bench.scene.ranges(), tolerance)
-            except ToleranceError as error:  # keep the best that fits into the size
+            except ToleranceError as error:  # keep the best of the allowed size
                 surface, tolerance = error.best, f"{tolerance}, not met"
         build_s = perf_counter() - began
         return [
@@ -331,7 +331,7 @@ class _Bench:
         places: dict[str, Any] = {name: points[name] for name in ("normal_force_n", *varying)}
         sample = surface.evaluate(voltage_v=voltage, **places)
         error = Effect.between(truth, sample.mu.to("cpu", torch.float64))
-        # Many random points of these, in one batch, are timed.
+        # The timed batch takes many random points of these.
         generator = torch.Generator().manual_seed(_SEED)
         rows = torch.randint(len(voltage), (self.batch,), generator=generator)
         at: dict[str, Any] = {name: x[rows].to(device, precision) for name, x in places.items()}
@@ -402,10 +402,10 @@ def pareto_front(costs: Sequence[tuple[float, ...]]) -> list[bool]:
     [True, True, False]
     """
 
-    def beats(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
-        return one != other and all(a <= b for a, b in zip(one, other, strict=True))
+    def beats(first: tuple[float, ...], other: tuple[float, ...]) -> bool:
+        return first != other and all(a <= b for a, b in zip(first, other, strict=True))
 
-    return [not any(beats(other, one) for other in costs) for one in costs]
+    return [not any(beats(other, first) for other in costs) for first in costs]
 
 
 _FILES = ("tradeoff.csv", "tradeoff.png", "tradeoff.json")
@@ -425,7 +425,7 @@ def write_tradeoff(
     Parameters
     ----------
     scene : Scene
-        What is felt.
+        The scene.
     folder : Path
         Where the table, the picture and the record are written.
     quick, boundary_elements : bool
@@ -439,7 +439,7 @@ def write_tradeoff(
         If the folder cannot be used, before anything is measured; or the scene contradicts itself.
     """
     with from_extra("figures"):
-        import matplotlib.figure  # noqa: F401  # said before anything is measured
+        import matplotlib.figure  # noqa: F401  # its lack is said before measuring
     check_folder(folder, _FILES)
     tradeoff = run_tradeoff(scene, quick, on_progress, boundary_elements)
     record = {"haptix": __version__, **tradeoff.record()}
@@ -489,7 +489,7 @@ def draw(tradeoff: Tradeoff) -> Figure:
     return figure
 
 
-_GREY = 3  # what a panel draws before the runs to take
+_GREY = 3  # legend entries that a panel draws before the recommended runs
 
 
 def _panel(axes: Axes, tradeoff: Tradeoff, name: str) -> None:

@@ -115,7 +115,7 @@ def read_number(name: str, text: str) -> float:
     Raises
     ------
     ValueError
-        If it is none.
+        If the text is no such number.
 
     Examples
     --------
@@ -133,7 +133,7 @@ def read_number(name: str, text: str) -> float:
 
 
 def decimal_comma(text: str) -> str:
-    """Say how a number that was typed with a comma is written; nothing of other texts.
+    """Return advice on a number that was typed with a decimal comma; "" for other texts.
 
     Examples
     --------
@@ -158,7 +158,7 @@ def _quantity(place: str, text: str, unit: str, example: str) -> float:
     try:
         # Decimal powers of ten are exact: "0.2 um" is the float that 2e-7 is.
         return float(Decimal(match[1]).scaleb(power - own_power))
-    except ArithmeticError:  # an exponent that no decimal has
+    except ArithmeticError:  # an exponent too large for a decimal
         raise wrong from None
 
 

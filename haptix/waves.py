@@ -61,7 +61,7 @@ def sine(
 
 @lru_cache(maxsize=8)
 def _ramp(count: int, frequency_hz: float, sample_rate_hz: float) -> Array:
-    """Phase since the first sample: a renderer asks for blocks of the same lengths."""
+    """Phase since the first sample, cached: a renderer asks for blocks of the same lengths."""
     return np.asarray(frequency_hz / sample_rate_hz * np.arange(count))
 
 
@@ -78,7 +78,7 @@ def _table(frequency_hz: float, sample_rate_hz: float) -> tuple[Array, Array]:
 
 @lru_cache(maxsize=8)
 def sine_table(frequency_hz: float, sample_rate_hz: float) -> Array | None:
-    """Return a sine from phase 0 until it comes again, read only; None if that is too long."""
+    """Return a sine from phase 0 until it repeats, read only; None if that is too long."""
     whole, period = _turns_per_sample(frequency_hz, sample_rate_hz)
     if period > _LONGEST_TABLE:
         return None
@@ -229,6 +229,6 @@ class Waveform:
         """Mean of the square over the period."""
         if self.period is None:
             return {"sine": 1 / 2, "square": 1.0, "sawtooth": 1 / 3}[self.shape]
-        # Of straight lines: thirds of the products of neighbours.
+        # The square of a straight line: thirds of the products of neighbours.
         here, after = self.period, np.roll(self.period, -1)
         return float((here**2 + here * after + after**2).mean()) / 3
