@@ -1,6 +1,6 @@
-"""Workers of a Dask cluster: checked by name when they arrive, and told tasks as text.
+"""Workers of a Dask cluster: each is checked when it arrives, and gets tasks as text.
 
-Dask's messages can run code: a cluster needs Dask's TLS, or a network that all on it are trusted.
+Dask's messages can run code: a cluster needs Dask's TLS, or a network whose users are all trusted.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Result = TypeVar("Result")
 
 _LOOK_EVERY_S = 1.0
 _FIRST_WORKER_S = 60
-# What goes wrong with a cluster is said in one sentence, and not with their tracebacks as well.
+# haptix reports a failure of the cluster in one sentence; their tracebacks would only repeat it.
 _TOLD_BY_US = ("distributed.client", "distributed.core", "distributed.utils")
 
 
@@ -111,7 +111,7 @@ class DaskWorkers(Executor):
 
     @property
     def at_once(self) -> int:
-        """Calls in flight: one that waits for each that is done."""
+        """Calls in flight: for each that runs, another one waits."""
         return 2 * self.workers
 
     def expect(self, where: str, kind: str = "") -> None:
@@ -120,12 +120,12 @@ class DaskWorkers(Executor):
         Parameters
         ----------
         where, kind : str
-            Place of the campaign, which workers must reach, and its kind, which they must have.
+            Place of the campaign, which workers must reach, and its kind, which they must import.
 
         Raises
         ------
         HaptixError
-            If none may be used; the message has each by name, and why.
+            If none may be used; the message names each and its reason.
         """
         self._asked, self._own = (where, kind), as_seen_here(where, kind)
         with suppress(TimeoutError):
@@ -141,11 +141,11 @@ class DaskWorkers(Executor):
 
     def _keep_looking(self) -> None:
         while not self._ended.wait(_LOOK_EVERY_S):
-            with suppress(Exception):  # the scheduler is gone: calls say so
+            with suppress(Exception):  # the scheduler is gone: calls report that
                 self._look()
 
     def _look(self) -> None:
-        """Check newcomers, and send again what only workers that are gone could do."""
+        """Check new workers; send calls again whose workers have all gone."""
         workers = self.client.scheduler_info(n_workers=-1)["workers"]
         if new := [address for address in workers if address not in self._known]:
             seen = self.client.run(as_seen_here, *self._asked, workers=new, on_error="return")
@@ -217,7 +217,7 @@ class DaskWorkers(Executor):
             call.sent.cancel()
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Leave the cluster; a local one ends. What workers are doing ends by itself."""
+        """Leave the cluster; a local one ends. Calls that run are not interrupted."""
         self._ended.set()
         for opened in self._owned:
             with suppress(Exception):

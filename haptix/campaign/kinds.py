@@ -1,6 +1,6 @@
-"""What a campaign is: a document that expands to tasks of the desk; and the kinds that haptix has.
+"""Campaigns, which are documents that expand to tasks, and the kinds of them that haptix has.
 
-Each kind lists tasks that stand in their rooms; a worker that does one loads nothing of the others.
+The tasks of a kind are defined elsewhere, so a worker that does one loads nothing of the others.
 """
 
 from __future__ import annotations
@@ -45,9 +45,9 @@ class CampaignTask:
     Parameters
     ----------
     task : Task
-        With the version of haptix, all that its results depend on.
+        Its results depend on it and on the version of haptix alone.
     labels : mapping
-        What people know it by, for the table; no result depends on them.
+        Names for people, for the table; no result depends on them.
     """
 
     task: Task
@@ -72,7 +72,7 @@ class Campaign(Document):
     name : str
         Name of the campaign.
     kind : str
-        Which tasks these are: a name of `KINDS`, or ``module:Class``.
+        Kind of the tasks: a name of `KINDS`, or ``module:Class``.
     folder : Path
         Folder to which paths are relative: that of the file, or the current one.
     """
@@ -104,17 +104,17 @@ class Sweep(Campaign):
     vary: dict[str, Annotated[list[Any], Field(min_length=1)]] = Field(default={})
 
     def tasks(self) -> Iterator[CampaignTask]:
-        """Yield each combination, the last parameter the fastest."""
+        """Yield each combination; the last parameter varies fastest."""
         kind = task_at(self.kind)
         body = kind.body()
         task, vary = with_numbers("task", self.task), with_numbers("vary", self.vary)
         for values in product(*vary.values()):
             labels = dict(zip(vary, values, strict=True))
             try:
-                made = body.model_validate({**task, **labels})
+                checked = body.model_validate({**task, **labels})
             except ValidationError as error:
                 raise InputError(": ".join(filter(None, first_wrong(error)))) from None
-            fields = made.model_dump(mode="json", exclude_unset=True)
+            fields = checked.model_dump(mode="json", exclude_unset=True)
             if files := [value for value in fields.values() if str(value).endswith(".toml")]:
                 raise InputError(f"{files[0]}: expected a preset, for workers have no such file")
             yield CampaignTask(kind(**fields), {name: str(value) for name, value in labels.items()})
@@ -159,7 +159,7 @@ class PeopleOnScreens(Campaign):
     population : DrawnPeople, optional
         People in place of each finger.
     insulator_thickness_m : tuple of float
-        In place of that of each screen, one screen for each [m].
+        Thicknesses [m] in place of each screen's own: one screen for each.
     """
 
     fingers: Names = ("semi-wet",)
@@ -197,7 +197,7 @@ class SurfacesOfPeople(PeopleOnScreens):
     Parameters
     ----------
     scene : mapping
-        The fields of a `Scene` but finger, screen and name.
+        The fields of a `Scene`, except finger, screen and name.
     """
 
     maps = (("mu_low", "mu_high"), ("cpu_seconds", "error_max"))
@@ -211,8 +211,8 @@ class SurfacesOfPeople(PeopleOnScreens):
         yield BuildSurface(scene=self.scene_of(finger, screen)), {}
 
     def scene_of(self, finger: Finger, screen: Screen) -> Scene:
-        """Return the scene of a finger on a screen, without what friction does not depend on."""
-        # Not the campaign's name: a result has no part in it.
+        """Return the scene of a finger on a screen, without fields that friction does not need."""
+        # The campaign's name is left out: equal results of other campaigns have the same key.
         name = f"{finger.name} on {screen.name}"
         fields = {"name": name, **self.scene, "finger": finger, "screen": screen}
         return Scene(**fields, folder=self.folder).replace(textures=(), materials=())
@@ -226,7 +226,7 @@ class Tradeoffs(SurfacesOfPeople):
     quick : bool
         Two tolerances and small batches.
     boundary_elements : bool
-        Also a surface that they correct.
+        Also measure a surface that boundary elements correct.
     """
 
     maps = (("build_s", "error_max_jnd"), ("memory_bytes", "error_max_jnd"))
@@ -273,7 +273,7 @@ class BoundaryElementSets(FrictionOfPeople):
     surfaces : int
         Surfaces of each finger on each screen.
     seed : int
-        Seed of the first; each next one has the next.
+        Seed of the first surface; it rises by one for each of the others.
     box : mapping
         Their grid: fields of `haptix.fidelity.BoundaryElementBox`.
     """
@@ -301,8 +301,8 @@ class CalibrationFits(Campaign):
         Folders with a ``reduced.csv``, relative to the campaign's file; a pattern such as
         ``screens/*`` stands for several.
     priors : mapping
-        Spreads of the prior to be tried, one at a time, by parameter: ``{youngs_modulus_pa =
-        [0.15, 0.6]}``. The strokes are fitted with the usual ones as well.
+        Spreads of the prior to try, one at a time, by parameter: ``{youngs_modulus_pa = [0.15,
+        0.6]}``. The strokes are also fitted with the usual priors.
     fixed : mapping
         Values at which parameters are held.
     leaky_gap : bool
@@ -332,7 +332,7 @@ class CalibrationFits(Campaign):
             info = Session.open(folder).info
             known = Parameters.of(info.finger, info.screen, self.leaky_gap).with_rig()
             for name in (*self.priors, *self.fixed):
-                known[name]  # an unknown one is refused here, by name
+                known[name]  # refuses an unknown name here
             if not (folder / REDUCED).exists():
                 raise FileFormatError(f"{folder}: has no {REDUCED}; `haptix calibrate reduce`")
             rig = rig_check(folder)
@@ -355,7 +355,7 @@ class StimulusSets(Campaign):
     recipes : tuple of str
         Files relative to the campaign's; a pattern such as ``sets/*.toml`` stands for several.
     fingers : tuple of str
-        In place of that of each recipe: presets, or TOML files.
+        Fingers in place of each recipe's own: presets, or TOML files.
     population : DrawnPeople, optional
         People around each finger, each with sets of their own.
     """
@@ -377,12 +377,14 @@ class StimulusSets(Campaign):
                 yield CampaignTask(task, {"recipe": path.name, **labels})
 
     def _fingers(self, parts: StimulusSet) -> Iterator[tuple[Finger | Population, Labels]]:
-        named: list[Finger | Population] = [Finger.named(one, self.folder) for one in self.fingers]
-        for one in named or [parts.finger]:
-            if isinstance(one, Finger):
-                yield from people_of(one, one.name, self.population)
+        named: list[Finger | Population] = [
+            Finger.named(finger, self.folder) for finger in self.fingers
+        ]
+        for finger in named or [parts.finger]:
+            if isinstance(finger, Finger):
+                yield from people_of(finger, finger.name, self.population)
             elif self.population is None:
-                yield one, {"finger": "population"}
+                yield finger, {"finger": "population"}
             else:
                 why = "has people of its own; leave out one of the two"
                 raise InputError(f"population: {parts.name!r} {why}")
@@ -464,11 +466,11 @@ KINDS: dict[str, type[Campaign]] = {
     "stimulus-sets": StimulusSets,
     "experiment-simulations": ExperimentSimulations,
 }
-"""By their names; a plan may also name a class of an installed module, as "module:Class"."""
+"""Kinds by name; a plan may also name a class of an installed module, as "module:Class"."""
 
 
 def kind_named(name: str) -> type[Campaign]:
-    """Return the class of a kind; of a task that is `Sweep`.
+    """Return the class of a kind; for a task it is `Sweep`.
 
     Raises
     ------

@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 Result = TypeVar("Result")
 
 PROCESS_BYTES = 400_000_000
-"""Of a process that has loaded torch and done nothing yet."""
+"""Memory of a process that has loaded torch and done nothing yet."""
 _LIBRARIES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -32,15 +32,15 @@ def processes_that_fit(needed_bytes: int, most: int | None = None) -> int:
     else:
         cores = os.cpu_count() or 1
     free = free_bytes(torch.device("cpu"))
-    room = cores if free is None else free // 2 // (PROCESS_BYTES + needed_bytes)
-    return max(1, min(most or cores, room))
+    fit = cores if free is None else free // 2 // (PROCESS_BYTES + needed_bytes)
+    return max(1, min(most or cores, fit))
 
 
 class Processes(Executor):
-    """Executor of some processes, each a pool of its own, so that one's death is no other's.
+    """Executor of some processes, each in a pool of its own, so that the death of one is its own.
 
     A call that loses its process ends with `BrokenProcessPool`; the next call has a new process.
-    Processes end with this one, however it ends.
+    All end when this process ends, however it ends.
 
     Parameters
     ----------
@@ -56,11 +56,11 @@ class Processes(Executor):
         self.at_once = self.workers = count
 
     def submit(self, work: Callable[..., Result], /, *args: Any, **named: Any) -> Future[Result]:
-        """Do a call on the process that has the fewest."""
+        """Do a call on the process with the fewest calls."""
         return min(self._places, key=lambda place: place.calls).submit(work, *args, **named)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the processes: with `wait` once their calls have ended, else at once."""
+        """End the processes: with `wait` when their calls have ended, else at once."""
         for place in self._places:
             if not wait:
                 place.end.close()
@@ -101,8 +101,8 @@ class _Place:
 
 
 def _start(end: Connection, memory_bytes: int | None) -> None:
-    """Prepare a process: one thread in each library, and no life after its parent's."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent is asked too, and decides
+    """Prepare a process: one thread in each library, and an end with its parent."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent gets Ctrl-C too, and decides
     threading.Thread(target=_end_with, args=(end,), daemon=True).start()
     for name in _LIBRARIES:  # before numpy loads
         os.environ[name] = "1"
@@ -118,7 +118,7 @@ def _start(end: Connection, memory_bytes: int | None) -> None:
 
 
 def _end_with(end: Connection) -> None:
-    """Wait until the other end is closed, by its holder's word or death, and end."""
+    """Wait until the parent closes the other end, or dies, and end."""
     with suppress(EOFError, OSError):
         end.recv()
     from haptix.campaign.worker import release

@@ -1,4 +1,4 @@
-"""Run a campaign: what is missing is done, what is finished is left alone.
+"""Run a campaign: do the tasks that have no result yet, and keep the results of the others.
 
 A place has ``campaign.json`` (plan and versions), ``results/`` (see `haptix.results`), ``runs/``
 (the costs, deaths and errors of each task), ``table.csv`` and ``report.html``.
@@ -34,12 +34,12 @@ if TYPE_CHECKING:
 _LOG = logging.getLogger("haptix.campaign")
 
 PILOTS = 2
-"""Tasks that an `estimate` does where none was measured yet; their results are kept."""
+"""Tasks that an `estimate` does if none was measured yet; their results are kept."""
 
 _MOST_LOST = 6  # workers in a row that may end before they begin a task
-SHORT_CALL_S, _LARGEST_CALL = 0.2, 64  # of tasks that are done by one call
-_MOST_FAILURES = 50  # that the report lists
-_PANELS = 12  # of a picture
+SHORT_CALL_S, _LARGEST_CALL = 0.2, 64  # duration and number of tasks of one call
+_MOST_FAILURES = 50  # failures that the report lists
+_PANELS = 12  # panels of one picture
 _LAST = ("status", "seconds", "cpu_seconds", "peak_bytes", "bytes", "worker", "deaths", "error")
 
 
@@ -50,21 +50,21 @@ class CampaignResult:
     where: str
     """Folder or URL."""
     by_key: dict[str, dict[str, Value]] = field(default_factory=dict)
-    """What is known of each task, in the order of the plan."""
+    """Record of each task, by its key, in the order of the plan."""
     counts: Counter[str] = field(default_factory=Counter)
-    """Tasks by status; what has not ended is "waiting"."""
+    """Number of tasks by status; tasks that have not ended are "waiting"."""
     damaged: dict[str, str] = field(default_factory=dict)
-    """What was wrong with results of an earlier run, by their folders; they are made again."""
+    """Faults of results of an earlier run, by folder; these results are made again."""
     reused: int = 0
     """Tasks that an earlier run had finished."""
     seconds_left: float | None = None
-    """From the ends so far; None before the second task has ended."""
+    """Estimate from the tasks that have ended; None before the second one."""
 
     @classmethod
     def of(cls, store: ResultStore, campaign: Campaign, again: bool = False) -> Self:
-        """Read, every byte, what a place has of a campaign.
+        """Read every byte that a place has of a campaign.
 
-        With `again`, forget what failed or was set aside.
+        With `again`, forget tasks that failed or were set aside.
         """
         tasks, kept = cls(store.where), store.kept()
         for task in campaign.tasks():
@@ -88,7 +88,7 @@ class CampaignResult:
         return tasks
 
     def enter(self, key: str, record: Mapping[str, Any]) -> None:
-        """Keep how a task ended."""
+        """Record how a task ended."""
         _LOG.info("task %s: %s", key, record["status"])
         row = self.by_key[key]
         self.counts[str(row["status"])] -= 1
@@ -114,7 +114,7 @@ class CampaignResult:
 
     @property
     def verdict(self) -> str:
-        """How many tasks ended how."""
+        """The number of tasks by status, in words."""
         counts = ", ".join(f"{count} {status}" for status, count in self.counts.items() if count)
         return f"{counts}, {self.reused} of them before"
 
@@ -146,17 +146,17 @@ def run_campaign(
         Where tasks are done; without it in this process, one after the other. Its workers must
         have this haptix and the campaign's kind, and reach `where`.
     on_progress : callable
-        Called after each task with how far it is.
+        Called after each task with the result so far.
     again : bool
-        Also do those again that failed or were set aside.
+        Also repeat tasks that failed or were set aside.
     most : int, optional
         End after so many tasks, as a measurement of costs does.
 
     Raises
     ------
     InputError
-        If `where` belongs to another version, is in use, or cannot be written: a full disk. The
-        same call goes on from there.
+        If `where` belongs to another version, is in use, or cannot be written, as on a full disk.
+        The same call then continues.
     HaptixError
         If the executor's workers are lost, have another version or cannot import the kind.
     """
@@ -170,7 +170,7 @@ def run_campaign(
                 for ended, _ in enumerate(_ends(store, campaign, tasks, workers, most)):
                     now = time.monotonic()
                     first = first or now
-                    # A worker may take long to start: its time counts from the first end on.
+                    # A worker may start slowly: time is counted from the first task that ends.
                     left = tasks.counts["waiting"] * (now - first) / ended if ended else None
                     on_progress(replace(tasks, seconds_left=left))
             except BrokenExecutor as error:
@@ -194,7 +194,7 @@ def _write(store: ResultStore, name: str, text: str) -> None:
 
 
 def _begin(store: ResultStore, campaign: Campaign) -> None:
-    """Write what this campaign is, or check that it is of this version."""
+    """Write the campaign's plan, or check that the one here is of this version."""
     versions = identity(campaign.kind)
     known = store.read_table("campaign.json") or {}
     if other := differences(known.get("identity", versions), versions):
@@ -209,7 +209,7 @@ def _begin(store: ResultStore, campaign: Campaign) -> None:
 
 @contextmanager
 def _workers(executor: Any, store: ResultStore, kind: str) -> Iterator[Executor]:
-    """Give what tasks are done on, its workers checked before the first task."""
+    """Yield the executor of the tasks, with its workers checked before the first task."""
     client = executor if hasattr(executor, "get_executor") else None  # of Dask
     if client is not None:
         from haptix.campaign.cluster import DaskWorkers
@@ -262,15 +262,15 @@ def _ends(
     workers: Executor,
     most: int | None,
 ) -> Iterator[None]:
-    """Do tasks, and enter each as it ends."""
+    """Do the waiting tasks, and record each when it ends."""
     waiting = {key for key, row in tasks.by_key.items() if row["status"] == "waiting"}
-    seconds: float | None = None  # of a task, lately
+    seconds: float | None = None  # running mean of the duration of a task
     lost = 0
 
     def calls() -> Iterator[str]:
         new = islice((task for task in campaign.tasks() if task.key in waiting), most)
         for task in new:
-            # Calls of short tasks would cost more than the tasks.
+            # Short tasks go into one call, since a call would cost more than the task.
             size = 1 if seconds is None else int(SHORT_CALL_S / max(seconds, 1e-6))
             more = max(1, min(size, _LARGEST_CALL)) - 1
             call = {task.key: task for task in (task, *islice(new, more))}
@@ -291,8 +291,8 @@ def _ends(
             try:
                 records = json.loads(future.result())
             except (BrokenExecutor, CancelledError) as error:
-                # A task that began counts its workers' deaths itself; where none began, the
-                # workers are what is wrong. Any may have cost the worker: each goes alone.
+                # The record of a task that began counts its workers' deaths. If no task began, the
+                # workers are at fault. Any task may have killed its worker: send each one alone.
                 again += [_call_of(store, job) for job in jobs]
                 kept = [store.read_table(record_of(job["key"])) or {} for job in jobs]
                 began = any(record.get("status") in ("begun", "done", "failed") for record in kept)
@@ -324,12 +324,12 @@ def estimate(
 ) -> tuple[str, list[dict[str, Any]]]:
     """Return a sentence and a row about tasks, hours and bytes, from the tasks done so far.
 
-    Where there are none, the first `PILOTS` are done.
+    If there are none, the first `PILOTS` are done.
 
     Raises
     ------
     HaptixError
-        If none of these has a result; the message has the reason of the first.
+        If none of these has a result; the message has the first one's reason.
     """
     tasks = CampaignResult.of(ResultStore(where), campaign)
     if not tasks.reused:
@@ -348,7 +348,7 @@ def estimate(
         "done": tasks.counts["done"],
         "seconds_each": seconds,
         "hours_left": waiting * seconds / at_once / 3600,
-        "cpu_hours_left": waiting * cpu_seconds / 3600,  # whatever else the machine did
+        "cpu_hours_left": waiting * cpu_seconds / 3600,  # does not depend on other load
         "at_once": at_once,
         "bytes_left": round(waiting * size),
         "bytes_in_all": round(len(rows) * size),
@@ -357,9 +357,9 @@ def estimate(
 
 
 def report_html(campaign: Campaign, tasks: CampaignResult) -> str:
-    """Return the page of a campaign: what it cost, its pictures, and what has no result."""
+    """Return the page of a campaign: its costs, its pictures and the tasks without a result."""
     done = [row for row in tasks.rows if row["status"] == "done"]
-    facts = {
+    summary = {
         "kind": campaign.kind,
         "haptix": __version__,
         "tasks": tasks.verdict,
@@ -368,7 +368,7 @@ def report_html(campaign: Campaign, tasks: CampaignResult) -> str:
         "results [MB]": sum(_numbers(done, "bytes")) / 1e6,
         "largest memory of a worker [MB]": max(_numbers(done, "peak_bytes"), default=0) / 1e6,
     }
-    parts = [table("", [{"": name, "value": value} for name, value in facts.items()])]
+    parts = [table("", [{"": name, "value": value} for name, value in summary.items()])]
     try:
         parts += [picture("distributions", figure) for figure in _pictures(campaign, done)]
     except MissingExtraError as error:
@@ -408,4 +408,6 @@ def _pictures(campaign: Campaign, done: Sequence[dict[str, Any]]) -> Iterator[Fi
 
 def _numbers(rows: Sequence[dict[str, Any]], name: str) -> list[float]:
     values = (row.get(name) for row in rows)
-    return [one for one in values if isinstance(one, int | float) and not isinstance(one, bool)]
+    return [
+        value for value in values if isinstance(value, int | float) and not isinstance(value, bool)
+    ]

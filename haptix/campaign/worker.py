@@ -1,11 +1,11 @@
-"""What a worker does: tasks of the desk, told and answered as JSON text.
+"""What a worker does: it gets tasks as JSON text and answers in JSON text.
 
-A worker knows everything by name and takes no code from a message. Before a task begins its record
-says so, and afterwards how it ended:
+A message names tasks and carries no code. Before a task begins, its record is written as "begun",
+and afterwards with how it ended:
 
-    (none) -> begun -> done | failed | stopped (asked to end) | set aside (after three deaths)
+    (none) -> begun -> done | failed | stopped (on request) | set aside (after three deaths)
 
-A record that still says "begun" when the task is taken again has cost a worker its life.
+If a record still says "begun" when a worker takes the task again, the task has killed its worker.
 """
 
 from __future__ import annotations
@@ -29,18 +29,18 @@ from haptix.results import ResultStore
 from haptix.version import __version__
 
 MOST_DEATHS = 3
-"""Workers that a task may cost."""
+"""Number of workers that a task may kill before it is set aside."""
 
 _PACKAGES = ("calibration", "firmware_io", "haptix")
-# Rooms that no result depends on.
+# Packages that no result depends on.
 _NO_RESULT = {"cli", "service", "studio", "client"}
 
 _store = lru_cache(maxsize=4)(ResultStore)
-_begun: list[tuple[ResultStore, str, dict[str, Any]]] = []  # what this process is doing
+_begun: list[tuple[ResultStore, str, dict[str, Any]]] = []  # tasks that this process is doing
 
 
 def record_of(key: str) -> str:
-    """Return the file of a task's run: what it cost, where, how often it began, why it failed."""
+    """Return the file with the record of a task: its costs, worker, deaths and error."""
     return f"runs/{key[:2]}/{key}.json"
 
 
@@ -67,7 +67,7 @@ def do(text: str) -> str:
 def _done(store: ResultStore, job: dict[str, Any]) -> dict[str, Any]:
     key = job["key"]
     before = store.read_table(record_of(key)) or {}
-    if before.get("status") == "done":  # by a worker whose answer was lost
+    if before.get("status") == "done":  # a worker did it, and its answer was lost
         manifest, _ = store.check(key)
         if manifest is not None:
             return {**before, "row": manifest["row"]}
@@ -85,7 +85,7 @@ def _done(store: ResultStore, job: dict[str, Any]) -> dict[str, Any]:
         with TemporaryDirectory(prefix="haptix-task-") as folder:
             try:
                 result, costs = _measured(job, Path(folder))
-            except Exception as error:  # whatever it is, it is this task's
+            except Exception as error:  # every error here is the task's own
                 return _ended(store, key, {**record, "status": "failed", "error": said(error)})
             about = {"task": job["task"], "haptix": __version__, "document": job["document"]}
             size = store.publish(key, result.files, {**about, "row": result.row})
@@ -100,10 +100,10 @@ def _done(store: ResultStore, job: dict[str, Any]) -> dict[str, Any]:
 
 
 def _measured(job: dict[str, Any], folder: Path) -> tuple[Result, dict[str, Any]]:
-    """Do a task on one thread; return also what it cost."""
+    """Do a task on one thread; return its result and its costs."""
     from haptix.threads import one_thread
 
-    with suppress(OSError):  # Linux only: forget the highest memory so far
+    with suppress(OSError):  # reset the peak of the memory, on Linux only
         Path("/proc/self/clear_refs").write_text("5")
     began, began_cpu = time.perf_counter(), time.process_time()
     with one_thread():
@@ -114,7 +114,7 @@ def _measured(job: dict[str, Any], folder: Path) -> tuple[Result, dict[str, Any]
 
 
 def _peak_memory() -> int | None:
-    """Return the most memory [bytes] that this process had since it was last forgotten."""
+    """Return the peak memory [bytes] of this process since the last reset."""
     with suppress(OSError):
         for line in Path("/proc/self/status").read_text().splitlines():
             if line.startswith("VmHWM:"):
@@ -123,7 +123,7 @@ def _peak_memory() -> int | None:
 
 
 def _ended(store: ResultStore, key: str, record: dict[str, Any]) -> dict[str, Any]:
-    with suppress(Exception):  # the results are what counts
+    with suppress(Exception):  # a lost record does no harm: the results count
         store.write_table(record_of(key), record)
     return record
 
@@ -134,15 +134,15 @@ def said(error: BaseException) -> str:
 
 
 def release() -> None:
-    """Say of the task that this process is doing that it was stopped, and did not fail."""
+    """Record the task that this process is doing as stopped, and not as failed."""
     for stopped in _begun:
         _ended(*stopped)
 
 
 def identity(kind: str) -> dict[str, str]:
-    """Return what must be equal on all workers of a kind, for equal bytes.
+    """Return what must be the same on all workers of a kind, so that results are the same bytes.
 
-    The value of what cannot be had, such as a kind whose module is not installed, says why.
+    If something is missing, such as the kind's module, its value is the reason.
     """
     import numpy
     import torch
@@ -164,7 +164,7 @@ def identity(kind: str) -> dict[str, str]:
 
 
 def as_seen_here(where: str, kind: str = "") -> dict[str, str]:
-    """Return `identity`, and the hash of the campaign's own file as this process sees it."""
+    """Return `identity` and the hash of the campaign's file as this process sees it."""
     file = f"{where}/campaign.json"
     try:
         data = _store(where).read("campaign.json") or b"no file"
@@ -174,7 +174,7 @@ def as_seen_here(where: str, kind: str = "") -> dict[str, str]:
 
 
 def differences(seen: Mapping[str, Any], here: Mapping[str, str]) -> list[str]:
-    """Return what of `here` is another in `seen`, as people read it."""
+    """Describe which values of `here` differ in `seen`."""
     return [f"{k} {seen.get(k)} (here {v})" for k, v in here.items() if seen.get(k) != v]
 
 

@@ -54,12 +54,12 @@ class FrictionSolver:
 
     def _solve(self, load: Load) -> tuple[Tensor, Balance]:
         shear, balance = self.terms.shear_stress_pa(), self.fidelity.solve(load)
-        pressure = load.applied_pa * self.terms.given.unit_pa
+        pressure = load.applied_pa * self.terms.properties.unit_pa
         return shear * balance.area_fraction / pressure, balance
 
     def spot_pressure_pa(self, mu: Tensor, balance: Balance) -> Tensor:
         """Mean pressure [Pa] in the contact spots: the load's ``tau_f/mu`` plus the attraction."""
-        unit_pa = self.terms.given.unit_pa
+        unit_pa = self.terms.properties.unit_pa
         pull = unit_pa * (balance.gap_attraction_pa + balance.spot_attraction_pa)
         return self.terms.shear_stress_pa() / mu + pull / balance.area_fraction
 
@@ -89,7 +89,7 @@ class FrictionSolver:
         states = states[gaps[states] > allowed[states]]
         if not len(states) or Stage.PULL in self.terms.stages:
             return states[:0]
-        edges, screen = self.fidelity.contact.field.gap_edges_m, self.terms.given.screen
+        edges, screen = self.fidelity.contact.field.gap_edges_m, self.terms.properties.screen
         bearable = bearable_field(
             representative_gaps(edges)[:-1],
             screen.insulator_permittivity,
@@ -113,7 +113,7 @@ class FrictionSolver:
 
     def _load(self, pull: Pull, at_rest: _AtRest, of_end: bool = False) -> Load:
         if not of_end:
-            pull = replace(pull, strength=pull.strength / self.terms.given.unit_pa)
+            pull = replace(pull, strength=pull.strength / self.terms.properties.unit_pa)
         load = Load(at_rest.applied_pa, pull, at_rest.widest_gap_m, of_end=of_end)
         if Stage.SUPPLY not in self.terms.stages:
             return load
@@ -181,7 +181,7 @@ class FrictionSolver:
         like : Tensor
             A tensor of the shape and precision of the results.
         """
-        edges, screen = self.fidelity.contact.field.gap_edges_m, self.terms.given.screen
+        edges, screen = self.fidelity.contact.field.gap_edges_m, self.terms.properties.screen
         bearable = bearable_field(
             edges, screen.insulator_permittivity, screen.insulator_strength_v_per_m
         )
@@ -219,4 +219,4 @@ class FrictionSolver:
     def _at_rest(self, normal_force_n: Tensor) -> _AtRest:
         area = self.terms.apparent_area_m2(normal_force_n)
         widest = self.terms.widest_gap_m(area, self.fidelity.contact.field)
-        return _AtRest(area, normal_force_n / area / self.terms.given.unit_pa, widest)
+        return _AtRest(area, normal_force_n / area / self.terms.properties.unit_pa, widest)

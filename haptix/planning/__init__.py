@@ -1,4 +1,4 @@
-"""Planning: model only what a scene requires, and say why; the plan is kept with the surface."""
+"""Planning: model only what a scene requires, with reasons; the surface stores the plan."""
 
 from __future__ import annotations
 
@@ -43,19 +43,19 @@ from haptix.texture.material import Material
 __all__ = ["BuildSurface", "Effect", "Plan", "Row", "holding", "plan_scene"]
 
 MODELLING_SHARE = 0.5
-"""Share of the budget that may go into what is left out; the surface's tolerance gets the rest."""
+"""Share of the budget for the effect of omissions; the surface's tolerance gets the rest."""
 
 HOLDABLE = (Depends.TIME, Depends.DIRECTION, Depends.SPEED, Depends.FORCE)
-"""What a material depends on that can be held: time at 0, direction to the right, speed and force
-in the scene's middle."""
+"""Variables of a material that can be held: time at 0, direction to the right, speed and force in
+the middle of the scene's range."""
 
 Decision = tuple[bool, str]
 """Whether something is kept, and why."""
 
-_UNSEEN = 1.25  # between the points measured, effects may be larger by this factor
+_UNSEEN = 1.25  # between the measured points, effects may be larger by this factor
 _NO_EFFECT = Effect()
 _MATERIAL_STATES, _SECONDS, _FORCES = 4000, 10.0, 9
-_SPEED_MM_S = (20.0, 200.0)  # where the scene gives none
+_SPEED_MM_S = (20.0, 200.0)  # if the scene gives none
 
 
 class BuildSurface(Task):
@@ -84,17 +84,17 @@ class Row:
 
     kind: Kind
     name: Annotated[str, Heading("")]
-    """Name of what would be left out."""
+    """Name of the thing that would be left out."""
     kept: Annotated[bool, Heading("decision", "dropped|kept")]
     effect: Annotated[Effect, HeadingsOf(("mu_max", "jnd_max", "contrast_jnd"))] = _NO_EFFECT
-    """Effect of leaving out this alone."""
+    """Effect of leaving out this thing alone."""
     cost_s: Annotated[float, Heading("costs [s]", ".2g")] = 0.0
     """Time that it adds to a table of the contact and 2000 states; of terms and fidelities."""
     why: Annotated[str, Heading("why")] = ""
 
     @property
     def decision(self) -> dict[str, Any]:
-        """What was decided on what, and why."""
+        """The thing, the decision on it and the reason."""
         decision = "kept" if self.kept else "dropped"
         return {"kind": self.kind, "name": self.name, "decision": decision, "why": self.why}
 
@@ -105,10 +105,10 @@ class Plan:
 
     scene: Scene
     rows: tuple[Row, ...]
-    """Terms, axes and fidelity; of materials, what they depend on."""
+    """Decisions on terms, axes and fidelity, and on the variables of materials."""
     model: ContactModel
     ranges: Mapping[str, tuple[float, float]]
-    """For `FrictionSurface.build`; both ends of a collapsed axis are its middle."""
+    """Ranges for `FrictionSurface.build`; both ends of a collapsed axis are its middle."""
     tolerance: Tolerance
     """Largest error of the surface against `model`."""
     dtype: torch.dtype
@@ -118,9 +118,9 @@ class Plan:
     points: int
     """States at which effects were measured."""
     placeholder_spread_jnd: Mapping[str, float]
-    """Largest difference that others in place of unmeasured values make, at the same states."""
+    """Largest difference that other values in place of unmeasured ones make, at the same states."""
     pull_past_breakdown: float
-    """Largest share of the attraction that comes from gaps past what they bear."""
+    """Largest share of the attraction that comes from gaps whose field exceeds what they bear."""
     lowest_x: float
     """Lowest ``p0/(E* slope)`` of the scene."""
     accuracy: str
@@ -131,8 +131,8 @@ class Plan:
     def record(self) -> dict[str, Any]:
         """Return the decisions as plain values, to be stored in the surface.
 
-        They hold no times, and no materials, on which the surface does not depend: the same scene
-        has the same record, and its surface the same bytes.
+        They leave out times and materials, on which the surface does not depend. So the same scene
+        gives the same record, and a surface of the same bytes.
         """
         same = ("points", "pull_past_breakdown", "lowest_x", "accuracy")
         return {
@@ -167,9 +167,9 @@ class Plan:
         Parameters
         ----------
         on_progress, largest_bytes, past_limits
-            As in `FrictionSurface.build`, errors too.
+            As in `FrictionSurface.build`, whose errors are raised, too.
         tolerance : Tolerance, float or str, optional
-            As there; the planned one if not given.
+            As there; by default the planned one.
         """
         spread = {"placeholder_spread_jnd": dict(self.placeholder_spread_jnd)}
         notes = {"plan": self.record(), **spread}
@@ -191,10 +191,10 @@ def plan_scene(
     """Decide what a scene's surface needs.
 
     Each thing that can be left out is switched off alone, at the same seeded points of the scene,
-    and its effect on friction and its time are measured. Then things are dropped one by one, those
-    first that cost little for the work they save, while the joint effect of all that is dropped
-    stays within the share of the budget given to modelling. A larger budget never keeps more.
-    Overrides of the scene are applied first and cost no budget.
+    and its effect on friction and its time are measured. Then things are dropped one by one, first
+    those with a small effect for the work that they save, as long as the joint effect of all
+    omissions stays within modelling's share of the budget. A larger budget never keeps more.
+    Overrides of the scene are applied first and use none of the budget.
 
     Parameters
     ----------
@@ -223,7 +223,7 @@ def plan_scene(
     override = scene.override
     tolerance = None if override.tolerance is None else Tolerance.read(override.tolerance)
     if tolerance is None:
-        _surface_tolerance(scene, scene.budget_jnd)  # what it would be at best
+        _surface_tolerance(scene, scene.budget_jnd)  # refuses a budget that is too small at best
     everything = omissions(scene)
     base, settled = _with_overrides(scene, everything)
     trials = Trials(scene, base, points)
@@ -289,7 +289,7 @@ def plan_scene(
 
 
 def _surface_tolerance(scene: Scene, rest: float) -> Tolerance:
-    """Return what is left of the budget for the surface; say of the budget that it is too small."""
+    """Return the rest of the budget as the surface's tolerance; refuse too small a budget."""
     if rest < LEAST["JND"]:
         raise InputError(
             f"budget_jnd: expected a budget that leaves the surface {LEAST['JND']:g} JND, "
@@ -305,7 +305,7 @@ def _with_overrides(
     override, fidelity = scene.override, scene.override.fidelity or FULL
     base = Choice(friction_terms(scene, fidelity))
     on = {name: True for name, is_on in override.terms.items() if is_on}
-    # Raises where the profiles or the fidelity do not allow it.
+    # Raises if the profiles or the fidelity do not allow it.
     chosen_terms(on, scene.finger, scene.screen, FIDELITIES[fidelity])
     settled: dict[Omission, Decision] = {}
     for out in everything:
@@ -328,24 +328,24 @@ def _with_overrides(
 
 
 def _overridden(scene: Scene, omission: Omission) -> bool | None:
-    """Return the scene's decision on one thing: True to keep it, None without one."""
+    """Return the scene's decision on one thing: True to keep it; None if there is no decision."""
     override = scene.override
     if omission.kind == "term":
         return override.terms.get(omission.name)
     if omission.kind == "axis":
         return {None: None, "keep": True}.get(override.axes.get(omission.name), False)
-    # A fidelity that cannot be tabulated corrects a surface of the full one.
+    # A fidelity that cannot be tabulated corrects a surface of the full fidelity.
     return None if override.fidelity is None else override.fidelity != COARSE
 
 
 def _alone(trials: Trials, base: Choice, omission: Omission) -> tuple[Effect, float]:
-    """Effect of leaving out one thing, all else being as in `base`, and the time that it takes."""
+    """Effect of leaving out one thing of `base`, and the time that the thing takes."""
     scene, is_term, name = trials.scene, omission.kind == "term", omission.name
     without, with_it = omission.out_of(base), omission.into(base)
     effect = _NO_EFFECT
     if without != base:
         effect = trials.effect(base, without)
-    elif not is_term or name in scene.possible_terms(base.fidelity):  # an override left it out
+    elif not is_term or name in scene.possible_terms(base.fidelity):  # left out by an override
         effect = trials.effect(with_it, base)
     if omission.kind == "axis" or (is_term and name not in scene.terms(base.fidelity)):
         return effect, 0.0
@@ -356,13 +356,12 @@ def _alone(trials: Trials, base: Choice, omission: Omission) -> tuple[Effect, fl
 def _spend(
     trials: Trials, base: Choice, free: list[Omission], effects: Mapping[Omission, Effect]
 ) -> tuple[Choice, Effect, dict[Omission, Decision]]:
-    """Drop what costs least for the work it saves, until the share for modelling is spent.
+    """Drop things with the least effect for the work they save, until modelling's share is spent.
 
-    The order does not depend on the budget, so that a larger one drops everything that a smaller
-    one drops.
+    The order does not depend on the budget, so a larger budget drops all that a smaller one drops.
     """
     share = MODELLING_SHARE * trials.scene.budget_jnd
-    # The least share [JND] at which each is dropped: what saves little may cost little.
+    # The least share [JND] at which each is dropped: the less it saves, the less it may cost.
     prices = {out: effects[out].cost / out.work for out in free}
     chosen, joint = base, _NO_EFFECT
     decisions: dict[Omission, Decision] = {}
@@ -398,8 +397,8 @@ def _spend(
 def _report_row(trials: Trials, chosen: Choice, term: Term) -> Row:
     """Decide on a term that reports a status and changes no friction.
 
-    The surface ends where the term reports only if the scene asks for it. The reason says how near
-    the voltages come.
+    The surface ends where the term reports its status only if the scene asks for it. The reason
+    says how near the voltages come.
     """
     is_kept = term.name in kept_reports(trials.scene)
     share = trials.share_of_limit(chosen, term)
@@ -427,14 +426,14 @@ def _fixed_rows(scene: Scene) -> Iterator[Row]:
 
 
 def effects_of_materials(scene: Scene, model: ContactModel) -> Iterator[tuple[str, Effect]]:
-    """Yield what each material depends on, and the effect of holding it alone.
+    """Yield each variable that a material depends on, and the effect of holding it alone.
 
     Parameters
     ----------
     scene : Scene
         Its ranges of force and speed are those of the seeded states that are compared.
     model : ContactModel
-        Gives the reachable friction.
+        Model of the reachable friction.
     """
     speeds = scene.speed_mm_per_s or _SPEED_MM_S
     centre = sum(speeds) / 2, sum(scene.normal_force_n) / 2
@@ -456,13 +455,13 @@ def effects_of_materials(scene: Scene, model: ContactModel) -> Iterator[tuple[st
 
 
 def holding(motion: Motion, held: Depends, speed_mm_s: float, normal_force_n: float) -> Motion:
-    """Return a motion in which what is held never changes.
+    """Return a motion in which the held variables never change.
 
     Parameters
     ----------
     motion : Motion
     held : Depends
-        What never changes.
+        Variables that never change.
     speed_mm_s, normal_force_n : float
         Speed [mm/s] and normal force [N] that are held.
     """

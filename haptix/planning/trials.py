@@ -1,4 +1,4 @@
-"""A scene modelled in many ways: what can be left out, what that changes, and what it costs."""
+"""A scene modelled in many ways: what can be left out, and the effect and time of each omission."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ COARSE, *_, FULL = (name for name, how in FIDELITIES.items() if Ability.TABULATE
 TIMED_STATES = 2000
 """States that are timed together; a surface has some hundreds to thousands."""
 
-# Share of a build's work that leaving something out saves: constants, so that a plan does not
-# depend on how busy a machine is. An axis has some ten nodes, and the mean field's table is most of
-# a small build. Terms have their own.
+# Share of a build's work that an omission saves. These are constants, so that a plan does not
+# depend on the load of the machine. An axis has some ten nodes, and the mean field's table is most
+# of a small build. Terms have their own.
 _WORK: Mapping[Kind, float] = {"axis": 0.9, "fidelity": 0.7}
-_OVERREACH = 0.05  # past breakdown, whose "about 350 V/um" is not known better than that
-_SEED = 20180516  # any; fixed, so that a scene always gets the same plan
-_TIMED = 3  # solves; the fastest counts, since other programs slow the others
+_OVERREACH = 0.05  # allowed share past breakdown: its "about 350 V/um" is not known better
+_SEED = 20180516  # arbitrary, but fixed: a scene always gets the same plan
+_TIMED = 3  # solves, of which the fastest counts: other programs slow the others
 
 
 @dataclass(frozen=True)
@@ -49,19 +49,19 @@ class Choice:
     """One way to model a scene."""
 
     terms: frozenset[str]
-    """Terms that are on, of those that change friction."""
+    """Terms that are on and change friction."""
     fidelity: FidelityName = FULL
     held: frozenset[tuple[str, float]] = frozenset()
-    """Collapsed axes, each with the value that it is held at."""
+    """Collapsed axes and the values at which they are held."""
 
 
 @dataclass(frozen=True)
 class Omission:
-    """Something that can be left out of a model, under the name of what is lost."""
+    """Something that can be left out of a model, named after what is then lost."""
 
     kind: Kind
     name: str
-    """What is left out, such as "finite-size", "h0_m" or "mean-field"."""
+    """Name, such as "finite-size", "h0_m" or "mean-field"."""
     value: float = 0.0
     """Value at which an axis would be held."""
     possible: frozenset[str] = frozenset()
@@ -90,7 +90,7 @@ class Omission:
 
 
 def omissions(scene: Scene) -> list[Omission]:
-    """Everything that a scene's model could leave out, or leaves out though it could have it."""
+    """Everything that a scene's model could leave out, or has left out."""
     ranges = scene.ranges()
     varying = [axis for axis in COLLAPSIBLE if ranges[axis][0] < ranges[axis][1]]
     terms = [name for name in sorted(scene.possible_terms()) if TERMS[name].changes_friction]
@@ -107,12 +107,12 @@ def middle(low: float, high: float) -> float:
 
 
 def friction_terms(scene: Scene, fidelity: FidelityName = FULL) -> frozenset[str]:
-    """Names of the terms that change friction, of those that a scene has (`Scene.terms`)."""
+    """Names of the scene's terms (`Scene.terms`) that change friction."""
     return frozenset(name for name in scene.terms(fidelity) if TERMS[name].changes_friction)
 
 
 def reporting_terms(scene: Scene, only_kept: bool = False) -> list[Term]:
-    """The possible terms that report a status and change no friction; or those that are kept.
+    """Possible terms that report a status and change no friction; with `only_kept` those kept.
 
     Planning leaves them off; the scene may switch them on.
     """
@@ -135,13 +135,13 @@ class Effect:
     mu_p99: float = 0.0
     """Difference in mu that 1 % of the points exceed."""
     jnd_max: Annotated[float, Heading("JND", ".2g")] = 0.0
-    """Largest, in just-noticeable differences (JND) of the friction there, ``0.11 mu``."""
+    """Largest difference, in just-noticeable differences (JND) of ``0.11 mu`` at that point."""
     jnd_p99: float = 0.0
     contrast_jnd: Annotated[float, Heading("of contrast", ".2g")] = 0.0
-    """Largest, in JND of the contrast ``mu(V)/mu(0)`` there: what friction as a whole does not
-    carry, such as a finger that is more slippery at any voltage, is no error of a texture."""
+    """Largest difference of the contrast ``mu(V)/mu(0)``, in JND of it: a change of all friction,
+    such as a finger that is more slippery at any voltage, is no error of a texture."""
     overreach: float = 0.0
-    """Share by which voltages exceed the true breakdown before the other's surface ends."""
+    """Share by which voltages exceed the true breakdown before the other way's surface ends."""
 
     @classmethod
     def between(
@@ -151,7 +151,7 @@ class Effect:
         overreach: float = 0.0,
         at_rest: tuple[Tensor, Tensor] | None = None,
     ) -> Self:
-        """Compare frictions of one shape, and their contrasts with those of no voltage.
+        """Compare two frictions, and their contrasts with friction without voltage.
 
         Parameters
         ----------
@@ -168,24 +168,24 @@ class Effect:
         contrast = 0.0
         if at_rest is not None:
             change = (other / truth) * (at_rest[0] / at_rest[1]) - 1
-            # Where the contrast is the same, the quotients still differ by their rounding.
+            # Equal contrasts still differ by the rounding of their quotients.
             contrast = round(float(change.abs().max()) / WEBER_FRACTION, 9)
         return cls(*largest, float(felt.max()), float(felt.quantile(0.99)), contrast, overreach)
 
     @property
     def is_past_breakdown(self) -> bool:
-        """Whether voltages would exceed breakdown by more than it is known."""
+        """Whether voltages would exceed breakdown by more than its uncertainty."""
         return self.overreach > _OVERREACH
 
     @property
     def cost(self) -> float:
-        """Largest effect [JND]; infinite where voltages would go past breakdown."""
+        """Largest effect [JND]; infinite if voltages would exceed breakdown."""
         return inf if self.is_past_breakdown else self.jnd_max
 
 
 Points = Mapping[str, Tensor]
-"""States of a scene: values by name of the axis, and ``voltage_share``, the amplitude as a share of
-the highest at that force, frequency and thickness; every tensor of shape (points,)."""
+"""States of a scene: values by name of the axis, and ``voltage_share``, the amplitude over the
+highest one at that force, frequency and thickness. Every tensor has shape (points,)."""
 
 
 def _points(scene: Scene, count: int, seed: int) -> Points:
@@ -219,7 +219,7 @@ _Key = tuple[frozenset[str], str]
 class Trials:
     """A scene solved in many ways at the same points, `count` random ones and its corners.
 
-    The `reference` bounds the voltages: by the scene's limit, breakdown, or pull-in.
+    The model `reference` bounds the voltages: by the scene's limit, breakdown or pull-in.
     """
 
     def __init__(self, scene: Scene, reference: Choice, count: int = 300, seed: int = _SEED):
@@ -239,13 +239,13 @@ class Trials:
         return reduce(torch.minimum, limits, self._end(state))
 
     def friction(self, choice: Choice, points: Points, voltage_v: Tensor) -> Tensor:
-        """Friction coefficient at points and voltages [V]; past pull-in that of the end."""
+        """Friction coefficient at points and voltages [V]; past pull-in, that at pull-in."""
         return self._solve(choice, points, voltage_v).mu
 
     def effect(self, truth: Choice, other: Choice) -> Effect:
         """Compare the friction of the scene modelled as `other` with that modelled as `truth`.
 
-        The voltages go as far as either surface does; past the end of one, its friction stays.
+        Voltages rise to the end of the longer surface; past its end, the other's friction stays.
         """
         ends = self.highest_voltage(other, self.points)
         farthest = torch.maximum(ends, self.highest_voltage(truth, self.points))
@@ -299,13 +299,13 @@ class Trials:
             lender = self._lend_table(model, choice)
             low, high = self.scene.ranges()["normal_force_n"]
             model.solve(torch.tensor([low, high], dtype=torch.float64), 0.0, 1e3)
-            # A table that is borrowed took the time of the model that made it.
+            # For a borrowed table count the time of the model that made it.
             self._table_s[key] = self._table_s[lender] if lender else perf_counter() - began
             self._models[key] = model
         return self._models[key]
 
     def _lend_table(self, model: ContactModel, choice: Choice) -> _Key | None:
-        """Give a model the table of one with the same solid, the most similar first."""
+        """Give a model the table of the most similar model with the same solid."""
         for key in sorted(self._models, key=lambda key: len(key[0] ^ choice.terms)):
             if model.solver.fidelity.borrow(self._models[key].solver.fidelity):
                 return key

@@ -1,1 +1,1 @@
-"""Tasks of the desk: what haptix does with surfaces, materials and devices."""
+"""Tasks: what haptix does with surfaces, materials and devices."""

@@ -1,4 +1,4 @@
-"""The task of campaigns, which does the tasks of others on many processes or machines."""
+"""The task that runs a campaign: it does other tasks on many processes or machines."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class RunCampaign(Task, command="campaign"):
     on: Annotated[str, AfterValidator(_executor_named), Local()] = Field(
         "processes",
         description="processes: of this machine; dask: a local cluster; tcp://HOST:PORT or "
-        "tls://, or a scheduler file of Dask: a cluster that runs.",
+        "tls://, or a scheduler file of Dask: a running cluster.",
     )
     processes: Annotated[int, Field(ge=1, le=4096)] | None = Field(
         None,
@@ -67,14 +67,14 @@ class RunCampaign(Task, command="campaign"):
     memory_gb: Positive | None = Field(
         None, description="Memory that a task may take; one that needs more fails."
     )
-    dry_run: bool = Field(False, description="Only say tasks, hours and bytes.")
+    dry_run: bool = Field(False, description="Only print tasks, hours and bytes.")
     first: Annotated[int, Field(ge=1, le=10**9)] | None = Field(
         None, description="End after so many tasks."
     )
-    again: bool = Field(False, description="Also what failed or was set aside.")
+    again: bool = Field(False, description="Also repeat tasks that failed or were set aside.")
 
     def run(self, context: Context) -> Result:
-        """Run it, or say what it takes."""
+        """Run the campaign, or estimate its costs."""
         from haptix.campaign.kinds import load_campaign
         from haptix.campaign.run import estimate, run_campaign
 
@@ -84,7 +84,7 @@ class RunCampaign(Task, command="campaign"):
             with self._executor(plan, context) as executor:
                 title, rows = estimate(plan, where, executor)
             return Result(rows, [(title, rows)])
-        signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C, in good order
+        signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends like Ctrl-C
         progress = partial(_progress, context, [time.monotonic()])
         try:
             with self._executor(plan, context) as executor:
@@ -101,7 +101,7 @@ class RunCampaign(Task, command="campaign"):
 
     @contextmanager
     def _executor(self, plan: Campaign, context: Context) -> Iterator[Any]:
-        """Open what tasks are done on; where the body ends early, end it at once."""
+        """Open the executor of the tasks; if the body ends early, end it at once."""
         memory = None if self.memory_gb is None else int(self.memory_gb * 1e9)
         if self.on == "processes":
             from haptix.campaign.processes import Processes, processes_that_fit
@@ -123,14 +123,14 @@ class RunCampaign(Task, command="campaign"):
         opened.shutdown()
 
 
-def _progress(context: Context, said_s: list[float], so_far: CampaignResult) -> None:
-    """Say how far a campaign is; where no bar is drawn, as in the log of a cluster, in lines."""
+def _progress(context: Context, reported_s: list[float], so_far: CampaignResult) -> None:
+    """Report the progress of a campaign; without a bar, as in a cluster's log, in lines."""
     done = so_far.total - so_far.counts["waiting"]
     context.progress("tasks", done / so_far.total)
     now_s = time.monotonic()
-    if sys.stderr.isatty() or (now_s - said_s[0] < _SAY_EVERY_S and so_far.counts["waiting"]):
+    if sys.stderr.isatty() or (now_s - reported_s[0] < _SAY_EVERY_S and so_far.counts["waiting"]):
         return
-    said_s[0] = now_s
+    reported_s[0] = now_s
     text = f"{so_far.counts['done']} of {so_far.total} tasks"
     for status in ("failed", "set aside"):
         text += f", {so_far.counts[status]} {status}" * bool(so_far.counts[status])

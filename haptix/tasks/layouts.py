@@ -1,4 +1,4 @@
-"""Layouts: written in forms of interchange, each an archive of files that says what is lost."""
+"""Layouts, exported in formats of other programs; each archive says what is lost."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ if TYPE_CHECKING:
     from haptix.materials import Material
 
 SPEED_MM_S = 80.0
-"""Of the stroke along which a form that knows no places is written."""
+"""Force and speed of the stroke along which a format without places is written."""
 FORCE_N = 0.5
 _MAP_COLUMNS = 1200
 _STEP_MM = 0.25  # between corners of a line
-_CORNERS_HZ = 1000.0  # skin feels no vibration above
+_CORNERS_HZ = 1000.0  # above this, skin feels no vibration
 
 
 class ExportLayout(Task):
-    """A layout in a form of interchange: a zip archive that says what is lost.
+    """Export a layout in a format of other programs: a zip archive that says what is lost.
 
-    "document" keeps everything. "friction-map" is what a finger feels that goes right at time 0.
-    The others are of one stroke to the right at 80 mm/s and 0.5 N.
+    "document" keeps everything. "friction-map" is the friction under a finger that moves right at
+    time 0. The others are one stroke to the right at 80 mm/s and 0.5 N.
     """
 
     document: Annotated[JsonObject, ForClients()] = Field(
@@ -38,7 +38,7 @@ class ExportLayout(Task):
     )
     form: Literal["document", "friction-map", "wav", "ahap", "hjif"]
     y_mm: Annotated[float, Field(ge=-1e4, le=1e4)] = Field(
-        0.0, description="Height of the stroke, of forms that know no places."
+        0.0, description="Height of the stroke, for formats without places."
     )
     reachable_mu: Annotated[Range, Local()]
     finger: Annotated[FingerName, Local()]
@@ -51,7 +51,7 @@ class ExportLayout(Task):
         layout = material_of(self.document)
         left, right, top, bottom = layout.extent_mm
         if not right > left:
-            raise InputError("layout: expected a region or more")
+            raise InputError("layout: expected at least one region")
         with tempfile.TemporaryDirectory() as draft:
             folder = Path(draft)
             if self.form == "document":
@@ -106,10 +106,10 @@ class ExportLayout(Task):
         if self.form == "wav":
             stimulus = Stimulus("layout", signal, "share", FORCE_N)
             screens = (Screen.named(self.screen),)
-            made = StimulusSet(
+            stimuli = StimulusSet(
                 "layout", (stimulus,), Finger.named(self.finger), screens, unreachable="nearest"
             )
-            made.make(folder, threads=1)
+            stimuli.make(folder, threads=1)
             return
         if self.form == "hjif":
             x = np.linspace(left, right, max(2, round((right - left) / _STEP_MM)))

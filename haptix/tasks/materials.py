@@ -1,4 +1,4 @@
-"""Materials: what a surface feels like, as documents."""
+"""Tasks of materials, the documents that say what a surface feels like."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ class FitMaterial(Task, command="material fit"):
     out: NewFile | None = Field(None, description="Material. [default: RECORDING with .toml]")
     finger: FingerName = Field("semi-wet", description="Finger that feels both.")
     screen: ScreenName = Field("3m-sct3250", description="Screen.")
-    seed: Seed = Field(0, description="Of the pattern.")
+    seed: Seed = Field(0, description="Seed of the pattern.")
 
     def run(self, context: Context) -> Result:
         """Fit, write and compare."""

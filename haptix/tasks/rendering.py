@@ -40,10 +40,10 @@ if TYPE_CHECKING:
     from haptix.texture import Feelable
     from haptix.virtual_finger import Evaluation
 
-_ENDS_S = 0.05  # after the last touch: what it brought is heard
+_ENDS_S = 0.05  # playing goes on after the last touch, until its effect has been played
 _BRICKS = "scikit-image brick (CC0)"
 _WITHOUT_PHOTOGRAPHS = "gallery:basket"
-_TOLD = (
+_KEPT_FIELDS = (
     *("finger", "screen", "pair", "placeholders", "beyond_verified", "target_mu"),
     *("evaluation", "parts", "periods", "out_of_range"),
 )
@@ -51,19 +51,19 @@ _TOLD = (
 MillimetresWide = Annotated[float, Field(ge=0.1, le=1e4)]
 Touches = Field(min_length=2, max_length=20_000, fail_fast=True)
 FORCES_N = (0.05, 3.0)
-"""Range of a surface that the service builds."""
+"""Range of forces of a surface that the service builds."""
 Finite = Annotated[float, Field(ge=-1e6, le=1e6)]
 Force = Annotated[float, Field(gt=0, le=100)]
 
 
-_A_FEW = 10  # samples that a person may have typed, at any distance in time
+_A_FEW = 10  # so few samples may have been typed by a person: any spacing is allowed
 
 CarrierHz = Annotated[float, Field(ge=1000)]
-"""A skin follows what is slower: that is a direct drive."""
+"""Lowest carrier: skin follows a slower one, which is then a direct drive."""
 
 
 class OnScreen(Task):
-    """A finger on a screen, by default those in use."""
+    """A finger on a screen; by default those in use."""
 
     finger: FingerName | None = Field(
         None,
@@ -188,7 +188,7 @@ class Demo(OfPhotograph, command="demo"):
         summary = write(self.out, simulation, about, "demo.png")
         past = breakdown_note(summary["pull_past_breakdown"])
         title = f"{first_line(summary)}\nhaptix demo: outputs in {self.out}{past}"
-        return Result([summary], [(title, _told(summary, simulation.evaluation))])
+        return Result([summary], [(title, _summary_rows(summary, simulation.evaluation))])
 
 
 class OfPath(OfPhotograph):
@@ -212,7 +212,7 @@ class OfPath(OfPhotograph):
         3.0, description="From a touch to what it changes."
     )
     horizon_ms: Annotated[float, Field(gt=0, le=1e4)] = Field(
-        100.0, description="Longest stall that is not felt."
+        100.0, description="Longest stall that causes no underrun."
     )
 
     def setting(self, model: ContactModel, polarity: str = "bright-high") -> tuple[Setting, str]:
@@ -276,7 +276,7 @@ class Render(OfPath, command="render", route="renderings", kind="rendering"):
     )
 
     def run(self, context: Context) -> Result:
-        """Build, play, feel; write where there is a place."""
+        """Build, play and feel; write the files if there is a folder."""
         context.progress("build the surface", 0.0)
         from haptix.devices import open_device, profiles_for
         from haptix.files import check_folder
@@ -289,7 +289,7 @@ class Render(OfPath, command="render", route="renderings", kind="rendering"):
         finger, screen = self.finger, self.screen
         if context.folder is not None:
             check_folder(context.folder / self.out, ("simulation.png", *FILES))
-            # `simulate` refuses what is no mock; a mock may have another driver's serial number.
+            # `simulate` refuses other devices; a mock may have another driver's serial number.
             mock = self.device if self.device.startswith("mock:") else "mock:"
             with closing(open_device(mock)) as opened:
                 finger, screen = profiles_for(opened, finger, screen)
@@ -304,9 +304,9 @@ class Render(OfPath, command="render", route="renderings", kind="rendering"):
             self.device,
             partial(context.progress, "play and feel"),
         )
-        if context.folder is None:  # what has to do with volts stays here
+        if context.folder is None:  # a client of the network gets no volts
             summary = summary_of(simulation)
-            return Result({name: summary[name] for name in _TOLD})
+            return Result({name: summary[name] for name in _KEPT_FIELDS})
         same = ("touch_hz", "touch_latency_ms", "reaction_ms", "horizon_ms")
         about = {"photograph": photograph, **{name: getattr(self, name) for name in same}}
         summary = write(context.folder / self.out, simulation, about)
@@ -319,7 +319,7 @@ class Render(OfPath, command="render", route="renderings", kind="rendering"):
         return Result([summary], [(title, errors_of(simulation))])
 
     def setting(self, model: ContactModel, polarity: str = "bright-high") -> tuple[Setting, str]:
-        """Return what the parameters describe; the stroke of a client in place of files."""
+        """Return what the parameters describe, with a client's stroke in place of files."""
         from haptix.motion import Trajectory
         from haptix.simulation import Setting
 
@@ -348,13 +348,13 @@ class PlayPath(OfPath, command="play"):
             setting, _ = self.setting(model)
             surface = self.built(setting, context)
             events = events_of(setting.path)
-            # Not strict: after a stall of this machine, touches come too late to be of use.
+            # Not strict: after a stall of this machine, touches come too late to matter.
             live = LiveSettings(
                 reaction_s=self.reaction_ms / 1e3, horizon_s=self.horizon_ms / 1e3, strict=False
             )
             renderer = LiveRenderer(surface, setting.texture, opened, setting.drive, live)
             with warnings.catch_warnings(), renderer:
-                warnings.simplefilter("ignore", OverloadWarning)  # said below
+                warnings.simplefilter("ignore", OverloadWarning)  # reported below
                 for number, event in enumerate(paced(events, clock=renderer.now_s), 1):
                     renderer.event(event)
                     context.progress("play", number / len(events))
@@ -385,7 +385,7 @@ class PlayPath(OfPath, command="play"):
 
 
 class Headroom(OnScreen, route="headroom", kind="headroom"):
-    """Count where a material asks for more, or less, than a screen can give."""
+    """Count where a material asks for more or less friction than a screen can give."""
 
     stages: ClassVar[tuple[str, ...]] = ("build the surface",)
 
@@ -426,7 +426,7 @@ class Headroom(OnScreen, route="headroom", kind="headroom"):
 
 
 class KeepSurface(OnScreen, route="surfaces", kind="surface"):
-    """Build a surface and keep it; one that is kept is found."""
+    """Build a surface and keep it; a surface that is kept already is used."""
 
     stages: ClassVar[tuple[str, ...]] = ("build the surface",)
 
@@ -454,14 +454,14 @@ class KeepSurface(OnScreen, route="surfaces", kind="surface"):
 
 
 def read_material(document: dict[str, Any]) -> Material:
-    """Return the material of a document, in the folder of the moment."""
+    """Return the material of a document, whose paths are relative to the present folder."""
     from haptix.materials import material_of
 
     return material_of(document)
 
 
 def _current(current: Mapping[str, float]) -> str:
-    """Say the expected current through the person beside its limits."""
+    """Return the expected current through the person and its limits, in words."""
     peak, rms = (
         f"{current[f'{kind}_a'] * 1e3:.2g} mA (limit {current[f'limit_{kind}_a'] * 1e3:g})"
         for kind in ("peak", "rms")
@@ -469,7 +469,7 @@ def _current(current: Mapping[str, float]) -> str:
     return f"at most {peak}, {rms} rms, through {current['capacitance_f'] * 1e12:.4g} pF"
 
 
-def _told(summary: Mapping[str, Any], errors: Evaluation) -> list[dict[str, str]]:
+def _summary_rows(summary: Mapping[str, Any], errors: Evaluation) -> list[dict[str, str]]:
     shares, stream, surface = summary["out_of_range"], summary["stream"], summary["surface"]
     origin = "from the cache" if summary["is_surface_cached"] else "built"
     low, high = summary["target_mu"]

@@ -1,4 +1,4 @@
-"""Tasks of scenes: what each part of the model does there, and what a surface costs."""
+"""Tasks of scenes: the effect of each part of the model, and the costs of a surface."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _STAGES = {
 
 
 class PlanScene(Task, command="plan"):
-    """Measure what each part of the model does in a scene, and drop what its budget allows.
+    """Measure the effect of each part of the model in a scene, and drop what its budget allows.
 
     An effect is the largest over points of the scene, in friction coefficient and in
     just-noticeable differences (JND). A cost is the time that it adds to the contact's table and
@@ -33,7 +33,7 @@ class PlanScene(Task, command="plan"):
 
     def run(self, context: Context) -> Result:
         """Plan it."""
-        context.progress("plan the scene", 0.0)  # torch loads here; the bar shows those seconds too
+        context.progress("plan the scene", 0.0)  # the bar appears before torch loads, for seconds
         from haptix.pair import described, first_line
         from haptix.planning import plan_scene
         from haptix.scene import Scene
@@ -69,7 +69,9 @@ class TradeOff(Task, command="tradeoff", route="tradeoffs", keeps="results"):
     )
     out: Folder = Field(Path("haptix-tradeoff"), description="Folder for the outputs.")
     quick: bool = Field(False, description="Few runs and short timings.")
-    boundary_elements: bool = Field(False, description="Also a surface that they correct: minutes.")
+    boundary_elements: bool = Field(
+        False, description="Also measure a surface that boundary elements correct; takes minutes."
+    )
 
     def run(self, context: Context) -> Result:
         """Measure, and write the files."""

@@ -1,4 +1,4 @@
-"""Stimuli for perception experiments: make sets, look at them, run and analyse trials."""
+"""Tasks of stimuli for perception experiments: make and draw sets, run and analyse trials."""
 
 from __future__ import annotations
 
@@ -48,8 +48,8 @@ _WIDE = (
     "experiment", "share_right", "catch_trials", "hits", "false_alarms", "criterion", "warnings",
     "between", "p", "overdispersion", "drift_probability", "spread_logit",
 )  # fmt: skip
-"""Columns that are in the files, and too many for a terminal."""
-_ASK_AFTER_H = 12.0  # a session that was stopped goes on within a day
+"""Columns of the files that a terminal has no space for."""
+_ASK_AFTER_H = 12.0  # a session that was stopped is usually continued on the same day
 
 
 def _number_of(participant: str) -> int:
@@ -101,14 +101,14 @@ class MakeSet(Task, command="stimuli make"):
         stimuli = Recipe.load(self.recipe).stimulus_set()
         folder = self.out or Path(file_name("name", stimuli.name))
         if self.workers == 1:
-            made = stimuli.make(folder, self.threads, update)
+            result = stimuli.make(folder, self.threads, update)
         else:
             with Processes(self.workers) as executor:
-                made = stimuli.make(folder, 1, update, executor)
-        again = f", {made.reused} of them from an earlier run" if made.reused else ""
-        title = f"{len(made.sidecars)} stimuli in {made.folder}{again}"
-        title += _placeholders(made.sidecars)
-        return Result([*made.sidecars], [(title, [*map(_row, made.sidecars)])])
+                result = stimuli.make(folder, 1, update, executor)
+        again = f", {result.reused} of them from an earlier run" if result.reused else ""
+        title = f"{len(result.sidecars)} stimuli in {result.folder}{again}"
+        title += _placeholders(result.sidecars)
+        return Result([*result.sidecars], [(title, [*map(_row, result.sidecars)])])
 
 
 class MakeAgain(Task, command="stimuli again"):
@@ -123,8 +123,8 @@ class MakeAgain(Task, command="stimuli again"):
         """Make it."""
         from haptix.stimuli.stimulus_set import make_again
 
-        made = make_again(self.sidecar, self.out)
-        return Result([{"file": str(made)}], lines=[f"{made}: the same, byte for byte"])
+        drive_file = make_again(self.sidecar, self.out)
+        return Result([{"file": str(drive_file)}], lines=[f"{drive_file}: the same, byte for byte"])
 
 
 class ShowStimulus(Task, command="stimuli show"):
@@ -139,45 +139,47 @@ class ShowStimulus(Task, command="stimuli show"):
         """Check a set, or draw a stimulus."""
         from haptix.files import read_json, reading, write_whole
 
-        what = self.what
-        if what.is_dir():
+        path = self.what
+        if path.is_dir():
             from haptix.stimuli.stimulus_set import check_manifest, read_manifest
 
-            wrong = check_manifest(what)
+            wrong = check_manifest(path)
             if wrong:
                 raise InputError(
-                    f"{what}: {len(wrong)} files are missing or differ from the manifest: "
+                    f"{path}: {len(wrong)} files are missing or differ from the manifest: "
                     f"{', '.join(wrong[:5])}; make the set again"
                 )
-            manifest = read_manifest(what)
-            place = what
-            with reading(what / "manifest.json", "the manifest of a set"):
-                title = f"{manifest['set']}: all files are whole; sheet: {what}/sheet.png"
+            manifest = read_manifest(path)
+            place = path
+            with reading(path / "manifest.json", "the manifest of a set"):
+                title = f"{manifest['set']}: all files are whole; sheet: {path}/sheet.png"
                 files = [name for name in manifest["files"] if name.endswith((".wav", ".flac"))]
-            sidecars = [(what / name).with_suffix(".json") for name in files]
+            sidecars = [(path / name).with_suffix(".json") for name in files]
         else:
             from haptix.stimuli.drawing import draw_stimulus
 
-            sidecars = [place := what.with_suffix(".json")]
-            picture = self.out or what.with_suffix(".png")
-            refuse_input(picture, what, place)
-            write_whole(picture, draw_stimulus(what))
+            sidecars = [place := path.with_suffix(".json")]
+            picture = self.out or path.with_suffix(".png")
+            refuse_input(picture, path, place)
+            write_whole(picture, draw_stimulus(path))
             title = f"picture: {picture}"
         with reading(place, "stimuli with their sidecars"):
             tables = [read_json(path) for path in sidecars]
-            # Sidecars of earlier versions have neither of both.
-            past = max((float(one.get("pull_past_breakdown", 0.0)) for one in tables), default=0.0)
-            title += _current([one["current"] for one in tables if "current" in one])
+            # Sidecars of earlier versions have neither.
+            past = max(
+                (float(table.get("pull_past_breakdown", 0.0)) for table in tables), default=0.0
+            )
+            title += _current([table["current"] for table in tables if "current" in table])
             title += _placeholders(tables) + breakdown_note(past)
             return Result(tables, [(title, [*map(_row, tables)])])
 
 
 class RunExperiment(Task, command="stimuli run"):
-    """Run an adaptive experiment on a device; keys answer, as the task says (1/2, l/r, y/n, s/d).
+    """Run an adaptive experiment on a device; the task says which keys answer (1/2, l/r, y/n, s/d).
 
-    Into a log, or with --study into a study: the same command continues a session that was stopped,
-    and nothing of another is replaced. With --simulate-db a simulated observer answers and nothing
-    waits.
+    Writes a log, or with --study into a study. The same command continues a session that was
+    stopped, and replaces nothing of another one. With --simulate-db a simulated observer answers
+    and nothing waits.
     """
 
     recipe: Annotated[FileThere, Argument] = Field(description="Experiment: a TOML file.")
@@ -195,14 +197,14 @@ class RunExperiment(Task, command="stimuli run"):
         "of blocks. [default, for a log: 1, and trials in the recipe's order]",
     )
     session: Label = Field(
-        "01", description="Label of the session; with the participant's it decides what is drawn."
+        "01", description="Label of the session; with the participant's it seeds the random draws."
     )
     task: Label | None = Field(
         None, description="Label of the task in a study. [default: the recipe's name]"
     )
     ask_after_h: NotNegative = Field(
         _ASK_AFTER_H,
-        description="A session whose last trial is longer ago asks before it goes on [h].",
+        description="Ask before a session continues whose last trial is longer ago [h].",
     )
     another_program: bool = Field(
         False, description="Continue a log that another version of haptix began."
@@ -210,7 +212,7 @@ class RunExperiment(Task, command="stimuli run"):
     lsl: bool = Field(False, description="Send drive, touches and markers to Lab Streaming Layer.")
 
     def run(self, context: Context) -> Result:
-        """Run it: keys of the terminal answer, one by one, so that no Enter is needed."""
+        """Run it; the terminal gives single keys, so that no Enter is needed."""
         if (self.log is None) == (self.study is None):
             raise InputError("run: expected either --log FILE or --study FOLDER")
         if self.study is not None and self.participant is None:
@@ -224,7 +226,7 @@ class RunExperiment(Task, command="stimuli run"):
         plan = ExperimentRecipe.load(self.recipe)
         labels = who, self.session, self.task or re.sub("[^A-Za-z0-9]", "", plan.name)
         table = self.log
-        # Without a participant a log has the order of the recipe.
+        # Without a participant, trials are in the order of the recipe.
         seed = None if self.participant is None else seed_of(plan.seed, who, self.session)
         from haptix.stimuli.study import keep_recipe, session_log
 
@@ -272,7 +274,7 @@ class ExperimentJob(Task, route="experiments", kind="experiment", plays=True, ke
     """Run an adaptive experiment on the device; each trial asks."""
 
     recipe: Annotated[JsonObject, ForClients()] = Field(
-        description="As the file of `haptix stimuli run`; without volts."
+        description="Like the file of `haptix stimuli run`, but without volts."
     )
     log: FolderName = Field(
         title="Name of the table of trials",
@@ -282,7 +284,7 @@ class ExperimentJob(Task, route="experiments", kind="experiment", plays=True, ke
     participant: Annotated[int, Field(ge=1, le=10_000)] = Field(
         1,
         title="Number of the participant",
-        description="It decides what is drawn, and the order of blocks, where a recipe has some.",
+        description="It seeds the random draws and decides the order of a recipe's blocks.",
     )
     finger: Annotated[FingerName | None, Local()] = None
     screen: Annotated[ScreenName | None, Local()] = None
@@ -326,15 +328,15 @@ class ExperimentJob(Task, route="experiments", kind="experiment", plays=True, ke
 
 
 class Simulate(Task, command="stimuli simulate"):
-    """Simulate a plan before anybody sits: what its thresholds are worth, and its power.
+    """Simulate a plan before the first session: how good its thresholds are, and its power.
 
-    Rows: bias, scatter, width of the 95 % interval and how often it holds the truth, how often
-    there is no threshold or a warning, for observers of each threshold, slope and lapse rate. With
+    A row for observers of each threshold, slope and lapse rate: bias, scatter, width of the 95 %
+    interval, how often it holds the truth, and how often there is no threshold or a warning. With
     --participants: how often a paired t-test finds a difference between two conditions.
 
-    With --predict, of a set of stimuli in place of an experiment: the share of detections of each,
-    by the virtual finger and the published thresholds, with the interval that holds 95 % of people;
-    with --participants, how often a study of two alternatives tells each from guessing.
+    With --predict, for a set of stimuli instead of an experiment: the share of detections of each
+    stimulus, by the virtual finger and the published thresholds, with the interval of 95 % of
+    people; with --participants, how often a study of two alternatives tells each from guessing.
     """
 
     recipe: Annotated[FileThere, Argument] = Field(
@@ -342,7 +344,7 @@ class Simulate(Task, command="stimuli simulate"):
     )
     predict: bool = Field(False, description="Predict who detects each stimulus of a set.")
     threshold_db: tuple[float, ...] | None = Field(
-        None, description="Thresholds of the observers [dB]; of an experiment."
+        None, description="Thresholds of the observers [dB], for an experiment."
     )
     slope: tuple[Positive, ...] = Field((1.5, 3.5), description="Slopes of the observers.")
     lapse: tuple[NotNegative, ...] = Field(
@@ -408,7 +410,7 @@ class Simulate(Task, command="stimuli simulate"):
         if counts:
             title += f"; power: {plan.trials.repeats} answers each against guessing, at 0.05"
         hidden = ("unknown_share", "is_reached")
-        shown = [{name: one[name] for name in one if name not in hidden} for one in rows]
+        shown = [{name: row[name] for name in row if name not in hidden} for row in rows]
         return Result(rows, [(title, _rounded(shown))])
 
 
@@ -431,9 +433,9 @@ def _rounded(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 
 class NewStudy(Task, command="stimuli new"):
-    """Begin a study: code/experiment.toml to change, and the frame of a BIDS data set."""
+    """Begin a study: the frame of a BIDS data set, with code/experiment.toml to change."""
 
-    study: Annotated[Folder, Argument] = Field(description="Folder that is not there yet.")
+    study: Annotated[Folder, Argument] = Field(description="Folder that does not exist yet.")
 
     def run(self, context: Context) -> Result:
         """Write it."""
@@ -447,8 +449,8 @@ class NewStudy(Task, command="stimuli new"):
 class ExportBids(Task, command="stimuli bids"):
     """Write a log into a study in the Brain Imaging Data Structure (BIDS).
 
-    Behaviour of every attempt, the stimulus against time, and where the panel reports touches the
-    finger's path and force; the log itself goes to sourcedata.
+    It writes the behaviour of every attempt, the stimulus against time and, if the panel reports
+    touches, the finger's path and force. The log itself goes to sourcedata.
     """
 
     log: Annotated[FileThere, Argument] = Field(description="Log of `haptix stimuli run`.")
@@ -475,9 +477,9 @@ class ExportBids(Task, command="stimuli bids"):
 class Analyse(Task, command="stimuli analyse"):
     """Analyse sessions: thresholds of each participant and condition, and over participants.
 
-    Thresholds are those of the method that ran, or none with the reason. Pairwise comparisons get a
-    Bradley-Terry scale, magnitudes geometric means and their exponent. Writes tables (TSV) and
-    report.html with a picture of each run.
+    Thresholds are those of the method that ran; if there is none, the reason is given. Pairwise
+    comparisons get a Bradley-Terry scale, magnitudes geometric means and their exponent. Writes
+    tables (TSV) and report.html with a picture of each run.
     """
 
     source: Annotated[FileOrFolder, Argument] = Field(
@@ -505,12 +507,12 @@ class Analyse(Task, command="stimuli analyse"):
             hidden = {*_WIDE, *same}
             shown = [{k: cell for k, cell in row.items() if k not in hidden} for row in rows]
             tables.append((name, shown))
-        said = "; ".join((f"report: {files[-1]}", *analysis.notes))
-        return Result([{**analysis.tables, "notes": [*analysis.notes]}], tables, [said])
+        report_line = "; ".join((f"report: {files[-1]}", *analysis.notes))
+        return Result([{**analysis.tables, "notes": [*analysis.notes]}], tables, [report_line])
 
 
 def judgement(context: Context, choices: tuple[str, ...]) -> str:
-    """Ask for one of the choices; without them for a number above 0, until one comes."""
+    """Ask for one of the choices; without choices, ask until a number above 0 comes."""
     if choices:
         return context.ask("Which one?", choices)
     while True:
@@ -521,17 +523,17 @@ def judgement(context: Context, choices: tuple[str, ...]) -> str:
 
 
 def ask_to_go_on(context: Context, experiment: Experiment, after_h: float = _ASK_AFTER_H) -> None:
-    """Ask whether a session that has rested for long is the one that is meant.
+    """Ask whether to continue a session whose last trial was long ago.
 
     Raises
     ------
     InputError
-        If it is not.
+        If the answer is no.
     """
     rested_h = experiment.rested_s / 3600
     if rested_h <= after_h:
         return
-    experiment.log.close()  # until then
+    experiment.log.close()  # until the answer comes
     question = f"The last trial of {experiment.log.path.name} was {rested_h:.0f} hours ago. Go on?"
     if context.ask(question, ("no", "yes")) != "yes":
         raise InputError(
@@ -544,7 +546,7 @@ def _rest(context: Context, trials: int) -> None:
 
 
 def refuse_files_and_volts(recipe: Mapping[str, Any]) -> None:
-    """Refuse what a client of the network may not say."""
+    """Refuse files and volts in a recipe that a client of the network sends."""
     if "folder" in recipe or recipe.get("ceiling_v") is not None:
         raise InputError("recipe: expected no folder and no ceiling_v: no volts come in")
     values = [recipe.get(name) for name in ("stimulus", "pedestal", "method", "conditions")]
@@ -559,11 +561,11 @@ def refuse_files_and_volts(recipe: Mapping[str, Any]) -> None:
 
 
 def _current(currents: Sequence[Mapping[str, float]]) -> str:
-    """Say the largest current that is expected beside its limits."""
+    """Return the largest expected current and its limits, in words."""
     if not currents:
         return ""
     peak, rms = (
-        f"{max(one[f'expected_{kind}_a'] for one in currents) * 1e3:.2g} mA "
+        f"{max(current[f'expected_{kind}_a'] for current in currents) * 1e3:.2g} mA "
         f"(limit {currents[0][f'limit_{kind}_a'] * 1e3:g})"
         for kind in ("peak", "rms")
     )
@@ -571,11 +573,13 @@ def _current(currents: Sequence[Mapping[str, float]]) -> str:
 
 
 def _placeholders(sidecars: Sequence[Mapping[str, Any]]) -> str:
-    return placeholder_note(sorted({name for one in sidecars for name in one["placeholders"]}))
+    return placeholder_note(
+        sorted({name for sidecar in sidecars for name in sidecar["placeholders"]})
+    )
 
 
 def _level(felt: Mapping[str, Any] | None, name: str) -> str:
-    """A level with a star where it rests on what was not measured; earlier sidecars have one."""
+    """Return a level, with a star if it rests on unmeasured values, as in earlier sidecars."""
     level = None if felt is None else felt.get(name)
     star = "*" if felt and felt["threshold_is_placeholder"] else ""
     return "-" if level is None else f"{level:+.1f}{star}"

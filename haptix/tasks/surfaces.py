@@ -1,4 +1,4 @@
-"""Tasks of surfaces: build, query, invert, export, and what is kept of them."""
+"""Tasks of surfaces: build, query, invert and export them, and list the cache."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _VERIFIED = "normal_force_n", "voltage_v", "frequency_hz"
 SurfaceThere = Annotated[FileThere, Argument]
 
 
-_THICKEST_M = 1e-3  # d1/eps1 of an insulator; a larger number is in another unit
+_THICKEST_M = 1e-3  # d1/eps1 of an insulator; a larger number was meant in another unit
 Thickness = Annotated[Positive, Field(json_schema_extra={"exclusiveMaximum": _THICKEST_M})]
 
 
@@ -60,7 +60,7 @@ PastLimits = Annotated[
 
 
 class OfModel(Task):
-    """What a contact model is made of."""
+    """A contact model of a finger on a screen."""
 
     finger: FingerName | None = Field(
         None,
@@ -130,8 +130,8 @@ def _scene_or_new(path: Path) -> Path:
 class Build(OfModel, command="build"):
     """Solve the contact model once and write its friction surface.
 
-    Exit code 3: the tolerance cannot be met within the size, and nothing is written unless
-    --accept-best.
+    Exit code 3 means that the tolerance cannot be met within the size. Then nothing is written,
+    unless you pass --accept-best.
     """
 
     what: Annotated[
@@ -159,7 +159,7 @@ class Build(OfModel, command="build"):
     )
     largest_mb: Positive = Field(64.0, description="Size that the surface may have.")
     accept_best: bool = Field(
-        False, description="Write the best of that size, where the tolerance cannot be met."
+        False, description="Write the best of that size if the tolerance cannot be met."
     )
     past_limits: PastLimits = False
     overwrite: bool = Field(False, description="Replace an existing file.")
@@ -177,7 +177,7 @@ class Build(OfModel, command="build"):
                 f"{named}: a scene says this itself; change it there, or in its [override]"
             )
         target = self.what if scene is None else self.out or self.what.with_suffix(".surface")
-        read = [one for one in (scene, self.finger, self.screen) if one is not None]
+        read = [path for path in (scene, self.finger, self.screen) if path is not None]
         check_new(target, self.overwrite, *map(Path, read))
         try:
             surface = self._built(context, scene, target)
@@ -195,7 +195,7 @@ class Build(OfModel, command="build"):
         return Result([{**row, "pull_past_breakdown": share, **about}], [(title, [row])])
 
     def _built(self, context: Context, scene: Path | None, target: Path) -> FrictionSurface:
-        """Tabulate a model; boundary elements correct the mean field, and resume if interrupted."""
+        """Tabulate a model; boundary elements correct the mean field and resume if interrupted."""
         context.progress("plan the scene" if scene else "build the surface", 0.0)
         from haptix.surface import FrictionSurface, MeasuringJob
 
@@ -294,13 +294,13 @@ class Query(OfModel, command="query", route="queries"):
                 )
             sample, note = table.evaluate(**inputs), note_of(table, self.surface)
             outputs, status, warnings = {"mu": sample.mu}, sample.status, []
-            if "intervals" in table.info:  # surfaces of earlier versions do not know
+            if "intervals" in table.info:  # surfaces of earlier versions have none
                 places = {name: one for name, one in inputs.items() if name != "voltage_v"}
                 cells = table.intervals(**places)
                 outputs["interval_jnd"] = cells.mu_jnd
                 outputs["contrast_interval_jnd"] = cells.contrast_jnd
             about = _profiles_of(table, self.surface)
-            # Surfaces of earlier versions do not know.
+            # Surfaces of earlier versions have none.
             share = float(table.info.get("pull_past_breakdown", 0.0))
         used = [inputs[name] for name in _VERIFIED]
         beyond = screen.verified.beyond(*used) if screen.verified else []
@@ -345,7 +345,7 @@ class Reach(OfModel, command="reach", route="reaches"):
         outputs = {"voltage_v": beyond.voltage_v, "mu_low": low, "mu_high": high}
         outputs["range_jnd"] = (high / low - 1) / WEBER_FRACTION
         rows = _rows({"normal_force_n": self.normal_force_n}, outputs, beyond.status)
-        for row in rows:  # a friction above that of the highest voltage has no other reason
+        for row in rows:  # no other reason is left for friction above that of the highest voltage
             status = row.pop("status")
             row["limited_by"] = "VOLTAGE" if status == "ABOVE" else status
         about = described(model.finger, model.screen)
@@ -401,21 +401,21 @@ class Export(Task, command="export"):
         return Result(rows, [("exported surface", rows)])
 
 
-# Results are named by a hash, so that what somebody has put there is told from them. An earlier
-# version kept each surface in one file.
+# Results are named by a hash, which tells them from files that somebody else has put there. An
+# earlier version kept each surface in one file.
 _IN_CACHE = re.compile(r"results/[0-9a-f]{2}/[0-9a-f]{64}/[^/]+|\.?[0-9a-f]{64}\.surface.*")
 
 
 class ListCache(Task, command="cache"):
-    """List what is kept so that it is not made twice, or remove it.
+    """List the results that are kept so that they are not made twice, or remove them.
 
     Profiles of calibrated screens and the files of apps are no cache, and are left alone.
     """
 
-    clear: bool = Field(False, description="Remove it; it is made again.")
+    clear: bool = Field(False, description="Remove them; they are made again when needed.")
 
     def run(self, context: Context) -> Result:
-        """List it, and remove it if that was asked."""
+        """List the cache, and remove it on request."""
         try:
             folder = cache_folder()
             inside = [*folder.iterdir(), *folder.glob("results/*/*/*")] if folder.is_dir() else []
@@ -482,18 +482,18 @@ def _summary(path: Path, surface: FrictionSurface) -> dict[str, Any]:
 
 
 def _profiles_of(table: FrictionSurface, file: Path) -> dict[str, str]:
-    """Return of which finger and screen a surface is."""
+    """Return the finger and screen of a surface."""
     with reading(file, "a surface with its model"):
         model = table.info["model"]
         names = {kind: str(model[kind]["name"]) for kind in ("finger", "screen")}
-        # Surfaces of earlier versions do not know.
+        # Surfaces of earlier versions do not say.
         return {**names, "pair": "of an earlier version", **table.info.get("profiles", {})}
 
 
 def note_of(table: FrictionSurface, file: Path) -> str:
-    """Return what a title says about the placeholders of a surface, and about its accuracy."""
+    """Return a title's note on the placeholders of a surface and on its accuracy."""
     with reading(file, "a surface with its model"):
-        placeholders = [str(one) for one in table.info["model"]["placeholders"]]
+        placeholders = [str(placeholder) for placeholder in table.info["model"]["placeholders"]]
         # A surface of an earlier version, or one made in Python, does not have it.
         spread = table.info.get("notes", {}).get("placeholder_spread_jnd", {})
         note = placeholder_note(placeholders, {str(k): float(v) for k, v in spread.items()})
@@ -501,7 +501,7 @@ def note_of(table: FrictionSurface, file: Path) -> str:
 
 
 def _product(task: Task, *names: str) -> dict[str, Any]:
-    """Every combination of some parameters, one row each; one that is not given stays None."""
+    """Every combination of some parameters, one row each; a parameter without values stays None."""
     import torch
 
     lists = {name: values for name in names if (values := getattr(task, name)) is not None}
@@ -510,7 +510,7 @@ def _product(task: Task, *names: str) -> dict[str, Any]:
 
 
 def _plain(number: float) -> float | None:
-    """Return a number for JSON: None where it is not finite, as an interval that was not shown."""
+    """Return a number for JSON; None if it is not finite, as an interval that was not shown."""
     return number if isfinite(number) else None
 
 
