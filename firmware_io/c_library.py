@@ -1,4 +1,4 @@
-"""A library in C: of the wheel, or built from a checkout's present sources."""
+"""Libraries in C: from the wheel, or built from the present sources of a checkout."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from firmware_io.errors import DeviceError
 
 
 def load(name: str, *headers: Path) -> tuple[cffi.FFI, Any]:
-    """Load a library that lies beside its headers, and declare what they mark for cffi.
+    """Load the library that lies beside its headers; cffi reads what they mark for it.
 
     Raises
     ------
     DeviceError
-        If it is not there and cannot be built, or cannot be loaded.
+        If it is missing and cannot be built, or cannot be loaded.
     """
     ffi = cffi.FFI()
     for header in headers:

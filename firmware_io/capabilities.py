@@ -1,4 +1,4 @@
-"""A driver's capabilities, and the set-up of a stream that fits them: limits, rates, sizes."""
+"""A driver's capabilities, and a stream's set-up that fits them: limits, rates, sizes."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ MAX_QUEUE_SAMPLES = 2**24
 DEFAULT_CARRIER_HZ = 4000.0
 """The carrier of a driver in envelope mode: above what skin feels."""
 
-#: Of a link's bytes, two for each sample: the rest is headers, questions, revisions.
+#: Share of a link's bytes for samples of two bytes; the rest is headers, questions, revisions.
 _STREAM_SHARE = 0.9
 _LEAD_S = 0.025  # default delay before playback begins
 MOST_REPORTS_PER_S = 900.0
-"""Of the 1000 that a full-speed device accepts."""
+"""Reports a second that are used, of the 1000 that a full-speed device accepts."""
 
 
 @dataclass(frozen=True)
@@ -65,10 +65,10 @@ class Capabilities:
     reports_touch : bool
         Whether it reports where fingers are.
     guard_s : float
-        Time ahead of the output from which queued samples can be revised, in seconds; 0 if they
-        cannot.
+        Queued samples can be revised from this long before they are played, in seconds; 0 if they
+        cannot be revised.
     takes_marks : bool
-        Whether it tells by a digital line, and by its clock, when a sample is played.
+        Whether it reports by a digital line and by its clock when a sample is played.
 
     Raises
     ------
@@ -106,7 +106,7 @@ class Capabilities:
                     f"{field} of device {self.name!r} must be a finite number above 0, "
                     f"but is {value!r}; correct the device's description."
                 )
-        # A device that states more would make the host keep a second of it in memory.
+        # The host keeps a second of samples in memory, so a device cannot state any number.
         if self.sample_rate_hz > MAX_RATE_HZ or self.queue_samples > MAX_QUEUE_SAMPLES:
             raise DeviceError(
                 f"Device {self.name!r} states {self.sample_rate_hz:g} samples a second and a queue "
@@ -131,7 +131,7 @@ class Capabilities:
         Parameters
         ----------
         report : CapabilitiesReport
-            What the driver told.
+            The driver's report.
         sample_rate_hz : int
             One of its rates [Hz].
         """
@@ -160,7 +160,7 @@ class Capabilities:
         mode : Mode
             The driver's mode.
         most_hz : float
-            Highest rate that will do [Hz].
+            Highest rate that is acceptable [Hz].
 
         Raises
         ------
@@ -264,7 +264,7 @@ def bounded_setup(
 ) -> Setup:
     """Return a set-up with the host's limits.
 
-    The ceiling is one from which the safety ramp keeps the slew: the driver takes no other.
+    The driver takes only a ceiling from which its safety ramp keeps the slew limit.
     """
     slew = math.floor(min(limits.max_slew_v_per_s, driver.max_slew_v_per_s))
     setup = replace(setup, max_slew_v_per_s=slew)
@@ -283,17 +283,17 @@ def bounded_setup(
 
 
 def step_codes(setup: Setup, output_rate_hz: int) -> int:
-    """Return the codes by which the slew lets an output sample differ from the one before it."""
+    """Return the largest step in codes between output samples that the slew limit allows."""
     codes_per_s = setup.max_slew_v_per_s * 1000 * FULL_SCALE_CODE // setup.full_scale_mv
     return codes_per_s // output_rate_hz
 
 
 def kept_limits(limits: DriveLimits, setup: Setup, output_rate_hz: int) -> DriveLimits:
-    """Return limits whose samples keep those of a set-up when they are rounded to codes.
+    """Return limits for samples that keep a set-up's limits when they are rounded to codes.
 
-    Samples closer together than a whole number of codes are as codes at most that number apart.
-    With a carrier, rounding adds up to one code to a step and half of one to an amplitude, and the
-    driver rounds the carrier up to whole radians per second.
+    If two samples differ by at most a whole number of codes, so do their codes. With a carrier,
+    rounding adds up to one code to a step and half a code to an amplitude, and the driver rounds
+    the carrier up to whole radians per second.
     """
     step_v = setup.full_scale_mv / 1e3 / FULL_SCALE_CODE
     slew = step_codes(setup, output_rate_hz) * output_rate_hz * step_v * (1.0 - 1e-9)
@@ -316,7 +316,7 @@ def kept_limits(limits: DriveLimits, setup: Setup, output_rate_hz: int) -> Drive
 def lowered_limits(limits: DriveLimits, driver: Capabilities) -> DriveLimits:
     """Return the tighter of the host's limits and the driver's.
 
-    They are of `DriveLimits` itself: a class of the caller's could check less.
+    They are of the class `DriveLimits` itself, since a subclass of the caller could check less.
     """
     if not isinstance(limits, DriveLimits):
         raise DeviceError(f"limits must be DriveLimits, but is {limits!r}; correct it.")

@@ -7,7 +7,7 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """Tells the time and waits. A test's clock stands still until the test advances it."""
+    """Gives the time and waits. A test's clock stands still until the test advances it."""
 
     def __call__(self) -> float:
         """Return the time in seconds since an arbitrary moment; it never decreases."""
@@ -24,7 +24,7 @@ class HostClock:
 
 
 class SteppedClock:
-    """A clock that stands until somebody waits, so that what a program does can be repeated."""
+    """A clock that advances only when somebody waits, so that a run can be repeated exactly."""
 
     def __init__(self) -> None:
         self._now_s = 0.0
@@ -34,7 +34,7 @@ class SteppedClock:
         return self._now_s
 
     def sleep(self, seconds: float) -> None:
-        """Go on by so many seconds."""
+        """Advance by so many seconds."""
         self._now_s += seconds
 
 

@@ -40,15 +40,15 @@ class Device:
 
     As a context manager it arms on entry and always ends at 0 V; `close` closes the link. A device
     without references closes itself, at the latest when the interpreter exits. If STOP cannot be
-    delivered it stays owed (`stop_is_owed`); `stop`, `close`, `arm` and leaving the context try
-    again, and the driver's watchdog ends the output in between. Only one thread may use a device.
+    delivered, it is owed (`stop_is_owed`): `stop`, `close`, `arm` and leaving the context send it
+    again, and meanwhile the driver's watchdog ends the output. Only one thread may use a device.
 
     Parameters
     ----------
     link : Link
-        Carries the bytes; from now on used by this object alone, and closed on any error.
+        Carries the bytes. From now on only this object uses it; any error here closes it.
     limits : DriveLimits, optional
-        Limits of every sample; lowered to what the driver accepts.
+        Limits of every sample; they are lowered to those of the driver.
     mode : {"waveform", "envelope"}, optional
         Whether samples are the drive itself, or the amplitude of a carrier that the driver makes.
         Default: waveform; envelope through reports, or if the driver has no other mode.
@@ -57,12 +57,12 @@ class Device:
     carrier_hz : float, optional
         Carrier in envelope mode; default: `firmware_io.capabilities.DEFAULT_CARRIER_HZ`.
     clock : Clock, optional
-        Another clock of the host than the link's, for tests.
+        Clock of the host in place of the link's, for tests.
 
     Raises
     ------
     ProtocolError
-        If what answers is no haptix driver, has another version, or offers no such mode or rate.
+        If the device is no haptix driver, has another version, or offers no such mode or rate.
     DeviceError
         If a value is impossible.
     """
@@ -109,7 +109,7 @@ class Device:
 
     @property
     def clock(self) -> Clock:
-        """The host's clock, on which `host_time_s`, `marked` and `progress` tell times."""
+        """The host's clock, by which `host_time_s`, `marked` and `progress` give times."""
         return self._stream.client.clock
 
     @property
@@ -134,7 +134,7 @@ class Device:
 
     @property
     def pace(self) -> Pace:
-        """How much one write and one revision may hold."""
+        """Sizes of frames, writes and revisions."""
         return self._stream.pace
 
     @property
@@ -176,8 +176,8 @@ class Device:
     def last_v(self) -> float:
         """The last voltage that may stand on the output: the last written, 0.0 when stopped.
 
-        If a lost link leaves open whether the last frame arrived, it is the larger of the voltages
-        before and after that frame, until a STOP arrives.
+        If the link was lost and the last frame may have arrived or not, this is the larger of the
+        voltages before and after that frame, until a STOP arrives.
         """
         return self._stream.last_v
 
@@ -188,7 +188,7 @@ class Device:
         return link.driver if isinstance(link, MockLink) else None
 
     def lower_ceiling(self, ceiling_v: float) -> None:
-        """Lower the ceiling, for a screen that stands less than the driver gives.
+        """Lower the ceiling, for a screen that withstands less than the driver gives.
 
         If the output stands above the new ceiling, the device stops first.
 
@@ -197,7 +197,7 @@ class Device:
         LimitError
             If `ceiling_v` is above the present ceiling, or not finite and positive.
         DeviceError
-            If the device had to stop and could not; the ceiling is lowered even so.
+            If the device had to stop and could not; the ceiling is lowered nevertheless.
         """
         stream = self._stream
         lowered = replace(stream.checks.stated, ceiling_v=ceiling_v)
@@ -218,7 +218,7 @@ class Device:
         LimitError
             If it is not finite, or below the present one: that would raise the voltage.
         DeviceError
-            If the device had to stop and could not; the limit is lowered even so.
+            If the device had to stop and could not; the limit is lowered nevertheless.
         """
         stream = self._stream
         lowered = replace(stream.checks.stated, capacitance_f=capacitance_f)
@@ -284,7 +284,7 @@ class Device:
         is_fresh : bool
             Ask the driver for a report.
         is_due : bool
-            Read even if the next report is not due: a refused revision is told at once.
+            Read even before the next report is due: a driver reports a refused revision at once.
 
         Raises
         ------
@@ -302,18 +302,18 @@ class Device:
         return [latest.popleft() for _ in range(len(latest))]
 
     def mark(self, sample_index: int, code: int = 0) -> None:
-        """Let the driver tell when it plays a sample: by its digital line, and in `marked`.
+        """Ask the driver to report when it plays a sample: by its digital line, and in `marked`.
 
-        The line is high for a millisecond from the sample's first output sample on. STOP forgets
-        marks whose samples were not played. On any error the output is brought to 0 V, as from
+        The line is high for a millisecond from the sample's first output sample on. STOP discards
+        marks whose samples were not played. On any error the output is brought to 0 V, as in
         `write`.
 
         Parameters
         ----------
         sample_index : int
-            Samples sent before it since the device was armed; it may be sent later.
+            Number of samples before it since the device was armed; it may be sent later.
         code : int
-            What `marked` repeats, 0 to 65535.
+            Number that `marked` repeats, 0 to 65535.
 
         Raises
         ------
@@ -335,11 +335,11 @@ class Device:
 
     @property
     def marks_waiting(self) -> int:
-        """Marks that the driver still holds, of `MOST_MARKS` at most."""
+        """Number of marks that the driver still holds, at most `MOST_MARKS`."""
         return self._stream.marks_waiting
 
     def marked(self) -> list[Marked]:
-        """Return the samples that were marked and played, read since the last call."""
+        """Return the marked samples that were reported as played since the last call."""
         client = self._stream.client
         return [
             Marked.of(client.marked.popleft(), client.output_clock)
@@ -347,7 +347,7 @@ class Device:
         ]
 
     def host_time_s(self, clock_ticks: float) -> float:
-        """Return a time of the driver's clock as one of the host's, by its latest reports."""
+        """Convert a time of the driver's clock to the host's clock, by its latest reports."""
         return self._stream.client.output_clock.time_of(clock_ticks)
 
     def arm(self, *, revisable: bool = False) -> None:
@@ -358,7 +358,7 @@ class Device:
         Parameters
         ----------
         revisable : bool
-            Keep what was sent until it is played, for `revise`.
+            Keep the samples sent until they are played, for `revise`.
 
         Raises
         ------
@@ -377,7 +377,7 @@ class Device:
         self._stream.arm(revisable)
 
     def write(self, volts: npt.ArrayLike) -> None:
-        """Send samples; they are played after those sent before.
+        """Send samples; they are played after all earlier ones.
 
         All samples are checked before the first is sent. On any error the output is brought to
         0 V and the device is disarmed before the error is raised. A driver that receives nothing
@@ -402,16 +402,16 @@ class Device:
     def revise(self, first_sample: int, volts: npt.NDArray[np.float64]) -> None:
         """Replace samples that were sent and have not been played.
 
-        They keep all limits, over both seams; energy and mean are those of what is played. A
-        revision that reaches the driver too late changes nothing there, as do those sent behind
-        it; `progress` tells. On any error the output is brought to 0 V, as from `write`.
+        All limits are kept, at both seams too; energy and mean are those of the samples that are
+        played. If a revision reaches the driver too late, the driver refuses it and all sent after
+        it; `progress` reports this. On any error the output is brought to 0 V, as in `write`.
 
         Parameters
         ----------
         first_sample : int
             Index of the first of them, in samples since the device was armed.
         volts : ndarray of float64, shape (n,)
-            At most `pace.most_revised_samples`; the last sample sent stays.
+            At most `pace.most_revised_samples`; the last sample sent cannot be replaced.
 
         Raises
         ------
@@ -431,20 +431,20 @@ class Device:
         DeviceFaultError
             If the driver had stopped by itself before; it is at 0 V and nothing is owed.
         DeviceError
-            If the ramp or STOP could not be delivered. The device is disarmed even so; if STOP
-            failed, `stop_is_owed` stays True and the next call tries again.
+            If the ramp or STOP could not be delivered. The device is disarmed nevertheless; if
+            STOP failed, `stop_is_owed` stays True and the next call tries again.
         """
         self._stream.stop(play_out=True)
 
     def stop_at_once(self) -> None:
-        """Bring the output to 0 V without playing the queue, and disarm; errors as from `stop`.
+        """Bring the output to 0 V without playing the queue, and disarm; errors as in `stop`.
 
         Idempotent.
         """
         self._stream.stop(play_out=False)
 
     def close(self) -> None:
-        """Stop, then close the link; it is closed even where `stop` fails. Idempotent."""
+        """Stop, then close the link; it is closed even if `stop` fails. Idempotent."""
         if self._is_closed and not self.stop_is_owed:
             return
         self._is_closed = True
@@ -463,7 +463,7 @@ class Device:
 
     @contextmanager
     def _armed(self, use: str) -> Iterator[None]:
-        """Refuse a use of a device that is not armed; on any error in it, end at 0 V."""
+        """Refuse to use a device that is not armed; on any error in the body, end at 0 V."""
         if not self._stream.is_armed:
             raise DeviceError(
                 f"The device must be armed to {use}, but is not; call arm() first, or use it in a "
@@ -485,7 +485,7 @@ class Device:
             error.add_note(f"Bringing the output to 0 V failed as well: {failure}")
 
     def _bind(self, limits: DriveLimits, setup: Setup) -> None:
-        """Give the driver these limits and this set-up from the next arming on."""
+        """Set limits and set-up of the driver from the next arming on."""
         stream = self._stream
         bounded = bounded_setup(setup, limits, self._capabilities, stream.output_rate_hz)
         stream.bind(limits, bounded)

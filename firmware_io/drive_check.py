@@ -1,4 +1,4 @@
-"""What leaves a driver for the samples of a stream, and whether it keeps the limits.
+"""The voltage that a driver makes of the samples of a stream, and checks of its limits.
 
 The drive window is the last second of the output, to which samples are added when they are sent::
 
@@ -11,7 +11,7 @@ The drive window is the last second of the output, to which samples are added wh
                                                        `LimitError` names the first that breaks one
                                                        take: they are sent; the window moves on
 
-A check changes nothing in the window. A pause at 0 V is taken as samples of 0 V.
+A check does not change the window. A pause at 0 V counts as samples of 0 V.
 """
 
 from __future__ import annotations
@@ -30,20 +30,20 @@ from firmware_io.protocol import Setup, StreamMode, top_code, volts_to_codes
 
 _Volts = npt.NDArray[np.float64]
 
-#: A mean below this counts as none: a few codes of rounding at 250 V full scale.
+#: A smaller mean counts as 0 V: rounding to codes makes some, at 250 V full scale.
 _DC_FLOOR_V = 0.05
 
 
 class DriveWindow:
-    """The last second or so that was driven: rejects too much energy, current, and a mean voltage.
+    """The last second or so of the output: rejects too much energy, current and mean voltage.
 
-    It takes what leaves the driver: samples, or the amplitude times the carrier. The driver checks
-    energy and mean against its own clock, which also counts the time that a sample is held.
+    It takes the output voltage: samples, or the amplitude times the carrier. The driver also checks
+    energy and mean, by its own clock, which includes the time that a sample is held.
 
     Parameters
     ----------
     limits : DriveLimits
-        What the window must keep to.
+        Limits of the window.
     sample_rate_hz : float
         Samples per second.
     """
@@ -58,7 +58,7 @@ class DriveWindow:
         self.bind(limits)
 
     def bind(self, limits: DriveLimits) -> None:
-        """Take other limits, whose window is as long."""
+        """Set other limits, with a window of the same length."""
         self.limits = limits
         self._bounds = self._ffi.new(
             "hx_host_limits *",
@@ -73,18 +73,18 @@ class DriveWindow:
         )
 
     def check(self, volts: _Volts, each: int = 1, is_carried: bool = False) -> None:
-        """Reject samples with which the window would hold too much energy or too high a mean.
+        """Reject samples that would give the window too much energy or too high a mean.
 
-        A sample of 0 V is never rejected: it is the remedy.
+        A sample of 0 V is never rejected, since only 0 V brings the window back.
 
         Parameters
         ----------
         volts : ndarray, shape (n,)
             Voltages at the window's rate.
         each : int
-            Of these are made of one sample, for the number in the message.
+            How many of these come from one sample, for the sample's number in the message.
         is_carried : bool
-            Whether a carrier alternates them, so that a ramp to 0 V has no mean of its own.
+            Whether a carrier changes their sign, so that a ramp to 0 V has no mean of its own.
 
         Raises
         ------
@@ -106,19 +106,19 @@ class DriveWindow:
                 window.take(piece)
 
     def take(self, volts: _Volts) -> None:
-        """Take samples into the window, after they were sent."""
+        """Add samples to the window after they were sent."""
         volts = np.ascontiguousarray(volts)
         self._lib.hx_host_take(self._window, self._buffer(volts), volts.size)
 
     def rest(self, samples: int) -> None:
-        """Take the time during which the output stood at 0 V, in samples."""
+        """Add a time at 0 V, in samples."""
         self.take(np.zeros(max(1, min(samples, self._size))))
 
     def _buffer(self, volts: _Volts) -> object:
         return self._ffi.from_buffer("double[]", volts)
 
     def _copy(self) -> Self:
-        """Return a window with the same samples, to look further ahead than it is long."""
+        """Return a copy, with which more samples can be checked than the window is long."""
         copy = type(self)(self.limits, self._sample_rate_hz)
         copy._memory[:] = self._memory
         return copy
@@ -153,12 +153,12 @@ class DriveWindow:
 
 
 class DriveCheck:
-    """Checks of one stream: each sample, and energy, mean and current of what is driven.
+    """Checks of one stream: of each sample, and of energy, mean and current of the output.
 
     Parameters
     ----------
     limits : DriveLimits
-        What the user and the driver state.
+        Limits that the user and the driver state.
     setup : Setup
         Mode, sample rate, carrier, and the limits in whole numbers.
     output_rate_hz : int
@@ -169,20 +169,20 @@ class DriveCheck:
     stated, setup : DriveLimits, Setup
         As above.
     limits : DriveLimits
-        What samples keep to, so that their codes keep to the set-up.
+        Limits of the samples, such that their codes keep those of the set-up.
     """
 
     def __init__(self, limits: DriveLimits, setup: Setup, output_rate_hz: int) -> None:
         self._output_rate_hz = output_rate_hz
         self.bind(limits, setup)
-        # Of one sample of an envelope the window counts every output sample, times the carrier.
+        # For a sample of an envelope the window takes every output sample, times the carrier.
         is_envelope = setup.mode is StreamMode.ENVELOPE
         self.each = round(output_rate_hz / setup.sample_rate_hz) if is_envelope else 1
         self._rate_hz = float(setup.sample_rate_hz * self.each)
         self._window = DriveWindow(limits, self._rate_hz)
 
     def bind(self, stated: DriveLimits, setup: Setup) -> None:
-        """Take other limits, and a set-up with them."""
+        """Set other limits and another set-up."""
         self.stated, self.setup = stated, setup
         self.limits = kept_limits(stated, setup, self._output_rate_hz)
         self._full_scale_v = setup.full_scale_mv / 1e3
@@ -190,12 +190,12 @@ class DriveCheck:
         self._top_code = top_code(self._most_v, self._full_scale_v)
 
     def begin(self, rested_s: float) -> None:
-        """Take the present limits, after a time at 0 V."""
+        """Apply the present limits, after a time at 0 V."""
         self._window.bind(self.limits)
         self._window.rest(math.floor(min(rested_s, self.limits.window_s) * self._rate_hz))
 
     def check(self, volts: _Volts, before_v: float) -> None:
-        """Reject samples that break ceiling or slew behind the one before them."""
+        """Reject samples that break ceiling or slew, given the sample before them."""
         rate_hz = float(self.setup.sample_rate_hz)
         if self.setup.mode is StreamMode.WAVEFORM:
             self.limits.check(volts, before_v, rate_hz)
@@ -203,10 +203,10 @@ class DriveCheck:
             self.limits.check_envelope(volts, before_v, rate_hz, self.setup.carrier_mhz / 1e3)
 
     def ramp_to_zero(self, last_v: float) -> _Volts:
-        """Return a ramp behind a sample; empty where only the driver's own keeps the slew.
+        """Return a ramp after a sample; empty if only the driver's own ramp keeps the slew.
 
-        To an amplitude at its highest, a driver adds no change: it counts the slew of the carrier
-        and that of the amplitude as if both were at their steepest at once.
+        At the highest amplitude the driver accepts no change of it: it adds the steepest slew of
+        the carrier and that of the amplitude, as if both came at once.
         """
         rate_hz = float(self.setup.sample_rate_hz)
         ramp = self.limits.ramp_to_zero(last_v, rate_hz)
@@ -237,15 +237,15 @@ class DriveCheck:
         return volts_to_codes(volts, self._full_scale_v, self.limits.ceiling_v)
 
     def check_window(self, driven: _Volts) -> None:
-        """Reject what would break energy, mean or current behind what was taken."""
+        """Reject output that would break energy, mean or current after all that was taken."""
         self._window.check(driven, self.each, self.setup.mode is StreamMode.ENVELOPE)
 
     def take(self, driven: _Volts) -> None:
-        """Count what is driven."""
+        """Add output to the window."""
         self._window.take(driven)
 
     def driven(self, volts: _Volts, first: int, before_v: float) -> _Volts:
-        """Return what leaves the driver for samples from index `first` on, without a pause."""
+        """Return the output voltage for samples from index `first` on, without a pause."""
         if self.setup.mode is StreamMode.WAVEFORM:
             return volts
         each = self.each
@@ -255,7 +255,7 @@ class DriveCheck:
             at = np.arange(1, each * volts.size + 1) / each
             levels = np.interp(at, np.arange(points.size), points)
         turns = self.setup.carrier_mhz / 1e3 / self._output_rate_hz
-        # The carrier begins at phase 0 with the line to the first sample.
+        # The carrier begins at phase 0, with the ramp to the first sample.
         tick = np.arange(first * each, first * each + levels.size)
         carrier = np.sin(2 * np.pi * turns * tick)
         return np.asarray(levels * carrier)

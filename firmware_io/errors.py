@@ -56,7 +56,7 @@ def from_extra(extra: str) -> Iterator[None]:
     try:
         yield
     except MissingExtraError:
-        raise  # of another extra, further down
+        raise  # an import further down needs another extra
     except ModuleNotFoundError as error:
         raise MissingExtraError(
             f"expected the package {error.name}, which is not installed; run: "

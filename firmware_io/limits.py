@@ -16,51 +16,51 @@ from firmware_io.errors import LimitError
 #: No configuration raises the ceiling above this: it is the product's safety limit.
 ABSOLUTE_CEILING_V = 200.0
 
-#: Touch current: what IEC 61010-1 (6.3.1, normal condition) lets flow from a part that is touched.
-#: It is not weighted with frequency, though above 1 kHz that would allow more.
+#: Touch current that IEC 61010-1 (6.3.1, normal condition) allows from a part that is touched.
+#: It is not weighted with frequency, though the weighting would allow more above 1 kHz.
 MAX_PEAK_A = 0.7e-3
 MAX_RMS_A = 0.5e-3
 
-#: Capacitance from the electrode through finger and body to earth, where nothing larger is known:
-#: the body of IEC 61000-4-2. The contact is in series with it, so that less is possible, but a
-#: person who is earthed has more: the contact's alone.
+#: Capacitance from the electrode through finger and body to earth, if no larger one is known: the
+#: body of IEC 61000-4-2. The contact in series makes it smaller. For a person who is earthed it can
+#: be larger, since only the contact's capacitance is left.
 BODY_CAPACITANCE_F = 150e-12
 
-#: The peak current is ``C dV/dt``, so that its limit is one of the slew: 4.67 MV/s. It is what the
-#: driver enforces as well. A sine of 186 V at 4 kHz reaches it, and of 74 V at 10 kHz.
+#: The peak current is ``C dV/dt``, so its limit is a limit of the slew: 4.67 MV/s. The driver
+#: enforces it, too. A sine of 186 V at 4 kHz reaches it, and one of 74 V at 10 kHz.
 DEFAULT_MAX_SLEW_V_PER_S = MAX_PEAK_A / BODY_CAPACITANCE_F
 
-#: The longest time without a host after which a driver is at 0 V and disarmed.
-#: Long enough that a host's pauses cost an underrun and not the session: 20 ms in a slow block,
-#: some 100 ms on a busy desktop. Short enough that what a dead host leaves behind is gone in about
-#: the time a person takes to react.
+#: The longest time without a host until a driver is at 0 V and disarmed.
+#: It is long enough that a pause of the host causes an underrun and does not end the session: 20 ms
+#: in a slow block, some 100 ms on a busy desktop. It is short enough that the output of a dead host
+#: ends in about the time that a person takes to react.
 WATCHDOG_S = 0.25
 
 #: Energy: the rms of a sine at the absolute ceiling, the strongest drive that screens are rated
-#: and calibrated with, and 1 % for windows that hold no whole number of its periods. Heat in
-#: amplifier and insulator, and the mean attraction, go with the square of the voltage: a square
-#: wave at the ceiling has twice a sine's, and passes for less than half of the window only.
+#: and calibrated for, and 1 % for windows without a whole number of its periods. Heat in amplifier
+#: and insulator, and the mean attraction, grow with the square of the voltage: a square wave at the
+#: ceiling has twice those of a sine, so it may last for less than half of the window.
 DEFAULT_MAX_RMS_V = 1.01 * ABSOLUTE_CEILING_V / math.sqrt(2.0)
 
-#: A mean voltage feels like nothing, since charge leaks through the insulator and screens it, but
-#: moves ions in the insulator and keeps a current through the person. 5 % of a second admit the
-#: half period with which any tone from 6.4 Hz on begins (2/pi * T/2 <= 0.05 s).
+#: A mean voltage is not felt, since charge leaks through the insulator and screens it, but it moves
+#: ions in the insulator and keeps a current through the person. 5 % of a second allow the half
+#: period with which any tone from 6.4 Hz on begins (2/pi * T/2 <= 0.05 s).
 DEFAULT_MAX_DC_SHARE = 0.05
 
-#: A carrier is at least this fast. Half of its turn at the ceiling leaves a mean of 0.06 V over a
-#: second, far below the limit, and an envelope cannot be gated in step with it unnoticed.
+#: The slowest carrier. Half a period of it at the ceiling gives a mean of 0.06 V over a second, far
+#: below the limit, and an envelope that is switched in step with it is noticed.
 MIN_CARRIER_HZ = 1000.0
 
-#: Energy and mean are taken over this long: shorter than it takes parts to warm or ions to move.
+#: Time over which energy and mean are taken: shorter than parts take to warm or ions to move.
 DEFAULT_WINDOW_S = 1.0
 
-#: Duration of the ramp to 0 V that ends a stream, in seconds: what a driver's own takes.
+#: Duration of the ramp to 0 V that ends a stream, in seconds; that of a driver's own ramp.
 RAMP_S = 0.005
 
 
 @dataclass(frozen=True)
 class Current:
-    """A current through the person, largest and root mean square, in amperes."""
+    """A current through the person: largest and root mean square, in amperes."""
 
     peak_a: float
     rms_a: float
@@ -87,7 +87,7 @@ def series_capacitance_f(contact_f: float, body_f: float = BODY_CAPACITANCE_F) -
 
 @dataclass(frozen=True)
 class DriveLimits:
-    """What a drive signal must keep to.
+    """Limits of a drive signal.
 
     Parameters
     ----------
@@ -105,14 +105,14 @@ class DriveLimits:
     max_peak_a, max_rms_a : float
         Largest admissible current through the person, in amperes; the rms is that of the window.
     capacitance_f : float
-        What that current flows through, in farads; at least `BODY_CAPACITANCE_F`. It lowers
-        `max_slew_v_per_s` to that of the largest peak current.
+        Capacitance through which that current flows, in farads; at least `BODY_CAPACITANCE_F`. It
+        lowers `max_slew_v_per_s` to the slew of the largest peak current.
 
     Raises
     ------
     LimitError
-        If a limit is not finite and positive, or is above its default: limits can be lowered only.
-        So if `capacitance_f` is below its default: that would raise the voltage.
+        If a limit is not finite and positive, or is above its default: limits can only be lowered.
+        Also if `capacitance_f` is below its default, which would raise the voltage.
 
     Examples
     --------
@@ -188,7 +188,7 @@ class DriveLimits:
         volts : ndarray, shape (n,)
             Samples to be driven, in volts.
         previous_v : float
-            The sample that goes before the first one, in volts.
+            The sample before the first one, in volts.
         sample_rate_hz : float
             Samples per second.
 
@@ -250,8 +250,8 @@ class DriveLimits:
         Raises
         ------
         LimitError
-            As from `check`, and if an amplitude is negative. The slope of ``a sin(w t)`` is taken
-            as ``|a'| + w a``, the most that it can be, and what the driver reckons as well.
+            As in `check`, and if an amplitude is negative. The slope of ``a sin(w t)`` is taken
+            as ``|a'| + w a``, the largest possible, as in the driver.
         """
         self.check(amplitude_v, previous_v, sample_rate_hz)
         if amplitude_v.size == 0:
@@ -276,7 +276,7 @@ class DriveLimits:
             )
 
     def _as_current(self) -> str:
-        """Return what the slew limit stands for, for messages."""
+        """Return the current that the slew limit stands for, for messages."""
         peak_ma = self.max_slew_v_per_s * self.capacitance_f * 1e3
         return f" ({peak_ma:.3g} mA through {self.capacitance_f * 1e12:.4g} pF)"
 
@@ -288,11 +288,11 @@ class DriveLimits:
         Parameters
         ----------
         last_v : float
-            The voltage that stands on the output.
+            The present voltage of the output.
         sample_rate_hz : float
             Samples per second.
         ramp_s : float
-            Duration in seconds; longer where the slew limit asks for it.
+            Duration in seconds; longer if the slew limit requires it.
 
         Returns
         -------
@@ -304,7 +304,7 @@ class DriveLimits:
         >>> DriveLimits().ramp_to_zero(100.0, sample_rate_hz=1000.0, ramp_s=0.004).tolist()
         [75.0, 50.0, 25.0, 0.0]
         """
-        # One sample to round up, one so that the rounding of a step cannot reach the limit.
+        # One sample for rounding up, and one so that a rounded step stays below the limit.
         shortest = int(abs(last_v) * sample_rate_hz / self.max_slew_v_per_s) + 2
         count = max(math.ceil(ramp_s * sample_rate_hz), shortest)
         return np.linspace(last_v, 0.0, count + 1)[1:]

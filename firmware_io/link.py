@@ -11,18 +11,18 @@ class Link(ABC):
     """Carries bytes to one driver and back.
 
     A link knows neither limits nor frames. `firmware_io.Device` owns it and speaks the protocol
-    through it. An implementation turns its library's errors into those of `firmware_io.errors`; an
-    OSError may pass and counts as a lost link. Only one thread uses a link at a time.
+    through it. An implementation turns its library's errors into those of `firmware_io.errors`; it
+    may let an OSError pass, which counts as a lost link. Only one thread uses a link at a time.
     """
 
     name: str
     """The driver's name in messages, such as its address."""
     clock: Clock = HOST_CLOCK
-    """By which the host waits for the driver."""
+    """Clock by which the host waits for the driver."""
     report_bytes: int | None = None
-    """Size of the reports that carry the bytes (HID); None where a write may be of any size."""
+    """Size of the reports that carry the bytes (HID); None if a write may have any size."""
     bytes_per_s: float | None = None
-    """Bytes that the link carries in a second; None where it sets no limit of its own."""
+    """Bytes that the link carries in a second; None if it has no limit of its own."""
 
     @property
     def latency_s(self) -> float | None:

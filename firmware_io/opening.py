@@ -1,4 +1,4 @@
-"""Open a device by its address; search the buses for what is connected."""
+"""Open a device by its address; search the buses for connected devices."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ class BusReport:
     Parameters
     ----------
     devices : tuple of DeviceInfo
-        What was found.
+        The devices that were found.
     """
 
     kind: str
@@ -128,9 +128,9 @@ def survey_buses() -> list[BusReport]:
         try:
             detail, devices = bus.search()
             reports.append(BusReport(kind, True, detail, tuple(devices)))
-        # Whatever a third-party library raises is a finding about this computer, not our error.
+        # An error of a third-party library is part of the report, and no error of haptix.
         except Exception as error:
-            # A missing extra names the command itself, which the remedy says as well.
+            # The error of a missing extra has the command already, and the remedy repeats it.
             why = str(error).partition("; run: pip")[0] or type(error).__name__
             detail = f"{why} ({bus.remedy})"
             reports.append(BusReport(kind, False, detail, ()))
@@ -172,7 +172,7 @@ class DeviceWatch:
         self._thread: threading.Thread | None = None
 
     def start(self) -> None:
-        """Begin to watch; devices that are connected already cause no call."""
+        """Begin to watch; devices that are already connected cause no call."""
         if self._thread is None:
             self._known = self._usable()
             self._end.clear()
@@ -195,7 +195,7 @@ class DeviceWatch:
         for device, is_there in changes:
             try:
                 self._on_change(device, is_there)
-            # An error in the reaction to one device must not end the watch over the others.
+            # An error of `on_change` for one device must not end the watch over the others.
             except Exception as error:
                 self.error = error
         return changes

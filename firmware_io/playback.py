@@ -1,4 +1,4 @@
-"""Real-time playback with a long queue and a short reaction: what waits is revised."""
+"""Real-time playback with a long queue and a short reaction: queued samples are revised."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ from firmware_io.reviser import PlaybackStats, Reviser, Source
 _LOG = logging.getLogger("firmware_io.playback")
 
 LONGEST_HORIZON_S = 0.11
-"""With the spare beyond it, about what a driver takes within its longest watchdog time."""
+"""Longest horizon: with the spare beyond it, about the longest watchdog time of a driver."""
 
-JOIN_S = 5.0  # longer than any link waits before it gives up
+JOIN_S = 5.0  # longer than any link waits
 
 
 class WaveSource:
-    """A source whose samples are the same whenever they are asked for: nothing is revised.
+    """A source whose samples are the same at every request, so that nothing is revised.
 
     Parameters
     ----------
     samples : callable
-        Returns the volts of so many samples from an index on, shape (count,).
+        Takes an index and a count; returns the volts of so many samples from it, shape (count,).
 
     Examples
     --------
@@ -73,30 +73,30 @@ class WaveSource:
 
 
 class Playback:
-    """Plays what a source makes, and makes it anew until it is played.
+    """Plays the samples of a source, and makes queued ones again until they are played.
 
-    One thread owns the device. It pulls samples up to the horizon ahead, and on each touch, and
-    every 15 ms at least, pulls those that are played next once more and revises them. A stall up
-    to the horizon is no underrun. However it ends (`stop`, an exception, Ctrl-C, SIGTERM, the
-    interpreter's exit, or garbage collection), the output ends at 0 V and the thread ends. It can
-    start again.
+    One thread owns the device. It takes samples from the source up to the horizon ahead. On each
+    touch, and at least every 15 ms, it takes the samples that are played next again and revises the
+    queue. A stall up to the horizon is no underrun. However it ends (`stop`, an exception, Ctrl-C,
+    SIGTERM, the interpreter's exit, or garbage collection), the output ends at 0 V and the thread
+    ends. It can start again.
 
-    On a device whose clock is not the host's own there is no thread: `step` and `run_until` do the
-    work, by that clock.
+    On a device with a clock of its own there is no thread: `step` and `run_until` do the work, by
+    that clock.
 
     Parameters
     ----------
     device : Device
         Open; only the playback may use it between `start` and `stop`.
     source : Source
-        Makes the samples, on the thread of the playback.
+        Makes the samples, in the thread of the playback.
     reaction_s : float
         Time from a touch to the first sample that knows of it: wake-up, rendering, transport and
-        the driver's guard. Where these take longer, as soon as they allow.
+        the driver's guard. If these take longer, the reaction is as short as they allow.
     horizon_s : float
         Longest stall that is no underrun.
     stats : PlaybackStats, optional
-        What to count in.
+        Counters.
 
     Attributes
     ----------
@@ -184,7 +184,7 @@ class Playback:
             self.raise_once()
 
     def touch(self, touched_s: float | None = None) -> None:
-        """Tell that the source has news, from a time of the device's clock or from now.
+        """Say that the source has changed, at a time of the device's clock or now.
 
         Raises
         ------
@@ -195,7 +195,7 @@ class Playback:
         reviser.touch(self._clock() if touched_s is None else touched_s)
 
     def step(self) -> float:
-        """Do the work that is due, without a thread; return the time to the next, in seconds.
+        """Do the work that is due, without a thread; return the time to the next step, in seconds.
 
         Raises
         ------
@@ -262,7 +262,7 @@ class Playback:
         return writer
 
 
-_LEAST_STEP_S = 1e-5  # half a sample: a driver's clock must move between two steps
+_LEAST_STEP_S = 1e-5  # half a sample, so that a driver's clock moves between two steps
 
 
 class Writer:
@@ -291,7 +291,7 @@ class Writer:
             return 0.0
 
     def end(self) -> None:
-        """End at 0 V, and wait until the thread has, where there is one."""
+        """End at 0 V, and wait for the end of the thread if there is one."""
         if self.thread.ident is None:
             if not self.is_over:
                 self._end()
@@ -309,7 +309,7 @@ class Writer:
             )
 
     def abandon(self) -> None:
-        """End without raising, for a playback that was collected: nobody can catch an error."""
+        """End without raising: nobody can catch an error of a playback that was collected."""
         try:
             self.end()
         except Exception:
@@ -335,7 +335,7 @@ class Writer:
 
     def _end(self) -> None:
         try:
-            # At once: what is queued is provisional, and is not played out.
+            # At once: queued samples are provisional and are not played out.
             self.reviser.device.stop_at_once()
         except BaseException as error:
             self._fail(error)

@@ -1,4 +1,4 @@
-"""What a driver reports of its output: how far it is, its clock, and samples that were marked."""
+"""A driver's reports of its output: its progress, its clock and the marked samples."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from typing import Self
 
 from firmware_io.protocol import NEVER, MarkedReport
 
-_KEPT_S = 1.0  # in which clocks that differ by 100 ppm part by 0.1 ms
+_KEPT_S = 1.0  # clocks that differ by 100 ppm drift apart by 0.1 ms in this time
 
 
 class OutputClock:
     """Follows the output of a driver by its reports.
 
-    A report may be read late, never early. So the one that shows the driver furthest ahead is the
-    best of the last second.
+    A report may be read late, but never early. So of the reports of the last second, the one that
+    shows the driver furthest ahead is the most exact.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ class OutputClock:
         self._origin = 0.0
 
     def restart(self, host_s: float, played: float) -> None:
-        """Forget earlier reports: from here on the output goes on without a gap."""
+        """Forget earlier reports; from here on the output has no gap."""
         self._origins.clear()
         self.observe(host_s, played)
 
@@ -37,7 +37,7 @@ class OutputClock:
         """Take a report, read at `host_s`, of how many samples were played."""
         origins, origin = self._origins, played - host_s * self.rate_hz
         while origins and (origins[-1][1] <= origin or origins[0][0] < host_s - _KEPT_S):
-            # Those that are not further ahead can never be the best again.
+            # Older reports that are not further ahead can never be the most exact again.
             if origins[-1][1] <= origin:
                 origins.pop()
             else:
@@ -91,7 +91,7 @@ class Progress:
 
 
 MOST_MARKS = 8
-"""That wait in a driver, or to be read."""
+"""Marks that may wait in a driver or to be read."""
 
 
 @dataclass(frozen=True)
@@ -103,13 +103,13 @@ class Marked:
     sample_index : int
         Samples sent before it since the device was armed, modulo 2**32.
     code : int
-        That of the mark.
+        Code of the mark.
     clock_ticks : int or None
         Its first output sample by the driver's clock, at which the digital line rose; None if it
         had been played before the mark came.
     time_s : float or None
-        The same by the host's clock: as the driver's reports of its clock came, of which the
-        earliest counts, and not when this one was read.
+        The same by the host's clock. It comes from the driver's reports of its clock, of which the
+        earliest counts, and not from when this report was read.
     """
 
     sample_index: int
@@ -119,12 +119,12 @@ class Marked:
 
     @classmethod
     def of(cls, report: MarkedReport, clock: OutputClock) -> Self:
-        """Take a driver's report, with its clock against the host's.
+        """Convert a driver's report, by its clock against the host's.
 
         Parameters
         ----------
         report : MarkedReport
-            What the driver told.
+            The driver's report.
         clock : OutputClock
             The driver's clock against the host's.
         """

@@ -1,4 +1,4 @@
-"""What a driver proves of itself, and what it refuses: each limit tripped once, at 0 V."""
+"""The proof test of a driver: its own tests, and each limit tripped once, at 0 V."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from firmware_io.protocol import (
     encode,
 )
 
-#: Of CAPABILITIES: what reset the driver.
+#: Words for the cause of the driver's last reset, by the number in CAPABILITIES.
 RESETS = (
     "not told",
     "power, and its watchdog has been seen to reset it",
@@ -42,21 +42,21 @@ class Proof(NamedTuple):
 
 
 def proof_test(link: Link, clock: Callable[[], float] = HOST_CLOCK) -> list[Proof]:
-    """Trip each limit of a driver that can be tripped without a volt at its output.
+    """Trip each limit of a driver that can be tripped while its output stays at 0 V.
 
-    Only zeros are accepted by the driver; each other sample breaks a limit, and is never played.
+    The driver accepts zeros only; every other sample breaks a limit and is never played.
 
     Parameters
     ----------
     link : Link
-        To a driver with nobody else at it.
+        Link to a driver that nobody else uses.
     clock : callable
-        The host's, in seconds.
+        Clock of the host, in seconds.
 
     Returns
     -------
     list of Proof
-        What the driver says of its own tests at power-up, and each limit.
+        The driver's own tests at power-up, and each limit.
     """
     session = _Session(link, clock)
     about = session.begin()
@@ -129,7 +129,7 @@ class _Session:
         gap: int,
         damage: bytes,
     ) -> str:
-        """Arm, send samples, and return what the driver says of them."""
+        """Arm, send samples, and return the driver's answer in words."""
         self.begin()
         rate = about.rates[0]
         mode = min(rate.modes)

@@ -42,7 +42,7 @@ _LOG = logging.getLogger("firmware_io.protocol")
 ANSWER_S = 0.5
 """Longest time to an answer, in seconds: a full queue of reports and a busy host take less."""
 
-_BROKEN_OFF_S = 0.1  # PROTOCOL.md: a frame whose bytes pause this long is given up
+_BROKEN_OFF_S = 0.1  # PROTOCOL.md: a frame whose bytes pause this long is discarded
 _KEPT_TOUCHES = 1024
 _READS = 4
 
@@ -55,7 +55,7 @@ class ProtocolClient:
     link : Link
         Carries the bytes.
     clock : Clock
-        The host's.
+        Clock of the host.
 
     Attributes
     ----------
@@ -68,13 +68,13 @@ class ProtocolClient:
     marked : deque of MarkedReport
         The latest samples that were marked and played, oldest first.
     marked_count : int
-        All that came.
+        Number of all that came.
     frames_sent, bytes_sent : int
         Delivered frames and bytes.
     output_clock : OutputClock
         The driver's clock against the host's, by its reports.
     version : int
-        That of the frames sent: the oldest until the handshake.
+        Version of the frames sent; until the handshake the oldest one.
     """
 
     def __init__(self, link: Link, clock: Clock = HOST_CLOCK) -> None:
@@ -102,10 +102,10 @@ class ProtocolClient:
         Raises
         ------
         ProtocolError
-            If what answers does not use this protocol, or uses another version of it.
+            If the device does not use this protocol, or uses another version of it.
         """
         damage: ProtocolError | None = None
-        # Twice: a report may be lost on the way, and HELLO is accepted in every state.
+        # Send it twice: a report may be lost, and HELLO is accepted in every state.
         for end_s in (self.clock() + ANSWER_S / 2, self.clock() + ANSWER_S):
             self.version = OLDEST_VERSION
             _LOG.info("%s: HELLO is sent", self.link.name)
@@ -136,9 +136,9 @@ class ProtocolClient:
         return os.getpid() != self._process
 
     def send(self, *messages: HostMessage) -> int:
-        """Send messages, in one write if the link has no reports; return the number of bytes.
+        """Send messages, in one write unless the link has reports; return the number of bytes.
 
-        The sequence advances only when all were delivered.
+        The sequence advances only if all were delivered.
         """
         if self.is_inherited:
             raise DeviceError(
@@ -194,7 +194,7 @@ class ProtocolClient:
     def send_stop(self) -> None:
         """Send STOP and wait until the driver reports that it is disarmed.
 
-        A refusal is kept in `fault`: it has ended the output as well.
+        A refusal is kept in `fault`; it, too, has ended the output.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Threads that must wake in time: their priority, what delays them, and how late they are."""
+"""Threads that must wake in time: their priority, the causes of delays, and measured delays."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 _WAIT_S = 0.003
-_FIFO_PRIORITY = 10  # above every ordinary thread, below what the kernel needs for its devices
+_FIFO_PRIORITY = 10  # above every ordinary thread, and below the kernel's threads for devices
 
 
 def raise_priority() -> bool:
-    """Give the calling thread real-time priority where the platform allows it.
+    """Give the calling thread real-time priority if the platform allows it.
 
-    On Linux that is SCHED_FIFO, for root, or with an `rtprio` limit (limits.conf, or LimitRTPRIO
-    of a service). Threads and processes that it starts are ordinary ones.
+    On Linux this is SCHED_FIFO, for root or with an `rtprio` limit (limits.conf, or LimitRTPRIO
+    of a service). Threads and processes that the thread starts have ordinary priority.
 
     Returns
     -------
     bool
-        Whether it has it now.
+        Whether it has real-time priority now.
     """
     if sys.platform != "linux":
         return False
@@ -45,8 +45,8 @@ thread delays a window by as much."""
 def ready_interpreter() -> Iterator[None]:
     """Keep garbage collection and thread switches short, and restore them.
 
-    A full garbage collection takes some 100 ms here. Frozen objects are left out of it. A program
-    that has frozen its objects keeps them so.
+    A full garbage collection takes some 100 ms here. It leaves out frozen objects. Objects that the
+    program itself has frozen stay frozen.
     """
     switch_s = sys.getswitchinterval()
     was_frozen = gc.get_freeze_count() > 0

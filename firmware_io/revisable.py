@@ -1,4 +1,4 @@
-"""Values on their way, of which those that have not been used can be replaced."""
+"""Queued values, which can be replaced until they are used."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ _Values = npt.NDArray[np.float64]
 
 
 class Revisable:
-    """A queue of numbers by index, whose replacements are in doubt until they are accepted.
+    """A queue of numbers by index; a replacement can be undone until it is accepted.
 
     Attributes
     ----------
     first : int
-        Index of the oldest value that it holds.
+        Index of the oldest value.
     """
 
     def __init__(self) -> None:
         self.first = 0
         self.values: _Values = np.empty(0)
-        self._replaced: deque[tuple[int, _Values]] = deque()  # what stood there before
+        self._replaced: deque[tuple[int, _Values]] = deque()  # the former values
 
     @property
     def end(self) -> int:
-        """Index behind the last value."""
+        """Index after the last value."""
         return self.first + self.values.size
 
     def __getitem__(self, index: int) -> float:
@@ -40,23 +40,23 @@ class Revisable:
         return float(self.values[index - self.first])
 
     def append(self, values: _Values) -> None:
-        """Add values behind the last."""
+        """Add values after the last one."""
         self.values = np.concatenate([self.values, values])
 
     def replace(self, first: int, values: _Values) -> None:
-        """Replace values that it holds, from index `first` on."""
+        """Replace values from index `first` on."""
         start = first - self.first
         place = slice(start, start + values.size)
         self._replaced.append((first, self.values[place].copy()))
         self.values[place] = values
 
     def accept(self, count: int) -> None:
-        """Take the oldest `count` replacements as final."""
+        """Make the oldest `count` replacements final."""
         for _ in range(min(count, len(self._replaced))):
             self._replaced.popleft()
 
     def undo(self) -> int:
-        """Take back all replacements that were not accepted; return how many there were."""
+        """Undo all replacements that were not accepted; return their number."""
         count = len(self._replaced)
         while self._replaced:
             first, before = self._replaced.pop()
@@ -67,7 +67,7 @@ class Revisable:
         return count
 
     def undo_last(self) -> None:
-        """Take back the newest replacement, before anything was dropped."""
+        """Undo the newest replacement, before anything was dropped."""
         first, before = self._replaced.pop()
         self.values[first - self.first : first - self.first + before.size] = before
 
@@ -80,12 +80,12 @@ class Revisable:
 
 
 class Provisional:
-    """What a driver holds, as the host believes it, and the revisions under way.
+    """The host's copy of a driver's queue, and the revisions under way.
 
     Parameters
     ----------
     checks : DriveCheck
-        Limits; it takes what is played.
+        Limits; it counts the samples that are played.
     seen : StatusReport or None
         The last report before the driver was armed.
 
@@ -94,9 +94,9 @@ class Provisional:
     queue : Revisable
         The samples, by index.
     before_v : float
-        The sample before those.
+        The sample before the queue.
     obeyed, undone : int
-        Revisions that the driver has obeyed, and that it has refused or will.
+        Revisions that the driver has obeyed, and those that it has refused or will refuse.
     """
 
     def __init__(self, checks: DriveCheck, seen: StatusReport | None) -> None:
@@ -117,7 +117,7 @@ class Provisional:
         return self._revised % SEQUENCE_MODULUS
 
     def check_appended(self, driven: _Values) -> None:
-        """Reject what would break a limit behind the queue."""
+        """Reject output that would break a limit after the queue."""
         queue = self.queue
         waiting = self._checks.driven(queue.values, queue.first, self.before_v)
         self._checks.check_window(np.concatenate([waiting, driven]))
@@ -125,14 +125,14 @@ class Provisional:
     def replace(self, first: int, volts: _Values, most: int) -> npt.NDArray[np.int16]:
         """Replace queued samples from an index on, and return their codes.
 
-        What breaks a limit is rejected.
+        Samples that break a limit are rejected.
         """
         queue, end = self.queue, first + volts.size
         if not (0 < volts.size <= most):
             raise DeviceError(
                 f"A revision has 1 to {most} samples, but {volts.size} came; split it."
             )
-        # The last one queued stays: what is appended goes on from it, whatever becomes of this.
+        # The last queued sample stays: appended samples follow it, whether this is obeyed or not.
         if not queue.first < first <= end < queue.end:
             raise DeviceError(
                 f"Samples {queue.first + 1} to {queue.end - 2} can be revised, but {first} to "
@@ -151,14 +151,14 @@ class Provisional:
         return codes[:-1]
 
     def settle(self, status: StatusReport | None, sent: int) -> None:
-        """Learn from the last report which revisions were obeyed, and what was played."""
+        """Read from the last report which revisions were obeyed, and which samples were played."""
         if status is None or status is self._seen:
             return
         self._seen = status
         obeyed = (status.revisions - self.obeyed) % SEQUENCE_MODULUS
         self.obeyed += obeyed
         self.queue.accept(obeyed)
-        # Those sent behind a refused one are refused as well, whenever they come: counted already.
+        # The driver also refuses revisions that were sent after a refused one: they were counted.
         if 0 < (status.refused - self._refused) % SEQUENCE_MODULUS < SEQUENCE_MODULUS // 2:
             undone = self.queue.undo()
             self._refused += undone
@@ -167,7 +167,7 @@ class Provisional:
         self.take_played(sent - (sent - status.samples_played) % INDEX_MODULUS)
 
     def take_played(self, index: int) -> None:
-        """Count samples before an index as driven: nothing can replace them any more."""
+        """Count samples before an index as driven; they cannot be replaced any more."""
         first = self.queue.first
         volts = self.queue.drop_before(index)
         if volts.size:

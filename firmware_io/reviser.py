@@ -1,4 +1,4 @@
-"""The work of the thread that plays ahead and revises what has not been played.
+"""The work of the thread that plays ahead and revises samples before they are played.
 
 States of a stretch of samples::
 
@@ -6,12 +6,12 @@ States of a stretch of samples::
     to be made ---------> in the queue --------------------------> played
                             |     ^
                revise,      |     |  the driver obeys it: the new samples are in the queue
-               on a touch   |     |  the driver refuses it, and those sent behind it: the old
-               or in time   v     |  samples stay, and it is revised again for the same touch
+               on a touch   |     |  the driver refuses it, and those sent after it: the old
+               or in time   v     |  samples stay, and are revised again for the same touch
                           under way
 
-A driver refuses a revision that begins within its guard of what is on the output. How long before
-that a revision must be sent is learned from the margins that the driver reports.
+A driver refuses a revision that begins closer to the output than its guard. How much earlier a
+revision must be sent is learned from the margins that the driver reports.
 """
 
 from __future__ import annotations
@@ -35,54 +35,54 @@ _LOG = logging.getLogger("firmware_io.playback")
 WINDOW_S = 0.02
 """Longest revision: two intervals of a touchscreen of 100 Hz."""
 
-_SLOW_WINDOW_S = 0.014  # on a line whose bytes take long: its own are a part of each reaction
-_BURST = 0.5  # of an interval between revisions: one that waited does not let the next one wait
+_SLOW_WINDOW_S = 0.014  # on a slow line, where the bytes of a revision delay each reaction
+_BURST = 0.5  # share of an interval by which the revision of a touch may come early
 
 SPARE_S = 0.085
-"""Samples beyond the horizon: of the piece that is appended next, and for two stalls in a row."""
+"""Samples beyond the horizon: the next piece to append, and a reserve for two stalls in a row."""
 
-_PIECE_S = 0.04  # of what is appended at once, in the time between touches
-_PIECE_SHARE = 1 / 3  # and of what the driver can hold beyond the horizon
-_APPENDED_WITHIN_S = 0.007  # of when there is room for a piece: mostly by the next look
-_PIECE_TAKES_S = 0.002  # on a slow link
+_PIECE_S = 0.04  # most that is appended at once, between two touches
+_PIECE_SHARE = 1 / 3  # its largest share of the driver's queue beyond the horizon
+_APPENDED_WITHIN_S = 0.007  # after there is space for a piece: mostly at the next step
+_PIECE_TAKES_S = 0.002  # longest time to send a piece on a slow link
 _STATUS_S = 0.02
-_ASK_S = 0.25  # a report that waits in a socket is late; an answer to a question is not
-_READ_S = 5e-4  # from when a revision is due: whether it was refused is known by then
-_AFTER_REFUSAL_S = 1.0  # after a refusal: each further revision is looked after as soon as that
-_FIRST_NEED_S = 1e-3  # beyond the guard
-# By which a refusal delays a reaction: until it is told, and the needs of what is sent again and
-# of what it holds up on the link.
+_ASK_S = 0.25  # a report may have waited in a socket; the answer to a question has not
+_READ_S = 5e-4  # after a revision is due: by then it is known whether it was refused
+_AFTER_REFUSAL_S = 1.0  # for this long after a refusal, each revision is read after `_READ_S`
+_FIRST_NEED_S = 1e-3  # first guess of the need beyond the guard
+# A refusal delays a reaction by the time until it is reported, and by the needs of the revision
+# that is sent again and of those that it delays on the link.
 _REFUSED_S, _REFUSED_NEEDS = 0.01, 3
-_WEIGHTS = [0.1 * 0.9**age for age in range(31, -1, -1)]  # of what revisions needed
-_SPARE_S = 1e-4  # beyond the need: of reading two clocks
+_WEIGHTS = [0.1 * 0.9**age for age in range(31, -1, -1)]  # of the measured needs
+_SPARE_S = 1e-4  # beyond the need: error of reading two clocks
 _LONGEST_NEED_S = 0.05
-_RENEWED_SHARE = 0.75  # of a window is played at most before the next one
-_LEAST_WINDOW_S = 0.002  # in which a source can meet what is queued behind it
+_RENEWED_SHARE = 0.75  # largest share of a window that is played before the next one
+_LEAST_WINDOW_S = 0.002  # a source needs this long to join the samples queued after it
 _KEPT = 100_000
 
 
 @dataclass
 class PlaybackStats:
-    """What a playback counts."""
+    """Counters and times of a playback."""
 
     reaction_s: float = math.nan
-    """Time from a touch to the first sample that knows of it [s], as asked for."""
+    """Requested time from a touch to the first sample that knows of it [s]."""
     horizon_s: float = math.nan
-    """Longest stall that is no underrun [s], as asked for."""
+    """Requested longest stall that is no underrun [s]."""
     samples_played: int = 0
     """Samples sent, each once."""
     underruns: int = 0
-    """Times that the driver had no samples."""
+    """Number of times that the driver had no samples."""
     revisions: int = 0
-    """Windows that were made again and revised before they were played."""
+    """Number of windows that were revised before they were played."""
     refused: int = 0
-    """Revisions that came too late."""
+    """Number of revisions that came too late."""
     late_samples: int = 0
-    """Samples played from an older prediction, because their revision came later than asked for."""
+    """Samples played from an older prediction, because their revision was later than requested."""
     longest_stall_s: float = 0.0
     """Longest time for which the thread that plays did not run when it should have [s]."""
     reactions_s: deque[float] = field(default_factory=lambda: deque(maxlen=_KEPT), repr=False)
-    """Of each of the last touches, time to the first sample that knew of it [s]."""
+    """For each of the last touches, time to the first sample that knew of it [s]."""
 
     @property
     def reaction_p50_s(self) -> float:
@@ -91,12 +91,12 @@ class PlaybackStats:
 
     @property
     def reaction_p99_s(self) -> float:
-        """99th percentile of them [s]."""
+        """99th percentile of `reactions_s` [s]."""
         return percentile(self.reactions_s, 99)
 
     @property
     def reaction_max_s(self) -> float:
-        """Longest of them [s]."""
+        """Longest of `reactions_s` [s]."""
         return percentile(self.reactions_s, 100)
 
     @property
@@ -112,13 +112,13 @@ class PlaybackStats:
 
 
 def percentile(times_s: Iterable[float], percent: float) -> float:
-    """Return a percentile; nan of nothing."""
+    """Return a percentile; nan without times."""
     kept = list(times_s)
     return float(np.percentile(kept, percent)) if kept else math.nan
 
 
 class Source(Protocol):
-    """Makes samples for any stretch of a stream, as often as it is asked for them."""
+    """Makes the samples of any stretch of a stream, as often as requested."""
 
     @property
     def grid(self) -> int:
@@ -131,9 +131,9 @@ class Source(Protocol):
     def window(
         self, first: int, count: int, at_s: float, is_revision: bool
     ) -> npt.NDArray[np.float64]:
-        """Return samples from index `first` on, of which the first is played at `at_s`.
+        """Return samples from index `first` on; the first is played at `at_s`.
 
-        They begin where the sample before them ends. A revision ends where the one behind begins.
+        They continue the sample before them; those of a revision also lead to the sample after.
 
         Parameters
         ----------
@@ -141,28 +141,28 @@ class Source(Protocol):
             Index of the first sample.
         count : int
         at_s : float
-            When the first is played [s].
+            Time when the first is played [s].
         is_revision : bool
             Whether they replace samples that are queued.
         """
 
     def settle(self, obeyed: int, undone: bool) -> None:
-        """Take the oldest revisions as played; with `undone`, all others never were.
+        """Count the oldest revisions as played; with `undone`, discard all others.
 
         Parameters
         ----------
         obeyed : int
-            How many of the oldest revisions were played.
+            Number of the oldest revisions that were played.
         undone : bool
-            Whether all others are as if they had never been.
+            Whether the driver has refused all others.
         """
 
     def played(self, index: int) -> None:
-        """Forget what lies before an index."""
+        """Forget the samples before an index."""
 
 
 class Reviser:
-    """Keeps the driver's queue at a horizon, and revises it. A thread or a test calls its steps.
+    """Keeps the driver's queue filled to the horizon and revises it; others call `step`.
 
     Parameters
     ----------
@@ -171,12 +171,12 @@ class Reviser:
     source : Source
         Makes the samples.
     stats : PlaybackStats
-        What to count in; it says which reaction and horizon to keep.
+        Counters; it also has the requested reaction and horizon.
 
     Attributes
     ----------
     ready : threading.Condition
-        Guards what a touch changes; notified to wake the thread.
+        Guards the attributes that a touch changes; notified to wake the thread.
     has_touch : bool
         Whether a touch has come since the last step began.
     """
@@ -208,7 +208,7 @@ class Reviser:
         self._piece = max(grid, piece // grid * grid)
         self._patience_s = min(_APPENDED_WITHIN_S, self._piece / rate_hz / 2)
         self._guard_s = device.capabilities.guard_s
-        # From reading the clock to the first sample, on a line that is free.
+        # Time from reading the clock to the first sample, on a free line.
         self.need_s = self._guard_s + _FIRST_NEED_S
         if device.pace.bytes_per_s is not None:
             self.need_s += 2 * self._window / device.pace.bytes_per_s
@@ -216,17 +216,17 @@ class Reviser:
         self._needs: deque[float] = deque([self.need_s], maxlen=len(_WEIGHTS))
         self.has_touch = False
         self._touched_s: float | None = None
-        # Of each revision: the touch, when its first sample is played, and its lead on a free line.
+        # For each revision: time of the touch, time of its first sample, and lead on a free line.
         self._under_way: deque[tuple[float, float, float]] = deque()
         self._read_s = self._append_due_s = -math.inf
         self._revised_s = self._carried_s = -math.inf
-        self._refused_s = self._clock()  # the first revisions try how long they need
+        self._refused_s = self._clock()  # so that the first revisions measure their need
         self._asked_s = -math.inf
         self._known_underruns = 0
         self._has_reported = False  # whether a report has come since it was armed
         self._obeyed = self._undone = 0
         self._forgotten = 0  # the source cannot begin before this index
-        self._due_s = math.inf  # of the step under way
+        self._due_s = math.inf  # time for which the present step was due
 
     def begin(self) -> None:
         """Arm the device, to play without a lead of its own."""
@@ -247,7 +247,7 @@ class Reviser:
         self.has_touch = False
         now_s = self._clock()
         self.stats.longest_stall_s = max(self.stats.longest_stall_s, now_s - self._due_s)
-        # A touch comes first: reports are read, and samples appended, once its revision is sent.
+        # A touch comes first: its revision is sent before reports are read and samples appended.
         is_touched = self._touched_s is not None and now_s >= self._next_revision_s()
         is_low = self.samples_sent - self.output.played(now_s) < self._horizon / 4
         if is_touched and not is_low:
@@ -288,7 +288,7 @@ class Reviser:
         if progress.is_playing:
             missed = progress.underruns - self._known_underruns
             if missed or not self._has_reported:
-                # What was known is of an output that has stood since, or was assumed.
+                # Earlier knowledge was assumed, or is of an output that has stopped since.
                 self.output.restart(progress.reported_s, progress.samples_played)
                 self._has_reported = True
             else:
@@ -316,41 +316,41 @@ class Reviser:
                 touched = [t for t, *_ in self._under_way if not math.isnan(t)]
                 lead_s = self._under_way[-1][-1]
                 self._under_way.clear()
-                # Again, for the touch that was waiting longest.
+                # Revise again, for the touch that has waited longest.
                 self._touched_s = min(
                     [*touched, self._clock() if self._touched_s is None else self._touched_s]
                 )
         self._source.settle(obeyed, bool(undone))
         margin_s = progress.margin_samples / self._rate_hz
-        # A margin above the lead tells of an output that stood meanwhile, not of a driver that
-        # takes revisions of the past.
+        # A margin above the lead means that the output stopped meanwhile, and not that the driver
+        # takes revisions of samples it has played.
         needed_s = max(lead_s - margin_s, 0.0) + self._guard_s
         self._learn(min(needed_s, _LONGEST_NEED_S))
 
     def _learn(self, needed_s: float) -> None:
         """Choose the time that revisions need, so that a reaction is short on average.
 
-        Of those seen, a longer one delays every reaction, a shorter one those whose revision is
-        refused and sent again. So a stall, which no revision could wait for, changes nothing.
+        It is one of the measured times. A longer one delays every reaction; a shorter one delays
+        the reactions whose revision is refused and sent again. So a single stall changes nothing.
         """
         self._needs.append(needed_s)
         weights = _WEIGHTS[-len(self._needs) :]
         least_s, refused_s = math.inf, 0.0
-        # From the longest down: what those above it would cost.
+        # From the longest down, add up the delays by refusals of the revisions that need longer.
         for need_s, weight in sorted(zip(self._needs, weights, strict=True), reverse=True):
             if need_s + refused_s < least_s:
                 least_s, self.need_s = need_s + refused_s, need_s + _SPARE_S
             refused_s += weight * (_REFUSED_S + _REFUSED_NEEDS * need_s)
 
     def _revise(self) -> None:
-        """Make what is played next anew, from as soon as it may reach the driver."""
+        """Make the next samples again, from the first that a revision can still reach."""
         with self.ready:
             touched_s, self._touched_s = self._touched_s, None
         now_s, grid = self._clock(), self._source.grid
         waits_s = self._line_busy_s(now_s)
         need_s = self.need_s + waits_s
         self._revised_s = now_s
-        # When the link has carried it and those before, at the share that revisions have of it.
+        # Time when the link has carried this revision, at the revisions' share of its bytes.
         self._carried_s = max(self._carried_s, now_s) + self._least_interval_s
         first = math.ceil((self.output.played(now_s) + need_s * self._rate_hz) / grid)
         if touched_s is not None:
@@ -358,7 +358,7 @@ class Reviser:
             self.stats.late_samples += max(0, first * grid - math.ceil(wanted))
             first = max(first, math.floor(wanted / grid))
         first = max(first * grid, self._forgotten + grid)
-        # The last point queued stays: what is appended goes on from it.
+        # The last queued point stays, since appended samples follow it.
         count = min(self._window, (self.samples_sent - grid - first) // grid * grid)
         if count < self._least:
             return
@@ -376,11 +376,11 @@ class Reviser:
             self._under_way.append((math.nan if touched_s is None else touched_s, at_s, lead_s))
 
     def _line_busy_s(self, now_s: float) -> float:
-        """Return how long the link still carries what was sent; 0 where that cannot be known."""
+        """Return how long the link is still busy with sent bytes; 0 if that is unknown."""
         return max(0.0, self._line_free_s - now_s)
 
     def _note_sent(self, began_s: float) -> None:
-        """Count what was sent from a time on, on a line that carries so many bytes a second."""
+        """Add the bytes sent since a time to the load of a line of so many bytes a second."""
         rate = self.device.pace.bytes_per_s
         if rate is not None:
             sent = self.device.bytes_sent
@@ -396,7 +396,7 @@ class Reviser:
         played = min(self.output.played(now_s), float(sent))
         self._forgotten = max(self._forgotten, (int(played) - self._window) // grid * grid)
         self._source.played(self._forgotten)
-        # What is behind the report is room as well, though the driver has not said so.
+        # Samples played since the report have left space, too, though it is not reported yet.
         room = progress.room_samples
         missing = int(min(self._horizon - (sent - played), room))
         count = min(missing, self._piece) // grid * grid
@@ -407,6 +407,6 @@ class Reviser:
         self._note_sent(now_s)
         self.samples_sent += count
         self.stats.samples_played += count
-        # Writing has read reports: no revision is sent before what they tell is known.
+        # Writing has read reports: evaluate them before the next revision is sent.
         self._observe(self.device.progress())
         return missing - count

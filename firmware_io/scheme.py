@@ -1,8 +1,8 @@
 """Addresses of devices, and the schemes they begin with.
 
-An address is a scheme, a colon, and the key=value pairs of that scheme. A scheme says how a link is
-opened by one, and how its bus is searched. A module of `firmware_io.links` that has a `SCHEME`
-brings one under its own name; another package brings its own as entry points of the group
+An address is a scheme, a colon, and the key=value pairs of that scheme. A scheme says how to open a
+link by an address, and how to search its bus. A module of `firmware_io.links` with a `SCHEME` adds
+one under the module's name; another package adds its own by entry points of the group
 "haptix.links".
 """
 
@@ -172,7 +172,7 @@ class Bus:
     search : callable
         Returns the library with its version, and the devices. It may raise anything.
     remedy : str
-        What to install where it raises.
+        What to install if it raises.
     """
 
     search: Callable[[], tuple[str, list[DeviceInfo]]]
@@ -181,20 +181,20 @@ class Bus:
 
 @dataclass(frozen=True)
 class Scheme:
-    """A kind of link, as the module that has it describes it.
+    """A kind of link, as its module describes it.
 
     Parameters
     ----------
     open : callable
         Returns the link; takes the values of `keys` that the address gives, by name.
     keys : mapping of str to callable
-        Keys of its addresses besides `firmware_io.scheme.SETTING_KEYS`, and what reads each.
+        Keys of its addresses besides `firmware_io.scheme.SETTING_KEYS`, and the reader of each.
     split : callable, optional
-        Takes a selector; returns the values that stand before its keys, and the rest.
+        Takes a selector; returns the values before its keys, and the rest.
     bus : Bus, optional
-        Where its devices are found.
+        The bus of its devices.
     makes_rate : bool
-        Whether the link itself makes the sample rate, and takes `sample_rate_hz`.
+        Whether the link itself sets the sample rate, and takes `sample_rate_hz`.
     """
 
     open: Callable[..., Link]
@@ -211,17 +211,17 @@ def scheme_names() -> tuple[str, ...]:
 
 
 def scheme(name: str) -> Scheme:
-    """Return one of those.
+    """Return one of these schemes.
 
     Raises
     ------
     DeviceError
-        If its module cannot be imported, or has no scheme there.
+        If its module cannot be imported, or has no scheme.
     """
     link = _links()[name]
     try:
         loaded = link.load()
-    # Whatever another package raises when it is imported.
+    # The import of another package may raise anything.
     except Exception as error:
         raise DeviceError(
             f"{name}: cannot be used, since {link.value} fails: {error}; mend or remove the "
@@ -237,7 +237,7 @@ def scheme(name: str) -> Scheme:
 
 @cache
 def _links() -> dict[str, EntryPoint]:
-    """Entry points by scheme. No other package takes the place of one of ours."""
+    """Entry points by scheme. Another package cannot replace a scheme of this one."""
     ours = {
         path.stem: EntryPoint(path.stem, f"firmware_io.links.{path.stem}:SCHEME", _GROUP)
         for path in sorted(Path(__file__).with_name("links").glob("*.py"))

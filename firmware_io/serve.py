@@ -1,4 +1,4 @@
-"""``python -m firmware_io.serve``: a mock driver in real time for hosts in other processes."""
+"""``python -m firmware_io.serve``: a mock driver in real time, for hosts in other processes."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ DEFAULT_PORT = 7420
 _TURN_S = 0.002  # between two polls of the driver
 _READ_BYTES = 65536
 _SEND_S = 1.0
-#: Reads between two looks at who else wants in.
+#: Reads between two looks for other hosts that want to connect.
 _MOST_TURNS = 64
 #: Time to answer the challenge [s], and how many hosts may be about to answer it.
 _ANSWER_S, _MOST_NEWCOMERS = 2.0, 16
@@ -47,8 +47,8 @@ class _Newcomer(NamedTuple):
 class DriverServer:
     """Serves one mock driver to one host at a time, over TCP.
 
-    The connection of a second host is closed at once. When a host disconnects, in whatever way,
-    the driver ramps to 0 V.
+    The connection of a second host is closed at once. However a host disconnects, the driver ramps
+    to 0 V.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class DriverServer:
     port : int
         Port; 0 for any free one.
     token : str
-        What a host must know to answer the challenge; without, every host of this machine may.
+        Secret by which a host answers the challenge; without one, every host of this machine may.
 
     Raises
     ------
@@ -96,13 +96,13 @@ class DriverServer:
 
     def serve(self) -> None:
         """Serve until `stop`."""
-        raise_priority()  # a board's interrupts do not wait for a busy computer
+        raise_priority()  # on a board, interrupts do not wait for a busy computer
         client: socket.socket | None = None
         try:
             while not self._end.is_set():
                 wanted = [self._listener, *self._newcomers, *([] if client is None else [client])]
                 readable = select.select(wanted, [], [], _TURN_S)[0]
-                # The old host first: it may have left, and is the one who comes again.
+                # The old host first: it may have left, and may be the newcomer.
                 for _ in range(_MOST_TURNS):
                     if client is None:
                         break
@@ -145,7 +145,7 @@ class DriverServer:
         self.stop()
 
     def _meet(self, newcomer: socket.socket) -> None:
-        """Send a challenge; who came first of too many goes."""
+        """Send a challenge; if too many hosts wait, disconnect the oldest."""
         newcomer.settimeout(_SEND_S)
         newcomer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._newcomers[newcomer] = _Newcomer(
@@ -157,7 +157,9 @@ class DriverServer:
 
     def _answered(self, readable: Iterable[socket.socket]) -> socket.socket | None:
         """Return the first host that has answered its challenge."""
-        late = [one for one, its in self._newcomers.items() if its.until_s < time.monotonic()]
+        late = [
+            newcomer for newcomer, its in self._newcomers.items() if its.until_s < time.monotonic()
+        ]
         self._show_out(late)
         for host in [host for host in self._newcomers if host in readable]:
             expected, _, said = self._newcomers[host]
@@ -234,7 +236,7 @@ def main(arguments: list[str] | None = None) -> int:
             ceiling_v=options.ceiling_v,
             serial=options.serial,
             pace="real",
-            # It may be served for days, and no host can ask for its record.
+            # It may run for days, and no host can ask for its record.
             kept_s=1.0 if record is None else math.inf,
         )
         token = read_token(options.token_file)
@@ -247,12 +249,12 @@ def main(arguments: list[str] | None = None) -> int:
         signal.signal(ending, lambda *_: server.stop())
     sys.stdout.write(f"{server.address}\n")
     sys.stdout.flush()
-    gc.freeze()  # what has been imported: a full collection takes milliseconds, a board none
+    gc.freeze()  # a full collection of all imports takes milliseconds
     with suppress(KeyboardInterrupt):
         server.serve()
     if record is not None:
         try:
-            with record.open("wb") as file:  # by its name alone numpy would choose another one
+            with record.open("wb") as file:  # given a path, numpy would add an ending
                 np.save(file, driver.output_v)
         except OSError as error:
             sys.stderr.write(f"cannot write {record}: {error.strerror or error}\n")

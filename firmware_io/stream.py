@@ -1,6 +1,6 @@
-"""The host's side of one stream: samples sent, the voltage on the output, the stop owed.
+"""The host's side of one stream: the samples sent, the output's voltage, and the STOP owed.
 
-States of a stream, of which `is_armed` and `stop_is_owed` tell::
+States of a stream, by `is_armed` and `stop_is_owed`::
 
                SETUP, ARM                 any error, or stop
     at rest ---------------> armed ------------------------------> stop owed
@@ -11,9 +11,9 @@ States of a stream, of which `is_armed` and `stop_is_owed` tell::
        +---------------------------------------------------------------+
                    STOP is answered; stop, arm and close send it again
 
-A STOP is owed from before the ARM is sent. While it is, the driver may play, and its watchdog ends
-that if no STOP arrives. A frame whose delivery failed is in doubt: it may have arrived, so that the
-voltage and the number of the next frame are those of before or those behind it, until a STOP.
+A STOP is owed from just before ARM is sent. Until it is delivered the driver may play; its watchdog
+ends that if no STOP arrives. A frame whose delivery failed may have arrived or not. Until a STOP,
+the voltage and the next frame's number may then be those before or those after that frame.
 """
 
 from __future__ import annotations
@@ -50,16 +50,16 @@ _LOG = logging.getLogger("firmware_io.stream")
 
 #: Samples in one write to a link without reports: 64 KiB; longer writes delay a stop.
 _SAMPLES_PER_WRITE = 32_000
-_SLOWEST = 0.98  # of its rate, at which a driver plays; even without a crystal none is slower
-_STANDS_S = 2.0  # without progress; a driver that waits for its lead plays within a watchdog time
+_SLOWEST = 0.98  # share of its rate at which a driver plays at least, even without a crystal
+_STANDS_S = 2.0  # time without progress; a lead is over within a watchdog time
 
 #: Reports in a frame: the fewest with less than 15 % overhead (PROTOCOL.md).
 _REPORTS_PER_FRAME = 3
 _REPORTS_PER_REVISION = 4
-_REVISIONS_PER_S = 100  # that a link should carry: the usual touchscreen's reports
-_LEAST_INTERVAL_S = 0.0025  # between two revisions, whatever the link
+_REVISIONS_PER_S = 100  # rate that a link should carry: reports of the usual touchscreen
+_LEAST_INTERVAL_S = 0.0025  # between two revisions, on any link
 _OTHER_REPORTS_PER_S = 10  # questions to the driver
-_USED_SHARE = 0.9  # of a link's bytes
+_USED_SHARE = 0.9  # share of a link's bytes that is used
 _REVISE_OVERHEAD_BYTES = STREAM_OVERHEAD_BYTES + 2
 
 
@@ -74,7 +74,7 @@ class Pace:
     max_frame_samples : int
         Samples in the longest frame that the driver accepts.
     report_bytes, bytes_per_s : int or None
-        Of the link that carries them, see `Link`.
+        Report size and bytes per second of the link, see `Link`.
     """
 
     setup: Setup
@@ -84,7 +84,7 @@ class Pace:
 
     @property
     def least_write_samples(self) -> int:
-        """Best size of a write: multiples of it fill whole frames if the link has reports."""
+        """Best size of a write: if the link has reports, multiples of it fill whole frames."""
         return 1 if self.report_bytes is None else self.frame_samples
 
     @cached_property
@@ -97,7 +97,7 @@ class Pace:
 
     @property
     def most_revised_samples(self) -> int:
-        """Samples in the longest revision: in reports, of four of them."""
+        """Samples in the longest revision; on a link with reports, of four reports."""
         most = self.max_frame_samples
         if self.report_bytes is not None:
             most = min(most, samples_per_frame(_REPORTS_PER_REVISION, self.report_bytes) - 1)
@@ -108,9 +108,9 @@ class Pace:
         return self.setup.watchdog_ms * self.setup.sample_rate_hz // 4000
 
     def most_ahead(self, is_revisable: bool) -> int:
-        """Return the most samples in the driver: it plays them before its watchdog time is over."""
+        """Return the most samples in the driver: those that it plays within its watchdog time."""
         setup = self.setup
-        if is_revisable:  # and a quarter of that time is for what holds up a frame
+        if is_revisable:  # a quarter of that time is left for delays of a frame
             return int(0.75 * setup.watchdog_ms / 1e3 * setup.sample_rate_hz)
         ahead_s = setup.watchdog_ms / 1e3 / 2 - min(setup.lead_us / 1e6, setup.watchdog_ms / 4e3)
         return max(self.frame_samples, int(ahead_s * setup.sample_rate_hz))
@@ -121,13 +121,13 @@ class Pace:
         Parameters
         ----------
         window_s : float
-            Longest revision. It is shorter where driver or link do not carry as much a hundred
-            times a second.
+            Longest revision. It is shorter if driver or link cannot carry so much a hundred times
+            a second.
         """
         rate_hz = self.setup.sample_rate_hz
         most = min(self.most_revised_samples, int(window_s * rate_hz))
         if self.report_bytes is not None:
-            # In whole reports, of those that frames leave over.
+            # In whole reports, of those that frames do not need.
             reports = rate_hz / self.frame_samples * _REPORTS_PER_FRAME + _OTHER_REPORTS_PER_S
             left = MOST_REPORTS_PER_S - reports
             each = min(_REPORTS_PER_REVISION, max(1, int(left / _REVISIONS_PER_S)))
@@ -144,9 +144,9 @@ class Pace:
 
 
 class Stream:
-    """Sends samples to one driver, and the STOP that is owed for them.
+    """Sends samples to one driver, and the STOP that it then owes.
 
-    It holds no reference to its `Device`: it must stop the driver after the device was collected.
+    It has no reference to its `Device`, since it stops the driver after the device was collected.
 
     Parameters
     ----------
@@ -168,10 +168,10 @@ class Stream:
     stop_is_owed : bool
         Whether the driver may be armed: from the first try to arm it until a STOP arrived.
     last_v : float
-        The last voltage that may stand on the output. Of a frame that may have arrived or not,
-        the larger of the voltages before and after it.
+        The last possible voltage of the output. If a frame may have arrived or not, the larger of
+        the voltages before and after it.
     samples_sent : int
-        What was delivered since construction.
+        Samples delivered since construction.
     """
 
     def __init__(
@@ -204,7 +204,7 @@ class Stream:
         return self.pace.setup
 
     def bind(self, limits: DriveLimits, setup: Setup) -> None:
-        """Take other limits and another set-up, from the next arming on."""
+        """Set other limits and another set-up, from the next arming on."""
         self.pace = replace(self.pace, setup=setup)
         self.checks.bind(limits, setup)
 
@@ -218,13 +218,13 @@ class Stream:
         if self.is_armed:
             return
         self.stop(play_out=False)
-        # Each time: a driver that was reset since then has lost its set-up.
+        # Each time, since a driver that was reset has lost its set-up.
         self.client.ask(self.setup)
-        if self.provisional is not None:  # as if all had been played: nothing is underrated
+        if self.provisional is not None:  # as if all had been played, so as not to count too little
             self.provisional.take_played(self._sent)
         self._sent = 0
         self.checks.begin(self.client.clock() - self._rested_s)
-        # Before the send: an ARM whose delivery fails may still have arrived.
+        # Before sending: an ARM whose delivery fails may still have arrived.
         self.stop_is_owed = True
         self._is_in_doubt = True
         try:
@@ -235,7 +235,7 @@ class Stream:
         self._is_in_doubt = False
         self.is_armed = True
         _LOG.info("%s: armed%s, %s", self.link.name, " for revisions" * revisable, self.limits)
-        self._marks_sent = self.client.marked_count  # those of before are forgotten
+        self._marks_sent = self.client.marked_count  # earlier marks are discarded
         self.provisional = Provisional(self.checks, self.client.status) if revisable else None
 
     def write(self, volts: npt.NDArray[np.float64]) -> None:
@@ -252,7 +252,7 @@ class Stream:
         self.poll()
 
     def revise(self, first: int, volts: npt.NDArray[np.float64]) -> None:
-        """Check samples, then send them in the place of those queued from index `first` on."""
+        """Check samples, then send them to replace those queued from index `first` on."""
         provisional, setup = self.provisional, self.setup
         if provisional is None:
             raise DeviceError(
@@ -271,11 +271,11 @@ class Stream:
 
     @property
     def marks_waiting(self) -> int:
-        """Marks whose samples it has not told of."""
+        """Number of marks that the driver has not reported as played."""
         return self._marks_sent - self.client.marked_count
 
     def mark(self, index: int, code: int) -> None:
-        """Ask the driver to tell when it plays a sample."""
+        """Ask the driver to report when it plays a sample."""
         waiting = self.marks_waiting
         if waiting >= MOST_MARKS:
             raise DeviceError(
@@ -333,7 +333,7 @@ class Stream:
         played = self._sent - (self._sent - status.samples_played) % INDEX_MODULUS
         ahead = self._sent - played
         if status.state is DeviceState.PLAYING:
-            # What it has played since then, at the least, is room that it will report.
+            # It has played at least this much since the report, which leaves as much space.
             since_s = _SLOWEST * (self.client.clock() - self.client.status_s)
             since = int(since_s * self.setup.sample_rate_hz)
             ahead -= min(max(0, since), status.queued_samples)
@@ -348,7 +348,7 @@ class Stream:
         self.is_armed = False
         unplayed = 0
         try:
-            # If the voltage on the output is unknown, only the driver can ramp from it.
+            # If the output's voltage is unknown, only the driver can ramp from it.
             if play_out and not self._is_in_doubt:
                 unplayed = self._play_out()
         finally:
@@ -373,12 +373,12 @@ class Stream:
                 raise self.client.lost(error) from error
 
     def abandon(self) -> None:
-        """Close without raising, for a device that was collected: nobody can catch an error."""
+        """Close without raising: nobody can catch an error of a device that was collected."""
         with suppress(Exception):
             self.close(play_out=False)
 
     def _play_out(self) -> int:
-        """Ramp to 0 V behind the queue, wait for it, and return the number of unplayed samples."""
+        """Ramp to 0 V after the queue, wait for it, and return the number of unplayed samples."""
         rate_hz = self.setup.sample_rate_hz
         if self.last_v != 0.0:
             ramp = self.checks.ramp_to_zero(self.last_v)
@@ -398,8 +398,8 @@ class Stream:
         was_in_doubt = self._is_in_doubt
         self._is_in_doubt = True
         self.client.send_stop()
-        # A driver that refuses STOP has stopped as well. After a frame in doubt a refusal only
-        # means that this frame had arrived, so that the number of STOP did not follow its own.
+        # A driver that refuses STOP has stopped, too. If the last frame was in doubt, a refusal
+        # only means that it had arrived, so that STOP did not have the next number.
         self._is_at_rest()
         if was_in_doubt:
             self.client.fault = None
@@ -411,7 +411,7 @@ class Stream:
         codes: npt.NDArray[np.int16],
         driven: npt.NDArray[np.float64],
     ) -> None:
-        """Send samples as codes, and count what leaves the driver for them."""
+        """Send samples as codes, and count the output that they make."""
         frame, each = self.pace.frame_samples, self.checks.each
         start = 0
         while start < codes.size:
@@ -429,7 +429,7 @@ class Stream:
             self._is_in_doubt = True
             self.last_v = max(before_v, reached_v, key=abs)
             self.client.send(*frames)
-            # Only now: the driver counts the samples it received, and STOP must continue that.
+            # After sending: the driver counts received samples, and STOP continues that count.
             self._is_in_doubt = False
             self.last_v = reached_v
             self._sent += count

@@ -140,14 +140,14 @@ class Core:
     def play(self, ticks: int) -> tuple[npt.NDArray[np.int16], npt.NDArray[np.uint8]]:
         """Return the next output samples as codes, and the kind of each: `Output`, and `LINE`."""
         codes = np.empty(ticks, dtype=np.int16)
-        what = np.empty(ticks, dtype=np.uint8)
+        kinds = np.empty(ticks, dtype=np.uint8)
         self._lib.hx_device_play(
             self._device,
             self._ffi.from_buffer("int16_t[]", codes),
-            self._ffi.from_buffer("uint8_t[]", what),
+            self._ffi.from_buffer("uint8_t[]", kinds),
             ticks,
         )
-        return codes, what
+        return codes, kinds
 
     def play_out(self) -> list[tuple[npt.NDArray[np.int16], npt.NDArray[np.uint8]]]:
         """Return, as `play`, all that is played until only zeros or a held sample are left."""
@@ -177,7 +177,7 @@ class Core:
         return bool(self._lib.hx_device_touch(self._device, self._ffi.new("hx_touch *", fields)))
 
     def test_itself(self, config: CapabilitiesReport) -> CapabilitiesReport:
-        """Begin anew with the tests that a board makes at power-up; return what it then states."""
+        """Restart with the tests of a board at power-up; return the capabilities that it states."""
         size, chosen = self._ffi.sizeof(self._memory), self._configuration(config)
         is_well = self._lib.hx_test_memory(self._memory, size) == 1 and (
             self._lib.hx_test_limits(self._device, chosen) == 0
@@ -188,13 +188,13 @@ class Core:
 
     @property
     def is_whole(self) -> bool:
-        """Whether its memory is well, and its output is what was sent."""
+        """Whether its memory passes its test, and its output is what was sent."""
         return bool(self._lib.hx_device_is_whole(self._device))
 
     def read_back(
         self, sent: npt.NDArray[np.int16], found: npt.NDArray[np.int16], tolerance: int
     ) -> None:
-        """Take what was measured of output samples; too far off for 8 of them, it ends at 0 V."""
+        """Take measured output samples; if they are too far off 8 times, it ends at 0 V."""
         codes = (self._ffi.from_buffer("int16_t[]", codes) for codes in (sent, found))
         self._lib.hx_device_read_back(self._device, *codes, len(sent), tolerance)
 

@@ -1,8 +1,8 @@
 """An analog output of National Instruments with a high-voltage amplifier, by NI-DAQmx.
 
-The card's own clock times the samples. The firmware runs on the host in front of it; what ends the
-drive when the host dies is a watchdog of the card, or an interlock that the address states.
-Written against the interface of nidaqmx; no card has been driven yet.
+The card's own clock times the samples. The firmware runs on the host. If the host dies, a watchdog
+of the card ends the drive, or an interlock that the address states. The module is written against
+the interface of nidaqmx; no card has been driven yet.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from firmware_io.real_time import raise_priority
 from firmware_io.scheme import Bus, DeviceInfo, Scheme, number
 
 _HIGHEST_BUFFER_S = 0.5
-_LEAST_STATEMENT = 8  # letters of an interlock
+_LEAST_STATEMENT = 8  # letters of the statement of an interlock
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,11 +38,11 @@ class DaqProfile(RigProfile):
     channel : str
         The output, such as ``Dev1/ao0``.
     watchdog : str, optional
-        What the card's watchdog takes to 0 when the host dies: ``yes`` for the output itself
+        Output that the card's watchdog takes to 0 when the host dies: ``yes`` for the analog output
         (chassis of CompactDAQ), or a digital line that enables the amplifier, such as
         ``Dev1/port0/line0`` (X Series, whose watchdog knows lines only).
     interlock : str, optional
-        Otherwise what takes the voltage off the screen then, in words.
+        Without a watchdog: what takes the voltage off the screen then, in words.
     trigger : str, optional
         A second output of the card, as a digital line: 5 V for 1 ms from the first sample of each
         playback and from each mark.
@@ -116,18 +116,18 @@ class DaqProfile(RigProfile):
         return self.trigger is not None
 
 
-#: What the monitor may read beside what was written: its own noise and gain error. It reads with
-#: an edge what the output had before it, or has after it if that settles soon.
+#: Allowed difference of the monitor's readings from the samples, for its noise and gain error. At
+#: an edge it reads the voltage before it, or the one after it if that settles soon.
 _MONITOR_SHARE = 0.02
 _MONITOR_BEFORE = 2  # samples
-#: Wrong readings until the output ends, each of which this many right ones make good: a glitch
-#: passes; an output that stands or has another gain does not, though it is right between crests.
+#: Number of wrong readings that end the output, and of right readings that cancel a wrong one. A
+#: glitch passes; an output that stands or has another gain does not, though it is right at times.
 _MONITOR_MOST = 8
 _MONITOR_FORGIVEN = 1 / 16
 
 
 class DaqMonitor:
-    """Compares readings with samples, of one clock.
+    """Compares readings with samples of the same clock.
 
     Parameters
     ----------
@@ -147,17 +147,17 @@ class DaqMonitor:
         self._strange = 0.0
 
     def take(self, volts: npt.NDArray[np.float64]) -> None:
-        """Note samples that were written [V at the card]."""
+        """Add samples that were written [V at the card]."""
         self._sent.extend(volts.tolist())
         self._written += volts.size
 
     def compare(self) -> None:
-        """Compare what the input has read since.
+        """Compare the readings since the last call.
 
         Raises
         ------
         DeviceError
-            If it reads other volts, for longer than a glitch.
+            If they differ from the samples for longer than a glitch.
         """
         count = self.task.in_stream.avail_samp_per_chan
         if count == 0:
@@ -176,7 +176,7 @@ class DaqMonitor:
 def beyond(
     read: npt.NDArray[np.float64], sent: npt.NDArray[np.float64], first: int, full_v: float
 ) -> npt.NDArray[np.bool_]:
-    """Return where readings lie outside of the last samples until theirs, from index `first`."""
+    """Return where readings, from index `first`, lie outside the range of the last few samples."""
     places = first + np.arange(read.size)[:, None]
     around = places + np.arange(-_MONITOR_BEFORE, 1)
     near = np.where(around < 0, 0.0, sent[np.clip(around, 0, sent.size - 1)])
@@ -184,9 +184,9 @@ def beyond(
     return np.asarray((read < near.min(axis=1) - room) | (read > near.max(axis=1) + room))
 
 
-_LINE_V = 5.0  # of the digital line on a second output
-_MOST_RATE_ERROR = 1e-3  # of a clock that divides the card's timebase
-STILL_S = WATCHDOG_S  # a clock that stands for so long holds a voltage
+_LINE_V = 5.0  # high level of the digital line on a second output
+_MOST_RATE_ERROR = 1e-3  # share by which a clock that divides the card's timebase may be off
+STILL_S = WATCHDOG_S  # a clock that has stopped for so long holds a voltage
 _RESERVED = (-50103, -201105)  # DAQmx: the resource is reserved
 _UNKNOWN = (-200220, -200170)  # DAQmx: no such device, no such channel
 
@@ -199,7 +199,7 @@ class DaqLink(HostedLink):
     Parameters
     ----------
     profile : DaqProfile
-        The output, the amplifier, and what ends the drive when the host dies.
+        The output, the amplifier, and the watchdog or interlock.
 
     Raises
     ------
@@ -240,7 +240,7 @@ class DaqLink(HostedLink):
         return self._profile.buffer_s
 
     def _open(self) -> None:
-        """Start the watchdog, which a chassis wants before all else, and the output at 0 V."""
+        """Start the watchdog, which a chassis requires first, and the output at 0 V."""
         constants, profile = self._daq.constants, self._profile
         card = _card(self._daq, profile.channel)
         if profile.watchdog is not None:
@@ -299,13 +299,13 @@ class DaqLink(HostedLink):
         try:
             while not self._closing.wait(self._profile.buffer_s / 6):
                 self._step()
-        # Whatever the library raises, the output must end.
+        # The output must end whatever the library raises.
         except Exception as error:
             self._fail(str(error).replace("\n", " "))
             self._silence()
 
     def _step(self) -> None:
-        """Write what the card has played since; check that it plays, and what."""
+        """Write as many samples as the card has played; check that it plays, and what it plays."""
         played = self._task.out_stream.total_samp_per_chan_generated
         count = self._lead - (self._written - played)
         now_s = time.monotonic()
@@ -341,7 +341,7 @@ class DaqLink(HostedLink):
         self._silence()
 
     def _silence(self) -> None:
-        """Write 0 V without a clock; the watchdog goes last, and expires if that failed."""
+        """Write 0 V without a clock; the watchdog ends last, and expires if the write failed."""
         if self._monitor is not None:
             self._close_task(self._monitor.task)
         task, self._task, self._monitor = self._task, None, None
@@ -378,7 +378,7 @@ class DaqLink(HostedLink):
 
 
 def _card(daq: Any, channel: str) -> str:
-    """Return the name of what has clock and watchdog: the card, or the chassis of a module."""
+    """Return the name of the part with clock and watchdog: the card, or the chassis of a module."""
     name, chassis = channel.partition("/")[0], ""
     with suppress(daq.errors.DaqError):  # no module of a chassis
         chassis = daq.system.Device(name).compact_daq_chassis_device.name

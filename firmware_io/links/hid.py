@@ -69,7 +69,7 @@ class Claim:
 
 #: hidapi's two modules. hidraw first: libusb takes the device from the kernel.
 BACKENDS = ("hidraw", "hid")
-#: In one read: twice what the kernel keeps. A device may send without end.
+#: Reports in one read: twice what the kernel keeps, since a device may send without end.
 _MOST_REPORTS = 128
 
 

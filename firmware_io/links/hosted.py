@@ -1,8 +1,8 @@
-"""An output without firmware of its own: what stands behind it, and the firmware in front of it.
+"""An output without firmware of its own: a profile of its hardware, and firmware on the host.
 
-A sound card or an analog output plays whatever it is given and has neither limits nor watchdog, and
-does not know its volts. So the firmware runs in this process, with its queue, limits, ramp and
-watchdog, the output is its output stage, and a profile states converter and amplifier.
+A sound card or an analog output plays all samples, has neither limits nor watchdog, and does not
+know its volts. So the firmware runs in this process, with its queue, limits, ramp and watchdog. The
+output is its output stage, and a profile states converter and amplifier.
 """
 
 from __future__ import annotations
@@ -31,18 +31,18 @@ from firmware_io.link import Link
 from firmware_io.protocol import VERSION, CapabilitiesReport, Rate, StreamMode
 
 _LARGEST_FILE = 10_000  # bytes of a profile, which has some hundreds
-_LOWEST_V, _HIGHEST_V = 1e-3, 1e6  # beyond these a number is no amplifier's
+_LOWEST_V, _HIGHEST_V = 1e-3, 1e6  # no amplifier has a number beyond these
 _HIGHEST_RATE_HZ = 1_000_000  # above those of all interfaces
 _QUEUE_S = 0.5
 _LOG = logging.getLogger("firmware_io.links")
 
 _TRIGGER_S = 0.001
 _POLL_S = 0.0005
-#: 0 V at the beginning. The firmware here begins with each opening; what it drove before, in this
-#: process or another, must have left the second over which energy and mean are taken.
+#: Time at 0 V at the beginning. The firmware starts anew at each opening, so earlier output, of
+#: this process or another, must have left the second over which energy and mean are taken.
 HOLD_S = DEFAULT_WINDOW_S
 HOLD_EXTRA_S = 5.0
-"""After which an output that asks for nothing counts as broken."""
+"""An output that asks for no samples for so long counts as broken."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,7 +56,7 @@ class RigProfile(ABC):
     amplifier_gain : float, optional
         Gain of the amplifier, in V/V.
     ceiling_v : float
-        Largest voltage that amplifier and screen stand.
+        Largest voltage that amplifier and screen withstand.
     sample_rate_hz : float
         A rate of the converter.
 
@@ -161,7 +161,7 @@ def read_rig_profile(path: str | Path, kind: type[RigProfile]) -> dict[str, Any]
     return entries
 
 
-#: By the annotation of a field, of which this module's future import makes a text.
+#: Types by the annotation of a field, which is a text because of this module's future import.
 _KINDS: dict[str, tuple[type, ...]] = {
     "bool": (bool,),
     "str": (str,),
@@ -230,14 +230,14 @@ class HostedLink(Link):
             self._is_resting.clear()
         plays_on = False
         if self._failure is None:
-            # The ramp takes 5 ms, and what it waits behind as long as the output says; one that
-            # has stopped never rests.
+            # The ramp takes 5 ms after the samples before it, whose time the output states; an
+            # output that has stopped never gets there.
             plays_on = self._is_resting.wait(0.5 + (self.latency_s or 0.0))
         self._shut(plays_on)
 
     @abstractmethod
     def _end(self, plays_on: bool) -> None:
-        """Close the output; one that plays on holds zeros, which it may play out. Called once."""
+        """Close the output. If it plays on, it holds zeros and may play them. Called once."""
 
     def _shut(self, plays_on: bool = False) -> None:
         if self._is_open:
@@ -265,26 +265,26 @@ class HostedLink(Link):
                 self._has_held.set()
             return np.zeros(count, np.int16), np.zeros(count, np.bool_)
         with self._lock:
-            codes, what = self._core.play(count)
+            codes, kinds = self._core.play(count)
             if self._is_released:
                 self._count_rest(codes)
-        return codes, self._trigger(what & ~np.uint8(LINE)) | (what >= LINE)
+        return codes, self._trigger(kinds & ~np.uint8(LINE)) | (kinds >= LINE)
 
     def _count_rest(self, codes: npt.NDArray[np.int16]) -> None:
-        """Tell `close` once enough zeros came behind the ramp to have pushed it out."""
+        """Wake `close` when enough zeros have followed the ramp for it to have been played."""
         self._rest_samples = 0 if codes.any() else self._rest_samples + codes.size
         buffered = (self.latency_s or 0.0) * self._rate_hz
-        # Two blocks more: the one that is being handed over, and one of the server behind it.
+        # Two blocks more: the one that is being handed over, and one that the server holds.
         if self._rest_samples >= buffered + 2 * codes.size:
             self._is_resting.set()
 
-    def _trigger(self, what: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
+    def _trigger(self, kinds: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
         """Return the pulse that begins with the first sample of each playback."""
-        pulse = np.zeros(what.size, np.bool_)
+        pulse = np.zeros(kinds.size, np.bool_)
         left = min(self._trigger_left, pulse.size)
         pulse[:left] = True
         self._trigger_left -= left
-        plays = (what == Output.STREAM) | (what == Output.HELD)
+        plays = (kinds == Output.STREAM) | (kinds == Output.HELD)
         if plays.any() and not self._was_streaming:
             first = int(plays.argmax())
             pulse[first : first + self._trigger_samples] = True
@@ -293,7 +293,7 @@ class HostedLink(Link):
         return pulse
 
     def _fail(self, why: str) -> None:
-        """Refuse all further use; wakes `_hold`."""
+        """Refuse all further use, and wake `_hold`."""
         self._failure = why
         _LOG.info("%s: fails: %s", self.name, why)
         self._has_held.set()

@@ -39,9 +39,9 @@ Pace = Literal["virtual", "real", "stepped"]
 _SLOWER_RATES_HZ = (16_000, 8_000)
 _BOTH = frozenset(StreamMode)
 _KEPT_S = 60.0
-# Codes: of the ADC, and of an amplifier that lags behind a carrier.
+# Tolerances in codes: of the ADC, and of an amplifier that lags behind a carrier.
 _READ_BACK_TOLERANCE = 3000
-# So few bytes that no queue overflows, whatever frames they hold.
+# So few bytes that no queue overflows, whichever frames they hold.
 _LEAST_PIECE_BYTES = 512
 _STREAM, _RAMP = np.uint8(Output.STREAM), np.uint8(Output.RAMP)
 
@@ -49,9 +49,9 @@ _STREAM, _RAMP = np.uint8(Output.STREAM), np.uint8(Output.RAMP)
 class MockDriver:
     """A driver without a board: the firmware in C, and a clock.
 
-    In virtual time it plays its queue at once, and otherwise time passes only in `advance`. In real
-    time it follows a clock: each call first plays what was due. In steps it does so too, by a clock
-    that goes on only while its host waits. Threads may share it.
+    In virtual time it plays its queue at once, and time passes only in `advance`. In real time it
+    follows a clock: each call first plays the samples that were due. In steps it does the same, by
+    a clock that advances only while its host waits. Threads may share it.
 
     Parameters
     ----------
@@ -80,11 +80,11 @@ class MockDriver:
     clock : callable
         Returns the time in seconds, for the real pace.
     kept_s : float, optional
-        Length of the record of its output, at least, in seconds. Default: all of it at the virtual
-        pace and in steps, which play nothing but what a program sends; a minute at the real one,
+        Least length of the record of its output, in seconds. Default: all of the output at the
+        virtual pace and in steps, which play only what a program sends; a minute at the real pace,
         which never ends.
     tests_itself : bool
-        Whether it makes the tests of a board at power-up, which take some milliseconds.
+        Whether it does the tests of a board at power-up, which take some milliseconds.
 
     Raises
     ------
@@ -125,7 +125,7 @@ class MockDriver:
             report_bytes=REPORT_BYTES,
             output_rate_hz=rate_hz,
             full_scale_mv=_whole("full_scale_v", full_scale_v, 1, 1_000_000, "mV", 1e3),
-            # Rounded down: no limit grows on its way into whole numbers.
+            # Rounded down, so that no limit grows.
             ceiling_mv=math.floor(limits.ceiling_v * 1e3),
             max_slew_v_per_s=min(math.floor(limits.max_slew_v_per_s), 2**32 - 1),
             queue_samples=max(12 * frame, 12_288)
@@ -142,7 +142,7 @@ class MockDriver:
             rates=tuple(Rate(_whole("rates_hz", rate, 1, rate_hz), _BOTH) for rate in rates_hz),
             takes_marks=True,
         )
-        #: Stands for amplifier and ADC: of codes sent, those measured; None reads nothing back.
+        #: Stands for amplifier and ADC: returns measured codes for sent ones; None measures none.
         self.amplifier: Callable[[npt.NDArray[np.int16]], npt.NDArray[np.int16]] | None = None
         self.pace = pace
         self.clock = SteppedClock() if pace == "stepped" else clock
@@ -150,7 +150,7 @@ class MockDriver:
         self.core = Core(self.about)
         if tests_itself:
             self.about = self.core.test_itself(self.about)
-        # The queue is empty, and a frame may wait for its end.
+        # The queue may be empty while an incomplete frame waits.
         room = self.about.queue_samples - frame
         self._piece_bytes = max(2 * room, _LEAST_PIECE_BYTES)
         self._lock = threading.RLock()
@@ -207,8 +207,8 @@ class MockDriver:
 
         The 0 V between streams and the samples held in an underrun are left out.
         """
-        codes, what = self.output
-        played: npt.NDArray[np.int16] = codes[_is_played(what)]
+        codes, kinds = self.output
+        played: npt.NDArray[np.int16] = codes[_is_played(kinds)]
         return played
 
     @property
@@ -305,46 +305,46 @@ class MockDriver:
             self._play(round(seconds * self.about.output_rate_hz))
 
     def _play_out(self) -> None:
-        """In virtual time, play the whole queue."""
+        """Play the whole queue, in virtual time."""
         if self.pace == "virtual":
-            for codes, what in self.core.play_out():
-                self._record(codes, what)
+            for codes, kinds in self.core.play_out():
+                self._record(codes, kinds)
 
     def _catch_up(self) -> None:
-        """By a clock, play what was due."""
+        """Play the samples that were due, by a clock."""
         if self.pace != "virtual":
             passed_s = self.clock() - self._began_s
             self._play(math.floor(passed_s * self.about.output_rate_hz) - self._ticks)
 
     def _play(self, ticks: int) -> None:
-        # In pieces of a second: the last call may be an hour ago. Read back: of a millisecond.
+        # In pieces of a second, as the last call may be an hour ago; of a millisecond if read back.
         rate_hz = self.about.output_rate_hz
         piece = rate_hz if self.amplifier is None else max(1, rate_hz // 1000)
         while ticks > 0:
-            codes, what = self.core.play(min(ticks, piece))
+            codes, kinds = self.core.play(min(ticks, piece))
             ticks -= codes.size
-            self._record(codes, what)
+            self._record(codes, kinds)
 
     @property
     def is_enabled(self) -> bool:
         """Whether the core keeps the amplifier's enable line up."""
         return self.core.is_whole
 
-    def _record(self, codes: npt.NDArray[np.int16], what: npt.NDArray[np.uint8]) -> None:
+    def _record(self, codes: npt.NDArray[np.int16], kinds: npt.NDArray[np.uint8]) -> None:
         if self.amplifier is not None:
             self.core.read_back(codes, self.amplifier(codes), _READ_BACK_TOLERANCE)
         self._ticks += codes.size
-        self._played += int(np.count_nonzero(_is_played(what)))
+        self._played += int(np.count_nonzero(_is_played(kinds)))
         self._codes.append(codes)
-        self._what.append(what)
+        self._what.append(kinds)
         self._remembered += codes.size
         while len(self._codes) > 1 and (self._remembered - self._codes[0].size >= self._kept_ticks):
             self._remembered -= self._codes.popleft().size
             self._what.popleft()
 
 
-def _is_played(what: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
-    kind = what & ~np.uint8(LINE)
+def _is_played(kinds: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
+    kind = kinds & ~np.uint8(LINE)
     is_played: npt.NDArray[np.bool_] = (kind == _STREAM) | (kind == _RAMP)
     return is_played
 

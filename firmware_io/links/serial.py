@@ -78,7 +78,7 @@ class SerialLink(Link):
             raise DeviceError(f"{self.name} cannot have baud={baud}: {error}.") from error
         except OSError as error:
             raise _refusal(self.name, error) from error
-        # What an earlier host has left unread is not for us.
+        # Discard what an earlier host has left unread.
         self._port.reset_input_buffer()
 
     def send(self, data: bytes) -> None:
@@ -98,12 +98,12 @@ class SerialLink(Link):
             port.timeout = timeout_s
             first = port.read(1)
             return bytes(first + port.read(port.in_waiting)) if first else b""
-        # pyserial meets a port that goes away in the middle of a call with a TypeError.
+        # pyserial raises a TypeError if the port disappears during a call.
         except (OSError, TypeError) as error:
             raise self._lost(error) from error
 
     def close(self) -> None:
-        """Let the port go. Idempotent."""
+        """Close the port. Idempotent."""
         port, self._port = self._port, None
         if port is not None:
             with suppress(OSError):
@@ -134,7 +134,7 @@ def _only_port() -> str:
 
 
 def _refusal(name: str, error: OSError) -> DeviceError:
-    """Return what it means that a port cannot be opened."""
+    """Return the error of this package for a port that cannot be opened."""
     if error.errno in (errno.EACCES, errno.EPERM):
         return DevicePermissionError(
             f"This user may not open {name}; on Debian: sudo adduser $USER dialout, then log in "
@@ -156,7 +156,7 @@ def _search() -> tuple[str, list[DeviceInfo]]:
             "A driver by its USB numbers." if is_driver else OTHER_DEVICE,
         )
         for port, is_driver in _ports()
-        if port.vid is not None  # a port of the computer's own says nothing of what is behind it
+        if port.vid is not None  # a built-in port does not say what is connected to it
     ]
     return f"pyserial {pyserial().__version__}", devices
 

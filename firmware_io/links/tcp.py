@@ -41,14 +41,14 @@ def challenge() -> bytes:
 
 
 def answer_to(challenge: bytes, token: str) -> bytes:
-    """Return the answer of who knows the token."""
+    """Return the answer of a host that knows the token."""
     return hmac.digest(token.encode(), challenge, "sha256").hex().encode() + b"\n"
 
 
 def read_token(file: str | Path | None) -> str:
     """Return the token that a file holds, or ``$HAPTIX_DRIVER_TOKEN``; empty without either.
 
-    A command or an address with the token itself would show it to all, in the list of processes.
+    A token in a command or an address would be visible to all in the list of processes.
     """
     if file is None:
         return os.environ.get(TOKEN_VARIABLE, "")

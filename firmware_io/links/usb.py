@@ -230,7 +230,7 @@ def _search() -> tuple[str, list[DeviceInfo]]:
         where = f"usb:bus={device.bus},address={device.address}"
         numbers = f"{device.idVendor:04x}:{device.idProduct:04x}"
         if (device.idVendor, device.idProduct) != (VENDOR_ID, PRODUCT_ID):
-            # A product's name could be read only by opening the device; its numbers need nothing.
+            # The product's name could be read only by opening the device; its numbers can be read.
             devices.append(DeviceInfo(where, "usb", numbers, False, OTHER_DEVICE))
             continue
         serial = serial_of(device)

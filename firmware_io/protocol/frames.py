@@ -341,7 +341,7 @@ class FrameParser:
     Parameters
     ----------
     max_payload_bytes : int
-        A header that announces more is taken for damage.
+        A header that announces more counts as damage.
 
     Attributes
     ----------
@@ -365,8 +365,8 @@ class FrameParser:
         Returns
         -------
         list of Frame or ProtocolError
-            Each valid frame. For each run of bytes that is not a frame an error, which is not
-            raised; parsing continues at the next header.
+            Each valid frame, and an error, which is not raised, for each run of bytes that is no
+            frame; parsing continues at the next header.
         """
         pending = self._pending
         pending += data
@@ -412,7 +412,7 @@ class FrameParser:
         return items
 
     def give_up(self) -> list[Frame | ProtocolError]:
-        """Give up an incomplete frame; return the frames behind its first byte."""
+        """Discard an incomplete frame; return the frames after its first byte."""
         if not self._pending:
             return []
         behind = bytes(self._pending[1:])
@@ -493,8 +493,8 @@ def volts_to_codes(
     full_scale_v : float
         The voltage of code 32767.
     ceiling_v : float, optional
-        No code means more than this. A voltage less than half a step below the ceiling becomes
-        the last code under it, even if the code above is nearer.
+        No code stands for more than this. A voltage less than half a step below the ceiling becomes
+        the last code below it, even if the code above is nearer.
 
     Returns
     -------
@@ -535,7 +535,7 @@ def volts_to_codes(
 
 
 def top_code(limit_v: float, full_scale_v: float) -> int:
-    """Return the highest code that means no more than a limit."""
+    """Return the highest code that stands for no more than a limit."""
     top = int(limit_v / full_scale_v * FULL_SCALE_CODE)
     return top - 1 if top / FULL_SCALE_CODE * full_scale_v > limit_v else top
 

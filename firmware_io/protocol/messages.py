@@ -338,9 +338,9 @@ class CapabilitiesReport:
     takes_marks : bool
         Whether it takes MARK, and has a digital line for it.
     has_tested_itself : bool
-        Whether its memory, its program and its limits were well at power-up.
+        Whether its memory, program and limits passed its tests at power-up.
     reset_cause : int
-        0 not told, 1 power, after its watchdog was seen to reset it, 2 its watchdog.
+        0 unknown, 1 power, and its watchdog has been seen to reset it, 2 its watchdog.
     """
 
     oldest_version: int
@@ -458,5 +458,5 @@ HostMessage = Hello | Setup | Arm | StreamSamples | Revise | Stop | Ping | Mark
 DeviceMessage = CapabilitiesReport | StatusReport | FaultReport | TouchReport | MarkedReport
 Message = HostMessage | DeviceMessage
 
-#: Samples in a payload of 65535 bytes, behind a sample index of four.
+#: Samples in a payload of 65535 bytes, after a sample index of four.
 MAX_SAMPLES = (2**16 - 1 - 4) // 2
