@@ -13,16 +13,16 @@ import { choose, view } from "./view.js";
 /** @import * as m from "../../../clients/typescript/types/messages.js" */
 
 /**
- * What a page gets.
+ * The objects that a page gets.
  * @typedef {object} App
  * @property {Service} service
  * @property {History<m.LayoutDocument>} history the layout that is edited and felt
  * @property {SavedLayout} saved its drafts, and what is kept
- * @property {Layout} layout what the service lets be felt of it
+ * @property {Layout} layout its copy on the service, which is felt
  * @property {{element: HTMLElement}} guide of the first visit
  */
 
-/** @typedef {{mount: (root: HTMLElement, app: App) => (() => void)}} Page `mount` returns what ends it */
+/** @typedef {{mount: (root: HTMLElement, app: App) => (() => void)}} Page `mount` returns a function that ends it */
 /** @typedef {{path: string, load: () => Promise<Page>}} Entry */
 
 /** @type {Entry[]} the first one opens at a bare start; its title is `texts.pages[path]` */
@@ -64,7 +64,7 @@ async function route() {
   }
   try {
     const page = await entry.load();
-    if (number !== shown) return; // another one was asked for meanwhile
+    if (number !== shown) return; // another page was requested meanwhile
     fill(main, el("h1.unseen", {}, title));
     main.className = entry.path;
     leave = page.mount(main, app);
@@ -128,7 +128,7 @@ function output() {
   return whole;
 }
 
-/** What is wrong with service or driver, and what to do; it stays until that is mended. */
+/** Fault of the service or the driver, and what to do; it stays until the fault is repaired. */
 function trouble() {
   const text = el("p");
   const whole = el("div.trouble", { role: "alert", hidden: true }, text);
@@ -161,14 +161,14 @@ function theme() {
   return button;
 }
 
-/** The button of another site, so of another process: it works while this page's script hangs. */
+/** The button is of another site, so of another process: it works while this page's script hangs. */
 function stop() {
   const other = location.hostname === "127.0.0.1";
   const src = other ? `http://localhost:${location.port}/stop` : "/stop";
   return el("iframe.stop", { src, title: texts.frame.stop });
 }
 
-/** Ask for the code while there is no token. */
+/** Ask for the pairing code while there is no token. */
 function pairing() {
   const code = el("input", {
     id: "code", autocomplete: "off", spellcheck: false, maxLength: 9, size: 10, required: true,
@@ -215,7 +215,7 @@ function pairing() {
   service.state.on(({ phase, reason }) => {
     if (phase === "pair" && !dialog.open) {
       problem.textContent = reason;
-      // Not modal: STOP beside it must stay in reach.
+      // Not modal, so that STOP beside it can be pressed.
       dialog.show();
       code.focus();
     } else if (phase !== "pair" && dialog.open) dialog.close();
@@ -224,7 +224,7 @@ function pairing() {
   return dialog;
 }
 
-/** Messages that go by themselves; errors stay until they are closed. */
+/** Messages that disappear by themselves, and errors, which stay until they are closed. */
 function notices() {
   const list = el("div.notices", { role: "log", "aria-label": texts.frame.notices });
   service.notices.on((all) => {
@@ -260,7 +260,7 @@ function closeMenus(target) {
   return closed.length > 0;
 }
 
-/** Tell of an exception, and keep it for a report: each sentence once a visit. @param {unknown} error */
+/** Show an exception and keep it for a report; each sentence is shown once a visit. @param {unknown} error */
 function fault(error) {
   const why = sentence(error);
   if (faults.has(why)) return;
@@ -279,7 +279,7 @@ addEventListener("pointerdown", ({ target }) => void closeMenus(target), { captu
 addEventListener("keydown", ({ key }) => {
   if (key === STOP_KEY || (key === "Escape" && !closeMenus(null))) void service.attempt(() => service.stop());
 });
-// A page that is left or loaded again gives the lease back; else it is kept for its return.
+// A page that is left or loaded again gives the lease back; else the service keeps it for its return.
 addEventListener("pagehide", () => void service.session?.ask("bye").catch(() => {}));
 addEventListener("hashchange", () => void route());
 document.body.prepend(header(), trouble(), main, pairing(), notices());

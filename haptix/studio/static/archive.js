@@ -1,4 +1,4 @@
-/** Exported layouts that come back: a zip with `layout.json` and the files that it names. */
+/** Import of exported layouts: a zip with `layout.json` and the files that it names. */
 
 import { texts } from "./texts.js";
 
@@ -25,7 +25,7 @@ export async function layoutIn(zip, send) {
   return { regions };
 }
 
-/** Return what reads each file of a zip, by their names. @param {ArrayBuffer} bytes */
+/** Return a reader of each file of a zip, by name. @param {ArrayBuffer} bytes */
 function filesIn(bytes) {
   const view = new DataView(bytes);
   /** @type {Map<string, () => Promise<Blob>>} */

@@ -28,7 +28,7 @@ export function boxOfRegion(region) {
   return { left: x + width / 2 - w / 2, top: y + height / 2 - h / 2, width: w, height: h };
 }
 
-/** Where a region lies that says nothing of it. */
+/** Default place of a region. */
 export const PLACE = { x_mm: 0, y_mm: 0, rotation_deg: 0 };
 
 /** @param {m.RegionDocument} region */
@@ -81,13 +81,13 @@ export class Board {
     return { left, top, width: wide, height: high, transform: `rotate(${turn}rad)` };
   }
 
-  /** Take the room that there is. */
+  /** Fit the board into the free space of the page. */
   fit() {
     const { clientWidth: width, clientHeight: height } = this.element;
     if (!width || !height) return;
     const box = boxOf(this.document);
     const px_per_mm = Math.min(width / box.width, height / box.height);
-    // In the middle of the room that is left.
+    // Centred in the free space.
     box.left -= (width / px_per_mm - box.width) / 2;
     box.top -= (height / px_per_mm - box.height) / 2;
     const ratio = devicePixelRatio;
@@ -114,7 +114,7 @@ export class Board {
     return { x_mm: this.box.left + x_px / this.px_per_mm, y_mm: this.box.top + y_px / this.px_per_mm };
   }
 
-  /** Take a picture, or the trail, away. @param {CanvasRenderingContext2D} context */
+  /** Clear a picture or the trail. @param {CanvasRenderingContext2D} context */
   clear(context) {
     const { canvas } = context;
     context.save();

@@ -1,4 +1,4 @@
-/** The layout that is edited: undo and redo, its copy on the service that is felt, and its file. */
+/** The edited layout: undo and redo, its copy on the service, which is felt, and its file. */
 
 import { Refused } from "/client/haptix.js";
 import { PLACE } from "./board.js";
@@ -31,7 +31,7 @@ export const START = {
   ],
 };
 
-/** @typedef {{path: (string | number)[], value?: unknown}} Patch without value: the key goes */
+/** @typedef {{path: (string | number)[], value?: unknown}} Patch without a value, the key is removed */
 /** @typedef {{label: string, merge: string, at_ms: number, back: Patch[], forth: Patch[]}} Step */
 
 const MOST_STEPS = 200;
@@ -56,7 +56,7 @@ export class History {
     return this.document.get();
   }
 
-  /** What undo would take back, and redo do again; "" for nothing. */
+  /** Labels of the steps that undo and redo would change; "" for none. */
   get next() {
     return { undo: this.#done.at(-1)?.label ?? "", redo: this.#undone.at(-1)?.label ?? "" };
   }
@@ -88,7 +88,7 @@ export class History {
     this.document.set(after);
   }
 
-  /** Take the last step back; whether there was one. */
+  /** Undo the last step; return whether there was one. */
   undo() {
     const step = this.#done.pop();
     if (!step) return false;
@@ -97,7 +97,7 @@ export class History {
     return true;
   }
 
-  /** Do again what was taken back. */
+  /** Redo the step that was undone. */
   redo() {
     const step = this.#undone.pop();
     if (!step) return false;
@@ -106,7 +106,7 @@ export class History {
     return true;
   }
 
-  /** Begin with another document; nothing can be taken back.
+  /** Begin with another document; no step can be undone.
    * @param {T} document */
   open(document) {
     this.#done = [];
@@ -172,7 +172,7 @@ const GLIDE_S = 0.02;
 const [ATTEMPTS, RETRY_MS] = [10, 500];
 const PLACES = Object.keys(PLACE);
 
-/** The layout that the service has of this page: the document, or for a while another one. */
+/** This page's layout on the service: the document, or for a while another layout. */
 export class Layout {
   /** @type {m.LayoutDocument | null} what the service has */
   #known = null;
@@ -194,13 +194,13 @@ export class Layout {
     history.document.on(() => void this.#send());
   }
 
-  /** Let another layout be felt than the document. @param {m.LayoutDocument} document */
+  /** Replace the document on the service by another layout, until `restore`. @param {m.LayoutDocument} document */
   async override(document) {
     this.#override = document;
     await this.#send();
   }
 
-  /** Let the document be felt again. */
+  /** Put the document on the service again. */
   async restore() {
     this.#override = null;
     await this.#send();
@@ -250,7 +250,7 @@ export function changes(before, after) {
   const old = new Map(before.regions.map((region) => [region.name, region]));
   const names = new Set(after.regions.map((region) => region.name));
   const remaining = before.regions.filter((region) => names.has(region.name));
-  // Regions lie in the order in which they came, where they have the same z.
+  // Regions of the same z lie in the order in which they were added.
   const in_order = after.regions.every((region, at) => at >= remaining.length || region.name === remaining[at].name);
   if (!in_order) return null;
   /** @type {any[]} */

@@ -1,4 +1,4 @@
-/** What all pages are built with: elements in one expression, and values that tell of changes. */
+/** Tools of all pages: elements in one expression, and values with listeners. */
 
 /** @typedef {Node | string | number | null | undefined | false} Child */
 
@@ -27,7 +27,7 @@ export function el(tag, props = {}, ...children) {
 }
 
 /**
- * Replace what an element holds.
+ * Replace the children of an element.
  * @param {Element} element
  * @param {...(Child | Child[])} children
  */
@@ -45,7 +45,7 @@ function shown(child) {
   return child instanceof Node ? child : String(child);
 }
 
-/** A value that tells who listens when it changes. @template T */
+/** A value that calls its listeners when it changes. @template T */
 export class Value {
   #value;
   /** @type {Set<(value: T) => void>} */
@@ -68,7 +68,7 @@ export class Value {
   }
 
   /**
-   * Call a handler now and after each change; return what ends that.
+   * Call a handler now and after each change; return a function that ends this.
    * @param {(value: T) => void} handler
    * @returns {() => void}
    */

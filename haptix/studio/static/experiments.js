@@ -19,7 +19,7 @@ function ripple(frequency_hz) {
 
 const PEDESTAL = { kind: "window", rise_s: 0.1, fall_s: 0.1, of: { kind: "constant", value: 0.13, length_s: 1 } };
 
-/** By name: what is asked, in two intervals. @type {Record<string, Recipe>} */
+/** Recipes by name. @type {Record<string, Recipe>} */
 export const EXPERIMENTS = Object.fromEntries([20, 60].map((frequency_hz) => [
   `ripple-${frequency_hz}-Hz`,
   {

@@ -11,7 +11,7 @@ import { texts } from "./texts.js";
 
 const t = texts.form;
 
-/** Return the schema of what a route takes. @param {Service} service @param {string} route @returns {Promise<Schema>} */
+/** Return the schema of the body of a route. @param {Service} service @param {string} route @returns {Promise<Schema>} */
 export async function schemaOf(service, route) {
   const { paths, components } = await (await service.rest("GET", "/v1/openapi.json")).json();
   const { $ref } = paths[`/v1/${route}`].post.requestBody.content["application/json"].schema;
@@ -19,15 +19,15 @@ export async function schemaOf(service, route) {
 }
 
 /**
- * Return a form that begins a task: a field for each parameter, in the order of its declaration, what
- * is required first.
+ * Return a form that begins a task: a field for each parameter in the order of declaration, required
+ * ones first.
  * @param {Service} service
  * @param {string} route
  * @param {{title: string, help: string}} head
  * @param {(values: Values) => Promise<unknown>} begin
- * @param {Values} [values] what fields begin with, in place of their defaults
- * @param {Record<string, Child[] | (() => Child[])>} [own] what the page has in place of a parameter's field
- * @param {{fields?: Child[], links?: Child[]}} [more] of the page, below the fields and beside the button
+ * @param {Values} [values] initial values of fields, in place of the defaults
+ * @param {Record<string, Child[] | (() => Child[])>} [own] the page's own controls, by parameter
+ * @param {{fields?: Child[], links?: Child[]}} [more] the page's children below the fields and beside the button
  */
 export function taskForm(service, route, head, begin, values = {}, own = {}, more = {}) {
   const problem = el("p.told", { role: "alert" });
@@ -124,7 +124,7 @@ export function control(field, value, change, id) {
   return json(value, change, field.title, id);
 }
 
-/** What no other control can show: its JSON.
+/** A control for all other values: a text field with their JSON.
  * @param {any} value @param {(to: any) => void} change @param {string} title @param {string} id */
 export function json(value, change, title, id) {
   const area = el("textarea", {

@@ -1,4 +1,4 @@
-/** The gallery, and files that are dropped in: what a new region is made of. */
+/** The gallery, and files that are dropped in: materials of new regions. */
 
 import { el, fill } from "./dom.js";
 import { sentence } from "./service.js";
@@ -6,7 +6,7 @@ import { texts } from "./texts.js";
 
 /** @import { Service } from "./service.js" */
 /**
- * What a region is begun with.
+ * Material and size of a new region.
  * @typedef {{title: string, width_mm: number | undefined, height_mm: number | undefined,
  *   document: Record<string, any>}} Start
  */
@@ -50,13 +50,13 @@ export class Gallery {
       this.busy, this.problem, this.#find, this.#list);
   }
 
-  /** Read what the service has. */
+  /** Read the presets of the service. */
   async load() {
     this.presets = await (await this.service.rest("GET", "/v1/gallery")).json();
     this.#show();
   }
 
-  /** Make regions of files; tell of those that are none. @param {Iterable<File>} files */
+  /** Make regions of files; report files that cannot become one. @param {Iterable<File>} files */
   async take(files) {
     let wrong = "";
     for (const file of files) {
@@ -73,7 +73,7 @@ export class Gallery {
   }
 
   /**
-   * Send a file; return what a region of it is begun with.
+   * Send a file; return material and size of its region.
    * @param {File} file
    * @returns {Promise<Start>}
    */
@@ -85,7 +85,7 @@ export class Gallery {
     const asset = await session.asset(file, suffix);
     const title = file.name.slice(0, -suffix.length).slice(0, 40) || "file";
     const document = documentOf(asset, suffix);
-    // The service looks into the file: what it cannot read becomes no region.
+    // The service reads the file; if it cannot, there is no region.
     await this.service.rest("POST", "/v1/pictures", { material: document, width_mm: 10, height_mm: 10, columns: 8 });
     if (!PICTURES.includes(suffix)) return { title, document, width_mm: WIDE_MM, height_mm: 40 };
     const { pixels, ...size } = await sizeOf(file);

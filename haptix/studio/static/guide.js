@@ -1,4 +1,4 @@
-/** The first visit: five steps to a layout of one's own, each done by doing it. */
+/** The first visit: five steps to one's own layout; a step ends when the person has done it. */
 
 import { el, fill, store, stored } from "./dom.js";
 import { texts } from "./texts.js";
@@ -9,7 +9,7 @@ const t = texts.guide;
 const KEY = "haptix.guide"; // the steps that are done, in this browser
 const STEPS = /** @type {const} */ (["add", "move", "turn", "feel", "keep"]);
 
-/** Says the next step, until all are done or the person ends it. @param {Omit<App, "guide">} app */
+/** Shows the next step, until all are done or the person ends the guide. @param {Omit<App, "guide">} app */
 export function guide({ service, history, saved }) {
   const done = new Set(stored(KEY).split(" "));
   const element = el("section.guide", { "aria-label": t.title });

@@ -1,4 +1,4 @@
-/** Where a layout asks for what the screen cannot give, over the board. */
+/** Stripes over the board where a layout asks for friction that the screen cannot give. */
 
 import { placeOf } from "./board.js";
 import { el, Value } from "./dom.js";
@@ -33,7 +33,7 @@ export class Headroom {
     board.element.append(this.#layer);
   }
 
-  /** Show it or not; return which. */
+  /** Switch the stripes on or off; return whether they are on. */
   toggle() {
     this.is_shown = !this.is_shown;
     this.#layer.hidden = !this.is_shown;

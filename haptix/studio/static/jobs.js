@@ -1,4 +1,4 @@
-/** Jobs of one kind on the service: begun, watched, answered and ended, whoever began them. */
+/** Jobs of one kind on the service, also those that others began: begin, watch, answer and end them. */
 
 import { el } from "./dom.js";
 
@@ -29,7 +29,7 @@ export class Jobs {
     this.route = route;
   }
 
-  /** Hear of jobs from now on. @param {() => Promise<void>} onSession called with each session */
+  /** Listen to jobs from now on. @param {() => Promise<void>} onSession called with each session */
   open(onSession) {
     const { service } = this;
     this.#end = service.state.on(({ phase }) => {
@@ -41,18 +41,18 @@ export class Jobs {
     });
   }
 
-  /** Begin a job; it is to be watched. @param {Record<string, any>} body @returns {Promise<m.Job>} */
+  /** Begin a job; call `watch` for it. @param {Record<string, any>} body @returns {Promise<m.Job>} */
   async begin(body) {
     return (await this.service.rest("POST", `/v1/${this.route}`, body)).json();
   }
 
-  /** All that are known of this kind. @returns {Promise<m.Job[]>} */
+  /** Return all known jobs of this kind. @returns {Promise<m.Job[]>} */
   async all() {
     const jobs = /** @type {m.Job[]} */ (await (await this.service.rest("GET", "/v1/jobs")).json());
     return jobs.filter((job) => job.kind === this.kind);
   }
 
-  /** Be told of a job from now on. @param {m.Job} job */
+  /** Watch a job from now on. @param {m.Job} job */
   async watch(job) {
     const known = await this.service.session?.watch(job.job);
     if (known) this.take(known);

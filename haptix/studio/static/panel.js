@@ -9,7 +9,7 @@ import { texts } from "./texts.js";
 /** @typedef {(path: (string | number)[], value: any) => void} Change */
 
 const t = texts.make;
-const LAST = ["low", "high", "target"]; // how high: after what it is
+const LAST = ["low", "high", "target"]; // the level comes after the shape
 const FILES = ["file", "heights", "normals"];
 const FAMILIES = ["material", "signal"];
 /** Kinds that change another material. */
@@ -98,7 +98,7 @@ export class Panel {
     return path.reduce((part, key) => part[key], this.#material);
   }
 
-  /** The ways to read a picture. @param {Table} material @param {(string | number)[]} path @param {string} asset */
+  /** Buttons for the kinds of material that a picture can become. @param {Table} material @param {(string | number)[]} path @param {string} asset */
   #reading(material, path, asset) {
     const field = /** @type {Record<string, string>} */ ({ photograph: "file", relief: "heights", heights: "file" });
     const select = el("select", {
@@ -184,7 +184,7 @@ export class Panel {
   }
 }
 
-/** What decides which controls there are: the kinds and the names and types of the fields.
+/** Return the kinds and the names and types of the fields, which decide which controls there are.
  * @param {any} value @returns {any} */
 function shapeOf(value) {
   if (Array.isArray(value)) return value.every((item) => typeof item === "number") ? "row" : value;
@@ -193,7 +193,7 @@ function shapeOf(value) {
   return Object.fromEntries(entries.filter(([key, part]) => key === "kind" || key === "of" || part === "row" || typeof part === "object"));
 }
 
-/** Take the marks of Python's documentation out of a text. @param {string | undefined} text */
+/** Remove the marks of Python's documentation from a text. @param {string | undefined} text */
 function plain(text = "") {
   return text.replaceAll("`", "").replaceAll(/; see haptix[\w.]*/g, "").replaceAll(/ see haptix[\w.]*\.?/g, "");
 }

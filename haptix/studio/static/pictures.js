@@ -1,4 +1,4 @@
-/** Pictures of regions: friction as brightness, drawn here until the service's own has come. */
+/** Pictures of regions: friction as brightness. The page draws one until the service's picture comes. */
 
 import { now, Refused } from "/client/haptix.js";
 import { el, pause } from "./dom.js";
@@ -12,13 +12,13 @@ const MOST_PX = 900;
 const MOST_CACHED = 200;
 const COLUMNS = 320;
 const LEVELS = 127.5; // (share + 0.5) * LEVELS is the byte of a place
-const SETTLED_MS = 150; // a region that is drawn larger asks for one picture at its end
+const SETTLED_MS = 150; // a region that is being resized requests its picture at the end
 const LONGEST_WAIT_MS = 20_000;
-const REFUSALS = ["message", "document", "unknown"]; // what the same picture would get again
+const REFUSALS = ["message", "document", "unknown"]; // codes that a retry would get again
 const FILM_COLUMNS = 120;
 const RATE_HZ = 24;
-const SEEN_S = 11; // over which a material is looked at for whether it moves
-const AHEAD_S = 0.6; // a second is asked for so long before it begins
+const SEEN_S = 11; // time over which a material is checked for motion
+const AHEAD_S = 0.6; // a second's pictures are requested so long before it begins
 const VIRIDIS = [
   [68, 1, 84], [71, 45, 123], [59, 82, 139], [44, 114, 142], [33, 145, 140],
   [40, 174, 128], [94, 201, 98], [173, 220, 48], [253, 231, 37],
@@ -31,7 +31,7 @@ const cache = new Map();
 /** @type {Map<string, string>} what each region was last drawn with */
 const newest = new Map();
 
-/** Let the service draw: what a material asks for, for a finger that goes right.
+/** Let the service draw the friction that a material asks for under a finger that moves right.
  * @param {import("./service.js").Service} service */
 export function picturesFrom(service) {
   source = async ({ material, width_mm, height_mm }) => {
@@ -70,7 +70,7 @@ export function shade(share) {
 }
 
 /**
- * Return the picture of a region. `again` is called when a better one has come.
+ * Return the picture of a region; `again` is called when a better one has come.
  * @param {m.RegionDocument} region
  * @param {() => void} again
  * @returns {CanvasImageSource}
@@ -92,8 +92,8 @@ export function pictureOf(region, again) {
 }
 
 /**
- * Replace a draft by the service's picture. A service that is busy or starts again is asked
- * again, after longer and longer pauses; of what it refuses, the draft stays.
+ * Replace a draft by the service's picture. If the service is busy or restarts, retry after longer
+ * and longer pauses; if it refuses, the draft stays.
  * @param {m.RegionDocument} region @param {string} key @param {() => void} again
  */
 async function improve(region, key, again) {
@@ -109,7 +109,7 @@ async function improve(region, key, again) {
   }
 }
 
-/** A quick picture of a material's character, not of its numbers. @param {m.RegionDocument} region */
+/** Draw a rough picture of a material's character; its numbers are not exact. @param {m.RegionDocument} region */
 function draft({ material, width_mm, height_mm }) {
   const [w, h] = [width_mm ?? 20, height_mm ?? 20];
   const zoom = Math.min(PX_PER_MM, MOST_PX / Math.max(w, h));
@@ -131,7 +131,7 @@ function draft({ material, width_mm, height_mm }) {
 }
 
 /**
- * Pictures of a second, by the second; none where nothing was seen to move.
+ * Pictures by the second; none if nothing moves.
  * @typedef {{seconds: Map<number, CanvasImageSource[]>, asked: number, stands: boolean}} Film
  */
 
@@ -148,7 +148,7 @@ export class Films {
     this.telemetry = telemetry;
   }
 
-  /** Time of the scene now [s]; NaN where nothing is rendered. */
+  /** Present time of the scene [s]; NaN if nothing is rendered. */
   get scene_s() {
     const { stats, stats_s } = this.telemetry;
     const { session } = this.service;
@@ -157,7 +157,7 @@ export class Films {
     return output.paused ? stats.scene_s : stats.scene_s + now() - session.clientTime(stats_s);
   }
 
-  /** Whether it is time to draw what moves anew. @param {number} at_ms */
+  /** Whether it is time to draw the moving regions again. @param {number} at_ms */
   isDue(at_ms) {
     if (at_ms - this.#drawn_ms < 950 / RATE_HZ) return false;
     this.#drawn_ms = at_ms;
@@ -167,7 +167,7 @@ export class Films {
   }
   #last = NaN;
 
-  /** Return a region's picture of now; null where it stands still, or is not known yet.
+  /** Return a region's present picture; null if it stands still or is not known yet.
    * @param {m.RegionDocument} region */
   at(region) {
     const scene_s = (this.#last = this.scene_s);
@@ -195,7 +195,7 @@ export class Films {
     const is_first = film.asked < 0;
     film.asked = second;
     try {
-      // Much that asks for the time, such as a button's click, stands still for all that is seen.
+      // Many materials that depend on time, such as a button's click, do not change their picture.
       if (is_first) {
         const seen = await this.#frames(region, second, SEEN_S / RATE_HZ);
         film.stands = seen.every((frame) => frame.bytes.every((level, at) => level === seen[0].bytes[at]));

@@ -8,10 +8,10 @@ import { texts } from "./texts.js";
 /** @import * as m from "../../../clients/typescript/types/messages.js" */
 
 const SHOWN_S = 1.5;
-const PLOTTED = 500; // points of a curve; more than pixels are of no use
+const PLOTTED = 500; // points of a curve; more than its pixels are useless
 const LOWEST_HZ = 4;
 const POINTS = 512; // of the spectrum
-const TOLERANCE = 0.15; // of a calibration's protocols; beyond it a stroke is asked for once more
+const TOLERANCE = 0.15; // of a calibration's protocol; beyond it a stroke is repeated
 const t = texts.calibrate;
 
 /** @type {Promise<void> | undefined} */
@@ -205,7 +205,7 @@ export function amplitudes(signal) {
 
 /** @typedef {NonNullable<m.Job["trace"]>} Trace */
 
-/** Curves over the time of one stroke, on a band of what was asked for. */
+/** Curves over the time of one stroke, on a band around the requested value. */
 class StrokePlot extends Plot {
   /** @param {Element} root @param {string} label @param {string[]} colors */
   constructor(root, label, colors) {
@@ -229,7 +229,7 @@ class StrokePlot extends Plot {
   }
 }
 
-/** The plots of the stroke that is made, or was made last. */
+/** The plots of the present or the last stroke. */
 export class StrokePlots {
   #title = el("h3");
   #forces = el("div.plot.low");
@@ -244,7 +244,7 @@ export class StrokePlots {
   #trace = null;
   #ended = false;
 
-  /** Take what was read since the last time. @param {Trace} part */
+  /** Add the readings since the last call. @param {Trace} part */
   add(part) {
     const { stroke, tries, t_s: [first] } = part;
     const whole = this.#trace;

@@ -1,4 +1,4 @@
-/** Regions on the board: chosen, dragged, sized, drawn; by pointer and by keyboard. */
+/** Regions on the board: choose, drag, resize and draw them by pointer and by keyboard. */
 
 import { placeOf } from "./board.js";
 import { el, fill } from "./dom.js";
@@ -11,7 +11,7 @@ import { texts } from "./texts.js";
 
 const t = texts.make;
 const SMALLEST_MM = 2;
-const DRAWN_MM = 4; // less is a click
+const DRAWN_MM = 4; // a shorter drag is a click
 const ARROWS = /** @type {Record<string, [number, number]>} */ ({
   ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1],
 });
@@ -151,7 +151,7 @@ export class Regions {
     }, `${label} ${name}`);
   }
 
-  /** Draw a new region where there is none. @param {PointerEvent} event */
+  /** Draw a new region on a free place. @param {PointerEvent} event */
   #begin(event) {
     if (event.button) return;
     this.choose("");

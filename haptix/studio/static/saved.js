@@ -1,4 +1,4 @@
-/** The layout on the service: drafts, saved by themselves, and apart from them what a person keeps. */
+/** The layout on the service: drafts, which are saved automatically, and layouts that a person keeps. */
 
 import { Refused } from "/client/haptix.js";
 import { START } from "./document.js";
@@ -13,17 +13,17 @@ import { texts } from "./texts.js";
 
 const [DRAFT, NAME] = ["haptix.draft", "haptix.layout"]; // of this tab; a new tab begins with the last ones
 const [AFTER_MS, AGAIN_MS] = [300, 2000];
-const MOST_LAST_BYTES = 60_000; // what a browser sends for a page that is gone
+const MOST_LAST_BYTES = 60_000; // a browser sends no more for a closed page
 const t = texts.make;
 
 export class SavedLayout {
-  /** @type {Value<string>} what became of the last change, for people */
+  /** @type {Value<string>} the state of the last change, for people */
   state = new Value("");
   /** @type {Value<string>} */
   name = new Value(t.untitled);
-  /** @type {Value<{label: string, act: () => Promise<void>} | null>} what helps now */
+  /** @type {Value<{label: string, act: () => Promise<void>} | null>} a remedy, if there is one */
   help = new Value(/** @type {{label: string, act: () => Promise<void>} | null} */ (null));
-  /** Revision of the kept layout that this one was made from; "" where none is kept. */
+  /** Revision of the kept layout that this one was made from; "" if none is kept. */
   revision = "";
   #draft = { id: "", revision: "" };
   /** @type {m.LayoutDocument | null} the document that the service has, as draft or kept */
@@ -31,14 +31,14 @@ export class SavedLayout {
   #has_begun = false;
   #timer = 0;
   #release = () => {};
-  /** @type {Promise<unknown>} all that is written, in turn */
+  /** @type {Promise<unknown>} all writes, one after the other */
   #turn = Promise.resolve();
 
   /** @param {Service} service @param {History<m.LayoutDocument>} history */
   constructor(service, history) {
     this.service = service;
     this.history = history;
-    this.#saved = history.current; // what there is at the start needs no writing
+    this.#saved = history.current; // the initial layout need not be written
     service.onBegin.push(() => this.#begin());
     history.document.on((document) => {
       if (document !== this.#saved) this.#later(AFTER_MS);
@@ -51,7 +51,7 @@ export class SavedLayout {
     return this.#saved === this.history.current;
   }
 
-  /** Write what was changed as a draft, and anything else after it.
+  /** Write changes as a draft, then do something else.
    * @template T @param {() => Promise<T>} [then] @returns {Promise<T>} */
   #after(then) {
     const turn = this.#turn.then(async () => {
@@ -69,7 +69,7 @@ export class SavedLayout {
     this.#timer = setTimeout(() => void this.#after().catch(() => {}), after_ms);
   }
 
-  /** Go on with the draft of this tab, the last one that was written, or the last kept layout. */
+  /** Continue this tab's draft, the last written draft, or the last kept layout. */
   async #begin() {
     if (!this.#has_begun && !this.history.next.undo) {
       const is_new = sessionStorage.getItem(DRAFT) === null;
@@ -121,7 +121,7 @@ export class SavedLayout {
     return answer.headers.get("etag") ?? "";
   }
 
-  /** Have a draft for this page alone, until it is gone; a draft that another page has is left to it.
+  /** Lock a draft for this page until it closes, unless another page has locked it.
    * @param {string} id @returns {Promise<boolean>} whether this page has it */
   async #claim(id, revision = "") {
     const is_own = await new Promise((resolve) => {
@@ -168,7 +168,7 @@ export class SavedLayout {
     });
   }
 
-  /** Keep the layout under a name that none has. */
+  /** Keep the layout under a name that no layout has. */
   async duplicate() {
     const names = await this.names();
     const base = this.name.get().replace(/ \d+$/, "");
@@ -179,7 +179,7 @@ export class SavedLayout {
     await this.keep();
   }
 
-  /** Give the layout another name, also where it is kept. @param {string} to */
+  /** Rename the layout, and its kept one. @param {string} to */
   rename(to) {
     return this.#after(async () => {
       const name = to.trim() || t.untitled;
@@ -233,7 +233,7 @@ export class SavedLayout {
     });
   }
 
-  /** Go on with a draft. @param {string} id */
+  /** Continue a draft. @param {string} id */
   openDraft(id) {
     return this.#after(async () => {
       const answer = await this.service.rest("GET", `/v1/drafts/${id}`);
@@ -243,18 +243,18 @@ export class SavedLayout {
       const is_own = await this.#claim(id, answer.headers.get("etag") ?? "");
       this.#tell(t.openedDraft(name));
       if (is_own) return;
-      this.#saved = null; // this page goes on with a copy
+      this.#saved = null; // this page continues with a copy
       this.#later(0);
     });
   }
 
-  /** Go back to a version: a change as any other, that can be taken back. @param {Version} version */
+  /** Go back to a version; this is a change that can be undone. @param {Version} version */
   async restore({ name, revision }) {
     const { regions } = await this.#version(name, revision);
     this.history.change(t.did.restore(revision), (draft) => void (draft.regions = regions));
   }
 
-  /** Names of all that are kept, or of those that were removed. @returns {Promise<string[]>} */
+  /** Return the names of all kept layouts, or of the removed ones. @returns {Promise<string[]>} */
   async names(removed = false) {
     return (await this.service.rest("GET", `/v1/layouts?removed=${removed}`)).json();
   }
@@ -264,7 +264,7 @@ export class SavedLayout {
     return (await this.service.rest("GET", `${pathOf(name)}/versions`)).json();
   }
 
-  /** Drafts but this one, with the names of their layouts. @returns {Promise<{id: string, name: string, unix_s: number}[]>} */
+  /** Return all drafts except this one, with the names of their layouts. @returns {Promise<{id: string, name: string, unix_s: number}[]>} */
   async drafts() {
     /** @type {Version[]} */
     const all = await (await this.service.rest("GET", "/v1/drafts")).json();
@@ -277,7 +277,7 @@ export class SavedLayout {
     return (await this.service.rest("GET", `${pathOf(name)}/versions/${revision}`)).json();
   }
 
-  /** Show another layout, once all changes of this one are saved; at a start, not over changes.
+  /** Show another layout after all changes of this one are saved; at the start, not over changes.
    * @param {m.LayoutDocument} document @param {string} name */
   async #begins(document, name, revision = "") {
     if (!this.#has_begun && this.history.next.undo) return false;
@@ -299,7 +299,7 @@ export class SavedLayout {
   async #endDraft() {
     const { id, revision } = this.#draft;
     this.#forget();
-    // A tab that goes on with it has written it since: then it stays.
+    // If another tab has continued and written the draft since, it stays.
     if (id) await this.service.rest("DELETE", `/v1/drafts/${id}`, undefined, { "if-match": revision }).catch(() => {});
   }
 
@@ -317,7 +317,7 @@ export class SavedLayout {
     this.#release();
   }
 
-  /** Do what a person asked for, and tell of it if it was refused. @param {() => Promise<unknown>} act */
+  /** Do what a person requested; show the reason if it is refused. @param {() => Promise<unknown>} act */
   attempt(act) {
     return this.service.attempt(async () => {
       try {

@@ -10,7 +10,7 @@ import { texts } from "./texts.js";
 /**
  * @typedef {object} State
  * @property {"pair" | "connecting" | "open" | "lost"} phase
- * @property {string} reason why it is so, in a sentence, or ""
+ * @property {string} reason the cause in a sentence, or ""
  */
 /** @typedef {{label: string, act: () => void}} Help */
 /** @typedef {{at: number, kind: "error" | "warning" | "note", sentence: string, help?: Help}} Notice */
@@ -24,17 +24,17 @@ const MOST_NOTICES = 20;
 export class Service {
   /** @type {Value<State>} */
   state = new Value(/** @type {State} */ ({ phase: "connecting", reason: "" }));
-  /** @type {Value<m.Output | null>} what the output does */
+  /** @type {Value<m.Output | null>} state of the output */
   output = new Value(/** @type {m.Output | null} */ (null));
   /** @type {Value<m.Lease | null>} who holds it */
   lease = new Value(/** @type {m.Lease | null} */ (null));
   /** @type {Value<m.Inventory | null>} devices, finger, screen, kinds */
   inventory = new Value(/** @type {m.Inventory | null} */ (null));
-  /** @type {Value<Notice[]>} what a person should read, the newest last */
+  /** @type {Value<Notice[]>} messages for the person, the newest last */
   notices = new Value(/** @type {Notice[]} */ ([]));
   /** @type {Session | null} */
   session = null;
-  /** @type {Value<boolean>} whether the engine gets ready to play, which takes seconds */
+  /** @type {Value<boolean>} whether the engine prepares to play, which takes seconds */
   isArming = new Value(false);
   /** Called when a session begins and when it begins again, before anything is armed.
    * @type {((session: Session) => Promise<void>)[]} */
@@ -60,27 +60,27 @@ export class Service {
       try {
         await this.#pair(code);
       } catch (error) {
-        // A page that is opened again comes with a code that is used, and knows its token.
+        // A page that is opened again has a used code in its address, and knows its token.
         if (!this.#token) return this.state.set({ phase: "pair", reason: sentence(error) });
       }
     }
     await this.#open();
   }
 
-  /** Come in by the code that the terminal shows; rejects with why not.
+  /** Pair by the code that the terminal shows; rejects with the reason.
    * @param {string} code */
   async pair(code) {
     await this.#pair(code);
     await this.#open();
   }
 
-  /** Let the terminal show a code. */
+  /** Make the terminal show a code. */
   async showCode() {
     const answer = await fetch("/v1/pair/code", { method: "POST" });
     if (!answer.ok) throw new Refused(await answer.json());
   }
 
-  /** Get the lease and let touches be felt.
+  /** Get the lease and arm the output.
    * @param {boolean} [takeover] */
   async arm(takeover = false) {
     const { session } = this;
@@ -99,12 +99,12 @@ export class Service {
     if (this.session) this.output.set(await this.session.disarm());
   }
 
-  /** End at 0 V for all: also without a session. */
+  /** End at 0 V for all clients; this works without a session, too. */
   async stop() {
     await fetch("/stop", { method: "POST", keepalive: true });
   }
 
-  /** Do what may be refused, and tell of it if it was.
+  /** Do something that may be refused; show the reason if it is.
    * @template T
    * @param {() => Promise<T>} act
    * @returns {Promise<T | undefined>} */
@@ -150,8 +150,8 @@ export class Service {
   }
 
   /**
-   * Ask for streams while a page shows them; return what ends that. Streams that this service does
-   * not have are left out.
+   * Subscribe to streams while a page shows them; return a function that ends this. Streams that this
+   * service does not have are left out.
    * @param {Record<string, number>} rates [Hz]
    * @param {(frame: Frame & {names: string[]}) => void} handler
    * @returns {() => void}
@@ -168,7 +168,7 @@ export class Service {
     };
   }
 
-  /** Hear of contacts: enter, leave, press, release, detent.
+  /** Listen to contacts: enter, leave, press, release, detent.
    * @param {(contact: m.Contact) => void} handler
    * @returns {() => void} */
   onContact(handler) {
@@ -224,13 +224,13 @@ export class Service {
     await this.#subscribe(this.#streams);
     for (const begin of this.onBegin) await this.attempt(() => begin(session));
     this.state.set({ phase: "open", reason: "" });
-    // A real driver is armed by a person's hand, here and after each loss.
+    // A person must arm a real driver by hand, here and after each loss.
     const is_free = lease.holder === null || lease.is_mine;
-    // Also what is kept for a client that is gone: the page before this one, most likely.
+    // Also the lease of a client that is gone: most likely of the page before this one.
     if (!this.isReal && is_free) await this.#armVirtual(lease.holder === null);
   }
 
-  /** A busy machine may need some attempts: the first one loads what renders.
+  /** A busy machine may need some attempts, since the first one loads the renderer.
    * @param {boolean} takeover */
   async #armVirtual(takeover) {
     for (let left = ATTEMPTS; left > 0; left -= 1) {
@@ -245,8 +245,8 @@ export class Service {
 
   /** @param {string} reason */
   #failed(reason) {
-    if (!this.isReal) this.notify("warning", reason); // a real driver's is said until it is mended
-    // A virtual finger cannot be hurt: a busy machine is no reason to make a person arm again.
+    if (!this.isReal) this.notify("warning", reason); // a real driver's fault is shown until it is repaired
+    // With a virtual finger there is no danger, so no person has to arm again on a busy machine.
     const arm = () => this.output.get()?.state === "failed" && this.#armVirtual(false);
     if (!this.isReal && this.lease.get()?.is_mine) setTimeout(arm, RETRY_MS);
   }
@@ -270,13 +270,13 @@ export class Service {
   async #subscribe(streams) {
     for (const [name, rate] of Object.entries(streams)) {
       const stream = /** @type {any} */ ({ [name]: rate });
-      // An older service knows fewer streams; what shows them stays empty.
+      // An older service has fewer streams; their displays stay empty.
       await this.session?.subscribe(stream).catch(() => {});
     }
   }
 }
 
-/** Return what is wrong, for people. @param {unknown} error */
+/** Return the sentence of an error, for people. @param {unknown} error */
 export function sentence(error) {
   if (error instanceof Refused && error.path) return error.message.replace(` (${error.path})`, "");
   return error instanceof Error ? error.message : String(error);

@@ -1,22 +1,22 @@
 /**
- * Friction force as sound: its vibration above 40 Hz as it is, and what vibrates too fast for a
- * thousand rows a second as noise, as loud as the force changes and the finger is fast.
+ * Friction force as sound. Its vibration above 40 Hz is played as it is. Vibration that is too fast
+ * for a thousand rows a second becomes noise, whose level rises with force changes and speed.
  *
- * Rows come in frames, more or less late. A jitter buffer holds back what it takes, by the latest
- * frame of the last seconds, for the rows to last until the next frame.
+ * Rows come in frames, more or less late. A jitter buffer delays them by the lateness of the latest
+ * frame of the last seconds, so that the rows last until the next frame.
  */
 
 const HIGH_PASS_HZ = 40;
 const NOISE_HZ = [1000, 6000];
 const FULL_N = 0.25; // a vibration of so many newtons is full scale
 const NOISE = 0.004; // of full scale, for 1 N/s at 1 mm/s
-const CEILING = 10 ** (-12 / 20); // what comes out is never louder, before the volume
+const CEILING = 10 ** (-12 / 20); // the output is never louder, before the volume
 const KEPT = 8192;
 const FRAMES = 200; // whose lateness is remembered: 10 s
 const MARGIN_S = 0.01;
-const LONGEST_S = 0.5; // later than that sound helps nobody: gaps are heard instead
-const NEAR_S = 0.005; // so near to its aim the buffer is left alone
-const FASTEST = 0.04; // by which the sound is slower or faster until the buffer is right; 2/3 of a semitone
+const LONGEST_S = 0.5; // longest delay: later sound would be useless, so there are gaps instead
+const NEAR_S = 0.005; // allowed distance of the buffer from its aim
+const FASTEST = 0.04; // largest change of speed to bring the buffer to its aim; 2/3 of a semitone
 
 // @ts-ignore: of the AudioWorklet's own scope
 class FeltFriction extends AudioWorkletProcessor {
@@ -60,7 +60,7 @@ class FeltFriction extends AudioWorkletProcessor {
     const off_s = (this.written - this.read) / rate_hz - aim_s;
     this.speed_up = 0;
     if (this.read >= before - 1) {
-      // Nothing was left to hear: begin anew, once enough has come.
+      // The buffer ran empty: begin again when enough rows have come.
       this.read = before;
       // @ts-ignore: sampleRate is of the scope
       this.waits = Math.round(Math.max(0, aim_s - (this.written - before) / rate_hz) * sampleRate);

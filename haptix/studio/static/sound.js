@@ -1,10 +1,10 @@
-/** Sound of what is felt: off at first, quiet, and late by a stated time. */
+/** The felt friction as sound: off at first, quiet, and late by a stated time. */
 
 /** @import { Track } from "./telemetry.js" */
 
-export const DELAY_S = 0.06; // of what is heard, where frames come in time: one of 50 ms, and a margin
+export const DELAY_S = 0.06; // of the sound, if frames come in time: a frame of 50 ms and a margin
 
-/** Plays what fingers feel while it is on. */
+/** Plays the felt friction while it is on. */
 export class Sound {
   /** @type {AudioContext | null} */
   #context = null;
@@ -43,7 +43,7 @@ export class Sound {
     this.#context = this.#node = this.#gain = null;
   }
 
-  /** Hear rows whose felt friction has come.
+  /** Play rows whose felt friction has come.
    * @param {Track} track @param {number} from @param {number} to */
   add(track, from, to) {
     if (!this.#node || this.#context?.state !== "running" || to - from < 2) return;
@@ -53,7 +53,7 @@ export class Sound {
 }
 
 /**
- * Return what the sound is made of: felt force [N] and speed [mm/s] of each row, their rate and end.
+ * Return the input of the sound: felt force [N] and speed [mm/s] of each row, their rate and end.
  * @param {Track} track @param {number} from @param {number} to
  */
 export function heardOf(track, from, to) {

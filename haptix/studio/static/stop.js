@@ -1,4 +1,4 @@
-/** The STOP button's frame: a process of its own. Without this script the form does the same. */
+/** The STOP button's frame, in a process of its own. Without this script the form does the same. */
 
 const form = /** @type {HTMLFormElement} */ (document.querySelector("form"));
 const state = /** @type {HTMLElement} */ (document.querySelector("small"));

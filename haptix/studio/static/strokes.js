@@ -1,4 +1,4 @@
-/** Strokes: recorded from the board, sent again with the same times, kept as CSV, compared. */
+/** Strokes: record them on the board, replay them with the same times, save and compare them. */
 
 import { now } from "/client/haptix.js";
 import { el, fill, pause } from "./dom.js";
@@ -89,7 +89,7 @@ export function toCsv(stroke, force_n) {
 }
 
 const PAUSE_MS = 700; // between two strokes, for the cross-fade and for the person
-const SETTLE_MS = 400; // until what was felt at the end is told
+const SETTLE_MS = 400; // until the felt friction of the stroke's end has come
 const t = texts.compare;
 
 /** Return the layout of one material alone, under all of a stroke.

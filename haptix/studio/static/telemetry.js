@@ -1,4 +1,4 @@
-/** What the service tells of each finger: kept for some seconds in rings, and shown as numbers. */
+/** The service's telemetry of each finger: kept for some seconds in rings, and shown as numbers. */
 
 import { el } from "./dom.js";
 import { texts } from "./texts.js";
@@ -12,13 +12,13 @@ export const FIELDS = /** @type {const} */ (
 /** @typedef {(typeof FIELDS)[number]} Field */
 
 const ROWS = 4096;
-const STALE_S = 2; // a finger of the same number after that begins anew
+const STALE_S = 2; // after this, a finger of the same number is a new one
 
-/** Rows of one finger, the oldest forgotten. */
+/** The newest rows of one finger. */
 export class Track {
-  /** Rows that came in all; row i lies at i % ROWS. */
+  /** Number of all rows so far; row i lies at i % ROWS. */
   count = 0;
-  /** Rows of which it is known what was felt. */
+  /** Number of rows whose felt friction is known. */
   known = 0;
   /** @type {Record<Field, Float64Array>} */
   columns = /** @type {any} */ (
@@ -55,7 +55,7 @@ export class Track {
     }
   }
 
-  /** Put what was felt beside the rows of the same time.
+  /** Add felt friction to the rows of the same time.
    * @param {Frame & {names: string[]}} frame */
   addFelt({ rows, columns, names, t0_s, step_s }) {
     const [mu, force] = [names.indexOf("mu"), names.indexOf("force_n")];
@@ -71,14 +71,14 @@ export class Track {
     }
   }
 
-  /** Error of a row in JND: felt, or reached while that is not known, against wanted.
+  /** Error of a row in JND: felt friction (or reached, if felt is not known yet) against wanted.
    * @param {number} row */
   error(row) {
     const [wanted, felt] = [this.at("wanted", row), this.at("felt", row)];
     return (felt - wanted) / (WEBER_FRACTION * wanted);
   }
 
-  /** Whether what was wanted of a row can be had on this screen and finger.
+  /** Whether screen and finger can give the wanted friction of a row.
    * @param {number} row */
   isReachable(row) {
     const [wanted, low, high] = [this.at("wanted", row), this.at("low", row), this.at("high", row)];
@@ -95,8 +95,8 @@ export class Telemetry {
   stats = {};
   /** Time of that row [s], of the service's clock. */
   stats_s = NaN;
-  /** @type {Set<(track: Track, touch_id: number, from: number, to: number) => void>} told of rows
-   * whose felt friction has come */
+  /** @type {Set<(track: Track, touch_id: number, from: number, to: number) => void>} called with
+   * rows whose felt friction has come */
   onFelt = new Set();
 
   /** @param {Frame & {names: string[]}} frame */
@@ -129,7 +129,7 @@ export class Telemetry {
   }
 }
 
-const STILL_S = 1; // so long a number stays that is no longer new
+const STILL_S = 1; // an old number stays for so long
 const OVER_S = 1; // the errors are of the last second
 
 /** @typedef {{rows: number, reach: number, rendering: number, total: number, unreachable: number}} Errors */

@@ -1,6 +1,6 @@
-/** All that the pages say, in one place. */
+/** All texts of the pages. */
 
-/** Of jobs that a page follows. */
+/** States of jobs that a page watches. */
 const ofJobs = {
   progress: "Progress",
   answer: "Answer",
@@ -90,11 +90,11 @@ export const texts = {
     means: "What these numbers mean",
     meanings: [
       "Friction: the force along the screen over the force onto it; 0.3 at a normal force of 0.5 N is 0.15 N.",
-      "Wanted is what the layout asks for, felt is what the model says that this finger feels a moment later.",
+      "Wanted is the friction that the layout asks for. Felt is the friction that this finger feels a moment later, by the model.",
       "Normal force: how hard the finger presses; 1 N is the weight of 100 g.",
-      "Speed: of the finger along the screen; one that rests feels nothing.",
-      "Voltage: amplitude on the screen's electrode, of the highest that its limits allow.",
-      "Reaction: from a touch that comes in until it changes the output.",
+      "Speed: of the finger along the screen; a finger that rests feels nothing.",
+      "Voltage: amplitude on the screen's electrode, as a share of the highest that the limits allow.",
+      "Reaction: time from a touch until it changes the output.",
       "JND, a just-noticeable difference: the least change of friction that a finger notices, 11 % of it. An error below 1 JND is not noticed.",
     ],
     parts: { rendering: "Rendering", reach: "Out of reach", total: "Total" },
@@ -328,7 +328,7 @@ export const texts = {
       texts.sit.tasks[task][0],
       task === "magnitude" ? "There is no right number. You may take your time, and stop whenever you like." : "If you are not sure, guess. You may take your time, and stop whenever you like.",
     ],
-    /** By task: what is explained, and what is asked. */
+    /** By task: the explanation and the question. */
     tasks: /** @type {Record<string, [string, string]>} */ ({
       "2ifc": ["Two things follow each other. One of them vibrates. Say which: the first or the second.", "Which one vibrated?"],
       "2afc": ["One half of each stroke feels different. Say which: left or right.", "Which half was it?"],

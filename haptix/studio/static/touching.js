@@ -1,4 +1,4 @@
-/** Fingers on the board: pointers and keys become touches, and what is drawn under them. */
+/** Fingers on the board: pointers and keys become touches. */
 
 import { now } from "/client/haptix.js";
 import { Pointers } from "/client/pointers.js";
@@ -18,12 +18,12 @@ const ARROWS = /** @type {Record<string, [number, number]>} */ ({
 });
 const KINDS = ["pointerdown", "pointermove", "pointerup", "pointercancel", "pointerleave"];
 
-/** Return the normal force of an event [N]; undefined where the service assumes one.
+/** Return the normal force of an event [N]; undefined if the service assumes one.
  * @param {{pressure: number, pointerType: string}} event */
 export function forceOf({ pressure, pointerType }) {
   const { force, force_n, pressure_n } = view.get();
   if (force === "assumed") return undefined;
-  // A mouse always says 0.5: that is no pressure.
+  // A mouse always reports 0.5, which is no pressure.
   if (force === "pressure" && pointerType !== "mouse" && pressure > 0) {
     return Math.max(pressure * pressure_n, LEAST_N);
   }
@@ -58,7 +58,7 @@ export class Touching {
     board.onFit = () => void this.geometry();
   }
 
-  /** Begin with a session, perhaps another one: to it, the next move of each finger is a down. */
+  /** Begin with a session, which may be new: for it, the next move of each finger is a down. */
   begin() {
     this.#pointers.clear();
     for (const { touch_id, x_mm, y_mm } of [...this.cursors.values()]) {
@@ -67,12 +67,12 @@ export class Touching {
     void this.geometry();
   }
 
-  /** Say where the board lies, so that pixels become millimetres. */
+  /** Send the place of the board, so that pixels become millimetres. */
   async geometry() {
     const { box, px_per_mm } = this.board;
     await this.service.session
       ?.geometry({ px_per_mm, origin_mm: [box.left, box.top] })
-      .catch(() => {}); // told again when there is a session again
+      .catch(() => {}); // it is sent again in the next session
   }
 
   close() {
@@ -82,7 +82,7 @@ export class Touching {
     this.cursors.clear();
   }
 
-  /** Take a point that was sent: of a pointer, a key, or a replay. @param {number} t_s @param {Omit<Point, "t_s">} point */
+  /** Handle a point that was sent, of a pointer, a key, or a replay. @param {number} t_s @param {Omit<Point, "t_s">} point */
   took(t_s, point) {
     if (point.kind === "up") this.cursors.delete(point.touch_id);
     else this.cursors.set(point.touch_id, point);
@@ -103,7 +103,7 @@ export class Touching {
       const place = this.board.placeAt(Number(x_px), Number(y_px));
       this.took(t_s, { ...place, touch_id, kind, normal_force_n: normal_force_n ?? undefined });
     }
-    // A frame takes time to be seen: the ring is drawn where the finger will be, the trail where it was.
+    // A frame is seen late: the ring is drawn where the finger will be, the trail where it was.
     const last = touches.at(-1);
     const ahead = last?.kind === "move" ? event.getPredictedEvents?.().at(-1) : null;
     const cursor = this.cursors.get(last?.touch_id ?? -1);

@@ -1,4 +1,4 @@
-/** The finger's trail on the board: where it was at once, coloured by the error once that is known. */
+/** The finger's trail on the board: drawn at once, and coloured by the error when that is known. */
 
 import { el } from "./dom.js";
 import { texts } from "./texts.js";
@@ -56,7 +56,7 @@ export class Trail {
     this.#felt.push({ track, from: Math.max(from - 1, track.first), to });
   }
 
-  /** Draw what has come since the last frame. @param {Iterable<Cursor>} cursors */
+  /** Draw the points that have come since the last frame. @param {Iterable<Cursor>} cursors */
   draw(cursors) {
     const { trail, px_per_mm } = this.board;
     const px = 1 / px_per_mm;
@@ -72,7 +72,7 @@ export class Trail {
       trail.lineWidth = WIDTH_PX * px;
       trail.strokeStyle = FRESH;
       trail.stroke();
-      // An edge below all, so that every colour stands out from every picture.
+      // An edge below the trail, so that every colour stands out from every picture.
       trail.globalCompositeOperation = "destination-over";
       trail.lineWidth = (WIDTH_PX + 5) * px;
       trail.strokeStyle = EDGE;
@@ -86,7 +86,7 @@ export class Trail {
     this.#point([...cursors]);
   }
 
-  /** Show where fingers are. Elements are moved, so that no frame draws the board for them.
+  /** Show the fingers. Only their elements move, so that no frame draws the board again.
    * @param {Cursor[]} cursors */
   #point(cursors) {
     const { box, element, px_per_mm } = this.board;

@@ -1,4 +1,4 @@
-/** What a person has chosen for the pages: kept in this browser, no part of a document. */
+/** A person's choices for the pages: kept in this browser, and no part of a document. */
 
 import { store, stored, Value } from "./dom.js";
 

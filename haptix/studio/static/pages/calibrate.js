@@ -66,7 +66,7 @@ export function mount(root, app) {
 
   const jobs = new Jobs(service, "calibration", take);
   jobs.open(async () => {
-    // One that runs, perhaps begun by another page, is gone on with.
+    // Continue a job that runs; another page may have begun it.
     const running = (await jobs.all()).find((job) => !isOver(job));
     if (running) await follow(running);
   });
@@ -76,7 +76,7 @@ export function mount(root, app) {
   };
 }
 
-/** What was found, for people. @param {Record<string, any>} result @param {() => void} save */
+/** Show the result to people. @param {Record<string, any>} result @param {() => void} save */
 function report(result, save) {
   const { verdict, still_open = [], practice, failures = [], untested = [] } = result;
   const heading = el("h2", {}, t.report);

@@ -123,7 +123,7 @@ export function mount(root, app) {
     checking = setTimeout(() => void check(region), CHECKED_MS);
   }
 
-  /** Ask what the material can do here. @param {m.RegionDocument} region */
+  /** Ask how much of the material this screen can give. @param {m.RegionDocument} region */
   async function check(region) {
     const number = ++checked;
     try {

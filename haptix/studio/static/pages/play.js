@@ -1,4 +1,4 @@
-/** Feel the layout: the board, and beside it what a finger feels of it. */
+/** Feel the layout: the board, and beside it curves and numbers of what a finger feels. */
 
 import { Board } from "../board.js";
 import { bullets, el, keyed, save } from "../dom.js";
@@ -94,7 +94,7 @@ export function mount(root, app) {
   /** @param {number} at_ms */
   function frame(at_ms) {
     if (ended) return;
-    requestAnimationFrame(frame); // first: what fails below ends this frame alone
+    requestAnimationFrame(frame); // first, so that an error below ends only this frame
     if (films.isDue(at_ms)) board.draw();
     trail.draw(touching.cursors.values());
     const track = telemetry.newest;

@@ -1,4 +1,4 @@
-/** Which driver, screen and finger; what they rest on; what the output does; STOP. */
+/** Choice of driver, screen and finger; origin of their numbers; state of the output; STOP. */
 
 import { bullets, el, facts, fill } from "../dom.js";
 import { Telemetry } from "../telemetry.js";
@@ -68,7 +68,7 @@ export function mount(root, app) {
     service.output.on((output) => {
       show();
       if (output?.state !== "armed" || drive) return;
-      // Without it, shares are shown alone.
+      // Without it, only shares are shown.
       void service.rest("GET", "/v1/drive").then((answer) => answer.json()).then((known) => (drive = known), () => {});
     }),
     service.state.on(({ phase }) => {
@@ -105,7 +105,7 @@ function controls({ service }) {
   const set = (/** @type {(session: Session) => Promise<m.Output>} */ change) => void service.attempt(async () => {
     if (service.session) service.output.set(await change(service.session));
   });
-  // The person's own: of all apps, and after this page is gone.
+  // The person's own intensity holds for all apps, and after this page is closed.
   const own = () => void service.attempt(() =>
     service.rest("PUT", "/v1/person", { person_intensity: Number(slider.value), person_muted: mute.checked }));
   const slider = el("input", { id: "intensity", type: "range", min: "0", max: "1", step: "0.05", onchange: own });

@@ -1,4 +1,4 @@
-/** Sit a participant down: instructions, practice, trials, pauses; a second page looks on. */
+/** An experiment with a participant: instructions, practice, trials, pauses; a second page watches. */
 
 import { el, fill } from "../dom.js";
 import { EXPERIMENTS, practiceOf } from "../experiments.js";
@@ -11,9 +11,9 @@ import { texts } from "../texts.js";
 /** @import { Job } from "../../../../clients/typescript/types/messages.js" */
 
 const t = texts.sit;
-const REST_EVERY = 20; // where the recipe says nothing of it
+const REST_EVERY = 20; // if the recipe does not say
 const CONTINUE = "continue"; // the one answer to a rest
-const NO = "no"; // or yes: to go on with a session of before
+const NO = "no"; // or "yes", to continue an earlier session
 
 /** @param {HTMLElement} root @param {App} app */
 export function mount(root, app) {
@@ -102,7 +102,7 @@ export function mount(root, app) {
           trials += 1;
           ask(job, t.tasks[recipe.task ?? "2ifc"][1], trials);
         } else if (job.state === "running") {
-          // Of the trial before, where the recipe tells.
+          // Whether the last answer was right, if the recipe says so.
           const told_so = goes_on ? { right: t.right, wrong: t.wrong }[job.step ?? ""] : null;
           fill(stage, el("div.card", {}, told_so ? el("p", { role: "status" }, told_so) : null, el("p.large", { role: "status" }, t.feel), el("p.quiet", {}, t.feelHelp)));
         } else if (job.state === "done") resolve(job.result);
@@ -170,7 +170,7 @@ export function mount(root, app) {
     if (choice) choice.click();
   }, { signal: keys.signal });
 
-  /** Jobs that others began are looked at, too. */
+  /** Show jobs that others began, too. */
   async function findJobs() {
     for (const job of await jobs.all()) if (!seen.has(job.job)) await jobs.watch(job);
     look();

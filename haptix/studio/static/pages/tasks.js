@@ -1,4 +1,4 @@
-/** Tasks: a form for each that the service declares and no page of its own has, its jobs and what they found. */
+/** Tasks of the service without a page of their own: a form for each, its jobs and their results. */
 
 import { el, facts, fill, save } from "../dom.js";
 import { taskForm } from "../form.js";
@@ -54,7 +54,7 @@ function tasksOf(paths) {
   });
 }
 
-/** Show a task's form and jobs; return what ends that. @param {HTMLElement} work @param {App} app @param {TaskOf} task */
+/** Show a task's form and jobs; return a function that ends this. @param {HTMLElement} work @param {App} app @param {TaskOf} task */
 function open(work, { service, history }, task) {
   const cards = el("div.jobs", { "aria-live": "polite" });
   /** @type {Map<string, Card>} */
@@ -92,7 +92,7 @@ function materialOf(regions, values) {
   return el("div.field-of", {}, el("label", { for: "f-material" }, t.material), select, el("small", {}, t.materialHelp));
 }
 
-/** One job: how far it is, what it asks, what it found. */
+/** One job: its progress, its questions, its result. */
 class Card {
   element = el("section.sheet.set-up");
   #bar = el("progress", { max: 1, "aria-label": t.progress });
@@ -148,7 +148,7 @@ class Card {
   }
 }
 
-/** What was found: numbers and words as facts, lists of rows as tables, the rest as JSON.
+/** Show a result: numbers and words as a list, lists of rows as tables, the rest as JSON.
  * @param {Record<string, any>} result @returns {HTMLElement[]} */
 function shown(result) {
   const plain = Object.entries(result).filter(([, value]) => value === null || typeof value !== "object");
