@@ -41,7 +41,7 @@ from oracle import thickness
 import haptix
 from haptix.render.adapting import Adaptation
 from haptix.sensing import ContactCurrent, EnrolledFinger, FingerObserver, Knowledge, Reading
-from haptix.sensing.observer import SensorWatch
+from haptix.sensing.finger_observer import SensorWatch
 from haptix.surface import Slice
 
 Array = npt.NDArray[np.float64]

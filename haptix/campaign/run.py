@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from haptix.campaign.kinds import Campaign, Value
-from haptix.campaign.worker import as_seen_here, differences, do, identity, record_of
+from haptix.campaign.task_worker import as_seen_here, differences, do, identity, record_of
 from haptix.errors import HaptixError, InputError, MissingExtraError, from_extra
 from haptix.executors import Here, executor_of, finished
 from haptix.files import csv_text, json_text

@@ -12,7 +12,7 @@ from typer.completion import completion_init, get_completion_script  # type: ign
 from typer.core import TyperGroup
 
 from haptix.cli import ABOUT, COMMANDS, LOG_HELP
-from haptix.cli.tasks import command_of, group_of
+from haptix.cli.task_commands import command_of, group_of
 from haptix.version import __version__
 
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from haptix.cli.tasks import option
+from haptix.cli.task_commands import option
 from haptix.errors import InputError
 from haptix.fields import Address, FileThere, FingerName, NewFile, ScreenName, Text
 

@@ -1,7 +1,7 @@
 """Sensing: an unknown finger, known by the current that it draws."""
 
 from haptix.sensing.contact import LATENT, ContactCurrent, PopulationSpread
-from haptix.sensing.observer import (
+from haptix.sensing.finger_observer import (
     EnrolledFinger,
     FingerEstimate,
     FingerObserver,

@@ -280,19 +280,19 @@ def _solve(model: ContactModel, place: Array, finger: Finger, frequency_hz: floa
 
 def _factors() -> npt.NDArray[np.int64]:
     """Which places each term multiplies, shape (3, terms); 0 stands for none."""
-    found = [
+    powers = [
         which
         for which in combinations_with_replacement(range(5), _DEGREE)
         if which.count(_SKIN_PLACE) < len(_INSULATIONS)
     ]
-    return np.array(found).T
+    return np.array(powers).T
 
 
 def _terms(place: Array) -> Array:
     """All products of up to three of the four places, shape (n, terms)."""
     numbers = np.column_stack([np.ones(len(place)), place])
-    one, two, three = (numbers[:, which] for which in _FACTORS)
-    return np.asarray(one * two * three)
+    first, two, three = (numbers[:, which] for which in _FACTORS)
+    return np.asarray(first * two * three)
 
 
 _FACTORS = _factors()

@@ -51,7 +51,7 @@ from haptix.touch.events import TouchEvent
 if TYPE_CHECKING:
     from haptix.layout import LayoutEvent
     from haptix.render.master import EffectEnd
-    from haptix.service.layouts import SessionLayout
+    from haptix.service.session_layout import SessionLayout
     from haptix.surface import FrictionSurface
 
 _LOG = logging.getLogger("haptix.service.engine")
@@ -71,7 +71,7 @@ _RENDERS = (
     "haptix.surface.surface",
     "haptix.materials.panels",
     "haptix.render.stream",
-    "haptix.service.layouts",
+    "haptix.service.session_layout",
 )
 _SETTLED_S = 0.015  # a driver tells within its status' period which revisions it refused
 _MOST_STATS_HZ = 50.0
@@ -388,7 +388,7 @@ class EngineServer:
         self._layouts[session].revision = revision
 
     def _changed(self, session: int, how: str, change: Any) -> dict[str, Any]:
-        from haptix.service.layouts import SessionLayout
+        from haptix.service.session_layout import SessionLayout
 
         layout = self._layouts.get(session)
         if layout is None:

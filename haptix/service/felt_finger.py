@@ -31,7 +31,7 @@ from haptix.service.wire import (
 from haptix.touch.events import TouchEvent
 from haptix.touch.force import ForceModel
 from haptix.virtual_finger import VirtualFinger
-from haptix.virtual_finger.finger import LiveVirtualFinger
+from haptix.virtual_finger.virtual_finger import LiveVirtualFinger
 
 _FORCES_N = (0.02, 5.0)
 _ROW_S = 0.001

@@ -79,9 +79,13 @@ class Hub:
         """Let a client in, before its hello."""
         if len(self.welcome()) >= _MOST_SESSIONS:
             raise Problem("limit", f"expected at most {_MOST_SESSIONS} sessions")
-        strangers = [one for one in self.sessions.values() if not (one.is_welcome or one.closing)]
-        for one in strangers[: max(0, len(strangers) + 1 - _MOST_STRANGERS)]:
-            one.close(4408, "others came and said no hello either")
+        strangers = [
+            session
+            for session in self.sessions.values()
+            if not (session.is_welcome or session.closing)
+        ]
+        for session in strangers[: max(0, len(strangers) + 1 - _MOST_STRANGERS)]:
+            session.close(4408, "others came and said no hello either")
         session = ServiceSession(self._next, origin, self.now_s)
         self._next += 1
         self.sessions[session.number] = session

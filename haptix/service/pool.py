@@ -6,7 +6,7 @@ files it decodes, the holder of a token who asks for pictures, a job, or the vir
 file that takes over a decoder finds no data of another owner, and a file that blocks it delays its
 sender alone.
 
-    nobody's --a question--> an owner's --an answer--> idle --IDLE_S, or its room is needed--> ended
+    nobody's --a question--> an owner's --an answer--> idle --IDLE_S, or its slot is needed--> ended
                                  +--no answer in time--> ended
 
 At rest the pool has one worker without an owner, so that a first picture does not wait for its

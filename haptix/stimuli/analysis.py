@@ -20,7 +20,7 @@ from haptix.stimuli.adaptive import Estimate, Magnitudes, Method, MethodsByCondi
 from haptix.stimuli.adaptive.methods import ThresholdMethod, bradley_terry
 from haptix.stimuli.adaptive.psychometric import counted, function_named
 from haptix.stimuli.adaptive.sequence import replayed
-from haptix.stimuli.adaptive.session import SessionPlan, estimate_of, summary
+from haptix.stimuli.adaptive.session_plan import SessionPlan, estimate_of, summary
 from haptix.stimuli.adaptive.trial_log import LoggedSession, read_sessions
 from haptix.stimuli.group import group
 from haptix.stimuli.study import BIDS_VERSION

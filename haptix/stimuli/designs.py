@@ -185,21 +185,21 @@ def equal_mean(
     InputError
         If a stimulus is in volts, or the quantities or forces differ.
     """
-    touches = {(one.quantity, one.normal_force_n) for one in stimuli}
-    if len(touches) > 1 or any(one.quantity == "volts" for one in stimuli):
+    touches = {(stimulus.quantity, stimulus.normal_force_n) for stimulus in stimuli}
+    if len(touches) > 1 or any(stimulus.quantity == "volts" for stimulus in stimuli):
         raise InputError(
             "equal mean friction: expected stimuli of one force, and of one quantity that is "
             "friction: mu, contrast or share"
         )
     shifted_stimuli = []
-    for one in stimuli:
-        count = one.signal.samples(sample_rate_hz) or 0
+    for stimulus in stimuli:
+        count = stimulus.signal.samples(sample_rate_hz) or 0
         total = sum(
-            float(one.signal.values(first, min(_BLOCK, count - first), sample_rate_hz).sum())
+            float(stimulus.signal.values(first, min(_BLOCK, count - first), sample_rate_hz).sum())
             for first in range(0, count, _BLOCK)
         )
         shift = float(mean - total / max(count, 1))
-        shifted = replace(one, signal=(one.signal + shift).lasting(one.length_s))
+        shifted = replace(stimulus, signal=(stimulus.signal + shift).lasting(stimulus.length_s))
         shifted_stimuli.append(_with_conditions(shifted, {"shift": shift}))
     return shifted_stimuli
 
@@ -216,10 +216,11 @@ def equal_friction(
     """
     if len(screens) < 2:
         raise InputError("equal friction: expected two screens or more")
-    for one in stimuli:
-        if one.quantity != "mu":
+    for stimulus in stimuli:
+        if stimulus.quantity != "mu":
             raise InputError(
-                f'{one.name}: equal friction needs the quantity "mu", got {one.quantity!r}'
+                f'{stimulus.name}: equal friction needs the quantity "mu", '
+                f"got {stimulus.quantity!r}"
             )
     return tuple(stimuli), tuple(screens)
 
@@ -242,12 +243,12 @@ def variants_of(stimuli: Sequence[Stimulus], count: int) -> list[Stimulus]:
             f"variants: expected at most {_MOST_STIMULI} stimuli, got {len(stimuli) * count}"
         )
     variants = []
-    for one in stimuli:
-        if not one.signal.seeds:
-            raise InputError(f"{one.name}: variants: nothing in it is random; leave them out")
+    for stimulus in stimuli:
+        if not stimulus.signal.seeds:
+            raise InputError(f"{stimulus.name}: variants: nothing in it is random; leave them out")
         for number_ in range(1, count + 1):
-            table = _reseeded(one.signal.describe(), number_)
-            named = replace(one, name=f"{one.name}-v{number_}", signal=signal_from(table))
+            table = _reseeded(stimulus.signal.describe(), number_)
+            named = replace(stimulus, name=f"{stimulus.name}-v{number_}", signal=signal_from(table))
             variants.append(_with_conditions(named, {"variant": number_}))
     return variants
 

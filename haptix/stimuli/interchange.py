@@ -231,12 +231,18 @@ def read_ahap(path: str | Path, low: float, high: float) -> tuple[Signal, list[s
     path = Path(path)
     table = read_json(path)
     with reading(path, "an AHAP pattern"):
-        events = [one["Event"] for one in table["Pattern"] if "Event" in one]
-        curves = [one["ParameterCurve"] for one in table["Pattern"] if "ParameterCurve" in one]
-        lasting = [one for one in events if one["EventType"] == "HapticContinuous"]
+        events = [entry["Event"] for entry in table["Pattern"] if "Event" in entry]
+        curves = [
+            entry["ParameterCurve"] for entry in table["Pattern"] if "ParameterCurve" in entry
+        ]
+        lasting = [event for event in events if event["EventType"] == "HapticContinuous"]
         spans = [
-            (float(one["Time"]), float(one["Time"]) + float(one["EventDuration"]), _intensity(one))
-            for one in lasting
+            (
+                float(event["Time"]),
+                float(event["Time"]) + float(event["EventDuration"]),
+                _intensity(event),
+            )
+            for event in lasting
         ]
         corners = sorted(
             (float(curve["Time"]) + float(point["Time"]), float(point["ParameterValue"]))
@@ -244,14 +250,14 @@ def read_ahap(path: str | Path, low: float, high: float) -> tuple[Signal, list[s
             if curve["ParameterID"] == "HapticIntensityControl"
             for point in curve["ParameterCurveControlPoints"]
         )
-        control = sorted({one["ParameterID"] for one in curves} - {"HapticIntensityControl"})
+        control = sorted({curve["ParameterID"] for curve in curves} - {"HapticIntensityControl"})
     if not spans:
         raise FileFormatError(f"{path}: has no HapticContinuous event, only those can be friction")
     lost = []
     others = len(events) - len(lasting)
     if others:
         lost.append(f"{others} events that are not HapticContinuous")
-    if any("HapticSharpness" in json.dumps(one) for one in lasting):
+    if any("HapticSharpness" in json.dumps(event) for event in lasting):
         lost.append("sharpness, which friction does not have")
     lost += [f"curves of {name}" for name in control]
     return _drawn(spans, corners, low, high), lost
@@ -379,9 +385,13 @@ def read_hjif(path: str | Path, speed: SpeedProfile | float) -> tuple[AlongPath,
     lost: list[str] = []
     with reading(path, "HJIF"):
         perceptions = table["perceptions"]
-        friction = [one for one in perceptions if one["perception_modality"] == "Friction"]
+        friction = [
+            perception
+            for perception in perceptions
+            if perception["perception_modality"] == "Friction"
+        ]
         if not friction:
-            kinds = sorted({one["perception_modality"] for one in perceptions})
+            kinds = sorted({perception["perception_modality"] for perception in perceptions})
             raise FileFormatError(
                 f"{path}: expected a perception of the modality Friction, got "
                 f"{', '.join(kinds) or 'none'}"

@@ -17,7 +17,7 @@ from haptix.files import csv_text
 from haptix.report import record
 from haptix.stimuli.adaptive.methods import Method
 from haptix.stimuli.adaptive.psychometric import function_named
-from haptix.stimuli.adaptive.session import TASKS
+from haptix.stimuli.adaptive.session_plan import TASKS
 from haptix.stimuli.recipe import ExperimentRecipe
 
 _DRAWS = 2000  # of samples of participants from those that were simulated

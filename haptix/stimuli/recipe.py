@@ -41,7 +41,7 @@ from haptix.stimuli.adaptive import (
     StrokeRanges,
 )
 from haptix.stimuli.adaptive.observer import AnswerTo
-from haptix.stimuli.adaptive.session import BlockOrder, order_for, task_named
+from haptix.stimuli.adaptive.session_plan import BlockOrder, order_for, task_named
 from haptix.stimuli.designs import Design, equal_friction, put
 from haptix.stimuli.rendering import Apparatus, Rendering
 from haptix.stimuli.set_plan import TrialPlan, drive_limits
@@ -179,7 +179,7 @@ class MakeStimuli(Task):
         """Describe a set."""
         people = parts.finger if isinstance(parts.finger, Population) else None
         described = {
-            "stimuli": [one.describe() for one in parts.stimuli],
+            "stimuli": [stimulus.describe() for stimulus in parts.stimuli],
             "fingers": [parts.finger] if people is None else people.fingers,
             "statement": None if people is None else people.statement,
         }
@@ -191,7 +191,7 @@ class MakeStimuli(Task):
         people, statement = fields.pop("fingers"), fields.pop("statement")
         fields["finger"] = people[0] if statement is None else Population(people, statement)
         fields["stimuli"] = tuple(
-            stimulus_from(one.pop("name"), one) for one in map(dict, self.stimuli)
+            stimulus_from(table.pop("name"), table) for table in map(dict, self.stimuli)
         )
         folder = Path(context.folder or ".")
         made = StimulusSet(**fields).make(folder, threads=1)
@@ -282,7 +282,7 @@ class ExperimentRecipe(Document):
 
     @model_validator(mode="after")
     def _names_differ(self) -> Self:
-        names = [one.name for one in self.conditions]
+        names = [condition.name for condition in self.conditions]
         if len(set(names)) < len(names):
             raise ValueError("conditions: expected names that differ")
         return self
@@ -304,7 +304,10 @@ class ExperimentRecipe(Document):
         """
         if not self.conditions:
             return self._method(self._tables(None), seed)
-        methods = {one.name: self._method(self._tables(one), seed) for one in self.conditions}
+        methods = {
+            condition.name: self._method(self._tables(condition), seed)
+            for condition in self.conditions
+        }
         if self.order == "interleaved":
             return MethodsByCondition(methods, seed=self.seed if seed is None else seed)
         names = order_for(list(methods), participant, self.order, self.seed)
@@ -348,8 +351,8 @@ class ExperimentRecipe(Document):
         if not self.conditions:
             return self.presentation(sample_rate_hz)
         return {
-            one.name: self._presentation(self._tables(one), sample_rate_hz)
-            for one in self.conditions
+            condition.name: self._presentation(self._tables(condition), sample_rate_hz)
+            for condition in self.conditions
         }
 
     def _tables(self, condition: ConditionTable | None) -> dict[str, Any]:
@@ -460,4 +463,4 @@ def _by_content(value: Any) -> Any:
     if isinstance(value, Mapping):
         at = {"file"} if value.get("sha256") else set()
         return {name: _by_content(one) for name, one in value.items() if name not in at}
-    return [_by_content(one) for one in value] if isinstance(value, list | tuple) else value
+    return [_by_content(item) for item in value] if isinstance(value, list | tuple) else value

@@ -122,7 +122,7 @@ class Apparatus:
         """
         people = finger.fingers if isinstance(finger, Population) else (finger,)
         names = finger.statement if isinstance(finger, Population) else finger.name
-        models = tuple(ContactModel(one, screen) for one in people)
+        models = tuple(ContactModel(finger, screen) for finger in people)
         surfaces = tuple(cached_surface(model, ranges, TOLERANCE)[0] for model in models)
         return cls(models, surfaces, names)
 
@@ -137,16 +137,18 @@ class Apparatus:
         screen, stimuli, ceiling_v
             As in `build`.
         """
-        forces = [one.normal_force_n for one in stimuli]
+        forces = [stimulus.normal_force_n for stimulus in stimuli]
         frequencies = []
-        for one in stimuli:
-            if one.frequency_hz is None:
+        for stimulus in stimuli:
+            if stimulus.frequency_hz is None:
                 raise InputError(
-                    f"{one.name}: drive_hz: expected the frequency of the drive, at which skin and "
-                    "insulator are taken, since there is no carrier"
+                    f"{stimulus.name}: drive_hz: expected the frequency of the drive, at which "
+                    "skin and insulator are taken, since there is no carrier"
                 )
-            frequencies.append(one.frequency_hz)
-        thicknesses = [screen.h0_m if one.h0_m is None else one.h0_m for one in stimuli]
+            frequencies.append(stimulus.frequency_hz)
+        thicknesses = [
+            screen.h0_m if stimulus.h0_m is None else stimulus.h0_m for stimulus in stimuli
+        ]
         return {
             "normal_force_n": (min(forces), max(forces)),
             "frequency_hz": (min(frequencies), max(frequencies)),
@@ -166,9 +168,13 @@ class Apparatus:
         ripple of the attraction by its response at the stimulus's speeds, and wholly where no speed
         is given.
         """
-        ripple = [_ripple(stimulus, one.response_hz_per_mm_per_s) for one in self.surfaces]
+        ripple = [_ripple(stimulus, surface.response_hz_per_mm_per_s) for surface in self.surfaces]
         touch = stimulus.normal_force_n, stimulus.frequency_hz, stimulus.h0_m
-        key = ("responses", *touch, *(None if one is None else one.tobytes() for one in ripple))
+        key = (
+            "responses",
+            *touch,
+            *(None if shares is None else shares.tobytes() for shares in ripple),
+        )
         if key not in self._known:
             # The current through a person limits fast carriers below the ceiling.
             body_f = max(self.screen.body_capacitance_f, BODY_CAPACITANCE_F)

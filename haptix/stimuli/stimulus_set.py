@@ -316,8 +316,8 @@ class MakingJob:
             self.on_progress("surface", 1.0)
             self.profiles[files.apparatus.profile_hash()] = files.apparatus.profiles()
             made += self._all(files, len(made))
-        limits = [line for one in made for line in one.limits]
-        unreachable = [one.unreachable for one in made if one.unreachable]
+        limits = [line for entry in made for line in entry.limits]
+        unreachable = [entry.unreachable for entry in made if entry.unreachable]
         if limits or (unreachable and parts.unreachable == "reject"):
             shutil.rmtree(self.drafts, ignore_errors=True)
             lines = "\n  ".join([*limits, *unreachable])
@@ -328,17 +328,19 @@ class MakingJob:
                 f'{head}\nlower what they ask for, or say unreachable = "nearest" to play the '
                 "nearest reachable friction"
             )
-        reused = sum(one.is_reused for one in made)
+        reused = sum(entry.is_reused for entry in made)
         known = {
-            beside(str(one.table["file"])): one.sidecar_sha256 for one in made if one.sidecar_sha256
+            beside(str(entry.table["file"])): entry.sidecar_sha256
+            for entry in made
+            if entry.sidecar_sha256
         }
-        return self._publish([one.table for one in made], known, tables, reused)
+        return self._publish([entry.table for entry in made], known, tables, reused)
 
     def _tables(self) -> dict[str, bytes]:
         """Trial tables and their descriptions, by their names."""
         parts, files_by_name = self.parts, {}
         for screen in parts.screens:
-            files = [parts.file_name(one, screen) for one in parts.stimuli]
+            files = [parts.file_name(stimulus, screen) for stimulus in parts.stimuli]
             table, columns = events(parts.stimuli, files, parts.trials)
             files_by_name[f"events{parts.suffix(screen)}.tsv"] = table.encode()
             files_by_name[f"events{parts.suffix(screen)}.json"] = json_text(columns).encode()
@@ -392,7 +394,7 @@ class MakingJob:
                 made_by_first[batch.first] = future.result()
                 so_far += len(made_by_first[batch.first])
                 self.on_progress("render", so_far / total)
-        return [one for first in sorted(made_by_first) for one in made_by_first[first]]
+        return [entry for first in sorted(made_by_first) for entry in made_by_first[first]]
 
     def _publish(
         self,
@@ -570,7 +572,7 @@ def _parts(
     described = {key: value for key, value in table["stimulus"].items() if key != "name"}
     stimulus = stimulus_from(str(table["name"]), described)
     screen = Screen(**profiles["screen"])
-    people = tuple(Finger(**one) for one in profiles["fingers"])
+    people = tuple(Finger(**fields) for fields in profiles["fingers"])
     finger = people[0] if len(people) == 1 else Population(people, str(table["fingers"]))
     plan = SetPlan(
         str(table["set"]), (stimulus,), finger, (screen,), float(table["sample_rate_hz"]),

@@ -296,7 +296,9 @@ def export(
     touches = TouchLog(log)
     kept = {(row["session"], row["trial"], row["attempt"]) for row in rows}
     samples = [
-        one for one in touches.rows() if (one["session"], one["trial"], one["attempt"]) in kept
+        touch
+        for touch in touches.rows()
+        if (touch["session"], touch["trial"], touch["attempt"]) in kept
     ]
     base = copy.name.removesuffix("_log.tsv")
     place = study / f"sub-{participant}" / f"ses-{session}"
@@ -394,7 +396,7 @@ def _motion(
 ) -> dict[Path, bytes]:
     """Path of the finger as the panel reported it, with the time of each report."""
     # Reports come in their order; what is known of the driver's clock gets better meanwhile.
-    t_s = np.maximum.accumulate([float(one["t_s"]) for one in samples])
+    t_s = np.maximum.accumulate([float(sample["t_s"]) for sample in samples])
     steps = np.diff(t_s)
     steps = steps[(steps > 0) & (steps < _GAP_S)]
     rate = float(1 / np.median(steps)) if len(steps) else RATE_HZ
@@ -444,10 +446,10 @@ def _motion(
 
 def _force(base: Path, samples: Sequence[Mapping[str, str]], task: str) -> dict[Path, bytes]:
     """Normal force at regular times, between reports and at each; n/a elsewhere."""
-    known = [one for one in samples if one["normal_force_n"] != "n/a"]
+    known = [sample for sample in samples if sample["normal_force_n"] != "n/a"]
     if not known:
         return {}
-    t_s, first = np.unique([float(one["t_s"]) for one in known], return_index=True)
+    t_s, first = np.unique([float(sample["t_s"]) for sample in known], return_index=True)
     force = np.array([float(known[k]["normal_force_n"]) for k in first])
     start = float(t_s[0])
     at = start + np.arange(round((t_s[-1] - start) * RATE_HZ) + 1) / RATE_HZ
@@ -473,7 +475,7 @@ def _continuous(
     rate_hz: float = RATE_HZ,
 ) -> dict[Path, bytes]:
     """Table of a recording at regular times: compressed, without names of columns."""
-    cells = ("n/a" if np.isnan(one) else f"{one:.6g}" for one in values)
+    cells = ("n/a" if np.isnan(value) else f"{value:.6g}" for value in values)
     about = {
         "TaskName": task,
         "SamplingFrequency": float(rate_hz),

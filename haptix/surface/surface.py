@@ -25,8 +25,8 @@ from haptix.surface.boundary_elements import MeasuringJob, measured_table
 from haptix.surface.build import build_table
 from haptix.surface.file import export_netcdf, load_table, save_table
 from haptix.surface.interpolant import Interpolant, Query
-from haptix.surface.intervals import Intervals, intervals_at
 from haptix.surface.request import LARGEST_BYTES, surface_key
+from haptix.surface.shown_accuracy import Intervals, intervals_at
 from haptix.surface.slice import Column, Slice
 from haptix.surface.tolerance import Tolerance
 

@@ -145,23 +145,23 @@ class FitMaterial(Task, command="material fit"):
         model = ContactModel(Finger.named(self.finger), Screen.named(self.screen))
         cases = [*felt_errors(model, material, recorded, lambda s: context.progress("feel", s))]
         rows: list[dict[str, Any]] = []
-        for band in sorted({one.band for one in cases}):
-            of_band = [one for one in cases if one.band == band]
-            worst = max(of_band, key=lambda one: abs(one.error_db))
+        for band in sorted({case.band for case in cases}):
+            of_band = [case for case in cases if case.band == band]
+            worst = max(of_band, key=lambda case: abs(case.error_db))
             rows.append(
                 {
                     "band": band_name(band),
                     "recorded_db": round(sum(c.recorded_db for c in of_band) / len(of_band), 1),
-                    "within": f"{sum(one.is_near for one in of_band)} of {len(of_band)}",
+                    "within": f"{sum(case.is_near for case in of_band)} of {len(of_band)}",
                     "worst_db": round(worst.error_db, 2),
                     "at": f"{worst.speed_mm_per_s:g} mm/s, {worst.normal_force_n:g} N",
                 }
             )
-        share = sum(one.is_near for one in cases) / len(cases) if cases else 0.0
+        share = sum(case.is_near for case in cases) / len(cases) if cases else 0.0
         missing = [band_name(band) for band in range(9) if band not in {c.band for c in cases}]
         title = (
             f"{out}: {len(text.encode())} bytes; of {len(recorded)} strokes "
-            f"({max(one.length_mm for one in recorded):.0f} mm the longest); felt within "
+            f"({max(stroke.length_mm for stroke in recorded):.0f} mm the longest); felt within "
             f"{WITHIN_DB:g} dB in {share:.0%} of {len(cases)} cases"
         )
         if missing:

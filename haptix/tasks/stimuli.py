@@ -220,7 +220,7 @@ class RunExperiment(Task, command="stimuli run"):
         who = self.participant or "1"
         from haptix.devices import open_device
         from haptix.stimuli.adaptive import TASKS, Keys, SimulatedObserver
-        from haptix.stimuli.adaptive.session import seed_of
+        from haptix.stimuli.adaptive.session_plan import seed_of
         from haptix.stimuli.recipe import ExperimentRecipe
 
         plan = ExperimentRecipe.load(self.recipe)
@@ -302,7 +302,7 @@ class ExperimentJob(Task, route="experiments", kind="experiment", plays=True, ke
                 raise InputError(f"{kind}: expected {used} or one of {words}, got {name!r:.80}")
             recipe[kind] = name
         from haptix.devices import open_device
-        from haptix.stimuli.adaptive.session import seed_of
+        from haptix.stimuli.adaptive.session_plan import seed_of
         from haptix.stimuli.recipe import ExperimentRecipe
         from haptix.units import with_numbers
 

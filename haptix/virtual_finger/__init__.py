@@ -1,7 +1,6 @@
 """The virtual finger, which feels a played voltage by the contact model itself."""
 
 from haptix.virtual_finger.current import Converter, PanelCircuit, VirtualCurrent
-from haptix.virtual_finger.finger import VirtualFinger
 from haptix.virtual_finger.sensing import (
     FELT_WITHIN_S,
     Evaluation,
@@ -12,6 +11,7 @@ from haptix.virtual_finger.sensing import (
     TouchPanel,
     evaluate,
 )
+from haptix.virtual_finger.virtual_finger import VirtualFinger
 
 __all__ = [
     "FELT_WITHIN_S",

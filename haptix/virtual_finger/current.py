@@ -153,12 +153,12 @@ class VirtualCurrent(Displayed):
             return 0j
         log_f = np.interp(np.log(normal_force_n), np.log(_FORCES_N), np.arange(len(_FORCES_N)))
         cell = min(int(log_f), len(_FORCES_N) - 2)
-        part, found = log_f - cell, []
+        part, by_dryness = log_f - cell, []
         for table in self._tables:
             by_voltage = (1 - part) * table[cell] + part * table[cell + 1]
-            found.append(complex(np.interp(voltage_v, self._volts, by_voltage)))
+            by_dryness.append(complex(np.interp(voltage_v, self._volts, by_voltage)))
         drier = np.log1p(-min(self.circuit.sweat_per_min / 60 * t_s, 0.9)) / np.log(_DRIER)
-        contact = found[0] * (found[1] / found[0]) ** drier
+        contact = by_dryness[0] * (by_dryness[1] / by_dryness[0]) ** drier
         contact *= 1.0 if is_sliding else self.circuit.rest_share
         body = self.circuit.body_f
         return complex(contact * body / (contact + body))

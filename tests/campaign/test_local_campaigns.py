@@ -19,7 +19,7 @@ import pytest
 from haptix.campaign import load_campaign, run_campaign
 from haptix.campaign.processes import Processes
 from haptix.campaign.run import estimate, report_html
-from haptix.campaign.worker import as_seen_here, do
+from haptix.campaign.task_worker import as_seen_here, do
 from haptix.errors import HaptixError, InputError
 from haptix.results import ResultStore, folder_of
 from tests.campaign.countable import Countable, Square
@@ -341,7 +341,7 @@ def test_a_place_of_fsspec_that_breaks_half_way_never_has_a_half_result(
 
 def test_another_version_does_not_mix_its_results(tmp_path, monkeypatch):
     run_campaign(plan(numbers=1), tmp_path)
-    monkeypatch.setattr("haptix.campaign.worker.code_digest", lambda: "other")
+    monkeypatch.setattr("haptix.campaign.task_worker.code_digest", lambda: "other")
     with pytest.raises(InputError, match=r"code .*--out"):
         run_campaign(plan(numbers=2), tmp_path)
 

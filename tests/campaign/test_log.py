@@ -5,7 +5,7 @@ from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
 
 from haptix.campaign import run_campaign
-from haptix.campaign.worker import do
+from haptix.campaign.task_worker import do
 from tests.campaign.countable import Countable
 
 

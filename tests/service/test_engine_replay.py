@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from haptix.errors import InputError
 from haptix.service.engine_process import EngineReplay
-from haptix.service.layouts import RegionError, SessionLayout
+from haptix.service.session_layout import RegionError, SessionLayout
 from tests.service.test_layouts import felt, region
 
 NAMES = st.sampled_from(["a", "b", "c"])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from haptix.motion import Motion
-from haptix.service.layouts import RegionError, SessionLayout
+from haptix.service.session_layout import RegionError, SessionLayout
 
 PLAIN = {"kind": "grating", "period_mm": 2.0, "low": 0.5, "high": 0.5 + 1e-6}
 

@@ -32,7 +32,7 @@ from haptix.stimuli.adaptive import (
     StopRules,
     UpDown,
 )
-from haptix.stimuli.adaptive.session import (
+from haptix.stimuli.adaptive.session_plan import (
     detection,
     latin_square,
     order_for,

@@ -12,7 +12,7 @@ import pytest
 
 from haptix.service.jobs import Job
 from haptix.service.messages import JobMessage
-from haptix.stimuli.adaptive.session import TASKS
+from haptix.stimuli.adaptive.session_plan import TASKS
 from haptix.stimuli.recipe import ExperimentRecipe
 from haptix.tasks.stimuli import refuse_files_and_volts
 from tests.studio.conftest import ROOT, address, keep, violations

@@ -8,7 +8,7 @@ from haptix import ContactModel, Finger, Scene, Screen
 from haptix.motion import Trajectory
 from haptix.planning import plan_scene
 from haptix.virtual_finger import VirtualFinger
-from haptix.virtual_finger.finger import LiveVirtualFinger
+from haptix.virtual_finger.virtual_finger import LiveVirtualFinger
 
 SCREEN = Screen.preset("3m-sct3250")
 GEL = Finger(name="gel")  # a half-space: its tables are cheap

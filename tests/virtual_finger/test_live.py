@@ -8,7 +8,7 @@ import pytest
 from haptix import InputError
 from haptix.motion import Trajectory
 from haptix.virtual_finger import VirtualFinger
-from haptix.virtual_finger.finger import LiveVirtualFinger
+from haptix.virtual_finger.virtual_finger import LiveVirtualFinger
 
 RATE_HZ, CARRIER_HZ, AMPLITUDE_HZ = 1000.0, 4000.0, 12_000.0
 

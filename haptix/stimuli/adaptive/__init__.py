@@ -11,7 +11,7 @@ from haptix.stimuli.adaptive.methods import (
 from haptix.stimuli.adaptive.observer import Keys, Question, SimulatedObserver
 from haptix.stimuli.adaptive.procedures import METHODS, Quest, UpDown, weighted_up_down
 from haptix.stimuli.adaptive.psychometric import Estimate, fit
-from haptix.stimuli.adaptive.session import (
+from haptix.stimuli.adaptive.session_plan import (
     TASKS,
     Catch,
     Exclude,

@@ -31,7 +31,7 @@ from haptix.stimuli.adaptive.methods import Method, MethodsByCondition
 from haptix.stimuli.adaptive.observer import AnswerTo, Question, Source
 from haptix.stimuli.adaptive.psychometric import Estimate
 from haptix.stimuli.adaptive.sequence import TrialSequence, replay
-from haptix.stimuli.adaptive.session import (
+from haptix.stimuli.adaptive.session_plan import (
     SessionPlan,
     check_plan,
     estimate_of,

@@ -192,8 +192,10 @@ def _posterior(answers: Answers, function: str, guess: float, empty: tuple[int, 
     typical = 20 / np.log(10) / _TYPICAL_SLOPE if in_db else float(np.ptp(levels)) / 8 or 1.0
     guesses = np.array([guess])
     if empty[1]:
-        found, trials = empty
-        guesses = beta.ppf(np.arange(0.1, 1.0, 0.2), found + 0.5, trials - found + 0.5)
+        right_answers, trials = empty
+        guesses = beta.ppf(
+            np.arange(0.1, 1.0, 0.2), right_answers + 0.5, trials - right_answers + 0.5
+        )
     reach = _REACH * typical
     axes = (
         np.linspace(levels.min() - reach, levels.max() + reach, 101),

@@ -13,7 +13,7 @@ from haptix.errors import FileFormatError
 from haptix.files import reading
 from haptix.stimuli.adaptive.methods import Method, MethodsByCondition
 from haptix.stimuli.adaptive.procedures import METHODS
-from haptix.stimuli.adaptive.session import SessionPlan, TrialTask, task_named
+from haptix.stimuli.adaptive.session_plan import SessionPlan, TrialTask, task_named
 from haptix.stimuli.adaptive.trial_log import LoggedSession, cell, program
 
 Kind = Literal["practice", "catch", "trial"]

@@ -27,8 +27,15 @@ from haptix.motion import LIFTED_BELOW_N, STANDING_BELOW_MM_PER_S, Trajectory
 from haptix.status import Status
 from haptix.terms import Occlusion, SlidingSpeed
 from haptix.threads import one_thread
-from haptix.virtual_finger.played import Amplitude, ComplexArray, Drive, Excerpt, GapField, Samples
 from haptix.virtual_finger.sensing import Felt, SensedForce, SensorModel
+from haptix.virtual_finger.squared_field import (
+    Amplitude,
+    ComplexArray,
+    Drive,
+    Excerpt,
+    GapField,
+    Samples,
+)
 
 _FINER = 4  # steps of the response in one of the output
 PART_S = 10.0  # instants solved at once, which bounds the memory
