@@ -395,7 +395,7 @@ class Simulate(Task, command="stimuli simulate"):
     def _predicted(self, context: Context) -> Result:
         if self.threshold_db is not None:
             raise InputError("--predict: thresholds are those of the set; leave --threshold-db out")
-        from haptix.stimuli.detection import People, predictions
+        from haptix.stimuli.power import People, predictions
         from haptix.stimuli.recipe import Recipe
 
         plan = Recipe.load(self.recipe).stimulus_set()

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from haptix.stimuli.detection import People
+from haptix.stimuli.power import People
 
 SET = """name = "tones"
 [stimuli.faint]
