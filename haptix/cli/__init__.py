@@ -30,7 +30,7 @@ COMMANDS = {
     ),
     "completion": (
         "haptix.cli.application:completion",
-        'Print what completes commands in a shell: eval "$(haptix completion bash)".',
+        'Print the script that completes commands in a shell: eval "$(haptix completion bash)".',
     ),
     "devices": (
         "haptix.cli.hardware:devices",

@@ -16,7 +16,7 @@ from typing import Annotated, Any
 
 import typer
 
-from haptix.cli.task_commands import option
+from haptix.cli.application import option
 from haptix.errors import FileFormatError
 from haptix.fields import Address, Folder
 from haptix.terminal import AsJson, show

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from haptix.cli.task_commands import option
+from haptix.cli.application import option
 from haptix.errors import InputError
 from haptix.fields import Address, FileThere, FingerName, NewFile, ScreenName, Text
 

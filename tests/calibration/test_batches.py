@@ -11,7 +11,7 @@ from calibration import Session, SessionInfo, Stroke
 from calibration.protocol import Protocol
 from calibration.register import Register
 from calibration.tasks import RunCalibration
-from haptix.cli.task_commands import group_of
+from haptix.cli.application import group_of
 from haptix.desk import Result
 from haptix.errors import InputError
 

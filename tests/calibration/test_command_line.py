@@ -16,7 +16,7 @@ from calibration.steps import RESTS_ON, fit_folder, reduce_folder, verify_folder
 from haptix.campaign import run_campaign
 from haptix.campaign.kinds import CalibrationFits
 from haptix.cli.application import app as whole
-from haptix.cli.task_commands import group_of
+from haptix.cli.application import group_of
 from haptix.errors import InputError
 from haptix.screen import NO_INSTRUMENT
 

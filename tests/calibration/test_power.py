@@ -15,7 +15,7 @@ from calibration.practice import VIRTUAL_RIG, draw_truth
 from calibration.profile import finger_at
 from calibration.protocol import short_protocol, with_held_out
 from calibration.reduction import Reduced
-from haptix.cli.task_commands import group_of
+from haptix.cli.application import group_of
 
 app = group_of("calibrate", "Calibrate a screen.")
 VOLTS = 150.0

@@ -17,7 +17,7 @@ from calibration.reduction import Reduced
 from calibration.steadiness import Drift
 from firmware_io import Device, MockDriver, MockLink
 from haptix.cli.application import app as whole
-from haptix.cli.task_commands import group_of
+from haptix.cli.application import group_of
 from haptix.devices import install_profile, installed_profile, profile_of, profiles_for
 from haptix.screen import NO_INSTRUMENT, Calibration, CalibrationWarning, VerifiedRange
 
