@@ -34,7 +34,7 @@ class ThinFilm(Term):
     uses = ("screen.insulator_thickness_m",)
     on_request = True
 
-    def insulators(self, h0_m: Tensor, frequency_hz: Tensor, given: Properties) -> Tensor:
+    def insulators(self, h0_m: Tensor, frequency_hz: Tensor, properties: Properties) -> Tensor:
         return h0_m / 2
 
 
@@ -114,7 +114,7 @@ def test_a_term_that_only_reports_is_left_to_the_scene(monkeypatch: pytest.Monke
         reports = Status.BREAKDOWN
         insulators = Term.insulators
 
-        def status(self, status: Tensor, field: Any, given: Properties) -> Tensor:
+        def status(self, status: Tensor, field: Any, properties: Properties) -> Tensor:
             return torch.full_like(status, int(Status.BREAKDOWN))
 
     alarm = Alarm()
