@@ -247,16 +247,18 @@ def scale_rows(runs: Sequence[RunOfMethod]) -> list[Row]:
     """
     rows = []
     for members in _runs_by_condition(runs):
-        wins = []
+        wins: dict[str, Array] = {}
         for run in members:
             assert isinstance(run.method, Pairs)
             won = run.method.wins()
             rows += _scale(run, run.method.levels, won, bradley_terry(won))
             if "excluded" not in run.summary:
-                wins.append(won)
+                who = run.session.participant
+                wins[who] = wins.get(who, 0) + won
         if len(wins) > 1:
-            value, _, fit_p = bradley_terry(np.sum(wins, 0))
-            draw, several = np.random.default_rng(len(wins)), np.array(wins)
+            several = np.array([*wins.values()])
+            value, _, fit_p = bradley_terry(several.sum(0))
+            draw = np.random.default_rng(len(wins))
             drawn = [
                 bradley_terry(several[draw.integers(len(wins), size=len(wins))].sum(0))[0]
                 for _ in range(_DRAWS)
@@ -314,34 +316,48 @@ def magnitude_rows(runs: Sequence[RunOfMethod]) -> list[Row]:
     People choose their own scales. For all together, each one's numbers are divided by their
     geometric mean and multiplied by that of everybody (modulus equalization; Lane, Catania &
     Stevens, J. Acoust. Soc. Am. 33, 160 (1961)). The spread is a factor: that of one participant's
-    numbers, or for all together that of the participants' means.
+    numbers, or for all together that of the participants' means. The intervals of 95 % are
+    Student's of the logarithms (Bland & Altman, BMJ 312, 1079 (1996)). One participant's logarithms
+    are taken to scatter alike at all levels, since many repeat a round number at one of them. Over
+    all, it is the scatter of the participants' means at the level, about everybody's mean of all.
     """
     rows = []
     for members in _runs_by_condition(runs):
-        logs: list[dict[float, float]] = []
+        means: dict[str, list[dict[float, float]]] = {}
         for run in members:
             assert isinstance(run.method, Magnitudes)
             levels, numbers = np.array(run.method.answers).reshape(-1, 2).T
-            log_means = {}
-            for level in np.unique(levels).tolist():
-                logs_there = np.log(numbers[levels == level])
-                log_means[level] = float(logs_there.mean())
-                rows.append(_magnitude(run.place, level, logs_there))
-            if log_means and "excluded" not in run.summary:
-                logs.append(log_means)
-        if len(logs) > 1:
-            shared = sorted(set.intersection(*map(set, logs)))
-            table = np.array([[one[level] for level in shared] for one in logs])
+            logs = {at: np.log(numbers[levels == at]) for at in np.unique(levels).tolist()}
+            free = len(numbers) - len(logs)
+            scatter = np.sqrt(sum(one.var() * len(one) for one in logs.values()) / max(free, 1))
+            rows += [_magnitude(run.place, at, logs[at], scatter, free) for at in logs]
+            if logs and "excluded" not in run.summary:
+                of_session = {at: float(one.mean()) for at, one in logs.items()}
+                means.setdefault(run.session.participant, []).append(of_session)
+        if len(means) > 1:
+            shared = sorted(set.intersection(*(set(one) for of in means.values() for one in of)))
+            table = np.array(
+                [np.mean([[one[at] for at in shared] for one in of], 0) for of in means.values()]
+            )
             table += table.mean() - table.mean(1, keepdims=True)
             place = {**members[0].place, "participant": ALL, "session": ""}
-            rows += [_magnitude(place, at, table[:, k]) for k, at in enumerate(shared)]
+            spread = table.std(0, ddof=1)
+            rows += [
+                _magnitude(place, at, table[:, k], spread[k], len(table) - 1)
+                for k, at in enumerate(shared)
+            ]
     return rows
 
 
-def _magnitude(place: Row, level: float, logs: Array) -> Row:
+def _magnitude(place: Row, level: float, logs: Array, scatter: float, free: int) -> Row:
+    """Return a row; `scatter`, of one of the logarithms, has so many degrees of freedom."""
+    from scipy.stats import t as student
+
     spread = float(np.exp(logs.std(ddof=1))) if len(logs) > 1 else None
-    mean = float(np.exp(logs.mean()))
-    return {**place, "level_db": level, "answers": len(logs), "mean": mean, "spread": spread}
+    half = scatter / np.sqrt(len(logs)) * student.ppf(0.975, free)
+    values = {"mean": 0.0, "low": -half, "high": half}
+    values = {name: _known(float(np.exp(logs.mean() + off))) for name, off in values.items()}
+    return {**place, "level_db": level, "answers": len(logs), **values, "spread": spread}
 
 
 def _runs_by_condition(runs: Sequence[RunOfMethod]) -> list[list[RunOfMethod]]:
@@ -561,42 +577,52 @@ def _of_groups(analysis: Analysis) -> Iterator[tuple[str, Figure]]:
             axes.axvline(one["threshold_db"])
         axes.set(xlabel="threshold [dB] with 95 % intervals; the band: the mean")
         yield " ".join(filter(None, ("thresholds", one["task"], one["condition"]))), figure
-    for name, column in (("scales", "scale_logit"), ("magnitudes", "mean")):
+    for name, of_task in (("scales", _SCALE), ("magnitudes", _MEAN)):
         listed = analysis.tables.get(name, [])
         for condition in dict.fromkeys((row["condition"], row["experiment"]) for row in listed):
             figure, (axes,) = _axes(1, "")
             members = [row for row in listed if (row["condition"], row["experiment"]) == condition]
-            for who in dict.fromkeys((row["participant"], row["session"]) for row in members):
+            people = dict.fromkeys((row["participant"], row["session"]) for row in members)
+            if len(people) < 2:  # it has the picture of its run
+                continue
+            for who in people:
                 line = [row for row in members if (row["participant"], row["session"]) == who]
-                y = np.array([row[column] for row in line])
-                high = [row.get("high_logit") for row in line]
-                axes.errorbar(
-                    [row["level_db"] for row in line], y,
-                    [0 if up is None else up - at for up, at in zip(high, y, strict=True)],
-                    fmt="o-", linewidth=3 if who[0] == ALL else 1, label=who[0],
-                )  # fmt: skip
-            axes.set(xlabel="level [dB]", ylabel=column.replace("_", " "))
-            if name == "magnitudes":
-                axes.set_yscale("log")
+                _draw_levels(axes, line, of_task, linewidth=3 if who[0] == ALL else 1, label=who[0])
             axes.legend(fontsize="small")
             yield " ".join(filter(None, (name, condition[0]))), figure
 
 
+_SCALE = ("scale_logit", "low_logit", "high_logit")
+_MEAN = ("mean", "low", "high")
+
+
+def _draw_levels(axes: Any, rows: Sequence[Row], columns: tuple[str, str, str], **how: Any) -> None:
+    """Scale values or geometric means against the level, with intervals where there are some."""
+    y, low, high = np.array([[row[name] for name in columns] for row in rows], dtype=float).T
+    bounds = np.nan_to_num([y - low, high - y])
+    axes.errorbar([row["level_db"] for row in rows], y, bounds, fmt="o-", capsize=3, **how)
+    if columns is _SCALE:
+        label = "Bradley-Terry value [logit]"
+    else:
+        label = "geometric mean"
+        axes.set_yscale("log")
+        for of_ticks in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
+            of_ticks("{x:g}")
+    axes.set(xlabel="level [dB]; bars: 95 % intervals", ylabel=label)
+
+
 def _of_run(run: RunOfMethod) -> Figure:
-    """Levels trial by trial; and against them the share right, or the numbers."""
+    """The scale; the numbers and their means; or levels trial by trial, and the share right."""
+    if isinstance(run.method, Pairs | Magnitudes):
+        figure, (axes,) = _axes(1, "")
+        if isinstance(run.method, Pairs):
+            _draw_levels(axes, scale_rows([run]), _SCALE)
+        else:
+            axes.plot(*np.array(run.method.answers).T, ".", color="0.6")
+            _draw_levels(axes, magnitude_rows([run]), _MEAN)
+        return figure
     levels = np.array([float(row["level"]) for row in run.rows])
     trials = np.array([int(row["trial"]) for row in run.rows])
-    if isinstance(run.method, Magnitudes):
-        figure, (axes,) = _axes(1, "")
-        at, numbers = np.array(run.method.answers).reshape(-1, 2).T
-        axes.semilogy(at, numbers, ".")
-        axes.set(xlabel="level [dB]", ylabel="number")
-        return figure
-    if isinstance(run.method, Pairs):
-        figure, (axes,) = _axes(1, "")
-        axes.plot(trials, levels, ".")
-        axes.set(xlabel="trial", ylabel="level [dB]")
-        return figure
     right = np.array([row["is_right"] == "true" for row in run.rows])
     figure, (walk, shares) = _axes(2, "")
     walk.plot(trials, levels, "-", color="0.7")

@@ -7,9 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import bootstrap, ttest_1samp
 
 from firmware_io import open_device
 from haptix.errors import FileFormatError, InputError
+from haptix.stimuli import analysis
 from haptix.stimuli.adaptive import (
     Catch,
     ConstantStimuli,
@@ -276,6 +278,80 @@ def test_magnitudes_are_geometric_means_free_of_everybody_s_own_scale(tmp_path):
     assert steps == pytest.approx([0.65] * 3, abs=1e-4)
     # Differences of scale are gone: what is left is that of the exponents.
     assert max(row["spread"] for row in over_all) < 10 ** (0.3 * 13 / 20)
+
+
+def scaled(levels, exponent, scatter, draw):
+    """Answer as a power of the level, with a scatter of the logarithms."""
+
+    def answer(question):
+        log = exponent * np.log(10) * question.level / 20 + scatter * draw.standard_normal()
+        return f"{np.exp(log):.9g}"
+
+    return answer
+
+
+def test_intervals_of_geometric_means_agree_with_a_bootstrap_and_a_t_test(tmp_path):
+    levels = [10.0, 24.0]
+    for who in range(5):
+        answer = scaled(levels, 0.5 + 0.1 * who, 0.3, np.random.default_rng(who))
+        run(tmp_path / f"p{who}.tsv", Magnitudes(levels, 60, seed=who), answer, "magnitude")
+    found = analyse(tmp_path)
+    logs = {}
+    for one in found.runs:
+        assert isinstance(one.method, Magnitudes)
+        at, numbers = np.array(one.method.answers).T
+        logs |= {(one.session.participant, x): np.log(numbers[at == x]) for x in levels}
+    rows = found.tables["magnitudes"]
+    for row in rows[:10]:
+        there = logs[row["participant"], row["level_db"]]
+        told = bootstrap((there,), np.mean, method="percentile", rng=1).confidence_interval
+        half = (told.high - told.low) / 2
+        # A standard deviation of 60 is known to 9 %, and is shared with 60 others.
+        assert np.log([row["low"], row["high"]]) == pytest.approx([*told], abs=0.25 * half)
+    for k, row in enumerate(rows[10:]):
+        means = np.array([[logs[f"p{who}", level].mean() for level in levels] for who in range(5)])
+        apart = means[:, k] - means.mean(1) + means.mean()
+        told = ttest_1samp(apart, 0.0).confidence_interval()
+        assert np.log([row["low"], row["high"]]) == pytest.approx([*told], rel=1e-6)
+
+
+def test_two_sessions_of_a_participant_are_not_two_participants(tmp_path):
+    for who, session in (("01", "1"), ("01", "2"), ("02", "1")):
+        for task, method in (
+            ("pairs", Pairs([10.0, 20.0, 30.0], 3)), ("magnitude", Magnitudes([10.0, 20.0], 3)),
+        ):  # fmt: skip
+            log = tmp_path / f"{who}-{session}-{task}.tsv"
+            run(log, method, SimulatedObserver(20.0, seed=int(who + session)), task)
+            export(log, tmp_path / "study", who, session, task)
+    tables = analyse(tmp_path / "study").tables
+    (counts,) = {row["answers"] for row in tables["magnitudes"] if row["participant"] == "all"}
+    assert counts == 2
+    of_all = [row for row in tables["scales"] if row["participant"] == "all"]
+    widths = [(row["high_logit"] - row["low_logit"]) / row["spread_logit"] for row in of_all]
+    assert widths == pytest.approx([2 * 12.706] * 3, rel=1e-3)  # Student's, 1 degree
+
+
+@pytest.mark.parametrize(
+    ("task", "method", "table", "columns"),
+    [
+        ("pairs", Pairs([10.0, 20.0, 30.0], 4), "scales", ("scale_logit", "low_logit")),
+        ("magnitude", Magnitudes([10.0, 20.0, 30.0], 4), "magnitudes", ("mean", "low")),
+    ],
+)
+def test_a_run_is_drawn_as_its_scale(tmp_path, monkeypatch, task, method, table, columns):
+    figures = []
+    monkeypatch.setattr(analysis, "picture", lambda title, figure: str(figures.append(figure)))
+    run(tmp_path / "a.tsv", method, SimulatedObserver(20.0), task)
+    found = analyse(tmp_path / "a.tsv")
+    report_html(found, task)
+    (axes,) = figures[0].axes
+    (drawn,) = axes.containers
+    value, low = ([row[name] for row in found.tables[table]] for name in columns)
+    line, _, (bars,) = drawn
+    assert len(figures) == 1 and line.get_xdata().tolist() == method.levels
+    assert line.get_ydata().tolist() == value
+    assert [bar[0, 1] for bar in bars.get_segments()] == pytest.approx(low)
+    assert "95 %" in axes.get_xlabel()
 
 
 def test_what_is_written_reads_the_same(study, tmp_path):
