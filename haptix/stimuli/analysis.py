@@ -17,7 +17,11 @@ from haptix.errors import MissingExtraError, from_extra
 from haptix.files import json_text, reading, write_folder
 from haptix.report import page, paragraph, picture, table
 from haptix.stimuli.adaptive import Estimate, Magnitudes, Method, MethodsByCondition, Pairs
-from haptix.stimuli.adaptive.methods import ThresholdMethod, bradley_terry
+from haptix.stimuli.adaptive.methods import (
+    ThresholdMethod,
+    bradley_terry,
+    bradley_terry_intervals,
+)
 from haptix.stimuli.adaptive.psychometric import counted, function_named
 from haptix.stimuli.adaptive.sequence import replayed
 from haptix.stimuli.adaptive.session_plan import SessionPlan, estimate_of, summary
@@ -243,7 +247,7 @@ def scale_rows(runs: Sequence[RunOfMethod]) -> list[Row]:
 
     For all together, comparisons are pooled; the spread is a bootstrap over participants, so that
     it holds for the population. `fit_p` is small where no scale orders the levels. The intervals
-    of 95 % are normal ones of the spread; over all, Student's for the number of participants.
+    of 95 % are those of `bradley_terry_intervals`; over all, Student's of the spread.
     """
     rows = []
     for members in _runs_by_condition(runs):
@@ -280,7 +284,11 @@ def _scale(
     from scipy.stats import t as student
 
     value, spread, fit_p = found
-    half = spread * student.ppf(0.975, participants - 1 if participants else inf)
+    if participants:
+        half = spread * student.ppf(0.975, participants - 1)
+        low, high = value - half, value + half
+    else:
+        low, high = bradley_terry_intervals(wins).T
     return [
         {
             **run.place,
@@ -288,8 +296,8 @@ def _scale(
             "level_db": level,
             "comparisons": int(wins[k].sum() + wins[:, k].sum()),
             "scale_logit": float(value[k]),
-            "low_logit": _known(float(value[k] - half[k])),
-            "high_logit": _known(float(value[k] + half[k])),
+            "low_logit": _known(float(low[k])),
+            "high_logit": _known(float(high[k])),
             "spread_logit": _known(float(spread[k])),
             "fit_p": None if isnan(fit_p) else fit_p,
         }

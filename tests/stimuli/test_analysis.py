@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 from scipy.stats import bootstrap, ttest_1samp
 
 from firmware_io import open_device
@@ -25,7 +26,7 @@ from haptix.stimuli.adaptive import (
     SimulatedObserver,
     UpDown,
 )
-from haptix.stimuli.adaptive.methods import bradley_terry
+from haptix.stimuli.adaptive.methods import bradley_terry, bradley_terry_intervals
 from haptix.stimuli.analysis import analyse, report_html, write_analysis
 from haptix.stimuli.study import export
 from tests.stimuli.presented import at_level
@@ -192,7 +193,6 @@ def test_a_scale_of_pairs_has_its_truth_within_its_spread(tmp_path):
     assert np.abs(off).max() < 4  # spreads; one draw of four values
     assert all(row["fit_p"] > 0.001 for row in over_all)
     widths = [(row["high_logit"] - row["low_logit"]) / row["spread_logit"] for row in rows]
-    assert widths[:4] == pytest.approx([2 * 1.960] * 4, rel=1e-3)  # normal
     assert widths[-4:] == pytest.approx([2 * 3.182] * 4, rel=1e-3)  # Student's, 3 degrees
     pairs = analysis.tables["pairs"]
     assert len(pairs) == 4 * 6 and {row["comparisons"] for row in pairs} == {6}
@@ -225,6 +225,47 @@ def test_scales_of_no_comparisons_and_of_none_that_was_lost():
     assert value[0] - value[1] == pytest.approx(np.log(5.5 / 0.5))
     value, spread, _ = bradley_terry(np.triu(np.full((4, 4), 6.0), 1))
     assert (np.diff(value) < 0).all() and np.isfinite(value).all() and np.isfinite(spread).all()
+
+
+@pytest.mark.parametrize(("more", "less"), [(5, 0), (3, 2), (30, 10)])
+def test_the_interval_of_two_levels_is_that_of_a_share(more, less):
+    """Firth's likelihood of one logit: that of a binomial with half an answer more on each side."""
+
+    def lost(logit):
+        p, best = 1 / (1 + np.exp(-logit)), (more + 0.5) / (more + less + 1)
+        at = [(more + 0.5) * np.log(x) + (less + 0.5) * np.log(1 - x) for x in (best, p)]
+        return 2 * (at[0] - at[1]) - 1.959964**2
+
+    middle = np.log((more + 0.5) / (less + 0.5))
+    ends = [brentq(lost, middle, middle + off) for off in (-15, 15)]
+    (found, other) = bradley_terry_intervals(np.array([[0.0, more], [less, 0.0]]))
+    assert 2 * found == pytest.approx(ends, abs=1e-5)
+    assert other == pytest.approx(-found[::-1], abs=1e-5)
+
+
+def test_comparisons_that_set_no_end_give_no_interval():
+    apart = np.zeros((5, 5))
+    apart[0, 1], apart[2, 3], apart[3, 2] = 4, 3, 2  # two groups, and one that was never compared
+    assert np.isnan(bradley_terry_intervals(apart)).all()
+    assert np.isnan(bradley_terry_intervals(np.zeros((3, 3)))).all()
+    one_out = np.zeros((3, 3))
+    one_out[0, 1] = 5
+    assert np.isfinite(bradley_terry_intervals(one_out)).tolist() == [[True] * 2] * 2 + [
+        [False] * 2
+    ]
+
+
+def test_intervals_hold_values_that_are_nearly_always_told_apart():
+    """Normal intervals hold the ends of this scale in three of four sessions."""
+    draw, truth, n = np.random.default_rng(2), 3.0 * np.arange(-2, 3), 4
+    p = 1 / (1 + np.exp(truth[None, :] - truth[:, None]))
+    held = []
+    for _ in range(60):
+        upper = np.triu(draw.binomial(n, p), 1)
+        low, high = bradley_terry_intervals(upper + np.tril((n - upper).T, -1).astype(float)).T
+        held.append((low <= truth) & (truth <= high))
+    # 0.92 at least, the benchmark says; of so few sessions three errors below.
+    assert np.mean(held, 0).min() > 0.92 - 3 * np.sqrt(0.92 * 0.08 / 60)
 
 
 def test_the_spread_of_a_scale_is_that_of_its_draws():
