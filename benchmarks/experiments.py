@@ -5,6 +5,7 @@
 Observers: the one that is assumed; cumulative normals of 2 and of 5 dB with lapses of 3 %; 3 dB of
 drift in 100 trials; lapses of 15 % after trial 60; slopes 2 and 6; and one who guesses. The
 threshold is where 1 - 1/e of the way from guess to all right is reached, its mean where it drifts.
+"as the priors" are observers whose slopes and lapses are drawn from the priors of the estimate.
 """
 
 from __future__ import annotations
@@ -52,12 +53,20 @@ OBSERVERS = {
     "slope 6": (weibull(6.0), 0.02, 0.02, 0.0),
     "guesses": (lambda off: 0.0, 0.0, 0.0, 0.0),
 }
+AS_PRIORS = "as the priors"
+
+
+def kind_of(observer: str, draw: Random) -> tuple[Callable[[float], float], float, float, float]:
+    if observer != AS_PRIORS:
+        return OBSERVERS[observer]
+    lapse = draw.betavariate(1, 22)
+    return weibull(3.5 * exp(draw.gauss(0, 0.85))), lapse, lapse, 0.0
 
 
 def run(method: ThresholdMethod, observer: str, start: float, seed: int) -> float:
     """Run a method; return the observer's mean threshold."""
-    core, first, later, drift = OBSERVERS[observer]
     draw, trial = Random(seed), 0
+    core, first, later, drift = kind_of(observer, draw)
     while not method.is_done:
         level = min(method.level, CEILING)
         lapse = later if trial >= 60 else first
@@ -71,7 +80,7 @@ def main() -> None:
     runs = int(sys.argv[1]) if len(sys.argv) > 1 else 400
     print("method            observer      coverage +-se  width   bias scatter  none warned trials")
     for name in sys.argv[2:] or METHODS:
-        for observer in OBSERVERS:
+        for observer in (*OBSERVERS, AS_PRIORS):
             off, width, trials = [], [], []
             held = none = warned = 0
             for seed in range(runs):

@@ -251,27 +251,34 @@ def scale_rows(runs: Sequence[RunOfMethod]) -> list[Row]:
     """
     rows = []
     for members in _runs_by_condition(runs):
-        wins: dict[str, Array] = {}
         for run in members:
             assert isinstance(run.method, Pairs)
             won = run.method.wins()
             rows += _scale(run, run.method.levels, won, bradley_terry(won))
-            if "excluded" not in run.summary:
-                who = run.session.participant
-                wins[who] = wins.get(who, 0) + won
-        if len(wins) > 1:
-            several = np.array([*wins.values()])
-            value, _, fit_p = bradley_terry(several.sum(0))
-            draw = np.random.default_rng(len(wins))
-            drawn = [
-                bradley_terry(several[draw.integers(len(wins), size=len(wins))].sum(0))[0]
-                for _ in range(_DRAWS)
-            ]
-            fitted = (value, np.std(drawn, axis=0, ddof=1), fit_p)
-            first = members[0]
-            assert isinstance(first.method, Pairs)
-            rows += _scale(first, first.method.levels, several.sum(0), fitted, len(wins))
+        rows += scale_over_all(members)
     return rows
+
+
+def scale_over_all(runs: Sequence[RunOfMethod]) -> list[Row]:
+    """Return the values that the participants of a condition have together, see `scale_rows`."""
+    wins: dict[str, Array] = {}
+    for run in runs:
+        if isinstance(run.method, Pairs) and "excluded" not in run.summary:
+            who = run.session.participant
+            wins[who] = wins.get(who, 0) + run.method.wins()
+    if len(wins) < _LEAST_PARTICIPANTS:
+        return []
+    several = np.array([*wins.values()])
+    value, _, fit_p = bradley_terry(several.sum(0))
+    draw = np.random.default_rng(len(wins))
+    drawn = [
+        bradley_terry(several[draw.integers(len(wins), size=len(wins))].sum(0))[0]
+        for _ in range(_DRAWS)
+    ]
+    fitted = (value, np.std(drawn, axis=0, ddof=1), fit_p)
+    first = runs[0]
+    assert isinstance(first.method, Pairs)
+    return _scale(first, first.method.levels, several.sum(0), fitted, len(wins))
 
 
 def _scale(

@@ -239,8 +239,8 @@ def test_the_interval_of_two_levels_is_that_of_a_share(more, less):
     middle = np.log((more + 0.5) / (less + 0.5))
     ends = [brentq(lost, middle, middle + off) for off in (-15, 15)]
     (found, other) = bradley_terry_intervals(np.array([[0.0, more], [less, 0.0]]))
-    assert 2 * found == pytest.approx(ends, abs=1e-5)
-    assert other == pytest.approx(-found[::-1], abs=1e-5)
+    assert 2 * found == pytest.approx(ends, abs=1e-3)  # an end is found to 1e-4
+    assert other == pytest.approx(-found[::-1], abs=1e-3)
 
 
 def test_comparisons_that_set_no_end_give_no_interval():

@@ -390,7 +390,7 @@ def bradley_terry_intervals(wins: Array) -> Array:
             while over(end) < 0 and abs(end) < _FAR:
                 end *= 1.5
             if abs(end) < _FAR:
-                ends[own, side] = value[k] + brentq(over, 0.0, end, xtol=1e-6)
+                ends[own, side] = value[k] + brentq(over, 0.0, end, xtol=1e-4)
     return ends
 
 
