@@ -3,8 +3,9 @@
     python benchmarks/experiments.py [runs] [method ...]
 
 Observers: the one that is assumed; cumulative normals of 2 and of 5 dB with lapses of 3 %; 3 dB of
-drift in 100 trials; lapses of 15 % after trial 60; slopes 2 and 6; and one who guesses. The
-threshold is where 1 - 1/e of the way from guess to all right is reached, its mean where it drifts.
+drift in 100 trials; lapses of 15 % after trial 60; slopes 2 and 6; far from what is assumed: slopes
+1 and 12, a normal of 8 dB, lapses of 10 %; and one who guesses. The threshold is where 1 - 1/e of
+the way from guess to all right is reached, its mean where it drifts.
 "as the priors" are observers whose slopes and lapses are drawn from the priors of the estimate.
 """
 
@@ -51,6 +52,10 @@ OBSERVERS = {
     "tires": (weibull(3.5), 0.02, 0.15, 0.0),
     "slope 2": (weibull(2.0), 0.02, 0.02, 0.0),
     "slope 6": (weibull(6.0), 0.02, 0.02, 0.0),
+    "slope 1": (weibull(1.0), 0.02, 0.02, 0.0),
+    "slope 12": (weibull(12.0), 0.02, 0.02, 0.0),
+    "normal, 8 dB": (normal(8.0), 0.03, 0.03, 0.0),
+    "lapses 10 %": (weibull(3.5), 0.1, 0.1, 0.0),
     "guesses": (lambda off: 0.0, 0.0, 0.0, 0.0),
 }
 AS_PRIORS = "as the priors"

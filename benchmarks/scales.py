@@ -1,6 +1,6 @@
 """Simulated sessions of pairs and magnitudes: coverage and width of the 95 % intervals.
 
-    python benchmarks/scales.py [sessions]
+    python benchmarks/scales.py [sessions] [beginning of a name ...]
 
 Five levels. Comparisons follow Bradley and Terry with steps of 1 logit between levels, or of 2 or
 3, where most pairs are never lost. Numbers have an exponent of 0.6 and logarithms that scatter by
@@ -122,6 +122,8 @@ def main() -> None:
     sessions = int(sys.argv[1]) if len(sys.argv) > 1 else 400
     print(f"{'':34s} coverage   of each level                   width")
     for name, case in CASES.items():
+        if not name.startswith((*sys.argv[2:],) or ""):
+            continue
         held, widths = [], []
         for seed in range(sessions):
             low, truth, high = case(np.random.default_rng(seed))

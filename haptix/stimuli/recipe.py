@@ -370,7 +370,10 @@ class ExperimentRecipe(Document):
         if (kind := kinds.get(self.task)) != table.get("kind") and (
             kind or table.get("kind") in kinds.values()
         ):
-            raise InputError(f"method.kind: the task {self.task!r} does not go with it")
+            takes = repr(kind) if kind else "a method that measures a threshold"
+            raise InputError(
+                f"method.kind: the task {self.task!r} takes {takes}, got {table.get('kind')!r}"
+            )
         if kind is None and task.guess != 0.5 and table.get("function") != "symmetric-normal":
             table.setdefault("guess", task.guess or _WITHOUT_TARGET)
         if seed is not None and table.get("kind") in _SEEDED:
