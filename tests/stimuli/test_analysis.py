@@ -223,6 +223,8 @@ def test_scales_of_no_comparisons_and_of_none_that_was_lost():
     assert value[2] == 0 and np.isnan(spread[2])  # it was never compared
     # Two levels: the logit of the wins with half of one more on each side, in closed form.
     assert value[0] - value[1] == pytest.approx(np.log(5.5 / 0.5))
+    one = bradley_terry(np.array([[0.0, 1.0], [0.0, 0.0]]))[0]
+    assert one[0] - one[1] == pytest.approx(np.log(1.5 / 0.5))
     value, spread, _ = bradley_terry(np.triu(np.full((4, 4), 6.0), 1))
     assert (np.diff(value) < 0).all() and np.isfinite(value).all() and np.isfinite(spread).all()
 

@@ -414,8 +414,10 @@ def _most_likely(wins: Array, value: Array, held: int | None = None) -> tuple[Ar
         variances = np.diag(errors)
         leverage = bend * (variances[:, None] + variances[None, :] - 2 * errors)
         score = (wins + leverage / 2 - (total + leverage) * share).sum(1)
-        known = errors if held is None else np.linalg.pinv(free @ curvature @ free)
-        step = known @ score
+        # With the curvature of the wins alone it would swing about a pair that was compared once.
+        of_all = (total + leverage) * share * (1 - share)
+        of_all = np.diag(of_all.sum(1)) - of_all
+        step = np.linalg.pinv(of_all if held is None else free @ of_all @ free) @ score
         if np.abs(step).max() < 1e-10:
             break
         value = value + step * min(1.0, 1 / max(float(np.abs(step).max()), 1e-300))
