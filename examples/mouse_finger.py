@@ -128,7 +128,7 @@ class Window(tk.Tk):
         self.pad.bind("<MouseWheel>", lambda event: session.press(event.delta / 120))
         self.pad.bind("<Button-4>", lambda _: session.press(1))
         self.pad.bind("<Button-5>", lambda _: session.press(-1))
-        self.frame()
+        self.draw()
 
     def turn(self, percent: float) -> None:
         self.session.renderer.intensity = percent / 100
@@ -137,7 +137,7 @@ class Window(tk.Tk):
         self.destroy()
         raise error
 
-    def frame(self) -> None:
+    def draw(self) -> None:
         """Draw regions, lines and words, and do it again soon."""
         self.pad.delete("all")
         for patch in self.session.layout.patches.values():
@@ -157,7 +157,7 @@ class Window(tk.Tk):
             f"x {x:6.1f} mm  y {y:5.1f} mm  force {self.session.force_n:.1f} N  "
             f"friction {mu:.3f}  {volts:5.1f} V   {self.session.said}"
         )
-        self.after(FRAME_MS, self.frame)
+        self.after(FRAME_MS, self.draw)
 
     def region(self, patch: Patch) -> None:
         pixels = self.session.screen.pixels

@@ -10,6 +10,7 @@ time.
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import typer
@@ -33,7 +34,7 @@ def main(
     device: str = "mock:pace=stepped",
     out: Path = Path("moving_edge.png"),
 ) -> None:
-    def edge_mm(t_s):  # from the middle of the screen to the left
+    def edge_mm(t_s: Any) -> Any:  # from the middle of the screen to the left
         return np.maximum(45.0 - edge_mm_per_s * t_s, 0.0)
 
     t = np.arange(0.0, SECONDS, 0.01)

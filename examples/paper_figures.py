@@ -432,12 +432,14 @@ def area_against_frequency() -> PaperFigure:
                 label = rf"$\mathrm{{10}}^{np.log10(resistivity):.0f}$ Ωm"
             axes.plot(frequency_hz, ratios[name], color=color, label=label)
         for (name, top), color in zip(tops.items(), colors[1:], strict=True):
-            mark(axes, frequency_hz[top], ratios[name][top], "o", "maximum", color)
+            mark(axes, float(frequency_hz[top]), ratios[name][top], "o", "maximum", color)
         axes.set(xlabel="frequency $f$ (Hz)", xscale="log", xlim=frequency_hz[[0, -1]])
         axes.set(ylabel=r"$A_\mathrm{on}/A_\mathrm{off}$")
 
     dry = ratios["dry_gap"]
-    highest = [f"{ratios[n][top]:.3f} at {with_unit(frequency_hz[top])}" for n, top in tops.items()]
+    highest = [
+        f"{ratios[n][top]:.3f} at {with_unit(float(frequency_hz[top]))}" for n, top in tops.items()
+    ]
     broken = frequency_hz[columns["status_dry_gap"] == Status.BREAKDOWN]
     assert isinstance(finger.dielectric, SkinDielectric)  # that of the presets
     table = finger.dielectric.frequency_hz
@@ -553,8 +555,8 @@ def gap_distributions(finger: Finger | None = None) -> PaperFigure:
     pressure = torch.tensor(pressures_pa, dtype=torch.float64)[:, None]
     columns = {"gap_um": gap_m * 1e6}
     densities = []
-    for form in forms:
-        model = ContactModel(finger, screen, gap_distribution=form, terms=terms)
+    models = [ContactModel(finger, screen, gap_distribution=f, terms=terms) for f in forms]
+    for form, model in zip(forms, models, strict=True):
         density = numbers(model.contact.gap_density(pressure, torch.from_numpy(gap_m))) * 1e-6
         densities.append(density)
         for row, pressure_pa in zip(density, pressures_pa, strict=True):
@@ -571,6 +573,7 @@ def gap_distributions(finger: Finger | None = None) -> PaperFigure:
     between = (gap_m >= 1e-9) & (gap_m <= 1e-5)
     plain, combined = (density[:, between] for density in densities)
     apart = float(np.abs(combined / plain - 1).max())
+    model = models[-1]
     caption = (
         "Probability density of the gap u between finger and screen at effective pressures of "
         f"{', '.join(f'{p / 1e3:g}' for p in pressures_pa)} kPa, contact spots excluded: each "

@@ -8,6 +8,7 @@ of it in the reachable range at 0.5 N.
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -34,7 +35,7 @@ ENVELOPE_RATE_HZ = 200.0  # direct drive at 100 Hz, which attracts twice in each
 
 def screen() -> haptix.Layout:
     """Values are changes from the friction without voltage, as a part of it."""
-    up_to = {"target": "contrast", "low": 0.0, "high": 0.55}
+    up_to: dict[str, Any] = {"target": "contrast", "low": 0.0, "high": 0.55}
     photograph = Texture.from_image(brick(), 40.0, contrast_range=(0.0, 0.55))
     stones = Texture.from_heights(gravel(), 35.0, "slope-magnitude", contrast_range=(0.0, 0.55))
     x = np.linspace(0, 30, 301)
@@ -97,8 +98,8 @@ def main() -> None:
     surface = haptix.FrictionSurface.build(model, {"normal_force_n": (0.3, 1), "frequency_hz": 200})
     found = headroom(layout, surface, 0.5, WIDTH_MM, HEIGHT_MM)
     (folder / "headroom.png").write_bytes(found.png())
-    for name, value in found.numbers().items():
-        print(f"{name}: {value:.4g}")
+    for name, number in found.numbers().items():
+        print(f"{name}: {number:.4g}")
 
 
 if __name__ == "__main__":

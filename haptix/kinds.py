@@ -19,7 +19,7 @@ from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from inspect import signature
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeVar
 from weakref import WeakValueDictionary
 
 from pydantic import PlainSerializer, PlainValidator, ValidationError, WithJsonSchema
@@ -176,7 +176,14 @@ class Kind(Part):
     kinds: ClassVar[Kinds]
     """All kinds of its family."""
 
-    kind: str
+    if TYPE_CHECKING:  # no field, or type checkers count it before those of a class
+
+        @property
+        def kind(self) -> str:
+            """Name of the kind."""
+
+    else:
+        kind: str
 
     def __init__(self, /, *values: Any, **fields: Any) -> None:
         model = type(self)

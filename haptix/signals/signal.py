@@ -79,8 +79,18 @@ def _row(values: Any) -> Any:
 Row = Annotated[tuple[Number, ...], BeforeValidator(_row)]
 
 
-@dataclass_transform(frozen_default=True, field_specifiers=(Field,))
-class Described(Kind):
+if TYPE_CHECKING:  # that of pydantic lets its checkers take fields by name only
+    from pydantic._internal._model_construction import ModelMetaclass
+
+    @dataclass_transform(frozen_default=True, field_specifiers=(Field,))
+    class _ByPlace(ModelMetaclass):
+        pass
+
+else:
+    _ByPlace = type(Kind)
+
+
+class Described(Kind, metaclass=_ByPlace):
     """Base of what recipes and sidecars hold; its fields may be given by their places.
 
     `kind` stands last in a class: type checkers count the fields before it.

@@ -83,14 +83,22 @@ def as_mu(target: TargetKind, value: Floats, lowest_mu: Floats, highest_mu: Floa
     return lowest_mu + value * (highest_mu - lowest_mu)
 
 
-class Mapped:
+class Feelable(Protocol):
+    """An object that a renderer can render: a field of friction, a material, a layout."""
+
+    @property
+    def evaluator(self) -> Evaluator:
+        """The object that gives the friction."""
+
+
+if TYPE_CHECKING:  # by name, for pyright takes no cached property for that of a protocol
+    _Feelable = Feelable
+else:  # a protocol cannot stand beside a model of pydantic
+    _Feelable = object
+
+
+class Mapped(_Feelable):
     """Base of objects that can be drawn as a map of friction: fields and materials."""
-
-    if TYPE_CHECKING:
-
-        @property
-        def evaluator(self) -> Evaluator:
-            """The object that gives the friction."""
 
     @property
     def extent_mm(self) -> tuple[float, float, float, float]:
@@ -274,14 +282,6 @@ class Evaluator(Protocol):
         now : Report
             The new report.
         """
-
-
-class Feelable(Protocol):
-    """An object that a renderer can render: a field of friction, a material, a layout."""
-
-    @property
-    def evaluator(self) -> Evaluator:
-        """The object that gives the friction."""
 
 
 def check_feelable(name: str, texture: Any) -> None:

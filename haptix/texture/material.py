@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
 import tomlkit
 from pydantic import ConfigDict, PlainSerializer, PlainValidator, WithJsonSchema, model_validator
@@ -51,6 +51,8 @@ class Material(Mapped, Kind):
     model_config = ConfigDict(ignored_types=(Depends,))
 
     kinds: ClassVar[Kinds] = KINDS
+    if TYPE_CHECKING:
+        kind: Any  # of a class, its own name alone
     depends_on: ClassVar[Depends] = Depends.PLACE
     drives_at_rest: ClassVar[bool] = False
     """If true, the renderer does not fade the drive out at rest; the material has to do it."""
