@@ -46,12 +46,15 @@ class CustomMetadataHook(MetadataHookInterface):
     def update(self, metadata: dict[str, Any]) -> None:
         """Add the README without pictures, links to files as their names, and the project's URLs.
 
-        HAPTIX_HOME is the repository's address, which no file of it can know.
+        HAPTIX_HOME is the repository's address, and HAPTIX_EMAIL its owner's, which no file of it
+        can know.
         """
         text = (Path(self.root) / "README.md").read_text(encoding="utf-8")
         text = re.sub(r"!\[[^\]]*\]\((?!https?:)[^)]*\)\n\n", "", text)
         text = re.sub(r"\[([^\]]*)\]\((?!https?:|#)([^)]*)\)", r"\1 (`\2`)", text)
         metadata["readme"] = {"content-type": "text/markdown", "text": text}
+        email = os.environ.get("HAPTIX_EMAIL")
+        metadata["authors"] = [{"name": "The haptix authors"} | ({"email": email} if email else {})]
         if home := os.environ.get("HAPTIX_HOME"):
             metadata["urls"] = {
                 "Homepage": home,

@@ -144,12 +144,17 @@ def test_a_wheel_knows_the_pages_of_the_project_where_the_release_names_them(tmp
     code = (
         "from hatchling.metadata.core import ProjectMetadata as M; "
         "from hatchling.plugin.manager import PluginManager as P; "
-        "import json; print(json.dumps(M('.', P()).core.urls))"
+        "core = M('.', P()).core; "
+        "import json; print(json.dumps([core.urls, core.authors_data]))"
     )
-    plain = {name: value for name, value in os.environ.items() if name != "HAPTIX_HOME"}
-    assert json.loads(run(sys.executable, "-c", code, cwd=ROOT, env=plain)) == {}
-    env = {**plain, "HAPTIX_HOME": "https://example.org/x/haptix"}
-    urls = json.loads(run(sys.executable, "-c", code, cwd=ROOT, env=env))
+    plain = {
+        n: value for n, value in os.environ.items() if n not in ("HAPTIX_HOME", "HAPTIX_EMAIL")
+    }
+    urls, authors = json.loads(run(sys.executable, "-c", code, cwd=ROOT, env=plain))
+    assert (urls, authors) == ({}, {"name": ["The haptix authors"], "email": []})
+    env = {**plain, "HAPTIX_HOME": "https://example.org/x/haptix", "HAPTIX_EMAIL": "x@example.org"}
+    urls, authors = json.loads(run(sys.executable, "-c", code, cwd=ROOT, env=env))
+    assert authors == {"name": [], "email": ["The haptix authors <x@example.org>"]}
     assert urls["Homepage"] == "https://example.org/x/haptix"
     assert {"Documentation", "Changelog", "Issues"} <= set(urls)
 
