@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import datetime
+import functools
 import hashlib
 import re
 import subprocess
@@ -129,16 +130,20 @@ def last_change() -> datetime.date:
     return datetime.date.fromisoformat(said) if said else datetime.date.today()
 
 
+@functools.cache  # one run for all its figures
+def printed_by(command: str) -> str:
+    """Run a command of ours and return what it printed."""
+    return subprocess.run(
+        [sys.executable, *command.split()], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout
+
+
 def make(figure: Figure) -> None:
     """Run the command of a figure and keep what it printed, with commit and date."""
     if not figure.find:
         raise SystemExit(f"{figure.name}: run its command by hand, then edit {KEPT.name}")
-    program, *arguments = figure.command.split()
-    done = subprocess.run(
-        [sys.executable, program, *arguments], cwd=ROOT, capture_output=True, text=True, check=True
-    )
     kept: Any = tomlkit.parse(KEPT.read_text("utf-8"))
-    kept[figure.name]["value"] = figure.value_of(done.stdout)
+    kept[figure.name]["value"] = figure.value_of(printed_by(figure.command))
     kept[figure.name]["commit"] = git("rev-parse", "--short=7", "HEAD") or "none"
     kept[figure.name]["date"] = datetime.date.today()
     kept[figure.name]["sha256"] = digest(figure.sources)
