@@ -200,8 +200,12 @@ TermName = Annotated[
     str, AfterValidator(one_of(*TERMS)), Field(json_schema_extra={"enum": [*TERMS]})
 ]
 Positive = Annotated[float, Field(gt=0)]
+Force = Annotated[float, Field(gt=0, le=100)]  # [N]; a larger number is in another unit
+Frequency = Annotated[float, Field(gt=0, le=1e8)]  # [Hz]; above, the circuit is no capacitor
 NotNegative = Annotated[float, Field(ge=0)]
 Seed = Annotated[int, Field(ge=0, le=2**63 - 1)]
 Range = Annotated[tuple[float, float], AfterValidator(_is_ordered)]
 PositiveRange = Annotated[tuple[Positive, Positive], AfterValidator(_is_ordered)]
+ForceRange = Annotated[tuple[Force, Force], AfterValidator(_is_ordered)]
+FrequencyRange = Annotated[tuple[Frequency, Frequency], AfterValidator(_is_ordered)]
 Argument = Typed(is_argument=True)

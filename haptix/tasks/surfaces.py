@@ -19,6 +19,10 @@ from haptix.fields import (
     Argument,
     FileThere,
     FingerName,
+    Force,
+    ForceRange,
+    Frequency,
+    FrequencyRange,
     Local,
     NewFile,
     NotNegative,
@@ -140,13 +144,13 @@ class Build(OfModel, command="build"):
     out: NewFile | None = Field(
         None, description="File to write for a scene. [default: SCENE.surface]"
     )
-    normal_force_n: PositiveRange | None = Field(
+    normal_force_n: ForceRange | None = Field(
         None, description="Range of normal force [N]: LOW,HIGH or one value. [default: 0.1,1]"
     )
     voltage_v: Positive | None = Field(
         None, description="Highest amplitude [V]. [default: the screen's limit]"
     )
-    frequency_hz: PositiveRange | None = Field(
+    frequency_hz: FrequencyRange | None = Field(
         None, description="Drive frequency [Hz]: LOW,HIGH or one. Without it the skin conducts."
     )
     h0_m: Annotated[PositiveRange | None, AfterValidator(_is_an_insulator)] = Field(
@@ -241,9 +245,9 @@ _IN_A_SCENE = {
 class Query(OfModel, command="query", route="queries"):
     """Friction for a force and a voltage, from the model or from a surface."""
 
-    normal_force_n: tuple[Positive, ...] = Field(description="Normal forces [N], comma-separated.")
+    normal_force_n: tuple[Force, ...] = Field(description="Normal forces [N], comma-separated.")
     voltage_v: tuple[NotNegative, ...] = Field(description="Amplitudes [V], comma-separated.")
-    frequency_hz: tuple[Positive, ...] | None = Field(
+    frequency_hz: tuple[Frequency, ...] | None = Field(
         None, description="Drive frequencies [Hz]. Without them the skin is a conductor."
     )
     h0_m: Annotated[tuple[Thickness, ...] | None, AfterValidator(_is_an_insulator)] = Field(
@@ -324,8 +328,8 @@ _REACH_TOLERANCE = "0.02 JND"  # far less than a person feels, and less than the
 class Reach(OfModel, command="reach", route="reaches"):
     """Lowest and highest friction that a surface offers for a finger, and what limits it."""
 
-    normal_force_n: tuple[Positive, ...] = Field((0.2, 0.5, 1.0), description="Normal forces [N].")
-    frequency_hz: Positive = Field(4000.0, description="Frequency of the drive.")
+    normal_force_n: tuple[Force, ...] = Field((0.2, 0.5, 1.0), description="Normal forces [N].")
+    frequency_hz: Frequency = Field(4000.0, description="Frequency of the drive.")
     past_limits: PastLimits = False
 
     def run(self, context: Context) -> Result:
@@ -360,8 +364,8 @@ class Invert(Task, command="invert"):
 
     surface: SurfaceThere = Field(description="Surface made by `haptix build`.")
     mu: tuple[float, ...] = Field(description="Friction coefficients, comma-separated.")
-    normal_force_n: tuple[Positive, ...] = Field(description="Normal forces [N], comma-separated.")
-    frequency_hz: tuple[Positive, ...] | None = Field(
+    normal_force_n: tuple[Force, ...] = Field(description="Normal forces [N], comma-separated.")
+    frequency_hz: tuple[Frequency, ...] | None = Field(
         None, description="Drive frequencies [Hz]. Without them the skin is a conductor."
     )
     h0_m: Annotated[tuple[Positive, ...] | None, AfterValidator(_is_an_insulator)] = Field(

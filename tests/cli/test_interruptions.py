@@ -95,12 +95,18 @@ def test_ctrl_c_is_no_traceback_from_the_first_command_on(where):
         (["query", "--h0-m", "0.2"], "--h0-m: expected metres, less than 0.001"),
         (["build", "new.surface", "--h0-m", "0.1,0.2"], "--h0-m: expected metres"),
         (["query", "--with", "finite-size", "--without", "finite-size"], "both name finite-size"),
+        (["query", "--normal-force-n", "500"], "--normal-force-n: expected a finite"),
+        (["query", "--frequency-hz", "1e12"], "--frequency-hz: expected a finite"),
+        (["build", "new.surface", "--normal-force-n", "50,500"], "--normal-force-n: expected"),
+        (["build", "new.surface", "--frequency-hz", "4e9"], "--frequency-hz: expected a finite"),
+        (["reach", "--normal-force-n", "200"], "--normal-force-n: expected a finite"),
+        (["reach", "--frequency-hz", "4e9"], "--frequency-hz: expected a finite"),
         (["render", "--carrier-hz", "60"], "--carrier-hz: expected a finite number of at least"),
     ],
 )
 def test_implausible_numbers_are_refused(haptix_cli, arguments, said):
-    more = ["--normal-force-n", "0.5", "--voltage-v", "100"] if arguments[0] == "query" else []
-    done = haptix_cli(*arguments, *more)
+    before = ["--normal-force-n", "0.5", "--voltage-v", "100"] if arguments[0] == "query" else []
+    done = haptix_cli(arguments[0], *before, *arguments[1:])
     assert done.code == 2
     assert said in done.err
 
