@@ -20,6 +20,7 @@ from haptix.fields import (
     FileThere,
     FingerName,
     Folder,
+    Force,
     ForClients,
     JsonObject,
     Local,
@@ -53,7 +54,6 @@ Touches = Field(min_length=2, max_length=20_000, fail_fast=True)
 FORCES_N = (0.05, 3.0)
 """Range of forces of a surface that the service builds."""
 Finite = Annotated[float, Field(ge=-1e6, le=1e6)]
-Force = Annotated[float, Field(gt=0, le=100)]
 
 
 _A_FEW = 10  # so few samples may have been typed by a person: any spacing is allowed
@@ -289,9 +289,12 @@ class Render(OfPath, command="render", route="renderings", kind="rendering"):
         finger, screen = self.finger, self.screen
         if context.folder is not None:
             check_folder(context.folder / self.out, ("simulation.png", *FILES))
-            # `simulate` refuses other devices; a mock may have another driver's serial number.
-            mock = self.device if self.device.startswith("mock:") else "mock:"
-            with closing(open_device(mock)) as opened:
+            if not self.device.startswith("mock:"):  # before the surface is built
+                raise InputError(
+                    f"--device: expected a mock device, whose output can be felt, got {self.device}"
+                    "; `haptix play` plays on a driver"
+                )
+            with closing(open_device(self.device)) as opened:  # with a driver's serial number
                 finger, screen = profiles_for(opened, finger, screen)
         named = self.model_copy(update={"finger": finger, "screen": screen})
         setting, photograph = named.setting(named.model())

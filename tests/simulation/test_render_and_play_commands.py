@@ -3,7 +3,6 @@
 import json
 import re
 import warnings
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -156,8 +155,7 @@ def test_one_sentence_and_exit_code_2(haptix_cli, own_folder, command, name):
 
 
 def test_only_a_mock_can_be_felt(haptix_cli, own_folder, monkeypatch):
-    real = SimpleNamespace(mock=None, close=lambda: None)
-    monkeypatch.setattr("haptix.simulation.simulation.open_device", lambda _: real)
+    monkeypatch.setattr("haptix.tasks.rendering.OfPath.built", pytest.fail)  # told before
     done = haptix_cli("render", *SMALL, "--device", "usb:")
     assert done.code == 2
     assert re.search("expected a mock device.*usb:", " ".join(done.err.split()))
