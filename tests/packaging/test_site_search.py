@@ -44,6 +44,10 @@ SEARCHES = {
     "install": "index.html",
     "safety": "safety.html",
     "glossary": "glossary.html",
+    "latency": "rendering.html",
+    "jitter": "rendering.html",
+    "wire format": "protocol.html",
+    "psychopy": "stimuli.html",
 }
 
 
