@@ -1,6 +1,7 @@
 """Boundary elements under local attraction, and what the theory "local" makes of them.
 
     python benchmarks/attracted_contacts.py solve FOLDER --seeds 8     # hours; goes on where it was
+    python benchmarks/attracted_contacts.py solve FOLDER --device cuda --workers 6   # minutes
     python benchmarks/attracted_contacts.py table FOLDER [--out docs/mean-field.md]
     python benchmarks/attracted_contacts.py halve FOLDER               # minutes; reads no rows
     python benchmarks/attracted_contacts.py weights FOLDER             # minutes; reads no rows
@@ -19,13 +20,17 @@ from __future__ import annotations
 import argparse
 import csv
 import sys
+import traceback
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
-from math import pi, sqrt
+from math import inf, pi, sqrt
+from multiprocessing import get_context
 from pathlib import Path
+from time import perf_counter, time
 from timeit import repeat
 
 import numpy as np
@@ -46,6 +51,9 @@ from haptix.fidelity import Balance, Contact, Load, MeanFieldBalance
 
 ROWS = Path(__file__).parents[1] / "tests/data/boundary-elements-own/attracted.csv"
 PULLS = (1.0, 4.0, 10.0, 22.0)  # about: the attraction of the gaps over p0
+# Of gaps and spots over p0, beside the thinnest insulators: the area grows before the gaps attract.
+TOTALS = (0.5, 1.0, 2.0, 4.0, 8.0, 14.0, 24.0, 40.0)
+THINNEST = 0.03  # h0/h_rms up to which these are taken
 RANKS = np.geomspace(2e-6, 1, 400)  # of the open gaps, by size
 LOADS = np.geomspace(1, 40, 9)
 H_RMS_M, Q0, E_PA = 1e-6, 2e4, 4e7
@@ -117,6 +125,10 @@ CELLS = (
     Cell(0.8, 32, 4, "l0.3on4000", 1e-3, 16, (0.2, 0.5)),
     Cell(0.7, 32, 4, "l0.8on100", 3e-3, 16, (0.2, 0.5)),
     Cell(0.5, 32, 2, LAYER, 3e-3, 16, (0.2,)),
+    # A graphics card's: insulators as thin as a finger's, and 16 waves of the roll-off in the box.
+    *(Cell(h, 16, 4, "hs", x, 128, (0.01, 0.02)) for h in (0.8, 0.5) for x in (1e-3, 1e-2)),
+    *(Cell(h, 128, 16, "hs", x, 16, (0.1, 0.3, 1.0)) for h in (0.8, 0.5) for x in (1e-3, 1e-2)),
+    *(Cell(0.8, 16, 4, "hs", x, 256, (0.01, 0.02)) for x in (1e-3, 1e-2)),  # halves the pixels
 )
 
 
@@ -125,31 +137,34 @@ def falling(gap_m: torch.Tensor, h0_m: float) -> torch.Tensor:
     return (h0_m / (gap_m + h0_m)) ** 2
 
 
-def solve(cell: Cell, seed: int, path: Path) -> None:
+def solve(cell: Cell, seed: int, path: Path, device: torch.device) -> None:
     """Solve one surface of a cell, and keep what came of it."""
-    points = cell.band * cell.pixels
+    began, points = perf_counter(), cell.band * cell.pixels
     surfaces = Surfaces.random(cell.spectrum(H_RMS_M), points, cell.side_m, 1, seed)
-    height = surfaces.height_m[0]
+    height = surfaces.height_m[0].to(device)
     h_rms = float(height.std(unbiased=False))
     p0 = cell.x * float(cell.field(h_rms).stress_rms_pa) * sqrt(2)
-    problem = BoundedProblem.on_grid(cell.solid(), points, cell.side_m, None, torch.device("cpu"))
-    scale = torch.tensor([h_rms], dtype=torch.float64)
+    problem = BoundedProblem.on_grid(cell.solid(), points, cell.side_m, None, device)
+    scale = torch.tensor([h_rms], dtype=torch.float64, device=device)
     unattracted, profiles, start = [], [], None
     for load in p0 * LOADS:
-        mean = torch.tensor([load], dtype=torch.float64)
+        mean = torch.tensor([load], dtype=torch.float64, device=device)
         solved = problem.solve(height[None], mean, scale, 1e-5, start)
         start, spots = solved.pressure_pa, solved.pressure_pa[0] > 0
         gap = solved.gap_m[0].clamp(min=0).masked_fill(spots, 0.0)
         unattracted.append((load, float(corrected_area(spots)), float(gap.mean())))
-        gaps = np.sort(gap[~spots].numpy())
+        gaps = gap[~spots].sort().values.cpu().numpy()
         profiles.append(np.interp(RANKS * len(gaps) - 0.5, np.arange(len(gaps)), gaps))
     rows = []
     for relative in cell.h0:
         h0, total = relative * h_rms, 0.0
         contact = AttractedContact(problem, height, p0, partial(falling, h0_m=h0), 1e-5)
-        for pull in PULLS:
-            wanted = pull * p0 / max(contact.gaps_share, 0.02)
-            total = min(wanted, 6 * total) if total else wanted
+        for pull in PULLS if relative > THINNEST else TOTALS:
+            if relative > THINNEST:
+                wanted = pull * p0 / max(contact.gaps_share, 0.02)
+                total = min(wanted, 6 * total) if total else wanted
+            else:
+                total = pull * p0
             spot = contact.strength(total)
             spots = contact.contact.pressure_pa[0] > 0
             gap = contact.contact.gap_m[0].clamp(min=0).masked_fill(spots, 0.0)
@@ -161,8 +176,23 @@ def solve(cell: Cell, seed: int, path: Path) -> None:
     np.savez(
         path,
         **{"h_rms": h_rms, "off": np.array(unattracted), "prof": np.array(profiles)},
+        seconds=perf_counter() - began,
         rows=np.array(rows, dtype=np.float64),
     )
+
+
+def solve_in_time(cell: Cell, seed: int, folder: Path, device: torch.device, last: float) -> None:
+    """Solve a surface that is not in the folder, in a worker, where there is time to start it."""
+    torch.set_num_threads(1)
+    path = folder / f"{cell.name}__{seed}.npz"
+    if path.exists() or time() > last:
+        return
+    try:
+        solve(cell, seed, path, device)
+    except Exception:
+        traceback.print_exc()
+    else:
+        sys.stderr.write(f"{path.name}: {float(np.load(path)['seconds']):.1f} s\n")
 
 
 @dataclass(frozen=True)
@@ -215,15 +245,12 @@ def closed(surface: Solved, row: Array) -> tuple[float, float, float] | None:
     """
     h0, spot_pa = row[0] * surface.h_rms_m, row[1]
     log_p, area_at, gap_at = np.log(surface.off[:, 0]), surface.off[:, 1], surface.off[:, 2]
-    rank = np.geomspace(1e-5, 1, 800)
-    step = np.diff(np.concatenate([[0.0], rank]))
-    gaps = np.array(
-        [
-            np.interp(rank, area + RANKS * (1 - area), profile, left=0.0)
-            for area, profile in zip(area_at, surface.profile_m, strict=True)
-        ]
-    )
+    rank = np.geomspace(1e-6, 1, 1000)
+    profiles = list(zip(area_at, surface.profile_m, strict=True))
+    gaps = np.array([np.interp(rank, a + RANKS * (1 - a), gap, left=0.0) for a, gap in profiles])
+    beyond = np.array([np.interp(rank, RANKS * (1 - a), gap, left=0.0) for a, gap in profiles])
     falls = np.gradient(gaps, axis=0) / np.gradient(gap_at)[:, None]
+    falling = -np.gradient(gap_at, log_p)
     log_area, log_gap, lift = log_p[0], log_p[0], 0.0
 
     def at(values: Array, log_pressure: float) -> Array:
@@ -232,22 +259,29 @@ def closed(surface: Solved, row: Array) -> tuple[float, float, float] | None:
         mixed: Array = values[low] + (place - low) * (values[low + 1] - values[low])
         return mixed
 
-    for _ in range(400):
+    step = np.diff(rank, prepend=0.0)
+    for _ in range(600):
         area = float(at(area_at, log_area))
-        spots = rank <= area
-        gap, fall = at(gaps, log_area), np.maximum(at(falls, log_area), 0.0) * ~spots
+        inside = rank < 1 - area  # by the share of the area in smaller gaps
+        gap = at(beyond, log_area)  # edges stay edges from load to load
+        fall = np.maximum(np.interp(area + rank, rank, at(falls, log_area)), 0.0) * inside
         fall = fall / (fall * step).sum()
-        lifted = spot_pa * (h0 / (h0 + gap + 0.5 * lift * fall)) ** 2 * ~spots
-        beside = spot_pa * (h0 / (h0 + gap)) ** 2 * ~spots
-        open_share = torch.tensor(np.maximum(rank - area, 0.0))
-        weight = edge_weight(torch.tensor(area, dtype=torch.float64), open_share).numpy()
-        pull = float((lifted * step).sum())
-        new_area = np.log(
-            surface.p0_pa + pull + (beside * np.diff(np.concatenate([[0.0], weight]))).sum()
+        lifted = spot_pa * (h0 / (h0 + gap + 0.5 * lift * fall)) ** 2 * inside
+        weight = edge_weight(
+            torch.tensor(area, dtype=torch.float64), torch.tensor(np.minimum(rank, 1 - area))
+        ).numpy()
+        unlifted = float(
+            (spot_pa * (h0 / (h0 + gap)) ** 2 * np.diff(weight, prepend=0.0) * inside).sum()
         )
+        punch = max(-np.expm1(log_gap - log_area), 1e-9) * float(at(falling, log_area))
+        crack = 2 * area * spot_pa * h0 / punch
+        pull = float((lifted * step).sum())
+        beside = unlifted / (1 + (unlifted / crack) ** 3) ** (1 / 3)
+        new_area = np.log(surface.p0_pa + pull + beside)
         new_gap = np.log(surface.p0_pa + (lifted * fall * step).sum())
         change = abs(new_area - log_area) + abs(new_gap - log_gap)
-        log_area, log_gap = (log_area + new_area) / 2, (log_gap + new_gap) / 2
+        log_area += (new_area - log_area) / 4
+        log_gap += (new_gap - log_gap) / 4
         if log_area > log_p[-1]:
             return None
         lift = max(float(at(gap_at, log_gap) - at(gap_at, log_area)), 0.0)
@@ -256,13 +290,30 @@ def closed(surface: Solved, row: Array) -> tuple[float, float, float] | None:
     return area, float(at(gap_at, log_gap)), pull
 
 
+def kept() -> Iterator[Solved]:
+    """Surfaces of the rows that are kept, which have no gap distributions."""
+    surfaces: dict[tuple[str, int], list[list[float]]] = defaultdict(list)
+    with ROWS.open() as file:
+        for row in csv.DictReader(file):
+            numbers = [float(row[name]) for name in COLUMNS[2:]]
+            surfaces[row["cell"], int(row["seed"])].append(numbers)
+    cells = {cell.name: cell for cell in CELLS}
+    for (name, seed), rows in surfaces.items():
+        values = np.array(rows)
+        yield Solved(
+            cells[name], seed, rows[0][0], values[:1, 1:4], np.empty((0, 0)), values[:, 4:]
+        )
+
+
 Errors = dict[str, dict[tuple[str, float, int], list[tuple[float, ...]]]]
 
 
 def errors(folder: Path) -> Errors:
     """Of the closure and of two theories: pull over p0 and theory over elements, by row."""
     found: Errors = {name: defaultdict(list) for name in ("closure", "local", "corrected")}
-    for surface in solutions(folder):
+    distributions = {(each.cell.name, each.seed): each for each in solutions(folder)}
+    for surface in kept():
+        solved = distributions.get((surface.cell.name, surface.seed))
         theories = {
             "local": by_theory(surface, "widened"), "corrected": by_theory(surface, "excluded")
         }  # fmt: skip
@@ -274,11 +325,12 @@ def errors(folder: Path) -> Errors:
             if not converged or area > LIGHT:
                 continue
             ratio = area / surface.off[0, 1]
-            by_closure = closed(surface, row)
+            total = (pull + row[1] * area) / surface.p0_pa
+            by_closure = closed(solved, row) if solved else None
             if by_closure is not None:
                 new, wide, pulled = by_closure
                 found["closure"][key].append(
-                    (pull / surface.p0_pa, new, area, pulled, pull, wide, gap, new, area)
+                    (pull / surface.p0_pa, new, area, pulled, pull, wide, gap, new, area, total)
                 )
             for name, balance in theories.items():
                 areas = balance.area_fraction
@@ -287,13 +339,24 @@ def errors(folder: Path) -> Errors:
                         *(pull / surface.p0_pa, float(areas[number]), area),
                         *(float(balance.gap_attraction_pa[number]), pull),
                         *(float(balance.mean_gap_m[number]), gap),
-                        *(float(areas[number] / areas[0]), ratio),
+                        *(float(areas[number] / areas[0]), ratio, total),
                     )
                 )
     return found
 
 
-def tables(folder: Path, least_surfaces: int = 3) -> str:
+# Rows of a table: cell, h0/h_rms, pull of the gaps over p0, and that of gaps and spots.
+GROUPS: tuple[tuple[str, Callable[[Cell, float, float, float], bool]], ...] = (
+    ("16 waves, pull to 5 p0", lambda c, h, p, t: c.rolloff > 4 and p <= 5),
+    ("16 waves, beyond", lambda c, h, p, t: c.rolloff > 4 and p > 5),
+    ("4 waves and less, pull to 5 p0", lambda c, h, p, t: c.rolloff <= 4 and h >= 0.1 and p <= 5),
+    ("4 waves and less, beyond", lambda c, h, p, t: c.rolloff <= 4 and h >= 0.1 and p > 5),
+    ("h0/h_rms below 0.1, spots' and gaps' to 15 p0", lambda c, h, p, t: h < 0.1 and t <= 15),
+    ("h0/h_rms below 0.1, beyond", lambda c, h, p, t: h < 0.1 and t > 15),
+)
+
+
+def tables(folder: Path, least_surfaces: int = 2) -> str:
     """Median and largest error of the means over the surfaces of each row."""
     lines = [
         "| | rows | area | pull of the gaps | mean gap | mu_on/mu_off |",
@@ -305,22 +368,19 @@ def tables(folder: Path, least_surfaces: int = 3) -> str:
         "corrected": "`corrected`",
     }
     found = errors(folder)
+    by_name = {cell.name: cell for cell in CELLS}
     for name, title in titles.items():
         means = {
             key: np.mean(np.array(states), 0)
             for key, states in found[name].items()
             if len(states) >= least_surfaces
         }
-        for label, low, high, thin in (
-            ("h0/h_rms 0.1 and more, pull to 5 p0", 0.0, 5.0, False),
-            ("h0/h_rms 0.1 and more, beyond", 5.0, np.inf, False),
-            ("h0/h_rms below 0.1", 0.0, np.inf, True),
-        ):
+        for label, chosen_rows in GROUPS:
             chosen = np.array(
                 [
                     [m[1] / m[2] - 1, m[3] / m[4] - 1, m[5] / m[6] - 1, m[7] / m[8] - 1]
                     for key, m in means.items()
-                    if low < m[0] <= high and (key[1] < 0.1) == thin
+                    if chosen_rows(by_name[key[0]], key[1], m[0], m[9])
                 ]
             )
             if not len(chosen):
@@ -518,11 +578,12 @@ def ends() -> str:
 
 
 def write_rows(folder: Path) -> None:
-    """Write every surface's rows."""
+    """Write the rows of every surface of the folder; those of other surfaces are kept."""
+    surfaces = {(each.cell.name, each.seed): each for each in (*kept(), *solutions(folder))}
     with ROWS.open("w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
-        for surface in solutions(folder):
+        for surface in surfaces.values():
             start = (surface.cell.name, surface.seed, surface.h_rms_m, *surface.off[0])
             for row in surface.rows:
                 values = (*start, *row[:5], int(row[5]))
@@ -536,17 +597,19 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--seeds", type=int, default=8)
     parser.add_argument("--cells", nargs="*", help="names of cells; by default all")
+    parser.add_argument("--device", type=torch.device, default=torch.device("cpu"))
+    parser.add_argument("--workers", type=int, default=1, help="processes that solve")
+    parser.add_argument("--seconds", type=float, default=inf, help="start no surface after these")
     parser.add_argument("--out", type=Path)
     chosen = parser.parse_args()
     chosen.folder.mkdir(parents=True, exist_ok=True)
     if chosen.what == "solve":
-        torch.set_num_threads(1)
-        for seed in range(chosen.seeds):
-            for cell in CELLS:
-                path = chosen.folder / f"{cell.name}__{seed}.npz"
-                if not path.exists() and (not chosen.cells or cell.name in chosen.cells):
-                    solve(cell, seed, path)
-                    sys.stderr.write(f"{path.name}\n")
+        cells = [cell for cell in CELLS if not chosen.cells or cell.name in chosen.cells]
+        last = time() + chosen.seconds
+        with ProcessPoolExecutor(chosen.workers, get_context("spawn")) as workers:
+            for seed in range(chosen.seeds):
+                for cell in cells:
+                    workers.submit(solve_in_time, cell, seed, chosen.folder, chosen.device, last)
         return
     if chosen.what == "halve":
         torch.set_num_threads(1)

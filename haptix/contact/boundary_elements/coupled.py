@@ -26,7 +26,7 @@ from haptix.contact.boundary_elements.bounded import BoundedProblem, BoundedSolu
 LocalAttraction = Callable[[Tensor], Tensor]
 """Traction [Pa] at unit strength for gaps [m] of any shape: above 0, and falling with the gap."""
 
-_MOST_ROUNDS = 40
+_MOST_ROUNDS = 200
 _HISTORY = 3
 # Mean change of the shape in a step: the strength then moves by less than half of it.
 _SETTLED = 3e-4
