@@ -529,23 +529,19 @@ class Oracle:
         edge = np.diff(2 / pi * beyond, prepend=0.0)  # the first of gaps below the finest
         rest = self.mean_gap(pressure)
 
-        pull = abs(u + h0) ** -2
-        near = float(edge[0] * pull[0] + (edge[1:] * (pull[1:] + pull[:-1]) / 2).sum())
-        # int du/|u + h0|^2, in closed form: a complex h0 makes it an angle over its imaginary part.
-        turned = abs(h0.imag) / h0.real
-        energy = (np.arctan(turned) / turned if turned else 1.0) / h0.real
-        stiffness = pressure / float(simpson(np.maximum(fall, 0.0) * u, x=x))
-
-        def outcome(lift: float) -> tuple[float, float, float]:
+        def sums(lift: float) -> tuple[float, float, float]:
             pull = abs(u + lift * reach / 2 + h0) ** -2
             gaps = closed * pull[0] + float(simpson(mass * pull, x=x))
-            moved, p_g = float(simpson(work * pull, x=x)), pressure
-            for _ in range(60):  # the lift of the punch follows p_g, which follows the sum
-                punch = max(pressure - p_g, 0.0) / stiffness
-                crack = 2 * self.area_fraction(pressure) * energy / max(punch, 1e-300)
-                total = gaps + near / (1 + (near / crack) ** 3) ** (1 / 3)
-                p_g = (p_g + applied + (pressure - applied) * moved / total) / 2
-            return total, gaps, p_g
+            beside = float(edge[0] * pull[0] + (edge[1:] * (pull[1:] + pull[:-1]) / 2).sum())
+            return gaps, float(simpson(work * pull, x=x)), beside
+
+        near = sums(0.0)[2]
+
+        def outcome(lift: float) -> tuple[float, float, float]:
+            gaps, moved, lifted = sums(lift)
+            z = sqrt(max(near / lifted, 1.0)) - 1
+            total = gaps + near / (1 + z * z / (1 + z)) ** 2
+            return total, gaps, applied + (pressure - applied) * moved / total
 
         def excess(lift: float) -> float:
             return self.mean_gap(min(outcome(lift)[2], pressure)) - rest - lift

@@ -19,7 +19,7 @@ from haptix.contact.finite_size import Touching
 from haptix.contact.meanfield import LATTICE_STEP, GapHistogram
 from haptix.contact.tables import UniformCubic
 from haptix.electro.attraction import Circuit, Pull, bin_inverse
-from haptix.electro.widening import LOWER_NODES, RISES, LiftedGaps, by_rise, rise_weights
+from haptix.electro.widening import LARGEST_RISE, LOWER_NODES, LiftedGaps, by_rise
 
 _MARGIN = 3  # nodes beyond the ends, so that every slope in use has its full stencil
 _LIFTED_MARGIN = 2  # further nodes: lifted gaps are themselves differences from node to node
@@ -332,9 +332,9 @@ class Attraction:
 class WideningAttraction(Attraction):
     """``I(p_A)`` of attractions that widen the contact spots, at p0 of each state.
 
-    `log_gaps` holds ln I. Its parts are the values at the rises ``ln p_A/p0`` of `RISES`. Where
-    each column has one p0, there is a single value (`haptix.electro.widening`). The gaps are always
-    those at p_A, as the size law "mean-gap" has it.
+    `log_gaps` holds ln I. Its parts are coefficients of the powers of ``ln p_A/p0``. Where each
+    column has one p0, there is a single coefficient (`haptix.electro.widening`). The gaps are
+    always those at p_A, as the size law "mean-gap" has it.
     """
 
     applied_pa: Tensor = field(default_factory=lambda: torch.empty(0))
@@ -382,27 +382,30 @@ class WideningAttraction(Attraction):
     def log_slopes(self) -> Tensor:
         """Largest dlnI/dlnp over all rises, at the nodes of each column, taken as p0."""
         values, slopes = self.log_gaps.values.detach(), self.log_gaps.slopes
-        if values.shape[-1] == 1:
-            slopes = slopes[..., 0]
-        else:
-            rises = torch.tensor(RISES, dtype=values.dtype, device=values.device)
-            rises = torch.cat([rises, (rises[1:] * rises[:-1]).sqrt()])
-            weights, steep = rise_weights(rises)
-            slopes = (slopes @ weights.T + values @ steep.T).amax(-1)
+        rises = torch.linspace(0, LARGEST_RISE, 13, dtype=values.dtype, device=values.device)
+        power = torch.arange(values.shape[-1], device=values.device)
+        powers = rises[:, None] ** power
+        steep = power * rises[:, None] ** (power - 1).clamp(min=0)
+        slopes = (slopes @ powers.T + values @ steep.T).amax(-1)
         return slopes if self.log_supply is None else slopes + self.log_supply.slopes
 
     def _log_gaps(self, log_pressure: Tensor) -> tuple[Tensor, Tensor]:
         return self._at(self.log_gaps, log_pressure)
 
     def _at(self, table: UniformCubic | None, log_pressure: Tensor) -> tuple[Tensor, Tensor]:
-        """Value and slope at ln p of a table whose parts are values at rises."""
+        """Value and slope at ln p of a table whose parts are coefficients."""
         assert table is not None
         values, slopes = table.with_slope(log_pressure, self.column)
-        if values.shape[-1] == 1:
-            return values[:, 0], slopes[:, 0]
-        weights, steep = rise_weights(log_pressure - torch.log(self.applied_pa))
-        slope = torch.linalg.vecdot(slopes, weights) + torch.linalg.vecdot(values, steep)
-        return torch.linalg.vecdot(values, weights), slope
+        powers = self._powers(log_pressure)
+        steep = powers[:, :-1] * torch.arange(1, powers.shape[1], device=powers.device)
+        slope = torch.linalg.vecdot(slopes, powers) + torch.linalg.vecdot(values[:, 1:], steep)
+        return torch.linalg.vecdot(values, powers), slope
+
+    def _powers(self, log_pressure: Tensor) -> Tensor:
+        """Powers of ``ln p_A/p0``, shape (states, powers)."""
+        rise = (log_pressure - torch.log(self.applied_pa))[:, None]
+        higher = rise.expand(-1, self.log_gaps.values.shape[-1] - 1).cumprod(-1)
+        return torch.cat([torch.ones_like(rise), higher], -1)
 
 
 def _with_slope(area_fraction: AreaFraction, log_pressure: Tensor) -> tuple[Tensor, Tensor]:

@@ -14,11 +14,10 @@ rank n is larger than a share n of the area, contact spots (A) included.
   Kendall, Roberts, Proc. R. Soc. A 324, 301 (1971)). Within reach of the attraction they are lifted
   by half of that: a cohesive zone opens a crack half as far as its far field would (Dugdale, J.
   Mech. Phys. Solids 8, 100 (1960)).
-- Beside an edge, the sum over g - 1 is at most that of the closed gaps (E0), and at most that of a
-  crack in balance (Johnson, Kendall, Roberts). There, a spot that grows by dA gains the energy ``w
-  dA``, with ``w = int t du``. It costs what the punch's lift gives back: ``L (p_A - p_g)/(2 A)``
-  for the lift ``L = (p_A - p_g) (-dubar/dp)``, since the compliance -dubar/dp falls as 1/A. Hence
-  ``p_A - p_g = 2 A w/L``. The smaller of the two counts, with a smooth turn.
+- The gaps beside an edge close as in contact without attraction where the lift is small against the
+  attraction's reach. Where it is large, they are lifted like the others (JKR). Let z be the lift
+  over the reach. Between these limits a share ``z/(1 + z)`` of the lift counts; z follows from the
+  factor ``(1 + z)^-2`` by which lifting all of these gaps would weaken their attraction.
 
 No number is fitted (docs/mean-field.md).
 """
@@ -28,60 +27,23 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
-from math import log1p, pi
+from math import pi
 
-import numpy as np
 import torch
-from scipy.interpolate import CubicSpline
 from torch import Tensor
 
 from haptix.contact.tables import differences
 
 _LIFT_STEPS = (0, 4, 10, 20, 34, 50)  # steps of the lattice from p_g to p_A: a ratio of up to 120
 _PUNCH_SHARE = 0.5  # of a flat punch's lift, for gaps within reach of the attraction
-_SHARPNESS = 3  # of the turn from an attraction that lifts nothing to a crack (docs/mean-field.md)
 _STEEPEST = 4.0  # bound of v, above that of any gap: nearly empty bins have meaningless quotients
 _TINY = 1e-300
-_TURN = 0.01  # of ln p_A/p0: where the thinnest insulators begin to act as cracks
-LARGEST_RISE = 4.8
+# ln p_A/p0 at which the effect of an attraction is computed; between them it is a polynomial.
+_RISES = (0.0, 0.5, 1.4, 2.6, 3.8, 4.8)
+LARGEST_RISE = _RISES[-1]
 """Largest ln p_A/p0 of the table, beyond the end of light contact."""
-# ln p_A/p0 at which the effect of an attraction is computed; between them it is a cubic spline of
-# ln(1 + rise/turn).
-_PLACES = np.linspace(0.0, log1p(LARGEST_RISE / _TURN), 20)
-RISES: tuple[float, ...] = tuple((_TURN * np.expm1(_PLACES)).tolist())
 _COLUMNS = 128  # computed together: few calls, and arrays that fit the CPU's cache
 _NEWTON_STEPS = 2  # for the lift; more steps would move mu by 6e-12
-
-
-@cache
-def _spline() -> Tensor:
-    """Cubics of the spline that is 1 at a place and 0 at the others, shape (cells, 4, places)."""
-    cubics = CubicSpline(_PLACES, np.eye(len(_PLACES))).c
-    return torch.from_numpy(np.ascontiguousarray(cubics.transpose(1, 0, 2)))
-
-
-def rise_weights(rise: Tensor) -> tuple[Tensor, Tensor]:
-    """Weights by which values at `RISES` give the value at a rise, and their slopes.
-
-    Parameters
-    ----------
-    rise : Tensor, shape (states,)
-        ``ln p_A/p0``; below 0 the value is that at 0.
-
-    Returns
-    -------
-    tuple of Tensor, each of shape (states, rises)
-    """
-    rise = rise.clamp(min=0.0)
-    step = float(_PLACES[1])
-    place = torch.log1p(rise / _TURN)
-    cell = (place.detach() / step).long().clamp(max=len(_PLACES) - 2)
-    a, b, c, d = _spline().to(rise.device).index_select(0, cell).unbind(1)
-    t = (place - cell * step)[:, None]
-    inner = torch.addcmul(b, a, t)
-    slope = torch.addcmul(c, inner, t)
-    slopes = torch.addcmul(slope, torch.addcmul(inner, a, t), t)
-    return torch.addcmul(d, slope, t), slopes / (_TURN + rise)[:, None]
 
 
 @cache
@@ -145,12 +107,7 @@ class LiftedGaps:
     work: Tensor
     """The same, weighted by v."""
     edge: Tensor
-    """Share of the area in each bin of gaps that are not lifted, weighted by g - 1, shape (nodes,
-    bins)."""
-    width_m: Tensor
-    """Width of each bin, shape (1, bins)."""
-    punch_m: Tensor
-    """``-dubar/dln p`` over 2 A, shape (nodes, 1): L/(2 A) where all of p_A is lifted."""
+    """The same, weighted by g - 1."""
 
     @classmethod
     def of_table(
@@ -177,8 +134,7 @@ class LiftedGaps:
         rising, width = differences(rank) / step, edges_m.diff()
         work = ((rising[:, 1:] + rising[:, :-1]) / 2 * width).clamp(min=0.0)
         work = torch.where(mass > 0, work, torch.zeros_like(work))
-        falling = work.sum(-1, keepdim=True).clamp(min=_TINY)
-        work = work / falling
+        work = work / work.sum(-1, keepdim=True).clamp(min=_TINY)
         work = torch.minimum(work, _STEEPEST * mass)
         middle = torch.cat([edges_m[1:2] / 2, (edges_m[1:-1] * edges_m[2:]).sqrt()])
         reach = work / mass.clamp(min=_TINY)
@@ -187,6 +143,7 @@ class LiftedGaps:
         edge = torch.cat([edge[:, :1], edge.diff(dim=-1)], -1).clamp(min=0.0)
         opened: list[Tensor] = []
         worked: list[Tensor] = []
+        beside: list[Tensor] = []
         for steps in _LIFT_STEPS:
             lift = (mean_gap_m[more - steps : more - steps + nodes] - low).clamp(min=0.0)
             place = middle + _PUNCH_SHARE * lift[:, None] * reach
@@ -194,18 +151,16 @@ class LiftedGaps:
             part = (place - middle[above - 1]) / (middle[above] - middle[above - 1])
             part = part.clamp(0.0, 1.0)
             # A lifted bin is divided between the two bins about its new place.
-            for by_lift, moved in ((opened, mass), (worked, work)):
+            for by_lift, moved in ((opened, mass), (worked, work), (beside, edge)):
                 lifted = torch.zeros_like(moved)
                 lifted = lifted.scatter_add(1, above, moved * part)
                 by_lift.append(lifted.scatter_add(1, above - 1, moved * (1 - part)))
         lifts = step * torch.tensor(_LIFT_STEPS, dtype=mass.dtype, device=mass.device)
-        punch = falling / (2 * area[:, None].clamp(min=_TINY))
-        return cls(lifts, torch.stack(opened, 1), torch.stack(worked, 1), edge, width[None], punch)
+        return cls(lifts, *(torch.stack(masses, 1) for masses in (opened, worked, beside)))
 
     def part(self, at: slice) -> LiftedGaps:
         """Return the gaps at some of the nodes."""
-        open_, work, edge = (part[at] for part in (self.open, self.work, self.edge))
-        return LiftedGaps(self.lifts, open_, work, edge, self.width_m, self.punch_m[at])
+        return LiftedGaps(self.lifts, self.open[at], self.work[at], self.edge[at])
 
 
 LOWER_NODES = _LIFT_STEPS[-1]
@@ -215,7 +170,7 @@ LOWER_NODES = _LIFT_STEPS[-1]
 def by_rise(
     lifted: LiftedGaps, on_gaps: Callable[[Tensor], Tensor], rise: Tensor | None = None
 ) -> Tensor:
-    """An attraction's effect at the rises ``ln p_A/p0`` of `RISES` that it causes.
+    """Polynomials of an attraction's effect against the rise ``ln p_A/p0`` that it causes.
 
     Parameters
     ----------
@@ -224,12 +179,13 @@ def by_rise(
     on_gaps : callable
         Attraction per strength of gap distributions, shape (distributions, columns).
     rise : Tensor, shape (nodes, columns), optional
-        The rise of each column at each node, where it is known: then the only one.
+        The rise of each column at each node, where it is known. The polynomials then are constants.
 
     Returns
     -------
-    Tensor, shape (3, rises, nodes, columns)
-        ln I, ln of the gaps' share of I, and ln of the share of I that moves the mean gap.
+    Tensor, shape (3, powers, nodes, columns)
+        Coefficients of ln I, of ln of the gaps' share of I, and of ln of the share of I that moves
+        the mean gap.
     """
     nodes, lifts = lifted.open.shape[:2]
     to_lifts = _monomials(tuple(lifted.lifts.tolist())).to(lifted.open.device)
@@ -242,50 +198,34 @@ def by_rise(
         return _combined(to_lifts, torch.log(values).unbind(1))
 
     def of_columns(
-        pull: Tensor, work: Tensor, edge: Tensor, weight: Tensor, rise: Tensor | None = None
+        pull: Tensor, work: Tensor, beside: Tensor, rise: Tensor | None = None
     ) -> Tensor:
-        rises = edge.new_tensor(RISES)[:, None, None] if rise is None else rise[None]
-        beside = edge, weight
-        return _at_rises(against_lift(pull), against_lift(work), beside, rises, bounds)
+        relative_lift = (beside[:, :1] / beside).clamp(min=1.0).sqrt() - 1  # z: lift over reach
+        edge = against_lift(beside[:, :1] / (1 + relative_lift**2 / (1 + relative_lift)) ** 2)
+        rises = beside.new_tensor(_RISES)[:, None, None] if rise is None else rise[None]
+        return _at_rises(against_lift(pull), against_lift(work), edge, rises, bounds)
 
-    edge = on_gaps(lifted.edge)
-    sums = [
-        on_lifted(lifted.open), on_lifted(lifted.work), edge,
-        edge * lifted.punch_m / on_gaps(lifted.width_m),
-    ]  # fmt: skip
+    sums = [on_lifted(mass) for mass in (lifted.open, lifted.work, lifted.edge)]
     sums = sums if rise is None else [*sums, rise]
     parts = zip(*(of_kind.split(_COLUMNS, -1) for of_kind in sums), strict=True)
-    return torch.cat([of_columns(*part) for part in parts], -1)
+    results = torch.cat([of_columns(*part) for part in parts], -1)
+    if rise is not None:
+        return results
+    return _combined(_monomials(_RISES).to(results.device), results.unbind(1)).movedim(0, 1)
 
 
 def _at_rises(
-    gaps: Tensor,
-    work: Tensor,
-    edge: tuple[Tensor, Tensor],
-    rises: Tensor,
-    bounds: tuple[float, float],
+    gaps: Tensor, work: Tensor, edge: Tensor, rises: Tensor, bounds: tuple[float, float]
 ) -> Tensor:
-    """Ln I and ln of its two shares at rises, from polynomials of the lift within bounds.
-
-    `edge` has E0, and E0 over the sum of a crack in balance where all of p_A is lifted.
-    """
+    """Ln I and ln of its two shares at rises, from polynomials of the lift within bounds."""
     shares = -torch.expm1(-rises)  # of p_A: the part that is the attraction
-
-    def beside(lift: Tensor) -> tuple[Tensor, Tensor]:
-        """Sum over g - 1 where gaps are lifted by `lift`, and the slope of its logarithm."""
-        unlifted, weight = edge
-        opened = -torch.expm1(-lift.clamp(min=0.0))  # of p_A
-        over = 1 + (weight * opened) ** _SHARPNESS
-        slope = -(weight**_SHARPNESS) * opened ** (_SHARPNESS - 1) * (1 - opened) / over
-        return unlifted / over ** (1 / _SHARPNESS), slope
 
     def lift_of(lift: Tensor) -> tuple[Tensor, Tensor]:
         """Lift that the attraction causes after gaps were lifted by `lift`, and its slope."""
-        (pull, pull_slope), (moved, moved_slope) = (
+        (pull, pull_slope), (spots, spots_slope), (moved, moved_slope) = (
             (torch.exp(value), slope)
-            for value, slope in (_polynomial(part, lift) for part in (gaps, work))
+            for value, slope in (_polynomial(part, lift) for part in (gaps, edge, work))
         )
-        spots, spots_slope = beside(lift)
         total = pull + spots
         kept = moved / total
         total_slope = (pull * pull_slope + spots * spots_slope) / total
@@ -302,6 +242,6 @@ def _at_rises(
     value, slope = lift_of(lift)
     lift = (lift + (value - lift) / (1 - slope.detach())).clamp(*bounds)
     pull = torch.exp(_polynomial(gaps, lift)[0])
-    total = pull + beside(lift)[0]
+    total = pull + torch.exp(_polynomial(edge, lift)[0])
     work_done = _polynomial(work, lift)[0]
     return torch.stack([torch.log(total), torch.log(pull / total), work_done - torch.log(total)])

@@ -182,7 +182,7 @@ def test_nothing_is_drawn_past_pull_in(program, figures):
             snapped += 1
             last = np.flatnonzero(~past)[-1]
             assert (data.columns["voltage_v"][last], area[last]) in crosses
-    assert snapped == len(crosses)
+    assert snapped == len(crosses) > 0
 
 
 # Fig. 4

@@ -234,7 +234,7 @@ def test_friction_of_a_direct_drive_is_its_periods_mean(finger, screen, own_cach
     assert still.mu(amplitude[-1:])[0] == pytest.approx(felt.mu[inside].mean(), abs=0.05 * jnd)
     # What the mean attraction alone would give is further off than either.
     naive = float(model.solve(0.5, 180.0, 120.0).mu)
-    assert whole - naive > 0.2 * jnd
+    assert whole - naive > 0.3 * jnd
 
 
 def test_the_period_before_a_sample_does_not_depend_on_the_blocks(response, rng):

@@ -82,11 +82,11 @@ def test_a_finger_past_a_limit_without_voltage_has_no_surface() -> None:
 
 
 def test_the_commands_say_it_in_words(haptix_cli: CommandLine, tmp_path: Path) -> None:
-    at = ["--normal-force-n", "0.3", "--voltage-v", "200", "--frequency-hz", "60"]
-    STICKY.save(tmp_path / "sticky.toml")
-    done = haptix_cli("query", "--finger", str(tmp_path / "sticky.toml"), *at)
+    at = ["--normal-force-n", "0.7", "--voltage-v", "200", "--frequency-hz", "125"]
+    done = haptix_cli("query", "--finger", "wet", *at)
     assert "FRICTION" in done.out
     assert "friction above 5" in " ".join(done.out.split())
+    STICKY.save(tmp_path / "sticky.toml")
     build = ["build", str(tmp_path / "a.surface"), "--finger", str(tmp_path / "sticky.toml")]
     build += ["--frequency-hz", "60", "--normal-force-n", "0.3", "--tolerance", "1 JND"]
     for more, word in (([], "FRICTION"), (["--past-limits", "--overwrite"], "OK")):
