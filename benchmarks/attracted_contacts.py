@@ -237,11 +237,12 @@ def by_theory(surface: Solved, spots: ContactSpots) -> Balance:
     return MeanFieldBalance(contact).solve(Load(p0, pull, field.highest_asperity(box)))
 
 
-def closed(surface: Solved, row: Array) -> tuple[float, float, float] | None:
+def closed(surface: Solved, row: Array, crack: bool) -> tuple[float, float, float] | None:
     """Area, mean gap and pull of the gaps by the closure on the surface's own unattracted states.
 
-    Written out once more, by fixed-point iteration on ranks, as docs/mean-field.md states it. None
-    where it takes loads beyond those that were solved.
+    Written out once more, by fixed-point iteration on ranks, as docs/mean-field.md states it, with
+    edges as the theory has them or as a crack in balance. None where it takes loads beyond those
+    that were solved.
     """
     h0, spot_pa = row[0] * surface.h_rms_m, row[1]
     log_p, area_at, gap_at = np.log(surface.off[:, 0]), surface.off[:, 1], surface.off[:, 2]
@@ -270,13 +271,15 @@ def closed(surface: Solved, row: Array) -> tuple[float, float, float] | None:
         weight = edge_weight(
             torch.tensor(area, dtype=torch.float64), torch.tensor(np.minimum(rank, 1 - area))
         ).numpy()
-        unlifted = float(
-            (spot_pa * (h0 / (h0 + gap)) ** 2 * np.diff(weight, prepend=0.0) * inside).sum()
-        )
-        punch = max(-np.expm1(log_gap - log_area), 1e-9) * float(at(falling, log_area))
-        crack = 2 * area * spot_pa * h0 / punch
+        edges = np.diff(weight, prepend=0.0) * inside
+        beside = float((spot_pa * (h0 / (h0 + gap)) ** 2 * edges).sum())
+        if crack:
+            punch = max(-np.expm1(log_gap - log_area), 1e-9) * float(at(falling, log_area))
+            beside /= (1 + (beside * punch / (2 * area * spot_pa * h0)) ** 3) ** (1 / 3)
+        else:
+            z = sqrt(max(beside / float((lifted * edges).sum()), 1.0)) - 1
+            beside /= (1 + z**2 / (1 + z)) ** 2
         pull = float((lifted * step).sum())
-        beside = unlifted / (1 + (unlifted / crack) ** 3) ** (1 / 3)
         new_area = np.log(surface.p0_pa + pull + beside)
         new_gap = np.log(surface.p0_pa + (lifted * fall * step).sum())
         change = abs(new_area - log_area) + abs(new_gap - log_gap)
@@ -310,7 +313,8 @@ Errors = dict[str, dict[tuple[str, float, int], list[tuple[float, ...]]]]
 
 def errors(folder: Path) -> Errors:
     """Of the closure and of two theories: pull over p0 and theory over elements, by row."""
-    found: Errors = {name: defaultdict(list) for name in ("closure", "local", "corrected")}
+    names = ("closure", "crack", "local", "corrected")
+    found: Errors = {name: defaultdict(list) for name in names}
     distributions = {(each.cell.name, each.seed): each for each in solutions(folder)}
     for surface in kept():
         solved = distributions.get((surface.cell.name, surface.seed))
@@ -326,12 +330,13 @@ def errors(folder: Path) -> Errors:
                 continue
             ratio = area / surface.off[0, 1]
             total = (pull + row[1] * area) / surface.p0_pa
-            by_closure = closed(solved, row) if solved else None
-            if by_closure is not None:
-                new, wide, pulled = by_closure
-                found["closure"][key].append(
-                    (pull / surface.p0_pa, new, area, pulled, pull, wide, gap, new, area, total)
-                )
+            for name in ("closure", "crack") if solved else ():
+                by_closure = closed(solved, row, name == "crack")
+                if by_closure is not None:
+                    new, wide, pulled = by_closure
+                    found[name][key].append(
+                        (pull / surface.p0_pa, new, area, pulled, pull, wide, gap, new, area, total)
+                    )
             for name, balance in theories.items():
                 areas = balance.area_fraction
                 found[name][key].append(
@@ -364,6 +369,7 @@ def tables(folder: Path, least_surfaces: int = 2) -> str:
     ]
     titles = {
         "closure": "closure on the elements' own contacts",
+        "crack": "the same, edges as a crack in balance",
         "local": "`local`",
         "corrected": "`corrected`",
     }
@@ -389,7 +395,7 @@ def tables(folder: Path, least_surfaces: int = 2) -> str:
                 f"{100 * np.median(np.abs(column)):.1f} / {100 * np.abs(column).max():.0f}"
                 for column in chosen.T
             ]
-            if name == "closure":
+            if name in ("closure", "crack"):
                 cells[3] = "-"
             lines.append(f"| {title}, {label} | {len(chosen)} | {' | '.join(cells)} |")
     return "\n".join([*lines, "", *coverage(found, least_surfaces)])

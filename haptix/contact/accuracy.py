@@ -32,13 +32,13 @@ SHOWN_ERRORS = ((5e-4, 3, 9, 8), (VALIDATED_X, 5, 28, 5))
 """One row for each range of x, without voltage: lowest x of the range, median and largest error of
 the area, largest error of the mean gap; errors in per cent of the boundary elements' values."""
 
-UNDER_VOLTAGE = {"x": (3e-4, 5e-2), "h0/h_rms": (0.05, 1.0), "gaps' attraction/p0": (0.0, 20.0)}
+UNDER_VOLTAGE = {"x": (3e-4, 5e-2), "h0/h_rms": (0.01, 1.0), "gaps' attraction/p0": (0.0, 20.0)}
 """Ranges in which theory and boundary elements were compared under voltage."""
 
 _THIN = 0.15
-"""h0/h_rms below which the interval of the ratio grows in inverse proportion."""
+"""h0/h_rms below which the interval of the ratio grows, as h0/h_rms to the power -0.7."""
 
-_RATIO_WIDTH = {"local": 0.075, "corrected": 0.31}
+_RATIO_WIDTH = {"local": 0.08, "corrected": 0.31}
 """Half-width of the 90 % interval of ``ln mu(V)/mu(0)`` over that logarithm itself, by theory."""
 
 
@@ -106,7 +106,7 @@ def of_states(
         width_at_rest = torch.where(in_range, log(1 + worst / 100), width_at_rest)
     driven = pull_over_p0 > 0
     width = _RATIO_WIDTH[theory] * torch.log(ratio.clamp(min=1.0))
-    width = width * (_THIN / h0_over_h_rms).clamp(min=1.0)
+    width = width * (_THIN / h0_over_h_rms).clamp(min=1.0) ** 0.7
     reasons = beyond_validation(float(x.min()), float(x.max()), inf)
     quantities = zip((x, h0_over_h_rms, pull_over_p0), UNDER_VOLTAGE.items(), strict=True)
     for value, (name, (least, most)) in quantities:

@@ -17,7 +17,8 @@ rank n is larger than a share n of the area, contact spots (A) included.
 - The gaps beside an edge close as in contact without attraction where the lift is small against the
   attraction's reach. Where it is large, they are lifted like the others (JKR). Let z be the lift
   over the reach. Between these limits a share ``z/(1 + z)`` of the lift counts; z follows from the
-  factor ``(1 + z)^-2`` by which lifting all of these gaps would weaken their attraction.
+  factor ``(1 + z)^-2`` by which lifting all of these gaps would weaken their attraction. Below
+  ranks of a fiftieth of A, v is a root that joins the mean field's own.
 
 No number is fitted (docs/mean-field.md).
 """
@@ -36,6 +37,7 @@ from haptix.contact.tables import differences
 
 _LIFT_STEPS = (0, 4, 10, 20, 34, 50)  # steps of the lattice from p_g to p_A: a ratio of up to 120
 _PUNCH_SHARE = 0.5  # of a flat punch's lift, for gaps within reach of the attraction
+_NEAR_EDGE = 0.02  # of the spots' area: ranks below which the mean field has gaps of no width
 _STEEPEST = 4.0  # bound of v, above that of any gap: nearly empty bins have meaningless quotients
 _TINY = 1e-300
 # ln p_A/p0 at which the effect of an attraction is computed; between them it is a polynomial.
@@ -138,6 +140,13 @@ class LiftedGaps:
         work = torch.minimum(work, _STEEPEST * mass)
         middle = torch.cat([edges_m[1:2] / 2, (edges_m[1:-1] * edges_m[2:]).sqrt()])
         reach = work / mass.clamp(min=_TINY)
+        # The mean field's narrowest gaps have no width, and would stay closed. Beside an edge a
+        # flat punch opens as the root of the distance.
+        place = rank[:, 1:] - area[:, None] - mass / 2
+        near = _NEAR_EDGE * area[:, None]
+        first = torch.searchsorted(rank[:, 1:] - area[:, None], near).clamp(max=mass.shape[1] - 1)
+        root = reach.gather(1, first) * (place / near.clamp(min=_TINY)).clamp(0.0, 1.0).sqrt()
+        reach = torch.where(place < near, root, reach)
         low = mean_gap_m[more:]
         edge = edge_weight(area[:, None], rank[:, 1:] - area[:, None])
         edge = torch.cat([edge[:, :1], edge.diff(dim=-1)], -1).clamp(min=0.0)

@@ -160,6 +160,10 @@ def iterated(field: MeanField, p0_pa: float, spot_pa: float, h0_m: float) -> tup
         share, weight = at(mass, node(of_area)), at(work, node(of_area))
         spots = float(at(area, node(of_area)))
         v = np.where(share > 1e-14, weight / np.maximum(share, 1e-14), 0.0)
+        # Beside an edge, up to a fiftieth of the spots' area, the lift goes as the root.
+        place, near = share.cumsum() - share / 2, 0.02 * spots
+        anchor = v[np.searchsorted(share.cumsum(), near)]
+        v = np.where(place < near, anchor * np.sqrt(np.clip(place / near, 0, 1)), v)
         lifted = spot_pa * (h0_m / (h0_m + gap + 0.5 * lift * np.minimum(v, 4))) ** 2
         theta = np.minimum(pi / 2 * (spots + np.concatenate([[0.0], share.cumsum()])), pi / 2)
         opening = np.arccos(np.clip(np.cos(theta) / np.cos(pi / 2 * spots), 0, 1))
@@ -190,6 +194,36 @@ def test_tables_agree_with_iteration(
     assert float(solved.area_fraction) == pytest.approx(area, rel=6e-3)
     assert float(solved.gap_attraction_pa) == pytest.approx(pull, rel=6e-3)
     assert float(solved.mean_gap_m) == pytest.approx(gap, rel=3e-3)
+
+
+def thin_rows() -> list[tuple[str, float]]:
+    """Cells of the thinnest insulators that were resolved."""
+    return [(f"{h}_16_4_hs_{x}_128", h0) for h in (80, 50) for x in ("1e-3", "1e-2")
+            for h0 in (0.01, 0.02)]  # fmt: skip
+
+
+@pytest.mark.parametrize(("cell", "relative"), thin_rows())
+def test_thin_insulators_are_near_boundary_elements(cell: str, relative: float) -> None:
+    """The gain of area under attractions of gaps and spots up to 40 p0, of means over surfaces."""
+    gains: dict[int, list[tuple[float, float]]] = defaultdict(list)
+    with ROWS.open() as file:
+        rows = [row for row in csv.DictReader(file) if row["cell"] == cell]
+    for seed in sorted({row["seed"] for row in rows}):
+        at = [row for row in rows if row["seed"] == seed and row["h0_over_h_rms"] == str(relative)]
+        h_rms, p0, off = (float(at[0][key]) for key in ("h_rms_m", "p0_pa", "area_off"))
+        spectrum = RoughnessSpectrum.self_affine(h_rms, int(cell[:2]) / 100, 2e4, 8e4, 3.2e5)
+        theory = THEORIES["local"].mean_field(spectrum, HalfSpace(4e7, 0.5))
+        spot, area = (np.array([float(row[key]) for row in at]) for key in ("spot_pa", "area"))
+        solved = solve(theory, p0, np.concatenate([[0.0], spot]), relative * h_rms)
+        gained = (solved.area_fraction[1:] / solved.area_fraction[0]).numpy()
+        for number in range(len(at)):
+            gains[number].append((gained[number], area[number] / off))
+    assert len(gains) >= 7
+    for both in gains.values():
+        by_theory, by_elements = np.mean(both, 0)
+        # Two to three surfaces of 16 waves scatter by some 5 %; the worst row is 32 % high. Where
+        # the narrowest gaps were not lifted it was 8 times too high.
+        assert by_theory == pytest.approx(by_elements, rel=0.35)
 
 
 @pytest.fixture(scope="module")

@@ -304,5 +304,5 @@ def test_a_term_costs_the_time_that_it_adds(plain, monkeypatch):
 
 def test_a_scene_may_refuse_what_was_not_shown(carrier, carrier_plan):
     assert carrier_plan.accuracy.startswith("accuracy not shown: ")
-    with pytest.raises(InputError, match=r"not_shown: .*h0/h_rms.*docs/mean-field.md"):
+    with pytest.raises(InputError, match=r"not_shown: .* under voltage.*docs/mean-field.md"):
         plan_scene(carrier.replace(not_shown="refuse"))
