@@ -109,7 +109,7 @@ def test_voltage_beyond_snap_in_is_a_status(haptix_cli: CommandLine, gel: list[s
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ("--normal-force-n 1e6 --voltage-v 0", "closes every gap of a surface"),
+        ("--normal-force-n 1e6 --voltage-v 0", "expected a finite number of at most 100"),
         ("--normal-force-n 1 --voltage-v 2000", "above the limit"),
         ("--normal-force-n 1 --voltage-v 0 --with finite-size", "switch it off"),
         (
