@@ -524,6 +524,10 @@ class Oracle:
         work = np.maximum(fall, 0.0) * u
         work = np.minimum(work / simpson(work, x=x), 4 * mass)
         reach = np.divide(work, mass, out=np.zeros_like(mass), where=mass > 1e-12 * mass.max())
+        place = (rank - self.area_fraction(pressure)) / (0.02 * self.area_fraction(pressure))
+        anchor = reach[np.searchsorted(place, 1.0)]  # below it, the root of the distance
+        place[0] /= 2  # stands for all gaps below the finest
+        reach = np.where(place < 1, anchor * np.sqrt(np.clip(place, 0.0, 1.0)), reach)
         spots, angle = pi / 2 * self.area_fraction(pressure), pi / 2 * np.minimum(rank, 1.0)
         beyond = np.arccos(np.clip(np.cos(angle) / np.cos(spots), -1.0, 1.0)) - (angle - spots)
         edge = np.diff(2 / pi * beyond, prepend=0.0)  # the first of gaps below the finest
