@@ -183,6 +183,7 @@ def certify(folder):
     assert "panel 7" in (folder.parent / "panels.html").read_text()
 
 
+@pytest.mark.slow
 def test_a_finished_session_is_not_computed_again(fitted, tmp_path, monkeypatch):
     shutil.copytree(fitted, tmp_path / "s")
     known = {"youngs_modulus_pa": 4e7, "h_rms_m": 22e-6}

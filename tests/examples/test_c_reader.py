@@ -21,7 +21,7 @@ from haptix.surface import Interpolant
 from haptix.surface.axes import Axes
 
 SOURCE = Path(__file__).parents[2] / "examples" / "read_surface.c"
-POINTS = 3000
+POINTS = 1000
 
 # Of mu, relative, and of (V / the highest V)^2. C computes in double, Python as the file has it:
 # logarithms of voltages near 4 round by 2.4e-7 in each of three blends, which is twice that in the

@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 import threading
+import urllib.parse
 from pathlib import Path
 
 import pytest
@@ -74,8 +75,9 @@ def search(tmp_path_factory):
 
             def links(words):
                 # A fresh page for each: what was found for the last words cannot be taken for this.
-                page.goto(f"{address}index.html")
-                page.locator("[data-md-component=search-query]").fill(words, force=True)
+                # In the address, since words that are typed before the page's script has begun to
+                # listen are lost.
+                page.goto(f"{address}index.html?{urllib.parse.urlencode({'q': words})}")
                 found = page.locator(".md-search-result__link")
                 found.first.wait_for(state="attached", timeout=120_000)
                 hrefs = found.evaluate_all("links => links.map(link => link.href)")

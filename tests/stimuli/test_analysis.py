@@ -257,6 +257,7 @@ def test_comparisons_that_set_no_end_give_no_interval():
     ]
 
 
+@pytest.mark.slow
 def test_intervals_hold_values_that_are_nearly_always_told_apart():
     """Normal intervals hold the ends of this scale in three of four sessions."""
     draw, truth, n = np.random.default_rng(2), 3.0 * np.arange(-2, 3), 4

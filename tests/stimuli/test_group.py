@@ -7,7 +7,7 @@ from scipy.stats import multivariate_normal, ttest_1samp, ttest_rel
 from haptix.stimuli.group import group
 
 A, B = np.array([1.0, 0.0]), np.array([0.0, 1.0])
-RUNS = 150
+RUNS = 60
 
 
 def people(count, shared, own, spread, seed):

@@ -73,7 +73,13 @@ def estimates(name, observer):
 
 
 @pytest.mark.parametrize("name", METHODS)
-@pytest.mark.parametrize("observer", OBSERVERS)
+@pytest.mark.parametrize(
+    "observer",
+    [
+        name if name == "assumed" else pytest.param(name, marks=pytest.mark.slow)
+        for name in OBSERVERS
+    ],
+)
 def test_intervals_hold_the_truth(name, observer):
     found = [(one, truth) for one, truth in estimates(name, observer) if one.low == one.low]
     held = np.mean([one.low <= truth <= one.high for one, truth in found])
@@ -137,6 +143,7 @@ def test_what_an_observer_does_is_said():
     assert "out of order" in " ".join(run(wild, lambda x, _: shares[x], 4).estimate().warnings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("guess", "empties"), [(0.05, 100), (0.3, 100)])
 def test_trials_without_a_target_tell_who_says_yes(guess, empties):
     """Yes or no: the share of false alarms is a parameter, and is returned."""
