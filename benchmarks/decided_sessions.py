@@ -24,7 +24,7 @@ from independent_finger import Finger, contacts
 import haptix
 from calibration import Parameters, StrokePredictor, fit_strokes, short_protocol, verify
 from calibration.parameters import PER_FINGER
-from calibration.power import with_enough_held_out
+from calibration.power import MOST_HELD_OUT, extended_plan, with_enough_strokes
 from calibration.practice import VIRTUAL_RIG
 from calibration.predict import StrokeConditions
 from calibration.profile import calibrated_screen, finger_at, match_screens
@@ -55,7 +55,7 @@ class Sessions:
         key = volts, repeatability
         if key not in self.plans:
             short = short_protocol(self.predictor, self.start, 3.0, volts)
-            self.plans[key] = with_enough_held_out(
+            self.plans[key] = with_enough_strokes(
                 self.predictor, self.start, short, repeatability, volts
             )[0]
         return self.plans[key]
@@ -108,20 +108,22 @@ class Sessions:
         plan = self.plan(volts, repeatability)
         points = self.strokes(true, plan.strokes, rng, repeatability, volts, defect)
         rig = rig_of(volts, defect)
-        fit = fit_strokes(rig.corrected(Reduced(points)), self.predictor, self.start, bootstraps=20)
-        finger = finger_at(self.finger, {name: fit.best(name) for name in PER_FINGER})
-        thickness = fit.best("h0_m") * self.screen.insulator_permittivity
-        screen = self.screen.replace(insulator_thickness_m=thickness)
-        written = Written(self.predictor, finger, screen)
         planned_s, first = plan.duration_s, None
         while True:
             reduced = rig.corrected(Reduced(points))
+            fit = fit_strokes(reduced, self.predictor, self.start, bootstraps=20)
+            finger = finger_at(self.finger, {name: fit.best(name) for name in PER_FINGER})
+            thickness = fit.best("h0_m") * self.screen.insulator_permittivity
+            screen = self.screen.replace(insulator_thickness_m=thickness)
+            written = Written(self.predictor, finger, screen)
             found = verify(fit, reduced, written, rig=rig, looks=plan.looks)
             first = first or found.verdict
-            before = len(plan.held_out)
-            if not found.is_open or plan.looks >= 3 or before >= 60:
+            if not found.is_open or plan.looks >= 3 or len(plan.held_out) >= MOST_HELD_OUT:
                 break
-            plan = plan.extended(min(before + max(before // 2, 2), 60))
+            longer = extended_plan(self.predictor, self.start, plan, fit, found)
+            if longer is None:
+                break
+            plan = longer
             added = [one for one in plan.strokes if one.number > len(points)]
             points += self.strokes(true, added, rng, repeatability, volts, defect)
         off = self.errors(true, written, finger, screen, found.verified, defect)
@@ -133,7 +135,7 @@ class Sessions:
             "defect": defect, "volts": volts, "planned_minutes": planned_s / 60,
             "minutes": plan.duration_s / 60, "first": first, "looks": plan.looks,
             "verdict": found.verdict, "worst_jnd": off, "failures": list(found.failures)[:2],
-            "strokes_used": len(fit.strokes),
+            "strokes_used": len(fit.strokes), "h0_spread": fit["h0_m"].spread,
         }  # fmt: skip
 
     def matched(self, number, apart, seed):

@@ -2,10 +2,13 @@
 
 Sessions are drawn as the model expects them: a fit that is wrong by its own covariance, and
 held-out strokes that scatter by the rig's repeatability. `calibration.verification` tests each.
+Fingers and screens are drawn too, from the priors: on each the fitted strokes determine d1/eps1 or
+do not.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import cast
 
@@ -15,10 +18,18 @@ from calibration.fit import Fit, Repeatability
 from calibration.fitting import reported_within
 from calibration.parameters import Array, Parameters
 from calibration.predict import Prediction, StrokeConditions, StrokePredictor
-from calibration.protocol import RIPPLE_ERROR, Protocol, with_held_out
+from calibration.protocol import (
+    MU_ERROR,
+    RIPPLE_ERROR,
+    Protocol,
+    determining_strokes,
+    expected_rows,
+    with_held_out,
+)
 from calibration.reduction import Point, Reduced
 from calibration.steadiness import TOLERANCE_JND
-from calibration.verification import HeldOutStroke, fit_bound, groups_of
+from calibration.verification import HeldOutStroke, Verification, fit_bound, groups_of
+from haptix.perception import WEBER_FRACTION
 
 ENOUGH = 0.95
 """Chance of a good screen from which a plan needs no more strokes.
@@ -30,6 +41,10 @@ It is that of a screen that is as the model says; with other contact laws among 
 MOST_HELD_OUT = 60
 """Held-out strokes beyond which no more are planned."""
 
+_AIMED = 0.8  # of the spread that is reported: other contact laws and the form leave a larger one
+_TRUTHS, _MOST_TRUTHS = 40, 400  # fingers and screens drawn; most of them snap in at a high voltage
+_UNKNOWN_SPREAD = 0.4  # of what has no prior: within a factor of two in most cases
+_LEAST_REPEATABILITY = 1e-3
 _DRAWS = 200  # of a chance of 0.9: known within 0.02
 _RIPPLE_SD = 1e-3  # in mu, beside RIPPLE_ERROR
 _RIPPLE_SEEN_BELOW_HZ = 900.0
@@ -46,6 +61,9 @@ def chance_of_passing(
         StrokeConditions.of(one for one in protocol.strokes if one.held_out is wanted)
         for wanted in (False, True)
     )
+    _, known_h0 = drawn_truths(predictor, parameters, fitted, repeatability)
+    spreads_h0 = np.linalg.inv(known_h0)[:, [h0 := parameters.free.index("h0_m")], [h0]] ** 0.5
+    determined = float(np.mean(spreads_h0 <= reported_within("h0_m")))
     known, seen = (
         predictor(strokes, parameters.names, parameters.log_values)
         for strokes in (fitted, held_out)
@@ -82,29 +100,69 @@ def chance_of_passing(
         drawn = _rows(held_out, seen, log_mu, ripple)
         groups = groups_of(drawn, cast(Fit, fit), predictor, None)
         passed += all(one.bound_jnd <= TOLERANCE_JND for one in groups)
-    return passed / _DRAWS
+    return determined * passed / _DRAWS
 
 
-def with_enough_held_out(
+def drawn_truths(
+    predictor: StrokePredictor,
+    parameters: Parameters,
+    strokes: StrokeConditions,
+    repeatability: float,
+) -> tuple[list[Parameters], Array]:
+    """Draw fingers and screens on which the strokes stay in light contact.
+
+    Also returns what the strokes tell of each, shape (truths, free, free).
+    """
+    rng, truths, information = np.random.default_rng(1), [], []
+    for _ in range(_MOST_TRUTHS):
+        log_values = {
+            name: np.log(parameters[name].value)
+            + rng.normal(0, parameters.prior_spread(name) or _UNKNOWN_SPREAD)
+            for name in parameters.free
+        }
+        truth = parameters.started_at(**{n: float(np.exp(v)) for n, v in log_values.items()})
+        rows, is_light = expected_rows(predictor, truth, strokes)
+        if is_light.all():
+            rows = rows * np.array([[MU_ERROR / repeatability], [1.0]])
+            truths.append(truth)
+            information.append(parameters.prior_information() + (rows.mT @ rows).sum(0))
+        if len(truths) == _TRUTHS:
+            break
+    if not truths:  # the voltage is too high for most fingers: that of the start alone is planned
+        rows, is_light = expected_rows(predictor, parameters, strokes)
+        rows = rows[is_light] * np.array([[MU_ERROR / repeatability], [1.0]])
+        return [parameters], (parameters.prior_information() + (rows.mT @ rows).sum(0))[None]
+    return truths, np.array(information)
+
+
+def with_enough_strokes(
     predictor: StrokePredictor,
     parameters: Parameters,
     protocol: Protocol,
     repeatability: float,
     max_voltage_v: float,
 ) -> tuple[Protocol, float]:
-    """Add held-out strokes until a good screen passes in `ENOUGH` of sessions; with the chance.
+    """Add strokes until a good screen passes in `ENOUGH` of sessions; with the chance.
 
-    Where 60 held-out strokes are not enough, the protocol has as many.
+    Fitted strokes are added first, until they determine d1/eps1 in as many, and held-out strokes
+    then. Where 60 held-out strokes are not enough, the protocol has as many.
     """
+    fitted = StrokeConditions.of(one for one in protocol.strokes if not one.held_out)
+    truths, information = drawn_truths(predictor, parameters, fitted, repeatability)
+    most = _AIMED * reported_within("h0_m")
+    more = determining_strokes(
+        predictor, truths, information, repeatability, max_voltage_v, most, (1 + ENOUGH) / 2
+    )
 
     def tried(count: int) -> tuple[Protocol, float]:
         plan = with_held_out(protocol, count, max_voltage_v)
         return plan, chance_of_passing(predictor, parameters, plan, repeatability)
 
-    fewest = sum(one.held_out for one in protocol.strokes)
-    chance = chance_of_passing(predictor, parameters, protocol, repeatability)
-    enough = protocol, chance
-    if chance < ENOUGH and fewest < MOST_HELD_OUT:
+    fewest = len(protocol.held_out)
+    if more:
+        protocol = with_held_out(protocol, fewest, max_voltage_v, more)
+    enough = protocol, chance_of_passing(predictor, parameters, protocol, repeatability)
+    if enough[1] < ENOUGH and fewest < MOST_HELD_OUT:
         enough = tried(MOST_HELD_OUT)
         too_few, count = fewest, MOST_HELD_OUT
         while enough[1] >= ENOUGH and (middle := too_few + (count - too_few) // 4 * 2) > too_few:
@@ -114,6 +172,37 @@ def with_enough_held_out(
             else:
                 too_few = middle
     return enough
+
+
+def extended_plan(
+    predictor: StrokePredictor,
+    parameters: Parameters,
+    protocol: Protocol,
+    fit: Fit,
+    verification: Verification,
+) -> Protocol | None:
+    """Return the plan with the strokes added that would decide an open verdict.
+
+    None where no number of strokes that `determining_strokes` allows determines d1/eps1.
+    """
+    repeatability = max(fit.repeatability.log_mu, _LEAST_REPEATABILITY)
+    max_voltage_v = max(stroke.voltage_v for stroke in protocol.strokes)
+    count, fitted = len(protocol.held_out), list[Sequence[float]]()
+    if fit["h0_m"].value is None:
+        found = parameters.started_at(**{name: fit.best(name) for name in fit.free})
+        known = np.asarray(np.linalg.inv(fit.covariance)[None])
+        determining = determining_strokes(
+            predictor, [found], known, repeatability, max_voltage_v,
+            _AIMED * reported_within("h0_m"),
+        )  # fmt: skip
+        if determining is None:
+            return None
+        fitted = determining
+    if any(group.bound_jnd > verification.tolerance_jnd for group in verification.groups):
+        repeats = WEBER_FRACTION * verification.steadiness.repeatability_jnd
+        enough, _ = with_enough_strokes(predictor, parameters, protocol, repeats, max_voltage_v)
+        count = min(max(len(enough.held_out), count + max(count // 2, 2)), MOST_HELD_OUT)
+    return protocol.extended(count, fitted)
 
 
 def _jacobians(predicted: Prediction) -> tuple[Array, Array]:

@@ -54,6 +54,8 @@ _COLUMNS = "normal_force_n", "voltage_v", "frequency_hz", "speed_mm_per_s", "con
 _FREQUENCIES_HZ = (30.0, 60.0, 125.0, 300.0, 1000.0, 4000.0)
 _VOLTAGE_SHARES = (0.0, 0.5, 0.75, 1.0)
 _FEWEST_FITTED = 6
+MOST_ADDED = 24
+"""Fitted strokes beyond which no more are added to determine d1/eps1."""
 _PLAYABLE_V_PER_S = 0.98 * DriveLimits().max_slew_v_per_s  # a driver's limit may be a little lower
 
 MU_ERROR = 0.01
@@ -191,13 +193,18 @@ class Protocol(Document):
         """Strokes that are kept out of the fit."""
         return tuple(one for one in self.strokes if one.held_out)
 
-    def extended(self, count: int) -> Self:
-        """Return the protocol with more held-out strokes, `count` in all, at its end."""
-        last, before = max(one.number for one in self.strokes), len(self.held_out)
-        highest = max(one.voltage_v for one in self.strokes)
+    def extended(self, count: int, fitted: Iterable[Sequence[float]] = ()) -> Self:
+        """Return the protocol with more strokes at its end, for another look at the verdict.
+
+        `count` held-out strokes in all; the `fitted` ones are rows as for `shuffled`.
+        """
+        last, before = max(stroke.number for stroke in self.strokes), len(self.held_out)
+        highest = max(stroke.voltage_v for stroke in self.strokes)
+        rows = [(row, False) for row in fitted]
+        rows += [(row, True) for row in _held_out(count, highest)[before:]]
         more = [
-            _stroke(last + number, row, True, self.strokes[0].there_and_back)
-            for number, row in enumerate(_held_out(count, highest)[before:], start=1)
+            _stroke(last + number, row, is_held_out, self.strokes[0].there_and_back)
+            for number, (row, is_held_out) in enumerate(rows, start=1)
         ]
         return self.replace(strokes=(*self.strokes, *more), looks=self.looks + 1)
 
@@ -257,13 +264,19 @@ def _held_out(count: int, max_voltage_v: float) -> list[Sequence[float]]:
     return [(force, share * highest, *others) for force, share, *others in places]
 
 
-def with_held_out(protocol: Protocol, count: int, max_voltage_v: float) -> Protocol:
-    """Return the protocol with `count` held-out strokes in place of its own."""
-    fitted = [
-        (one.normal_force_n, one.voltage_v, one.frequency_hz)
-        for one in protocol.strokes
-        if not one.held_out
+def with_held_out(
+    protocol: Protocol,
+    count: int,
+    max_voltage_v: float,
+    more_fitted: Iterable[Sequence[float]] = (),
+) -> Protocol:
+    """Return the protocol with `count` held-out strokes in place of its own, and more fitted."""
+    fitted: list[Sequence[float]] = [
+        (stroke.normal_force_n, stroke.voltage_v, stroke.frequency_hz)
+        for stroke in protocol.strokes
+        if not stroke.held_out
     ]
+    fitted += more_fitted
     held_out = _held_out(count, max_voltage_v)
     return Protocol.shuffled(protocol.name, fitted, held_out, protocol.strokes[0].there_and_back)
 
@@ -292,6 +305,71 @@ def expected_spread(
     information = parameters.prior_information() + (light.mT @ light).sum(0)
     spread = np.sqrt(np.diag(np.linalg.inv(information)))
     return dict(zip(parameters.free, spread.tolist(), strict=True))
+
+
+def _candidates(max_voltage_v: float) -> tuple[Array, StrokeConditions]:
+    """Strokes to choose from: force [N], amplitude [V], frequency [Hz], and their conditions."""
+    volts = [max_voltage_v * share for share in _VOLTAGE_SHARES]
+    places = np.array(list(product(FORCES_N, volts, _FREQUENCIES_HZ)))
+    # Without voltage the frequency changes nothing: one of them is enough.
+    places = places[(places[:, 1] > 0) | (places[:, 2] == FREQUENCY_HZ)]
+    speeds = np.full(len(places), USUAL_MM_PER_S)
+    return places, StrokeConditions(places[:, 0], places[:, 1], places[:, 2], speeds)
+
+
+def determining_strokes(
+    predictor: StrokePredictor,
+    truths: Sequence[Parameters],
+    information: Array,
+    repeatability: float,
+    max_voltage_v: float,
+    largest_spread: float,
+    share: float = 1.0,
+) -> list[Sequence[float]] | None:
+    """Choose fitted strokes, each the one that most lowers the spread of d1/eps1.
+
+    Parameters
+    ----------
+    predictor : StrokePredictor
+    truths : sequence of Parameters
+        Fingers and screens on which they are to determine it.
+    information : array, shape (truths, free, free)
+        What is known already, in the logarithms of the free parameters.
+    repeatability : float
+        Standard deviation of ln mu from stroke to stroke.
+    max_voltage_v : float
+        Highest amplitude [V].
+    largest_spread : float
+        Standard deviation of ln(d1/eps1) that is small enough.
+    share : float
+        Share of the truths in which it is to be as small.
+
+    Returns
+    -------
+    list or None
+        Rows as for `Protocol.shuffled`; None where `MOST_ADDED` strokes are not enough.
+    """
+    places, strokes = _candidates(max_voltage_v)
+    at = truths[0].free.index("h0_m")
+    found = [expected_rows(predictor, truth, strokes) for truth in truths]
+    rows, is_light = (np.array(part) for part in zip(*found, strict=True))
+    rows = rows * np.array([[MU_ERROR / repeatability], [1.0]]) * is_light[..., None, None]
+    known, chosen = information.copy(), list[Sequence[float]]()
+    while True:
+        covariance = np.linalg.inv(known)
+        if np.mean(covariance[:, at, at] <= largest_spread**2) >= share:
+            return chosen
+        if len(chosen) == MOST_ADDED:
+            return None
+        # Of two rows r (friction and ripple): C - C r' (1 + r C r')^-1 r C.
+        seen = np.einsum("tsap,tpq->tsaq", rows, covariance)
+        inner = np.einsum("tsaq,tsbq->tsab", seen, rows) + np.eye(2)
+        of_h0 = seen[..., at]
+        lowered = np.einsum("tsa,tsab,tsb->ts", of_h0, np.linalg.inv(inner), of_h0)
+        left = np.maximum(1 - lowered / covariance[:, None, at, at], 1e-9)
+        best = int(np.log(left).sum(0).argmin())
+        chosen.append(places[best].tolist())
+        known += rows[:, best].mT @ rows[:, best]
 
 
 def short_protocol(
@@ -324,12 +402,7 @@ def short_protocol(
     InputError
         If the time is too short, or the contact snaps in at all voltages.
     """
-    volts = [max_voltage_v * share for share in _VOLTAGE_SHARES]
-    places = np.array(list(product(FORCES_N, volts, _FREQUENCIES_HZ)))
-    # Without voltage the frequency changes nothing: one of them is enough.
-    places = places[(places[:, 1] > 0) | (places[:, 2] == FREQUENCY_HZ)]
-    speeds = np.full(len(places), USUAL_MM_PER_S)
-    strokes = StrokeConditions(places[:, 0], places[:, 1], places[:, 2], speeds)
+    places, strokes = _candidates(max_voltage_v)
     h0 = parameters["h0_m"].value
     cases = [
         expected_rows(predictor, parameters.started_at(h0_m=factor * h0), strokes)

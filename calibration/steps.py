@@ -22,7 +22,12 @@ from calibration.fitting import (
     other_forms,
 )
 from calibration.parameters import Parameters
-from calibration.power import MOST_HELD_OUT, chance_of_passing, with_enough_held_out
+from calibration.power import (
+    MOST_HELD_OUT,
+    chance_of_passing,
+    extended_plan,
+    with_enough_strokes,
+)
 from calibration.practice import TRUTH, PracticeResult, compare_with_truth
 from calibration.predict import StrokeConditions, StrokePredictor
 from calibration.profile import (
@@ -56,7 +61,6 @@ from haptix.files import json_text, parse_json, read_text, reading, write_whole
 from haptix.finger import Finger
 from haptix.friction import ContactModel, in_theory
 from haptix.pair import FINGER, SCREEN
-from haptix.perception import WEBER_FRACTION
 from haptix.screen import CalibrationWarning, Screen
 from haptix.terms import TERMS
 from haptix.version import __version__
@@ -154,7 +158,7 @@ def finish_decided(
         more_s = plan.duration_s - before.protocol.duration_s
         count = len(plan.strokes) - len(before.protocol.strokes)
         question = (
-            f"The strokes scatter, and leave the verdict open. {count} strokes more, some "
+            f"The strokes leave the verdict open. {count} strokes more, some "
             f"{more_s / 60:.1f} minutes, would decide it. Go on?"
         )
         plan.save(folder / "protocol.toml")
@@ -167,23 +171,22 @@ def finish_decided(
 
 
 def plan_that_decides(folder: Path, verification: Verification) -> Protocol | None:
-    """Return the plan with the held-out strokes added that would decide a verdict; None for others.
+    """Return the plan with the strokes added that would decide a verdict; None for others.
 
-    As many as a good screen needs to pass in 95 % of sessions where strokes repeat as these did; at
-    least half as many again.
+    Held-out strokes are added where the scatter leaves the verdict open, as many as a good screen
+    needs to pass in 95 % of sessions where strokes repeat as these did, and at least half as many
+    again. Fitted strokes are added where the fit does not determine the insulator.
     """
     session = Session.open(folder)
     protocol, info = session.protocol, session.info
     before = len(protocol.held_out)
     if not verification.is_open or protocol.looks >= MOST_LOOKS or before >= MOST_HELD_OUT:
         return None
-    repeats = WEBER_FRACTION * verification.steadiness.repeatability_jnd
-    volts = max(one.voltage_v for one in protocol.strokes)
-    predictor = StrokePredictor(ContactModel(info.finger, info.screen))
-    start = Parameters.of(info.finger, info.screen).with_rig()
-    enough, _ = with_enough_held_out(predictor, start, protocol, repeats, volts)
-    count = max(len(enough.held_out), before + max(before // 2, 2))
-    return protocol.extended(min(count, MOST_HELD_OUT))
+    fit = Fit.load(folder / FIT)
+    finger = in_theory(info.finger, fit.theory or info.finger.theory)
+    predictor = StrokePredictor(ContactModel(finger, info.screen))
+    start = Parameters.of(finger, info.screen).with_rig()
+    return extended_plan(predictor, start, protocol, fit, verification)
 
 
 def written_screen(folder: Path) -> Screen | None:
@@ -228,7 +231,7 @@ def plan_strokes(
 
     Finger and screen are the assumed ones. A short protocol takes `minutes`. The highest
     amplitude [V] is the screen's limit by default. With the rig's `repeatability` (standard
-    deviation of ln mu) held-out strokes are added until a good screen passes in 95 % of sessions.
+    deviation of ln mu) strokes are added until a good screen passes in 95 % of sessions.
 
     Raises
     ------
@@ -253,7 +256,7 @@ def plan_strokes(
         repeatability = MU_ERROR
         chance = chance_of_passing(predictor, parameters, protocol, repeatability)
     else:
-        protocol, chance = with_enough_held_out(
+        protocol, chance = with_enough_strokes(
             predictor, parameters, protocol, repeatability, limit
         )
     strokes = StrokeConditions.of(one for one in protocol.strokes if not one.held_out)

@@ -156,7 +156,8 @@ class Verification:
     volts_read : bool
         Whether a second instrument read the volts.
     is_open : bool
-        Whether it failed by scatter alone, so that more held-out strokes may decide.
+        Whether it failed only by what more strokes may decide: the scatter leaves a group open, or
+        the fit does not determine friction or the insulator.
     """
 
     strokes: tuple[HeldOutStroke, ...]
@@ -305,11 +306,13 @@ def verify(
             )
     bound = fit_bound(fit, reduced, rows, predictor)
     if bound > tolerance_jnd:
+        undecided += 1
         failures.append(
             f"the fit knows friction within {bound:.2g} JND only, somewhere in the range of use; "
             f"expected {tolerance_jnd:g}: measure more strokes"
         )
     if fit["h0_m"].value is None:
+        undecided += 1
         failures.append(fit["h0_m"].refusal())
     steady = steadiness(fit, reduced, predictor)
     creeps = abs(steady.creep_jnd) - steady.creep_uncertainty_jnd

@@ -1,6 +1,7 @@
 """A session that scatter leaves undecided asks for the strokes that would decide it."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
@@ -31,7 +32,8 @@ def session(tmp_path, finger, screen):
 def quick(monkeypatch):
     """The verdicts of a test in place of a fit's; as many strokes as a plan for 2.2 % has."""
     verdicts = []
-    monkeypatch.setattr(steps, "with_enough_held_out", lambda *given: (given[2].extended(10), 0.9))
+    monkeypatch.setattr(steps.Fit, "load", lambda path: SimpleNamespace(theory=None))
+    monkeypatch.setattr(steps, "extended_plan", lambda *given: given[2].extended(10))
     monkeypatch.setattr(
         steps, "finish_folder", lambda folder, context: Finished(verdicts.pop(0), None, 4, {})
     )

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from calibration import Parameters, Protocol, StrokePredictor, fit_strokes, verify
 from calibration.parameters import PER_FINGER
-from calibration.power import ENOUGH, chance_of_passing, with_enough_held_out
+from calibration.power import ENOUGH, chance_of_passing, with_enough_strokes
 from calibration.practice import VIRTUAL_RIG, draw_truth
 from calibration.profile import finger_at
 from calibration.protocol import short_protocol, with_held_out
@@ -43,7 +43,7 @@ def test_strokes_that_repeat_worse_pass_less_and_more_of_them_more(predictor, st
 
 
 def test_a_plan_holds_out_enough_and_fits_the_same_strokes(predictor, start, short):
-    enough, chance = with_enough_held_out(predictor, start, short, 0.03, VOLTS)
+    enough, chance = with_enough_strokes(predictor, start, short, 0.03, VOLTS)
     assert chance >= ENOUGH
 
     def fitted(plan):
@@ -58,11 +58,11 @@ def test_a_plan_holds_out_enough_and_fits_the_same_strokes(predictor, start, sho
     fewer = with_held_out(short, count - 2, VOLTS)
     assert chance_of_passing(predictor, start, fewer, 0.03) < ENOUGH
     # One is good enough from the start, and stays as it is.
-    assert with_enough_held_out(predictor, start, short, 0.01, VOLTS)[0] == short
+    assert with_enough_strokes(predictor, start, short, 0.01, VOLTS)[0] == short
 
 
 def test_no_number_of_strokes_helps_a_rig_that_is_too_bad(predictor, start, short):
-    most, chance = with_enough_held_out(predictor, start, short, 0.2, VOLTS)
+    most, chance = with_enough_strokes(predictor, start, short, 0.2, VOLTS)
     assert chance < 0.1
     assert sum(one.held_out for one in most.strokes) == 60
 
@@ -127,7 +127,7 @@ def session(predictor, start, finger, screen, reduced_of):
 
 @pytest.mark.slow
 def test_sessions_pass_as_their_plan_says(predictor, start, short, session):
-    enough, _ = with_enough_held_out(predictor, start, short, 0.03, VOLTS)
+    enough, _ = with_enough_strokes(predictor, start, short, 0.03, VOLTS)
     passed = [session(enough, 0.03, seed).passed for seed in range(10)]
     assert sum(passed) >= 6  # at a chance of 0.9, fewer of 10 have a probability of 0.2 %
     # Wrong by half a JND where nothing was fitted: one of twenty at most, by the test's level.
