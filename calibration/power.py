@@ -51,19 +51,24 @@ _RIPPLE_SEEN_BELOW_HZ = 900.0
 
 
 def chance_of_passing(
-    predictor: StrokePredictor, parameters: Parameters, protocol: Protocol, repeatability: float
+    predictor: StrokePredictor,
+    parameters: Parameters,
+    protocol: Protocol,
+    repeatability: float,
+    determined: float | None = None,
 ) -> float:
     """Share of sessions in which a screen that is as the model says passes.
 
-    `repeatability` is the standard deviation of ln mu from stroke to stroke.
+    `repeatability` is the standard deviation of ln mu from stroke to stroke, and `determined` the
+    share of `drawn_truths` on which the fitted strokes determine d1/eps1, if it is known.
     """
     fitted, held_out = (
         StrokeConditions.of(one for one in protocol.strokes if one.held_out is wanted)
         for wanted in (False, True)
     )
-    _, known_h0 = drawn_truths(predictor, parameters, fitted, repeatability)
-    spreads_h0 = np.linalg.inv(known_h0)[:, [h0 := parameters.free.index("h0_m")], [h0]] ** 0.5
-    determined = float(np.mean(spreads_h0 <= reported_within("h0_m")))
+    if determined is None:
+        _, known_h0 = drawn_truths(predictor, parameters, fitted, repeatability)
+        determined = _share_determined(parameters, known_h0)
     known, seen = (
         predictor(strokes, parameters.names, parameters.log_values)
         for strokes in (fitted, held_out)
@@ -101,6 +106,12 @@ def chance_of_passing(
         groups = groups_of(drawn, cast(Fit, fit), predictor, None)
         passed += all(one.bound_jnd <= TOLERANCE_JND for one in groups)
     return determined * passed / _DRAWS
+
+
+def _share_determined(parameters: Parameters, information: Array) -> float:
+    at = parameters.free.index("h0_m")
+    variances = np.linalg.inv(information)[:, at, at]
+    return float(np.mean(variances <= reported_within("h0_m") ** 2))
 
 
 def drawn_truths(
@@ -154,14 +165,18 @@ def with_enough_strokes(
         predictor, truths, information, repeatability, max_voltage_v, most, (1 + ENOUGH) / 2
     )
 
-    def tried(count: int) -> tuple[Protocol, float]:
-        plan = with_held_out(protocol, count, max_voltage_v)
-        return plan, chance_of_passing(predictor, parameters, plan, repeatability)
-
     fewest = len(protocol.held_out)
     if more:
         protocol = with_held_out(protocol, fewest, max_voltage_v, more)
-    enough = protocol, chance_of_passing(predictor, parameters, protocol, repeatability)
+        fitted = StrokeConditions.of(one for one in protocol.strokes if not one.held_out)
+        _, information = drawn_truths(predictor, parameters, fitted, repeatability)
+    determined = _share_determined(parameters, information)
+    enough = protocol, chance_of_passing(predictor, parameters, protocol, repeatability, determined)
+
+    def tried(count: int) -> tuple[Protocol, float]:
+        plan = with_held_out(protocol, count, max_voltage_v)
+        return plan, chance_of_passing(predictor, parameters, plan, repeatability, determined)
+
     if enough[1] < ENOUGH and fewest < MOST_HELD_OUT:
         enough = tried(MOST_HELD_OUT)
         too_few, count = fewest, MOST_HELD_OUT
