@@ -12,8 +12,16 @@ from calibration import Parameters, Protocol, StrokePredictor, fit_strokes, veri
 from calibration.parameters import PER_FINGER
 from calibration.power import ENOUGH, chance_of_passing, with_enough_strokes
 from calibration.practice import VIRTUAL_RIG, draw_truth
+from calibration.predict import StrokeConditions
 from calibration.profile import finger_at
-from calibration.protocol import short_protocol, with_held_out
+from calibration.protocol import (
+    MU_ERROR,
+    determining_strokes,
+    expected_rows,
+    expected_spread,
+    short_protocol,
+    with_held_out,
+)
 from calibration.reduction import Reduced
 from haptix.cli.application import group_of
 
@@ -65,6 +73,32 @@ def test_no_number_of_strokes_helps_a_rig_that_is_too_bad(predictor, start, shor
     most, chance = with_enough_strokes(predictor, start, short, 0.2, VOLTS)
     assert chance < 0.1
     assert sum(one.held_out for one in most.strokes) == 60
+
+
+def test_fitted_strokes_are_added_until_the_insulator_is_determined(predictor, start, short):
+    """The spread is that of a fit of all strokes, which is computed here from their rows."""
+    strokes = StrokeConditions.of(one for one in short.strokes if not one.held_out)
+
+    def spread(conditions):
+        return expected_spread(predictor, start, conditions)["h0_m"]
+
+    before = spread(strokes)
+    rows, is_light = expected_rows(predictor, start, strokes)
+    rows = rows[is_light]
+    known = (start.prior_information() + (rows.mT @ rows).sum(0))[None]
+    assert before == pytest.approx(
+        np.linalg.inv(known[0]).diagonal()[start.free.index("h0_m")] ** 0.5
+    )
+    wanted = 0.9 * before
+    added = determining_strokes(predictor, [start], known, MU_ERROR, VOLTS, wanted)
+    plan = short.extended(len(short.held_out), added)
+    everything = [one for one in plan.strokes if not one.held_out]
+    assert len(everything) == len(strokes) + len(added)
+    assert spread(StrokeConditions.of(everything)) <= wanted
+    without_last = StrokeConditions.of(everything[:-1])
+    assert spread(without_last) > wanted  # and no more than it takes
+    # No stroke tells anything where friction repeats by a factor of ten.
+    assert determining_strokes(predictor, [start], known, 1e9, VOLTS, 0.01 * before) is None
 
 
 def test_the_command_says_how_long_it_takes(tmp_path, finger):
