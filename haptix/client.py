@@ -49,7 +49,8 @@ with from_extra("serve"):
 
 _LOG = logging.getLogger("haptix.client")
 _SUBPROTOCOL = Subprotocol("haptix.v1")
-_WAIT_S, _CLOSE_S, _FILE_S = 10.0, 1.0, 60.0
+# The service gives up what takes more than 20 s, and says so.
+_WAIT_S, _CLOSE_S, _FILE_S = 25.0, 1.0, 60.0
 _FIRST_S, _LAST_S = 0.1, 5.0  # between two attempts to connect again
 _REPLAYED = ("geometry", "subscribe")  # sent again on resuming: the service does not keep them
 _MOST_SENDING = 64  # batches that are not sent yet; above this, a touch waits
@@ -247,7 +248,7 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
         Refused
             If the service refuses it.
         Lost
-            If the connection is gone, or no answer came within 10 s.
+            If the connection is gone, or no answer came within 25 s.
         """
         self._number += 1
         number = self._number
@@ -284,6 +285,10 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
     def _send_file(self, path: Path) -> str:
         address, token = self._find()
         content = path.read_bytes()
+        most = self.welcome.limits.asset_bytes
+        if len(content) > most:  # the service would close the connection in the midst of the file
+            why = f"{path.name} has {len(content)} bytes; expected at most {most}: send a smaller file"
+            raise Refused(m.Error(id=0, code="limit", sentence=why))
         digest = sha256(content).hexdigest()
         base = address.removesuffix("/v1/session").replace("ws", "http", 1)
         request = Request(

@@ -77,6 +77,10 @@ namespace Haptix
             return Task.Run(() =>
             {
                 byte[] content = File.ReadAllBytes(path);
+                long most = Welcome.Limits.AssetBytes;
+                if (content.Length > most)  // the service would close the connection in the midst of the file
+                    throw new Refused(new Error { Code = "limit", Path = "", Sentence =
+                        Path.GetFileName(path) + " has " + content.Length + " bytes; expected at most " + most + ": send a smaller file" });
                 string suffix = Path.GetExtension(path).ToLowerInvariant(), digest;
                 using (SHA256 sha = SHA256.Create())
                     digest = BitConverter.ToString(sha.ComputeHash(content)).Replace("-", "").ToLowerInvariant();

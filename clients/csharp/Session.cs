@@ -31,7 +31,8 @@ namespace Haptix
     {
         const string Protocol = "1.0";
         const string Empty = "{'inventory': {'devices': [{}]}, 'limits': {}, 'keep_alive': {}, 'output': {}, 'lease': {}}";
-        const double WaitS = 10.0, CloseS = 1.0;
+        // The service gives up what takes more than 20 s, and says so.
+        const double WaitS = 25.0, CloseS = 1.0;
         const double FirstS = 0.1, LastS = 5.0; // between two attempts to connect again
         const int MostEvents = 1000; // that wait for `Pump`; then the oldest are dropped
         static readonly JsonSerializer Given = new JsonSerializer { NullValueHandling = NullValueHandling.Ignore };

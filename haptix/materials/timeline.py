@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from math import inf
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, PlainSerializer, PlainValidator, WithJsonSchema
@@ -17,6 +17,7 @@ from haptix.motion import Depends, Facts, Motion
 from haptix.signals.shapes import Points, Pulse
 from haptix.signals.signal import ANY_SIGNAL, Signal, signal_from
 from haptix.texture import Evaluator
+from haptix.texture.field import TargetKind
 from haptix.texture.material import AnyMaterial, Material
 
 RATE_HZ = 12_000.0
@@ -36,15 +37,27 @@ Begins = Literal["start", "down", "press", "release", "detent"]
 """The event from which a curve's time counts: the first sample, or a fact of the finger."""
 
 _FACTS = Depends.TIME | Depends.FACTS
-EffectName = Literal["hint", "edge", "tick", "align"]
+EffectName = Literal["hint", "edge", "tick", "align", "success", "error"]
 _EFFECTS = {
     "hint": Pulse(0.35, 0.03, length_s=0.03),
     "edge": Pulse(1.0, 0.08, length_s=0.08),
     "tick": Pulse(0.8, 0.012, length_s=0.012),
     "align": Points((0.0, 0.008, 0.0081, 0.048, 0.0481), (1.0, 1.0, -0.3, -0.3, 0.0)),
+    "success": Points(
+        (0.0, 0.012, 0.0121, 0.12, 0.1201, 0.132, 0.1321), (0.56, 0.56, 0, 0, 0.8, 0.8, 0)
+    ),
+    "error": Points(
+        (0.0, 0.08, 0.0801, 0.16, 0.1601, 0.24, 0.2401, 0.32, 0.3201, 0.4, 0.4001),
+        (1, 1, 0, 0, 1, 1, 0, 0, 1, 1, 0),
+    ),
 }
-"""Shares against time. The names come from the WICG's proposal of haptics for the web, which
-defines their meaning and no values; the values are ours."""
+"""Shares of `WHOLE_CONTRAST` against time. The names are those of the WICG's proposal of haptics
+for the web, which defines their meaning and no values, and two more; the values are ours."""
+
+WHOLE_CONTRAST = 0.165
+"""Change of friction of a whole effect over that without voltage: 1.5 JND of 0.11. A share of the
+reachable range would be 0.1 JND on a dry finger and 7 JND on a wet one. The preset of a semi-wet
+finger reaches this on its screen at 0.5 N and 150 V."""
 
 
 def _signal(table: Any) -> Signal:
@@ -221,11 +234,13 @@ class WebEffect(_FromEvent):
     """One of the web's effects, with an intensity.
 
     ``hint``: something can be done here. ``edge``: the end of a range. ``tick``: a step of it.
-    ``align``: two things are in line; friction rises, then falls below what it was.
+    ``align``: two things are in line; friction rises, then falls below what it was. ``success``:
+    two ticks. ``error``: three edges. They ask for changes relative to the friction without
+    voltage, so that each finger and screen that can give them gives the same.
 
     Parameters
     ----------
-    name : {"hint", "edge", "tick", "align"}
+    name : {"hint", "edge", "tick", "align", "success", "error"}
         Which one.
     intensity : float
         How strong, 0 to 1.
@@ -238,6 +253,7 @@ class WebEffect(_FromEvent):
     'tick'
     """
 
+    target: ClassVar[TargetKind] = "contrast"
     kind: Literal["effect"] = "effect"
     name: EffectName
     intensity: Annotated[float, Field(ge=0, le=1)] = 1.0
@@ -246,4 +262,4 @@ class WebEffect(_FromEvent):
     def timeline(self) -> Timeline:
         """The curve's table."""
         whole = Timeline.of(_EFFECTS[self.name], "rest")
-        return Timeline(whole.t_s, np.asarray(self.intensity * whole.value), None)
+        return Timeline(whole.t_s, np.asarray(WHOLE_CONTRAST * self.intensity * whole.value), None)

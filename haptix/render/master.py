@@ -87,6 +87,9 @@ class PlayingEffect:
         begun = Facts(0.0, 0.0, 0.0, 0.0, 0.0)
         moved = motion.begun_at(self.start_s, ((((-inf, begun),)),) * motion.fingers)
         value = self.evaluator.wanted(moved)
+        if self.evaluator.target == "contrast":
+            low, high = motion.reach
+            value = value * low / np.maximum(high - low, 1e-9 * low)
         if self.fade.after[0] == 1.0:
             return value
         return value * (1 - self.fade.parts(motion.t_s))
@@ -223,9 +226,9 @@ class Master:
         check_feelable("effect", effect)
         evaluator = effect.evaluator
         length_s = getattr(effect, "length_s", None)
-        if length_s is None or not isfinite(length_s) or evaluator.target != "share":
+        if length_s is None or not isfinite(length_s) or evaluator.target == "mu":
             raise InputError(
-                "effect: expected one that ends and is a share of the reachable friction, such as "
+                "effect: expected one that ends and is a share or a contrast of friction, such as "
                 f"haptix.materials.Transient, got a {type(effect).__name__}"
             )
         whole("priority", priority, -(10**6))

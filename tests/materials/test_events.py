@@ -193,28 +193,35 @@ def test_an_audio_clip_is_felt_below_a_kilohertz(tmp_path):
 
 
 def test_effects_have_an_intensity_and_an_order():
-    t = STEP_S * np.arange(1500)
+    t = STEP_S * np.arange(6000)
     whole = {n: WebEffect(name=n, begins="start").wanted(Motion.of(0.0, 0.0, t))
-             for n in ("hint", "edge", "tick", "align")}  # fmt: skip
+             for n in ("hint", "edge", "tick", "align", "success", "error")}  # fmt: skip
     half = WebEffect(name="tick", begins="start", intensity=0.5).wanted(Motion.of(0.0, 0.0, t))
     np.testing.assert_allclose(half, 0.5 * whole["tick"])
     assert whole["hint"].max() < whole["tick"].max() < whole["edge"].max()
-    assert whole["align"].min() < -0.25
-    assert all(not values[t > 0.1].any() for values in whole.values())
+    assert whole["align"].min() < -0.25 * whole["edge"].max()
+    rises = {n: np.sum(np.diff(values > 0.02) & (values[1:] > 0.02)) for n, values in whole.items()}
+    assert rises == {"hint": 1, "edge": 1, "tick": 1, "align": 1, "success": 2, "error": 3}
+    lengths = {"success": 0.135, "error": 0.403}
+    assert all(not values[t > lengths.get(n, 0.1)].any() for n, values in whole.items())
 
 
-def test_a_tick_is_felt_by_a_finger_that_slides(model):
-    surface = haptix.FrictionSurface.build(
-        model, {"normal_force_n": 0.5, "frequency_hz": 4000.0}, tolerance=1e-3
-    )
+@pytest.mark.parametrize("thickness", [0.6, 1.5])
+@pytest.mark.parametrize("finger", ["semi-wet", "wet"])
+def test_an_effect_is_as_strong_on_other_fingers_and_screens(finger, thickness):
+    """`benchmarks/effects.py` has more of both; half a JND is what the effects are held to."""
+    screen = haptix.Screen.preset("3m-sct3250")
+    screen = screen.replace(insulator_thickness_m=thickness * screen.insulator_thickness_m)
+    model = haptix.ContactModel(haptix.Finger.preset(finger), screen)
+    axes = {"normal_force_n": 0.5, "frequency_hz": 4000.0}
+    surface = haptix.FrictionSurface.build(model, axes, tolerance=1e-3)
     t = np.arange(0, 0.3, 0.01)
-    found = simulate(Setting(model, WebEffect(name="edge"), path_of(t, 80 * t, 5.0, 0.5)), surface)
-    felt, share = (
-        found.felt,
-        (found.felt.mu - found.lowest_mu) / (found.highest_mu - found.lowest_mu),
-    )
-    assert share[(felt.t_s > 0.02) & (felt.t_s < 0.075)].min() > 0.95
-    assert share[(felt.t_s > 0.09) & (felt.t_s < 0.28)].max() < 0.01
+    effect = WebEffect(name="tick")
+    found = simulate(Setting(model, effect, path_of(t, 80 * t, 5.0, 0.5)), surface)
+    change = found.felt.mu / found.lowest_mu - 1
+    asked = effect.timeline.value.max()
+    assert abs(np.nanmax(change) - asked) < 0.5 * 0.11  # of a JND of 0.11
+    assert np.nanmax(np.abs(change[(found.felt.t_s > 0.03) & (found.felt.t_s < 0.28)])) < 0.011
 
 
 @pytest.mark.parametrize(

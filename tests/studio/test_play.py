@@ -91,37 +91,103 @@ def test_a_slide_is_touches_in_millimetres_with_the_force_that_is_said(front, pl
     assert {report.normal_force_n for report in front.engine.reports} == {None}
 
 
-def test_two_fingers_at_once(front, opened, browser):
+@pytest.fixture
+def hands(front, opened, browser):
+    """A page that has taken over, and its input: touches and a pen, as Chromium emulates them."""
     context = browser.new_context(viewport={"width": 1280, "height": 800}, has_touch=True)
     page = context.new_page()
+    errors = []
+    page.on("pageerror", lambda error: errors.append(str(error)))
     front.engine.reports.clear()
     page.goto(address(front))
     page.get_by_role("button", name="Take over").click()
     page.locator('.output[data-state="armed"]').wait_for()
-    touches = context.new_cdp_session(page)
-    for number in range(6):
-        points = [
-            {"id": finger, "x": x + 4 * number, "y": y}
-            for finger, (x, y) in enumerate([place(page, 10, 17), place(page, 70, 17)])
-        ]
-        kind = "touchMove" if number else "touchStart"
-        touches.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
-    touches.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
-    wait_for(lambda: [report.kind for report in front.engine.reports].count("up") == 2)
-    by_finger = {
-        touch_id: [
-            report.x_mm
-            for report in front.engine.reports
-            if report.touch_id == touch_id and report.kind != "up"
-        ]
-        for touch_id in (0, 1)
-    }
-    assert by_finger[0][0] == pytest.approx(10, abs=0.1)
-    assert by_finger[1][0] == pytest.approx(70, abs=0.1)
-    assert all(xs == sorted(xs) and len(xs) > 2 for xs in by_finger.values())
+    page.locator(".uplot").first.wait_for()
+    yield page, context.new_cdp_session(page)
     context.close()
     opened.get_by_role("button", name="Arm").click()
     opened.locator('.output[data-state="armed"]').wait_for()
+    assert not errors
+
+
+def touch(hands, kind, **fingers):
+    """Send the fingers that touch now, by number: x [mm], and force and radius where they say."""
+    page, input = hands
+    points = []
+    for name, (x_mm, *rest) in fingers.items():
+        x, y = place(page, x_mm, 17)
+        more = dict(zip(("force", "radiusX"), rest, strict=False))
+        points.append({"id": int(name[1:]), "x": x, "y": y, **more})
+    input.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+
+def kinds(front, touch_id):
+    """What the engine was told of a finger, without repeated moves."""
+    told = [report.kind for report in front.engine.reports if report.touch_id == touch_id]
+    return [kind for kind, _ in itertools.groupby(told)]
+
+
+def test_two_fingers_at_once(front, hands):
+    for number in range(6):
+        kind = "touchMove" if number else "touchStart"
+        touch(hands, kind, f0=(10 + number,), f1=(70 + number,))
+    touch(hands, "touchEnd")
+    wait_for(lambda: [report.kind for report in front.engine.reports].count("up") == 2)
+    for touch_id, first_mm in ((0, 10), (1, 70)):
+        moved = [report for report in front.engine.reports if report.touch_id == touch_id][:-1]
+        x_mm = [report.x_mm for report in moved]
+        assert x_mm[0] == pytest.approx(first_mm, abs=0.1)
+        assert x_mm == sorted(x_mm) and len(x_mm) > 2
+
+
+def test_two_hands_of_which_one_lifts_and_a_palm_is_cancelled(front, hands):
+    touch(hands, "touchStart", f0=(10,), f1=(70,))
+    touch(hands, "touchStart", f0=(10,), f1=(70,), f2=(40, 0.9, 60))  # a palm comes down
+    touch(hands, "touchEnd", f1=(70,))  # the right hand lifts
+    wait_for(lambda: kinds(front, 1)[-1:] == ["up"])
+    touch(hands, "touchMove", f0=(14,), f2=(42, 0.9, 60))
+    wait_for(lambda: kinds(front, 0) == ["down", "move"])
+    touch(hands, "touchStart", f0=(14,), f2=(42, 0.9, 60), f3=(60,))  # and comes down again
+    wait_for(lambda: kinds(front, 1)[-2:] == ["up", "down"])
+    touch(hands, "touchCancel")  # the system takes all for a palm
+    wait_for(lambda: all(kinds(front, finger)[-1] == "up" for finger in range(3)))
+    count = len(front.engine.reports)
+    touch(hands, "touchStart", f7=(20,))
+    wait_for(lambda: len(front.engine.reports) > count)
+    assert front.engine.reports[count].touch_id == 0  # no number stays taken
+    touch(hands, "touchEnd")
+    wait_for(lambda: kinds(front, 0)[-1] == "up")
+
+
+def test_the_pressure_of_a_tablet_and_of_a_pen_is_the_force(front, hands):
+    page, input = hands
+    page.get_by_label("Normal force", exact=True).select_option("pressure")
+    touch(hands, "touchStart", f0=(10, 0.3))
+    touch(hands, "touchMove", f0=(12, 0.6))
+    touch(hands, "touchEnd")
+    wait_for(lambda: kinds(front, 0)[-1:] == ["up"])
+    told = {report.kind: report.normal_force_n for report in front.engine.reports[:-1]}
+    assert told == {"down": pytest.approx(0.3, abs=0.01), "move": pytest.approx(0.6, abs=0.01)}
+    front.engine.reports.clear()
+
+    def pen(kind, x_mm, force, buttons):
+        x, y = place(page, x_mm, 17)
+        held = {"button": "left" if buttons or kind == "mouseReleased" else "none"}
+        pen = {"pointerType": "pen", "force": force, "tiltX": 40, "tiltY": -20, **held}
+        input.send("Input.dispatchMouseEvent", {"type": kind, "x": x, "y": y, "buttons": buttons,
+                                                "clickCount": 1, **pen})  # fmt: skip
+
+    pen("mouseMoved", 8, 0.0, 0)  # hovers
+    pen("mousePressed", 10, 0.25, 1)
+    pen("mouseMoved", 14, 0.8, 1)
+    pen("mouseReleased", 14, 0.0, 0)
+    pen("mouseMoved", 30, 0.0, 0)
+    wait_for(lambda: kinds(front, 0) == ["down", "move", "up"])
+    down, *_, move, up = front.engine.reports
+    assert down.x_mm == pytest.approx(10, abs=0.1)
+    assert down.normal_force_n == pytest.approx(0.25, abs=0.01)
+    assert move.normal_force_n == pytest.approx(0.8, abs=0.01)
+    assert up.kind == "up"  # and nothing was told of a pen that hovers
 
 
 def test_arrow_keys_slide_at_sixty_millimetres_a_second(front, play):

@@ -25,7 +25,7 @@ import { Calls } from "./calls.js";
 const PROTOCOL = "1.0";
 const SUBPROTOCOL = "haptix.v1";
 export const URL_HERE = "ws://127.0.0.1:7421/v1/session";
-const WAIT_S = 10;
+const WAIT_S = 25; // the service gives up what takes more than 20 s, and says so
 const CLOSE_S = 1;
 const [FIRST_S, LAST_S] = [0.1, 5]; // between two attempts to connect again
 const OFFSETS = 64;

@@ -7,7 +7,7 @@
  */
 
 import { writeTouches } from "./batches.js";
-import { Connection, http, now, URL_HERE } from "./connection.js";
+import { Connection, http, now, Refused, URL_HERE } from "./connection.js";
 import { Pointers } from "./pointers.js";
 
 /** @import * as m from "../types/messages.js" */
@@ -54,6 +54,11 @@ export class Session extends Connection {
    * @param {string} suffix what it is: ".png", ".jpg", ".wav" ...
    * @returns {Promise<string>} */
   async asset(file, suffix) {
+    const most = this.welcome.limits.asset_bytes;
+    if (file.size > most) { // the service would close the connection in the midst of the file
+      const sentence = `the file has ${file.size} bytes; expected at most ${most}: send a smaller file`;
+      throw new Refused({ code: "limit", sentence });
+    }
     const hash = new Uint8Array(await crypto.subtle.digest("SHA-256", await file.arrayBuffer()));
     const digest = [...hash].map((byte) => byte.toString(16).padStart(2, "0")).join("");
     const headers = { authorization: `Bearer ${this.service.token}` };

@@ -11,11 +11,6 @@
 /** @typedef {"hint" | "edge" | "tick" | "align" | "success" | "error"} Effect */
 
 const VIBRATIONS_MS = { hint: [10], edge: [40], tick: [8], align: [10, 30, 10], success: [10, 60, 20], error: [40, 40, 40] };
-/** Effects that are several of the service's: which, when [s], and how strong. */
-const SEVERAL = /** @type {const} */ ({
-  success: [["tick", 0, 0.7], ["tick", 0.12, 1]],
-  error: [["edge", 0, 1], ["edge", 0.16, 1], ["edge", 0.32, 1]],
-});
 
 /**
  * Play an effect; return whether anything plays it. As the proposal has it, nothing rejects.
@@ -35,12 +30,7 @@ export function playHaptics(session, effect, intensity = 1) {
     const pattern = VIBRATIONS_MS[effect].map((ms, at) => (at % 2 ? ms : Math.round(ms * intensity)));
     return globalThis.navigator?.vibrate?.(pattern) ?? false;
   }
-  for (const [name, after_s, share] of SEVERAL[/** @type {"error"} */ (effect)] ?? [[effect, 0, 1]]) {
-    const material = /** @type {const} */ ({ kind: "effect", name, intensity: share * intensity });
-    const play = () => void session.play(/** @type {any} */ (material)).catch(() => {});
-    if (after_s) setTimeout(play, after_s * 1e3);
-    else play();
-  }
+  void session.play({ kind: "effect", name: effect, intensity }).catch(() => {});
   return true;
 }
 

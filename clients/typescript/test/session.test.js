@@ -121,6 +121,8 @@ test("a file is sent once, under its hash", async () => {
   assert.match(name, /^sha256:[0-9a-f]{64}$/); // the engine refuses any other name of a file
   assert.equal(await h.asset(new Blob(["a photograph"]), ".png"), name);
   await assert.rejects(h.asset(new Blob(["x"]), ".exe"), { code: "document" });
+  const large = new Blob([new Uint8Array(h.welcome.limits.asset_bytes + 1)]);
+  await assert.rejects(h.asset(large, ".jpg"), { code: "limit", message: /has 33554433 bytes/ });
   await h.close();
 });
 

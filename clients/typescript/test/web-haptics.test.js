@@ -2,7 +2,6 @@
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { setTimeout as sleep } from "node:timers/promises";
 import WebSocket from "ws";
 
 import { connect } from "../src/haptix.js";
@@ -32,13 +31,8 @@ test("the service plays each effect, as strong as asked", async () => {
   h.play = async (effect) => (asked.push(effect), play(effect));
   await h.acquire(true);
   await h.arm();
-  for (const effect of ["hint", "edge", "tick", "align"]) assert.equal(playHaptics(h, effect, 0.5), true);
-  assert.deepEqual(asked.map(({ kind, name, intensity }) => [kind, name, intensity]),
-    ["hint", "edge", "tick", "align"].map((name) => ["effect", name, 0.5]));
-  asked.length = 0;
-  playHaptics(h, "success");
-  playHaptics(h, "error");
-  while (asked.length < 5) await sleep(10);
-  assert.deepEqual(asked.map(({ name }) => name).sort(), ["edge", "edge", "edge", "tick", "tick"]);
+  const effects = ["hint", "edge", "tick", "align", "success", "error"];
+  for (const effect of effects) assert.equal(playHaptics(h, effect, 0.5), true);
+  assert.deepEqual(asked, effects.map((name) => ({ kind: "effect", name, intensity: 0.5 })));
   await h.close();
 });
