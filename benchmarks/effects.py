@@ -18,9 +18,9 @@ import torch
 import haptix
 from haptix.materials import WebEffect
 from haptix.materials.timeline import EffectName
+from haptix.motion import Trajectory
 from haptix.population import Population
 from haptix.simulation import Setting, simulate
-from haptix.motion import Trajectory
 
 SPREAD = {
     "frictional_shear_stress_pa": 0.3,
@@ -68,7 +68,8 @@ def main():
             most.append((found[0].highest_mu / found[0].lowest_mu).max() - 1)
     strength, most = np.array(strength), np.array(most) / JND
     print(
-        f"{len(most)} pairs of finger and screen; reachable {most.min():.2f} to {most.max():.2f} JND"
+        f"{len(most)} pairs of finger and screen; "
+        f"reachable {most.min():.2f} to {most.max():.2f} JND"
     )
     for number, name in enumerate(names):
         asked = np.max(WebEffect(name=name).timeline.value) / JND

@@ -287,7 +287,8 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
         content = path.read_bytes()
         most = self.welcome.limits.asset_bytes
         if len(content) > most:  # the service would close the connection in the midst of the file
-            why = f"{path.name} has {len(content)} bytes; expected at most {most}: send a smaller file"
+            has = f"{path.name} has {len(content)} bytes"
+            why = f"{has}; expected at most {most}: send a smaller file"
             raise Refused(m.Error(id=0, code="limit", sentence=why))
         digest = sha256(content).hexdigest()
         base = address.removesuffix("/v1/session").replace("ws", "http", 1)

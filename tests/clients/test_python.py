@@ -221,7 +221,7 @@ def test_files_effects_streams_mute_and_pause_have_their_calls(service, connect,
         (tmp_path / "notes.txt").write_bytes(b"")
         with pytest.raises(haptix.client.Refused, match="expected one of"):
             h.asset(tmp_path / "notes.txt")
-        with open(tmp_path / "large.jpg", "wb") as large:
+        with (tmp_path / "large.jpg").open("wb") as large:
             large.truncate(h.welcome.limits.asset_bytes + 1)
         with pytest.raises(haptix.client.Refused, match=r"large.jpg has 33554433 bytes"):
             h.asset(tmp_path / "large.jpg")
