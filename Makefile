@@ -25,7 +25,7 @@ clients: .venv/.ready ## the clients' types and messages, from the schema; needs
 	.venv/bin/python scripts/make-clients.py $(ARGS)
 
 docs: .venv/.ready ## the site, into site/: guides and the API reference; a broken link or a blank page fails
-	NO_MKDOCS_2_WARNING=1 .venv/bin/mkdocs build -q
+	NO_MKDOCS_2_WARNING=1 .venv/bin/mkdocs build
 
 lint: .venv/.ready ## rules and format (ruff), the import contract (import-linter); nothing is changed
 	.venv/bin/ruff check .

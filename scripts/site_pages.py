@@ -20,6 +20,7 @@ from mkdocs.structure.files import File
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "scripts"))
 import figures  # noqa: E402  # beside this file
+import gallery_pictures  # noqa: E402, F401  # the blocks of docs/gallery import it from here
 
 PACKAGES = (
     "haptix", "haptix.contact", "haptix.electro", "haptix.fidelity", "haptix.surface",
@@ -56,16 +57,13 @@ def reference(package: str) -> str:
     documented = [name for name in names if isclass(one := getattr(module, name)) or isroutine(one)]
     if blank := [name for name in documented if not getdoc(getattr(module, name))]:
         raise PluginError(f"{package}: no documentation of {', '.join(blank)}")
-    elsewhere = (
-        {}
-        if package != "haptix"
-        else {
-            name: other
-            for other in PACKAGES[1:]
-            for name in public_names(other)
-            if name in names and getattr(import_module(other), name) is getattr(module, name)
-        }
-    )
+    others = {"haptix": PACKAGES[1:], "haptix.errors": ("firmware_io",)}.get(package, ())
+    elsewhere = {
+        name: other
+        for other in others
+        for name in public_names(other)
+        if name in names and getattr(import_module(other), name) is getattr(module, name)
+    }
     links = [f"[`{name}`][{_path(other, name)}]" for name, other in sorted(elsewhere.items())]
     parts = [f"Also here: {', '.join(links)}."] if links else []
     parts += [f"::: {_path(package, name)}" for name in names if name not in elsewhere]
@@ -103,11 +101,21 @@ def on_config(config: Any) -> Any:
     return config
 
 
-def on_page_markdown(markdown: str, **about: Any) -> str:
-    """Let links to files outside docs/ lead to their pages; mark figures of older code."""
+def on_page_markdown(markdown: str, page: Any, **about: Any) -> str:
+    """Mark figures of older code; let links out of docs/ lead to their pages, or name the file."""
     markdown = figures.filled(markdown, figures.read(), marked=True)
-    for page, path in OUTSIDE.items():
-        markdown = re.sub(rf"\]\((?:\.\./)?{re.escape(path)}", f"]({page}", markdown)
+    for name, path in OUTSIDE.items():
+        markdown = re.sub(rf"\]\((?:\.\./)?{re.escape(path)}", f"]({name}", markdown)
+    folder = (ROOT / "docs" / page.file.src_uri).parent
+
+    def named(link: re.Match[str]) -> str:
+        path = (folder / link["to"]).resolve()
+        if path.is_relative_to(ROOT / "docs") or not path.exists():
+            return link[0]
+        file = f"`{path.relative_to(ROOT)}`"
+        return link["words"] if file in link["words"] else f"{link['words']} ({file})"
+
+    markdown = re.sub(r"\[(?P<words>[^]\[]+)\]\((?P<to>\.\./[^)#]+)\)", named, markdown)
     return re.sub(r"\]\(docs/", "](", markdown)
 
 
