@@ -27,7 +27,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from calibration.parameters import Array
 from calibration.protocol import Stroke
-from haptix.display import Displayed, axes_or_new
+from haptix.display import Table, axes_or_new
 from haptix.documents import first_error
 from haptix.errors import FileFormatError, InputError, from_extra
 from haptix.files import parse_json, reading, write_whole
@@ -75,7 +75,7 @@ class Conditions:
 
 
 @dataclass(frozen=True)
-class StrokeRecording(Displayed):
+class StrokeRecording(Table):
     """One stroke as recorded; every signal has shape (samples,).
 
     Parameters

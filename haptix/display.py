@@ -12,6 +12,7 @@ import numpy as np
 from haptix.errors import from_extra
 
 if TYPE_CHECKING:
+    import pandas
     from matplotlib.axes import Axes
 
 _LONGEST = 60  # characters of a value, if it is no array
@@ -58,6 +59,26 @@ class Displayed:
         return hash((type(self), *(tuple(getattr(value, "shape", ())) for value in values)))
 
 
+class Table(Displayed):
+    """Base of what has a row for each instant: arrays of one length."""
+
+    __slots__ = ()
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return the arrays as columns of a table (extra ``netcdf``, which brings pandas).
+
+        Examples
+        --------
+        >>> from haptix import Trajectory
+        >>> Trajectory.of([0.0, 1.0], [0.0, 50.0], 20.0, 0.5).to_pandas()["x_mm"].tolist()
+        [0.0, 50.0]
+        """
+        with from_extra("netcdf"):
+            import pandas
+        arrays = {name: as_numpy(v) for name, v in self._shown().items() if hasattr(v, "shape")}
+        return pandas.DataFrame({name: one for name, one in arrays.items() if one.ndim == 1})
+
+
 def brief(value: Any) -> str:
     """Return one short line for a value: an array's shape and range, a number's six digits.
 
@@ -69,7 +90,7 @@ def brief(value: Any) -> str:
     if isinstance(value, str):
         return value if len(value) <= _LONGEST else f"{value[: _LONGEST - 3]}..."
     if hasattr(value, "shape") and hasattr(value, "dtype"):
-        array = _numpy(value)
+        array = as_numpy(value)
         if array.size == 1:
             return f"{array.item():.6g}"
         shape = " x ".join(map(str, array.shape))
@@ -104,7 +125,8 @@ def axes_or_new(ax: Axes | None) -> Axes:
     return ax
 
 
-def _numpy(array: Any) -> Any:
+def as_numpy(array: Any) -> Any:
+    """Return a tensor or array as numpy's."""
     return np.asarray(array.detach().cpu() if hasattr(array, "detach") else array)
 
 
@@ -112,7 +134,7 @@ def _are_same(this: Any, other: Any) -> bool:
     if this is other:
         return True
     if hasattr(this, "dtype") and hasattr(other, "dtype"):
-        left, right = _numpy(this), _numpy(other)
+        left, right = as_numpy(this), as_numpy(other)
         return left.dtype == right.dtype and np.array_equal(
             left, right, equal_nan=left.dtype.kind in "fc"
         )

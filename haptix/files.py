@@ -279,8 +279,10 @@ def read_text(path: str | Path, largest_bytes: int = LARGEST_DOCUMENT_BYTES) -> 
     """
     try:
         return read_bytes(path, largest_bytes).decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise FileFormatError(f"{path}: expected a text file, got: {error}") from None
+    except UnicodeDecodeError:
+        raise FileFormatError(
+            f"{path}: expected a text file in UTF-8, got another encoding; save it as UTF-8"
+        ) from None
 
 
 @contextmanager

@@ -12,11 +12,12 @@ import torch
 from torch import Tensor
 
 from haptix.contact import Accuracy, beyond_validation
-from haptix.display import Displayed, axes_or_new
-from haptix.errors import InputError
+from haptix.display import Displayed, Table, as_numpy, axes_or_new
+from haptix.errors import InputError, from_extra
 from haptix.limits import limits_passed
 
 if TYPE_CHECKING:
+    import xarray
     from matplotlib.axes import Axes
 
 
@@ -127,6 +128,44 @@ class ContactState(Displayed):
         ax.set(xlabel=name, ylabel=quantity)
         return ax
 
+    def to_xarray(self, **along: Any) -> xarray.Dataset:
+        """Return all quantities as named arrays (extra ``netcdf``); ``to_dataframe`` is pandas'.
+
+        Parameters
+        ----------
+        **along
+            The input of each axis of the states, in their order, such as
+            ``normal_force_n=[0.5, 1], voltage_v=[0, 50, 100]``.
+
+        Raises
+        ------
+        InputError
+            If the inputs are not as many and as long as the axes.
+        MissingExtraError
+            If xarray is not installed.
+
+        Examples
+        --------
+        >>> import haptix
+        >>> model = haptix.ContactModel(haptix.Finger.preset("wet"), haptix.Screen())
+        >>> forces, volts = [0.5, 1.0], [0.0, 50.0, 100.0]
+        >>> states = model.solve([[force] for force in forces], volts)
+        >>> table = states.to_xarray(normal_force_n=forces, voltage_v=volts)
+        >>> dict(table["mu"].sizes), len(table.to_dataframe())
+        ({'normal_force_n': 2, 'voltage_v': 3}, 6)
+        """
+        with from_extra("netcdf"):
+            import xarray
+        shape = tuple(np.size(values) for values in along.values())
+        if shape != tuple(self.mu.shape):
+            raise InputError(
+                f"to_xarray: expected the input of each axis, of lengths {tuple(self.mu.shape)}, "
+                f"got {', '.join(along) or 'none'} of {shape}"
+            )
+        quantities = {**self._shown(), "status": self.status}
+        arrays = {name: (tuple(along), as_numpy(one)) for name, one in quantities.items()}
+        return xarray.Dataset(arrays, {name: np.ravel(values) for name, values in along.items()})
+
     def warnings(self) -> list[str]:
         """Say where states lie below what was validated or past a limit, as outputs quote it."""
         lowest, highest = (float(end) for end in self.x.detach().aminmax())
@@ -167,7 +206,7 @@ class ContactState(Displayed):
 
 
 @dataclass(frozen=True)
-class PeriodState(Displayed):
+class PeriodState(Table):
     """One period of the drive; every tensor has shape (samples,)."""
 
     t_s: Tensor

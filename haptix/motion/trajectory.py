@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from haptix.checks import Array, increasing, row
-from haptix.display import Displayed, axes_or_new
+from haptix.display import Table, axes_or_new
 from haptix.errors import InputError
 from haptix.files import read_csv
 
@@ -39,7 +39,7 @@ _COLUMNS = ("t_s", "x_mm", "y_mm", "normal_force_n")
 
 
 @dataclass(frozen=True)
-class Trajectory(Displayed):
+class Trajectory(Table):
     """Place and normal force of a finger against time; linear between samples.
 
     Parameters

@@ -250,7 +250,13 @@ def application(
     async def refuse_body(_: Request, error: RequestValidationError) -> Response:
         first = error.errors()[0]
         path = "".join(f"/{part}" for part in first["loc"][1:])
-        content = m.Error(id=0, code="message", sentence=f"{path[1:]}: {first['msg']}", path=path)
+        why = first["msg"].removeprefix("Value error, ")
+        content = m.Error(
+            id=0,
+            code="message",
+            sentence=f"{path[1:]}: {why}",
+            path=path,
+        )
         return JSONResponse(content.model_dump(), 422)
 
     @app.exception_handler(Exception)

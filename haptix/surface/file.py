@@ -239,7 +239,7 @@ def export_netcdf(table: Interpolant, info: Mapping[str, Any], path: Path) -> No
     FileFormatError
         If the file cannot be written.
     """
-    dataset = _dataset(table, info)
+    dataset = as_dataset(table, info)
     # By default xarray marks NaN as missing, but this table has no holes.
     encoding = {str(name): {"_FillValue": None} for name in dataset.variables}
     # Made in memory, since HDF5 does not raise when a disk is full.
@@ -247,7 +247,8 @@ def export_netcdf(table: Interpolant, info: Mapping[str, Any], path: Path) -> No
     write_whole(path, data)
 
 
-def _dataset(table: Interpolant, info: Mapping[str, Any]) -> xarray.Dataset:
+def as_dataset(table: Interpolant, info: Mapping[str, Any]) -> xarray.Dataset:
+    """Return a surface as arrays with names and units; `export_netcdf` says which."""
     with from_extra("netcdf"):
         import h5netcdf  # noqa: F401  # xarray writes with it
         import xarray
@@ -270,9 +271,23 @@ def _dataset(table: Interpolant, info: Mapping[str, Any]) -> xarray.Dataset:
             "title": "haptix friction surface",
             "interpolation": "1/mu is linear in drive, and columns of it, as ln of the voltages, "
             f"linear in the logarithms of {', '.join(AXIS_NAMES[:-1])} and {AXIS_NAMES[-1]}",
+            "unit_v": table.unit_v,
             "voltage_limit_v": table.voltage_limit_v,
             "ends_at_breakdown": int(bool(table.limited_by)),  # NetCDF has no truth values
             "limited_by": table.limited_by.name,
             "haptix_info": json.dumps(dict(info), sort_keys=True),
         },
     )
+
+
+def of_dataset(dataset: xarray.Dataset) -> tuple[Interpolant, Info]:
+    """Return what `as_dataset` made a dataset of, or raise `FileFormatError`."""
+    with reading("dataset", "a friction surface of haptix"):
+        about = dataset.attrs
+        values = {str(name): torch.tensor(dataset[name].values) for name in dataset.variables}
+        unit_v, limit_v = float(about["unit_v"]), float(about["voltage_limit_v"])
+        ends_v = [values[name] for name in ("pull_in_voltage_v", "breakdown_voltage_v")]
+        columns = torch.cat([-1 / values["mu"], (torch.stack(ends_v, -1) / unit_v).log()], -1)
+        limited_by = Status[about["limited_by"]]
+        table = Interpolant(Axes.of(values), values["drive"], columns, unit_v, limit_v, limited_by)
+        return table, json.loads(about["haptix_info"])

@@ -23,7 +23,7 @@ from haptix.status import Status
 from haptix.surface.axes import AXIS_NAMES, Axis, numbers, within
 from haptix.surface.boundary_elements import MeasuringJob, measured_table
 from haptix.surface.build import build_table
-from haptix.surface.file import export_netcdf, load_table, save_table
+from haptix.surface.file import as_dataset, export_netcdf, load_table, of_dataset, save_table
 from haptix.surface.interpolant import Interpolant, Query
 from haptix.surface.request import LARGEST_BYTES, surface_key
 from haptix.surface.shown_accuracy import Intervals, intervals_at
@@ -31,6 +31,7 @@ from haptix.surface.slice import Column, Slice
 from haptix.surface.tolerance import Tolerance
 
 if TYPE_CHECKING:
+    import xarray
     from matplotlib.axes import Axes
 
 _FILE = "friction.surface"
@@ -201,6 +202,30 @@ class FrictionSurface(Displayed):
     def to_netcdf(self, path: str | Path) -> None:
         """Write the surface as NetCDF, for other programs; see `haptix.surface.file`."""
         export_netcdf(self.table, self.info, Path(path))
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return the surface as named arrays with units (extra ``netcdf``), as in its NetCDF.
+
+        Examples
+        --------
+        >>> import haptix
+        >>> model = haptix.ContactModel(haptix.Finger(), haptix.Screen(), fidelity="closed-form")
+        >>> surface = haptix.FrictionSurface.build(model, {"normal_force_n": (0.4, 0.6)}, 0.01)
+        >>> surface.to_xarray()["mu"].dims
+        ('normal_force_n', 'frequency_hz', 'h0_m', 'drive')
+        """
+        return as_dataset(self.table, self.info)
+
+    @classmethod
+    def from_xarray(cls, dataset: xarray.Dataset) -> FrictionSurface:
+        """Return the surface that `to_xarray` or a NetCDF file describes; mu to 1e-15 of itself.
+
+        Raises
+        ------
+        FileFormatError
+            If the dataset is no surface of haptix.
+        """
+        return cls(*of_dataset(dataset))
 
     @classmethod
     def load(cls, path: str | Path, model: ContactModel | None = None) -> FrictionSurface:

@@ -57,6 +57,7 @@ Finite = Annotated[float, Field(ge=-1e6, le=1e6)]
 
 
 _A_FEW = 10  # so few samples may have been typed by a person: any spacing is allowed
+_CORNER_MM = 0.5  # a stroke within so small a corner of the screen was written in metres
 
 CarrierHz = Annotated[float, Field(ge=1000)]
 """Lowest carrier: skin follows a slower one, which is then a direct drive."""
@@ -114,6 +115,13 @@ class OfPhotograph(OnScreen):
             raise InputError(
                 f"{self.trajectory}: t_s: expected seconds, got samples {apart_s:g} s apart; if "
                 "these are milliseconds, divide them by 1000"
+            )
+        places_mm = path.x_mm, path.y_mm
+        farthest_mm = max(float(abs(place).max()) for place in places_mm)
+        if farthest_mm < _CORNER_MM and any((place != place[0]).any() for place in places_mm):
+            raise InputError(
+                f"{self.trajectory}: x_mm, y_mm: expected millimetres, got places within "
+                f"{farthest_mm:g} mm; if these are metres, multiply them by 1000"
             )
         texture, name = self.texture(polarity)
         return Setting(model, texture, path, drive), name

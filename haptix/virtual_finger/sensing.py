@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from haptix.checks import Array, NotNegative, Positive, check_fields, choice, number, positive
-from haptix.display import Displayed
+from haptix.display import Displayed, Table
 from haptix.errors import InputError
 from haptix.motion import LIFTED_BELOW_N, Trajectory
 from haptix.perception import WEBER_FRACTION, WeightedError, weighted_error
@@ -18,7 +18,7 @@ from haptix.status import Status
 
 
 @dataclass(frozen=True)
-class Felt(Displayed):
+class Felt(Table):
     """Felt friction; arrays of shape (samples,), evenly spaced in time."""
 
     t_s: Array

@@ -166,3 +166,28 @@ def test_a_point_beyond_the_surface_is_told_of_by_what_there_is(surface):
     with pytest.raises(haptix.HaptixError, match="take `evaluate` without `strict`"):
         surface.mu(0.5, 250.0)
     assert surface.evaluate(0.5, 250.0).status.item() == haptix.Status.OUT_OF_RANGE
+
+
+def test_states_become_named_arrays_and_a_table(model):
+    pytest.importorskip("xarray")
+    forces, volts = [0.5, 1.0], [0.0, 50.0, 100.0]
+    states = model.solve(torch.tensor(forces)[:, None], volts, 4000.0)
+    arrays = states.to_xarray(normal_force_n=forces, voltage_v=volts)
+    assert arrays["mu"].dims == ("normal_force_n", "voltage_v")
+    table = arrays.to_dataframe().reset_index()
+    row = table[(table.normal_force_n == 1.0) & (table.voltage_v == 50.0)]
+    assert row.mu.item() == states.mu[1, 1].item()
+    assert row.status.item() == states.status[1, 1].item()
+    with pytest.raises(haptix.InputError, match=r"voltage_v of \(3,\)"):
+        states.to_xarray(voltage_v=volts)
+
+
+def test_what_has_a_row_for_each_instant_is_a_table(model, path, simulation, recording):
+    pytest.importorskip("pandas")
+    for one in (path, simulation.felt, recording, model.over_period(0.5, 60.0, 125.0)):
+        table = one.to_pandas()
+        assert len(table) == len(one.t_s)
+        for name in ("t_s", *table.columns):
+            np.testing.assert_array_equal(table[name], np.asarray(getattr(one, name)))
+    assert list(path.to_pandas().columns) == ["t_s", "x_mm", "y_mm", "normal_force_n"]
+    assert haptix.Trajectory(*path.to_pandas().to_numpy().T) == path

@@ -147,7 +147,7 @@ def test_a_folder_is_checked_before_the_work(tmp_path):
         (b"{", "expected a JSON file"),
         (b'{"a": NaN}', "NaN is no number of JSON"),
         (b"[" * 100_000, "expected a JSON file"),
-        (b"\xff\xfe", "expected a text file"),
+        (b"\xff\xfe", "expected a text file in UTF-8, got another encoding; save it as UTF-8"),
     ],
 )
 def test_what_is_no_json_object_is_refused(tmp_path, content, message):

@@ -50,7 +50,9 @@ def test_pictures_have_alternative_text(page):
 
 
 PYTHON = re.compile(
-    r"^(?:<!-- not run: (?P<why_not>.+) -->\n)?```python\n(?P<text>.*?)^```", re.M | re.S
+    r"^(?:<!-- not run: (?P<why_not>.+) -->\n)?"
+    r"```python(?: exec=.1. source=.*)?\n(?P<text>.*?)^```",
+    re.M | re.S,
 )
 
 

@@ -1,7 +1,9 @@
 """What a newcomer types into the search of the built site leads to the page that answers it."""
 
+import base64
 import functools
 import http.server
+import io
 import os
 import re
 import subprocess
@@ -10,7 +12,9 @@ import threading
 import urllib.parse
 from pathlib import Path
 
+import numpy as np
 import pytest
+from matplotlib.image import imread
 
 import haptix
 from tests.chromium import chromium
@@ -58,14 +62,20 @@ class Quiet(http.server.SimpleHTTPRequestHandler):
 
 
 @pytest.fixture(scope="module")
-def search(tmp_path_factory):
-    """A function that types words into the site's search and returns the first links."""
+def site(tmp_path_factory):
+    """The folder of the built site."""
     site = tmp_path_factory.mktemp("site")
     done = subprocess.run(
-        [sys.executable, "-m", "mkdocs", "build", "-q", "-d", str(site)], cwd=ROOT, check=False,
+        [sys.executable, "-m", "mkdocs", "build", "-d", str(site)], cwd=ROOT, check=False,
         capture_output=True, text=True, env={**os.environ, "NO_MKDOCS_2_WARNING": "1"},
     )  # fmt: skip
     assert not done.returncode, done.stderr
+    return site
+
+
+@pytest.fixture(scope="module")
+def search(site):
+    """A function that types words into the site's search and returns the first links."""
     handler = functools.partial(Quiet, directory=str(site))
     with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
@@ -85,6 +95,22 @@ def search(tmp_path_factory):
 
             yield links
         server.shutdown()
+
+
+@pytest.mark.slow
+def test_the_pages_of_the_gallery_show_what_their_programs_drew(site):
+    pages = sorted((ROOT / "docs" / "gallery").glob("*.md"))
+    assert len(pages) == 8
+    for page in pages:
+        text, built = (
+            page.read_text("utf-8"),
+            (site / "gallery" / f"{page.stem}.html").read_text("utf-8"),
+        )
+        drawn = re.findall('<img alt="[^"]+" src="data:image/png;base64,([^"]+)"', built)
+        assert len(drawn) == text.count("gallery_pictures") > 0
+        for one in drawn:
+            assert np.ptp(imread(io.BytesIO(base64.b64decode(one)))) > 0.5, page.name  # not blank
+        assert "Traceback" not in built
 
 
 @pytest.mark.slow

@@ -49,6 +49,29 @@ def test_the_numbers_and_their_places(
         assert json.loads(read.haptix_info) == json.loads(json.dumps(surface.info))
 
 
+@pytest.mark.parametrize("which", ["full", "plain", "past_pull_in"])
+def test_a_surface_comes_back_from_its_arrays(
+    which: str, xarray, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    surface: FrictionSurface = request.getfixturevalue(which)
+    surface.to_netcdf(tmp_path / "my.nc")
+    with xarray.open_dataset(tmp_path / "my.nc", engine="h5netcdf") as read:
+        both = FrictionSurface.from_xarray(surface.to_xarray()), FrictionSurface.from_xarray(read)
+    for again in both:
+        # 1/mu and the logarithms are taken twice: some roundings of float64.
+        near = {"rtol": 1e-12, "atol": 1e-12}
+        torch.testing.assert_close(again.table.columns, surface.table.columns, **near)
+        assert again.table.axes == surface.table.axes
+        assert again.table.limited_by == surface.table.limited_by
+        assert again.voltage_limit_v == surface.voltage_limit_v
+        assert again.info == json.loads(json.dumps(surface.info))
+
+
+def test_arrays_of_others_are_no_surface(xarray) -> None:
+    with pytest.raises(FileFormatError, match="dataset"):
+        FrictionSurface.from_xarray(xarray.Dataset({"mu": ("x", [1.0, 2.0])}))
+
+
 def test_a_number_that_is_read_is_the_friction_there(
     full: FrictionSurface, xarray, tmp_path: Path
 ) -> None:
