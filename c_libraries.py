@@ -42,10 +42,11 @@ LIBRARIES = {
             "haptix_window.c",
             "haptix_seal.c",
             "haptix_proof.c",
+            "haptix_sense.c",
             "haptix_host.c",  # for hosts alone
         ),
         # A desktop has memory for the longest frame of the format and a queue of 2.7 s at 48 kHz.
-        ("-DHX_QUEUE_SAMPLES=131072u", "-DHX_MAX_FRAME_SAMPLES=32765u"),
+        ("-DHX_QUEUE_SAMPLES=131072u", "-DHX_MAX_FRAME_SAMPLES=32765u", "-DHX_READINGS=256u"),
     ),
     "haptix-native": Library(
         "haptix/native",

@@ -12,6 +12,7 @@ from .errors import ProtocolError as ProtocolError
 from .limits import ABSOLUTE_CEILING_V as ABSOLUTE_CEILING_V
 from .limits import DriveLimits as DriveLimits
 from .link import Link as Link
+from .links.converter import MockConverter as MockConverter
 from .links.mock import MockDriver as MockDriver
 from .links.mock import MockLink as MockLink
 from .opening import BusReport as BusReport
@@ -21,6 +22,7 @@ from .opening import open_device as open_device
 from .opening import survey_buses as survey_buses
 from .playback import Playback as Playback
 from .playback import WaveSource as WaveSource
+from .progress import CurrentReading as CurrentReading
 from .progress import Marked as Marked
 from .progress import Progress as Progress
 from .protocol import codes_to_volts as codes_to_volts

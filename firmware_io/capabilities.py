@@ -69,6 +69,8 @@ class Capabilities:
         cannot be revised.
     takes_marks : bool
         Whether it reports by a digital line and by its clock when a sample is played.
+    sense_rate_hz : float
+        Readings of its current a second; 0.0 if it has no sensor.
 
     Raises
     ------
@@ -97,6 +99,7 @@ class Capabilities:
     reports_touch: bool
     guard_s: float = 0.0
     takes_marks: bool = False
+    sense_rate_hz: float = 0.0
 
     def __post_init__(self) -> None:
         for field in ("sample_rate_hz", "full_scale_v", "ceiling_v", "max_slew_v_per_s"):
@@ -150,6 +153,7 @@ class Capabilities:
             reports_touch=report.reports_touch,
             guard_s=report.guard_ticks / report.output_rate_hz,
             takes_marks=report.takes_marks,
+            sense_rate_hz=float(report.sense_rate_hz),
         )
 
     def best_rate_hz(self, mode: Mode, most_hz: float = math.inf) -> int:

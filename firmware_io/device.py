@@ -27,8 +27,8 @@ from firmware_io.errors import DeviceDisconnectedError, DeviceError, LimitError
 from firmware_io.limits import DriveLimits
 from firmware_io.link import Link
 from firmware_io.links.mock import MockDriver, MockLink
-from firmware_io.progress import Marked, Progress
-from firmware_io.protocol import Setup, StreamMode, TouchReport
+from firmware_io.progress import CurrentReading, Marked, Progress
+from firmware_io.protocol import Doubt, Setup, StreamMode, TouchReport
 from firmware_io.protocol_client import ProtocolClient
 from firmware_io.stream import Pace, Stream
 
@@ -94,6 +94,7 @@ class Device:
             raise
         self._capabilities = replace(driver, sample_rate_hz=float(rate_hz))
         self._is_closed = False
+        self._doubt = Doubt.NONE
         _LOG.info("%s: opened, %s at %g Hz", link.name, mode, rate_hz)
         # Holds only the stream: a reference to the device would keep it from being collected.
         weakref.finalize(self, self._stream.abandon)
@@ -346,6 +347,28 @@ class Device:
             for _ in range(len(client.marked))
         ]
 
+    def readings(self) -> list[CurrentReading]:
+        """Return the readings of the current that came since the last call, oldest first.
+
+        Those that the driver does not believe are left out; `sensor_doubt` says why. The list is
+        empty if the driver has no sensor (`capabilities.sense_rate_hz`).
+        """
+        client, full_scale_v = self._stream.client, self._capabilities.full_scale_v
+        believed = []
+        for _ in range(len(client.readings)):
+            reading = client.readings.popleft()
+            if reading.doubt is not self._doubt:
+                self._doubt = reading.doubt
+                _LOG.info("%s: sensor: %s", self.name, self._doubt.name)
+            if self._doubt is Doubt.NONE:
+                believed.append(CurrentReading.of(reading, client.output_clock, full_scale_v))
+        return believed
+
+    @property
+    def sensor_doubt(self) -> str | None:
+        """Why the driver gives no readings, as of the last call of `readings`; None if it does."""
+        return _DOUBTS[self._doubt]
+
     def host_time_s(self, clock_ticks: float) -> float:
         """Convert a time of the driver's clock to the host's clock, by its latest reports."""
         return self._stream.client.output_clock.time_of(clock_ticks)
@@ -489,6 +512,15 @@ class Device:
         stream = self._stream
         bounded = bounded_setup(setup, limits, self._capabilities, stream.output_rate_hz)
         stream.bind(limits, bounded)
+
+
+_DOUBTS = {
+    Doubt.NONE: None,
+    Doubt.STUCK: "The converter's code does not change.",
+    Doubt.LIES: "The converter tells a current that no load draws: inverted, late or clipped.",
+    Doubt.LATE: "The converter gives no samples.",
+    Doubt.DIRECT: "Sensing is off: the drive has no carrier to measure by.",
+}
 
 
 def _as_samples(volts: npt.ArrayLike) -> npt.NDArray[np.float64]:

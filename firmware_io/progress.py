@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from typing import Self
+from typing import NamedTuple, Self
 
-from firmware_io.protocol import NEVER, MarkedReport
+from firmware_io.protocol import FULL_SCALE_CODE, NEVER, MarkedReport, SenseReading
 
 _KEPT_S = 1.0  # clocks that differ by 100 ppm drift apart by 0.1 ms in this time
 
@@ -132,3 +132,29 @@ class Marked:
             return cls(report.sample_index, report.code, None, None)
         time_s = clock.time_of(report.clock_ticks)
         return cls(report.sample_index, report.code, report.clock_ticks, time_s)
+
+
+class CurrentReading(NamedTuple):
+    """The current that a driver measured over a whole number of its carrier's periods."""
+
+    t_s: float
+    """Time of its end, by the host's clock (`Device.clock`) [s]."""
+    in_phase_a: float
+    """Amplitude of the current in phase with the drive [A]."""
+    quadrature_a: float
+    """Amplitude ahead of the drive by a quarter period [A]."""
+    driven_v: float
+    """Amplitude driven over the reading [V]."""
+    is_saturated: bool
+    """Whether the current was beyond what the converter measures."""
+
+    @classmethod
+    def of(cls, reading: SenseReading, clock: OutputClock, full_scale_v: float) -> Self:
+        """Return a reading of the wire, in the units of the host."""
+        return cls(
+            clock.time_of(reading.clock_ticks),
+            reading.in_phase_na * 1e-9,
+            reading.ahead_na * 1e-9,
+            reading.driven * full_scale_v / FULL_SCALE_CODE,
+            bool(reading.flags & 1),
+        )

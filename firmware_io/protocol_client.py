@@ -31,6 +31,8 @@ from firmware_io.protocol import (
     HostMessage,
     MarkedReport,
     Ping,
+    SenseReading,
+    SenseReport,
     StatusReport,
     Stop,
     TouchReport,
@@ -44,6 +46,7 @@ ANSWER_S = 0.5
 
 _BROKEN_OFF_S = 0.1  # PROTOCOL.md: a frame whose bytes pause this long is discarded
 _KEPT_TOUCHES = 1024
+_KEPT_READINGS = 4096  # a second at the highest rate
 _READS = 4
 
 
@@ -67,6 +70,8 @@ class ProtocolClient:
         The latest touches of the panel, oldest first.
     marked : deque of MarkedReport
         The latest samples that were marked and played, oldest first.
+    readings : deque of SenseReading
+        The latest readings of the current, oldest first.
     marked_count : int
         Number of all that came.
     frames_sent, bytes_sent : int
@@ -87,6 +92,7 @@ class ProtocolClient:
         self.touches: deque[TouchReport] = deque(maxlen=_KEPT_TOUCHES)
         self.marked: deque[MarkedReport] = deque(maxlen=_KEPT_TOUCHES)
         self.marked_count = 0
+        self.readings: deque[SenseReading] = deque(maxlen=_KEPT_READINGS)
         self.frames_sent = 0
         self.bytes_sent = 0
         self.version = OLDEST_VERSION
@@ -283,6 +289,8 @@ class ProtocolClient:
         elif isinstance(message, MarkedReport):
             self.marked.append(message)
             self.marked_count += 1
+        elif isinstance(message, SenseReport):
+            self.readings.extend(message.readings)
         elif not isinstance(message, CapabilitiesReport):
             return ProtocolError(
                 f"{self.link.name} sent a {type(message).__name__.upper()}, which only hosts send; "

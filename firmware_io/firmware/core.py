@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import cache
 from pathlib import Path
@@ -38,6 +38,22 @@ class Output(IntEnum):
     RAMP = 3
 
 
+@dataclass(frozen=True)
+class Sensor:
+    """A board's converter of the electrode's current.
+
+    Parameters
+    ----------
+    full_scale_a : float
+        Current of its code 32767, in amperes: twice the panel's at the ceiling, or more.
+    panel_f : float
+        Capacitance of the untouched panel, within a third, in farads.
+    """
+
+    full_scale_a: float
+    panel_f: float
+
+
 #: Added to the kind of an output sample while the digital line is high.
 LINE = 0x80
 
@@ -63,6 +79,8 @@ class Core:
     ----------
     config : CapabilitiesReport
         Capabilities of the device.
+    sensor : Sensor, optional
+        Its converter, if it states a rate of readings.
 
     Raises
     ------
@@ -70,7 +88,8 @@ class Core:
         If `config` describes no possible device, or the firmware is not there and cannot be built.
     """
 
-    def __init__(self, config: CapabilitiesReport) -> None:
+    def __init__(self, config: CapabilitiesReport, sensor: Sensor | None = None) -> None:
+        self._sensor = sensor or Sensor(0.0, 0.0)
         self._ffi, self._lib = compiled()
         # Owned as bytes: only the firmware knows the structure.
         self._memory = self._ffi.new("uint64_t[]", self._lib.hx_device_bytes() // 8 + 1)
@@ -109,6 +128,9 @@ class Core:
                     "serial": config.serial.encode("ascii"),
                     "calibration_id": config.calibration_id.encode("ascii"),
                     "guard_ticks": config.guard_ticks,
+                    "sense_rate_hz": config.sense_rate_hz,
+                    "sense_full_scale_na": round(self._sensor.full_scale_a * 1e9),
+                    "panel_pf": round(self._sensor.panel_f * 1e12),
                 },
             )
         except (OverflowError, IndexError, UnicodeEncodeError) as error:
@@ -197,6 +219,11 @@ class Core:
         """Take measured output samples; if they are too far off 8 times, it ends at 0 V."""
         codes = (self._ffi.from_buffer("int16_t[]", codes) for codes in (sent, found))
         self._lib.hx_device_read_back(self._device, *codes, len(sent), tolerance)
+
+    def sense(self, sent: npt.NDArray[np.int16], raw: npt.NDArray[np.int16]) -> None:
+        """Take the measured current of the output samples that were played last, as codes."""
+        codes = (self._ffi.from_buffer("int16_t[]", codes) for codes in (sent, raw))
+        self._lib.hx_device_sense(self._device, *codes, len(sent), 0)
 
     def release(self) -> None:
         """Handle the loss of the host: a bus reset, a closed connection."""

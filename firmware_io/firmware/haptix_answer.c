@@ -38,7 +38,9 @@ static uint32_t put_capabilities(const hx_device *d, uint8_t *p) {
     put_text(p + 28, c->name);
     put_text(p + 44, c->serial);
     put_text(p + 60, c->calibration_id);
-    hx_put_u16(p + 76, c->flags);
+    uint32_t flags = c->flags;
+    for (uint32_t hz = c->sense_rate_hz; hz >= 250u; hz /= 2u) flags += 1u << HX_SENSE_SHIFT;
+    hx_put_u16(p + 76, (uint16_t)flags);
     hx_put_u16(p + 78, c->rate_count);
     for (uint32_t i = 0; i < c->rate_count; i++) {
         uint8_t *rate = p + HX_CAPABILITIES_BYTES + i * HX_RATE_BYTES;
@@ -124,6 +126,21 @@ static uint32_t put_next(hx_device *d, uint8_t *bytes, uint32_t capacity) {
         for (uint32_t i = 0; i < d->touches; i++) d->touch[i] = d->touch[i + 1u];
         return put_frame(d, bytes, HX_TOUCH, HX_TOUCH_BYTES);
     }
+    if (d->readings > 0) {
+        uint32_t n = d->readings < HX_SENSE_READINGS ? d->readings : HX_SENSE_READINGS;
+        if (HX_FRAME_OVERHEAD_BYTES + n * HX_READING_BYTES > capacity) return 0;
+        for (uint32_t i = 0; i < n; i++, payload += HX_READING_BYTES) {
+            const hx_reading *reading = &d->reading[i];
+            hx_put_u64(payload, reading->clock);
+            hx_put_u32(payload + 8, (uint32_t)reading->in_phase_na);
+            hx_put_u32(payload + 12, (uint32_t)reading->ahead_na);
+            hx_put_u16(payload + 16, (uint16_t)reading->driven);
+            hx_put_u16(payload + 18, reading->flags);
+        }
+        d->readings -= n;
+        for (uint32_t i = 0; i < d->readings; i++) d->reading[i] = d->reading[i + n];
+        return put_frame(d, bytes, HX_SENSE, n * HX_READING_BYTES);
+    }
     return 0;
 }
 
@@ -165,7 +182,10 @@ uint32_t hx_device_transmit_report(hx_device *d, uint8_t *report, uint32_t capac
 }
 
 int hx_device_touch(hx_device *d, const hx_touch *touch) {
-    if (d->touches == HX_TOUCHES || !hx_device_is_whole(d)) return 0;
+    if (!hx_device_is_whole(d)) return 0;
+    hx_sense_touch(d, touch->contact, touch->phase != 0);
+    hx_seal(d);
+    if (d->touches == HX_TOUCHES) return 0;
     d->touch[d->touches] = *touch;
     d->touch[d->touches].clock = d->clock;
     d->touches++;

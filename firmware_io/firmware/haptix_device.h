@@ -24,12 +24,19 @@
 #define HX_MAX_RATES 8u
 #define HX_TOUCHES 8u
 #define HX_MARKS 8u
+/* Readings of the current that wait for the host, and those in a frame. */
+#ifndef HX_READINGS
+#define HX_READINGS 16u
+#endif
+#define HX_SENSE_READINGS 8u
 /* Flags of a configuration. */
 #define HX_SENDS_TOUCH 1u
 #define HX_TAKES_MARK 2u
 #define HX_TESTED 4u /* the board has tested itself at power-up, and all was well */
 /* What reset the board, from bit 3 on: 0 unknown, 1 power, 2 its watchdog. */
 #define HX_RESET_SHIFT 3u
+/* Readings of the current a second, from bit 5 on: 0 none, then 250 doubled. The core sets it. */
+#define HX_SENSE_SHIFT 5u
 
 /* No board may be built to drive more, whatever its configuration says. */
 #define HX_ABSOLUTE_CEILING_MV 200000u
@@ -52,6 +59,20 @@
 #define HX_ENERGY_UNIT 4096u
 /* The digital line is high for this long from the sample that was marked on. */
 #define HX_MARK_MS 1u
+/* Current through the person, measured beside that of the untouched panel: peak, rms, and that of
+ * the capacitance of a body. */
+#define HX_MAX_PEAK_NA 700000u
+#define HX_MAX_RMS_NA 500000u
+#define HX_BODY_PF 150u
+/* From this amplitude on a current is expected. */
+#define HX_SENSE_LEAST_MV 10000u
+/* A converter without samples is not believed after this long, and believed again after that. */
+#define HX_SENSE_LATE_MS 5u
+#define HX_SENSE_BACK_MS 500u
+/* Without a finger for this long the panel is measured: touches are told late. */
+#define HX_UNTOUCHED_MS 50u
+/* The ramp after a measured excess: 0.25 ms. No carrier that is allowed is slower than it. */
+#define HX_CUT 20u
 /* A frame whose bytes pause for this long is given up. */
 #define HX_PAUSE_MS 100u
 /* What a received byte buys of check sums and copying; an ordinary frame needs less. */
@@ -62,7 +83,7 @@
 #define HX_WORK_FRAMES 3u
 
 #define HX_BUFFER_BYTES (HX_FRAME_OVERHEAD_BYTES + HX_REVISE_HEAD_BYTES + 2u * HX_MAX_FRAME_SAMPLES + 32u)
-#define HX_ANSWER_BYTES (HX_FRAME_OVERHEAD_BYTES + HX_CAPABILITIES_BYTES + HX_MAX_RATES * HX_RATE_BYTES + HX_GUARD_BYTES)
+#define HX_ANSWER_BYTES (HX_FRAME_OVERHEAD_BYTES + HX_SENSE_READINGS * HX_READING_BYTES) /* longer than CAPABILITIES */
 
 /* cffi: begin */
 typedef struct {
@@ -88,6 +109,10 @@ typedef struct {
     /* Output samples, 1 to 65535: what the board plays at once and while it takes in a frame. A
      * revision begins at least this far ahead of the output. */
     uint32_t guard_ticks;
+    /* A converter of the electrode's current; all 0 without one. */
+    uint32_t sense_rate_hz;       /* readings a second: 250, 500, 1000, 2000 or 4000 */
+    uint32_t sense_full_scale_na; /* current of code 32767, 100000 to 50000000 */
+    uint32_t panel_pf;            /* the untouched panel, within a third: 100 to 100000 */
 } hx_config;
 
 typedef struct {
@@ -156,6 +181,11 @@ uint32_t hx_test_limits(hx_device *device, const hx_config *config);
 void hx_device_read_back(hx_device *device, const int16_t *sent, const int16_t *found, uint32_t n,
                          int32_t tolerance);
 
+/* What the converter measured of the current of each output sample, as codes at the left of 16 bits,
+ * and how many output samples were played behind the last of them. */
+void hx_device_sense(hx_device *device, const int16_t *sent, const int16_t *raw, uint32_t n,
+                     uint32_t behind);
+
 /* Bytes of a STATUS payload, for a board's own panel and for tests. */
 void hx_device_status(const hx_device *device, uint8_t *payload);
 /* Bytes of a FAULT payload: the first cause, with code 0 if there is none. */
@@ -186,6 +216,59 @@ typedef struct {
     int32_t low;
     uint32_t energy; /* in HX_ENERGY_UNIT codes squared */
 } hx_block;
+
+/* The current over whole periods of the carrier. */
+typedef struct {
+    uint64_t clock; /* of its end */
+    int32_t in_phase_na;
+    int32_t ahead_na;
+    int16_t driven; /* amplitude, as a code */
+    uint16_t flags;
+} hx_reading;
+
+/* Sums over output samples: of the drive, of the current, and what of it is not the panel's. */
+typedef struct {
+    int64_t with_drive; /* the rest times drive, and times the drive a sample before */
+    int64_t with_before;
+    int64_t offset;
+    uint64_t drive;
+    uint64_t current;
+    uint64_t rest;
+    int32_t highest;
+    int32_t lowest;
+    uint32_t rest_peak;
+    uint32_t ticks;
+    uint8_t is_saturated;
+} hx_sums;
+
+/* The converter and what is known by it. Ratios of current to drive in codes have 16 bits behind the point. */
+typedef struct {
+    hx_sums half; /* under way: between two changes of the drive's sign */
+    hx_sums whole; /* of a reading: halves */
+    uint64_t drive_before; /* of the half before */
+    int32_t sine;          /* of the carrier's step, in 1/32767 */
+    int32_t cosine;
+    int32_t panel;   /* ratio ahead that the untouched panel must have, by its capacitance */
+    int32_t body;    /* and a body */
+    int32_t in_phase; /* of the untouched panel as measured */
+    int32_t ahead;
+    int32_t with_drive; /* those as factors of the drive and of the drive a sample before */
+    int32_t with_before;
+    uint32_t measured; /* readings of the panel, until it is known */
+    uint32_t least;    /* mean square of the drive at which a current is expected */
+    uint32_t fingers;  /* a bit each, 32 of them */
+    uint32_t untouched_ticks;
+    uint32_t missed_ticks;
+    uint32_t well_ticks;
+    uint32_t too_much; /* halves in turn */
+    uint32_t missing;
+    uint32_t lies;
+    uint64_t begun;  /* clock at which the playback began */
+    int32_t offset;  /* of the converter */
+    int16_t before;
+    uint8_t has_begun; /* a whole period after another begins with the next half */
+    uint8_t doubt;
+} hx_sensor;
 
 struct hx_device {
     hx_config config;
@@ -238,6 +321,7 @@ struct hx_device {
     int16_t code; /* the last output sample */
     int16_t ramp_from;
     uint32_t ramp_ticks_left;
+    uint32_t ramp_step; /* 1, or HX_CUT */
     uint32_t ramp_ticks;
     uint32_t hold_ticks; /* a dry waveform is held this long, then its gain goes to 0 */
     uint32_t dry_ticks;
@@ -272,6 +356,8 @@ struct hx_device {
     uint32_t answer_sent;
 
     uint32_t touches;
+    uint32_t readings;
+    hx_sensor sensor;
     uint32_t marks;
     uint32_t line_ticks;
     uint32_t line_ticks_left; /* the line is high */
@@ -293,6 +379,7 @@ struct hx_device {
     uint32_t way_out[3]; /* each the last output sample, and the step of its slew */
     hx_touch touch[HX_TOUCHES];
     hx_mark mark[HX_MARKS];
+    hx_reading reading[HX_READINGS];
     uint8_t answer[HX_ANSWER_BYTES];
     int16_t queue[HX_QUEUE_SAMPLES];
     uint8_t buffer[HX_BUFFER_BYTES];

@@ -14,6 +14,16 @@ void hx_drop_mark(hx_device *device, uint32_t at);
 void hx_refuse(hx_device *device, enum hx_fault_code code, uint8_t field, uint16_t sequence,
                uint32_t expected, uint32_t got);
 
+/* End the output in the short ramp, for a fault that was measured. */
+void hx_cut(hx_device *device, enum hx_fault_code code, uint32_t expected, uint32_t got);
+
+/* The converter begins with a playback, and has missed output samples. */
+void hx_sense_begin(hx_device *device);
+void hx_sense_miss(hx_device *device, uint32_t n);
+
+/* A finger on the panel, or off it. */
+void hx_sense_touch(hx_device *device, uint32_t contact, int is_down);
+
 /* Bytes that are no frame: a fault in a stream, nothing at a port that is being opened. */
 void hx_meet_damage(hx_device *device, uint16_t sequence, uint32_t expected, uint32_t got);
 

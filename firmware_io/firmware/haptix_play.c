@@ -40,6 +40,7 @@ void hx_end_output(hx_device *d) {
     if (d->ramp_ticks_left == 0 && d->level != 0) {
         d->ramp_from = d->level;
         d->ramp_ticks_left = d->ramp_ticks;
+        d->ramp_step = 1;
     }
 }
 
@@ -56,6 +57,7 @@ static void begin_playing(hx_device *d) {
     d->to = 0;
     d->tick_of_sample = d->ticks_per_sample;
     d->gain = d->ramp_ticks;
+    hx_sense_begin(d);
 }
 
 /* No sample is due: hold a carrier; hold a waveform for a while, then ramp it to 0 V. */
@@ -84,7 +86,7 @@ static enum hx_output advance(hx_device *d) {
     int is_leading = d->lead_ticks > 0;
     if (d->has_begun && is_leading) d->lead_ticks--;
     if (d->ramp_ticks_left > 0) {
-        d->ramp_ticks_left--;
+        d->ramp_ticks_left = d->ramp_ticks_left > d->ramp_step ? d->ramp_ticks_left - d->ramp_step : 0u;
         d->level = (int16_t)((int32_t)d->ramp_from * (int32_t)d->ramp_ticks_left /
                              (int32_t)d->ramp_ticks);
         if (d->ramp_ticks_left == 0) d->status_due = 1;
@@ -241,6 +243,7 @@ void hx_device_play(hx_device *d, int16_t *out, uint8_t *what, uint32_t n) {
     uint32_t played = 0;
     if (hx_device_is_whole(d)) {
         played = play(d, out, what, n);
+        hx_sense_miss(d, played);
         hx_keep_way_out(d);
         hx_seal(d);
     }
@@ -251,6 +254,7 @@ void hx_device_play(hx_device *d, int16_t *out, uint8_t *what, uint32_t n) {
 uint32_t hx_device_pending(const hx_device *d) {
     if (!hx_device_is_whole(d)) return hx_way_out_ticks(d);
     uint32_t ramp = d->ramp_ticks_left;
+    if (ramp > 0) ramp = (ramp + d->ramp_step - 1u) / d->ramp_step;
     if (!d->has_begun) return ramp;
     uint32_t before = ramp > d->lead_ticks ? ramp : d->lead_ticks;
     uint32_t rest = d->is_playing ? d->ticks_per_sample - d->tick_of_sample : 0u;

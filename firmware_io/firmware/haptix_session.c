@@ -40,6 +40,13 @@ static int describes_a_device(const hx_config *c) {
     if (c->report_bytes != 0 && (c->report_bytes < 8u || c->report_bytes > HX_MAX_REPORT_BYTES))
         return 0;
     if (c->guard_ticks < 1u || c->guard_ticks > 65535u) return 0;
+    if (c->sense_rate_hz != 0) {
+        if (c->sense_rate_hz % 250u != 0 || c->sense_rate_hz > 4000u) return 0;
+        uint32_t rate = c->sense_rate_hz / 250u;
+        if ((rate & (rate - 1u)) != 0) return 0;
+        if (c->sense_full_scale_na < 100000u || c->sense_full_scale_na > 50000000u) return 0;
+        if (c->panel_pf < 100u || c->panel_pf > 100000u) return 0;
+    }
     if (c->rate_count < 1u || c->rate_count > HX_MAX_RATES) return 0;
     for (uint32_t i = 0; i < c->rate_count; i++) {
         uint32_t rate_hz = c->rates[i].sample_rate_hz;
@@ -90,6 +97,11 @@ void hx_refuse(hx_device *d, enum hx_fault_code code, uint8_t field, uint16_t se
     hx_end_output(d);
 }
 
+void hx_cut(hx_device *d, enum hx_fault_code code, uint32_t expected, uint32_t got) {
+    hx_refuse(d, code, 0, 0, expected, got);
+    d->ramp_step = HX_CUT;
+}
+
 static void clear_fault(hx_device *d) {
     d->fault.code = HX_FAULT_NONE;
     d->fault_due = 0;
@@ -107,6 +119,7 @@ static void take_hello(hx_device *d, uint16_t sequence, const uint8_t *payload) 
     forget_setup(d);
     clear_fault(d);
     d->status_due = 0;
+    d->readings = 0;
     d->marks = 0;
     d->token = 0;
     if (payload[0] > HX_VERSION || payload[1] < HX_VERSION) {
@@ -444,6 +457,7 @@ void hx_device_release(hx_device *d) {
     d->answer_bytes = 0;
     d->answer_sent = 0;
     d->touches = 0;
+    d->readings = 0;
     d->marks = 0;
     hx_seal(d);
 }

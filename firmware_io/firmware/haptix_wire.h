@@ -24,7 +24,18 @@ enum hx_kind {
     HX_STATUS = 0x82,
     HX_FAULT = 0x83,
     HX_TOUCH = 0x84,
-    HX_MARKED = 0x85
+    HX_MARKED = 0x85,
+    HX_SENSE = 0x86
+};
+
+/* Of a reading: it was saturated, and from bit 1 on why the converter is not believed. */
+#define HX_SATURATED 1u
+enum hx_doubt {
+    HX_BELIEVED = 0,
+    HX_STUCK = 1, /* the same code over half a period */
+    HX_LIES = 2,  /* a current that no load draws */
+    HX_LATE = 3,  /* no samples */
+    HX_DIRECT = 4 /* no carrier to measure by */
 };
 
 enum hx_mode { HX_WAVEFORM = 0, HX_ENVELOPE = 1, HX_MODES = 2 };
@@ -50,7 +61,11 @@ enum hx_fault_code {
     HX_FAULT_STARVED = 15,
     HX_FAULT_TRUNCATED = 16,
     HX_FAULT_ENERGY = 17,
-    HX_FAULT_MEAN = 18
+    HX_FAULT_MEAN = 18,
+    HX_FAULT_PEAK_CURRENT = 19,
+    HX_FAULT_RMS_CURRENT = 20,
+    HX_FAULT_NO_CURRENT = 21,
+    HX_FAULT_OVERLOAD = 22
 };
 
 #define HX_HELLO_BYTES 2u
@@ -66,6 +81,7 @@ enum hx_fault_code {
 #define HX_TOUCH_BYTES 20u
 #define HX_MARK_BYTES 6u
 #define HX_MARKED_BYTES 14u
+#define HX_READING_BYTES 20u
 
 #define HX_REPORT_ID 1u
 #define HX_REPORT_BEGINS 0x80u

@@ -15,9 +15,10 @@ import numpy.typing as npt
 
 from firmware_io.clock import SteppedClock
 from firmware_io.errors import DeviceDisconnectedError, DeviceError
-from firmware_io.firmware.core import LINE, Core, Output
+from firmware_io.firmware.core import LINE, Core, Output, Sensor
 from firmware_io.limits import ABSOLUTE_CEILING_V, DEFAULT_MAX_SLEW_V_PER_S, WATCHDOG_S, DriveLimits
 from firmware_io.link import Link
+from firmware_io.links.converter import MockConverter
 from firmware_io.protocol import (
     REPORT_BYTES,
     VERSION,
@@ -31,7 +32,7 @@ from firmware_io.protocol import (
     codes_to_volts,
     to_reports,
 )
-from firmware_io.scheme import Scheme, number, one_of, yes_or_no
+from firmware_io.scheme import Scheme, count, number, one_of, yes_or_no
 
 Pace = Literal["virtual", "real", "stepped"]
 
@@ -41,6 +42,8 @@ _BOTH = frozenset(StreamMode)
 _KEPT_S = 60.0
 # Tolerances in codes: of the ADC, and of an amplifier that lags behind a carrier.
 _READ_BACK_TOLERANCE = 3000
+# Pieces a second of what is played, then measured: a limit holds by that much later.
+_CONVERTED_HZ = 4000
 # So few bytes that no queue overflows, whichever frames they hold.
 _LEAST_PIECE_BYTES = 512
 _STREAM, _RAMP = np.uint8(Output.STREAM), np.uint8(Output.RAMP)
@@ -85,6 +88,8 @@ class MockDriver:
         which never ends.
     tests_itself : bool
         Whether it does the tests of a board at power-up, which take some milliseconds.
+    converter : MockConverter, optional
+        Measures its current; without one it has no sensor.
 
     Raises
     ------
@@ -110,6 +115,7 @@ class MockDriver:
         clock: Callable[[], float] = time.perf_counter,
         kept_s: float | None = None,
         tests_itself: bool = False,
+        converter: MockConverter | None = None,
     ) -> None:
         if pace not in get_args(Pace):
             paces = ", ".join(get_args(Pace))
@@ -141,13 +147,16 @@ class MockDriver:
             reports_touch=True,
             rates=tuple(Rate(_whole("rates_hz", rate, 1, rate_hz), _BOTH) for rate in rates_hz),
             takes_marks=True,
+            sense_rate_hz=0 if converter is None else converter.rate_hz,
         )
         #: Stands for amplifier and ADC: returns measured codes for sent ones; None measures none.
         self.amplifier: Callable[[npt.NDArray[np.int16]], npt.NDArray[np.int16]] | None = None
         self.pace = pace
         self.clock = SteppedClock() if pace == "stepped" else clock
         self.bytes_received = 0
-        self.core = Core(self.about)
+        self.converter = converter
+        sensor = None if converter is None else Sensor(converter.full_scale_a, converter.panel_f)
+        self.core = Core(self.about, sensor)
         if tests_itself:
             self.about = self.core.test_itself(self.about)
         # The queue may be empty while an incomplete frame waits.
@@ -307,8 +316,8 @@ class MockDriver:
     def _play_out(self) -> None:
         """Play the whole queue, in virtual time."""
         if self.pace == "virtual":
-            for codes, kinds in self.core.play_out():
-                self._record(codes, kinds)
+            while ticks := self.core.pending_ticks:
+                self._play(ticks if self.converter is None else min(ticks, self._piece))
 
     def _catch_up(self) -> None:
         """Play the samples that were due, by a clock."""
@@ -317,13 +326,18 @@ class MockDriver:
             self._play(math.floor(passed_s * self.about.output_rate_hz) - self._ticks)
 
     def _play(self, ticks: int) -> None:
-        # In pieces of a second, as the last call may be an hour ago; of a millisecond if read back.
-        rate_hz = self.about.output_rate_hz
-        piece = rate_hz if self.amplifier is None else max(1, rate_hz // 1000)
         while ticks > 0:
-            codes, kinds = self.core.play(min(ticks, piece))
+            codes, kinds = self.core.play(min(ticks, self._piece))
             ticks -= codes.size
             self._record(codes, kinds)
+
+    @property
+    def _piece(self) -> int:
+        """Output samples at once: a second, as the last call may be long ago; less if measured."""
+        rate_hz = self.about.output_rate_hz
+        if self.converter is not None:
+            return max(1, rate_hz // _CONVERTED_HZ)
+        return rate_hz if self.amplifier is None else max(1, rate_hz // 1000)
 
     @property
     def is_enabled(self) -> bool:
@@ -333,6 +347,10 @@ class MockDriver:
     def _record(self, codes: npt.NDArray[np.int16], kinds: npt.NDArray[np.uint8]) -> None:
         if self.amplifier is not None:
             self.core.read_back(codes, self.amplifier(codes), _READ_BACK_TOLERANCE)
+        if self.converter is not None:
+            raw = self.converter.measure(codes, self.about)
+            if raw is not None:
+                self.core.sense(codes, raw)
         self._ticks += codes.size
         self._played += int(np.count_nonzero(_is_played(kinds)))
         self._codes.append(codes)
@@ -440,7 +458,9 @@ class MockLink(Link):
             raise DeviceDisconnectedError("The mock link is closed; open the device again.")
 
 
-def _open(reports: bool = False, **values: Any) -> MockLink:
+def _open(reports: bool = False, sense_rate_hz: int = 0, **values: Any) -> MockLink:
+    if sense_rate_hz:
+        values["converter"] = MockConverter(rate_hz=sense_rate_hz)
     return MockLink(MockDriver(**values), REPORT_BYTES if reports else None)
 
 
@@ -448,6 +468,7 @@ SCHEME = Scheme(
     _open,
     {
         "tests_itself": yes_or_no,
+        "sense_rate_hz": count,
         "pace": one_of(*get_args(Pace)),
         "reports": yes_or_no,
         "full_scale_v": number,

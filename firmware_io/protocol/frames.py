@@ -28,6 +28,8 @@ from firmware_io.protocol.messages import (
     Ping,
     Rate,
     Revise,
+    SenseReading,
+    SenseReport,
     Setup,
     StatusReport,
     Stop,
@@ -71,6 +73,8 @@ LAYOUTS: Mapping[int, Packing] = {
     ),
     FrameKind.MARK: Packing(Mark, struct.Struct("<IH")),
     FrameKind.MARKED: Packing(MarkedReport, struct.Struct("<QIH")),
+    # A row of these for each reading.
+    FrameKind.SENSE: Packing(SenseReport, struct.Struct("<QiihH")),
 }
 _KINDS = {layout.message: FrameKind(kind) for kind, layout in LAYOUTS.items()}
 
@@ -92,6 +96,8 @@ def write_payload(message: Message) -> tuple[FrameKind, bytes]:
     kind = _KINDS[type(message)]
     if isinstance(message, CapabilitiesReport):
         return kind, _write_capabilities(message)
+    if isinstance(message, SenseReport):
+        return kind, b"".join(LAYOUTS[kind].fields.pack(*row) for row in message.readings)
     return kind, LAYOUTS[kind].fields.pack(*vars(message).values())
 
 
@@ -100,6 +106,11 @@ def read_payload(kind: FrameKind, payload: bytes) -> Any:
     layout = LAYOUTS[kind]
     if kind is FrameKind.CAPABILITIES:
         return _read_capabilities(payload, layout.fields)
+    if kind is FrameKind.SENSE:
+        readings = tuple(map(SenseReading._make, layout.fields.iter_unpack(payload)))
+        if not readings:
+            raise ProtocolError("A SENSE has one reading or more, but came with none.")
+        return SenseReport(readings)
     values = list(layout.fields.unpack(payload))
     for place, (enumeration, what) in layout.enumerations.items():
         values[place] = member(enumeration, values[place], what)
@@ -112,11 +123,12 @@ def _write_capabilities(report: CapabilitiesReport) -> bytes:
             f"A device has 1 to {_MAX_RATES} sample rates, but {len(report.rates)} are given; "
             "correct the list."
         )
-    *numbers, name, serial, calibration_id, touch, _, guard, marks, tested, cause = vars(
+    *numbers, name, serial, calibration_id, touch, _, guard, marks, tested, cause, sense_hz = vars(
         report
     ).values()
     texts = (_text_bytes(text) for text in (name, serial, calibration_id))
-    flags = touch | marks << 1 | tested << 2 | cause << 3
+    sense = (sense_hz // 125).bit_length() - 1 if sense_hz else 0
+    flags = touch | marks << 1 | tested << 2 | cause << 3 | sense << 5
     head = LAYOUTS[FrameKind.CAPABILITIES].fields.pack(*numbers, *texts, flags, len(report.rates))
     rates = (_RATE.pack(r.sample_rate_hz, sum(1 << mode for mode in r.modes)) for r in report.rates)
     return head + b"".join(rates) + _GUARD.pack(guard)
@@ -135,7 +147,9 @@ def _read_capabilities(payload: bytes, fields: struct.Struct) -> CapabilitiesRep
         for rate_hz, modes in _RATE.iter_unpack(payload[fields.size : rates_end])
     )
     texts = (_text(data) for data in (name, serial, calibration_id))
-    flagged = (bool(flags & 2), bool(flags & 4), flags >> 3 & 3)
+    sense = flags >> 5 & 7
+    sense_hz = 125 << sense if sense else 0
+    flagged = (bool(flags & 2), bool(flags & 4), flags >> 3 & 3, sense_hz)
     ends = (bool(flags & 1), rates, *_GUARD.unpack_from(payload, rates_end), *flagged)
     values: tuple[Any, ...] = (*numbers, *texts, *ends)
     return CapabilitiesReport(*values)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import IntEnum
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -31,6 +32,10 @@ class FaultCode(IntEnum):
     TRUNCATED = 16
     ENERGY = 17
     MEAN = 18
+    PEAK_CURRENT = 19
+    RMS_CURRENT = 20
+    NO_CURRENT = 21
+    OVERLOAD = 22
 
 
 @dataclass(frozen=True)
@@ -114,6 +119,22 @@ _SENTENCES = {
         "The mean voltage over a second would exceed {expected_v:g} V, with the time that a sample "
         "was held; remove the offset, send without pauses, and rest before trying again."
     ),
+    FaultCode.PEAK_CURRENT: (
+        "The current measured beside that of the panel exceeds 0.7 mA, by {got} codes of the "
+        "converter of {expected}; look for a leak, or for what else touches the screen."
+    ),
+    FaultCode.RMS_CURRENT: (
+        "The current measured beside that of the panel exceeds 0.5 mA rms, by {got} codes of the "
+        "converter of {expected}; look for a leak, or for what else touches the screen."
+    ),
+    FaultCode.NO_CURRENT: (
+        "The electrode draws less than half of the panel's current; it is broken, or the screen or "
+        "its ground is not connected."
+    ),
+    FaultCode.OVERLOAD: (
+        "The electrode draws more than twice the panel's current, or more than the converter "
+        "measures; look for a short circuit and for a second body."
+    ),
 }
 
 
@@ -133,6 +154,17 @@ class FrameKind(IntEnum):
     FAULT = 0x83
     TOUCH = 0x84
     MARKED = 0x85
+    SENSE = 0x86
+
+
+class Doubt(IntEnum):
+    """Why the driver does not believe its converter, and limits what it computes alone."""
+
+    NONE = 0
+    STUCK = 1
+    LIES = 2
+    LATE = 3
+    DIRECT = 4
 
 
 class StreamMode(IntEnum):
@@ -341,6 +373,8 @@ class CapabilitiesReport:
         Whether its memory, program and limits passed its tests at power-up.
     reset_cause : int
         0 unknown, 1 power, and its watchdog has been seen to reset it, 2 its watchdog.
+    sense_rate_hz : int
+        Readings of its current a second: 250, 500, 1000, 2000 or 4000; 0 without a sensor.
     """
 
     oldest_version: int
@@ -362,6 +396,7 @@ class CapabilitiesReport:
     takes_marks: bool = False
     has_tested_itself: bool = False
     reset_cause: int = 0
+    sense_rate_hz: int = 0
 
 
 @dataclass(frozen=True)
@@ -451,11 +486,53 @@ class MarkedReport:
     code: int
 
 
+class SenseReading(NamedTuple):
+    """The current over whole periods of the carrier, or why none is measured.
+
+    Parameters
+    ----------
+    clock_ticks : int
+        Time of its end, by the device's clock.
+    in_phase_na, ahead_na : int
+        Amplitude in phase with the drive, and ahead of it by a quarter period, in nanoamperes.
+    driven : int
+        Amplitude driven, as a code.
+    flags : int
+        Bit 0: saturated; bits 1 to 3: a `Doubt`.
+    """
+
+    clock_ticks: int
+    in_phase_na: int
+    ahead_na: int
+    driven: int
+    flags: int
+
+    @property
+    def doubt(self) -> Doubt:
+        """Why the driver does not believe it."""
+        return Doubt(min(self.flags >> 1 & 7, Doubt.DIRECT))
+
+
+@dataclass(frozen=True)
+class SenseReport:
+    """Device: readings of its current (kind SENSE).
+
+    Parameters
+    ----------
+    readings : tuple of SenseReading
+        Oldest first, at least one.
+    """
+
+    readings: tuple[SenseReading, ...]
+
+
 #: Time of a mark that came too late.
 NEVER = 2**64 - 1
 
 HostMessage = Hello | Setup | Arm | StreamSamples | Revise | Stop | Ping | Mark
-DeviceMessage = CapabilitiesReport | StatusReport | FaultReport | TouchReport | MarkedReport
+DeviceMessage = (
+    CapabilitiesReport | StatusReport | FaultReport | TouchReport | MarkedReport | SenseReport
+)
 Message = HostMessage | DeviceMessage
 
 #: Samples in a payload of 65535 bytes, after a sample index of four.

@@ -33,7 +33,7 @@ def c_header(session):
         f"static const hx_config config = {{{', '.join(str(board[n]) for n in numbers)},"
         f" {board['reports_touch'] | board.get('takes_marks', False) << 1},"
         f" {len(board['rates'])}, {{{rates}}}, {texts},"
-        f" {board['guard_ticks']}}};",
+        f" {board['guard_ticks']}, 0, 0, 0}};",
     ]
     steps = []
     for number, step in enumerate(session["steps"]):

@@ -13,7 +13,7 @@ static uint8_t frame[1024];
 static int16_t out[1024];
 
 static const hx_config config = {
-    48000, 250000, 200000, 4666666, 1000, 500, 250, 64, 0, 2, {{48000, 3}, {16000, 3}}, "m0", "1", "", 16};
+    48000, 250000, 200000, 4666666, 1000, 500, 250, 64, 0, 2, {{48000, 3}, {16000, 3}}, "m0", "1", "", 16, 0, 0, 0};
 
 /* Make a frame of what stands in the payload. */
 static void seal(uint8_t kind, uint16_t mode, uint32_t length) {

@@ -29,7 +29,7 @@ static hx_device device;
 static const hx_config config = {
     RATE_HZ, 250000, 200000, 4666666, 160, 150, WATCHDOG_MS, 64,
     HX_SENDS_TOUCH | HX_TAKES_MARK, 2,
-    {{RATE_HZ, 3}, {RATE_HZ / 4, 3}}, "fuzzed", "1", "none", GUARD_TICKS};
+    {{RATE_HZ, 3}, {RATE_HZ / 4, 3}}, "fuzzed", "1", "none", GUARD_TICKS, 0, 0, 0};
 
 /* The last second of the output. */
 static int16_t second[RATE_HZ];
