@@ -58,6 +58,7 @@ static void keep(hx_device *d, uint64_t clock, int32_t in_phase_na, int32_t ahea
 static void doubt(hx_device *d, enum hx_doubt why) {
     hx_sensor *s = &d->sensor;
     s->well_ticks = 0;
+    s->too_much = s->missing = s->lies = 0;
     if (s->doubt == why) return;
     s->doubt = (uint8_t)why;
     if (why != HX_BELIEVED) keep(d, d->clock, 0, 0, 0, (uint32_t)why << 1);

@@ -126,7 +126,8 @@ class MockConverter:
             case "noise":
                 return self._convert(np.zeros(codes.size))
             case "inverted":
-                return np.negative(np.maximum(codes, np.int16(-FULL_SCALE_CODE)))
+                inverted: Codes = -np.maximum(codes, -FULL_SCALE_CODE)
+                return inverted
             case "saturated":
                 return np.where(codes < 0, -32768, FULL_SCALE_CODE).astype(np.int16)
             case "late":
@@ -152,4 +153,5 @@ class MockConverter:
     def _convert(self, current: npt.NDArray[np.float64]) -> Codes:
         noisy = current + self._random.normal(0.0, self._noise_codes, current.size)
         rounded = np.round(noisy / self._step) * self._step
-        return np.clip(rounded, -32768, 32768 - self._step).astype(np.int16)
+        codes: Codes = np.clip(rounded, -32768, 32768 - self._step).astype(np.int16)
+        return codes

@@ -518,12 +518,20 @@ def frames():
             "<QIH",
             {"clock_ticks": 1099511627781, "sample_index": 480, "code": 258},
         ),
+        (
+            0x86,
+            5,
+            {"readings": [[1099511627781, -12, 5_026_548, 13107, 0], [1099511627973, 0, 0, 0, 6]]},
+            struct.pack("<QiihH", 1099511627781, -12, 5_026_548, 13107, 0)
+            + struct.pack("<QiihH", 1099511627973, 0, 0, 0, 6),
+            0,
+        ),
         row(0x84, 3, "<QIIHBB", named(touch, 48_000, 60_000, 20_000, 500, 1, 2)),
     ]
     names = dict(
         enumerate(("HELLO", "SETUP", "ARM", "STREAM", "STOP", "PING", "REVISE", "MARK"), 1)
     )
-    names |= dict(enumerate(("CAPABILITIES", "STATUS", "FAULT", "TOUCH", "MARKED"), 0x81))
+    names |= dict(enumerate(("CAPABILITIES", "STATUS", "FAULT", "TOUCH", "MARKED", "SENSE"), 0x81))
     lines = [
         json.dumps(
             {

@@ -34,6 +34,8 @@ from firmware_io.protocol import (
     Ping,
     Rate,
     Revise,
+    SenseReading,
+    SenseReport,
     Setup,
     StatusReport,
     Stop,
@@ -62,6 +64,7 @@ CRCS = json.loads((ROOM / "golden/crc.json").read_text())
 STREAM = Frame(StreamSamples(480, np.array([0, 1, -1, 32767, -32767], np.int16)), 7)
 
 u16, u32, u64 = (st.integers(0, 2**bits - 1) for bits in (16, 32, 64))
+i32 = st.integers(-(2**31), 2**31 - 1)
 texts = st.text(st.characters(min_codepoint=32, max_codepoint=126), max_size=16)
 modes = st.sampled_from(StreamMode)
 rates = st.builds(Rate, u32, st.frozensets(modes, min_size=1))
@@ -79,6 +82,8 @@ messages = st.one_of(
         *(texts, texts, texts, st.booleans()),
         st.lists(rates, min_size=1, max_size=8).map(tuple),
         u32,
+        *(st.booleans(), st.booleans(), st.integers(0, 3)),
+        st.sampled_from([0, 250, 500, 1000, 2000, 4000]),
     ),
     st.builds(
         StatusReport,
@@ -87,6 +92,14 @@ messages = st.one_of(
     ),
     st.builds(FaultReport, st.sampled_from(FaultCode), st.integers(0, 255), u16, u32, u32, u64),
     st.builds(TouchReport, u64, u32, u32, u16, st.integers(0, 255), st.sampled_from(TouchPhase)),
+    st.builds(
+        SenseReport,
+        st.lists(
+            st.builds(SenseReading, u64, i32, i32, st.integers(-(2**15), 2**15 - 1), u16),
+            min_size=1,
+            max_size=8,
+        ).map(tuple),
+    ),
 )
 frames = st.builds(Frame, messages, u16)
 
@@ -119,6 +132,7 @@ def from_golden(golden):
             "TOUCH": TouchReport,
             "MARK": Mark,
             "MARKED": MarkedReport,
+            "SENSE": SenseReport,
         }
         enums = {
             "mode": StreamMode,
@@ -133,6 +147,8 @@ def from_golden(golden):
             values["rates"] = tuple(
                 Rate(r, frozenset(map(StreamMode, m))) for r, m in values["rates"]
             )
+        if "readings" in values:
+            values["readings"] = tuple(SenseReading(*row) for row in values["readings"])
         message = kinds[golden["kind"]](**values)
     return Frame(message, golden["sequence"])
 
