@@ -252,8 +252,9 @@ typedef struct {
     int32_t body;    /* and a body */
     int32_t in_phase; /* of the untouched panel as measured */
     int32_t ahead;
-    int32_t with_drive; /* those as factors of the drive and of the drive a sample before */
+    int32_t with_drive; /* those as factors of the drive and of the drive a sample before, times 2^shift */
     int32_t with_before;
+    int32_t shift;
     uint32_t measured; /* readings of the panel, until it is known */
     uint32_t least;    /* mean square of the drive at which a current is expected */
     uint32_t fingers;  /* a bit each, 32 of them */

@@ -7,6 +7,9 @@
 /* Begin the safety ramp, throw the queue away, disarm. */
 void hx_end_output(hx_device *device);
 
+/* The sine of a phase (2^32 is a turn) in 1/32767. */
+int32_t hx_sine_of(uint32_t phase);
+
 /* Forget a mark. */
 void hx_drop_mark(hx_device *device, uint32_t at);
 

@@ -6,7 +6,7 @@
 #include "haptix_window.h"
 
 /* The sine of a phase (2^32 is a turn) in 1/32767, interpolated in the table. */
-static int32_t sine(uint32_t phase) {
+int32_t hx_sine_of(uint32_t phase) {
     uint32_t index = phase >> 22;
     int32_t fraction = (int32_t)(phase >> 6 & 0xffffu);
     int32_t a = hx_sine[index], b = hx_sine[index + 1u];
@@ -131,7 +131,7 @@ static int16_t limited(const hx_device *d, int32_t before, int32_t code) {
 /* The level as it goes to the output. */
 static int16_t drive(const hx_device *d, enum hx_output what) {
     int32_t code = d->level;
-    if (d->has_carrier && what != HX_OUT_IDLE) code = code * sine(d->phase) / 32767;
+    if (d->has_carrier && what != HX_OUT_IDLE) code = code * hx_sine_of(d->phase) / 32767;
     return limited(d, d->code, code);
 }
 

@@ -7,19 +7,12 @@
  * a converter that is not believed changes nothing.
  */
 #include "haptix_internal.h"
-#include "haptix_sine.h"
 
 #define ONE 65536          /* of a ratio of codes */
 #define PANEL_READINGS 16u /* of the untouched panel, before it is known */
 #define MOST_OFFSET 256   /* of the converter, in its codes */
 #define LEAST_SINE 100     /* of a step of the carrier: below 0.499 of the output rate */
 #define RAIL 32752         /* the highest code of 12 bits, at the left of 16 */
-
-static int32_t sine(uint32_t phase) {
-    uint32_t index = phase >> 22;
-    int32_t a = hx_sine[index], b = hx_sine[index + 1u];
-    return a + (b - a) * (int32_t)(phase >> 6 & 0xffffu) / 65536;
-}
 
 static int has_sensor(const hx_device *d) { return d->config.sense_rate_hz != 0; }
 
@@ -78,8 +71,16 @@ static void set_panel(hx_sensor *s, int32_t in_phase, int32_t ahead) {
     s->in_phase = in_phase;
     s->ahead = ahead;
     int64_t before = (int64_t)ahead * 32767 / s->sine;
+    int64_t drive = in_phase + before * s->cosine / 32767;
+    /* In 15 bits, so that no product needs more than 32. */
+    s->shift = 16;
+    while (before > 32767 || before < -32767 || drive > 32767 || drive < -32767) {
+        before /= 2;
+        drive /= 2;
+        s->shift--;
+    }
     s->with_before = (int32_t)-before;
-    s->with_drive = in_phase + (int32_t)(before * s->cosine / 32767);
+    s->with_drive = (int32_t)drive;
 }
 
 void hx_sense_begin(hx_device *d) {
@@ -92,7 +93,7 @@ void hx_sense_begin(hx_device *d) {
     s->has_begun = 0;
     s->missed_ticks = 0;
     s->begun = d->clock;
-    int32_t step_sine = d->has_carrier ? sine(d->phase_step) : 0;
+    int32_t step_sine = d->has_carrier ? hx_sine_of(d->phase_step) : 0;
     if (step_sine < LEAST_SINE) {
         doubt(d, HX_DIRECT);
         return;
@@ -103,7 +104,7 @@ void hx_sense_begin(hx_device *d) {
     s->panel = panel;
     s->body = ratio_of(d, HX_BODY_PF);
     s->sine = step_sine;
-    s->cosine = sine(d->phase_step + 0x40000000u);
+    s->cosine = hx_sine_of(d->phase_step + 0x40000000u);
     uint32_t least = (uint32_t)((uint64_t)HX_SENSE_LEAST_MV * 32767u / d->config.full_scale_mv);
     s->least = least * least / 2u;
     if (s->measured == 0) set_panel(s, 0, panel);
@@ -261,13 +262,12 @@ static void measure(hx_sensor *s, int32_t drive, int32_t current) {
     current -= s->offset;
     half->drive += (uint32_t)(drive * drive);
     half->current += (uint32_t)(current * current);
-    int64_t panel = (int64_t)s->with_drive * drive + (int64_t)s->with_before * s->before;
-    int64_t far = current - panel / ONE;
-    int32_t rest = far > 65535 ? 65535 : far < -65535 ? -65535 : (int32_t)far;
-    half->with_drive += (int64_t)rest * drive;
-    half->with_before += (int64_t)rest * s->before;
+    int32_t rest = current - (s->with_drive * drive >> s->shift) - (s->with_before * s->before >> s->shift);
+    rest = rest > 32767 ? 32767 : rest < -32767 ? -32767 : rest;
+    half->with_drive += rest * drive;
+    half->with_before += rest * s->before;
     uint32_t size = (uint32_t)(rest < 0 ? -rest : rest);
-    half->rest += (uint64_t)size * size;
+    half->rest += size * size;
     if (size > half->rest_peak) half->rest_peak = size;
     if (current > half->highest) half->highest = current;
     if (current < half->lowest) half->lowest = current;

@@ -203,7 +203,7 @@ def test_a_converter_that_fails_is_told_and_the_drive_goes_on(failure, why, phas
     bench.play(0.1)
     assert len(bench.readings) - good <= 3  # what ended before
     assert bench.driver.fault is None
-    codes, kinds = bench.driver.output
+    codes = bench.driver.output[0]
     assert np.abs(codes[since:]).max() == np.abs(codes[since - 480 : since]).max()
     # Believed again after half a second of good samples.
     bench.change(failure=None)

@@ -814,6 +814,93 @@ static void steep_carrier(void) {
 }
 
 /* Counters close to where they begin again, as after weeks. */
+/* What a converter tells of n output samples: a panel, more or less, and all that is wrong with one. */
+static void tell_current(int16_t *raw, uint32_t n, uint32_t kind, int32_t ahead, int32_t gain) {
+    static int32_t before;
+    for (uint32_t i = 0; i < n; i++) {
+        /* A share of the panel's current, and of one in phase. */
+        double sine = device.sensor.sine ? device.sensor.sine : 32767, cosine = device.sensor.cosine;
+        double panel = device.sensor.panel / 65536.0 * (out[i] * cosine - before * 32767.0) / sine;
+        if (panel > 30000.0 || panel < -30000.0) panel = 30000.0;
+        int32_t code = (int32_t)(panel * ahead / 1000.0) + out[i] * gain / 1024;
+        int32_t noise = (int32_t)chance(33) - 16;
+        if (kind == 1) noise *= (int32_t)chance(4000);
+        if (kind == 2) code = noise = gain * 30;
+        if (kind == 3) code = chance(2) ? 32767 : -32768;
+        if (kind == 4) code = 0;
+        if (kind == 5) code = -code;
+        code += noise;
+        raw[i] = (int16_t)(code > 32767 ? 32767 : code < -32768 ? -32768 : code);
+        before = out[i];
+    }
+}
+
+/* Whatever a converter tells, every limit that play() demands holds, and the output is that of a twin
+ * without a sensor, or goes to 0 V in a ramp of a millisecond at most. */
+static void hostile_currents(uint32_t streams) {
+    static hx_device twin;
+    static int16_t raw[4096], twin_out[4096];
+    uint32_t faults[4] = {0}, doubts[5] = {0};
+    for (uint32_t i = 0; i < streams; i++) {
+        hx_config board = config;
+        power_up(&board);
+        twin = device;
+        board.sense_rate_hz = 250u << chance(5);
+        board.sense_full_scale_na = 20000000u;
+        board.panel_pf = 2000u;
+        demand(hx_device_init(&device, &board));
+        set_up_fields s = plain;
+        s.mode = chance(40) ? HX_ENVELOPE : HX_WAVEFORM;
+        s.rate_hz = chance(2) ? RATE_HZ : RATE_HZ / 4u;
+        if (s.mode) s.carrier_mhz = 1000000u + chance(7000000u);
+        int32_t most = s.mode ? (int32_t)(chance(2) ? 3000 : 6000) : 500, level = 0, to = most;
+        hx_device *both[2] = {&device, &twin};
+        demand(setup_with(s));
+        hx_device_receive(&twin, frame_bytes, HX_SETUP_BYTES + HX_FRAME_OVERHEAD_BYTES);
+        say(HX_ARM, 0, NULL, 0);
+        hx_device_receive(&twin, frame_bytes, HX_FRAME_OVERHEAD_BYTES);
+        uint32_t cut = 0, blocks = 8u + chance(60);
+        for (uint32_t block = 0; block < blocks; block++) {
+            uint32_t n = 1u + chance(16), kind = chance(12) ? 0 : chance(6);
+            int32_t ahead = 1000, gain = 0;
+            if (chance(8) == 0) ahead = (int32_t)chance(4000) - 1000;
+            if (chance(8) == 0) gain = (int32_t)chance(300);
+            for (uint32_t b = 0; b < 8u; b++) {
+                if (chance(40) == 0) to = (int32_t)chance((uint32_t)most);
+                hx_put_u32(payload_bytes, device.next_index);
+                for (uint32_t k = 0; k < 4u; k++) {
+                    level += to > level ? 1 + (to - level) / 8 : (to - level) / 8;
+                    hx_put_u16(payload_bytes + 4 + 2 * k, (uint16_t)level);
+                }
+                uint32_t length = make_frame(frame_bytes, HX_STREAM, device.next_sequence,
+                                             device.mode, payload_bytes, 12);
+                if (!device.fault.code && device.config.queue_samples - device.queued >= 4u)
+                    for (uint32_t k = 0; k < 2u; k++) hx_device_receive(both[k], frame_bytes, length);
+                play(n);
+                hx_device_play(&twin, twin_out, NULL, n);
+                for (uint32_t k = 0; k < n; k++) {
+                    int is_measured = device.fault.code >= HX_FAULT_PEAK_CURRENT;
+                    if (!is_measured) demand(out[k] == twin_out[k]);
+                    else if (++cut > RATE_HZ / 1000u) demand(out[k] == 0);
+                }
+                if (chance(300) == 0) {
+                    hx_touch touch = {0, 1, 1, 1, (uint8_t)chance(3), (uint8_t)chance(3)};
+                    hx_device_touch(&device, &touch);
+                }
+                tell_current(raw, n, kind, ahead, gain);
+                if (chance(500)) hx_device_sense(&device, out, raw, n, chance(90) ? 0 : chance(200));
+            }
+        }
+        if (device.fault.code >= HX_FAULT_PEAK_CURRENT) faults[device.fault.code - HX_FAULT_PEAK_CURRENT]++;
+        doubts[device.sensor.doubt]++;
+        play(WATCHDOG);
+        demand(out[WATCHDOG - 1u] == 0 && hx_device_is_whole(&device));
+    }
+    demand(streams < 1000u || (faults[0] && faults[2] && faults[3] && doubts[HX_STUCK] && doubts[HX_LIES]));
+    printf("%u streams of currents: %u peaks, %u rms, %u no current, %u overloads\n", streams, faults[0],
+           faults[1], faults[2], faults[3]);
+}
+
 static void weeks_later(void) {
     power_up(&config);
     ready(plain);
@@ -863,7 +950,10 @@ static void weeks(void) {
 
 int main(int argc, char **argv) {
     static uint8_t data[2048];
-    (void)argv;
+    if (argc > 2) {
+        hostile_currents((uint32_t)atoi(argv[2]));
+        return 0;
+    }
     if (argc > 1) {
         weeks();
         return 0;
@@ -883,6 +973,7 @@ int main(int argc, char **argv) {
     hostile_host();
     steep_carrier();
     weeks_later();
+    hostile_currents(300);
     for (int round = 0; round < 1000; round++) {
         for (size_t i = 0; i < sizeof data; i++) data[i] = (uint8_t)chance(256);
         LLVMFuzzerTestOneInput(data, chance(sizeof data));
