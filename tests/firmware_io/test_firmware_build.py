@@ -66,7 +66,7 @@ def test_it_fits_a_microcontroller(tmp_path):
         int, re.search(r"(\d+)\s+(\d+)\s+(\d+)\s+\d+\s+\w+\s+\(TOTALS\)", done.stdout).groups()
     )
     # The smallest boards in question have 64 KB of flash and 16 KB of RAM.
-    assert text < 16_000
+    assert text < 18_000  # 4.4 KB of it for a converter of the current
     assert data == 0
     assert bss < 8_500
 
