@@ -150,7 +150,17 @@ class CurrentReading(NamedTuple):
 
     @classmethod
     def of(cls, reading: SenseReading, clock: OutputClock, full_scale_v: float) -> Self:
-        """Return a reading of the wire, in the units of the host."""
+        """Return a reading of the wire, in the units of the host.
+
+        Parameters
+        ----------
+        reading : SenseReading
+            As it came.
+        clock : OutputClock
+            The driver's clock against the host's.
+        full_scale_v : float
+            The voltage of code 32767.
+        """
         return cls(
             clock.time_of(reading.clock_ticks),
             reading.in_phase_na * 1e-9,
