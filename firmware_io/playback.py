@@ -97,6 +97,9 @@ class Playback:
         Longest stall that is no underrun.
     stats : PlaybackStats, optional
         Counters.
+    on_read : callable, optional
+        Called in the thread that plays, some 500 times a second, after the driver's reports were
+        read: there `Device.readings` has new ones.
 
     Attributes
     ----------
@@ -117,6 +120,7 @@ class Playback:
         horizon_s: float = 0.1,
         *,
         stats: PlaybackStats | None = None,
+        on_read: Callable[[], None] | None = None,
     ) -> None:
         for name, value, least, most in (
             ("reaction_s", reaction_s, 0.001, 0.1),
@@ -133,6 +137,7 @@ class Playback:
         self.stats = PlaybackStats() if stats is None else stats
         self.stats.reaction_s, self.stats.horizon_s = reaction_s, horizon_s
         self._source = source
+        self._on_read = on_read
         self._clock = device.clock
         self.has_thread = self._clock is HOST_CLOCK
         self.writer: Writer | None = None
@@ -151,7 +156,7 @@ class Playback:
         with self._turn:
             if self._finalizer is not None:
                 return
-            writer = Writer(Reviser(self.device, self._source, self.stats))
+            writer = Writer(Reviser(self.device, self._source, self.stats, self._on_read))
             writer.reviser.begin()
             stats = self.stats
             _LOG.info("begins: reaction %g s, horizon %g s", stats.reaction_s, stats.horizon_s)

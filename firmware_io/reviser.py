@@ -20,7 +20,7 @@ import logging
 import math
 import threading
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -40,6 +40,9 @@ _BURST = 0.5  # share of an interval by which the revision of a touch may come e
 
 SPARE_S = 0.085
 """Samples beyond the horizon: the next piece to append, and a reserve for two stalls in a row."""
+
+READ_EVERY_S = 0.002
+"""Time between two readings of the driver's reports, where somebody waits for them."""
 
 _PIECE_S = 0.04  # most that is appended at once, between two touches
 _PIECE_SHARE = 1 / 3  # its largest share of the driver's queue beyond the horizon
@@ -172,6 +175,8 @@ class Reviser:
         Makes the samples.
     stats : PlaybackStats
         Counters; it also has the requested reaction and horizon.
+    on_read : callable, optional
+        Called after the driver's reports were read, which is then done every `READ_EVERY_S`.
 
     Attributes
     ----------
@@ -181,7 +186,13 @@ class Reviser:
         Whether a touch has come since the last step began.
     """
 
-    def __init__(self, device: Device, source: Source, stats: PlaybackStats) -> None:
+    def __init__(
+        self,
+        device: Device,
+        source: Source,
+        stats: PlaybackStats,
+        on_read: Callable[[], None] | None = None,
+    ) -> None:
         rate_hz = device.capabilities.sample_rate_hz
         self.device = device
         self.ready = threading.Condition()
@@ -189,6 +200,7 @@ class Reviser:
         self.samples_sent = 0
         self.stats = stats
         self._source = source
+        self._on_read = on_read
         self._clock = device.clock
         self._rate_hz = rate_hz
         grid = source.grid
@@ -260,13 +272,15 @@ class Reviser:
 
     def _read_and_append(self, now_s: float) -> None:
         """Read reports, revise without a touch if that is due, and append."""
-        self._read_s = math.inf
+        self._read_s = math.inf if self._on_read is None else now_s + READ_EVERY_S
         is_fresh = now_s - self._asked_s > _ASK_S and self.samples_sent > 0
         progress = self.device.progress(is_fresh, is_due=True)
         now_s = self._clock()
         if is_fresh:
             self._asked_s = now_s
         self._observe(progress)
+        if self._on_read is not None:
+            self._on_read()
         if now_s >= self._next_revision_s():
             self._revise()
         missing = self._append(progress)

@@ -207,8 +207,9 @@ static void learn(hx_device *d, int32_t in_phase, int32_t ahead) {
 }
 
 static int32_t na_of(const hx_device *d, int32_t ratio, uint32_t amplitude) {
-    int64_t codes = (int64_t)ratio * amplitude / ONE;
-    return (int32_t)(codes * (int64_t)d->config.sense_full_scale_na / 32767);
+    /* 2^17, 2^15 and 2^26 at most; whole codes would be coarser than the noise. */
+    int64_t current = (int64_t)ratio * amplitude * (int64_t)d->config.sense_full_scale_na;
+    return (int32_t)(current / ((int64_t)ONE * 32767));
 }
 
 static void end_reading(hx_device *d, uint64_t clock) {

@@ -335,7 +335,8 @@ class MockDriver:
     def _piece(self) -> int:
         """Output samples at once: a second, as the last call may be long ago; less if measured."""
         rate_hz = self.about.output_rate_hz
-        if self.converter is not None:
+        is_idle = self.core.pending_ticks == 0 and not self._codes[-1][-1:].any()
+        if self.converter is not None and not is_idle:
             return max(1, rate_hz // _CONVERTED_HZ)
         return rate_hz if self.amplifier is None else max(1, rate_hz // 1000)
 
