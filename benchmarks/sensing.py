@@ -7,6 +7,7 @@ Nothing of the package stands in the truth; `haptix.sensing` sees readings and t
     python benchmarks/independent_finger.py contacts.npz     # once
     python benchmarks/sensing.py contacts.npz                # 100 fingers of each contact
     python benchmarks/sensing.py contacts.npz --noise 0.01
+    python benchmarks/sensing.py contacts.npz --changed      # a screen that has changed since
     python benchmarks/sensing.py hostile 200000              # streams of readings that lie
 """
 
@@ -39,8 +40,15 @@ from independent_finger import (
 from oracle import thickness
 
 import haptix
+from firmware_io import CurrentReading
 from haptix.render.adapting import Adaptation
-from haptix.sensing import ContactCurrent, EnrolledFinger, FingerObserver, Knowledge, Reading
+from haptix.sensing import (
+    ContactCurrent,
+    EnrolledFinger,
+    FingerObserver,
+    Knowledge,
+    contact_change,
+)
 from haptix.sensing.finger_observer import SensorWatch
 from haptix.surface import Slice
 
@@ -66,6 +74,12 @@ SPREAD = {
     "frictional_shear_stress_pa": 0.3,
 }
 """Standard deviations of the logarithms (physics page, section 12)."""
+
+
+def told_of(
+    t_s: float, current_a: complex, volts: float, is_saturated: bool = False
+) -> CurrentReading:
+    return CurrentReading(t_s, current_a.real, current_a.imag, volts, is_saturated)
 
 
 @dataclass(frozen=True)
@@ -133,7 +147,7 @@ def stroke(
     slid_s: float,
     random: np.random.Generator,
     person: EnrolledFinger | None = None,
-    is_weighed: bool = False,
+    weighed_n: float | None = None,
 ) -> tuple[FingerObserver, float]:
     """Let an observer see an untouched panel for 2 s, then a stroke; return it and the time."""
     observer = FingerObserver(model, person=person)
@@ -144,7 +158,7 @@ def stroke(
         current = jw * farads * amplitude
         error = random.normal(size=2) @ (1, 1j) * each * abs(current)
         error += random.normal(size=2) @ (1, 1j) * 1e-5 * FULL_A  # 12 bits after the lock-in
-        reading = Reading(at_s, complex(current + error), amplitude)
+        reading = told_of(at_s, complex(current + error), amplitude)
         observer.read(reading, at_s + DELAY_S)
 
     for i in range(int(2 * RATE_HZ)):
@@ -163,7 +177,7 @@ def stroke(
         at = begin + i * step
         if i % 3 == 0:
             speed = 50.0 * min(1.0, (at - begin) / 0.02)
-            observer.touched(at, 1, speed, force_n if is_weighed else None)
+            observer.touched(at, 1, speed, weighed_n)
         amplitude = volts * (0.75 + 0.25 * np.sin(2 * pi * 20 * at))
         part = i * step / slid_s
         pressed = 1 + 0.03 * np.sin(2 * pi * 6 * at + tremor)
@@ -197,7 +211,7 @@ def fingers(
         truth, force, volts = drawn(contact, random, spread)
         person = None
         if is_enrolled:
-            learned, _ = stroke(truth, usual, volts, model, noise, 5.0, random, None, True)
+            learned, _ = stroke(truth, usual, volts, model, noise, 5.0, random, None, usual)
             person = learned.enrolled()
         observer, now = stroke(truth, force, volts, model, noise, slid_s, random, person)
         estimate = observer.estimate(now)
@@ -212,6 +226,50 @@ def fingers(
         found["sd"].append((true_gain - estimate.log_gain) / estimate.log_gain_sd)
         found["gain"].append(true_gain)
     return {name: np.array(values) for name, values in found.items()}
+
+
+CHANGES: dict[str, dict[str, float]] = {
+    "nothing": {},
+    "gaps 10 % smaller": {"h_rms_m": 1 / 1.1},
+    "gaps 10 % larger": {"h_rms_m": 1.1},
+    "area 10 % larger": {"apparent_area_at_1n_m2": 1.1},
+    "insulator 10 % thicker": {"h0_m": 1.1},
+}
+_SWEAT, _HAND, _SCALE = 0.1, 0.1, 0.03  # between two visits, standard deviations of logarithms
+
+
+def changed(contact: Contact, model: ContactCurrent, count: int, noise: float, seed: int) -> None:
+    """Slide 5 s on two days, at forces near each other: how often a change is flagged.
+
+    Between them sweat differs by 10 %, the hand's force by 10 %, what a scale says by 3 %.
+    """
+    random = np.random.default_rng(seed)
+    found: dict[str, list[tuple[bool, bool, float]]] = {name: [] for name in CHANGES}
+
+    def visit(truth: Truth, volts: float) -> EnrolledFinger:
+        sweaty = drifting(truth, 1 - float(np.exp(_SWEAT * random.normal())))
+        force = model.population.force_n * float(np.exp(_HAND * random.normal()))
+        told = force * float(np.exp(_SCALE * random.normal()))
+        observer, _ = stroke(sweaty, force, volts, model, noise, 5.0, random, None, told)
+        return observer.enrolled()
+
+    for _ in range(count):
+        truth, _, volts = drawn(contact, random, SPREAD)
+        before = visit(truth, volts)
+        for name, factors in CHANGES.items():
+            values = {key: x * factors.get(key, 1.0) for key, x in truth.finger.values.items()}
+            now = Truth(replace(truth.finger, values=values, _tables={}))
+            change = contact_change(before, visit(now, volts), model)
+            found[name].append(
+                (change.is_changed and change.is_sure, change.is_sure, change.log_ratio)
+            )
+    for name, rows in found.items():
+        flagged, sure, ratio = np.array(rows, dtype=float).T
+        print(
+            f"    {name:>24}: flagged {flagged.mean():4.0%}, sure {sure.mean():4.0%}, change "
+            f"{ratio.mean():+.3f} +- {ratio.std():.3f}",
+            flush=True,
+        )
 
 
 def hostile(streams: int, seed: int) -> None:
@@ -244,7 +302,7 @@ def hostile(streams: int, seed: int) -> None:
             current = 2j * pi * HERTZ * extra * volts
             late = 0.05 if hops and random.random() < 0.03 else 0.002
             with np.errstate(all="ignore"):
-                adapted.read(Reading(at - late, current, volts, bool(random.random() < 0.05)), at)
+                adapted.read(told_of(at - late, current, volts, bool(random.random() < 0.05)), at)
             if i % 4 == 0:
                 adapted.window(at, 1 / 12000, True)
                 slices, part = adapted.over(plain, 48)
@@ -289,6 +347,7 @@ def main() -> None:
     parser.add_argument("--skin", type=float, default=0.0, help="sd of ln of its insulation")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--enrolled", action="store_true", help="after 5 s at a known force")
+    parser.add_argument("--changed", action="store_true", help="a screen that has changed")
     parser.add_argument("--uncalibrated", action="store_true")
     given = parser.parse_args()
     known = haptix.ContactModel(haptix.Finger.preset("semi-wet"), haptix.Screen())
@@ -302,6 +361,10 @@ def main() -> None:
             reference = Truth(Finger(contact, NOMINAL)).farads(model.population.force_n, 100.0)
             plain = complex(model.capacitance_f(np.zeros((1, 6)), 100.0)[0])
             own = model.calibrated(abs(reference) / abs(plain))
+        if given.changed:
+            print(name)
+            changed(contact, own, given.fingers, given.noise[0], given.seed)
+            continue
         for noise in given.noise:
             for slid_s in given.slid:
                 found = fingers(

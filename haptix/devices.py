@@ -20,7 +20,7 @@ from urllib.parse import quote
 import platformdirs
 
 import firmware_io
-from firmware_io import Device
+from firmware_io import CurrentReading, Device
 from firmware_io.drive_check import DriveWindow
 from firmware_io.limits import (
     BODY_CAPACITANCE_F,
@@ -41,6 +41,7 @@ __all__ = [
     "MAX_PEAK_A",
     "MAX_RMS_A",
     "Current",
+    "CurrentReading",
     "Device",
     "DriveLimits",
     "DriveWindow",

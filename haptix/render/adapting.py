@@ -10,11 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from firmware_io import CurrentReading
 from haptix.checks import Array, boolean
 from haptix.errors import InputError
 from haptix.perception import WEBER_FRACTION
 from haptix.render.drive import Drive
-from haptix.sensing import ContactCurrent, FingerEstimate, FingerObserver, Reading
+from haptix.sensing import ContactCurrent, FingerEstimate, FingerObserver
 from haptix.surface import FrictionSurface, Slice
 from haptix.touch import ForceModel, TouchTracker
 
@@ -90,10 +91,16 @@ class Adaptation:
             self._course, self._target = _Course(0.0, 0.0, 0.0, 0.0), 0.0
             self.estimate = None
 
-    def read(self, reading: Reading, now_s: float) -> bool:
+    def read(self, reading: CurrentReading, now_s: float) -> bool:
         """Take a reading; return whether the queued samples should be rendered again at once."""
         with self._lock:
             return self.observer.read(reading, now_s) and self._learn(now_s)
+
+    def known(self, now_s: float) -> FingerEstimate:
+        """Return what is known at a time."""
+        with self._lock:
+            self.estimate = self.observer.estimate(now_s)
+            return self.estimate
 
     def touched(
         self, t_s: float, fingers: int, speed_mm_per_s: float, force_n: float, is_measured: bool
@@ -129,12 +136,19 @@ class Adaptation:
                 start = float(self._course.at(at_s))
                 self._course = self._course._replace(start_s=at_s, start=start, target=self._target)
 
-    def check(self, now_s: float) -> None:
-        """Learn that the sensor is silent, if no reading has come for too long."""
+    def look(self, now_s: float) -> None:
+        """Begin to take all readings that wait, see `SensorWatch.look`."""
+        with self._lock:
+            self.observer.watch.look(now_s)
+
+    def check(self, now_s: float) -> bool:
+        """Learn that the sensor is silent, if no reading has come for too long; return if so."""
         with self._lock:
             watch = self.observer.watch
-            if watch.is_trusted and not watch.check(now_s):
-                self._learn(now_s)
+            if not watch.is_trusted or watch.check(now_s):
+                return False
+            self._learn(now_s)
+            return True
 
     def now(self, plain: Slice) -> Slice:
         """Return the slice of the finger, by the latest estimate."""

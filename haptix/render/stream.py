@@ -30,7 +30,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from firmware_io import Device, Playback
+from firmware_io import CurrentReading, Device, Playback
 from firmware_io.progress import MOST_MARKS
 from firmware_io.real_time import ready_interpreter
 from haptix.checks import Array, instance, number, whole
@@ -45,7 +45,7 @@ from haptix.render.master import EffectEnd, Master, PlayingEffect
 from haptix.render.played import PlayedRecord, RenderSource
 from haptix.render.settings import LiveSettings, RenderSettings
 from haptix.render.verified import VerifiedUse
-from haptix.sensing import FingerObserver, Reading
+from haptix.sensing import FingerObserver
 from haptix.surface import FrictionSurface
 from haptix.texture import Feelable, check_feelable
 from haptix.touch import ForceModel, TouchCounts, TouchEvent
@@ -425,8 +425,9 @@ class LiveRenderer(RenderStream):
     Parameters
     ----------
     sense : bool or FingerObserver
-        Learn the finger from the current that it draws, see `sensed`; an observer may have been
-        told whose it is. Off, nothing is computed.
+        Learn the finger from the current that it draws: from the driver's own readings, or those
+        that `sensed` is given where the driver has no sensor. An observer may have been told whose
+        finger it is. Off, nothing is computed.
 
     Warns
     -----
@@ -457,7 +458,7 @@ class LiveRenderer(RenderStream):
         if sense is not False:
             self.adapted = Adaptation.of(sense, self.surface, self.drive)
 
-    def sensed(self, reading: Reading) -> None:
+    def sensed(self, reading: CurrentReading) -> None:
         """Take a reading of the current, which arrives now; its time is by `now_s`.
 
         Raises
@@ -470,6 +471,19 @@ class LiveRenderer(RenderStream):
         if self.adapted.read(reading, self.now_s()):
             self._changed()
         self.stats.finger = self.adapted.estimate
+
+    def _read_current(self) -> None:
+        """Take what the driver's sensor has read, in the thread that plays."""
+        if self.adapted is not None:
+            self.adapted.look(self.now_s())
+            for reading in self.device.readings():
+                self.sensed(reading)
+            self._check_sensor(self.adapted)
+
+    def _check_sensor(self, adapted: Adaptation) -> None:
+        if adapted.check(self.now_s()):
+            self.stats.finger = adapted.estimate
+            self._changed()
 
     def _reset(self) -> None:
         self._ahead_s: float | None = None  # clock of touches minus that of samples
@@ -486,7 +500,18 @@ class LiveRenderer(RenderStream):
             self._place_marks,
         )  # fmt: skip
         times_s = self.settings.reaction_s, self.settings.horizon_s
-        playback = Playback(self.device, source, *times_s, stats=self.stats)
+        on_read = None
+        if self.adapted is not None:
+            if self.device.capabilities.sense_rate_hz and self.device.mode == "envelope":
+                on_read = self._read_current
+            else:
+                _LOG.warning(
+                    "sense: %s reports no current: expected a sensor, and a carrier of the driver "
+                    "(mode=envelope); `sensed` takes readings of another converter",
+                    self.device.name,
+                )
+            self.stats.finger = self.adapted.known(self.now_s())
+        playback = Playback(self.device, source, *times_s, stats=self.stats, on_read=on_read)
         # Collect garbage before the driver is armed: that takes long, and an armed driver needs
         # data.
         with ExitStack() as stack:
@@ -637,6 +662,6 @@ class LiveRenderer(RenderStream):
     def _count_window(self, block: RenderedBlock, seconds: float, at_s: float) -> None:
         self._count(block, seconds)
         if self.adapted is not None:
-            self.adapted.check(self.now_s())
+            self._check_sensor(self.adapted)
             self.stats.finger = self.adapted.estimate
         self._ahead_s = at_s - block.first_sample / self.sample_rate_hz

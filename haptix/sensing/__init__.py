@@ -2,22 +2,22 @@
 
 from haptix.sensing.contact import LATENT, ContactCurrent, PopulationSpread
 from haptix.sensing.finger_observer import (
-    EnrolledFinger,
     FingerEstimate,
     FingerObserver,
     Knowledge,
-    Reading,
     SensingSettings,
 )
+from haptix.sensing.person import ContactChange, EnrolledFinger, contact_change
 
 __all__ = [
     "LATENT",
+    "ContactChange",
     "ContactCurrent",
     "EnrolledFinger",
     "FingerEstimate",
     "FingerObserver",
     "Knowledge",
     "PopulationSpread",
-    "Reading",
     "SensingSettings",
+    "contact_change",
 ]

@@ -12,36 +12,27 @@ from collections import deque
 from dataclasses import dataclass
 from enum import StrEnum
 from math import inf, nan, pi
-from typing import NamedTuple
 
 import numpy as np
 
 from haptix.checks import Array, check_fields, number, positive
+from haptix.devices import CurrentReading
 from haptix.display import Displayed
 from haptix.sensing.contact import FORCE, LATENT, ROUGHNESS, SKIN, STIFFNESS, ContactCurrent
+from haptix.sensing.person import Averaged, EnrolledFinger, parts
 
 _LOG = logging.getLogger("haptix.sensing")
 
 _PANEL = len(LATENT)  # the state behind the latent ones
 _STATES = _PANEL + 1
 _PF = 1e-12
-
-
-class Reading(NamedTuple):
-    """The current over a whole number of the carrier's periods, as a driver tells it."""
-
-    t_s: float
-    """Time of its end, by the device's clock [s]."""
-    current_a: complex
-    """Amplitude in phase with the voltage, and ahead of it by a quarter [A]."""
-    voltage_v: float
-    """Amplitude driven [V]."""
-    is_saturated: bool = False
+_KEPT_AVERAGES = 1000  # 20 s
 
 
 class Knowledge(StrEnum):
     """What stands behind an estimate."""
 
+    NO_SENSOR = "no reading of the current has come"
     NOTHING = "nothing yet"
     LEARNS = "learns"
     RESTS = "the finger rests"
@@ -131,13 +122,6 @@ class FingerEstimate(Displayed):
         )
 
 
-class EnrolledFinger(NamedTuple):
-    """What was learned of a finger, to begin with another time; see `FingerObserver.enrolled`."""
-
-    mean: Array
-    covariance: Array
-
-
 class FingerObserver:
     """Learns one finger from readings of the current.
 
@@ -170,10 +154,12 @@ class FingerObserver:
         self._assumed_n = contact.population.force_n
         self._variance_f2 = 0.0
         self._last: tuple[float, complex] | None = None
-        self._bin: list[Reading] = []
+        self._bin: list[CurrentReading] = []
+        self.averages: deque[Averaged] = deque(maxlen=_KEPT_AVERAGES)
+        """What counted since the finger was last forgotten."""
         self._readings = 0
         self._voltage_v = 0.0
-        self._state = Knowledge.NO_BASELINE
+        self._state = Knowledge.NO_SENSOR
         self.forget()
 
     def forget(self) -> None:
@@ -185,10 +171,10 @@ class FingerObserver:
         variance[_PANEL - 1] += self.contact.residual["capacitance"] ** 2
         self._covariance = np.diag(variance)
         if self.person is not None:
-            self._mean[:_PANEL] = self.person.mean
-            self._covariance[:_PANEL, :_PANEL] = self.person.covariance
+            self._mean[:_PANEL], self._covariance[:_PANEL, :_PANEL] = self.person.moments
         self._free_force()
         self._readings, self._variance_f2 = 0, 0.0
+        self.averages.clear()
         self._last = None
         self._bin = []
 
@@ -198,9 +184,21 @@ class FingerObserver:
         self._covariance[FORCE, :] = self._covariance[:, FORCE] = 0.0
         self._covariance[FORCE, FORCE] = self.contact.population.force**2
 
-    def enrolled(self) -> EnrolledFinger:
-        """Return what was learned, to give to the observer of the same person another time."""
-        return EnrolledFinger(self._mean[:_PANEL].copy(), self._covariance[:_PANEL, :_PANEL].copy())
+    def enrolled(self, screen: str = "") -> EnrolledFinger:
+        """Return what was learned, to give to the observer of the same person another time.
+
+        Parameters
+        ----------
+        screen : str
+            Name of the screen.
+        """
+        return EnrolledFinger(
+            mean=tuple(self._mean[:_PANEL].tolist()),
+            covariance=tuple(map(tuple, self._covariance[:_PANEL, :_PANEL].tolist())),
+            screen=screen,
+            frequency_hz=self.contact.frequency_hz,
+            slid=parts([*self.averages]),
+        )
 
     def touched(
         self,
@@ -243,7 +241,7 @@ class FingerObserver:
         if assumed_n is not None:
             self._assumed_n = positive("assumed_n", assumed_n)
 
-    def read(self, reading: Reading, now_s: float) -> bool:
+    def read(self, reading: CurrentReading, now_s: float) -> bool:
         """Take a reading that arrives now; return whether what is known has changed."""
         before = (self._state, self._readings)
         was_trusted = self.watch.is_trusted
@@ -262,7 +260,7 @@ class FingerObserver:
             self._last, self._bin = None, []
         return before != (self._state, self._readings)
 
-    def _why_not(self, reading: Reading) -> Knowledge:
+    def _why_not(self, reading: CurrentReading) -> Knowledge:
         settings = self.settings
         if not self.watch.is_trusted:
             return Knowledge.SENSOR
@@ -274,15 +272,16 @@ class FingerObserver:
             return Knowledge.TWO
         if reading.t_s < self._slides_since + settings.settled_s:
             return Knowledge.RESTS
-        return Knowledge.LOW if reading.voltage_v < settings.least_v else Knowledge.LEARNS
+        return Knowledge.LOW if reading.driven_v < settings.least_v else Knowledge.LEARNS
 
-    def _farads(self, reading: Reading) -> complex:
-        return reading.current_a / (2j * pi * self.contact.frequency_hz * reading.voltage_v)
+    def _farads(self, reading: CurrentReading) -> complex:
+        current = complex(reading.in_phase_a, reading.quadrature_a)
+        return current / (2j * pi * self.contact.frequency_hz * reading.driven_v)
 
-    def _measure_panel(self, reading: Reading) -> None:
+    def _measure_panel(self, reading: CurrentReading) -> None:
         """Average the untouched panel, without what a touch that was told later had changed."""
         settings = self.settings
-        if reading.voltage_v < settings.least_v / 2 or (
+        if reading.driven_v < settings.least_v / 2 or (
             reading.t_s < self._lifted_s + settings.settled_s
         ):
             return
@@ -297,14 +296,14 @@ class FingerObserver:
             self._baseline_weight += 1
             self.baseline_f += share * rise
 
-    def _take(self, reading: Reading) -> None:
+    def _take(self, reading: CurrentReading) -> None:
         """Average some readings, and let them count."""
         self._bin.append(reading)
         span = reading.t_s - self._bin[0].t_s
         if span < self.settings.update_s * 0.9 and len(self._bin) < 100:
             return
         farads = [self._farads(one) for one in self._bin if not one.is_saturated]
-        volts = float(np.mean([one.voltage_v for one in self._bin]))
+        volts = float(np.mean([one.driven_v for one in self._bin]))
         self._bin = []
         if not farads:
             return
@@ -319,6 +318,8 @@ class FingerObserver:
         self._last = (reading.t_s, measured)
         self._readings += 1
         self._voltage_v = volts
+        force_n = nan if self._force_n is None else self._force_n
+        self.averages.append(Averaged(reading.t_s, force_n, volts, measured))
         self._update(measured, volts, step_s)
 
     def _update(self, measured_f: complex, voltage_v: float, step_s: float) -> None:
@@ -428,12 +429,22 @@ class SensorWatch:
         self.is_trusted = True
         self.problem = ""
         self._bad = 0
-        self._last: Reading | None = None
+        self._last: CurrentReading | None = None
         self._heard_s = nan
         self._equal = 0
         self._good_since = inf
+        self._looked_s = nan
+        self._away_s = 0.0
 
-    def read(self, reading: Reading, now_s: float, baseline_f: complex) -> bool:
+    def look(self, now_s: float) -> None:
+        """Begin to take all readings that wait: those of a time without a look are late by us."""
+        away_s = now_s - self._looked_s
+        self._looked_s = now_s
+        self._away_s = away_s if away_s > self._settings.lost_s else 0.0
+        # Half of what is forgiven at most, so that a silent sensor is found whatever holds us up.
+        self._heard_s += max(self._away_s - self._settings.lost_s / 2, 0.0)
+
+    def read(self, reading: CurrentReading, now_s: float, baseline_f: complex) -> bool:
         """Judge a reading; return whether it may be right."""
         problem = self._problem(reading, now_s, baseline_f)
         self._heard_s = now_s
@@ -458,16 +469,21 @@ class SensorWatch:
             self._good_since = inf
         return self.is_trusted
 
-    def _problem(self, reading: Reading, now_s: float, baseline_f: complex) -> str:
-        last, (t_s, current, volts, _) = self._last, reading
+    def _problem(self, reading: CurrentReading, now_s: float, baseline_f: complex) -> str:
+        last, (t_s, in_phase, ahead, volts, _) = self._last, reading
+        current = complex(in_phase, ahead)
         if not (np.isfinite(t_s) and np.isfinite(current) and np.isfinite(volts)):
             return "no numbers"
         if last is not None and t_s <= last.t_s:
             return "time stands"
-        if not -self._settings.lost_s < now_s - t_s < self._settings.lost_s + _LATE_S:
+        most_s = self._settings.lost_s + _LATE_S + self._away_s
+        if not -self._settings.lost_s < now_s - t_s < most_s:
             return "late"
-        same = last is not None and (current, bool(volts)) == (last.current_a, bool(last.voltage_v))
+        same = last is not None and (in_phase, ahead) == (last.in_phase_a, last.quadrature_a)
         self._equal = self._equal + 1 if same and volts > self._settings.least_v / 2 else 0
+        # Noise repeats both parts in a thousandth of cases, at another voltage never.
+        if self._equal and last is not None and abs(volts - last.driven_v) > 0.01 * volts:
+            return "stuck"
         if self._equal >= _STUCK:
             return "stuck"
         if volts < self._settings.least_v / 2 or np.isnan(baseline_f):
@@ -484,6 +500,6 @@ class SensorWatch:
 
 # At 250 readings a second both are within 10 ms.
 _MOST_BAD = 2  # in turn
-_STUCK = 1  # repeats of both parts of a reading: noise alone makes any two differ
+_STUCK = 2  # repeats of both parts of a reading
 _AT_ONCE = ("stuck", "no reading")
 _LATE_S = 0.004  # of transport

@@ -1,6 +1,6 @@
 """The virtual finger, which feels a played voltage by the contact model itself."""
 
-from haptix.virtual_finger.current import Converter, PanelCircuit, VirtualCurrent
+from haptix.virtual_finger.current import Converter, LiveCurrent, PanelCircuit, VirtualCurrent
 from haptix.virtual_finger.sensing import (
     FELT_WITHIN_S,
     Evaluation,
@@ -18,6 +18,7 @@ __all__ = [
     "Converter",
     "Evaluation",
     "Felt",
+    "LiveCurrent",
     "PanelCircuit",
     "SensedForce",
     "SensedTouch",

@@ -1,19 +1,21 @@
-"""The current that a virtual finger draws, and a converter's readings of it."""
+"""The current that a virtual finger draws: a converter's readings of it, and it in time."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from math import pi
+from math import inf, pi
+from typing import NamedTuple, Self
 
 import numpy as np
 import torch
 
 from haptix.checks import Array, NotNegative, Positive, check_fields, number, positive, row
+from haptix.devices import CurrentReading, Device
 from haptix.display import Displayed
 from haptix.errors import InputError
 from haptix.friction import ContactModel
 from haptix.motion import LIFTED_BELOW_N, STANDING_BELOW_MM_PER_S, Trajectory
-from haptix.sensing import Reading
 from haptix.threads import one_thread
 
 _FORCES_N = np.geomspace(0.02, 2.0, 9)
@@ -163,13 +165,17 @@ class VirtualCurrent(Displayed):
         body = self.circuit.body_f
         return complex(contact * body / (contact + body))
 
+    def panel_f(self, t_s: float) -> complex:
+        """Capacitance of the untouched panel at a time [F]."""
+        return complex(self.circuit.panel_f * (1 + self.circuit.panel_per_s * t_s))
+
     def read(
         self,
         drive_v: Array,
         sample_rate_hz: float,
         path: Trajectory | None = None,
         start_s: float = 0.0,
-    ) -> list[Reading]:
+    ) -> list[CurrentReading]:
         """Read the current that a drive draws, over whole periods of the carrier.
 
         Parameters
@@ -183,7 +189,7 @@ class VirtualCurrent(Displayed):
 
         Returns
         -------
-        list of Reading
+        list of CurrentReading
             The last part that fills no reading is left out.
         """
         drive = row("drive_v", drive_v)
@@ -204,10 +210,10 @@ class VirtualCurrent(Displayed):
 
     def _reading(
         self, phasor: complex, hum_a: complex, t_s: float, size: int, path: Trajectory | None
-    ) -> Reading:
-        converter, circuit = self.converter, self.circuit
+    ) -> CurrentReading:
+        converter = self.converter
         volts, angular = abs(phasor), 2 * pi * self.frequency_hz
-        farads = complex(circuit.panel_f * (1 + circuit.panel_per_s * t_s))
+        farads = self.panel_f(t_s)
         if path is not None and path.t_s[0] <= t_s <= path.t_s[-1]:
             at = np.array([t_s])
             force, speed = float(path.at(at)[2][0]), float(path.speed_mm_per_s(at)[0])
@@ -219,4 +225,103 @@ class VirtualCurrent(Displayed):
         noise = self._random.normal(size=2) * spread
         read_a = current + complex(*noise) + hum_a
         is_saturated = abs(current) + converter.hum_a > converter.range_a
-        return Reading(t_s, read_a, volts, bool(is_saturated))
+        return CurrentReading(t_s, read_a.real, read_a.imag, volts, bool(is_saturated))
+
+
+class LiveCurrent:
+    """Capacitance of a mock driver's load while a virtual finger strokes it, as its touches say.
+
+    It is the ``farads`` of a `firmware_io.MockConverter`.
+
+    Parameters
+    ----------
+    current : VirtualCurrent
+        Of finger and circuit.
+    clock : callable
+        Of the touches [s].
+    """
+
+    def __init__(self, current: VirtualCurrent, clock: Callable[[], float]) -> None:
+        self.current = current
+        self._clock = clock
+        self._touches: dict[int, _Place] = {}
+        self._kept = (-inf, 0j)
+
+    @classmethod
+    def on(cls, device: Device, current: VirtualCurrent) -> Self:
+        """Load the converter of a mock driver.
+
+        Parameters
+        ----------
+        device : Device
+            A mock with a converter.
+        current : VirtualCurrent
+            Of finger and circuit.
+
+        Raises
+        ------
+        InputError
+            If the device is no mock with a converter.
+        """
+        converter = None if device.mock is None else device.mock.converter
+        if converter is None:
+            raise InputError(
+                f"device: expected a mock with a converter, got {device.name}; open "
+                "mock:pace=real,mode=envelope,sense_rate_hz=250"
+            )
+        live = cls(current, device.clock)
+        converter.farads, converter.carrier_hz = live, current.frequency_hz
+        return live
+
+    def touch(
+        self, t_s: float, x_mm: float, y_mm: float, normal_force_n: float, touch_id: int = 0
+    ) -> None:
+        """Take the place of a finger.
+
+        Parameters
+        ----------
+        t_s, x_mm, y_mm : float
+            By the clock.
+        normal_force_n : float
+            With which it truly presses [N].
+        touch_id : int
+            Which finger.
+        """
+        last, speed = self._touches.get(touch_id), 0.0
+        if last is not None and t_s > last.t_s:
+            speed = float(np.hypot(x_mm - last.x_mm, y_mm - last.y_mm)) / (t_s - last.t_s)
+        self._touches[touch_id] = _Place(t_s, x_mm, y_mm, normal_force_n, speed)
+
+    def lift(self, touch_id: int = 0) -> None:
+        """Take a finger off."""
+        self._touches.pop(touch_id, None)
+
+    def __call__(self, voltage_v: float, t_s: float) -> complex:
+        """Return the complex capacitance [F] of panel and fingers at an amplitude and time.
+
+        Several fingers add up, each with a body of its own.
+        """
+        made_s, farads = self._kept
+        if 0 <= t_s - made_s < _KEPT_S:
+            return farads
+        current, now_s = self.current, self._clock()
+        farads = current.panel_f(t_s)
+        for place in [*self._touches.values()]:  # another thread may pass touches
+            is_fresh = now_s - place.t_s < _RESTS_AFTER_S
+            slides = is_fresh and place.speed_mm_per_s >= STANDING_BELOW_MM_PER_S
+            farads += current.farads(place.normal_force_n, voltage_v, slides, t_s)
+        farads /= 1 + 1j * current.frequency_hz / current.converter.pole_hz
+        self._kept = t_s, farads
+        return farads
+
+
+class _Place(NamedTuple):
+    t_s: float
+    x_mm: float
+    y_mm: float
+    normal_force_n: float
+    speed_mm_per_s: float
+
+
+_RESTS_AFTER_S = 0.06  # without a report for so long
+_KEPT_S = 0.001  # a capacitance, of some 4,000 that a converter asks for in a second

@@ -11,7 +11,7 @@ from haptix.render import DirectWave, LiveRenderer, LiveSettings
 from haptix.render.adapting import Adaptation
 from haptix.sensing import ContactCurrent, FingerObserver, Knowledge
 from haptix.texture import FrictionField
-from haptix.virtual_finger import VirtualCurrent
+from haptix.virtual_finger import LiveCurrent, VirtualCurrent
 from tests.live_strokes import CARRIER_HZ, HALF, RATE, SteppedRenderer, stroke
 
 BEGIN_S, END_S = 0.6, 1.4
@@ -87,7 +87,7 @@ def test_what_is_felt_never_steps(surface, contact, stiffer):
 
     def dies(reading):
         lying.append(reading.t_s)
-        return reading._replace(current_a=0j) if reading.t_s > 1.2 else reading
+        return reading._replace(in_phase_a=0.0, quadrature_a=0.0) if reading.t_s > 1.2 else reading
 
     renderer, estimates = play(surface, FingerObserver(contact), stiffer, dies)
     states = {estimate.state for at_s, estimate in estimates if at_s > 1.2 + 0.017}
@@ -129,3 +129,49 @@ def test_what_cannot_sense_says_so(surface, contact):
         LiveRenderer(surface, HALF, device, sense="yes")
     with pytest.raises(haptix.InputError, match="sense=True"):
         LiveRenderer(surface, HALF, device, settings=LiveSettings()).sensed(None)
+
+
+def slide_on_a_driver(surface, observer, person, fails_at_s=np.inf):
+    """A stroke on a mock that measures; return its states in time, and what was sent."""
+    address = "mock:pace=stepped,mode=envelope,sense_rate_hz=250"
+    renderer = SteppedRenderer(surface, Contrast(), address=address)
+    renderer.adapted = Adaptation(observer)
+    converter = renderer.device.mock.converter
+    live = LiveCurrent.on(renderer.device, VirtualCurrent(person, CARRIER_HZ))
+    states = []
+    with renderer:
+        begin_s = renderer.now_s()
+        for event in stroke(end_s=END_S, begin_s=BEGIN_S, force=0.5):
+            at_s = begin_s + event.t_s
+            live.touch(at_s, event.x_mm, event.y_mm, 0.5)
+            renderer.event(event._replace(t_s=at_s), at_s)
+            for k in range(1, 5):
+                if event.t_s + 0.002 * k >= fails_at_s:
+                    converter.failure = "silent"
+                renderer.run_until(at_s + 0.002 * k)
+                finger = renderer.stats.finger
+                states.append((renderer.now_s() - begin_s, finger.state, finger.log_gain))
+    return states
+
+
+def test_a_driver_that_measures_is_read_by_the_renderer_itself(surface, contact, stiffer):
+    states = slide_on_a_driver(surface, FingerObserver(contact), stiffer)
+    assert states[-1][1] is Knowledge.LEARNS
+    assert states[-1][2] < -0.2
+
+
+def test_a_driver_that_goes_silent_leads_back_to_open_loop(surface, contact, stiffer):
+    states = slide_on_a_driver(surface, FingerObserver(contact), stiffer, 1.2)
+    assert {state for at_s, state, _ in states if 1.1 < at_s < 1.2} == {Knowledge.LEARNS}
+    # 10 ms, a reading under way, and the time between two looks of this test.
+    late = [(state, gain) for at_s, state, gain in states if at_s > 1.2 + 0.010 + 0.004 + 0.002]
+    assert {state for state, _ in late} == {Knowledge.SENSOR}
+    assert {gain for _, gain in late} == {0.0}
+
+
+def test_a_driver_without_a_sensor_says_so(surface, contact, caplog):
+    renderer = SteppedRenderer(surface, Contrast())
+    renderer.adapted = Adaptation(FingerObserver(contact))
+    with renderer:
+        assert renderer.stats.finger.state is Knowledge.NO_SENSOR
+    assert "reports no current" in caplog.text

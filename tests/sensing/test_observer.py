@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 import haptix
+from firmware_io import CurrentReading
 from haptix.motion import Trajectory
 from haptix.sensing import (
     ContactCurrent,
     FingerObserver,
     Knowledge,
     PopulationSpread,
-    Reading,
     SensingSettings,
 )
 from haptix.virtual_finger import Converter, PanelCircuit, VirtualCurrent
@@ -139,7 +139,7 @@ def test_it_says_why_it_learns_nothing(contact, stiffer, how, state):
 def test_without_an_untouched_panel_nothing_is_known(contact):
     observer = FingerObserver(contact)
     observer.touched(0.0, 1, 60.0)
-    observer.read(Reading(0.1, 0.007j, 120.0), 0.1)
+    observer.read(CurrentReading(0.1, 0.0, 0.007, 120.0, False), 0.1)
     assert observer.estimate(0.1).state is Knowledge.NO_BASELINE
 
 
@@ -152,7 +152,7 @@ def test_two_fingers_freeze_what_was_learned(contact, stiffer):
     for i in range(1, 50):
         at_s = end_s + i * 0.004
         current = 2j * pi * HERTZ * (2e-9 + both) * 120 * (1 + 1e-5 * i)
-        observer.read(Reading(at_s, current, 120.0), at_s)
+        observer.read(CurrentReading(at_s, current.real, current.imag, 120.0, False), at_s)
     after = observer.estimate(at_s)
     assert after.state is Knowledge.TWO
     assert (after.log_gain, after.readings) == (before.log_gain, before.readings)
@@ -171,13 +171,21 @@ def test_another_touch_may_be_of_another_person(contact, stiffer):
     assert FingerObserver(contact, person=person).enrolled().mean[0] == person.mean[0] > 0
 
 
+def current_of(reading):
+    return complex(reading.in_phase_a, reading.quadrature_a)
+
+
+def with_current(reading, current_a):
+    return reading._replace(in_phase_a=current_a.real, quadrature_a=current_a.imag)
+
+
 LIES = {
-    "dead": lambda reading: reading._replace(current_a=0j),
-    "stuck": lambda reading: reading._replace(current_a=0.00612j),
-    "inverted": lambda reading: reading._replace(current_a=-reading.current_a),
-    "late": lambda reading: reading._replace(t_s=reading.t_s - 0.05),
-    "no number": lambda reading: reading._replace(current_a=complex(nan, 0)),
-    "far": lambda reading: reading._replace(current_a=100 * reading.current_a),
+    "dead": lambda reading, last: with_current(reading, 0j),
+    "stuck": lambda reading, last: with_current(reading, current_of(last)),
+    "inverted": lambda reading, last: with_current(reading, -current_of(reading)),
+    "late": lambda reading, last: reading._replace(t_s=reading.t_s - 0.05),
+    "no number": lambda reading, last: with_current(reading, complex(nan, 0)),
+    "far": lambda reading, last: with_current(reading, 100 * current_of(reading)),
 }
 
 
@@ -190,10 +198,21 @@ def test_a_sensor_that_lies_is_not_trusted_within_10_ms(contact, stiffer, name):
     t = np.arange(int(0.010 * RATE)) / RATE
     drive = 120 * np.cos(2 * pi * HERTZ * t)
     path = Trajectory.of([0.0, 10.0], [0.0, 600.0], 0.0, 0.4)
+    last = observer.watch._last
     for reading in current.read(drive, RATE, path, end_s):
-        observer.read(LIES[name](reading), reading.t_s)
+        observer.read(LIES[name](reading, last), reading.t_s)
     estimate = observer.estimate(end_s + 0.010)
     assert (estimate.state, estimate.log_gain) == (Knowledge.SENSOR, 0.0)
+
+
+def test_a_current_that_stays_while_the_voltage_changes_is_stuck_at_once(contact, stiffer):
+    observer = FingerObserver(contact)
+    end_s = slide(observer, VirtualCurrent(stiffer, HERTZ), 0.2)
+    last = observer.watch._last
+    same = last._replace(t_s=last.t_s + 0.004, driven_v=1.02 * last.driven_v)
+    observer.read(same, same.t_s)
+    assert observer.watch.problem == "stuck"
+    assert observer.estimate(end_s).state is Knowledge.SENSOR
 
 
 @pytest.mark.parametrize("value", [complex(np.inf, 0), complex(nan, nan), 1e9j, -0.006j])
@@ -204,7 +223,7 @@ def test_one_reading_that_cannot_be_right_does_not_count(contact, stiffer, value
 
         def lie(reading, is_hit=is_hit, times=times):
             times.append(reading.t_s)
-            return reading._replace(current_a=value) if is_hit and len(times) == 300 else reading
+            return with_current(reading, value) if is_hit and len(times) == 300 else reading
 
         now_s = slide(observer, VirtualCurrent(stiffer, HERTZ, seed=3), lie=lie)
         found.append(observer.estimate(now_s))
@@ -236,7 +255,8 @@ def test_noise_alone_moves_nothing_beyond_its_bounds(contact, seed):
     for i in range(1, 500):
         farads = 2e-9 + 2e-10 * random.normal() + 2e-10j * random.normal()
         volts = float(random.uniform(20, 200))
-        reading = Reading(i * 0.01, 2j * pi * HERTZ * farads * volts, volts)
+        current = 2j * pi * HERTZ * farads * volts
+        reading = CurrentReading(i * 0.01, current.real, current.imag, volts, False)
         observer.read(reading, reading.t_s)
         estimate = observer.estimate(reading.t_s)
         assert np.isfinite(estimate.log_gain)
@@ -252,17 +272,17 @@ def test_the_virtual_current_has_its_circuit():
     drive = 100 * np.cos(2 * pi * HERTZ * t)
     alone = current.read(drive, RATE)[-1]
     # 2 nF at 100 V and 4 kHz, by hand: 5.0265 mA a quarter ahead.
-    assert alone.current_a == pytest.approx(5.02655e-3j, rel=1e-4)
-    assert alone.voltage_v == pytest.approx(100.0)
+    assert current_of(alone) == pytest.approx(5.02655e-3j, rel=1e-4)
+    assert alone.driven_v == pytest.approx(100.0)
     path = Trajectory.of([0.0, 0.1], [0.0, 10.0], 0.0, 0.4)
     touched = current.read(drive, RATE, path)[-1]
     state = model.solve(0.4, 100.0, HERTZ)
     contact = complex(state.capacitance_f, -state.conductance_s / (2 * pi * HERTZ))
-    added = (touched.current_a - alone.current_a) / (2j * pi * HERTZ * 100)
+    added = (current_of(touched) - current_of(alone)) / (2j * pi * HERTZ * 100)
     # Between the table's forces and voltages lines are within 1 %.
     assert added == pytest.approx(contact * 150e-12 / (contact + 150e-12), rel=0.01)
     resting = current.read(drive, RATE, Trajectory.of([0.0, 0.1], [0.0, 0.0], 0.0, 0.4))[-1]
-    assert abs(resting.current_a) < abs(touched.current_a)
+    assert abs(current_of(resting)) < abs(current_of(touched))
     small = VirtualCurrent(model, HERTZ, replace(quiet, range_a=1e-3))
     assert small.read(drive, RATE)[-1].is_saturated
 
