@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import closing
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import AfterValidator, Field
 
@@ -26,6 +26,7 @@ from haptix.report import record, row
 
 if TYPE_CHECKING:
     from calibration.parameters import Array
+    from haptix.friction import ContactModel
     from haptix.screen import Screen
 
 SessionThere = Annotated[FolderThere, Argument]
@@ -150,12 +151,17 @@ class Verify(Task, command="calibrate verify"):
 class Check(Task, command="calibrate check"):
     """Compare new strokes with an existing profile: the drift since then, in JND.
 
-    Passes if the mean change of friction, with its uncertainty, is within half a JND. Exit code 1
-    if not.
+    Passes if the mean change of friction, with its uncertainty, is within half a JND. Without a
+    rig, give --before and --after: files of `haptix enroll` of one person. Passes if the contact's
+    capacitance has changed by less than 6 %. Exit code 1 if not.
     """
 
-    folder: SessionThere = Field(description="Folder of a session with new strokes.")
+    folder: Annotated[FolderThere | None, Argument] = Field(
+        None, description="Folder of a session with new strokes."
+    )
     profile: FileThere = Field(description="screen.toml of an earlier calibration.")
+    before: FileThere | None = Field(None, description="Finger enrolled with the calibration.")
+    after: FileThere | None = Field(None, description="The same person's finger, enrolled now.")
     finger: FingerName | None = Field(
         None, description="Finger: a preset or a file. [default: finger.toml beside the profile]"
     )
@@ -168,8 +174,13 @@ class Check(Task, command="calibrate check"):
         from haptix.friction import ContactModel
         from haptix.pair import described, first_line, profiles
 
+        by_current = self.before is not None and self.after is not None
+        if (self.folder is None) != by_current or (self.before is None) != (self.after is None):
+            raise InputError("expected a session's folder, or --before and --after, one of the two")
         finger, screen = profiles(self.finger, str(self.profile))
         about = described(finger, screen)
+        if self.folder is None:
+            return self._by_current(ContactModel(finger, screen), about)
         predictor = StrokePredictor(ContactModel(finger, screen))
         checked = check_profile(reduce_folder(self.folder), predictor)
         days = _days_between(screen, self.folder)
@@ -184,6 +195,25 @@ class Check(Task, command="calibrate check"):
         rows = [{"": name.replace("_", " "), **row(one)} for name, one in checked.drifts.items()]
         title = f"{first_line(about)}\n{checked.verdict}: {screen.name}{since}; drift in JND"
         return Result(document, [(title, rows)], failed=not checked.passed)
+
+    def _by_current(self, model: ContactModel, about: dict[str, Any]) -> Result:
+        """Compare what one person's finger drew then and draws now."""
+        from haptix.pair import first_line
+        from haptix.sensing import ContactCurrent, EnrolledFinger, contact_change
+
+        before, after = (EnrolledFinger.load(one) for one in (self.before, self.after) if one)
+        for person in (before, after):
+            if person.screen != model.screen.name:
+                raise InputError(
+                    f"expected fingers enrolled on {model.screen.name}, got {person.screen}"
+                )
+        contact = ContactCurrent.of_model(model, before.frequency_hz)
+        change = contact_change(before, after, contact)
+        row = {"change": f"{change.log_ratio:+.1%}", "within": f"{2 * change.sd:.1%}"}
+        title = f"{first_line(about)}\n{change.verdict}: contact's capacitance, by one finger"
+        failed = change.is_changed or not change.is_sure
+        document = {"verdict": change.verdict, "change": record(change), **about}
+        return Result(document, [(title, [row])], failed=failed)
 
 
 class MatchScreens(Task, command="calibrate match"):
