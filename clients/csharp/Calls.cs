@@ -87,6 +87,12 @@ namespace Haptix
             return Ask<Done>("release", new JObject());
         }
 
+        /// <summary>Learn the finger by the current that it draws, from the next `arm` on.</summary>
+        public Task<Output> Sense(bool on)
+        {
+            return Ask<Output>("sense", new JObject { { "on", on } });
+        }
+
         /// <summary>End at 0 V, whoever holds the output.</summary>
         public Task<Done> Stop()
         {

@@ -33,6 +33,10 @@ LogFile = Annotated[
 ]
 _FINGER = "Finger. [default: finger.toml beside a calibrated screen, or semi-wet]"
 _SCREEN = "Screen. [default: the device's installed profile, or 3m-sct3250]"
+TouchedBy = Annotated[
+    str | None,
+    option("Finger that truly touches a mock, to see sensing. [default: the finger]", FingerName),
+]
 OwnFinger = Annotated[str | None, option(_FINGER, FingerName)]
 OwnScreen = Annotated[str | None, option(_SCREEN, ScreenName)]
 Port = Annotated[int, typer.Option(help="TCP port on this machine.", min=0, max=65535)]
@@ -80,6 +84,7 @@ def studio(
     opens: Annotated[
         bool, typer.Option("--open/--no-open", help="Open the page in this machine's browser.")
     ] = True,
+    touched_by: TouchedBy = None,
     log: LogFile = None,
 ) -> None:
     """Open the studio in a browser: feel textures by mouse, pen or touch, make and test them.
@@ -98,7 +103,7 @@ def studio(
             # Some browsers answer only when they end.
             threading.Thread(target=webbrowser.open, args=(page.as_uri(),), daemon=True).start()
 
-    _serve(device, surface, finger, screen, port, None, ready, log)
+    _serve(device, surface, finger, screen, port, None, ready, log, touched_by)
 
 
 def _serve(
@@ -110,6 +115,7 @@ def _serve(
     beyond: tuple[str, Path, Path] | None,
     ready: Callable[[Access, Inventory], None],
     log: Path | None,
+    touched_by: str | None = None,
 ) -> None:
     from haptix.log import into
     from haptix.service.access import Listen
@@ -118,7 +124,10 @@ def _serve(
     if log is not None:
         into(log)
     listen = Listen(*beyond) if beyond else None
-    serve_until_interrupted(device, surface, finger, screen, port, listen=listen, on_ready=ready)
+    serve_until_interrupted(
+        device, surface, finger, screen, port,
+        listen=listen, on_ready=ready, touched_by=touched_by,
+    )  # fmt: skip
 
 
 def _has_browser() -> bool:

@@ -65,7 +65,10 @@ _MOST_FORCE_N, _MOST_AREA_M2 = 100.0, 0.1
 _PIXELS, _FORCE, _AREA, _COALESCED = 4, 8, 16, 32
 
 COLUMNS: dict[Stream, tuple[str, ...]] = {
-    "stats": ("reaction_s", "reaction_p99_s", "underruns", "touches", "scene_s"),
+    "stats": (
+        *("reaction_s", "reaction_p99_s", "underruns", "touches", "scene_s"),
+        *("sensing", "attraction", "attraction_sd", "sensed_force_n", "sensed_force_sd"),
+    ),
     "friction": (
         *("x_mm", "y_mm", "normal_force_n", "wanted", "reached", "low", "high"),
         "voltage_share",

@@ -116,6 +116,11 @@ class AsyncCalls(ABC):
         reply: m.Done = await self.ask("release")
         return reply
 
+    async def sense(self, on: bool) -> m.OutputMessage:
+        """Learn the finger by the current that it draws, from the next `arm` on."""
+        reply: m.OutputMessage = await self.ask("sense", on=on)
+        return reply
+
     async def stop(self) -> m.Done:
         """End at 0 V, whoever holds the output."""
         reply: m.Done = await self.ask("stop")
@@ -376,6 +381,11 @@ class PlainCalls(ABC):
     def release(self) -> m.Done:
         """Give the lease back; 0 V first."""
         reply: m.Done = self.ask("release")
+        return reply
+
+    def sense(self, on: bool) -> m.OutputMessage:
+        """Learn the finger by the current that it draws, from the next `arm` on."""
+        reply: m.OutputMessage = self.ask("sense", on=on)
         return reply
 
     def stop(self) -> m.Done:

@@ -33,6 +33,7 @@ class Settings(NamedTuple):
     intensity: float = 1.0
     muted: bool = False
     paused: bool = False
+    senses: bool = False
 
 
 @dataclass

@@ -174,12 +174,14 @@ class OutputControl:
         """Return what the engine is to be told, of a session's settings and the person's own."""
         person, before = self.output, self._told
         muted = settings.muted or person.person_muted
-        now = Settings(settings.intensity * person.person_intensity, muted, settings.paused)
+        intensity = settings.intensity * person.person_intensity
+        now = Settings(intensity, muted, settings.paused, settings.senses)
         self._told = now
         whole = (
             ("intensity", {"value": now.intensity}, now.intensity != before.intensity),
             ("mute", {"on": now.muted}, now.muted != before.muted),
             ("pause", {"on": now.paused}, now.paused != before.paused),
+            ("sense", {"on": now.senses}, now.senses != before.senses),
         )
         return [(do, fields) for do, fields, is_new in whole if is_new]
 

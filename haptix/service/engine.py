@@ -23,7 +23,7 @@ import time
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO, Literal
 
 import numpy as np
 
@@ -47,10 +47,14 @@ from haptix.service.wire import (
     touches_of,
 )
 from haptix.touch.events import TouchEvent
+from haptix.touch.force import ForceModel
 
 if TYPE_CHECKING:
+    from haptix.finger import Finger
     from haptix.layout import LayoutEvent
     from haptix.render.master import EffectEnd
+    from haptix.screen import Screen
+    from haptix.sensing import FingerEstimate, FingerObserver
     from haptix.service.session_layout import SessionLayout
     from haptix.surface import FrictionSurface
 
@@ -126,12 +130,21 @@ class Telemetry:
         last = [*renderer.stats.reactions_s][-_LAST_REACTIONS:]
         times = np.percentile(last or [np.nan], (50, 99))
         counts = renderer.stats.underruns, renderer.touch_counts.taken
-        row = (*times, *counts, renderer.scene_s)
+        row = (*times, *counts, renderer.scene_s, *_sensed(renderer.stats.finger))
         self._tell("stats", 0, now_s, 1 / rate_hz, np.array([row]))
 
     def _tell(self, stream: Stream, touch_id: int, t0_s: float, step_s: float, rows: Array) -> None:
         telemetry = TelemetryFrame(stream, touch_id, 0, 0, t0_s, step_s, rows)
         self._write(frame(TELEMETRY, write_frame(telemetry)))
+
+
+def _sensed(finger: FingerEstimate | None) -> tuple[float, ...]:
+    """Number of the state of sensing, and what is known of the finger; NaN without sensing."""
+    if finger is None:
+        return (np.nan,) * 5
+    state = [*type(finger.state)].index(finger.state)
+    known = np.exp(finger.log_gain), finger.log_gain_sd, finger.force_n, finger.force_sd
+    return (state, *known)
 
 
 def surface_of(opening: dict[str, Any]) -> FrictionSurface:
@@ -165,13 +178,16 @@ class EngineServer:
         self._lock = threading.Lock()  # of the renderer's coming and going
         self._renderer: Any = None
         self._stops = 0  # an arming that was overtaken by a stop is undone
-        self._sleeps = self._is_muted = self._is_paused = False
+        self._sleeps = self._is_muted = self._is_paused = self._senses = False
+        self._contact_current: Any = None  # of this surface, made once
+        self._live_current: Any = None  # of a virtual finger on a mock
         self._intensity = 1.0
         self._touching: set[int] = set()
         self._touches = TouchGate(self._touch, self._touch_interval_s)
         self._effects: dict[int, Any] = {}
         self._next_effect = 1
         self._tick_s = time.monotonic()
+        self._force = ForceModel()
         self._device: Any = None
         self._surface: Any = None
         self._layouts: dict[int, Any] = {}  # by session
@@ -238,12 +254,23 @@ class EngineServer:
         try:
             renderer.events(touches)
             for touch in touches:
+                if self._live_current is not None:
+                    self._draw(touch)
                 if touch.kind == "up":
                     self._touching.discard(touch.touch_id)
                 else:
                     self._touching.add(touch.touch_id)
         except Exception as error:
             self._fail(error)
+
+    def _draw(self, touch: TouchEvent) -> None:
+        """Let the virtual finger of a mock draw the current of a touch."""
+        if touch.kind == "up":
+            self._live_current.lift(touch.touch_id)
+            return
+        known = self._force.estimate(touch.normal_force_n, touch.contact_area_m2)
+        force_n = (known or self._force.assumed).normal_force_n
+        self._live_current.touch(touch.t_s, touch.x_mm, touch.y_mm, force_n, touch.touch_id)
 
     def _touch_interval_s(self) -> float:
         """Twice the time that a window took of late, where nothing else held it up."""
@@ -346,6 +373,7 @@ class EngineServer:
         finger: str | None,
         screen: str | None,
         assets: str,
+        touched_by: str | None = None,
     ) -> dict[str, Any]:
         """Open the device, and load or build the surface that its finger and screen need."""
         from haptix.devices import open_device, profiles_for
@@ -363,9 +391,11 @@ class EngineServer:
         finger, screen = profiles_for(self._device, finger, screen)
         used = Finger.named(finger), Screen.named(screen)
         self._surface = surface_of({"surface": surface, "finger": finger, "screen": screen})
+        self._load_sensing(used[0] if touched_by is None else Finger.named(touched_by), used[1])
         return {
             "device": self._device.name,
             "finger": finger,
+            "touched_by": finger if touched_by is None else touched_by,
             "screen": screen,
             "profiles": profiles_of(*used, {"finger": finger, "screen": screen}),
             "carrier_hz": carrier_hz(self._surface),
@@ -408,8 +438,13 @@ class EngineServer:
         if session not in self._layouts:
             raise InputError("arm: expected a layout; send layout_set first")
         stops, layout = self._stops, self._layouts[session]
+        observer = self._observer() if self._senses else False
         renderer = LiveRenderer(
-            self._surface, layout.layout, self._device, settings=LiveSettings(strict=False)
+            self._surface,
+            layout.layout,
+            self._device,
+            settings=LiveSettings(strict=False),
+            sense=observer,
         )
         renderer.verified.on_warning = self._beyond_verified
         for kind in ("enter", "leave", "press", "release", "detent"):
@@ -432,6 +467,34 @@ class EngineServer:
             raise error
         drive = {"carrier_hz": carrier_hz(self._surface), "highest_v": renderer.highest_v}
         return {"full_drive": drive}
+
+    def _observer(self) -> FingerObserver | Literal[False]:
+        """Return a new observer, which knows no finger; say if the driver measures no current."""
+        from haptix.sensing import FingerObserver
+
+        if self._contact_current is None:
+            self._outbox.say(
+                event="warning",
+                sentence="sense: this driver measures no current, so nothing is learned; a mock "
+                "does with mock:pace=real,mode=envelope,sense_rate_hz=250",
+            )
+            return False
+        return FingerObserver(self._contact_current)
+
+    def _load_sensing(self, finger: Finger, screen: Screen) -> None:
+        """Prepare what takes seconds, where a driver senses; a virtual finger loads a mock."""
+        from haptix.friction import ContactModel
+        from haptix.render.core import carrier_hz
+        from haptix.sensing import ContactCurrent
+        from haptix.virtual_finger import LiveCurrent, VirtualCurrent
+
+        device, hertz = self._device, carrier_hz(self._surface)
+        if not device.capabilities.sense_rate_hz or device.mode != "envelope":
+            return
+        self._contact_current = ContactCurrent.of_surface(self._surface, hertz)
+        if device.mock is not None:
+            current = VirtualCurrent(ContactModel(finger, screen), hertz)
+            self._live_current = LiveCurrent.on(device, current)
 
     def _beyond_verified(self, sentence: str) -> None:
         self._outbox.say(event="warning", sentence=sentence)
@@ -466,6 +529,9 @@ class EngineServer:
                 renderer.pause()
             else:
                 renderer.resume()
+
+    def _do_sense(self, on: bool) -> None:
+        self._senses = on
 
     def _do_play(self, effect: dict[str, Any]) -> dict[str, Any]:
         from haptix.kinds import in_folder

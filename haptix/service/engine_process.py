@@ -197,7 +197,8 @@ class EngineProcess(Process):
         opened = await super().ask("open", **self._opening)
         self._is_open = True
         self.has_loaded()
-        self.felt_finger.opens({name: opened[name] for name in ("finger", "screen", "carrier_hz")})
+        felt = {name: opened[name] for name in ("screen", "carrier_hz")}
+        self.felt_finger.opens({"finger": opened["touched_by"], **felt})
         if self._rates:
             self.tell("streams", rates=self._rates)
         for do, fields in self._replay.messages():

@@ -215,7 +215,8 @@ async def _answer(hub: Hub, session: ServiceSession, message: Any) -> m.Message 
         if isinstance(message, m.Intensity):
             changed = {"intensity": message.value}
         else:
-            changed = {"muted" if message.type == "mute" else "paused": message.on}
+            name = {"mute": "muted", "pause": "paused", "sense": "senses"}[message.type]
+            changed = {name: message.on}
         settings = session.settings._replace(**changed)
         for do, fields in control.news(settings):
             await _ask(hub, do, **fields)

@@ -37,6 +37,7 @@ def serve(
     folder: Path | None = None,
     listen: Listen | None = None,
     on_ready: Callable[[Access, m.Inventory], None] = lambda access, inventory: None,
+    touched_by: str | None = None,
 ) -> None:
     """Serve clients of this machine until interrupted.
 
@@ -56,6 +57,9 @@ def serve(
         Where other machines reach the service; by default none does.
     on_ready : callable
         Called once clients can come, with the keeper of the codes and what there is.
+    touched_by : str, optional
+        Finger that truly touches a mock device: it feels, and draws the current that is sensed.
+        By default the finger.
 
     Raises
     ------
@@ -84,6 +88,7 @@ def serve(
         "surface": str(surface) if surface else None,
         "finger": finger,
         "screen": screen,
+        "touched_by": touched_by,
         "assets": str(assets.folder),
     }
     failure: list[Problem] = []

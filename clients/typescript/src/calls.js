@@ -104,6 +104,13 @@ export class Calls {
     return this.ask("release");
   }
 
+  /** Learn the finger by the current that it draws, from the next `arm` on.
+   * @param {m.Switch["on"]} on
+   * @returns {Promise<m.Output>} */
+  sense(on) {
+    return this.ask("sense", { on });
+  }
+
   /** End at 0 V, whoever holds the output.
    * @returns {Promise<m.Done>} */
   stop() {

@@ -168,9 +168,9 @@ class Intensity(Message):
 
 
 class Switch(Message):
-    """Mute: 0 V while time runs. Pause: 0 V and time stands."""
+    """Mute: 0 V while time runs. Pause: 0 V and time stands. Sense: by the current, once armed."""
 
-    type: Literal["mute", "pause"]
+    type: Literal["mute", "pause", "sense"]
     id: Id
     on: bool
 

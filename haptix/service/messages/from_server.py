@@ -59,6 +59,7 @@ class OutputMessage(Message):
     intensity: float
     muted: bool
     paused: bool
+    senses: bool = False  # learns the finger by the current that it draws, from the next arm on
     person_intensity: float = 1.0  # the person's own, whichever app holds the output
     person_muted: bool = False
     lent_to: str = ""

@@ -139,7 +139,7 @@ def schema() -> dict[str, Any]:
 REPLIES = {
     "hello": "welcome",
     "acquire": "lease",
-    **dict.fromkeys(("arm", "disarm", "intensity", "mute", "pause"), "output"),
+    **dict.fromkeys(("arm", "disarm", "intensity", "mute", "pause", "sense"), "output"),
     **dict.fromkeys(("layout_set", "layout_change"), "layout"),
     "play": "playing",
     "subscribe": "subscribed",
@@ -158,6 +158,7 @@ _ABOUT = {
     "bye": "Leave: 0 V first, and the lease is free.",
     "mute": "Hold 0 V while time runs, until the lease ends.",
     "pause": "Hold 0 V while time stands, until the lease ends.",
+    "sense": "Learn the finger by the current that it draws, from the next `arm` on.",
 }
 """Of messages that share a class."""
 

@@ -94,6 +94,18 @@ export class Service {
     }
   }
 
+  /** Learn the finger by its current, or no longer; an armed output is armed anew.
+   * @param {boolean} on */
+  async sense(on) {
+    if (!this.session) return;
+    await this.session.acquire(false);
+    this.output.set(await this.session.sense(on));
+    if (this.output.get()?.state === "armed") {
+      await this.disarm();
+      await this.arm();
+    }
+  }
+
   /** End at 0 V; the lease stays. */
   async disarm() {
     if (this.session) this.output.set(await this.session.disarm());

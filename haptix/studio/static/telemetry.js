@@ -178,6 +178,30 @@ function lastFelt(track) {
   return NaN;
 }
 
+/** What sensing knows of the finger, and how sure. */
+export class Sensed {
+  /** @param {(on: boolean) => void} choose */
+  constructor(choose) {
+    const t = texts.play.sensing;
+    this.box = el("input", { type: "checkbox", onchange: () => choose(this.box.checked) });
+    const [state, attraction, force] = [el("output"), el("dd", {}, "–"), el("dd", {}, "–")];
+    this.values = { state, attraction, force };
+    this.element = el("div", {}, el("h2", {}, t.title),
+      el("label.check", { title: t.help }, this.box, t.on), " ", state,
+      el("dl.readings", {}, el("div", {}, el("dt", {}, t.attraction), attraction), el("div", {}, el("dt", {}, t.force), force)));
+  }
+
+  /** @param {Telemetry} telemetry @param {boolean} isOn */
+  draw({ stats }, isOn) {
+    const t = texts.play.sensing;
+    this.box.checked = isOn;
+    const isKnown = isOn && stats.sensing >= 0;
+    this.values.state.textContent = isKnown ? t.states[stats.sensing] : "";
+    this.values.attraction.textContent = isKnown ? t.within(stats.attraction.toFixed(2), stats.attraction_sd) : "–";
+    this.values.force.textContent = isKnown ? t.within(`${stats.sensed_force_n.toFixed(2)} N`, stats.sensed_force_sd) : "–";
+  }
+}
+
 const NUMBERS = /** @type {const} */ (["wanted", "felt", "force", "speed", "voltage", "reaction"]);
 
 /** The newest values, and bars of the error's parts. */

@@ -103,6 +103,19 @@ export const texts = {
       reach: "What can be had on this screen and finger against what was wanted.",
       total: "What is felt against what was wanted.",
     },
+    sensing: {
+      title: "This finger, by its current",
+      on: "Learn it",
+      help: "The driver's sensor measures the current through the finger; the drive then fits this finger. A mock has a sensor with --device mock:pace=real,mode=envelope,sense_rate_hz=250.",
+      // In the order of `Knowledge` in haptix/sensing/finger_observer.py.
+      states: [
+        "no reading of the current has come", "nothing yet", "learns", "the finger rests", "no finger",
+        "several fingers", "voltage too low", "the panel was not measured untouched", "sensor not trusted",
+      ],
+      attraction: "Attraction, over the known finger's",
+      force: "Normal force, without a sensor of force",
+      within: (/** @type {string} */ value, /** @type {number} */ sd) => `${value} ± ${Math.round(100 * sd)} %`,
+    },
     ofHighest: "of highest",
     unreachable: (/** @type {number} */ percent) =>
       percent ? `${percent} % of what was wanted cannot be had on this screen and finger.` : "",

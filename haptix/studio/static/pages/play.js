@@ -7,7 +7,7 @@ import { FrictionPlot, KEYS, loadPlots, SpectrumPlot } from "../plots.js";
 import { sentence } from "../service.js";
 import { DELAY_S, Sound } from "../sound.js";
 import { Comparison, replay, StrokeRecorder, toCsv } from "../strokes.js";
-import { Readings, Telemetry } from "../telemetry.js";
+import { Readings, Sensed, Telemetry } from "../telemetry.js";
 import { texts } from "../texts.js";
 import { Touching } from "../touching.js";
 import { nameOf, SCALE, Trail, UNREACHABLE } from "../trail.js";
@@ -26,6 +26,7 @@ export function mount(root, app) {
   const { service, history } = app;
   const telemetry = new Telemetry();
   const readings = new Readings();
+  const sensed = new Sensed((on) => void service.attempt(() => service.sense(on)));
   const sound = new Sound();
   const board = new Board({ tabIndex: 0, role: "application", "aria-label": t.board, "aria-describedby": "said" });
   const touching = new Touching(board, service);
@@ -46,7 +47,8 @@ export function mount(root, app) {
       el("div.legend", {}, where, legend())),
     el("div.tools.sheet", {}, app.guide.element, forceTools(), soundTools(sound), strokes.element, comparison.element),
     el("section.live", {},
-      el("div.sheet", {}, readings.element, el("details", {}, el("summary", {}, t.means), bullets(t.meanings))),
+      el("div.sheet", {}, readings.element, el("details", {}, el("summary", {}, t.means), bullets(t.meanings)),
+        sensed.element),
       el("div.sheet", {}, el("h2", {}, KEYS.wanted(t.wanted), KEYS.felt(t.felt), KEYS.band(t.band)), friction),
       el("div.sheet", {}, el("h2", {}, t.spectrum), spectrum),
       el("div.sheet", {}, el("h2", {}, t.error), readings.errors)),
@@ -107,6 +109,7 @@ export function mount(root, app) {
     }
     if (at_ms - read_ms > READINGS_MS) {
       readings.draw(telemetry, t.source[view.get().force]);
+      sensed.draw(telemetry, service.output.get()?.senses ?? false);
       read_ms = at_ms;
     }
     if (track && at_ms - said_ms > SAID_MS && touching.cursors.size) {
