@@ -54,7 +54,8 @@ def main():
     torch.set_num_threads(1)
     warnings.simplefilter("ignore")  # of presets
     names = get_args(EffectName)
-    strength, most = [], []
+    strengths: list[np.ndarray] = []
+    reachable: list[float] = []
     t = np.arange(0, 0.5, 0.01)
     path = Trajectory(t, 80 * t, np.full_like(t, 5.0), np.full_like(t, FORCE_N))
     for screen in screens(options.screens):
@@ -64,9 +65,9 @@ def main():
             surface = haptix.FrictionSurface.build(model, axes, tolerance=1e-3)
             found = [simulate(Setting(model, WebEffect(name=n), path), surface) for n in names]
             rises = [np.nanmax(one.felt.mu / one.lowest_mu) - 1 for one in found]
-            strength.append(np.array(rises) / JND)
-            most.append((found[0].highest_mu / found[0].lowest_mu).max() - 1)
-    strength, most = np.array(strength), np.array(most) / JND
+            strengths.append(np.array(rises) / JND)
+            reachable.append(float((found[0].highest_mu / found[0].lowest_mu).max()) - 1)
+    strength, most = np.array(strengths), np.array(reachable) / JND
     print(
         f"{len(most)} pairs of finger and screen; "
         f"reachable {most.min():.2f} to {most.max():.2f} JND"

@@ -7,6 +7,7 @@ import pytest
 
 import calibration.steps as steps
 from calibration import Session, SessionInfo, Stroke
+from calibration.fit import Fit
 from calibration.protocol import Protocol
 from calibration.steadiness import Steadiness
 from calibration.steps import Finished, finish_decided, plan_that_decides
@@ -32,7 +33,7 @@ def session(tmp_path, finger, screen):
 def quick(monkeypatch):
     """The verdicts of a test in place of a fit's; as many strokes as a plan for 2.2 % has."""
     verdicts = []
-    monkeypatch.setattr(steps.Fit, "load", lambda path: SimpleNamespace(theory=None))
+    monkeypatch.setattr(Fit, "load", lambda path: SimpleNamespace(theory=None))
     monkeypatch.setattr(steps, "extended_plan", lambda *given: given[2].extended(10))
     monkeypatch.setattr(
         steps, "finish_folder", lambda folder, context: Finished(verdicts.pop(0), None, 4, {})

@@ -157,7 +157,7 @@ def test_a_broken_electrode_is_at_0_v_within_a_period_and_a_millisecond(is_known
     assert steps_within_slew(bench.driver)
 
 
-def test_an_rms_below_the_peak_is_a_fault_of_its_own():
+def test_an_rms_below_the_peak_is_a_fault_of_its_own(monkeypatch):
     """A square of 0.6 mA beside the panel: below the peak of 0.7 mA, above the rms of 0.5 mA."""
     converter = MockConverter()
     bench = Bench(converter).known()
@@ -167,7 +167,7 @@ def test_an_rms_below_the_peak_is_a_fault_of_its_own():
     def distorted(sent, about):
         return plain(sent, about) + square * np.where(sent >= 0, 1, -1)
 
-    converter._current = distorted
+    monkeypatch.setattr(converter, "_current", distorted)
     since = bench.driver.output[0].size
     bench.until_fault()
     assert bench.driver.core.fault().code is FaultCode.RMS_CURRENT
