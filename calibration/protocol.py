@@ -196,7 +196,12 @@ class Protocol(Document):
     def extended(self, count: int, fitted: Iterable[Sequence[float]] = ()) -> Self:
         """Return the protocol with more strokes at its end, for another look at the verdict.
 
-        `count` held-out strokes in all; the `fitted` ones are rows as for `shuffled`.
+        Parameters
+        ----------
+        count : int
+            Held-out strokes in all.
+        fitted : iterable of sequences of float
+            Fitted strokes to add: force [N], amplitude [V] and frequency [Hz] of each.
         """
         last, before = max(stroke.number for stroke in self.strokes), len(self.held_out)
         highest = max(stroke.voltage_v for stroke in self.strokes)

@@ -183,10 +183,6 @@ class Build(OfModel, command="build"):
         target = self.what if scene is None else self.out or self.what.with_suffix(".surface")
         read = [path for path in (scene, self.finger, self.screen) if path is not None]
         check_new(target, self.overwrite, *map(Path, read))
-        if not target.absolute().parent.is_dir():
-            raise InputError(
-                f"{target}: there is no folder {target.parent}; make it, or name another"
-            )
         try:
             surface = self._built(context, scene, target)
         except ToleranceError as error:
@@ -227,6 +223,7 @@ class Build(OfModel, command="build"):
             )
         job = MeasuringJob(model, ranges, past_limits=self.past_limits)
         kept = target.with_name(target.name + ".partial.npz")
+        target.parent.mkdir(parents=True, exist_ok=True)
         context.tell(
             step=f"{job.states} states of boundary elements, some {job.estimated_seconds():.2g} s; "
             f"an interrupted build resumes from {kept}"

@@ -23,8 +23,8 @@ NOT_A_NUMBER = ("", "nan", "inf", "-inf", "1e309", "ten", "1,5", "0x10", "1 K", 
 KINDS = {
     "file that is read": (
         "--image --material --trajectory --profile --tap --inputs --columns --plan --certificate "
-        "--key --recipe --instruments scene plan recipe sidecar log file files profile a b "
-        "recording one other table",
+        "--key --recipe --instruments --before --after scene plan recipe sidecar log file "
+        "files profile a b recording one other table",
         NOT_READ,
     ),
     "surface that is read": ("--surface surface", NOT_READ),
@@ -33,7 +33,7 @@ KINDS = {
     "file that may be new": ("--register-file register_file", ("folder", LONG, "file/below")),
     "folder": ("--csv --root --study study folder", NOT_MADE),
     "preset": (
-        "--finger --screen",
+        "--finger --screen --slider --touched-by",
         ("", "missing", "semiwet", "Semi-wet", "missing.toml", LONG, ".toml", "folder/.toml"),
     ),
     "word": (
@@ -52,7 +52,7 @@ KINDS = {
         "--max-voltage-v --minutes --crosstalk --temperature-c --humidity-percent --weight-n "
         "--repeatability-percent --tolerance-jnd --normal-reading-n --tangential-reading-n "
         "--speed-mm-per-s --shortest-mm --longest-mm --ask-after-h --second-weight-n "
-        "--second-tangential-reading-n",
+        "--second-tangential-reading-n --seconds",
         NOT_A_NUMBER,
     ),
     "numbers": (

@@ -131,14 +131,6 @@ def test_a_trajectory_in_metres_is_refused(haptix_cli, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_a_surface_makes_no_folder_of_a_misspelt_name(haptix_cli, tmp_path):
-    target = tmp_path / "nosuch" / "x.surface"
-    done = haptix_cli("build", target, "--frequency-hz", "4000", "--fidelity", "closed-form")
-    assert done.code == 2
-    assert f"there is no folder {target.parent}" in done.err.replace("\n", " ")
-    assert not target.parent.exists()
-
-
 def test_the_headings_of_query_take_two_lines(haptix_cli, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     out = haptix_cli(

@@ -68,7 +68,7 @@ def test_it_fits_a_microcontroller(tmp_path):
     # The smallest boards in question have 64 KB of flash and 16 KB of RAM.
     assert text < 18_000  # 4.4 KB of it for a converter of the current
     assert data == 0
-    assert bss < 8_500
+    assert bss < 9_000  # 0.7 KB of it for the converter and readings that wait
 
 
 def test_no_call_leaves_the_core(tmp_path):

@@ -12,8 +12,8 @@ from tests.firmware_io.oracle.device import Oracle
 
 def test_it_has_the_calls_of_the_core():
     calls = {name for name in vars(Core) if not name.startswith("_")}
-    # The oracle has no memory that goes bad, and no output to read back.
-    assert calls - {"is_whole", "read_back", "test_itself"} <= set(vars(Oracle))
+    # The oracle has no memory that goes bad, no output to read back, and no converter.
+    assert calls - {"is_whole", "read_back", "test_itself", "sense"} <= set(vars(Oracle))
 
 
 def test_a_mock_plays_an_envelope_alike_by_either():
