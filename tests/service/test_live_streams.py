@@ -1,13 +1,56 @@
 """Friction and felt friction of the whole service, against the driver's own record."""
 
+from math import log
+
 import numpy as np
 import pytest
 
+from haptix.sensing import Knowledge
 from haptix.service.batches import COLUMNS
 from tests.service.test_processes import LAYOUT, Running
 from tests.waiting import pause, wait_for
 
 pytestmark = pytest.mark.slow  # starts the whole service
+
+
+LEARNS = list(Knowledge).index(Knowledge.LEARNS)
+SENSES = "mock:pace=real,mode=envelope,sense_rate_hz=250"
+
+
+def test_a_finger_is_learned_from_the_current_of_the_driver(tmp_path):
+    service = Running(tmp_path / "service", SENSES)
+    frames = []
+    try:
+        with service.connect() as client:
+            client.on("frame", frames.append)
+            client.layout_set(LAYOUT)
+            client.acquire()
+            assert client.sense(True).senses
+            client.ask("subscribe", streams={"stats": 10})
+            assert client.arm().senses
+            began_s = client.now_s()
+
+            def has_learned():
+                client.touch(float(place_mm(client.now_s() - began_s)), 20.0, 0.4, touch_id=4)
+                pause(0.008)
+                return frames and stats(frames[-1])["sensing"] == LEARNS and known(frames[-1])
+
+            def known(frame):
+                return stats(frame)["attraction_sd"] < 0.45  # a stranger's is 0.6
+
+            wait_for(has_learned)
+            learned = stats(frames[-1])
+            client.disarm()
+    finally:
+        service.close()
+    assert {frame.stream for frame in frames} == {"stats"}
+    # The virtual finger is the one that the surface was made for: its ratio is 1.
+    assert abs(log(learned["attraction"])) < 4 * learned["attraction_sd"]
+
+
+def stats(frame):
+    """The newest row of a frame, by column."""
+    return dict(zip(COLUMNS["stats"], frame.rows[-1].tolist(), strict=True))
 
 
 def test_two_fingers_are_told_apart_and_what_is_told_was_played(tmp_path):

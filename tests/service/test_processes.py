@@ -72,7 +72,7 @@ class Lateness:
 class Running:
     """A service in processes of its own, and the driver that it plays to."""
 
-    def __init__(self, folder):
+    def __init__(self, folder, device=""):
         self.driver = MockDriver(pace="real", kept_s=600.0)
         self.server = DriverServer(self.driver)
         threading.Thread(target=self.server.serve, daemon=True).start()
@@ -80,7 +80,7 @@ class Running:
         self.process = subprocess.Popen(
             [
                 *(sys.executable, "-m", "haptix.cli", "serve", "--port", "0"),
-                *("--device", self.server.address),
+                *("--device", device or self.server.address),
             ],
             stdout=subprocess.PIPE,
             text=True,
