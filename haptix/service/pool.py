@@ -289,15 +289,19 @@ class Pool:
         self._waiting = 0
         self._keeps_spare = self._ends = False
 
-    async def ask(self, owner: str, do: str, **fields: Any) -> dict[str, Any]:
+    async def ask(
+        self, owner: str, do: str, *, is_limited: bool = True, **fields: Any
+    ) -> dict[str, Any]:
         """Return the answer to a question of an owner.
+
+        Of questions that are limited, as all that a client may repeat, only a few may wait.
 
         Raises
         ------
         Problem
             If it is refused, takes too long, or too many wait.
         """
-        if self._waiting >= MOST_WAITING:
+        if is_limited and self._waiting >= MOST_WAITING:
             raise Problem("limit", f"expected at most {MOST_WAITING} questions that wait")
         self._waiting += 1
         owned = self.owned[owner] = self.owned.pop(owner, _Owned())

@@ -7,6 +7,7 @@ workers or becomes a job.
 
 from __future__ import annotations
 
+import asyncio
 import base64
 from collections.abc import Callable
 from pathlib import Path
@@ -133,10 +134,17 @@ def documents_router(pool: Pool, layouts: Path) -> APIRouter:
             for preset in presets()
         )
 
+    schema: asyncio.Future[dict[str, Any]] | None = None
+
     @router.get("/kinds")
     async def kinds(request: Request) -> dict[str, Any]:
         """JSON Schema of all kinds of material, and of the signals within them."""
-        return await pool.ask(request.state.owner, "schema")
+        # It is the same for all, so it is asked for once; pictures that wait must not refuse it.
+        nonlocal schema
+        if schema is None or (schema.done() and (schema.cancelled() or schema.exception())):
+            asked = pool.ask(request.state.owner, "schema", is_limited=False)
+            schema = asyncio.ensure_future(asked)
+        return await asyncio.shield(schema)
 
     @router.post("/pictures")
     async def picture(request: Request, body: PictureRequest) -> Picture:

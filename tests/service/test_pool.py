@@ -182,6 +182,25 @@ def test_a_worker_that_rests_is_ended(assets, monkeypatch):
     running(assets, scenario)
 
 
+def test_a_question_that_is_not_limited_waits_behind_all_that_may(assets):
+    async def scenario(pool):
+        digest = keep(assets, 1)
+        waiting = [
+            asyncio.create_task(pool.ask("me", "decode", digest=digest))
+            for _ in range(MOST_WAITING)
+        ]
+        await until(lambda: processes(pool))
+        with pytest.raises(Problem, match="questions that wait"):
+            await pool.ask("you", "schema")
+        schema = await pool.ask("you", "schema", is_limited=False)
+        assert schema["$defs"]
+        for task in waiting:
+            task.cancel()
+        await asyncio.gather(*waiting, return_exceptions=True)
+
+    running(assets, scenario)
+
+
 def test_questions_that_wait_when_the_service_ends_are_refused(assets):
     async def scenario(pool):
         digest = keep(assets, 1)

@@ -91,7 +91,7 @@ def a_page(browser):
         # The front alone has nobody who draws pictures and knows of volts.
         url = said.location.get("url", "")
         if said.type == "error" and not url.endswith(("/v1/pictures", "/v1/drive")):
-            errors.append(said.text)
+            errors.append(f"{said.text} {url}")
 
     page.on("pageerror", lambda error: errors.append(str(error)))
     page.on("console", hear)

@@ -16,7 +16,7 @@ from tests.waiting import wait_for
 
 pytestmark = pytest.mark.slow
 
-FILMS = int(os.environ.get("HAPTIX_FILMS", "2"))
+FILMS = int(os.environ.get("HAPTIX_FILMS", "1"))
 COMPUTES = "while True: sum(range(10**6))"
 
 
