@@ -28,6 +28,8 @@ def test_a_finger_is_learned_from_the_current_of_the_driver(tmp_path):
             assert client.sense(True).senses
             client.ask("subscribe", streams={"stats": 10})
             assert client.arm().senses
+            # The panel is measured while nobody touches it.
+            wait_for(lambda: frames and stats(frames[-1])["scene_s"] > 0.5)
             began_s = client.now_s()
 
             def has_learned():
