@@ -28,7 +28,7 @@ from firmware_io.limits import DriveLimits
 from firmware_io.link import Link
 from firmware_io.links.mock import MockDriver, MockLink
 from firmware_io.progress import CurrentReading, Marked, Progress
-from firmware_io.protocol import Doubt, Setup, StreamMode, TouchReport
+from firmware_io.protocol import SensorProblem, Setup, StreamMode, TouchReport
 from firmware_io.protocol_client import ProtocolClient
 from firmware_io.stream import Pace, Stream
 
@@ -94,7 +94,7 @@ class Device:
             raise
         self._capabilities = replace(driver, sample_rate_hz=float(rate_hz))
         self._is_closed = False
-        self._doubt = Doubt.NONE
+        self._sensor_problem = SensorProblem.NONE
         _LOG.info("%s: opened, %s at %g Hz", link.name, mode, rate_hz)
         # Holds only the stream: a reference to the device would keep it from being collected.
         weakref.finalize(self, self._stream.abandon)
@@ -350,24 +350,24 @@ class Device:
     def readings(self) -> list[CurrentReading]:
         """Return the readings of the current that came since the last call, oldest first.
 
-        Those that the driver does not believe are left out; `sensor_doubt` says why. The list is
+        Those that the driver does not believe are left out; `sensor_problem` says why. The list is
         empty if the driver has no sensor (`capabilities.sense_rate_hz`).
         """
         client, full_scale_v = self._stream.client, self._capabilities.full_scale_v
         believed = []
         for _ in range(len(client.readings)):
             reading = client.readings.popleft()
-            if reading.doubt is not self._doubt:
-                self._doubt = reading.doubt
-                _LOG.info("%s: sensor: %s", self.name, self._doubt.name)
-            if self._doubt is Doubt.NONE:
+            if reading.problem is not self._sensor_problem:
+                self._sensor_problem = reading.problem
+                _LOG.info("%s: sensor: %s", self.name, self._sensor_problem.name)
+            if self._sensor_problem is SensorProblem.NONE:
                 believed.append(CurrentReading.of(reading, client.output_clock, full_scale_v))
         return believed
 
     @property
-    def sensor_doubt(self) -> str | None:
+    def sensor_problem(self) -> str | None:
         """Why the driver gives no readings, as of the last call of `readings`; None if it does."""
-        return _DOUBTS[self._doubt]
+        return _SENSOR_PROBLEMS[self._sensor_problem]
 
     def host_time_s(self, clock_ticks: float) -> float:
         """Convert a time of the driver's clock to the host's clock, by its latest reports."""
@@ -514,12 +514,12 @@ class Device:
         stream.bind(limits, bounded)
 
 
-_DOUBTS = {
-    Doubt.NONE: None,
-    Doubt.STUCK: "The converter's code does not change.",
-    Doubt.LIES: "The converter tells a current that no load draws: inverted, late or clipped.",
-    Doubt.LATE: "The converter gives no samples.",
-    Doubt.DIRECT: "Sensing is off: the drive has no carrier to measure by.",
+_SENSOR_PROBLEMS = {
+    SensorProblem.NONE: None,
+    SensorProblem.STUCK: "The converter's code does not change.",
+    SensorProblem.LIES: "The converter gives a current of no load: inverted, late or clipped.",
+    SensorProblem.LATE: "The converter gives no samples.",
+    SensorProblem.DIRECT: "Sensing is off: the drive has no carrier to measure by.",
 }
 
 

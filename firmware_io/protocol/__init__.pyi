@@ -24,7 +24,6 @@ from .messages import Arm as Arm
 from .messages import CapabilitiesReport as CapabilitiesReport
 from .messages import DeviceMessage as DeviceMessage
 from .messages import DeviceState as DeviceState
-from .messages import Doubt as Doubt
 from .messages import FaultCode as FaultCode
 from .messages import FaultReport as FaultReport
 from .messages import FrameKind as FrameKind
@@ -38,6 +37,7 @@ from .messages import Rate as Rate
 from .messages import Revise as Revise
 from .messages import SenseReading as SenseReading
 from .messages import SenseReport as SenseReport
+from .messages import SensorProblem as SensorProblem
 from .messages import Setup as Setup
 from .messages import StatusReport as StatusReport
 from .messages import Stop as Stop

@@ -157,7 +157,7 @@ class FrameKind(IntEnum):
     SENSE = 0x86
 
 
-class Doubt(IntEnum):
+class SensorProblem(IntEnum):
     """Why the driver does not believe its converter, and limits what it computes alone."""
 
     NONE = 0
@@ -498,7 +498,7 @@ class SenseReading(NamedTuple):
     driven : int
         Amplitude driven, as a code.
     flags : int
-        Bit 0: saturated; bits 1 to 3: a `Doubt`.
+        Bit 0: saturated; bits 1 to 3: a `SensorProblem`.
     """
 
     clock_ticks: int
@@ -508,9 +508,9 @@ class SenseReading(NamedTuple):
     flags: int
 
     @property
-    def doubt(self) -> Doubt:
+    def problem(self) -> SensorProblem:
         """Why the driver does not believe it."""
-        return Doubt(min(self.flags >> 1 & 7, Doubt.DIRECT))
+        return SensorProblem(min(self.flags >> 1 & 7, SensorProblem.DIRECT))
 
 
 @dataclass(frozen=True)

@@ -142,8 +142,8 @@ def documents_router(pool: Pool, layouts: Path) -> APIRouter:
         # It is the same for all, so it is asked for once; pictures that wait must not refuse it.
         nonlocal schema
         if schema is None or (schema.done() and (schema.cancelled() or schema.exception())):
-            asked = pool.ask(request.state.owner, "schema", is_limited=False)
-            schema = asyncio.ensure_future(asked)
+            question = pool.ask(request.state.owner, "schema", is_limited=False)
+            schema = asyncio.ensure_future(question)
         return await asyncio.shield(schema)
 
     @router.post("/pictures")

@@ -97,7 +97,7 @@ def test_readings_hold_at_carriers_that_do_not_divide_the_rate(carrier_hz):
     # The ends lie up to half a sample off whole periods: 1/192 of a reading, of 2 % at its ends.
     for reading in bench.readings[-20:]:
         assert reading.quadrature_a / reading.driven_v * 60 == pytest.approx(amperes, rel=0.01)
-    assert bench.device.sensor_doubt is None
+    assert bench.device.sensor_problem is None
     bench.device.close()
 
 
@@ -117,7 +117,7 @@ def test_a_direct_drive_says_that_sensing_is_off():
         device.write(np.zeros(4800))
         device.progress(is_fresh=True)
         assert device.readings() == []
-        assert "no carrier" in device.sensor_doubt
+        assert "no carrier" in device.sensor_problem
 
 
 @pytest.mark.parametrize(
@@ -142,7 +142,7 @@ def test_a_finger_and_a_person_stay_below_the_limits():
     bench.change(farads=PANEL_F + 39e-12)  # the most that a sliding finger adds
     bench.play(0.2).change(farads=PANEL_F + 120e-12)
     bench.play(0.2)
-    assert bench.driver.fault is None and bench.device.sensor_doubt is None
+    assert bench.driver.fault is None and bench.device.sensor_problem is None
 
 
 @pytest.mark.parametrize("is_known", [True, False])
@@ -187,8 +187,8 @@ def test_a_short_before_the_panel_is_known_is_an_overload():
     [
         ("dead", "does not change"),
         ("stuck", "does not change"),
-        ("inverted", "no load draws"),
-        ("late", "no load draws"),
+        ("inverted", "of no load"),
+        ("late", "of no load"),
         ("silent", "no samples"),
     ],
 )
@@ -199,7 +199,7 @@ def test_a_converter_that_fails_is_told_and_the_drive_goes_on(failure, why, phas
     good = len(bench.readings)
     since = bench.change(failure=failure)
     bench.play(0.01)
-    assert why in bench.device.sensor_doubt  # after 10 ms
+    assert why in bench.device.sensor_problem  # after 10 ms
     bench.play(0.1)
     assert len(bench.readings) - good <= 3  # what ended before
     assert bench.driver.fault is None
@@ -208,9 +208,9 @@ def test_a_converter_that_fails_is_told_and_the_drive_goes_on(failure, why, phas
     # Believed again after half a second of good samples.
     bench.change(failure=None)
     bench.play(0.45)
-    assert bench.device.sensor_doubt is not None
+    assert bench.device.sensor_problem is not None
     bench.play(0.1)
-    assert bench.device.sensor_doubt is None
+    assert bench.device.sensor_problem is None
 
 
 def test_a_saturated_converter_ends_at_0_v():
