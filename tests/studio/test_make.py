@@ -34,7 +34,7 @@ class PoolHere:
         opening = {"surface": None, "finger": "semi-wet", "screen": "3m-sct3250"}
         self.work, self.turn = DocumentWork(store.folder, opening), asyncio.Lock()
 
-    async def ask(self, owner, do, **fields):
+    async def ask(self, owner, do, is_limited=True, **fields):
         try:
             async with self.turn:
                 return await asyncio.to_thread(getattr(self.work, do), **fields)
