@@ -500,11 +500,11 @@ class LiveRenderer(RenderStream):
             self._place_marks,
         )  # fmt: skip
         times_s = self.settings.reaction_s, self.settings.horizon_s
-        on_read = None
+        measures = self.device.capabilities.sense_rate_hz and self.device.mode == "envelope"
+        self._reads_driver = bool(measures and self.adapted is not None)
+        on_read = self._read_current if self._reads_driver else None
         if self.adapted is not None:
-            if self.device.capabilities.sense_rate_hz and self.device.mode == "envelope":
-                on_read = self._read_current
-            else:
+            if not measures:
                 _LOG.warning(
                     "sense: %s reports no current: expected a sensor, and a carrier of the driver "
                     "(mode=envelope); `sensed` takes readings of another converter",
@@ -662,6 +662,7 @@ class LiveRenderer(RenderStream):
     def _count_window(self, block: RenderedBlock, seconds: float, at_s: float) -> None:
         self._count(block, seconds)
         if self.adapted is not None:
-            self._check_sensor(self.adapted)
+            if not self._reads_driver:  # after a stall, the driver's readings are still to be taken
+                self._check_sensor(self.adapted)
             self.stats.finger = self.adapted.estimate
         self._ahead_s = at_s - block.first_sample / self.sample_rate_hz

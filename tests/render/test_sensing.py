@@ -131,7 +131,7 @@ def test_what_cannot_sense_says_so(surface, contact):
         LiveRenderer(surface, HALF, device, settings=LiveSettings()).sensed(None)
 
 
-def slide_on_a_driver(surface, observer, person, fails_at_s=np.inf):
+def slide_on_a_driver(surface, observer, person, fails_at_s=np.inf, stalls_s=0.0):
     """A stroke on a mock that measures; return its states in time, and what was sent."""
     address = "mock:pace=stepped,mode=envelope,sense_rate_hz=250"
     renderer = SteppedRenderer(surface, Contrast(), address=address)
@@ -142,6 +142,9 @@ def slide_on_a_driver(surface, observer, person, fails_at_s=np.inf):
     with renderer:
         begin_s = renderer.now_s()
         for event in stroke(end_s=END_S, begin_s=BEGIN_S, force=0.5):
+            # The host's thread does nothing for a while, and then a touch comes.
+            if event.t_s > 1.1 and round(100 * event.t_s) % 5 == 0:
+                renderer.device.clock.sleep(stalls_s)
             at_s = begin_s + event.t_s
             live.touch(at_s, event.x_mm, event.y_mm, 0.5)
             renderer.event(event._replace(t_s=at_s), at_s)
@@ -167,6 +170,12 @@ def test_a_driver_that_goes_silent_leads_back_to_open_loop(surface, contact, sti
     late = [(state, gain) for at_s, state, gain in states if at_s > 1.2 + 0.010 + 0.004 + 0.002]
     assert {state for state, _ in late} == {Knowledge.SENSOR}
     assert {gain for _, gain in late} == {0.0}
+
+
+def test_a_stall_of_the_host_is_not_held_against_the_sensor(surface, contact, stiffer):
+    """A touch that waited is rendered before the readings that waited are taken."""
+    states = slide_on_a_driver(surface, FingerObserver(contact), stiffer, stalls_s=0.02)
+    assert {state for at_s, state, _ in states if at_s > 1.1} == {Knowledge.LEARNS}
 
 
 def test_a_driver_without_a_sensor_says_so(surface, contact, caplog):
