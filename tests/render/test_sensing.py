@@ -142,12 +142,11 @@ def slide_on_a_driver(surface, observer, person, fails_at_s=np.inf, stalls_s=0.0
     with renderer:
         begin_s = renderer.now_s()
         for event in stroke(end_s=END_S, begin_s=BEGIN_S, force=0.5):
-            # The host's thread does nothing for a while, and then a touch comes.
-            if event.t_s > 1.1 and round(100 * event.t_s) % 5 == 0:
-                renderer.device.clock.sleep(stalls_s)
             at_s = begin_s + event.t_s
             live.touch(at_s, event.x_mm, event.y_mm, 0.5)
             renderer.event(event._replace(t_s=at_s), at_s)
+            if event.t_s > 1.1 and round(100 * event.t_s) % 5 == 0:
+                renderer.device.clock.sleep(stalls_s)  # the thread that plays does nothing
             for k in range(1, 5):
                 if event.t_s + 0.002 * k >= fails_at_s:
                     converter.failure = "silent"
@@ -175,7 +174,8 @@ def test_a_driver_that_goes_silent_leads_back_to_open_loop(surface, contact, sti
 def test_a_stall_of_the_host_is_not_held_against_the_sensor(surface, contact, stiffer):
     """A touch that waited is rendered before the readings that waited are taken."""
     states = slide_on_a_driver(surface, FingerObserver(contact), stiffer, stalls_s=0.02)
-    assert {state for at_s, state, _ in states if at_s > 1.1} == {Knowledge.LEARNS}
+    assert Knowledge.SENSOR not in {state for at_s, state, _ in states if at_s > 1.1}
+    assert states[-1][1] is Knowledge.LEARNS
 
 
 def test_a_driver_without_a_sensor_says_so(surface, contact, caplog):
