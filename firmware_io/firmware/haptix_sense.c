@@ -256,6 +256,18 @@ static void end_half(hx_device *d, int is_rising, uint64_t clock) {
     s->has_begun = 1;
 }
 
+/* Without a drive no sign changes: the reading that is due says so, lest the sensor seem to be silent. */
+static void end_idle(hx_device *d, uint64_t clock) {
+    hx_sensor *s = &d->sensor;
+    if ((s->whole.ticks + s->half.ticks) * d->config.sense_rate_hz < d->config.output_rate_hz) return;
+    if (!d->is_playing || (uint64_t)s->half.ticks * d->phase_step >> 32 == 0) return; /* less than a period */
+    keep(d, clock, 0, 0, 0, (uint32_t)s->doubt << 1);
+    forget(&s->half);
+    forget(&s->whole);
+    s->drive_before = 0;
+    s->has_begun = 0;
+}
+
 static void measure(hx_sensor *s, int32_t drive, int32_t current) {
     hx_sums *half = &s->half;
     if (current >= RAIL || current <= -RAIL) half->is_saturated = 1;
@@ -287,6 +299,7 @@ void hx_device_sense(hx_device *d, const int16_t *sent, const int16_t *raw, uint
             if ((sent[i] < 0) != (s->before < 0)) end_half(d, sent[i] >= 0, clock);
             measure(s, sent[i], raw[i]);
             s->before = sent[i];
+            end_idle(d, clock + 1u);
         }
     }
     hx_seal(d);

@@ -101,6 +101,22 @@ def test_readings_hold_at_carriers_that_do_not_divide_the_rate(carrier_hz):
     bench.device.close()
 
 
+def test_readings_come_at_their_rate_while_nothing_is_driven():
+    """Silence would be that of a sensor which has failed; of 0 V there is nothing to measure."""
+    bench = Bench(MockConverter()).play(0.1)
+    bench.volts, bench.readings = 0.0, []
+    bench.play(0.1)
+    bench.volts = 100.0
+    bench.play(0.1)
+    times = np.array([reading.t_s for reading in bench.readings])
+    # A reading ends with a whole period: 0.25 ms; and one sample.
+    assert np.diff(times).max() <= 0.004 + 0.00025 + 1e-4
+    assert [reading.driven_v for reading in bench.readings[10:20]] == [0.0] * 10
+    assert bench.readings[-1].driven_v == pytest.approx(100.0, rel=1e-3)
+    assert bench.device.sensor_problem is None
+    bench.device.close()
+
+
 def test_a_driver_without_a_sensor_plays_and_answers_as_before():
     bench, sensing = Bench(None), Bench(MockConverter())
     for one in (bench, sensing):
