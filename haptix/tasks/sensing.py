@@ -11,7 +11,7 @@ from pydantic import Field
 
 from haptix.desk import Context, Result
 from haptix.errors import InputError
-from haptix.fields import Address, Argument, FingerName, Force, NewFile
+from haptix.fields import Address, Argument, FingerName, Force, NewFile, check_new
 from haptix.report import record
 from haptix.tasks.rendering import FORCES_N, OnScreen
 
@@ -36,12 +36,14 @@ class Enroll(OnScreen, command="enroll"):
         0.4, description="Force with which the person presses, by a scale under the screen."
     )
     seconds: Annotated[float, Field(ge=0.5, le=60)] = Field(5.0, description="Of sliding.")
+    overwrite: bool = Field(False, description="Replace an existing file.")
     slider: FingerName | None = Field(
         None, description="Finger that slides on a mock device. [default: the finger]"
     )
 
     def run(self, context: Context) -> Result:
         """Enroll."""
+        check_new(self.out, self.overwrite)
         from haptix.devices import open_device
         from haptix.render import LiveRenderer, LiveSettings
         from haptix.render.core import DEFAULT_CARRIER_HZ

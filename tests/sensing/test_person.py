@@ -65,3 +65,23 @@ def test_it_is_kept_in_a_file(contact, tmp_path):
 def test_slides_without_a_force_are_left_out():
     rows = [Averaged(t, f, 100.0, 20e-12 - 1e-12j) for t, f in ((0.1, 0.4), (0.3, float("nan")))]
     assert parts(rows) == ((0.4, 100.0, 20e-12, -1e-12),)
+
+
+def test_a_person_who_was_enrolled_is_not_overwritten(haptix_cli, tmp_path):
+    (tmp_path / "me.json").write_text("{}")
+    done = haptix_cli("enroll", tmp_path / "me.json")
+    assert done.code == 2 and "--overwrite" in done.err
+    assert (tmp_path / "me.json").read_text() == "{}"
+
+
+@pytest.mark.slow
+def test_a_finger_is_enrolled_and_a_screen_is_checked_by_the_commands(haptix_cli, own_folder):
+    haptix.Screen().save("screen.toml")
+    haptix.Finger.preset("semi-wet").save("finger.toml")
+    for file, slider in (("then.json", "semi-wet"), ("now.json", "semi-wet"), ("wet.json", "wet")):
+        done = haptix_cli("enroll", file, "--slider", slider, "--screen", "screen.toml")
+        assert done.code == 0, done.err
+    check = ("calibrate", "check", "--profile", "screen.toml", "--before", "then.json", "--after")
+    assert "as before" in haptix_cli(*check, "now.json").out
+    changed = haptix_cli(*check, "wet.json")
+    assert changed.code == 1 and "changed" in changed.out
