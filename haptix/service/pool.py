@@ -364,7 +364,8 @@ class Pool:
                         await process.ask("load")  # the surface
                         process.has_surface = True
                         process.has_loaded()
-            limit_s = self._longest_s
+            # The schema is asked for once, as the first: it imports what pictures load.
+            limit_s = START_S if do == "schema" else self._longest_s
             async with asyncio.timeout(limit_s):
                 answer = await process.ask(do, **fields)
             process.has_loaded()

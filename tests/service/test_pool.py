@@ -201,6 +201,19 @@ def test_a_question_that_is_not_limited_waits_behind_all_that_may(assets):
     running(assets, scenario)
 
 
+def test_the_first_schema_may_take_as_long_as_its_imports(assets):
+    async def asks():
+        pool = Pool(
+            {**OPENING, "assets": str(assets)}, longest_s=1e-9
+        )  # less than any answer takes
+        try:
+            return await pool.ask("me", "schema")
+        finally:
+            await pool.stop()
+
+    assert asyncio.run(asks())["$defs"]
+
+
 def test_questions_that_wait_when_the_service_ends_are_refused(assets):
     async def scenario(pool):
         digest = keep(assets, 1)
