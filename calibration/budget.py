@@ -94,7 +94,7 @@ class Budget:
     @property
     def main(self) -> list[Contribution]:
         """Contributions of a thousandth or more, as people read them."""
-        return [one for one in self.contributions if one.share >= _SHOWN]
+        return [contribution for contribution in self.contributions if contribution.share >= _SHOWN]
 
 
 def uncertainty_budget(
@@ -138,7 +138,7 @@ def uncertainty_budget(
         return log(predictor.thickness_m(fit.names, logs, CARRIER_HZ))
 
     steps = _STEP * np.eye(len(at))[free]
-    slope = np.array([total(at + one) - total(at - one) for one in steps]) / (2 * _STEP)
+    slope = np.array([total(at + step) - total(at - step) for step in steps]) / (2 * _STEP)
     if "h0_m" in fit.free:
         unit = (np.array(fit.free) == "h0_m").astype(float)
         made.append(_budget(fit, rig, "d1/eps1", "m", log(fit.best("h0_m")), unit))
@@ -153,7 +153,9 @@ def _budget(
     assert posterior is not None
     scatter = sqrt(posterior.scatter(slope))
     inputs = [*_known(posterior, rig), *_forms(posterior)]
-    of_rig = sum((one.spread * float(slope @ one.response)) ** 2 for one in _gains(posterior, rig))
+    of_rig = sum(
+        (gain.spread * float(slope @ gain.response)) ** 2 for gain in _gains(posterior, rig)
+    )
     variance = float(slope @ posterior.covariance @ slope) + of_rig
     sd = max(sqrt(variance), 1e-12)
     rows = [
@@ -162,10 +164,10 @@ def _budget(
             posterior.freedom, scatter**2 / sd**2,
         )
     ]  # fmt: skip
-    for one in inputs:
-        by = float(slope @ one.response)
-        share = (by * one.spread / sd) ** 2
-        rows.append(Contribution(quantity, one.source, "B", by, one.spread, inf, share))
+    for source in inputs:
+        by = float(slope @ source.response)
+        share = (by * source.spread / sd) ** 2
+        rows.append(Contribution(quantity, source.source, "B", by, source.spread, inf, share))
     low, high = (
         end - float(slope @ posterior.middle) + middle
         for end in posterior.interval(slope, LEVEL, of_rig)
@@ -179,12 +181,12 @@ def _budget(
         sd,
         posterior.freedom_of(slope, variance),
         (high - low) / 2 / sd,
-        tuple(sorted(rows, key=lambda one: -one.share)),
+        tuple(sorted(rows, key=lambda row: -row.share)),
     )
 
 
 def _known(posterior: Posterior, rig: RigCheck | None) -> list[Input]:
-    return [*(one for one in posterior.inputs if one.spread), *_gains(posterior, rig)]
+    return [*(source for source in posterior.inputs if source.spread), *_gains(posterior, rig)]
 
 
 def _gains(posterior: Posterior, rig: RigCheck | None) -> list[Input]:
@@ -195,9 +197,9 @@ def _gains(posterior: Posterior, rig: RigCheck | None) -> list[Input]:
     if rig.reads_volts:
         spreads[VOLTAGE_GAIN] = rig.volts_spread
     return [
-        Input(one.source, spreads[one.source], one.response)
-        for one in posterior.inputs
-        if one.source in spreads
+        Input(source.source, spreads[source.source], source.response)
+        for source in posterior.inputs
+        if source.source in spreads
     ]
 
 

@@ -94,8 +94,8 @@ class _Page:
         starts = np.concatenate([[0], np.cumsum(widths)[:-1]]) / max(widths.sum(), _COLUMNS)
         size = min(8.0, 8.0 * _COLUMNS / widths.sum())
         self.line(list(zip(starts, heads, strict=True)), size, bold=True)
-        for one in rows:
-            self.line(list(zip(starts, one.values(), strict=True)), size)
+        for cells in rows:
+            self.line(list(zip(starts, cells.values(), strict=True)), size)
 
 
 def write_certificate(
@@ -122,10 +122,14 @@ def write_certificate(
     instruments.check_strokes(recordings)
     number = f"{made.date:%Y%m%d}-{screen.calibration_id[:8]}"
     about = described(finger, screen)
-    rooms = [one.conditions for one in recordings]
-    drivers = {one.instruments.get("driver", "") for one in rooms} - {""}
-    used = {tuple(pair) for one in rooms for pair in one.instruments.items()}
-    shown = [one for one in instruments.instruments if (one.name, one.serial) in used]
+    rooms = [recording.conditions for recording in recordings]
+    drivers = {conditions.instruments.get("driver", "") for conditions in rooms} - {""}
+    used = {tuple(pair) for conditions in rooms for pair in conditions.instruments.items()}
+    shown = [
+        instrument
+        for instrument in instruments.instruments
+        if (instrument.name, instrument.serial) in used
+    ]
     content = BytesIO()
     metadata = {"Title": f"Certificate {number}", "Creator": "haptix", "CreationDate": None}
     with rc_context({"pdf.fonttype": 42}), PdfPages(content, metadata=metadata) as pages:
@@ -154,13 +158,13 @@ def write_certificate(
                  f"(JND, 11 %) at most; {verification.tolerance_jnd:g} are allowed"),
                 ("Contrast mu(V)/mu(0)", verification.contrast_text),
                 ("Verified for", "nothing" if made.verified is None else made.verified.text),
-                *(("Not tested", one) for one in verification.untested),
+                *(("Not tested", text) for text in verification.untested),
             ]
         )  # fmt: skip
         sheet.heading("Results, with intervals of 90 %")
-        sheet.table([row(one) for one in verification.budget])
+        sheet.table([row(budget) for budget in verification.budget])
         sheet.heading("Instruments")
-        sheet.table([row(one) for one in shown])
+        sheet.table([row(instrument) for instrument in shown])
         if rig is not None:
             day = "on a day that is not known" if rig.measured_on is None else f"{rig.measured_on}"
             sheet.pairs([("Rig checked", f"{day}, with {', '.join(rig.instruments)}")])
@@ -170,16 +174,16 @@ def write_certificate(
         sheet.line([(0, "name"), (0.5, "date and signature")], 7)
         sheet.begin()
         sheet.line([(0, "Appendix")], 14, bold=True)
-        for one in verification.budget:
-            sheet.heading(f"Uncertainty budget of {one.quantity}")
-            cells = [row(part) for part in one.main]
+        for budget in verification.budget:
+            sheet.heading(f"Uncertainty budget of {budget.quantity}")
+            cells = [row(part) for part in budget.main]
             sheet.table([{k: v for k, v in cell.items() if k != "quantity"} for cell in cells])
         sheet.heading("Errors of friction, by the strokes kept out of the fit")
-        sheet.table([row(one) for one in verification.groups])
+        sheet.table([row(group) for group in verification.groups])
         sheet.pairs([("Steadiness", verification.steadiness.text)])
         sheet.pairs([(fit.shear, fit.shear_note)])
         sheet.heading("Rests on")
-        sheet.pairs([("", one) for one in made.rests_on])
+        sheet.pairs([("", text) for text in made.rests_on])
         sheet.heading("Hashes (SHA-256)")
         sheet.pairs([("screen.toml", screen.content_hash()), ("finger.toml", made.finger_hash),
                      ("fit.json", fit.content_hash)])  # fmt: skip
@@ -195,8 +199,8 @@ def environment(recordings: Sequence[StrokeRecording]) -> str:
     """Return the room's temperature and humidity, where recorded."""
     said = []
     for name, unit in (("temperature_c", "°C"), ("humidity_percent", "%")):
-        read = [getattr(one.conditions, name) for one in recordings]
-        values = [one for one in read if one is not None]
+        read = [getattr(recording.conditions, name) for recording in recordings]
+        values = [value for value in read if value is not None]
         word = name.split("_")[0]
         if not values:
             said.append(f"{word} not recorded")

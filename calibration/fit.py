@@ -250,7 +250,9 @@ class Posterior(Displayed):
 
     def scatter(self, direction: Array) -> float:
         """Variance that the strokes' scatter leaves along a direction of the logarithms."""
-        known = sum((one.spread * float(direction @ one.response)) ** 2 for one in self.inputs)
+        known = sum(
+            (source.spread * float(direction @ source.response)) ** 2 for source in self.inputs
+        )
         return max(float(direction @ self.own @ direction) - known, 0.0)
 
     def freedom_of(self, direction: Array, variance: float) -> float:
@@ -265,7 +267,7 @@ class Posterior(Displayed):
 
         `more` is a variance besides, such as that of the rig's gains.
         """
-        at = np.array([direction @ one for one in (self.middle, *self.others)])
+        at = np.array([direction @ place for place in (self.middle, *self.others)])
         weights = np.concatenate([[1.0], self.odds])
         weights /= weights.sum()
         variance = float(direction @ self.own @ direction) + more
@@ -354,9 +356,9 @@ class Fit(Document):
         return super()._from_table(fields, folder)
 
     def __getitem__(self, name: str) -> ParameterEstimate:
-        for one in self.estimates:
-            if one.name == name:
-                return one
+        for estimate in self.estimates:
+            if estimate.name == name:
+                return estimate
         raise InputError(f"parameter {name!r}: expected one of {', '.join(self.names)}")
 
     def signed(self, made_from: Mapping[str, str]) -> Self:
@@ -398,7 +400,7 @@ class Fit(Document):
     @property
     def undetermined(self) -> list[ParameterEstimate]:
         """Estimates without a value."""
-        return [one for one in self.estimates if one.value is None]
+        return [estimate for estimate in self.estimates if estimate.value is None]
 
     def parts(self, needs: Sequence[TermNeed] = ()) -> list[tuple[str, Sequence[Any]]]:
         """Return the parts of its report, by title: rows of a table, or lines."""

@@ -127,8 +127,8 @@ def carried_over(other: StrokePredictor, residuals: Residuals, free: Array) -> A
     parameters = residuals.parameters
     if name in parameters.free and parameters[name].prior is None:
         of_other, of_this = (
-            float(one.model.finger.frictional_shear_stress_pa)
-            for one in (other, residuals.predictor)
+            float(predictor.model.finger.frictional_shear_stress_pa)
+            for predictor in (other, residuals.predictor)
         )
         start[parameters.free.index(name)] += np.log(of_other / of_this)
     return start
@@ -209,7 +209,7 @@ def fit_strokes(
             known = in_form(parameters.restarted_at(fitted), other)
             others[name] = fit_residuals(other, known, points, carried_over(other, residuals, free))
         compared = compare_forms(residuals, free, others)
-        named += [one.form for one in compared]
+        named += [comparison.form for comparison in compared]
         components += [
             (at, _OTHER_FORM * exp(min(-one.evidence / 2, _MOST_EVIDENCE)))
             for one, (_, at) in zip(compared, others.values(), strict=True)
@@ -224,7 +224,7 @@ def fit_strokes(
         tuple(named),
     )
     return Fit(
-        estimates=tuple(_estimate(residuals, posterior, one) for one in parameters.all),
+        estimates=tuple(_estimate(residuals, posterior, parameter) for parameter in parameters.all),
         names=parameters.names,
         free=parameters.free,
         log_values=residuals.all_logs(free),
@@ -344,7 +344,7 @@ def fit_in_best_theory(
     first = ChosenFit(fit, predictor, parameters)
     shear = parameters["frictional_shear_stress_pa"]
     known = parameters.prior_spread(shear.name) is not None or shear.is_fixed
-    against = {one.form: one.evidence for one in fit.forms}
+    against = {form.form: form.evidence for form in fit.forms}
     for name, other in forms.items():
         if other.model.theory == predictor.model.theory or known or against[name] > -DECISIVE:
             continue
@@ -391,7 +391,7 @@ def compare_terms(
         except InputError:
             continue  # the profiles lack what the term needs
         other = Residuals(switched, changed, points, fit.repeatability)
-        refitted = min((solve(other, one) for one in _starts(other, fitted)), key=other.cost)
+        refitted = min((solve(other, start) for start in _starts(other, fitted)), key=other.cost)
         evidence = (_score(other, refitted) - base_score) * (1 if is_on else -1)
         change = np.abs(np.expm1(other.predict(refitted).log_mu - base_mu)).max() / WEBER_FRACTION
         needs.append(TermNeed(term, is_on, _need(evidence, change), evidence, float(change)))

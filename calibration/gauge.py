@@ -210,12 +210,18 @@ class GaugeStudy:
 
     def sd(self, source: str) -> float:
         """Standard deviation of a source; 0 of an interaction that counts as scatter."""
-        return next((one.sd for one in self.components if one.source == source), 0.0)
+        return next(
+            (component.sd for component in self.components if component.source == source), 0.0
+        )
 
     @property
     def reproducibility(self) -> float:
         """Standard deviation by operators, days and interactions."""
-        others = [one.sd for one in self.components if one.source not in (self.part, _REPEATS)]
+        others = [
+            component.sd
+            for component in self.components
+            if component.source not in (self.part, _REPEATS)
+        ]
         return float(np.linalg.norm(others))
 
     @property

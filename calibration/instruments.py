@@ -90,10 +90,10 @@ class Instruments(Document):
     def check_strokes(self, recordings: Iterable[StrokeRecording]) -> None:
         """Raise `InputError` unless all were valid on the day of each stroke; strokes are kept."""
         late: dict[str, list[int]] = {}
-        for one in recordings:
-            day = date.fromisoformat(one.conditions.started[:10])
-            for fault in self.faults(one.conditions.instruments, day):
-                late.setdefault(fault, []).append(one.stroke.number)
+        for recording in recordings:
+            day = date.fromisoformat(recording.conditions.started[:10])
+            for fault in self.faults(recording.conditions.instruments, day):
+                late.setdefault(fault, []).append(recording.stroke.number)
         if late:
             said = (f"{why} (strokes {', '.join(map(str, at))})" for why, at in late.items())
             raise InputError(

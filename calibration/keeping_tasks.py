@@ -40,7 +40,7 @@ class CheckInstruments(Task, command="calibrate instruments"):
         from calibration.instruments import Instruments
 
         known, today = Instruments.load(self.file), _today()
-        faults = {one: one.fault(today) for one in known.instruments}
+        faults = {instrument: instrument.fault(today) for instrument in known.instruments}
         if self.session is not None:
             from calibration.session import Session
 
@@ -125,8 +125,12 @@ class KeepRegister(Task, command="calibrate register"):
         kept = update_register(self.register_file, today, with_all)
         if self.page is not None:
             write_register_page(self.page, kept, today)
-        rows = [{**one.model_dump(mode="json"), "due": one.due(today)} for one in kept.panels]
-        late = [one for one in kept.panels if one.state == "failed" or "overdue" in one.due(today)]
+        rows = [{**panel.model_dump(mode="json"), "due": panel.due(today)} for panel in kept.panels]
+        late = [
+            panel
+            for panel in kept.panels
+            if panel.state == "failed" or "overdue" in panel.due(today)
+        ]
         shown = ("panel", "state", "open_strokes", "due", "measured_on", "operator", "session")
         table = [{name.replace("_", " "): row[name] for name in shown} for row in rows]
         title = f"{self.register_file}: {len(rows)} panels, {len(late)} overdue or failed"
@@ -169,7 +173,7 @@ class RunBatch(RunCalibration, command="calibrate batch"):
             if rows[-1]["open_strokes"]:
                 break  # the person has stopped, or a stroke cannot be made
         left = len(folders) - len(rows)
-        failed = left > 0 or any(one["open_strokes"] or one["state"] == "failed" for one in rows)
+        failed = left > 0 or any(row["open_strokes"] or row["state"] == "failed" for row in rows)
         title = f"{self.folder}: {len(rows)} of {len(folders)} panels"
         return Result(rows, [(title, rows)], failed=failed)
 
@@ -213,7 +217,7 @@ class ChartStandard(Task, command="calibrate standard"):
             reduce_folder(self.folder), StrokePredictor(ContactModel(finger, screen))
         )
         session = Session.open(self.folder)
-        days = [one.conditions.started[:10] for one in session.recordings]
+        days = [recording.conditions.started[:10] for recording in session.recordings]
         reading = StandardReading(
             standard=screen.name, measured_on=date.fromisoformat(min(days)),
             operator=session.info.operator, change_jnd=checked.drifts["all"].mean_jnd,
@@ -226,7 +230,7 @@ class ChartStandard(Task, command="calibrate standard"):
 
         kept = update_register(self.register_file, _today(), with_reading)
         chart = kept.chart(screen.name)
-        of_it = [one for one in kept.readings if one.standard == screen.name]
+        of_it = [reading for reading in kept.readings if reading.standard == screen.name]
         document = {**record(chart), "standard": screen.name}
         return Result(
             document, [(f"{screen.name}: {chart.text}", of_it)], failed=bool(chart.findings)
@@ -274,8 +278,8 @@ class StudyGauge(Task, command="calibrate gauge"):
                 ) from None
             cells.setdefault(tuple(line.cells[name] for name in factors), []).append(number)
         levels = [sorted({key[at] for key in cells}) for at in range(len(factors))]
-        trials = {len(one) for one in cells.values()}
-        if len(trials) > 1 or len(cells) != np.prod([len(one) for one in levels]):
+        trials = {len(cell) for cell in cells.values()}
+        if len(trials) > 1 or len(cells) != np.prod([len(level) for level in levels]):
             raise InputError(
                 f"{self.table}: expected every {' with every '.join(factors)}, as often; "
                 f"got {len(cells)} combinations with {', '.join(map(str, sorted(trials)))} values"

@@ -120,7 +120,9 @@ def measure(
     _check_voltages(session, device)
     unmeasured = set(getattr(source, "assumed", ()))
     if source.is_live and device is None and "drive_v" in unmeasured:
-        driven = [one.number for one in session.open_strokes if one.voltage_v > 0]
+        driven = [
+            open_stroke.number for open_stroke in session.open_strokes if open_stroke.voltage_v > 0
+        ]
         if driven:
             raise InputError(
                 f"stroke {driven[0]} has a voltage, but nothing plays it and nothing measures it: "
@@ -146,7 +148,7 @@ def measure(
                 StrokeRecording.of(stroke, signals, began), assumed=tuple(sorted(unmeasured))
             )
             findings = check_recording(recording, protocol.idle_s, protocol.tolerance)
-            fatal = tuple(str(one) for one in findings if one.is_fatal)
+            fatal = tuple(str(finding) for finding in findings if finding.is_fatal)
             session.keep(replace(recording, findings=fatal))
             texts = "; ".join(map(str, findings))
             _LOG.info("stroke %d is %s: %s", stroke.number, "repeated" if fatal else "kept", texts)
@@ -206,7 +208,7 @@ class _Guide:
 
     def _done(self, stroke: Stroke, findings: list[Finding]) -> None:
         self._tell_trace(stroke)
-        fatal = [str(one) for one in findings if one.is_fatal]
+        fatal = [str(finding) for finding in findings if finding.is_fatal]
         self.rejected += bool(fatal)
         self.last = None if fatal else stroke
         self._why = f"Once more, please. {'; '.join(fatal)}. " if fatal else ""

@@ -222,22 +222,22 @@ class Parameters:
     @property
     def names(self) -> tuple[str, ...]:
         """Names, in order."""
-        return tuple(one.name for one in self.all)
+        return tuple(parameter.name for parameter in self.all)
 
     @property
     def free(self) -> tuple[str, ...]:
         """Names of those that are fitted."""
-        return tuple(one.name for one in self.all if not one.is_fixed)
+        return tuple(parameter.name for parameter in self.all if not parameter.is_fixed)
 
     @property
     def log_values(self) -> Array:
         """Logarithms of the start, in the order of `names`."""
-        return np.array([log(one.value) for one in self.all])
+        return np.array([log(parameter.value) for parameter in self.all])
 
     def __getitem__(self, name: str) -> Parameter:
-        for one in self.all:
-            if one.name == name:
-                return one
+        for parameter in self.all:
+            if parameter.name == name:
+                return parameter
         raise InputError(f"parameter {name!r}: expected one of {', '.join(self.names)}")
 
     def fixed(self, **values: float) -> Parameters:
@@ -274,10 +274,12 @@ class Parameters:
 
     def without(self, names: Collection[str]) -> Parameters:
         """Return a copy that lacks some parameters."""
-        return replace(self, all=tuple(one for one in self.all if one.name not in names))
+        return replace(
+            self, all=tuple(parameter for parameter in self.all if parameter.name not in names)
+        )
 
     def _changed(self, changed: Mapping[str, Parameter]) -> Parameters:
-        kept = [changed.get(one.name, one) for one in self.all]
+        kept = [changed.get(parameter.name, parameter) for parameter in self.all]
         added = [one for name, one in changed.items() if name not in self.names]
         return replace(self, all=(*kept, *added))
 

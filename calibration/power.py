@@ -63,7 +63,7 @@ def chance_of_passing(
     share of `drawn_truths` on which the fitted strokes determine d1/eps1, if it is known.
     """
     fitted, held_out = (
-        StrokeConditions.of(one for one in protocol.strokes if one.held_out is wanted)
+        StrokeConditions.of(stroke for stroke in protocol.strokes if stroke.held_out is wanted)
         for wanted in (False, True)
     )
     if determined is None:
@@ -74,7 +74,7 @@ def chance_of_passing(
         for strokes in (fitted, held_out)
     )
     light = known.is_light
-    of_mu, of_ripple = (_by_free(parameters, one)[light] for one in _jacobians(known))
+    of_mu, of_ripple = (_by_free(parameters, jacobian)[light] for jacobian in _jacobians(known))
     of_ripple = of_ripple / _ripple_sd(known)[light, None]
     information = parameters.prior_information() + of_mu.T @ of_mu / repeatability**2
     covariance = np.linalg.inv(information + of_ripple.T @ of_ripple)
@@ -83,13 +83,13 @@ def chance_of_passing(
              for name, sd in zip(parameters.free, spread, strict=True)]  # fmt: skip
     fit = SimpleNamespace(
         strokes=[*np.flatnonzero(light)],
-        estimates=[SimpleNamespace(value=one) for one in values],
+        estimates=[SimpleNamespace(value=value) for value in values],
         free=parameters.free,
         covariance=covariance,
         repeatability=Repeatability(repeatability),
     )
-    freedom = max(len(fit.strokes) - sum(one is not None for one in values), 3)
-    mu_jacobian, ripple_jacobian = (_by_free(parameters, one) for one in _jacobians(seen))
+    freedom = max(len(fit.strokes) - sum(value is not None for value in values), 3)
+    mu_jacobian, ripple_jacobian = (_by_free(parameters, jacobian) for jacobian in _jacobians(seen))
     ripple_sd, rng = _ripple_sd(seen), np.random.default_rng(0)
     rows = _rows(held_out, seen, seen.log_mu, seen.ripple)
     points = Reduced(tuple(row.point for row in rows))
@@ -104,7 +104,7 @@ def chance_of_passing(
         fit.repeatability = Repeatability(float(scatter))
         drawn = _rows(held_out, seen, log_mu, ripple)
         groups = groups_of(drawn, cast(Fit, fit), predictor, None)
-        passed += all(one.bound_jnd <= TOLERANCE_JND for one in groups)
+        passed += all(group.bound_jnd <= TOLERANCE_JND for group in groups)
     return determined * passed / _DRAWS
 
 
@@ -158,7 +158,7 @@ def with_enough_strokes(
     Fitted strokes are added first, until they determine d1/eps1 in as many, and held-out strokes
     then. Where 60 held-out strokes are not enough, the protocol has as many.
     """
-    fitted = StrokeConditions.of(one for one in protocol.strokes if not one.held_out)
+    fitted = StrokeConditions.of(stroke for stroke in protocol.strokes if not stroke.held_out)
     truths, information = drawn_truths(predictor, parameters, fitted, repeatability)
     most = _AIMED * reported_within("h0_m")
     more = determining_strokes(
@@ -168,7 +168,7 @@ def with_enough_strokes(
     fewest = len(protocol.held_out)
     if more:
         protocol = with_held_out(protocol, fewest, max_voltage_v, more)
-        fitted = StrokeConditions.of(one for one in protocol.strokes if not one.held_out)
+        fitted = StrokeConditions.of(stroke for stroke in protocol.strokes if not stroke.held_out)
         _, information = drawn_truths(predictor, parameters, fitted, repeatability)
     determined = _share_determined(parameters, information)
     enough = protocol, chance_of_passing(predictor, parameters, protocol, repeatability, determined)

@@ -178,9 +178,9 @@ class Truth(Document):
 def draw_parameters(start: Parameters, rng: np.random.Generator) -> Parameters:
     """Draw a truth: the finger from the priors, the insulator from 70 to 300 nm."""
     values = {
-        one.name: one.value * exp(rng.normal(0, one.prior))
-        for one in start.all
-        if one.prior is not None
+        parameter.name: parameter.value * exp(rng.normal(0, parameter.prior))
+        for parameter in start.all
+        if parameter.prior is not None
     }
     values["h0_m"] = exp(rng.uniform(*np.log(_SCREENS_M)))
     shear = start["frictional_shear_stress_pa"].value
@@ -207,7 +207,9 @@ def draw_truth(finger: Finger, screen: Screen, protocol: Protocol, seed: int) ->
             thickness = drawn["h0_m"].value * screen.insulator_permittivity
             return Truth(
                 screen=screen.replace(insulator_thickness_m=thickness),
-                finger=finger_at(finger, {one.name: one.value for one in drawn.all}),
+                finger=finger_at(
+                    finger, {parameter.name: parameter.value for parameter in drawn.all}
+                ),
                 seed=seed,
             )
     raise InputError("--practice: no screen stays in light contact; plan with a lower voltage")

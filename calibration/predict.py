@@ -55,7 +55,9 @@ class StrokeConditions(Displayed):
         """Collect the conditions of planned or reduced strokes."""
         kept = list(strokes)
         names = [field.name for field in fields(cls)]
-        return cls(*(np.array([getattr(one, name) for one in kept], dtype=float) for name in names))
+        return cls(
+            *(np.array([getattr(stroke, name) for stroke in kept], dtype=float) for name in names)
+        )
 
 
 @dataclass(frozen=True)

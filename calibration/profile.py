@@ -93,11 +93,13 @@ def calibrated_screen(
         operator=operator,
         instruments=tuple(sorted(set(instruments))),
         verdict="failed" if verification is None else verification.verdict,
-        spread={one.name: one.spread for one in estimates if one.value is not None},
+        spread={
+            estimate.name: estimate.spread for estimate in estimates if estimate.value is not None
+        },
         rests_on=(
             *_assumptions(fit, predictor),
             *(f"{name} (not measured)" for name in sorted(set(assumed))),
-            *(f"{one} (not checked)" for one in (verification.untested if verification else ())),
+            *(f"{text} (not checked)" for text in (verification.untested if verification else ())),
         ),
         verified=verification.verified if verification and not verification.failures else None,
         finger_hash="" if finger is None else finger.content_hash(),
@@ -111,7 +113,9 @@ def _assumptions(fit: Fit, predictor: StrokePredictor) -> list[str]:
     placeholders = predictor.model.placeholders()
     assumptions = [f"{name} (placeholder)" for name in placeholders if "screen" not in name]
     for verdict, note in (("fixed", "held fixed"), ("prior", "its prior")):
-        assumptions += [f"{one.name} ({note})" for one in fit.estimates if one.verdict == verdict]
+        assumptions += [
+            f"{estimate.name} ({note})" for estimate in fit.estimates if estimate.verdict == verdict
+        ]
     return assumptions
 
 
@@ -243,7 +247,7 @@ def match_screens(
     positive("frequency_hz", frequency_hz)
     if levels < 2:
         raise InputError(f"levels: expected 2 or more, got {levels}")
-    curves_a, curves_b = (_Curves(one, fingers, frequency_hz) for one in (a, b))
+    curves_a, curves_b = (_Curves(profile, fingers, frequency_hz) for profile in (a, b))
     matches = []
     for force in normal_force_n:
         positive("normal_force_n", force)
@@ -276,7 +280,7 @@ def match_screens(
 def _at(curves: tuple[Array, Array], voltage_v: float) -> Array:
     """Ln mu of each finger at a voltage; NaN past the light contact."""
     volts, log_mu = curves
-    return np.array([np.interp(voltage_v, volts, one, right=np.nan) for one in log_mu])
+    return np.array([np.interp(voltage_v, volts, values, right=np.nan) for values in log_mu])
 
 
 class _Curves:
@@ -284,20 +288,20 @@ class _Curves:
 
     def __init__(self, screen: Screen, fingers: Sequence[Finger], frequency_hz: float) -> None:
         self._screen, self._frequency_hz = screen, frequency_hz
-        self._models = [ContactModel(one, screen) for one in fingers]
+        self._models = [ContactModel(finger, screen) for finger in fingers]
         made = screen.calibration
         self._log_sd = nan if made is None else made.spread.get("h0_m", nan)
 
     def at(self, force: float, h0_factor: float = 1.0) -> tuple[Array, Array]:
         """Voltages [V], shape (volts,), and ln mu at them, shape (fingers, volts)."""
         volts, h0_m = np.linspace(0.0, self._screen.max_voltage_v, _VOLTAGES), self._screen.h0_m
-        states = [one.solve(force, volts, self._frequency_hz, h0_m * h0_factor)
-                  for one in self._models]  # fmt: skip
-        is_ok = np.all([np.asarray(one.status) == int(Status.OK) for one in states], axis=0)
+        states = [model.solve(force, volts, self._frequency_hz, h0_m * h0_factor)
+                  for model in self._models]  # fmt: skip
+        is_ok = np.all([np.asarray(state.status) == int(Status.OK) for state in states], axis=0)
         light = np.cumprod(is_ok).astype(bool)
         if not light.any():
             raise InputError(f"screen {self._screen.name!r}: no light contact at {force:g} N")
-        return volts[light], np.log([np.asarray(one.mu, dtype=float)[light] for one in states])
+        return volts[light], np.log([np.asarray(state.mu, dtype=float)[light] for state in states])
 
     def spread(self, force: float, voltage_v: float) -> float:
         """Standard deviation of ln mu at a voltage, from that of the insulator."""
@@ -352,7 +356,7 @@ def check_profile(reduced: Reduced, predictor: StrokePredictor) -> ProfileCheck:
             f"expected {FEWEST_OF_GROUP} good strokes with a voltage or more, got {driven.sum()}"
         )
     rows = HeldOutStroke.predicted(points, predictor)
-    residuals = np.array([one.residual_jnd for one in rows])
+    residuals = np.array([row.residual_jnd for row in rows])
     groups = {"all": residuals, "with_voltage": residuals[driven]}
     groups["without_voltage"] = residuals[~driven]
     return ProfileCheck(rows, {name: Drift.of(values) for name, values in groups.items()})

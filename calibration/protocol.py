@@ -90,7 +90,7 @@ class Stroke(Part):
     voltage_v: Annotated[float, Field(ge=0)]
     frequency_hz: PositiveFloat
     speed_mm_per_s: PositiveFloat = USUAL_MM_PER_S
-    contact_s: Annotated[float, Field(ge=0, le=60, exclude_if=lambda one: one == 0.0)] = 0.0
+    contact_s: Annotated[float, Field(ge=0, le=60, exclude_if=lambda value: value == 0.0)] = 0.0
     length_mm: PositiveFloat = 40.0
     there_and_back: bool = True
     held_out: bool = False
@@ -146,7 +146,7 @@ class Protocol(Document):
     tolerance: Annotated[float, Field(gt=0, lt=1)] = 0.15
     seconds_per_stroke: PositiveFloat = 9.0
     strokes: tuple[Stroke, ...]
-    looks: Annotated[int, Field(ge=1, le=9, exclude_if=lambda one: one == 1)] = 1
+    looks: Annotated[int, Field(ge=1, le=9, exclude_if=lambda value: value == 1)] = 1
 
     @model_validator(mode="after")
     def _has_strokes(self) -> Self:
@@ -191,7 +191,7 @@ class Protocol(Document):
     @property
     def held_out(self) -> tuple[Stroke, ...]:
         """Strokes that are kept out of the fit."""
-        return tuple(one for one in self.strokes if one.held_out)
+        return tuple(stroke for stroke in self.strokes if stroke.held_out)
 
     def extended(self, count: int, fitted: Iterable[Sequence[float]] = ()) -> Self:
         """Return the protocol with more strokes at its end, for another look at the verdict.
@@ -216,7 +216,7 @@ class Protocol(Document):
     @property
     def duration_s(self) -> float:
         """Estimated time at the screen [s]."""
-        long_s = sum(one.contact_s for one in self.strokes)
+        long_s = sum(stroke.contact_s for stroke in self.strokes)
         return len(self.strokes) * self.seconds_per_stroke + long_s
 
 
@@ -264,7 +264,7 @@ def _scaled(rows: Iterable[Sequence[float]], max_voltage_v: float) -> list[Seque
 def _held_out(count: int, max_voltage_v: float) -> list[Sequence[float]]:
     highest = min(max_voltage_v, VOLTAGES_V[-1])
     # One long contact: what changes within it is seen by itself.
-    again = [one[:4] for one in _HELD_OUT]
+    again = [place[:4] for place in _HELD_OUT]
     places = islice(chain(_HELD_OUT, cycle(again)), count)
     return [(force, share * highest, *others) for force, share, *others in places]
 

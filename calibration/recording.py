@@ -223,9 +223,9 @@ class StrokeRecording(Table):
         try:
             stroke = Stroke.model_validate(parse_json(_attribute(file, "stroke")))
             room = {
-                one.name: _attribute(file, one.name)
-                for one in fields(Conditions)
-                if one.name in file.attrs
+                field.name: _attribute(file, field.name)
+                for field in fields(Conditions)
+                if field.name in file.attrs
             }
             room["instruments"] = parse_json(_attribute(file, "instruments"))
             conditions = TypeAdapter(Conditions).validate_python(room)

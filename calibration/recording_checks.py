@@ -73,7 +73,7 @@ def check_recording(
             if count
         ]
     findings = list(_times(recording))
-    if any(one.kind != "dropped samples" for one in findings):
+    if any(finding.kind != "dropped samples" for finding in findings):
         return findings
     findings += _clipping(recording, idle_s)
     if length := list(_sliding(recording)):
@@ -100,7 +100,7 @@ def check_recording(
         findings += checks.zero()
         findings += checks.bent()
         findings += checks.off_target(tolerance)
-        if not any(one.kind == "clipped force" for one in findings):
+        if not any(finding.kind == "clipped force" for finding in findings):
             findings += checks.flattened()
     if "drive_v" not in recording.assumed:
         findings += checks.drive()
@@ -139,9 +139,9 @@ class Zero:
         rows = []
         for part in idle_parts(recording, idle_s):
             blocks = np.array_split(np.arange(part.start, part.stop), _PARTS)
-            filled = [one for one in blocks if len(one)]
+            filled = [block for block in blocks if len(block)]
             t, y = (
-                np.array([values[one].mean() for one in filled])
+                np.array([values[part].mean() for part in filled])
                 for values in (recording.t_s, getattr(recording, name))
             )
             slope, error = 0.0, np.inf
@@ -352,8 +352,8 @@ class _SlidingChecks:
 
     def mean(self, values: Array, direction: int | None = None) -> float:
         """Mean in full slip, of one direction or of all."""
-        chosen = [one for one in self.segments if direction in (None, one.direction)]
-        return float(np.concatenate([values[one.samples] for one in chosen]).mean())
+        chosen = [segment for segment in self.segments if direction in (None, segment.direction)]
+        return float(np.concatenate([values[segment.samples] for segment in chosen]).mean())
 
     def dead(self) -> Iterator[Finding]:
         for name in _FORCES:
@@ -364,7 +364,9 @@ class _SlidingChecks:
         """Values that stand for several samples: the ripple is lower than it was."""
         for name in _FORCES:
             values = getattr(self.recording, name)
-            steps = np.abs(np.concatenate([np.diff(values[one.samples]) for one in self.segments]))
+            steps = np.abs(
+                np.concatenate([np.diff(values[segment.samples]) for segment in self.segments])
+            )
             moved = steps[steps > 0]
             # Where the resolution is coarse, neighbours are equal too, but differ by one level.
             if len(moved) and np.median(moved) > 3 * moved.min():
@@ -387,9 +389,9 @@ class _SlidingChecks:
         ripple = 2 * self.stroke.frequency_hz
         block = max(round(rate / ripple), round(0.01 * rate), 1)
         noise = float(self.recording.tangential_force_n[self.before].std())
-        for one in self.segments:
-            shear = one.direction * self.recording.tangential_force_n[one.samples]
-            press = self.recording.normal_force_n[one.samples]
+        for segment in self.segments:
+            shear = segment.direction * self.recording.tangential_force_n[segment.samples]
+            press = self.recording.normal_force_n[segment.samples]
             count = len(shear) // block
             if count < 8:
                 continue
@@ -453,7 +455,7 @@ class _SlidingChecks:
         normal = self.level("normal_force_n")
         first_way = self.segments[0].direction
         drag = self.level("tangential_force_n", first_way) * first_way
-        is_one_way = all(one.direction == first_way for one in self.segments)
+        is_one_way = all(segment.direction == first_way for segment in self.segments)
         if not is_one_way:
             # Friction turns with the direction, the normal force does not.
             drag_back = self.level("tangential_force_n", -first_way) * -first_way

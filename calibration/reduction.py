@@ -126,8 +126,8 @@ class Reduced:
         """
         try:
             cells = [dict(row.cells) for row in read_csv(path, _REQUIRED)]
-            for one in cells:
-                one["notes"] = parse_json(one["notes"])
+            for cell in cells:
+                cell["notes"] = parse_json(cell["notes"])
             return cls(TypeAdapter(tuple[Point, ...]).validate_python(cells))
         except ValidationError as error:
             why = first_error("stroke", error)
@@ -158,7 +158,7 @@ def reduce_session(
         Share of the normal force that the sensor's tangential axis shows, by its certificate;
         subtracted from strokes of one direction, since there and back it cancels.
     """
-    points = [reduce_stroke(one, idle_s, crosstalk) for one in recordings]
+    points = [reduce_stroke(recording, idle_s, crosstalk) for recording in recordings]
     if not points:
         raise InputError("expected recordings of one stroke or more, got none; measure first")
     return Reduced(tuple(sorted(points, key=lambda point: point.number)))
@@ -168,7 +168,7 @@ def reduce_stroke(recording: StrokeRecording, idle_s: float = 0.3, crosstalk: fl
     """Reduce one recording; if it cannot be used, the point's `outlier` says why."""
     stroke = recording.stroke
     findings = check_recording(recording, idle_s, tolerance=0.5)
-    fatal = [str(one) for one in findings if one.is_fatal]
+    fatal = [str(finding) for finding in findings if finding.is_fatal]
     blank = Point(
         stroke.number,
         stroke.normal_force_n,
@@ -178,7 +178,7 @@ def reduce_stroke(recording: StrokeRecording, idle_s: float = 0.3, crosstalk: fl
         *(nan,) * 4,
         held_out=stroke.held_out,
         outlier="; ".join(fatal),
-        notes=tuple(str(one) for one in findings if not one.is_fatal),
+        notes=tuple(str(finding) for finding in findings if not finding.is_fatal),
     )
     if fatal:
         return blank
@@ -191,7 +191,7 @@ def reduce_stroke(recording: StrokeRecording, idle_s: float = 0.3, crosstalk: fl
     rise = rise_sd = nan
     if stroke.contact_s and len(segments) >= 4:
         ends = segments[:2], segments[-2:]
-        (first, first_sd), (last, last_sd) = (_both_ways(recording, one) for one in ends)
+        (first, first_sd), (last, last_sd) = (_both_ways(recording, few) for few in ends)
         if min(first, last) > 0:
             rise, rise_sd = log(last / first), hypot(first_sd / first, last_sd / last)
         segments = segments[:2]
@@ -199,10 +199,10 @@ def reduce_stroke(recording: StrokeRecording, idle_s: float = 0.3, crosstalk: fl
     rows = []  # direction, mu, its error, force and speed of each direction
     for direction in sorted({segment.direction for segment in segments}):
         group = [segment for segment in segments if segment.direction == direction]
-        ratio, sd = np.array([_ratio(recording, one) for one in group]).T
-        weights = np.array([one.stop - one.start for one in group], dtype=float)
+        ratio, sd = np.array([_ratio(recording, segment) for segment in group]).T
+        weights = np.array([segment.stop - segment.start for segment in group], dtype=float)
         weights /= weights.sum()
-        inside = np.concatenate([np.arange(one.start, one.stop) for one in group])
+        inside = np.concatenate([np.arange(segment.start, segment.stop) for segment in group])
         force, moved = normal[inside].mean(), speed[inside].mean()
         rows.append((direction, weights @ ratio, np.sqrt(weights**2 @ sd**2), force, moved))
     directions, ratios, errors, forces, speeds = np.array(rows, dtype=float).T
@@ -269,8 +269,8 @@ def _ratio(recording: StrokeRecording, segment: Segment) -> tuple[float, float]:
 
 def _both_ways(recording: StrokeRecording, segments: list[Segment]) -> tuple[float, float]:
     """Mean friction of slides in both directions, in which cross-talk cancels, and its error."""
-    ratio, sd = np.array([_ratio(recording, one) for one in segments]).T
-    directions = [one.direction for one in segments]
+    ratio, sd = np.array([_ratio(recording, segment) for segment in segments]).T
+    directions = [segment.direction for segment in segments]
     return float((directions * ratio).mean()), float(np.linalg.norm(sd)) / len(segments)
 
 
@@ -285,7 +285,7 @@ def _creep(recording: StrokeRecording, segments: list[Segment]) -> tuple[float, 
     rows = []
     for segment in segments:
         parts = np.array_split(np.arange(segment.start, segment.stop), _BLOCKS)
-        for part in (one for one in parts if len(one)):
+        for part in (part for part in parts if len(part)):
             ratio = recording.tangential_force_n[part].mean() / normal[part].mean()
             lasted = float(recording.t_s[part].mean()) - begun
             if lasted > 0:
@@ -344,7 +344,7 @@ def _ripple(
     if means.min() <= 0:
         return nan, nan
     power, noise, mean = (
-        float(np.average(one, weights=lengths)) for one in (powers, noises, means)
+        float(np.average(values, weights=lengths)) for values in (powers, noises, means)
     )
     size = sqrt(max(power - noise, 0.0))
     # One quadrature of the noise moves the amplitude; the segments average.

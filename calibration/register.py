@@ -120,14 +120,14 @@ class Register(Document):
 
     def with_panel(self, panel: Panel) -> Register:
         """Return a register with this state of a panel in place of the one before."""
-        others = [one for one in self.panels if one.panel != panel.panel]
+        others = [other for other in self.panels if other.panel != panel.panel]
         return self.replace(panels=(*others, panel))
 
     def chart(self, standard: str) -> ControlChart:
         """Chart the readings of a check standard, in order of time."""
-        of_it = [one for one in self.readings if one.standard == standard]
-        ordered = sorted(of_it, key=lambda one: one.measured_on)
-        return ControlChart.of([one.change_jnd for one in ordered])
+        of_it = [reading for reading in self.readings if reading.standard == standard]
+        ordered = sorted(of_it, key=lambda reading: reading.measured_on)
+        return ControlChart.of([reading.change_jnd for reading in ordered])
 
 
 def update_register(path: Path, today: date, change: Callable[[Register], Register]) -> Register:
@@ -162,13 +162,13 @@ def update_register(path: Path, today: date, change: Callable[[Register], Regist
 def write_register_page(path: Path, register: Register, today: date) -> None:
     """Write the register as one HTML page, with a control chart of each standard."""
     rows = [
-        {"panel": one.panel, "state": one.state, "open strokes": one.open_strokes,
-         "due": one.due(today), "due on": one.due_on, "measured on": one.measured_on,
-         "operator": one.operator, "calibration": one.calibration_id, "session": one.session}
-        for one in sorted(register.panels, key=lambda one: (one.due_on or date.min, one.panel))
+        {"panel": panel.panel, "state": panel.state, "open strokes": panel.open_strokes,
+         "due": panel.due(today), "due on": panel.due_on, "measured on": panel.measured_on,
+         "operator": panel.operator, "calibration": panel.calibration_id, "session": panel.session}
+        for panel in sorted(register.panels, key=lambda p: (p.due_on or date.min, p.panel))
     ]  # fmt: skip
     parts = [part("Panels", rows)]
-    for standard in sorted({one.standard for one in register.readings}):
+    for standard in sorted({reading.standard for reading in register.readings}):
         chart = register.chart(standard)
         title = f"Check standard {standard}: {chart.text}"
         parts.append(picture(title, chart_picture(chart)))

@@ -160,9 +160,9 @@ def _friction(
 def minutes_of(recordings: Sequence[StrokeRecording]) -> dict[int, float]:
     """Return minutes from the first stroke to each, by number, of strokes with a time."""
     started = {}
-    for one in recordings:
+    for recording in recordings:
         with suppress(ValueError):
-            started[one.stroke.number] = datetime.fromisoformat(one.conditions.started)
+            started[recording.stroke.number] = datetime.fromisoformat(recording.conditions.started)
     first = min(started.values(), default=None)
     return {n: (t - first).total_seconds() / 60 for n, t in started.items() if first is not None}
 
@@ -227,13 +227,13 @@ def _ripples(fit: Fit, reduced: Reduced, predictor: StrokePredictor) -> str:
 
 def _sizes(verification: Verification, fit: Fit) -> str:
     """Return the parts of the error of the profile's friction in one line, each in JND."""
-    rig = max((one.rig_jnd for one in verification.groups), default=0.0)
-    scatter = max((one.uncertainty_jnd for one in verification.groups), default=np.nan)
-    forms = max((one.effect_jnd * one.weight for one in fit.forms), default=0.0)
+    rig = max((group.rig_jnd for group in verification.groups), default=0.0)
+    scatter = max((group.uncertainty_jnd for group in verification.groups), default=np.nan)
+    forms = max((form.effect_jnd * form.weight for form in fit.forms), default=0.0)
     checked = f"the rig's gains {rig:.2f}"
-    if any("no known weight" in one for one in verification.untested):
+    if any("no known weight" in text for text in verification.untested):
         checked = "the rig's gains: not checked"
-    elif any("no second reading" in one for one in verification.untested):
+    elif any("no second reading" in text for text in verification.untested):
         checked = f"the forces' gains {rig:.2f}; the volts: not checked"
     return (
         f"Friction rests on, in JND: the scatter of the held-out strokes {scatter:.2f}; "
@@ -261,9 +261,9 @@ def _curves(
     """Draw a predicted curve and the measured points of each group; held-out ones are hollow."""
     for (key, points), colour in zip(sorted(groups.items()), cycle(_COLOURS), strict=False):
         axes.plot(x, curves[key], color=colour, lw=1)
-        at, mu = [getattr(one, name) for one in points], [one.mu for one in points]
-        axes.errorbar(at, mu, [one.mu_sd for one in points], fmt="none", ecolor=colour, lw=0.8)
-        fill = ["white" if one.held_out else colour for one in points]
+        at, mu = [getattr(point, name) for point in points], [point.mu for point in points]
+        axes.errorbar(at, mu, [point.mu_sd for point in points], fmt="none", ecolor=colour, lw=0.8)
+        fill = ["white" if point.held_out else colour for point in points]
         axes.scatter(at, mu, s=14, color=fill, edgecolors=colour, label=f"{key:g} {unit}")
 
 
@@ -296,10 +296,10 @@ def _raw_traces(recordings: Sequence[StrokeRecording], opened: int | None) -> st
         "<h2>Raw traces</h2><p>Full slip, which alone counts, is shaded; the stroke farthest from "
         f"the fit is open. {keys}</p>"
     ]
-    for one in recordings:
-        is_open = " open" if one.stroke.number == opened else ""
+    for recording in recordings:
+        is_open = " open" if recording.stroke.number == opened else ""
         parts.append(
-            f"<details{is_open}><summary>{escape(one.stroke.label)}</summary>{_drawn(one)}</details>"
+            f"<details{is_open}><summary>{escape(recording.stroke.label)}</summary>{_drawn(recording)}</details>"
         )
     return "".join(parts)
 
@@ -308,9 +308,9 @@ def _drawn(recording: StrokeRecording) -> str:
     t = recording.t_s - recording.t_s[0]
     across = t / max(float(t[-1]), 1e-9) * _WIDTH
     forces = recording.normal_force_n, recording.tangential_force_n
-    low, high = min(one.min() for one in forces), max(one.max() for one in forces)
+    low, high = min(force.min() for force in forces), max(force.max() for force in forces)
     place = recording.x_mm
-    lines = [(one, low, high) for one in forces] + [(place, place.min(), place.max())]
+    lines = [(force, low, high) for force in forces] + [(place, place.min(), place.max())]
     shaded = "".join(
         f'<rect x="{across[s.start]:.1f}" y="0" width="{across[s.stop - 1] - across[s.start]:.1f}" '
         f'height="{_HEIGHT}" fill="#1b9e77" opacity="0.15"/>'

@@ -201,7 +201,7 @@ class Check(Task, command="calibrate check"):
         from haptix.pair import first_line
         from haptix.sensing import ContactCurrent, EnrolledFinger, contact_change
 
-        before, after = (EnrolledFinger.load(one) for one in (self.before, self.after) if one)
+        before, after = (EnrolledFinger.load(file) for file in (self.before, self.after) if file)
         for person in (before, after):
             if person.screen != model.screen.name:
                 raise InputError(
@@ -245,18 +245,18 @@ class MatchScreens(Task, command="calibrate match"):
         from haptix.pair import described, first_line, profiles
 
         named: tuple[str | None, ...] = self.finger or (None,)
-        pairs = [profiles(one, str(file)) for one in named for file in (self.a, self.b)]
+        pairs = [profiles(name, str(file)) for name in named for file in (self.a, self.b)]
         fingers, (a, b) = [one for one, _ in pairs], [screen for _, screen in pairs[:2]]
         if self.finger or fingers[0] == fingers[1]:
             fingers = fingers[::2]
         matches = match_screens(a, b, fingers, self.normal_force_n, self.frequency_hz, self.levels)
         about = [described(*pair) for pair in pairs]
         first = "\n".join(map(first_line, about))
-        titles = [f"at {one.normal_force_n:g} N and {self.frequency_hz:g} Hz: {one.text}"
-                  for one in matches]  # fmt: skip
+        titles = [f"at {match.normal_force_n:g} N and {self.frequency_hz:g} Hz: {match.text}"
+                  for match in matches]  # fmt: skip
         titles[0] = f"{first}\n{titles[0]}"
         tables = [(title, one.levels) for title, one in zip(titles, matches, strict=True)]
-        return Result([{**record(one), "profiles": about} for one in matches], tables)
+        return Result([{**record(match), "profiles": about} for match in matches], tables)
 
 
 class Install(Task, command="calibrate install"):
@@ -322,7 +322,7 @@ class Period(Task, command="calibrate period"):
         names = [{"file": file.name} for file in self.files]
         rows = [name | record(one) for name, one in zip(names, periods, strict=True)]
         shown = [name | row(one, ("summary",)) for name, one in zip(names, periods, strict=True)]
-        is_sure = all(one.is_significant for one in periods)
+        is_sure = all(period.is_significant for period in periods)
         return Result(rows, [("spatial period", shown)], failed=not is_sure)
 
     def signals(self, file: Path) -> tuple[Array, Array, Array]:
@@ -358,7 +358,9 @@ def _days_between(screen: Screen, folder: Path) -> int | None:
 
     from calibration.session import Session
 
-    started = min((one.conditions.started for one in Session.open(folder).recordings), default="")
+    started = min(
+        (recording.conditions.started for recording in Session.open(folder).recordings), default=""
+    )
     if screen.calibration is None or not started:
         return None
     return (date.fromisoformat(started[:10]) - screen.calibration.date).days

@@ -100,7 +100,7 @@ def tap_response(t_s: Array, force_n: Array) -> TapResponse:
         least_squares(residual, [level, *np.log(start)], bounds=bounds, loss="soft_l1")
         for start in _STARTS
     ]
-    best = min(fits, key=lambda one: float(one.cost))
+    best = min(fits, key=lambda fit: float(fit.cost))
     return TapResponse(*np.exp(best.x[1:]).tolist())
 
 
@@ -167,7 +167,7 @@ class RigCheck(Document):
     @model_validator(mode="after")
     def _is_finite(self) -> Self:
         gains = self.normal_gain, self.tangential_gain, self._volts, self._second
-        if not all(isfinite(one) and one != 0 for one in gains):
+        if not all(isfinite(gain) and gain != 0 for gain in gains):
             raise ValueError("expected gains that are finite and not 0: is a channel dead?")
         return self
 
@@ -224,7 +224,7 @@ class RigCheck(Document):
     @property
     def knows_volts(self) -> bool:
         """Whether they were read at three levels and two frequencies, or more."""
-        levels = Counter(one.frequency_hz for one in self.volts)
+        levels = Counter(reading.frequency_hz for reading in self.volts)
         return sum(count >= len(_TESTED_SHARES) for count in levels.values()) >= 2
 
     @property
@@ -242,14 +242,15 @@ class RigCheck(Document):
         """Highest amplitude [V] that was read; infinite where one gain holds for all."""
         if not self.volts:
             return inf if self.reads_volts else 0.0
-        return max(one.monitor_v * one.gain for one in self.volts)
+        return max(reading.monitor_v * reading.gain for reading in self.volts)
 
     def gain_of_volts(self, voltage_v: float, frequency_hz: float) -> float:
         """Gain at an amplitude that the recordings show, by the readings at the next frequency."""
         if not self.volts:
             return self._volts
         next_hz = min(
-            {one.frequency_hz for one in self.volts}, key=lambda hz: abs(log(hz / frequency_hz))
+            {reading.frequency_hz for reading in self.volts},
+            key=lambda hz: abs(log(hz / frequency_hz)),
         )
         read = sorted((r.monitor_v, r.gain) for r in self.volts if r.frequency_hz == next_hz)
         return float(np.interp(voltage_v, *np.transpose(read)))
@@ -265,13 +266,14 @@ class RigCheck(Document):
         return Reduced(
             tuple(
                 replace(
-                    one,
-                    normal_force_n=one.normal_force_n / self.normal_gain,
-                    voltage_v=one.voltage_v * self.gain_of_volts(one.voltage_v, one.frequency_hz),
-                    mu=ratio * one.mu,
-                    mu_sd=ratio * one.mu_sd,
+                    point,
+                    normal_force_n=point.normal_force_n / self.normal_gain,
+                    voltage_v=point.voltage_v
+                    * self.gain_of_volts(point.voltage_v, point.frequency_hz),
+                    mu=ratio * point.mu,
+                    mu_sd=ratio * point.mu_sd,
                 )
-                for one in reduced.points
+                for point in reduced.points
             )
         )
 

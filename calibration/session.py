@@ -138,7 +138,9 @@ class Session:
     @property
     def open_strokes(self) -> tuple[Stroke, ...]:
         """Strokes that are still to be made, in order."""
-        return tuple(one for one in self.protocol.strokes if not self.path_of(one).exists())
+        return tuple(
+            stroke for stroke in self.protocol.strokes if not self.path_of(stroke).exists()
+        )
 
     @property
     def recordings(self) -> list[StrokeRecording]:
@@ -165,7 +167,7 @@ class Session:
 
     def hashes(self, *results: str) -> dict[str, str]:
         """SHA-256 of the plan, of who and what, of the strokes, and of further files."""
-        strokes = [self.path_of(one) for one in self.protocol.strokes]
+        strokes = [self.path_of(stroke) for stroke in self.protocol.strokes]
         named = [self.folder / name for name in ("protocol.toml", "session.json", *results)]
         return {
             path.relative_to(self.folder).as_posix(): sha256(path.read_bytes()).hexdigest()
@@ -189,4 +191,4 @@ class Session:
 
     def _free_rejected(self, path: Path) -> Path:
         attempts = (self.folder / "rejected" / f"{path.stem}-{attempt}.h5" for attempt in count(1))
-        return next(one for one in attempts if not one.exists())
+        return next(attempt for attempt in attempts if not attempt.exists())

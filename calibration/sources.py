@@ -269,7 +269,9 @@ class ColumnMap(Document):
             names column and line.
         """
         header, rows = self._rows(path)
-        used = [one.column.strip() for one in self.columns.values() if one.column is not None]
+        used = [
+            column.column.strip() for column in self.columns.values() if column.column is not None
+        ]
         missing = [name for name in used if name not in header]
         if missing:
             raise FileFormatError(
@@ -377,10 +379,10 @@ def open_inputs(path: str | Path) -> AnalogSource:
         count = len(described.channels)
         reader = AudioReader(described.device, count, described.full_scale_v, rate_hz)
     else:
-        unnamed = [one.signal for one in described.channels if one.input is None]
+        unnamed = [channel.signal for channel in described.channels if channel.input is None]
         if unnamed:
             raise InputError(f"{path}: expected the input of {', '.join(unnamed)}, as Dev1/ai0")
-        names = [one.input for one in described.channels if one.input is not None]
+        names = [channel.input for channel in described.channels if channel.input is not None]
         reader = NationalInstrumentsReader(names, rate_hz)
     return AnalogSource(reader, described.channels, described.sensor)
 

@@ -66,15 +66,15 @@ class Steadiness:
 
 def steadiness(fit: Fit, reduced: Reduced, predictor: StrokePredictor) -> Steadiness:
     """Find the trends of all good strokes against their prediction, by the profiles' predictor."""
-    points = [one for one in reduced.points if not one.outlier]
+    points = [point for point in reduced.points if not point.outlier]
     repeats = fit.repeatability.log_mu / WEBER_FRACTION
     if len(points) < _FEWEST_OF_TREND:
         return Steadiness(repeats)
     predicted = predictor.by_profiles(StrokeConditions.of(points))
     good = predicted.is_light
-    misfit = (np.log([one.mu for one in points]) - predicted.log_mu)[good] / WEBER_FRACTION
-    order = np.array([one.number for one in points], dtype=float)[good]
-    creep = np.array([one.creep for one in points])
+    misfit = (np.log([point.mu for point in points]) - predicted.log_mu)[good] / WEBER_FRACTION
+    order = np.array([point.number for point in points], dtype=float)[good]
+    creep = np.array([point.creep for point in points])
     creep = creep[np.isfinite(creep)] * log(10) / WEBER_FRACTION
     return Steadiness(repeats, *_slope(order, misfit), *_mean(creep))
 

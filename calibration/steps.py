@@ -121,7 +121,9 @@ def finish_folder(folder: Path, context: Context) -> Finished:
     verification, screen = verify_folder(folder)
     session, off = Session.open(folder), None
     if screen is not None and (folder / TRUTH).exists():
-        off = compare_with_truth(folder, max(one.voltage_v for one in session.protocol.strokes))
+        off = compare_with_truth(
+            folder, max(stroke.voltage_v for stroke in session.protocol.strokes)
+        )
     finished = Finished(verification, off, len(fit.strokes), session.hashes(*_RESULTS))
     write_whole(folder / FINISHED, _FINISHED.dump_json(finished).decode())
     return finished
@@ -259,7 +261,7 @@ def plan_strokes(
         protocol, chance = with_enough_strokes(
             predictor, parameters, protocol, repeatability, limit
         )
-    strokes = StrokeConditions.of(one for one in protocol.strokes if not one.held_out)
+    strokes = StrokeConditions.of(stroke for stroke in protocol.strokes if not stroke.held_out)
     spread = expected_spread(predictor, parameters, strokes)
     _, is_light = expected_rows(predictor, parameters, strokes)
     return PlannedSession(protocol, spread, int((~is_light).sum()), repeatability, chance)
@@ -307,7 +309,7 @@ def fit_folder(
         reduced, session.info.finger, session.info.screen, fixed, {**tapped, **(priors or {})},
         earlier, leaky_gap, terms, compare,
     )  # fmt: skip
-    write_whole(session.folder / NEEDS, json_text([asdict(one) for one in needs]))
+    write_whole(session.folder / NEEDS, json_text([asdict(need) for need in needs]))
     fit = fit.signed(session.hashes(*RESTS_ON))
     fit.save(session.folder / FIT)
     return fit, needs
@@ -399,9 +401,9 @@ def verify_folder(
     predictor = StrokePredictor(ContactModel(finger, believed, terms=terms))
     screen: Screen | None = None
     if fit["h0_m"].value is not None:
-        started = min((one.conditions.started[:10] for one in recordings), default="")
+        started = min((recording.conditions.started[:10] for recording in recordings), default="")
         by_whom = session.info.operator, instruments_of(recordings), _date(started)
-        assumed = {name for one in recordings for name in one.assumed}
+        assumed = {name for recording in recordings for name in recording.assumed}
         measured = calibrated_finger(finger, fit)
         measured.save(session.folder / FINGER)
         make = partial(calibrated_screen, believed, fit, finger=measured)
@@ -446,10 +448,10 @@ def profile_model(folder: Path) -> ContactModel:
 
 def _check_reduced(session: Session, reduced: Reduced, recordings: list[StrokeRecording]) -> None:
     """Raise `InputError` unless ``reduced.csv`` is what the recordings of all its strokes give."""
-    recorded = {one.stroke.number for one in recordings}
+    recorded = {recording.stroke.number for recording in recordings}
     for stroke in session.protocol.strokes:
         if stroke.number not in recorded and (
-            stroke.held_out or any(one.number == stroke.number for one in reduced.points)
+            stroke.held_out or any(point.number == stroke.number for point in reduced.points)
         ):
             raise InputError(
                 f"stroke {stroke.number} has no recording "

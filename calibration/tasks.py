@@ -430,7 +430,9 @@ class CheckRig(Task, command="calibrate rig"):
             options = ", ".join(f"--{name.replace('_', '-')}" for name in missing)
             raise InputError(f"expected --inputs, or {options} as well")
         pairs = self.monitor_v, self.voltmeter_v, self.monitor_hz or self.monitor_v
-        if len({len(one) for one in pairs}) > 1 or (len(self.monitor_v) > 1 > len(self.monitor_hz)):
+        if len({len(pair) for pair in pairs}) > 1 or (
+            len(self.monitor_v) > 1 > len(self.monitor_hz)
+        ):
             raise InputError(
                 "--monitor-v, --voltmeter-v, --monitor-hz: expected as many of each, got "
                 f"{len(self.monitor_v)}, {len(self.voltmeter_v)} and {len(self.monitor_hz)}"

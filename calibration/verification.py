@@ -209,11 +209,11 @@ class Verification:
         if not points:
             return None
         names = "normal_force_n", "frequency_hz", "speed_mm_per_s"
-        columns = {name: [getattr(one, name) for one in points] for name in names}
+        columns = {name: [getattr(point, name) for point in points] for name in names}
         highest: dict[float, float] = {}
-        for one in points:
-            highest[one.frequency_hz] = max(one.voltage_v, highest.get(one.frequency_hz, 0.0))
-        contact_s = [one.contact_s for one in points if isfinite(one.contact_s)]
+        for point in points:
+            highest[point.frequency_hz] = max(point.voltage_v, highest.get(point.frequency_hz, 0.0))
+        contact_s = [point.contact_s for point in points if isfinite(point.contact_s)]
         return VerifiedRange(
             **{name: (min(column), max(column)) for name, column in columns.items()},
             contact_s=max(contact_s, default=None),
@@ -230,7 +230,7 @@ class Verification:
             ("Contrast mu(V)/mu(0), a verdict of its own", [self.contrast_text]),
             ("Strokes kept out of the fit", self.strokes),
             ("Uncertainty", self.budget),
-            ("Uncertainty budget", [row for one in self.budget for row in one.main]),
+            ("Uncertainty budget", [row for budget in self.budget for row in budget.main]),
             ("Steadiness", [self.steadiness.text]),
         ]
         return [(title, rows) for title, rows in parts if rows]
@@ -243,7 +243,7 @@ class Verification:
     @property
     def bound_jnd(self) -> Annotated[float, Heading("at most [JND]", ".2f")]:
         """Largest error of friction that is left possible [JND]; NaN without strokes."""
-        return max((one.bound_jnd for one in self.groups), default=float("nan"))
+        return max((group.bound_jnd for group in self.groups), default=float("nan"))
 
 
 def verify(
@@ -285,7 +285,7 @@ def verify(
     """
     sensor = {name: fit.best(name) for name in PER_RIG if name in fit.names}
     predicted = HeldOutStroke.predicted(reduced.held_out, predictor, sensor)
-    rows = tuple(one for one in predicted if one.is_light)
+    rows = tuple(stroke for stroke in predicted if stroke.is_light)
     failures = []
     if len(rows) < FEWEST_HELD_OUT:
         failures.append(
@@ -294,15 +294,15 @@ def verify(
         )
     groups = groups_of(rows, fit, predictor, rig, looks)
     undecided = 0
-    for one in groups:
-        if one.bound_jnd > tolerance_jnd:
-            undecided += abs(one.mean_jnd) <= tolerance_jnd
+    for group in groups:
+        if group.bound_jnd > tolerance_jnd:
+            undecided += abs(group.mean_jnd) <= tolerance_jnd
             failures.append(
-                f"{one.group} (strokes {', '.join(map(str, one.strokes))}): friction is "
-                f"{one.mean_jnd:+.2g} ± {one.uncertainty_jnd:.2g} JND from the "
+                f"{group.group} (strokes {', '.join(map(str, group.strokes))}): friction is "
+                f"{group.mean_jnd:+.2g} ± {group.uncertainty_jnd:.2g} JND from the "
                 f"prediction, which may be more than {tolerance_jnd:g}"
                 + _undecided(fit)
-                * (abs(one.mean_jnd) <= tolerance_jnd)
+                * (abs(group.mean_jnd) <= tolerance_jnd)
             )
     bound = fit_bound(fit, reduced, rows, predictor)
     if bound > tolerance_jnd:
@@ -323,7 +323,7 @@ def verify(
             "each stroke, or dry it"
         )
     untested = []
-    bounds = [one.bound_jnd for one in groups]
+    bounds = [group.bound_jnd for group in groups]
     if creeps <= tolerance_jnd < max(bounds, default=0.0) + max(creeps, 0.0):
         untested.append(
             f"other times in contact: friction creeps by {steady.creep_jnd:+.2g} ± "
@@ -360,13 +360,13 @@ def verify(
                 f"the rig on the day of the strokes: it was checked on {rig.measured_on}, "
                 f"{days} days away; repeat `haptix calibrate rig`"
             )
-    if rows and not any(one.group == "at the carrier" for one in groups):
+    if rows and not any(group.group == "at the carrier" for group in groups):
         untested.append(f"the carrier: no two held-out strokes near {CARRIER_HZ:g} Hz")
-    if rows and not any(one.group in ("slow strokes", "fast strokes") for one in groups):
+    if rows and not any(group.group in ("slow strokes", "fast strokes") for group in groups):
         untested.append(f"other speeds: no two held-out strokes off {USUAL_MM_PER_S:g} mm/s")
-    if rows and not any(one.group == "late in a long contact" for one in groups):
+    if rows and not any(group.group == "late in a long contact" for group in groups):
         untested.append(f"long contacts: no held-out stroke slides for {_LONG_S:g} s or more")
-    good = [one for one in reduced.points if not one.outlier and not one.voltage_v]
+    good = [point for point in reduced.points if not point.outlier and not point.voltage_v]
     at_rest = HeldOutStroke.predicted(good, predictor)
     return Verification(
         rows,
@@ -387,7 +387,7 @@ def _gains_not_checked(
 ) -> str:
     """Say what the gains that no stroke tells from friction would do."""
     power = _power([row.point for row in rows], predictor, "voltage_v") if rows else np.zeros(1)
-    force, volts = (0.01 * one / WEBER_FRACTION for one in (1.0, float(power.max())))
+    force, volts = (0.01 * power_of / WEBER_FRACTION for power_of in (1.0, float(power.max())))
     of_volts = f"1 % of the volts up to {volts:.2f} JND"
     if rig is not None:
         return f"the volts, by no second reading of them: {of_volts}"
@@ -421,7 +421,9 @@ def groups_of(
     sd = _spreads(rows, fit) / WEBER_FRACTION
     # The fit's own strokes and these tell the scatter together; a misfit here makes it larger,
     # never smaller.
-    freedom = max(len(fit.strokes) - sum(one.value is not None for one in fit.estimates), 3)
+    freedom = max(
+        len(fit.strokes) - sum(estimate.value is not None for estimate in fit.estimates), 3
+    )
     freedom_here = len(rows) - 1
     spread = float(((residual - residual.mean()) ** 2 / sd**2).sum())
     sd *= np.sqrt(max((freedom + spread) / (freedom + freedom_here), 1.0))
@@ -477,22 +479,22 @@ def contrast_of(
     rig: RigCheck | None,
 ) -> Equivalence | None:
     """Mean error of mu(V)/mu(0), in which the gains of both forces cancel; None for few strokes."""
-    driven = tuple(one for one in rows if one.point.voltage_v)
+    driven = tuple(row for row in rows if row.point.voltage_v)
     if min(len(driven), len(at_rest)) < FEWEST_OF_GROUP:
         return None
     errors, variance = [], 0.0
     for group in (driven, at_rest):
-        errors.append(float(np.mean([one.residual_jnd for one in group])))
+        errors.append(float(np.mean([stroke.residual_jnd for stroke in group])))
         sd = _spreads(group, fit) / WEBER_FRACTION / len(group)
         variance += float((sd**2).sum())
     by_volts = 0.0
     if rig is not None:
-        power = _power([one.point for one in driven], predictor, "voltage_v")
+        power = _power([stroke.point for stroke in driven], predictor, "voltage_v")
         by_volts = float(power.max()) * rig.volts_spread / WEBER_FRACTION
     quantile = float(student.ppf(LEVEL, max(len(fit.strokes) - len(fit.free), 3)))
     return Equivalence(
         "mu(V)/mu(0)",
-        tuple(one.point.number for one in driven),
+        tuple(stroke.point.number for stroke in driven),
         errors[0] - errors[1],
         quantile * hypot(variance**0.5, by_volts),
         quantile * by_volts,
@@ -501,7 +503,7 @@ def contrast_of(
 
 def _power(points: Sequence[Point], predictor: StrokePredictor, name: str) -> Array:
     """Power of a condition with which mu rises at strokes, d ln mu / d ln of it."""
-    more = [replace(one, **{name: (1 + _STEP) * getattr(one, name)}) for one in points]
+    more = [replace(point, **{name: (1 + _STEP) * getattr(point, name)}) for point in points]
     low, high = (
         predictor.by_profiles(StrokeConditions.of(strokes)).log_mu for strokes in (points, more)
     )
@@ -517,14 +519,14 @@ def fit_bound(
     light. What the held-out strokes have shown is known there as well: the covariance is that after
     them.
     """
-    highest = max((one.voltage_v for one in reduced.points if not one.outlier), default=0.0)
+    highest = max((point.voltage_v for point in reduced.points if not point.outlier), default=0.0)
     axes = np.meshgrid(
         _USED_N, highest * np.array(_USED_SHARES), (FREQUENCY_HZ, CARRIER_HZ), USUAL_MM_PER_S
     )
     parameters = Parameters.of(predictor.model.finger, predictor.model.screen)
     names = parameters.names
     fitted = [(at, names.index(name)) for at, name in enumerate(fit.free) if name in names]
-    free, columns = (list(one) for one in zip(*fitted, strict=True))
+    free, columns = (list(values) for values in zip(*fitted, strict=True))
 
     def by_log(strokes: StrokeConditions) -> tuple[Array, Mask]:
         predicted = predictor(strokes, names, parameters.log_values)

@@ -155,14 +155,18 @@ class Finger(Document):
     # A single finger is written and hashed as in versions that had no such field.
     fingers_on_screen: Annotated[PositiveInt, Field(exclude_if=lambda count: count == 1)] = 1
     # For terms on request, the largest published effects: a plan says what lacking them may cost.
-    contact_time_s: Annotated[float, Field(ge=0, exclude_if=lambda one: one == 10.0)] = 10.0
-    softening_time_s: Annotated[float, Field(gt=0, exclude_if=lambda one: one == 5.0)] = 5.0
-    softened_share: Annotated[float, Field(gt=0, le=1, exclude_if=lambda one: one == 0.1)] = 0.1
-    sliding_speed_mm_per_s: Annotated[float, Field(gt=0, exclude_if=lambda one: one == 200.0)] = (
-        200.0
+    contact_time_s: Annotated[float, Field(ge=0, exclude_if=lambda value: value == 10.0)] = 10.0
+    softening_time_s: Annotated[float, Field(gt=0, exclude_if=lambda value: value == 5.0)] = 5.0
+    softened_share: Annotated[float, Field(gt=0, le=1, exclude_if=lambda value: value == 0.1)] = 0.1
+    sliding_speed_mm_per_s: Annotated[
+        float, Field(gt=0, exclude_if=lambda value: value == 200.0)
+    ] = 200.0
+    speed_exponent: Annotated[float, Field(ge=-1, le=1, exclude_if=lambda value: value == 0.3)] = (
+        0.3
     )
-    speed_exponent: Annotated[float, Field(ge=-1, le=1, exclude_if=lambda one: one == 0.3)] = 0.3
-    shear_area_loss: Annotated[float, Field(ge=0, lt=1, exclude_if=lambda one: one == 0.2)] = 0.2
+    shear_area_loss: Annotated[float, Field(ge=0, lt=1, exclude_if=lambda value: value == 0.2)] = (
+        0.2
+    )
     roughness: AnyRoughness = Roughness()
     dielectric: AnySkinDielectric = SkinDielectric()
 

@@ -76,7 +76,7 @@ def presets() -> tuple[Preset, ...]:
     True
     """
     unsorted = [_read(path) for path in sorted(FOLDER.glob("*.json"))]
-    return tuple(sorted(unsorted, key=lambda one: (FAMILIES.index(one.family), one.title)))
+    return tuple(sorted(unsorted, key=lambda preset: (FAMILIES.index(preset.family), preset.title)))
 
 
 def preset(name: str) -> Preset:
@@ -92,10 +92,10 @@ def preset(name: str) -> Preset:
     >>> preset("corduroy").document
     {'kind': 'grating', 'period_mm': 2.5}
     """
-    for one in presets():
-        if one.name == name:
-            return one
-    names = ", ".join(one.name for one in presets())
+    for preset in presets():
+        if preset.name == name:
+            return preset
+    names = ", ".join(preset.name for preset in presets())
     raise InputError(f"gallery: expected one of {names}, got {name!r:.60}")
 
 

@@ -107,7 +107,14 @@ def _help_of(model: type[Kind]) -> dict[str, str]:
 def _number(field: dict[str, Any]) -> dict[str, Any] | None:
     """Return the numeric alternative of a field; None if it has none."""
     alternatives = [field, *field.get("anyOf", [])]
-    return next((one for one in alternatives if one.get("type") in ("number", "integer")), None)
+    return next(
+        (
+            alternative
+            for alternative in alternatives
+            if alternative.get("type") in ("number", "integer")
+        ),
+        None,
+    )
 
 
 def _range(number: dict[str, Any], default: Any, unit: str) -> tuple[float, float]:

@@ -74,7 +74,7 @@ def _signal(table: Any) -> Signal:
 AnyCurve = Annotated[
     Signal,
     PlainValidator(_signal),
-    PlainSerializer(lambda one: one.describe()),
+    PlainSerializer(lambda signal: signal.describe()),
     WithJsonSchema({"title": ANY_SIGNAL}),
 ]
 """A signal as stimuli have them: sine, pulse, chirp, points, recorded, sums, products, ..."""

@@ -64,7 +64,7 @@ class Struct:
         elif isinstance(value, Struct):
             value = value.at[0]
         elif isinstance(value, list):
-            value = [one.at[0] if isinstance(one, Struct) else one for one in value]
+            value = [entry.at[0] if isinstance(entry, Struct) else entry for entry in value]
             if kind.kind == "pointer":
                 value = ffi.new(f"{kind.item.cname}[]", value)
         self._kept.append(value)

@@ -168,7 +168,7 @@ class Signal(Described):
     @property
     def seeds(self) -> tuple[int, ...]:
         """Seeds of all noise within."""
-        seeds = (getattr(one, "seed", None) for one in self.walk() if isinstance(one, Signal))
+        seeds = (getattr(part, "seed", None) for part in self.walk() if isinstance(part, Signal))
         return tuple(seed for seed in seeds if seed is not None)
 
     def __add__(self, other: Signal | float) -> Signal:

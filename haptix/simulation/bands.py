@@ -66,7 +66,7 @@ def felt_errors(
     The finger feels the longest stroke of the recording as it is, and one tile of the texture as
     it repeats. One renderer plays both as relative changes of friction around one mean.
     """
-    stretch = max(recorded, key=lambda one: one.length_mm)
+    stretch = max(recorded, key=lambda stroke: stroke.length_mm)
     x = _LEAD_MM + stretch.step_mm * np.arange(len(stretch.change))
     profile = RecordedProfile(x, texture.mean + stretch.change, "contrast", beyond="hold")
     surface, _ = cached_surface(

@@ -325,7 +325,7 @@ def _voltage(axes: Axes, simulation: Simulation) -> None:
 
 def _parts(axes: Axes, simulation: Simulation) -> None:
     errors = {**simulation.parts, "all": simulation.evaluation}
-    p95 = np.nan_to_num([one.error_p95_jnd for one in errors.values()])
+    p95 = np.nan_to_num([error.error_p95_jnd for error in errors.values()])
     axes.barh(list(errors), p95, color=["tab:blue"] * len(simulation.parts) + ["0.4"])
     axes.axvline(1.0, color="0.5", ls=":", lw=1)
     axes.invert_yaxis()

@@ -128,8 +128,8 @@ class Path(SpeedProfile):
 def _path_of_file(file: str, start_s: float = 0.0) -> Path:
     """Read a finger's own path: a CSV file with columns t_s and x_mm, from a time on."""
     rows = [
-        (one.number("t_s") - start_s, one.number("x_mm"))
-        for one in read_csv(asset_of(file).path, ("t_s", "x_mm"))
+        (row.number("t_s") - start_s, row.number("x_mm"))
+        for row in read_csv(asset_of(file).path, ("t_s", "x_mm"))
     ]
     kept = [(t_s, x_mm) for t_s, x_mm in rows if t_s >= 0]
     if len(kept) < 2:
@@ -161,7 +161,7 @@ def speed_from(table: Any) -> SpeedProfile:
 
 
 AnySpeed = Annotated[
-    SpeedProfile, PlainValidator(speed_from), PlainSerializer(lambda one: one.describe())
+    SpeedProfile, PlainValidator(speed_from), PlainSerializer(lambda profile: profile.describe())
 ]
 """A field that holds how a finger moves: a profile, its table, or a number [mm/s]."""
 

@@ -344,7 +344,7 @@ def magnitude_rows(runs: Sequence[RunOfMethod]) -> list[Row]:
             levels, numbers = np.array(run.method.answers).reshape(-1, 2).T
             logs = {at: np.log(numbers[levels == at]) for at in np.unique(levels).tolist()}
             free = len(numbers) - len(logs)
-            scatter = np.sqrt(sum(one.var() * len(one) for one in logs.values()) / max(free, 1))
+            scatter = np.sqrt(sum(log.var() * len(log) for log in logs.values()) / max(free, 1))
             rows += [_magnitude(run.place, at, logs[at], scatter, free) for at in logs]
             if logs and "excluded" not in run.summary:
                 of_session = {at: float(one.mean()) for at, one in logs.items()}
@@ -571,9 +571,9 @@ def _axes(count: int, title: str) -> tuple[Figure, Sequence[Any]]:
 def _of_groups(analysis: Analysis) -> Iterator[tuple[str, Figure]]:
     """Thresholds of all participants; scales of all."""
     rows = analysis.tables.get("thresholds", [])
-    for one in analysis.tables.get("group", []):
+    for row_of_group in analysis.tables.get("group", []):
         keys = ("task", "condition", "experiment")
-        members = [row for row in rows if all(row[key] == one[key] for key in keys)]
+        members = [row for row in rows if all(row[key] == row_of_group[key] for key in keys)]
         members = [row for row in members if row["threshold_db"] is not None]
         if len(members) < 2:
             continue
@@ -587,11 +587,14 @@ def _of_groups(analysis: Analysis) -> Iterator[tuple[str, Figure]]:
             ],
             fmt="o", capsize=3,
         )  # fmt: skip
-        if one["low"] is not None:
-            axes.axvspan(one["low"], one["high"], alpha=0.2)
-            axes.axvline(one["threshold_db"])
+        if row_of_group["low"] is not None:
+            axes.axvspan(row_of_group["low"], row_of_group["high"], alpha=0.2)
+            axes.axvline(row_of_group["threshold_db"])
         axes.set(xlabel="threshold [dB] with 95 % intervals; the band: the mean")
-        yield " ".join(filter(None, ("thresholds", one["task"], one["condition"]))), figure
+        yield (
+            " ".join(filter(None, ("thresholds", row_of_group["task"], row_of_group["condition"]))),
+            figure,
+        )
     for name, of_task in (("scales", _SCALE), ("magnitudes", _MEAN)):
         listed = analysis.tables.get(name, [])
         for condition in dict.fromkeys((row["condition"], row["experiment"]) for row in listed):

@@ -119,8 +119,8 @@ def contact_sheet(name: str, files: Sequence[Path], sidecars: Sequence[dict[str,
         "bottom": 0.5 / height, "top": 1 - 0.95 / height, "hspace": 0.6, "wspace": 0.25,
     }  # fmt: skip
     axes = figure.subplots(rows, columns, squeeze=False, gridspec_kw=places)
-    for one in axes.flat[len(shown) :]:
-        one.set_visible(False)
+    for empty in axes.flat[len(shown) :]:
+        empty.set_visible(False)
     for index, table in enumerate(shown):
         at = axes.flat[index]
         _friction(at, read_for_drawing(files[index], 3.0), known, labels=False)

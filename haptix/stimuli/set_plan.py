@@ -238,7 +238,7 @@ class SetPlan:
         if not self.stimuli or not self.screens:
             raise InputError("stimuli and screens: expected at least one of each")
         choice("unreachable", self.unreachable, ("reject", "nearest"))
-        names = [one.name for one in self.stimuli]
+        names = [stimulus.name for stimulus in self.stimuli]
         twice = sorted(name for name, count in Counter(names).items() if count > 1)
         if twice:
             raise InputError(f"stimuli: two are called {twice[0]!r}; names are those of files")

@@ -118,7 +118,7 @@ class Stimulus:
 
     @cached_property
     def _described(self) -> dict[str, Any]:
-        table = {one.name: getattr(self, one.name) for one in fields(self)}
+        table = {field.name: getattr(self, field.name) for field in fields(self)}
         for name, value in table.items():
             if isinstance(value, Kind):
                 table[name] = value.describe()
@@ -141,7 +141,7 @@ def stimulus_from(name: str, table: Mapping[str, Any]) -> Stimulus:
     InputError
         If a field is unknown, missing or wrong.
     """
-    known = {one.name for one in fields(Stimulus)} - {"name"} | {"length_s"}
+    known = {field.name for field in fields(Stimulus)} - {"name"} | {"length_s"}
     unknown = sorted(set(table) - known)
     if unknown:
         raise InputError(
@@ -158,7 +158,7 @@ def stimulus_from(name: str, table: Mapping[str, Any]) -> Stimulus:
             values["speed"] = speed_from(values["speed"])
         of_all = {key: values[key] for key in shared if values.get(key) is not None}
         signal = signal_from(_with_shared(values["signal"], of_all))
-        targets = [one.target for one in signal.walk() if isinstance(one, MaterialSignal)]
+        targets = [part.target for part in signal.walk() if isinstance(part, MaterialSignal)]
         if targets:
             values.setdefault("quantity", targets[0])
         values["signal"] = (

@@ -411,8 +411,8 @@ class MakingJob:
         # Finished files are drafts, or published by an earlier run.
         places = {
             name: next(path for path in (self.drafts / name, self.folder / name) if path.exists())
-            for one in files
-            for name in (one, beside(one))
+            for file in files
+            for name in (file, beside(file))
         }
         others: dict[str, bytes] = {"profiles.json": json_text(self.profiles).encode(), **tables}
         drives = [places[name] for name in files]

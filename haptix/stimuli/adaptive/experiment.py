@@ -91,8 +91,10 @@ class Presentation:
         if "finger" in self.identity:
             return dict(self.identity)
         # Adding 0.0 makes a negative zero a zero.
-        drives = (np.round(one / _STEP_V) + 0.0 for one in (self.target(level), self.reference))
-        return {**self.identity, "drive": digest({"drive": [one.tolist() for one in drives]})}
+        drives = (
+            np.round(stimulus / _STEP_V) + 0.0 for stimulus in (self.target(level), self.reference)
+        )
+        return {**self.identity, "drive": digest({"drive": [drive.tolist() for drive in drives]})}
 
 
 _LOG = logging.getLogger("haptix.stimuli")
@@ -308,7 +310,9 @@ class Experiment:
         several = (
             self.method.methods.values() if isinstance(self.method, MethodsByCondition) else ()
         )
-        return all(one.estimate().width / 4 <= stop.spread for one in several or (self.method,))
+        return all(
+            method.estimate().width / 4 <= stop.spread for method in several or (self.method,)
+        )
 
     def estimates(self) -> dict[str, Estimate]:
         """Return what each condition's method states, by its name; one alone has an empty name."""

@@ -64,7 +64,7 @@ class Method:
 
     def describe(self) -> dict[str, Any]:
         """Everything that determines what it does, as plain values; no limit is None."""
-        settings = {one.name: getattr(self, one.name) for one in fields(self) if one.init}
+        settings = {field.name: getattr(self, field.name) for field in fields(self) if field.init}
         return {"method": self.kind} | {
             name: None if isinstance(value, float) and isinf(value) else value
             for name, value in settings.items()
@@ -114,7 +114,7 @@ class FixedOrder(Method):
 def shuffled(levels: Sequence[float], repeats: int, seed: int) -> list[tuple[float, ...]]:
     """Return all levels once in each repetition, in random order."""
     draw = np.random.default_rng(seed)
-    return [(float(one),) for _ in range(repeats) for one in draw.permutation(list(levels))]
+    return [(float(level),) for _ in range(repeats) for level in draw.permutation(list(levels))]
 
 
 @dataclass(eq=False)
@@ -163,7 +163,7 @@ class MethodsByCondition(Method):
 
     @property
     def is_done(self) -> bool:
-        return all(one.is_done for one in self.methods.values())
+        return all(method.is_done for method in self.methods.values())
 
     def update(
         self, is_right: float, level: float | None = None, condition: str | None = None

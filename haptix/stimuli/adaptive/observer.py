@@ -66,7 +66,7 @@ class SimulatedObserver:
             power = 10 ** (0.6 * (question.level - self.threshold) / 20)
             return f"{10 * power * np.exp(0.1 * draw.standard_normal()):.3g}"
         if question.is_empty:
-            mistaken = next(one for one in question.choices if one != question.right)
+            mistaken = next(choice for choice in question.choices if choice != question.right)
             return mistaken if draw.random() < self.guess else question.right
         if question.other_level is not None:
             apart = (question.level - question.other_level) * self.slope / 20

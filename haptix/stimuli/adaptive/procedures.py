@@ -274,6 +274,6 @@ def _some(grid: Sequence[float] | float) -> Sequence[float]:
 
 
 METHODS: dict[str, type[Method]] = {
-    one.kind: one for one in (UpDown, Quest, ConstantStimuli, Magnitudes, Pairs)
+    method.kind: method for method in (UpDown, Quest, ConstantStimuli, Magnitudes, Pairs)
 }
 """Every method by the name that recipes use."""

@@ -145,7 +145,7 @@ def method_of(table: Mapping[str, Any]) -> Method:
         methods = {name: method_of(table["methods"][name]) for name in table["order"]}
         return MethodsByCondition(methods, table["interleaved"], table["seed"])
     kind = METHODS[table["method"]]
-    names = [one.name for one in fields(kind) if one.init]
+    names = [field.name for field in fields(kind) if field.init]
     # No limit is None there, and the default here.
     return kind(**{name: table[name] for name in names if table.get(name) is not None})
 

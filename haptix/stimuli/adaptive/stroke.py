@@ -42,7 +42,7 @@ class Touch:
     @classmethod
     def mean(cls, strokes: Sequence[Touch | None]) -> Self | None:
         """Return the mean of the strokes of a trial; None where none was touched."""
-        felt = [one for one in strokes if one is not None]
+        felt = [stroke for stroke in strokes if stroke is not None]
         if not felt:
             return None
         return cls(
@@ -51,7 +51,7 @@ class Touch:
 
 
 def _mean(values: Sequence[float | None]) -> float | None:
-    known = [one for one in values if one is not None]
+    known = [value for value in values if value is not None]
     return sum(known) / len(known) if known else None
 
 

@@ -446,9 +446,9 @@ class TouchLog:
             return
         place = (session, trial, attempt)
         text = "".join(
-            "\t".join("n/a" if cell is None else str(cell) for cell in (*place, *astuple(one)))
+            "\t".join("n/a" if cell is None else str(cell) for cell in (*place, *astuple(sample)))
             + "\n"
-            for one in samples
+            for sample in samples
         )
         try:
             if not self._is_checked:
