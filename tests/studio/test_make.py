@@ -22,6 +22,7 @@ from haptix.service.rest import documents_router
 from tests.studio.conftest import a_front, a_page, address, keep, violations
 from tests.waiting import wait_for
 
+BUSY = {"type": "error", "code": "device", "sentence": "schema: the service is busy"}
 SEQUENCES = int(os.environ.get("HAPTIX_SEQUENCES", "6"))
 
 
@@ -456,6 +457,19 @@ def test_an_exported_zip_opens_again_and_is_exported_byte_for_byte(maker, page, 
     page.locator(".hint-of", has_text="expected a zip").wait_for()
     assert len(shown(page)) == 5
     page.expected_errors.clear()  # the file was away for a while
+
+
+def test_the_fields_of_a_material_are_asked_for_again_by_a_button(maker, browser):
+    """The page was opened while the service had no answer; nothing else asks again."""
+    with a_page(browser) as page:
+        page.route("**/v1/kinds", lambda route: route.fulfill(status=503, json=BUSY), times=1)
+        page.goto(address(maker))
+        page.get_by_role("link", name="Make").click()
+        page.get_by_text(BUSY["sentence"]).wait_for()
+        page.locator(".thumb").first.click()
+        page.get_by_role("button", name="Try again").click()
+        page.locator(".panel input").first.wait_for()
+        page.expected_errors.clear()
 
 
 @pytest.mark.parametrize(

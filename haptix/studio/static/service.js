@@ -119,12 +119,13 @@ export class Service {
   /** Do something that may be refused; show the reason if it is.
    * @template T
    * @param {() => Promise<T>} act
+   * @param {Help} [help] shown with the notice
    * @returns {Promise<T | undefined>} */
-  async attempt(act) {
+  async attempt(act, help) {
     try {
       return await act();
     } catch (error) {
-      this.notify("error", sentence(error));
+      this.notify("error", sentence(error), help);
       return undefined;
     }
   }

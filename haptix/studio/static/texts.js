@@ -228,6 +228,7 @@ export const texts = {
     dropHelp: "photograph, height map, CSV or audio clip; or drop it on the board",
     find: "Find a material",
     none: "Nothing is called so.",
+    tryAgain: "Try again",
     families: {
       ribs: "Ribs", weaves: "Weaves", grains: "Grains", photographs: "Photographs", edges: "Edges and shapes",
       widgets: "Widgets", motion: "Moving and beating", behaviour: "By speed, force, touch",

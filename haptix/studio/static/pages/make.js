@@ -282,6 +282,13 @@ export function mount(root, app) {
   };
   addEventListener("keydown", keys);
 
+  /** @returns {Promise<void>} */
+  const loadPanel = () => service.attempt(async () => {
+    const schema = await (await service.rest("GET", "/v1/kinds")).json();
+    panel = new Panel(schema, changeMaterial);
+    showPanel(history.current);
+  }, { label: t.tryAgain, act: () => void loadPanel() });
+
   let ended = false;
   ends.push(
     history.document.on((document) => {
@@ -297,11 +304,7 @@ export function mount(root, app) {
     saved.help.on((help) => fill(helps, help && el("button.small", { type: "button", onclick: () => void saved.attempt(help.act) }, help.label))),
     service.state.on(({ phase }) => {
       if (phase !== "open" || panel) return;
-      void service.attempt(async () => {
-        const schema = await (await service.rest("GET", "/v1/kinds")).json();
-        panel = new Panel(schema, changeMaterial);
-        showPanel(history.current);
-      });
+      void loadPanel();
       void service.attempt(async () => showExports((await schemaOf(service, "exports")).properties.form.enum));
       void service.attempt(() => gallery.load());
     }),
