@@ -148,6 +148,11 @@ static class Program
         Refused refused = await Check.Refuses(() => h.Intensity(2));
         Check.That(refused.Code == "message" && refused.Path == "/value", "a path");
         Check.That((await Check.Refuses(() => h.Watch("none"))).Code == "unknown", "a job");
+        string large = Path.GetTempFileName();
+        using (FileStream file = File.OpenWrite(large)) file.SetLength(h.Welcome.Limits.AssetBytes + 1);
+        refused = await Check.Refuses(() => h.Asset(large));
+        File.Delete(large);
+        Check.That(refused.Code == "limit" && refused.Message.Contains("send a smaller file"), "too large");
         Error error = Check.Next<Error>(h, () => h.Touch(1f, 1f));
         Check.That(error.Code == "lease", "an error of the touch");
         Check.Next<Closed>(h, () => h.Dispose());
