@@ -185,6 +185,7 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
         limits = m.Limits()
         self._batches = Limiter(limits.batches_per_s, self.now_s, _MOST_SENDING)
         self._touches = Limiter(limits.touches_per_s, self.now_s, limits.batch_touches)
+        self._in_order = asyncio.Lock()  # first come, first served
         self._replayed: dict[str, dict[str, Any]] = {}
         self._watched: set[str] = set()  # jobs
         self._ended = "it was not opened"  # why there is no connection; "" while there is one
@@ -312,11 +313,12 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
         Touches that come faster than the service takes them wait; other messages overtake them.
         """
         self.check()
-        wait_s = max(self._batches.wait_s(), self._touches.wait_s(len(touches)))
-        if wait_s > 0:
-            await asyncio.sleep(wait_s)
-        self._batch += 1
-        await self._send(write_touches(touches, self._batch))
+        async with self._in_order:
+            wait_s = max(self._batches.wait_s(), self._touches.wait_s(len(touches)))
+            if wait_s > 0:
+                await asyncio.sleep(wait_s)
+            self._batch += 1
+            await self._send(write_touches(touches, self._batch))
 
     async def _open(self) -> None:
         address, token = self._find()

@@ -44,6 +44,20 @@ def test_touches_go_out_in_order_and_contacts_come_back(service, connect):
         assert events[0].touch_id == 3 and abs(events[0].t_s - at_s) < 0.5
 
 
+def test_touches_that_wait_keep_their_order(service, connect, monkeypatch):
+    """Also where the later one would wait for less, as on a machine that is busy between."""
+    waits = iter([0.1, 0.0, 0.0])
+    with connect("test") as h:
+        h.acquire()
+        h.arm()
+        monkeypatch.setattr(h._client._batches, "wait_s", lambda: next(waits))
+        h.touch(1.0, 2.0, kind="down")
+        h.touch(2.0, 2.0)
+        h.lift()
+        wait_for(lambda: len(service.engine.reports) == 3)
+    assert [one.kind for one in service.engine.reports] == ["down", "move", "up"]
+
+
 def test_a_broken_connection_is_opened_again_with_the_lease_and_disarmed(service, connect, caplog):
     caplog.set_level(logging.INFO, "haptix.client")
     with connect("test") as h:
