@@ -53,6 +53,7 @@ _SUBPROTOCOL = Subprotocol("haptix.v1")
 _WAIT_S, _CLOSE_S, _FILE_S = 25.0, 1.0, 60.0
 _FIRST_S, _LAST_S = 0.1, 5.0  # between two attempts to connect again
 _REPLAYED = ("geometry", "subscribe")  # sent again on resuming: the service does not keep them
+_CLOSED = "this client is closed; connect again"
 _MOST_SENDING = 64  # batches that are not sent yet; above this, a touch waits
 
 TouchKind = Literal["down", "move", "up"]
@@ -381,7 +382,9 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
         self._emit("closed", LostConnection(self._ended or "closed", True))
 
     def check(self) -> None:
-        """Raise `DeviceError` while there is no connection."""
+        """Raise `Lost` while there is no connection."""
+        if self._is_closing and self._ended:
+            raise Lost(_CLOSED)
         if self._ended:
             raise Lost(f"the connection to the service is gone: {self._ended}")
 
@@ -390,8 +393,8 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
         assert self._socket is not None
         try:
             await self._socket.send(data)
-        except WebSocketException as error:
-            raise Lost(f"the connection to the service is gone: {error}") from None
+        except WebSocketException:
+            raise Lost("the connection to the service is gone: it broke off") from None
 
     async def _read(self, socket: ClientConnection) -> None:
         silent_s = _WAIT_S
@@ -409,8 +412,8 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
         except TimeoutError:
             self._ended = f"the service is silent for {silent_s:g} s"
             asyncio.get_running_loop().call_soon(socket.transport.abort)
-        except WebSocketException as error:
-            self._ended = socket.close_reason or str(error)
+        except WebSocketException:
+            self._ended = socket.close_reason or "it broke off"
         finally:
             self._ended = self._ended or "it was closed"
             for answer in self._pending.values():
@@ -547,7 +550,7 @@ class Client(ReportsTouches[None], PlainCalls):
             raise InputError("a handler cannot wait for the service: use connect_async, or a queue")
         if self._loop.is_closed():
             coroutine.close()
-            raise Lost("this client is closed; connect again")
+            raise Lost(_CLOSED)
         future: Future[Result] = asyncio.run_coroutine_threadsafe(coroutine, self._loop)
         return future.result()
 

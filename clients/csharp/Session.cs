@@ -147,7 +147,8 @@ namespace Haptix
             long id;
             lock (_gate) // ids leave in their order
             {
-                if (_link == null) throw new Lost(type + ": the connection is gone");
+                if (_link == null) throw new Lost(_closing.IsSet ? "this client is closed; connect again"
+                    : type + ": the connection to the service is gone");
                 message["id"] = id = ++_id;
                 _asked[id] = answer;
                 _link.Send(message);

@@ -104,7 +104,8 @@ class SessionLayout:
 
     def _named(self, name: str) -> Patch:
         if name not in self.patches:
-            raise InputError(f"expected the name of a region, got {name!r}")
+            names = ", ".join(map(repr, [*self.patches][-5:])) or "none, as after a new start"
+            raise InputError(f"expected the name of a region (there are {names}), got {name!r:.80}")
         return self.patches[name]
 
     def _add(self, name: str, fields: dict[str, Any]) -> None:

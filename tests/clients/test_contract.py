@@ -1,7 +1,8 @@
 """One contract of actions, `clients/contract.jsonl`, kept by the client of every language.
 
 A line is a call (`do`, of a region `of`), its arguments (`with`), what it sends, and what comes of
-it: `answers`, `refuses`, `hears` an event, or `fails`. The service reads what each client sends.
+it: `answers`, `refuses`, `hears` an event, or `fails` with `Lost` and a sentence. The service reads
+what each client sends.
 """
 
 import json
@@ -94,7 +95,7 @@ def test_python(keeps, tmp_path):
                 assert fits(line["refuses"], refused.value), line
                 continue
             if "fails" in line:
-                with pytest.raises(getattr(haptix.client, line["fails"])):
+                with pytest.raises(haptix.client.Lost, match=line["fails"]):
                     call(**fields)
                 continue
             answer = call(**fields)

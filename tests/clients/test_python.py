@@ -134,7 +134,7 @@ def test_after_close_nothing_is_sent_and_no_thread_is_left(service, connect):
     h = connect("test")
     h.acquire()
     h.close()
-    with pytest.raises(DeviceError, match="the connection to the service is gone"):
+    with pytest.raises(DeviceError, match="this client is closed; connect again"):
         h.touch(1.0, 1.0)
     with pytest.raises(DeviceError, match="this client is closed; connect again"):
         h.stop()

@@ -31,9 +31,9 @@ static class Contract
                 Check.That((string)line["refuses"]["path"] == refused.Path, line + " but " + refused.Path);
                 continue;
             }
-            catch (Lost)
+            catch (Lost lost)
             {
-                Check.That((string)line["fails"] == "Lost", line.ToString());
+                Check.That((string)line["fails"] == lost.Message, line + " but " + lost.Message);
                 continue;
             }
             Check.That(line["refuses"] == null && line["fails"] == null, line + " fails");

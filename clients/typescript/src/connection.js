@@ -28,6 +28,7 @@ export const URL_HERE = "ws://127.0.0.1:7421/v1/session";
 const WAIT_S = 25; // the service gives up what takes more than 20 s, and says so
 const CLOSE_S = 1;
 const [FIRST_S, LAST_S] = [0.1, 5]; // between two attempts to connect again
+const CLOSED = "this client is closed; connect again";
 const OFFSETS = 64;
 const [MOST_AT_ONCE, MOST_WAITING] = [64, 1000]; // batches of touches
 
@@ -131,7 +132,9 @@ export class Connection extends Calls {
       this.service = { url, token };
       if (this.#ends) throw new Lost("closed");
       const Socket = this.#options.WebSocket ?? globalThis.WebSocket;
-      if (!Socket) throw new TypeError("expected connect({WebSocket}): this runtime has none");
+      if (!Socket) {
+        throw new TypeError("this runtime has no WebSocket: pass that of the package ws, as connect({WebSocket})");
+      }
       const socket = new Socket(url, SUBPROTOCOL);
       this.#socket = socket;
       socket.binaryType = "arraybuffer";
@@ -239,7 +242,7 @@ export class Connection extends Calls {
    * @returns {Promise<any>}
    */
   async ask(type, fields = {}) {
-    if (this.#socket?.readyState !== 1) throw new Lost(`${type}: the connection is gone`);
+    if (this.#socket?.readyState !== 1) throw new Lost(this.#ends ? CLOSED : `${type}: the connection to the service is gone`);
     const id = ++this.#id;
     /** @type {ReturnType<typeof setTimeout> | undefined} */
     let timer;

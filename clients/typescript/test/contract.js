@@ -36,7 +36,7 @@ for (const line of lines) {
     continue;
   }
   if (line.fails) {
-    await assert.rejects(call(line), { name: line.fails }, about);
+    await assert.rejects(call(line), { name: "Lost", message: line.fails }, about);
     continue;
   }
   const answer = await call(line);
