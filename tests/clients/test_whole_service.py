@@ -1,18 +1,21 @@
-"""Every client's golden sessions against `haptix serve` itself, with a mock driver."""
+"""Golden sessions and the docs' programs against `haptix serve` itself, with a mock driver."""
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 
+import haptix.client
 from tests.clients.compiled import compiled
 from tests.clients.golden import GOLDEN, SESSIONS, Run
-from tests.made_clients import CSHARP, TYPESCRIPT, node_tools
-from tests.waiting import PATIENCE_S
+from tests.made_clients import CSHARP, ROOT, TYPESCRIPT, node_tools
+from tests.waiting import PATIENCE_S, wait_for
 
 pytestmark = pytest.mark.slow  # the same sessions run against the front alone
 
@@ -50,3 +53,59 @@ def test_csharp(environment, tmp_path):
         command, capture_output=True, text=True, timeout=PATIENCE_S, env=environment
     )
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_a_slider_tells_the_numbers_of_its_detents(environment):
+    found = json.loads((Path(environment["HAPTIX_SERVICE"]) / "service.json").read_text())
+    address = f"ws://127.0.0.1:{found['port']}/v1/session"
+    with haptix.client.connect("slider", address, found["token"]) as h:
+        contacts = []
+        h.on("contact", contacts.append)
+        slider = {"kind": "slider", "travel_mm": 40, "detents": 5, "start_mm": 3}
+        h.layout.add(slider, name="volume", x_mm=10, y_mm=0, width_mm=46, height_mm=20)
+        h.acquire()
+        h.arm()
+        for step in range(45):  # from 1 mm left of the first to 3 mm right of the last
+            h.touch(12.0 + step, 10.0, 0.5)
+            time.sleep(0.005)
+        h.lift()
+        wait_for(lambda: contacts and contacts[-1].event == "leave")
+    told = [one.value for one in contacts if one.event == "detent"]
+    # Of moves that a busy machine delivers late, the service leaves out all but the newest.
+    assert told == sorted({*told}) and {*told} <= {1.0, 2.0, 3.0, 4.0} and told[-1] == 4.0
+
+
+def program(page, language):
+    """Return the first program of a page."""
+    return re.search(rf"```{language}\n(.*?)```", page.read_text(), re.DOTALL)[1]
+
+
+def feels_ribs(command, environment, folder):
+    """Run a program of the docs as a stranger does; it prints the friction of each moment."""
+    done = subprocess.run(
+        command, capture_output=True, text=True, timeout=PATIENCE_S, env=environment, cwd=folder
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    told = [float(one) for one in re.findall(r"friction (\d[.\d]*)", done.stdout)]
+    assert max(told) > 1.1 * min(told)  # a rib is more than a JND of 10 %
+
+
+def test_the_program_for_python_is_felt(environment, tmp_path):
+    (tmp_path / "app.py").write_text(program(ROOT / "docs" / "service.md", "python"))
+    feels_ribs([sys.executable, "app.py"], environment, tmp_path)
+
+
+def test_the_program_for_node_is_felt(environment, tmp_path):
+    packages = tmp_path / "node_modules"
+    packages.mkdir()
+    (packages / "haptix-client").symlink_to(TYPESCRIPT)
+    (packages / "ws").symlink_to(node_tools() / "ws")
+    (tmp_path / "app.mjs").write_text(program(TYPESCRIPT / "README.md", "js"))
+    feels_ribs(["node", "app.mjs"], environment, tmp_path)
+
+
+def test_the_program_for_csharp_is_felt(environment, tmp_path):
+    (tmp_path / "source").mkdir()
+    (tmp_path / "source" / "App.cs").write_text(program(CSHARP / "README.md", "csharp"))
+    app = compiled(tmp_path / "App.exe", tmp_path / "source")
+    feels_ribs(["mono", app], environment, tmp_path)

@@ -146,7 +146,7 @@ class ContactMessage(Message):
     region: str
     touch_id: int
     t_s: float  # by the client's clock
-    value: float | None = None
+    value: float | None = None  # number of the detent, from 0
 
 
 class Subscribed(Message):
