@@ -98,6 +98,15 @@ def _most(scope: Scope) -> float:
     return inf if scope["path"].startswith("/v1/assets/") else MOST_BODY_BYTES
 
 
+async def _read_on(chunks: AsyncIterator[bytes]) -> None:
+    """Read the rest of a file: who still sends would be cut off, and would not hear the answer."""
+    left = m.Limits().asset_bytes
+    async for chunk in chunks:
+        left -= len(chunk)
+        if left < 0:
+            break
+
+
 def _bounded(receive: Receive) -> Receive:
     """Refuse a body of unknown length once it is too long or has too many values."""
     body = bytearray()
@@ -294,8 +303,14 @@ def application(
     @app.put("/v1/assets/{digest}", status_code=201, dependencies=[Depends(token)])
     async def put_asset(digest: str, suffix: str, request: Request, response: Response) -> None:
         """Keep a file under its SHA-256: 201, or 200 if it is kept already."""
-        if not await assets.put(digest, suffix, request.stream()):
-            response.status_code = 200
+        chunks = request.stream()
+        try:
+            if not await assets.put(digest, suffix, chunks):
+                response.status_code = 200
+        except Exception:
+            await _read_on(chunks)
+            raise
+        await _read_on(chunks)
 
     @app.get("/v1/assets/{digest}", dependencies=[Depends(token)])
     async def get_asset(digest: str) -> Response:

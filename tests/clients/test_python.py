@@ -228,11 +228,11 @@ def test_a_flood_of_touches_does_not_bury_the_client_s_own_stop(service, connect
 def test_files_effects_streams_mute_and_pause_have_their_calls(service, connect, tmp_path):
     with connect("test") as h:
         path = tmp_path / "a.CSV"
-        path.write_bytes(b"x,y")
+        path.write_bytes(b"x,y\n" * 5_000_000)  # more than sockets hold
         name = h.asset(path)
         assert service.folder.joinpath("assets", f"{name.removeprefix('sha256:')}.csv").is_file()
         assert h.asset(path) == name  # it is there already
-        (tmp_path / "notes.txt").write_bytes(b"")
+        (tmp_path / "notes.txt").write_bytes(path.read_bytes())
         with pytest.raises(haptix.client.Refused, match="expected one of"):
             h.asset(tmp_path / "notes.txt")
         with (tmp_path / "large.jpg").open("wb") as large:
