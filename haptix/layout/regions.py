@@ -17,7 +17,7 @@ from haptix.checks import Array, number
 from haptix.documents import first_error
 from haptix.errors import InputError
 from haptix.layout.region_state import Control, Glide, Outline, RegionState
-from haptix.motion import Depends, LocalFrame, Report
+from haptix.motion import Depends, LocalFrame, Motion, Report
 from haptix.region import RegionFields
 from haptix.texture import (
     Evaluator,
@@ -326,6 +326,8 @@ class Regions:
 
     def _region(self, key: int, fields: Region, now_s: float) -> RegionState:
         evaluator = self._evaluator(fields.material)
+        # Some make their maps when they are first asked: here, not in the midst of a stroke.
+        evaluator.wanted(Motion.of([0.0], 0.0))
         blend = fields.blend or "over"
         if blend == "multiply" and evaluator.target != "share":
             raise InputError(

@@ -10,7 +10,6 @@ from haptix.errors import HaptixError, InputError
 from haptix.kinds import in_folder
 from haptix.layout import Layout, Patch
 from haptix.materials import material_of
-from haptix.motion import Motion
 
 MOST_REGIONS = 256
 
@@ -119,8 +118,7 @@ class SessionLayout:
         if "material" in fields:
             with in_folder(self._assets, is_sealed=True):
                 material = fields["material"] = material_of(fields["material"])
-            # Some make their maps when they are first asked: here, not in the midst of a stroke.
-            material.evaluator.wanted(Motion.of([0.0], 0.0))
+                _ = material.evaluator  # reads its files
         return fields
 
 

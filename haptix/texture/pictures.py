@@ -52,6 +52,7 @@ _NOT_READ = (
     (0, b"<svg", "an SVG drawing"),
     (0, b"<?xml", "an XML document or SVG drawing"),
 )
+_ROWS = 64  # that are converted at once
 _MOST_PAGES = 100  # of a TIFF: pyramids and thumbnails have a few
 _READ_BY_TIFFFILE = (tifffile.PHOTOMETRIC.MINISWHITE, tifffile.PHOTOMETRIC.MINISBLACK,
                      tifffile.PHOTOMETRIC.RGB)  # fmt: skip
@@ -131,7 +132,10 @@ def _grey(pixels: npt.NDArray[Any], premultiplied: bool) -> Array:
         if pixels.dtype.kind in "ui":
             white = float(np.iinfo(pixels.dtype).max)
     else:
-        grey, white = rgb2gray(img_as_float64(pixels[..., :3])), 1.0
+        grey, white = np.empty(pixels.shape[:2]), 1.0
+        for first in range(0, len(pixels), _ROWS):  # float64 of all colours would be 600 MB
+            rows = slice(first, first + _ROWS)
+            grey[rows] = rgb2gray(img_as_float64(pixels[rows, :, :3]))
     if channels in (2, 4):
         opacity = img_as_float64(pixels[..., -1])
         if not ((opacity >= 0) & (opacity <= 1)).all():

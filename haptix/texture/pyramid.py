@@ -71,7 +71,7 @@ class Pyramid:
             n for n, mode in zip(values.shape, self._modes, strict=True) if mode == "repeat"
         ]
         widest = min(repeated) if repeated else 2 * max(rows, columns)
-        smooth, origin, step = values * 1.0, (0, 0), 1
+        smooth, origin, step = values, (0, 0), 1
         while len(levels) == 1 or step < widest:
             if len(levels) > 1:
                 smooth, origin = self._halved(smooth, origin)
@@ -92,18 +92,17 @@ class Pyramid:
 
     def _padded(self, values: Array, origin: _Origin, by: int) -> tuple[Array, _Origin]:
         """The map with `by` more pixels on every side, except where the map repeats."""
-        first = list(origin)
-        for axis, mode in enumerate(self._modes):
+        for mode in dict.fromkeys(self._modes):  # most maps have one, and are copied once
             if mode == "repeat":
                 continue
-            width = [(0, 0), (0, 0)]
-            width[axis] = (by, by)
+            more = [by * (one == mode) for one in self._modes]
+            width = [(pixels, pixels) for pixels in more]
             if mode == "hold":
                 values = np.pad(values, width, mode="edge")
             else:
                 values = np.pad(values, width, constant_values=self.outside)
-            first[axis] -= by
-        return values, (first[0], first[1])
+            origin = (origin[0] - more[0], origin[1] - more[1])
+        return values, origin
 
     def _smoothed(self, values: Array, origin: _Origin) -> tuple[Array, _Origin]:
         from scipy.ndimage import correlate1d  # here, since it takes a tenth of a second to import
@@ -112,7 +111,8 @@ class Pyramid:
         for axis, mode in enumerate(self._modes):
             # Beyond the padding the values are constant, and smoothing does not change them.
             ends = {"outside": "constant", "hold": "nearest", "repeat": "wrap"}[mode]
-            values = correlate1d(values, _KERNEL, axis=axis, mode=ends, cval=self.outside)
+            target = None if axis == 0 else values  # which is then ours
+            values = correlate1d(values, _KERNEL, axis, target, ends, self.outside)
         return values, origin
 
     def _halved(self, values: Array, origin: _Origin) -> tuple[Array, _Origin]:
@@ -126,7 +126,8 @@ class Pyramid:
         # not reach.
         values, origin = self._padded(values, origin, 2)
         around = [int(mode == "repeat") for mode in self._modes]
-        values = np.pad(values, [(pixels, pixels) for pixels in around], mode="wrap")
+        if any(around):
+            values = np.pad(values, [(pixels, pixels) for pixels in around], mode="wrap")
         # The centre of the map's first pixel is half a pixel from its corner.
         row, column = (
             -0.5 / step - start + more for start, more in zip(origin, around, strict=True)

@@ -61,7 +61,9 @@ def stretched(values: Array) -> Array:
     low, high = np.percentile(values, (1.0, 99.0))
     if high <= low:
         raise InputError("image: expected some contrast, got pixels of one grey")
-    return np.asarray(np.clip((values - low) / (high - low), 0.0, 1.0))
+    level = values - low
+    level /= high - low
+    return np.asarray(np.clip(level, 0.0, 1.0, out=level))
 
 
 Polarity = Literal["bright-high", "dark-high"]

@@ -1,10 +1,14 @@
 """A session's layout: documents and changes, all of them or none."""
 
+from hashlib import sha256
+
 import numpy as np
 import pytest
+from PIL import Image
 
 from haptix.motion import Motion
 from haptix.service.session_layout import RegionError, SessionLayout
+from haptix.texture.pyramid import Pyramid
 
 PLAIN = {"kind": "grating", "period_mm": 2.0, "low": 0.5, "high": 0.5 + 1e-6}
 
@@ -39,6 +43,26 @@ def test_a_second_document_replaces_the_first(layout):
     layout.set({"regions": [region("other", 40.0, 0.3)]})
     assert [felt(layout, x) for x in (5.0, 45.0)] == [0.0, 0.3]
     assert set(layout.patches) == {"other"}
+
+
+def test_a_photograph_is_made_ready_once_and_before_it_is_felt(tmp_path, monkeypatch):
+    """24 megapixels take seconds each time; also where another material moves them."""
+    made, begin = [], Pyramid.__init__
+    monkeypatch.setattr(Pyramid, "__init__", lambda *of: [made.append(1), begin(*of)][1])
+    pixels = np.arange(256, dtype=np.uint8).reshape(16, 16)
+    Image.fromarray(pixels).save(tmp_path / "a.png")
+    digest = sha256((tmp_path / "a.png").read_bytes()).hexdigest()
+    (tmp_path / "a.png").rename(tmp_path / f"{digest}.png")
+    photograph = {"kind": "photograph", "file": f"sha256:{digest}", "width_mm": 10}
+    moving = {"kind": "moving", "of": photograph | {"width_mm": 9}, "velocity_mm_s": [1, 0]}
+    layout = SessionLayout(tmp_path)
+    for name, material in (("still", photograph), ("moves", moving)):
+        made.clear()
+        add = {"op": "add", "name": name, "material": material, "width_mm": 10, "height_mm": 10}
+        layout.change([add])
+        assert len(made) == 1
+    felt(layout, 5.0)
+    assert len(made) == 1
 
 
 def test_changes_of_each_kind(layout):

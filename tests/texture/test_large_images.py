@@ -114,8 +114,8 @@ def test_the_estimate_is_near_what_it_takes(tmp_path):
         Texture.from_image(path, 60, largest_bytes=1)
     tracemalloc.start()
     try:
-        Texture.from_image(path, 60)
+        _ = Texture.from_image(path, 60).evaluator
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert 0.02e9 < peak < 0.055e9  # half to a tenth more, for what numpy holds besides
+    assert 0.03e9 < peak < 0.055e9  # two thirds to a tenth more, for what numpy holds besides
