@@ -103,7 +103,7 @@ def studio(
             # Some browsers answer only when they end.
             threading.Thread(target=webbrowser.open, args=(page.as_uri(),), daemon=True).start()
 
-    _serve(device, surface, finger, screen, port, None, ready, log, touched_by)
+    _serve(device, surface, finger, screen, port, None, ready, log, touched_by, feels=True)
 
 
 def _serve(
@@ -116,6 +116,7 @@ def _serve(
     ready: Callable[[Access, Inventory], None],
     log: Path | None,
     touched_by: str | None = None,
+    feels: bool = False,
 ) -> None:
     from haptix.log import into
     from haptix.service.access import Listen
@@ -126,7 +127,7 @@ def _serve(
     listen = Listen(*beyond) if beyond else None
     serve_until_interrupted(
         device, surface, finger, screen, port,
-        listen=listen, on_ready=ready, touched_by=touched_by,
+        listen=listen, on_ready=ready, touched_by=touched_by, feels=feels,
     )  # fmt: skip
 
 

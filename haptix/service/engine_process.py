@@ -107,13 +107,14 @@ class FeltFingerProcess(Process):
         self._on_event, self._on_telemetry = on_event, on_telemetry
         self._opening: dict[str, Any] = {}
         self._is_wanted = self._is_open = False
+        self._is_known = asyncio.Event()
         self._starter: asyncio.Task[None] | None = None
         self._rests: asyncio.TimerHandle | None = None
 
     def opens(self, opening: dict[str, Any]) -> None:
         """Set what it feels: finger, screen and carrier."""
         self._opening = opening
-        self.want(self._is_wanted)
+        self._is_known.set()
 
     def want(self, on: bool) -> None:
         """Start it if it is wanted; end it when it has not been wanted for a while."""
@@ -123,7 +124,7 @@ class FeltFingerProcess(Process):
         if on and self._rests is not None:
             self._rests.cancel()
             self._rests = None
-        if on and self._opening and (self._starter is None or self._starter.done()):
+        if on and (self._starter is None or self._starter.done()):
             self._starter = asyncio.create_task(self._start(0.0))
 
     async def stop(self) -> None:
@@ -136,7 +137,12 @@ class FeltFingerProcess(Process):
         if not self._is_wanted or self.pid is not None:
             return
         await self.launch()
+        pid = self.pid
         with suppress(Problem):  # it has ended, and is started again
+            await self.ask("get_ready")  # while the engine opens
+            await self._is_known.wait()
+            if self.pid != pid:
+                return
             await self.ask("feel", **self._opening)
             self._is_open = True
             self.has_loaded()
@@ -199,6 +205,7 @@ class EngineProcess(Process):
         self.has_loaded()
         felt = {name: opened[name] for name in ("screen", "carrier_hz")}
         self.felt_finger.opens({"finger": opened["touched_by"], **felt})
+        self.felt_finger.want(self._rates.get("felt", 0.0) > 0)
         if self._rates:
             self.tell("streams", rates=self._rates)
         for do, fields in self._replay.messages():

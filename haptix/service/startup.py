@@ -38,6 +38,7 @@ def serve(
     listen: Listen | None = None,
     on_ready: Callable[[Access, m.Inventory], None] = lambda access, inventory: None,
     touched_by: str | None = None,
+    feels: bool = False,
 ) -> None:
     """Serve clients of this machine until interrupted.
 
@@ -60,6 +61,8 @@ def serve(
     touched_by : str, optional
         Finger that truly touches a mock device: it feels, and draws the current that is sensed.
         By default the finger.
+    feels : bool
+        Whether the virtual finger loads at once, and not with the first subscription to `felt`.
 
     Raises
     ------
@@ -100,6 +103,8 @@ def serve(
 
     async def run() -> None:
         starting = asyncio.create_task(link.start())
+        if feels:  # the page subscribes once it is there, or it ends after a minute
+            link.felt_finger.want(True)
         await asyncio.sleep(0)  # its process starts here, and loads while this one does
         from fastapi import APIRouter
 

@@ -93,7 +93,7 @@ class Worker:
 
     def _answer(self, message: dict[str, Any]) -> dict[str, Any]:
         do = message.pop("do")
-        is_of_worker = do in ("open", "job", "feel")
+        is_of_worker = do in ("open", "job", "get_ready", "feel")
 
         def call() -> dict[str, Any]:
             method = getattr(self, f"_do_{do}") if is_of_worker else getattr(self._documents, do)
@@ -119,6 +119,12 @@ class Worker:
         # What it plays once the service is gone ends at 0 V by the driver's watchdog.
         answers = (parse_json(data)["text"] for _, data in self._frames)
         return {"result": getattr(JobWork(context, self._outbox.say, answers), kind)(**fields)}
+
+    def _do_get_ready(self) -> dict[str, Any]:
+        """Import what a virtual finger needs."""
+        from haptix.service import felt_finger  # noqa: F401
+
+        return {}
 
     def _do_feel(self, finger: str, screen: str, carrier_hz: float) -> dict[str, Any]:
         """Feel, from now on, what comes as touches and amplitudes."""

@@ -27,10 +27,12 @@ def test_a_twin_that_dies_or_hangs_is_started_again():
 async def scenario():
     events, frames = [], []
     finger = FeltFingerProcess(events.append, frames.append)
-    finger.opens(OPENING)
     finger.feed(amplitude_frame(0.0, 1e-3, np.zeros(3)))  # there is none yet: nothing happens
     finger.want(True)
     try:
+        while finger.pid is None:  # it imports before it is known what it feels
+            await asyncio.sleep(0.01)
+        finger.opens(OPENING)
         for end in (signal.SIGKILL, signal.SIGSTOP, None):
             await feels(finger, frames)
             pid = finger.pid
