@@ -111,7 +111,7 @@ class Sessions:
         planned_s, first = plan.duration_s, None
         while True:
             reduced = rig.corrected(Reduced(points))
-            fit = fit_strokes(reduced, self.predictor, self.start, bootstraps=20)
+            fit = fit_strokes(reduced, self.predictor, self.start)
             finger = finger_at(self.finger, {name: fit.best(name) for name in PER_FINGER})
             thickness = fit.best("h0_m") * self.screen.insulator_permittivity
             screen = self.screen.replace(insulator_thickness_m=thickness)
