@@ -1,6 +1,7 @@
 """Examples in docstrings run; pictures have alternative text; the start pages' programs run."""
 
 import doctest
+import json
 import os
 import re
 import subprocess
@@ -86,14 +87,29 @@ def test_the_blocks_of_python_of_a_page_run_from_its_top(page, tmp_path):
         assert re.search(r"\d{4,} samples \(0 below reach, 0 above, 0 outside", done.stdout)
 
 
-@pytest.mark.slow
-def test_the_blocks_of_python_of_the_pages_hold_to_the_types(tmp_path):
+@pytest.fixture(scope="module")
+def programs(tmp_path_factory):
+    """A folder with the program of each page."""
+    folder = tmp_path_factory.mktemp("programs")
     for page in WITH_PYTHON:
         program = program_of(page.read_text(encoding="utf-8"))[0]
         name = f"{page.parent.name}_{page.stem}".replace("-", "_")
-        (tmp_path / f"{name}_page.py").write_text(program, encoding="utf-8")
+        (folder / f"{name}_page.py").write_text(program, encoding="utf-8")
+    return folder
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("checker", ["mypy --strict --config-file=", "pyright --warnings"])
+def test_the_programs_of_the_pages_hold_to_the_types(programs, checker):
+    strict = {
+        "typeCheckingMode": "strict",
+        "reportUnknownMemberType": False,  # matplotlib's own types are unknown in part
+    }
+    (programs / "pyrightconfig.json").write_text(json.dumps(strict), encoding="utf-8")
+    if checker.startswith("pyright"):
+        checker += f" --pythonpath {sys.executable} -p"
     done = subprocess.run(
-        [sys.executable, "-m", "mypy", "--strict", "--config-file=", str(tmp_path)],
+        [sys.executable, "-m", *checker.split(), str(programs)],
         cwd=ROOT, check=False, capture_output=True, text=True,
     )  # fmt: skip
     assert not done.returncode, done.stdout
