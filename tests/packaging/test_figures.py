@@ -2,12 +2,15 @@
 
 import datetime
 import re
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 import haptix
+from firmware_io.limits import ABSOLUTE_CEILING_V
+from haptix.perception import WEBER_FRACTION
 from tests.programs import load
 
 ROOT = Path(haptix.__file__).parents[1]
@@ -32,6 +35,23 @@ def test_a_figure_says_where_it_comes_from(name):
     assert figure.groups
     for source in figure.sources:
         assert (ROOT / source).exists(), source
+
+
+@pytest.mark.optional
+def test_a_figure_names_a_commit_of_this_history():
+    if figures.git("rev-parse", "--is-shallow-repository") != "false":
+        pytest.skip("needs a clone with its history")
+    known = set(figures.git("log", "--format=%h", "--abbrev=7").splitlines())
+    lost = {one.name: one.commit for one in KEPT.values() if one.commit not in known}
+    assert not lost, "made on a branch that was rebased: name the commit that brought it here"
+
+
+def test_the_readme_has_the_numbers_of_the_code():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    assert f"(JND) is {100 * WEBER_FRACTION:.0f} % of the friction" in text
+    assert f"up to {ABSOLUTE_CEILING_V:.0f} V" in text
+    assert f"Python {settings['project']['requires-python'].removeprefix('>=')} or newer" in text
 
 
 @pytest.mark.parametrize("name", KEPT)
