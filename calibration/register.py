@@ -140,6 +140,8 @@ def update_register(path: Path, today: date, change: Callable[[Register], Regist
     FileFormatError
         If it is damaged: it stays as it is.
     """
+    if path.exists():
+        Register.load(path)  # what is none gets no lock beside it
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with FileLock(f"{path}.lock", timeout=_LOCK_S):

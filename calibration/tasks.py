@@ -20,7 +20,7 @@ from haptix.fields import (
     Folder,
     FolderName,
     Local,
-    NewFile,
+    NewDocument,
     NotNegative,
     Positive,
     ScreenName,
@@ -93,7 +93,7 @@ class Planned(Task):
 class PlanStrokes(Planned, command="calibrate plan"):
     """Write the protocol, that is which strokes to make, and print the errors to expect."""
 
-    out: Annotated[NewFile, Argument] = Field(description="File to write: TOML, or JSON.")
+    out: Annotated[NewDocument, Argument] = Field(description="File to write: TOML, or JSON.")
 
     def run(self, context: Context) -> Result:
         """Plan."""

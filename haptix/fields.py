@@ -5,6 +5,7 @@ Each checks its value before torch loads. The message leaves the parameter's nam
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
@@ -105,13 +106,27 @@ def file_to_write(path: Path) -> Path:
         raise ValueError(f"expected a file, but {path} is {what}")
     if not (above := _above(path.parent)).is_dir():
         raise ValueError(f"cannot make {path}: {above} is a file")
+    _may_write(above)
     return path
+
+
+def ending(*suffixes: str) -> Callable[[Path], Path]:
+    """Return a check that refuses another ending of a name: the file may be something else."""
+
+    def check(path: Path) -> Path:
+        if path.suffix.lower() not in suffixes:
+            raise ValueError(f"expected a name that ends in {' or '.join(suffixes)}, got {path}")
+        return path
+
+    return check
 
 
 def folder(path: Path) -> Path:
     """Refuse a folder that cannot be made, because a file has its name."""
     if not (above := _above(path)).is_dir():
         raise ValueError(f"{above} is a file; name a folder")
+    if above != path:  # one that is there may be read alone
+        _may_write(above)
     return path
 
 
@@ -125,6 +140,11 @@ def file_or_folder(path: Path) -> Path:
 def _above(path: Path) -> Path:
     """Return the path, or the first folder above it that exists."""
     return next(each for each in (path, *path.absolute().parents) if _exists(each))
+
+
+def _may_write(folder: Path) -> None:
+    if not os.access(folder, os.W_OK):
+        raise ValueError(f"cannot write into {folder}: permission denied")
 
 
 def _exists(path: Path) -> bool:
@@ -184,6 +204,8 @@ def _label(value: str) -> str:
 
 FileThere = Annotated[Path, AfterValidator(is_there), Local()]
 NewFile = Annotated[Path, AfterValidator(file_to_write), Local()]
+NewPicture = Annotated[NewFile, AfterValidator(ending(".png"))]
+NewDocument = Annotated[NewFile, AfterValidator(ending(".toml", ".json"))]
 Folder = Annotated[Path, AfterValidator(folder), Local()]
 FolderThere = Annotated[Path, AfterValidator(file_or_folder), AfterValidator(folder), Local()]
 FileOrFolder = Annotated[Path, AfterValidator(file_or_folder), Local()]

@@ -39,6 +39,8 @@ def run(app: Callable[[], object], name: str) -> None:
             raise
         sys.stderr.write(f"{name}: {advice}\n")
         sys.exit(2)
+    finally:
+        sys.stdout.flush()  # an output that is full says so here, or at Python's own end
 
 
 def show(title: str, results: Sequence[Any], as_json: bool) -> None:

@@ -47,6 +47,9 @@ def main() -> None:
     """Run the command line; neither Ctrl-C nor an output that takes no more is a traceback."""
     if sys.argv[1:2] == ["help"]:  # haptix help query
         sys.argv[1:] = [*sys.argv[2:], "--help"]
+    for name in ("stdin", "stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed, as by `>&-`: no file may get its number
+            setattr(sys, name, open(os.devnull, "r+"))  # noqa: PTH123, SIM115
     try:
         match sys.argv[1:]:
             case ["--help" | "-h"]:
@@ -68,10 +71,11 @@ def main() -> None:
         _let_go_of_the_output()
         sys.exit(141)
     except OSError as error:
-        if error.filename is not None:
-            raise
-        _let_go_of_the_output()
-        sys.stderr.write(f"haptix: the output takes no more: {error.strerror}\n")
+        where = error.filename
+        if where is None:
+            _let_go_of_the_output()
+            where = "the output takes no more"
+        sys.stderr.write(f"haptix: {where}: {error.strerror}\n")
         sys.exit(2)
 
 

@@ -251,11 +251,14 @@ app = typer.Typer(
 
 @app.callback(invoke_without_command=True)
 def _options(
+    context: typer.Context,
     version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
     log: Annotated[
         Literal["info", "debug"] | None, typer.Option(help=LOG_HELP, metavar="LEVEL")
     ] = None,
 ) -> None:
+    if not version and context.invoked_subcommand is None:
+        context.fail("Missing command.")
     if log:
         from haptix.log import start
 

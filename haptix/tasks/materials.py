@@ -14,7 +14,8 @@ from haptix.fields import (
     FileThere,
     FingerName,
     MaterialFile,
-    NewFile,
+    NewDocument,
+    NewPicture,
     ScreenName,
     Seed,
     refuse_input,
@@ -27,7 +28,7 @@ class ShowMaterial(Task, command="material show"):
     file: Annotated[MaterialFile, Argument] = Field(
         description="Material: TOML or JSON, or gallery:NAME."
     )
-    out: NewFile | None = Field(None, description="Picture. [default: FILE with .png]")
+    out: NewPicture | None = Field(None, description="Picture. [default: FILE with .png]")
 
     def run(self, context: Context) -> Result:
         """Write the picture."""
@@ -35,10 +36,10 @@ class ShowMaterial(Task, command="material show"):
         from haptix.gallery import load
         from haptix.materials import draw
 
+        material = load(self.file)
         name = self.file.name.removeprefix("gallery:")
         out = self.out or self.file.with_name(name).with_suffix(".png")
         refuse_input(out, self.file)
-        material = load(self.file)
         figure = draw(material)
         write_whole(out, lambda draft: figure.savefig(draft, format="png", dpi=70))
         evaluator = material.evaluator
@@ -119,7 +120,7 @@ class FitMaterial(Task, command="material fit"):
         description="CSV with t_s, position_mm or speed_mm_per_s, and mu or tangential_force_n "
         "with normal_force_n."
     )
-    out: NewFile | None = Field(None, description="Material. [default: RECORDING with .toml]")
+    out: NewDocument | None = Field(None, description="Material. [default: RECORDING with .toml]")
     finger: FingerName = Field("semi-wet", description="Finger that feels both.")
     screen: ScreenName = Field("3m-sct3250", description="Screen.")
     seed: Seed = Field(0, description="Seed of the pattern.")

@@ -11,7 +11,7 @@ from pydantic import Field
 
 from haptix.desk import Context, Result
 from haptix.errors import InputError
-from haptix.fields import Address, Argument, FingerName, Force, NewFile, check_new
+from haptix.fields import Address, Argument, FingerName, Force, NewDocument, check_new
 from haptix.report import record
 from haptix.tasks.rendering import FORCES_N, OnScreen
 
@@ -27,7 +27,7 @@ class Enroll(OnScreen, command="enroll"):
     calibrate check --before`.
     """
 
-    out: Annotated[NewFile, Argument] = Field(description="File for the finger, JSON.")
+    out: Annotated[NewDocument, Argument] = Field(description="File for the finger, JSON.")
     device: Address = Field(
         "mock:pace=stepped,mode=envelope,sense_rate_hz=250",
         description="The driver, with a sensor and a carrier of its own.",

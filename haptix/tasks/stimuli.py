@@ -27,6 +27,7 @@ from haptix.fields import (
     Label,
     Local,
     NewFile,
+    NewPicture,
     NotNegative,
     Positive,
     ScreenName,
@@ -131,7 +132,7 @@ class ShowStimulus(Task, command="stimuli show"):
     """Draw a stimulus (waveform, spectrum, friction, thresholds, audibility), or check a set."""
 
     what: Annotated[FileOrFolder, Argument] = Field(description="Drive file, or folder of a set.")
-    out: NewFile | None = Field(
+    out: NewPicture | None = Field(
         None, description="Picture of a drive file. [default: its name + .png]"
     )
 

@@ -66,7 +66,7 @@ def test_no_output_destroys_an_input(haptix_cli, own_folder, arguments, kept):
         (own_folder / "mine.toml.surface").hardlink_to(own_folder / "mine.toml")
     shown = haptix_cli(*arguments)
     assert (shown.code, shown.out) == (2, "")
-    assert "name another" in shown.err
+    assert "name another" in shown.err or "a name that ends in .png" in shown.err
     assert (own_folder / kept).read_text() == "what took hours"
 
 
