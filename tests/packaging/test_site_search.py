@@ -54,6 +54,37 @@ SEARCHES = {
     "wire format": "protocol.html",
     "psychopy": "stimuli.html",
 }
+# Words that lead to one of the first three pages.
+NEWCOMER = {
+    "voltage limit": "safety.html",
+    "rotate screen": "howto/pixels.html",
+    "multi touch": "rendering.html",
+    "own texture": "textures.html",
+    "carrier frequency": "howto/carrier.html",
+    "export wav": "howto/simulate.html",
+    "psychophysics": "howto/experiment.html",
+    "usb permission": "devices.html",
+    "install windows": "index.html",
+    "emergency stop": "howto/stop.html",
+    "two fingers": "rendering.html",
+    "dpi": "howto/pixels.html",
+    "load image": "howto/texture.html",
+    "javascript": "howto/web-page.html",
+    "c#": "clients.html",
+    "error message": "reference/haptix.errors.html",
+    "gpu": "index.html",
+    "maximum friction": "howto/friction.html",
+    "noise texture": "textures.html",
+    "measure friction": "howto/calibrate.html",
+    "save layout": "layouts.html",
+    "wet finger": "howto/finger.html",
+    "humidity": "calibration.html",
+    "what is JND": "howto/tolerance.html",
+    "button": "materials.html",
+    "logging": "log.html",
+    "license": "index.html",
+    "bids": "experiment.html",
+}
 
 
 class Quiet(http.server.SimpleHTTPRequestHandler):
@@ -121,3 +152,10 @@ def test_a_search_leads_to_the_page_that_answers_it(search, words):
     assert first[0] == page
     if section:  # the results of a page begin with the page
         assert first[1] == SEARCHES[words]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("words", NEWCOMER)
+def test_what_a_newcomer_types_leads_to_the_page_among_three(search, words):
+    pages = list(dict.fromkeys(link.partition("#")[0] for link in search(words)))
+    assert NEWCOMER[words] in pages[:3]
