@@ -259,12 +259,11 @@ typedef struct {
     uint32_t least;    /* mean square of the drive at which a current is expected */
     uint32_t fingers;  /* a bit each, 32 of them */
     uint32_t untouched_ticks;
-    uint32_t missed_ticks;
     uint32_t well_ticks;
     uint32_t too_much; /* halves in turn */
     uint32_t missing;
     uint32_t lies;
-    uint64_t begun;  /* clock at which the playback began */
+    uint64_t heard;  /* clock behind the last sample that was measured, or of the playback's begin */
     int32_t offset;  /* of the converter */
     int16_t before;
     uint8_t has_begun; /* a whole period after another begins with the next half */

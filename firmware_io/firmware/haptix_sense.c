@@ -32,6 +32,14 @@ static void forget(hx_sums *sums) {
     *sums = none;
 }
 
+/* Readings and halves begin anew. */
+static void start_over(hx_sensor *s) {
+    forget(&s->half);
+    forget(&s->whole);
+    s->drive_before = 0;
+    s->has_begun = 0;
+}
+
 /* The host reads late: the oldest is lost. */
 static void keep(hx_device *d, uint64_t clock, int32_t in_phase_na, int32_t ahead_na, int32_t driven,
                  uint32_t flags) {
@@ -86,13 +94,10 @@ static void set_panel(hx_sensor *s, int32_t in_phase, int32_t ahead) {
 void hx_sense_begin(hx_device *d) {
     hx_sensor *s = &d->sensor;
     if (!has_sensor(d)) return;
-    forget(&s->half);
-    forget(&s->whole);
-    s->drive_before = 0;
+    start_over(s);
     s->before = 0;
-    s->has_begun = 0;
-    s->missed_ticks = 0;
-    s->begun = d->clock;
+    s->too_much = s->missing = s->lies = 0;
+    s->heard = d->clock;
     int32_t step_sine = d->has_carrier ? hx_sine_of(d->phase_step) : 0;
     if (step_sine < LEAST_SINE) {
         doubt(d, HX_DIRECT);
@@ -115,8 +120,7 @@ void hx_sense_miss(hx_device *d, uint32_t n) {
     if (!has_sensor(d)) return;
     if (s->untouched_ticks < 0x40000000u) s->untouched_ticks = s->fingers ? 0u : s->untouched_ticks + n;
     if (!d->is_playing || s->doubt == HX_DIRECT) return;
-    s->missed_ticks += n;
-    if (s->missed_ticks > ticks_of(d, HX_SENSE_LATE_MS)) doubt(d, HX_LATE);
+    if (d->clock > s->heard + ticks_of(d, HX_SENSE_LATE_MS)) doubt(d, HX_LATE);
 }
 
 void hx_sense_touch(hx_device *d, uint32_t contact, int is_down) {
@@ -164,7 +168,7 @@ static void judge(hx_device *d, const hx_sums *half) {
     hx_sensor *s = &d->sensor;
     uint32_t panel = (uint32_t)s->panel, is_known = s->measured == PANEL_READINGS;
     uint32_t peak = code_of(d, HX_MAX_PEAK_NA), rms = code_of(d, HX_MAX_RMS_NA);
-    if (half->highest == half->lowest) {
+    if (half->ticks > 1u && half->highest == half->lowest) {
         doubt(d, HX_STUCK);
         return;
     }
@@ -188,7 +192,7 @@ static void judge(hx_device *d, const hx_sums *half) {
         doubt(d, HX_LIES);
     } else if (is_known && half->rest_peak > peak && is_load(s, half)) {
         hx_cut(d, HX_FAULT_PEAK_CURRENT, peak, half->rest_peak);
-    } else if (is_known && half->rest > (uint64_t)(rms * rms) * half->ticks && is_load(s, half)) {
+    } else if (is_known && half->rest > (uint64_t)rms * rms * half->ticks && is_load(s, half)) {
         hx_cut(d, HX_FAULT_RMS_CURRENT, rms, root(half->rest / half->ticks));
     }
 }
@@ -262,10 +266,7 @@ static void end_idle(hx_device *d, uint64_t clock) {
     if ((s->whole.ticks + s->half.ticks) * d->config.sense_rate_hz < d->config.output_rate_hz) return;
     if (!d->is_playing || (uint64_t)s->half.ticks * d->phase_step >> 32 == 0) return; /* less than a period */
     keep(d, clock, 0, 0, 0, (uint32_t)s->doubt << 1);
-    forget(&s->half);
-    forget(&s->whole);
-    s->drive_before = 0;
-    s->has_begun = 0;
+    start_over(s);
 }
 
 static void measure(hx_sensor *s, int32_t drive, int32_t current) {
@@ -292,10 +293,11 @@ void hx_device_sense(hx_device *d, const int16_t *sent, const int16_t *raw, uint
     if (!hx_device_is_whole(d)) return;
     hx_sensor *s = &d->sensor;
     if (has_sensor(d) && s->sine > 0 && s->doubt != HX_DIRECT && n + behind <= d->clock) {
-        if (behind <= ticks_of(d, HX_SENSE_LATE_MS)) s->missed_ticks = 0;
         uint64_t clock = d->clock - behind - n;
+        if (clock > s->heard) start_over(s); /* samples are missing */
         for (uint32_t i = 0; i < n; i++, clock++) {
-            if (clock < s->begun) continue; /* of a playback before */
+            if (clock < s->heard) continue; /* of a playback before, or told twice */
+            s->heard = clock + 1u;
             if ((sent[i] < 0) != (s->before < 0)) end_half(d, sent[i] >= 0, clock);
             measure(s, sent[i], raw[i]);
             s->before = sent[i];

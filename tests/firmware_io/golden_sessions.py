@@ -1,6 +1,6 @@
 """The golden sessions, calculated from PROTOCOL.md alone: no line of the package is used.
 
-``python tests/firmware_io/golden_sessions.py`` writes them; a test compares the files. Frames are
+``python -m tests.firmware_io.golden_sessions`` writes them; a test compares the files. Frames are
 packed field by field, with check sums bit by bit; answers are written down as the page says them;
 what is played comes from the page's formulas, tick by tick in whole numbers.
 """
@@ -10,6 +10,8 @@ import json
 import math
 import struct
 from pathlib import Path
+
+from tests.firmware_io import golden_sensing
 
 FOLDER = Path(__file__).parents[2] / "firmware_io/golden"
 OUTPUT_HZ, RAMP, LEAD, HOLD = 8000, 40, 8, 40
@@ -32,7 +34,7 @@ BOARD = {
     "guard_ticks": 16,
 }
 HELLO, SETUP, ARM, STREAM, STOP, PING, REVISE, MARK = range(1, 9)
-CAPABILITIES, STATUS, FAULT, MARKED = 0x81, 0x82, 0x83, 0x85
+CAPABILITIES, STATUS, FAULT, MARKED, SENSE = 0x81, 0x82, 0x83, 0x85, 0x86
 NEVER = 2**64 - 1
 
 
@@ -72,8 +74,9 @@ def sine(phase):
 class Session:
     """The steps of a session, with the numbers of both sides."""
 
-    def __init__(self, in_reports=False, takes_marks=False):
-        self.board = BOARD | ({"takes_marks": True} if takes_marks else {})
+    def __init__(self, in_reports=False, **board):
+        self.board = BOARD | board
+        self.sensor = {}
         self.steps = []
         self.in_reports = in_reports
         self.sent = self.answered = 0
@@ -132,16 +135,23 @@ class Session:
     def capabilities(self):
         about = [*list(BOARD.values())[:10]]
         texts = [str(BOARD[name]).encode() for name in ("name", "serial", "calibration_id")]
-        flags = 2 if self.board.get("takes_marks") else 0
+        senses = self.board.get("sense_rate_hz", 0) // 125
+        flags = self.board["reports_touch"] | 2 * self.board.get("takes_marks", False)
+        flags |= max(0, senses.bit_length() - 1) << 5
         payload = struct.pack("<BBHIIIIIHH16s16s16sHH", *about, *texts, flags, 2)
         self.transmit((CAPABILITIES, payload + struct.pack("<5I", 8000, 3, 2000, 3, 16)))
 
     def play(self, codes):
         self.steps.append({"play": list(codes)})
 
+    def sense(self, codes):
+        """The current of what was played last."""
+        self.steps.append({"sense": list(codes)})
+
     def text(self, about):
         steps = ",\n".join("  " + json.dumps(step) for step in self.steps)
         head = f' "about": {json.dumps(about)},\n "board": {json.dumps(self.board)},\n'
+        head += f' "sensor": {json.dumps(self.sensor)},\n' if self.sensor else ""
         return f'{{\n{head} "steps": [\n{steps}\n ]\n}}\n'
 
 
@@ -452,6 +462,89 @@ def marks():
     )
 
 
+def sense():
+    """A panel that is learned, a person's current that is too high, a broken electrode, silence."""
+    carrier_mhz = 1_100_000
+    session = Session(reports_touch=True, sense_rate_hz=golden_sensing.RATE_HZ)
+    session.sensor = {
+        "full_scale_na": golden_sensing.FULL_SCALE_NA,
+        "panel_pf": golden_sensing.PANEL_PF,
+    }
+    meter = golden_sensing.Meter(carrier_mhz, sine)
+    clock = faults = played = 0
+
+    def now(state, cause, queued):
+        fields = (state, cause, session.sent, 0, queued, played, 0, faults, clock)
+        session.transmit(status(*fields))
+
+    def told(*first):
+        """What the device says: readings last, up to eight in a frame."""
+        waiting, meter.readings = meter.readings, []
+        parts = [b"".join(waiting[at : at + 8]) for at in range(0, len(waiting), 8)]
+        session.transmit(*first, *((SENSE, part) for part in parts))
+
+    def playback(points, changes):
+        """Play all that is streamed in pieces of 3 ms, or up to a fault; change the load at a time.
+
+        A load is a capacitance in pF, or None for a converter that says nothing.
+        """
+        nonlocal clock, faults, played
+        session.receive(ARM)
+        played = 0
+        now(1, 0, 0)
+        session.stream(0, points, 1)
+        session.play([0] * LEAD)
+        clock += LEAD
+        meter.begin(clock)
+        levels = lines(points, 4)
+        phases = [k * meter.step % 2**32 for k in range(len(levels))]
+        out = carried(levels, carrier_mhz)
+        load, at = 1980, 0
+        while at < len(levels):
+            load = changes.get(at, load)
+            n = 48 if load is None else 24  # 6 ms are too late
+            piece = slice(at, min(at + n, len(levels)))
+            session.play(out[piece])
+            at, clock = piece.stop, clock + piece.stop - piece.start
+            played = (at + 3) // 4
+            if load is None:
+                meter.skip(n)
+                told()
+                continue
+            codes = golden_sensing.current(levels[piece], phases[piece], sine, load, carrier_mhz)
+            session.sense(codes)
+            cause = meter.take(out[piece], codes)
+            if cause is not None:
+                faults += 1
+                told(fault(cause[0], 0, cause[1], cause[2], clock))
+                # Half a ramp, and its end, in two output samples.
+                level = quotient(levels[at - 1] * 20, RAMP)
+                session.play([quotient(level * sine(phases[at]), 32_767), 0, 0])
+                clock += 3
+                now(0, cause[0], 0)
+                return
+            told()
+        session.receive(STOP)  # at 0 V
+        now(0, 0, 0)
+
+    session.hello()
+    session.capabilities()
+    session.setup(1, 200, 2000, carrier_mhz, 180_000, 0)
+    now(0, 0, 0)
+    steady = [2000 * n for n in range(1, 11)] + [20_000] * 190
+    playback(steady, {696: 1980 + 800})  # 0.84 mA beside the panel, when it has been measured
+    playback(steady, {240: 5})
+    # Half a ms beyond 5 ms is told, and all that follows is not believed; then 0 V for 10 ms.
+    down = [20_000 - 2000 * n for n in range(1, 11)]
+    playback(steady[:60] + down + [0] * 20, {96: None, 144: 1980})
+    return session.text(
+        "What a board of this description plays, measures and answers: a panel that is learned, a "
+        "current beside it that is too high, a broken electrode, a converter that is silent, 0 V. "
+        "The codes of a step called sense are those of the output samples played last. Made by "
+        "tests/firmware_io/golden_sessions.py."
+    )
+
+
 def samples(kind, sequence, index, codes, mode=0, revision=None):
     head = struct.pack("<I", index) + (b"" if revision is None else struct.pack("<H", revision))
     fields = {"sample_index": index, "mode": mode, "codes": codes}
@@ -553,6 +646,7 @@ SESSIONS = {
     "session-envelope": envelope,
     "session-marks": marks,
     "session-revise": revise,
+    "session-sense": sense,
     "session-waveform": waveform,
 }
 

@@ -13,7 +13,7 @@ import pytest
 
 import firmware_io
 from firmware_io import DeviceError
-from firmware_io.firmware.core import Core, Output
+from firmware_io.firmware.core import Core, Output, Sensor
 from firmware_io.protocol import (
     Arm,
     CapabilitiesReport,
@@ -890,7 +890,10 @@ def test_golden_sessions(kind, path):
     session = json.loads(path.read_text())
     board = dict(session["board"])
     board["rates"] = tuple(Rate(r, frozenset(map(StreamMode, m))) for r, m in board["rates"])
-    core = kind(CapabilitiesReport(**board))
+    told = session.get("sensor", {"full_scale_na": 0, "panel_pf": 0})
+    sensor = Sensor(told["full_scale_na"] * 1e-9, told["panel_pf"] * 1e-12)
+    core = kind(CapabilitiesReport(**board), sensor)
+    codes = np.empty(0, np.int16)
     for number, step in enumerate(session["steps"]):
         if "receive" in step:
             core.receive(bytes.fromhex(step["receive"]))
@@ -898,6 +901,8 @@ def test_golden_sessions(kind, path):
             core.receive_report(bytes.fromhex(step["report"]))
         elif "transmit" in step:
             assert core.transmit().hex(" ") == step["transmit"], f"step {number}"
+        elif "sense" in step:
+            core.sense(codes, np.array(step["sense"], np.int16))
         else:
             codes = core.play(len(step["play"]))[0]
             assert codes.tolist() == step["play"], f"step {number}"

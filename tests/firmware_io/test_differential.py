@@ -12,20 +12,25 @@ from typing import Any
 import numpy as np
 import pytest
 
-from firmware_io import DriveLimits, LimitError
+from firmware_io import DriveLimits, LimitError, MockConverter
 from firmware_io.drive_check import DriveWindow
-from firmware_io.firmware.core import Core
+from firmware_io.firmware.core import Core, Sensor
 from firmware_io.limits import DEFAULT_MAX_RMS_V
 from firmware_io.protocol import (
     Arm,
     FaultCode,
     Frame,
+    FrameParser,
     Hello,
     Rate,
     Revise,
+    SensorProblem,
+    SenseReport,
     Stop,
     StreamMode,
     StreamSamples,
+    TouchPhase,
+    TouchReport,
     encode,
 )
 from tests.firmware_io.oracle.device import Oracle
@@ -157,6 +162,144 @@ class Pair:
         return "none" if fault is None else fault.code.name
 
 
+class SensingPair(Pair):
+    """Both cores with a converter that at times fails, lies, or measures too much."""
+
+    def __init__(self, seed):
+        rng = np.random.default_rng(seed)
+        self.rng = rng
+        self.rate_hz = int(rng.choice([4000, 8000, 16_000, 48_000]))
+        self.rates_hz = [self.rate_hz, self.rate_hz // 4]
+        self.board = replace(
+            BOARD,
+            output_rate_hz=self.rate_hz,
+            max_frame_samples=1200,
+            queue_samples=2400,
+            rates=tuple(Rate(rate, BOTH) for rate in self.rates_hz),
+            reports_touch=bool(rng.random() < 0.9),
+            sense_rate_hz=int(rng.choice([250, 500, 1000, 2000, 4000])),
+        )
+        farads = float(rng.choice([2e-9, 2e-9, rng.uniform(1e-10, 5e-9)]))
+        sensor = Sensor(float(rng.choice([0.02, 0.02, 0.05, 1.3e-4])), farads)
+        self.converter = MockConverter(
+            farads, full_scale_a=sensor.full_scale_a, noise_a=2e-5, seed=seed, late_samples=2
+        )
+        self.farads = farads * rng.choice([1.0, 1.02, rng.uniform(0.5, 1.6)])
+        self.cores = [Core(self.board, sensor), Oracle(self.board, sensor)]
+        self.fails = rng.random() < 0.3  # the converter, rather than the load
+        self.parser = FrameParser()
+        self.problems = set()
+        self.sequence = self.index = self.code = 0
+        self.setup = None
+
+    def begin(self):
+        rng = self.rng
+        # Half the output rate is a direct drive, as is a waveform.
+        carriers = [min(4000, self.rate_hz // 3), rng.uniform(1000, self.rate_hz / 2)]
+        carrier_mhz = int(1000 * rng.choice([*carriers, self.rate_hz / 2], p=[0.7, 0.2, 0.1]))
+        is_carried = rng.random() < 0.9
+        self.setup = replace(
+            SETUP,
+            mode=ENVELOPE if is_carried else WAVEFORM,
+            watchdog_ms=250,
+            sample_rate_hz=int(rng.choice(self.rates_hz)),
+            carrier_mhz=carrier_mhz if is_carried else 0,
+            lead_us=int(rng.integers(0, 2000)),
+        )
+        self.converter.carrier_hz = carrier_mhz / 1000
+        slew = SETUP.max_slew_v_per_s * 32_767 // 250
+        carried = slew // (carrier_mhz * 411_775 // 65_536_000) * 9 // 10
+        self.most = min(TOP * 9 // 10, carried) if is_carried else 3000
+        self.converter.failure, self.converter.farads, self.square_a = None, self.farads, 0.0
+        if rng.random() < 0.2:
+            for core in self.cores:
+                core.release()
+        self.index = self.code = 0
+        for message in (Hello(), self.setup, Arm()):
+            self.say(message)
+
+    def stream(self, codes):
+        codes = codes[: self.cores[0].status().free_samples].astype(np.int16)
+        if codes.size:
+            self.say(StreamSamples(self.index, codes, self.setup.mode))
+            self.index += codes.size
+            self.code = int(codes[-1])
+
+    def stream_ms(self, ms):
+        """Play for some time, mostly as it was, at times at another amplitude."""
+        rng, n = self.rng, max(1, ms * self.setup.sample_rate_hz // 1000)
+        codes = np.full(n, self.code)
+        if self.code == 0 or rng.random() < 0.2:
+            end = int(rng.choice([0, 5, self.most // 8, self.most, self.most, self.most]))
+            codes = np.round(np.linspace(self.code, end, n))
+        for part in np.split(codes, range(300, n, 300)):
+            self.stream(part)
+            left = part.size * self.rate_hz // self.setup.sample_rate_hz
+            while left > 0:
+                # Longer than 5 ms are late.
+                ms = 7 if self.fails and rng.random() < 0.01 else int(rng.integers(0, 5))
+                ticks = min(ms * self.rate_hz // 1000 + int(rng.integers(0, 2)), left)
+                self.play(ticks)
+                left -= ticks
+
+    def change(self):
+        """Change what is measured, for a part of the time."""
+        rng, converter = self.rng, self.converter
+        converter.failure, converter.farads, self.square_a = None, self.farads, 0.0
+        chance = rng.random()
+        if self.fails and chance < 0.5:
+            kinds = ["dead", "stuck", "inverted", "late", "silent"]
+            converter.failure = str(rng.choice(kinds))
+        elif chance < 0.1:
+            converter.failure = str(rng.choice(["noise", "saturated"]))
+        elif chance < 0.2:
+            self.square_a = rng.uniform(0.4, 0.75) * 1e-3  # all of it is rms
+        elif chance < 0.6:
+            more = rng.choice([4e-11, 1.7e-10, 2.2e-10, 1e-9, 1e-8])
+            converter.farads = self.farads + more * np.exp(-1j * rng.uniform(0, 2))
+        if rng.random() < 0.2:
+            phase = TouchPhase(int(rng.integers(0, 3)))
+            contact = int(rng.integers(0, 3))
+            told = [core.touch(TouchReport(0, 1, 2, 3, contact, phase)) for core in self.cores]
+            assert told[0] == told[1]
+
+    def step(self):
+        rng = self.rng
+        if self.setup is None or (self.cores[0].fault() is not None and rng.random() < 0.9):
+            self.begin()
+            self.stream_ms(int(rng.choice([20, 90, 150])))
+        elif rng.random() < 0.05:
+            self.say(Stop())
+        self.change()
+        self.stream_ms(int(rng.choice([1, 5, 20])))
+        fault = self.cores[0].fault()
+        return "none" if fault is None else fault.code.name
+
+    def play(self, ticks):
+        (sent, kinds), (expected, expected_kinds) = (core.play(ticks) for core in self.cores)
+        assert np.array_equal(sent, expected) and np.array_equal(kinds, expected_kinds)
+        raw = self.converter.measure(sent, self.board) if ticks else None
+        if raw is not None and self.rng.random() > 0.01:  # some are lost
+            square = round(self.square_a / self.converter.full_scale_a * 32_767)
+            raw = np.clip(raw + np.where(sent < 0, -square, square), -32_768, 32_767)
+            for core in self.cores:
+                core.sense(sent, raw.astype(np.int16))
+        assert self.cores[0].pending_ticks == self.cores[1].pending_ticks
+        if self.rng.random() < 0.3:
+            told, expected = (b"".join(iter(core.transmit, b"")) for core in self.cores)
+            assert told == expected
+            for frame in self.parser.feed(told):
+                if isinstance(frame.message, SenseReport):
+                    self.problems |= {one.problem for one in frame.message.readings}
+
+
+def sensing_session(seed):
+    """Play one session with a converter; return the faults and problems that it has met."""
+    pair = SensingPair(seed)
+    met = {pair.step() for _ in range(int(pair.rng.integers(5, 30)))}
+    return met | {problem.name for problem in pair.problems}
+
+
 def session(seed):
     """Play one session; return the faults that it has met."""
     pair = Pair(seed)
@@ -227,7 +370,15 @@ def test_both_cores_agree_at_the_limits(seeds):
     } <= faults
 
 
+@pytest.mark.parametrize("seeds", [range(40), pytest.param(range(40, 700), marks=pytest.mark.slow)])
+def test_both_cores_measure_alike(seeds):
+    met = set().union(*map(sensing_session, seeds))
+    faults = {"PEAK_CURRENT", "RMS_CURRENT", "NO_CURRENT", "OVERLOAD", "none"}
+    assert {*faults, *SensorProblem.__members__} - {"NONE"} <= met
+
+
 if __name__ == "__main__":
-    first, last = map(int, sys.argv[1:])
-    counts = collections.Counter(fault for seed in range(first, last) for fault in session(seed))
+    first, last = map(int, sys.argv[1:3])
+    play = sensing_session if "sensing" in sys.argv else session
+    counts = collections.Counter(fault for seed in range(first, last) for fault in play(seed))
     sys.stdout.write(f"{last - first} sessions, no difference; with {dict(counts)}\n")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from firmware_io.errors import DeviceError
+from firmware_io.firmware.core import Sensor
 from firmware_io.protocol import FULL_SCALE_CODE, CapabilitiesReport
 
 QUEUE_SAMPLES = 1 << 17
@@ -16,6 +17,7 @@ MIN_CARRIER_MHZ = 1_000_000
 ABSOLUTE_CEILING_MV = 200_000
 ABSOLUTE_SLEW_V_PER_S = 4_666_666
 MAX_REPORT_BYTES = 64
+SENSE_RATES_HZ = (250, 500, 1000, 2000, 4000)
 
 
 def ceiling_code(config: CapabilitiesReport, ceiling_mv: int) -> int:
@@ -31,8 +33,13 @@ def lowest_slew(config: CapabilitiesReport, ceiling_mv: int) -> int:
     return max(1, -(-codes_per_s * config.full_scale_mv // (1000 * FULL_SCALE_CODE)))
 
 
-def check_board(config: CapabilitiesReport) -> None:
+def check_board(config: CapabilitiesReport, sensor: Sensor) -> None:
     """Raise DeviceError unless all values lie in the ranges of hx_config."""
+    senses = config.sense_rate_hz == 0 or (
+        config.sense_rate_hz in SENSE_RATES_HZ
+        and 100_000 <= round(sensor.full_scale_a * 1e9) <= 50_000_000
+        and 100 <= round(sensor.panel_f * 1e12) <= 100_000
+    )
     rates_are_possible = 1 <= len(config.rates) <= 8 and all(
         rate.sample_rate_hz > 0
         and config.output_rate_hz % rate.sample_rate_hz == 0
@@ -53,6 +60,7 @@ def check_board(config: CapabilitiesReport) -> None:
         and (config.report_bytes == 0 or 8 <= config.report_bytes <= MAX_REPORT_BYTES)
         and 1 <= config.guard_ticks <= 65535
         and rates_are_possible
+        and senses
         and all(len(text) <= 16 and text.isascii() for text in texts)
     )
     if not is_possible:

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from firmware_io.firmware.core import LINE
+from firmware_io.firmware.core import LINE, Sensor
 from firmware_io.protocol import (
     FULL_SCALE_CODE,
     INDEX_MODULUS,
@@ -28,9 +28,11 @@ from firmware_io.protocol import (
     FrameKind,
     Mark,
     MarkedReport,
+    SenseReport,
     Setup,
     StatusReport,
     StreamMode,
+    TouchPhase,
     TouchReport,
     encode,
     to_reports,
@@ -48,10 +50,13 @@ from tests.firmware_io.oracle.board import (
 )
 from tests.firmware_io.oracle.output import Codes, OracleOutput, Playing, Whats
 from tests.firmware_io.oracle.receiver import Head, Receiver
+from tests.firmware_io.oracle.sensor import OracleSensor
 from tests.firmware_io.oracle.window import MAX_RMS_MV, MEAN_DIVISOR, Window
 
 MAX_TOUCHES = MAX_MARKS = 8
 MARK_MS = 1
+READINGS_IN_A_FRAME = 8
+CUT = 20
 
 _SETUP = LAYOUTS[FrameKind.SETUP].fields
 #: Bytes in front of the samples of a payload.
@@ -65,6 +70,8 @@ class Oracle:
     ----------
     config : CapabilitiesReport
         Capabilities of the device.
+    sensor : Sensor, optional
+        Its converter, if it states a rate of readings.
 
     Raises
     ------
@@ -72,8 +79,8 @@ class Oracle:
         If `config` describes no possible device.
     """
 
-    def __init__(self, config: CapabilitiesReport) -> None:
-        check_board(config)
+    def __init__(self, config: CapabilitiesReport, sensor: Sensor | None = None) -> None:
+        check_board(config, sensor or Sensor(0.0, 0.0))
         self._config = replace(config, oldest_version=VERSION, newest_version=VERSION)
         self._setup: Setup | None = None
         rate_hz = config.output_rate_hz
@@ -108,6 +115,8 @@ class Oracle:
         self._marks: list[tuple[Mark, int | None]] = []  # and when its sample was played
         self._line_until = 0
         self._touches: list[TouchReport] = []
+        has_sensor = sensor is not None and config.sense_rate_hz
+        self._sensor = OracleSensor(config, sensor, self) if sensor and has_sensor else None
 
     # Bytes in
 
@@ -170,6 +179,7 @@ class Oracle:
         self._clear_fault()
         self._status_due = False
         self._marks = []
+        self._forget_readings()
         self._token = 0
         if oldest <= VERSION <= newest:
             self._accept(sequence)
@@ -385,10 +395,10 @@ class Oracle:
     def _clear_fault(self) -> None:
         self._fault, self._fault_due = None, False
 
-    def _end_output(self) -> None:
+    def _end_output(self, ramp_step: int = 1) -> None:
         self.is_armed = False
         self._marks = [one for one in self._marks if one[1] is not None]
-        self._output.end()
+        self._output.end(ramp_step)
 
     def _forget_setup(self) -> None:
         self._setup = None
@@ -403,7 +413,29 @@ class Oracle:
         self._capabilities_due = self._fault_due = self._status_due = False
         self._reports.clear()
         self._touches.clear()
+        self._forget_readings()
         self._marks = []
+
+    # The current
+
+    @property
+    def is_playing(self) -> bool:
+        """Whether a playback is under way."""
+        return self._output.is_playing
+
+    def sense(self, sent: Codes, raw: Codes) -> None:
+        """Take the measured current of the output samples that were played last, as codes."""
+        if self._sensor is not None:
+            self._sensor.sense(sent, raw)
+
+    def cut(self, code: FaultCode, expected: int, got: int) -> None:
+        """End the output by what was measured."""
+        self._end_output(CUT)
+        self.refuse(code, 0, expected, got)
+
+    def _forget_readings(self) -> None:
+        if self._sensor is not None:
+            self._sensor.readings.clear()
 
     # Time
 
@@ -419,6 +451,10 @@ class Oracle:
             count = min(ticks, self._ticks_to_event())
             pieces.append(self._output.play(count))
             self._meet_marks(pieces[-1][1])
+            began_at = self._output.began_at
+            if self._sensor is not None and began_at is not None:
+                assert self._setup is not None
+                self._sensor.begin(self._setup, self._clock + began_at)
             count = pieces[-1][0].size
             ticks -= count
             self._pass_time(count)
@@ -426,6 +462,8 @@ class Oracle:
                 mean_mv = self._config.ceiling_mv // MEAN_DIVISOR
                 is_mean = self._output.broken is FaultCode.MEAN
                 self.refuse(self._output.broken, 0, mean_mv if is_mean else MAX_RMS_MV, 0)
+        if self._sensor is not None:
+            self._sensor.pass_time(self._clock)
         if not pieces:
             return np.empty(0, np.int16), np.empty(0, np.uint8)
         codes, what = zip(*pieces, strict=True)
@@ -503,6 +541,8 @@ class Oracle:
 
     def touch(self, touch: TouchReport) -> bool:
         """Report a finger."""
+        if self._sensor is not None:
+            self._sensor.touch(touch.contact, touch.phase is not TouchPhase.UP)
         if len(self._touches) == MAX_TOUCHES:
             return False
         self._touches.append(
@@ -555,7 +595,13 @@ class Oracle:
             if clock is not None:
                 del self._marks[place]
                 return MarkedReport(clock, mark.sample_index, mark.code)
-        return self._touches.pop(0) if self._touches else None
+        if self._touches:
+            return self._touches.pop(0)
+        if self._sensor is not None and self._sensor.readings:
+            waiting = self._sensor.readings
+            told, self._sensor.readings = waiting[:READINGS_IN_A_FRAME], waiting[READINGS_IN_A_FRAME:]
+            return SenseReport(tuple(told))
+        return None
 
 
 def _signed(difference: int) -> int:

@@ -48,6 +48,8 @@ class OracleOutput:
     ----------
     broken : FaultCode
         The limit that the next sample would have broken; it was not played.
+    began_at : int or None
+        Where in the output samples of the last `play` a playback began.
     taken : list of (int, int, int, int)
         Runs of samples that the last `play` has taken from the queue: offset of the first in its
         output samples, index of the first, how many, and output samples of each.
@@ -56,6 +58,7 @@ class OracleOutput:
     def __init__(self, ramp_ticks: int, hold_ticks: int, window: Window) -> None:
         self.ramp_ticks = ramp_ticks
         self.broken = FaultCode.NONE
+        self.began_at: int | None = None
         self.taken: list[tuple[int, int, int, int]] = []
         self._window = window
         self._hold_ticks = hold_ticks
@@ -68,6 +71,7 @@ class OracleOutput:
         self.samples_played = 0
         self.underruns = 0
         self.ramp_ticks_left = 0
+        self._ramp_step = 1
         self.has_ended_ramp = False
         self._is_dry = False
         self._playing = Playing(StreamMode.WAVEFORM, 1, 0, 0, 0)
@@ -81,10 +85,11 @@ class OracleOutput:
     def pending_ticks(self) -> int:
         """Ticks until only zeros or a held sample are left to play."""
         if not self.has_begun:
-            return self.ramp_ticks_left
+            return -(-self.ramp_ticks_left // self._ramp_step)
         each = self._next.ticks_per_sample
         rest = each - self._tick_of_sample if self.is_playing else 0
-        return max(self.ramp_ticks_left, self.lead_ticks) + rest + self.queue.size * each
+        ramp = -(-self.ramp_ticks_left // self._ramp_step)
+        return max(ramp, self.lead_ticks) + rest + self.queue.size * each
 
     def begin(self, lead_ticks: int, playing: Playing) -> None:
         """Begin to play the queue after a lead."""
@@ -92,13 +97,14 @@ class OracleOutput:
         self.lead_ticks = lead_ticks
         self._next = playing
 
-    def end(self) -> None:
-        """Begin the safety ramp and discard the queue."""
+    def end(self, ramp_step: int = 1) -> None:
+        """Begin the safety ramp, or one that is so many times shorter, and discard the queue."""
         self.has_begun = self.is_playing = False
         self.queue = self.queue[:0]
         if self.ramp_ticks_left == 0 and self._level != 0:
             self._ramp_from = self._level
             self.ramp_ticks_left = self.ramp_ticks
+            self._ramp_step = ramp_step
 
     def play(self, ticks: int) -> tuple[Codes, Whats]:
         """Return the next output samples, and the kind of each; fewer before a broken limit."""
@@ -106,6 +112,7 @@ class OracleOutput:
         what = np.zeros(ticks, np.uint8)
         done = 0
         self.broken = FaultCode.NONE
+        self.began_at = None
         self.taken = []
         while done < ticks and self.broken is FaultCode.NONE:
             before = vars(self).copy()
@@ -123,6 +130,8 @@ class OracleOutput:
                         levels, driven = levels[:0], driven[:0]
                     self.broken = broken
             self._note_taken(before, done)
+            if self.is_playing and not before["is_playing"]:
+                self.began_at = done
             after = done + levels.size
             codes[done:after] = driven
             what[done:after] = kind
@@ -131,6 +140,8 @@ class OracleOutput:
         if self.broken is not FaultCode.NONE:
             before = vars(self).copy()
             self._run(1)  # the sample that gives way to the ramp is gone
+            if not before["is_playing"]:
+                self.began_at = done
             self._level = before["_level"]
             self._note_taken(before, done)
         return codes[:done], what[:done]
@@ -167,9 +178,10 @@ class OracleOutput:
     def _run(self, most: int) -> tuple[_Integers, Output]:
         """Return the levels of up to `most` ticks that are all of one kind; at least one."""
         if self.ramp_ticks_left:
-            count = min(most, self.ramp_ticks_left)
-            left = self.ramp_ticks_left - np.arange(1, count + 1)
-            self.ramp_ticks_left -= count
+            step = self._ramp_step
+            count = min(most, -(-self.ramp_ticks_left // step))
+            left = np.maximum(self.ramp_ticks_left - step * np.arange(1, count + 1), 0)
+            self.ramp_ticks_left = int(left[-1])
             self.has_ended_ramp |= self.ramp_ticks_left == 0
             if self.has_begun:
                 self.lead_ticks = max(self.lead_ticks - count, 0)
@@ -243,9 +255,14 @@ class OracleOutput:
         step = self._playing.phase_step
         phase = (self._phase + step * np.arange(levels.size)) % _TURN
         self._phase = (self._phase + step * levels.size) % _TURN
-        index, fraction = phase >> 22, phase >> 6 & 0xFFFF
-        a, b = _SINE[index], _SINE[index + 1]
-        return _quotient(levels * (a + _quotient((b - a) * fraction, 65536)), FULL_SCALE_CODE)
+        return _quotient(levels * sine_of(phase), FULL_SCALE_CODE)
+
+
+def sine_of(phase: _Integers) -> _Integers:
+    """Return the sine of phases, of which 2^32 are a turn, in 1/32767."""
+    index, fraction = phase >> 22, phase >> 6 & 0xFFFF
+    a, b = _SINE[index], _SINE[index + 1]
+    return a + _quotient((b - a) * fraction, 65536)
 
 
 def _quotient(a: _Integers, b: int) -> _Integers:
