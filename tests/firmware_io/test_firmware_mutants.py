@@ -5,7 +5,14 @@ from pathlib import Path
 
 import pytest
 
-from tests.firmware_io.firmware.mutants import CORE, IN_C_ALONE, MUTANTS, Mutant, survives
+from tests.firmware_io.firmware.mutants import (
+    CORE,
+    IN_C_ALONE,
+    IN_PYTHON_ALONE,
+    MUTANTS,
+    Mutant,
+    survives,
+)
 
 HERE = Path(__file__).parent
 #: What finds most of them first.
@@ -15,6 +22,7 @@ TESTS = (
     "test_revisions_on_the_wire.py",
     "test_output_window.py",
     "test_differential.py",
+    "test_sensing_driver.py",
 )
 PYTEST = [
     *(sys.executable, "-m", "pytest", "-q", "-x", "-p", "tests.firmware_io.firmware.mutated"),
@@ -24,7 +32,7 @@ PYTEST = [
 
 def test_the_list_follows_the_core():
     assert len(MUTANTS) >= 40
-    for mutant in MUTANTS:
+    for mutant in MUTANTS + IN_PYTHON_ALONE:
         assert (CORE / mutant.file).read_text().count(mutant.text) == 1, mutant
 
 
@@ -33,6 +41,14 @@ def test_the_list_follows_the_core():
 def test_each_mutant_fails_the_check_of_the_firmware_alone_and_the_tests(mutant):
     assert not survives(mutant)
     assert mutant in IN_C_ALONE or not survives(mutant, PYTEST)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "mutant", IN_PYTHON_ALONE, ids=lambda mutant: f"{mutant.file}: {mutant.text}"
+)
+def test_each_mutant_of_sensing_fails_the_tests(mutant):
+    assert not survives(mutant, [*PYTEST, "-k", "golden or measure or sens or converter or panel"])
 
 
 @pytest.mark.slow

@@ -26,19 +26,20 @@ def c_header(session):
     )
     rates = ", ".join(f"{{{rate}, {sum(1 << m for m in modes)}}}" for rate, modes in board["rates"])
     texts = ", ".join(f'"{board[name]}"' for name in ("name", "serial", "calibration_id"))
+    sensor = ", ".join(map(str, session.get("sensor", {"": 0, " ": 0}).values()))
     lines = [
-        "typedef enum { RECEIVE, REPORT, TRANSMIT, PLAY } step_kind;",
+        "typedef enum { RECEIVE, REPORT, TRANSMIT, PLAY, SENSE } step_kind;",
         "typedef struct { step_kind kind; uint32_t count; const uint8_t *bytes;"
         " const int16_t *codes; } step;",
         f"static const hx_config config = {{{', '.join(str(board[n]) for n in numbers)},"
         f" {board['reports_touch'] | board.get('takes_marks', False) << 1},"
         f" {len(board['rates'])}, {{{rates}}}, {texts},"
-        f" {board['guard_ticks']}, 0, 0, 0}};",
+        f" {board['guard_ticks']}, {board.get('sense_rate_hz', 0)}, {sensor}}};",
     ]
     steps = []
     for number, step in enumerate(session["steps"]):
         ((kind, content),) = step.items()
-        if kind == "play":
+        if kind in ("play", "sense"):
             values, of, place = content, "int16_t", "0, d{}"
         else:
             values, of, place = list(bytes.fromhex(content)), "uint8_t", "d{}, 0"

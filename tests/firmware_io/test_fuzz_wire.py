@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from firmware_io import ProtocolError
-from firmware_io.firmware.core import Core, Output
+from firmware_io.firmware.core import Core, Output, Sensor
 from firmware_io.protocol import (
     Arm,
     CapabilitiesReport,
@@ -39,7 +39,9 @@ BOARD = CapabilitiesReport(
     *(2, 2, 64, 16_000, 25_000, 20_000, 2_600_000, 300, 120, 60),
     *("fuzzed", "1", "", True, (Rate(16_000, BOTH), Rate(4_000, BOTH))),
     takes_marks=True,
+    sense_rate_hz=4000,
 )
+SENSOR = Sensor(2e-3, 2e-9)
 TOP = 26213
 WATCHDOG_TICKS = 60 * 16
 LONGEST = 16 + 4 + 2 * 120
@@ -80,6 +82,15 @@ touches = st.builds(
     st.just(TouchPhase.UP),
 )
 
+# Shares of the drive, and of the drive a sample before, in the current; and other codes beside it.
+# The panel draws 0.94 mA at the full scale of the drive, which are 0.47 of the converter's.
+panel = 0.47 / np.sin(2 * np.pi * 3 / 16)
+loads = st.one_of(
+    st.just((panel * np.cos(2 * np.pi * 3 / 16), -panel, 0)),
+    st.tuples(st.floats(-2, 2), st.floats(-2, 2), st.sampled_from([0, 1, 100, 30_000])),
+    st.none(),
+)
+
 # What a host may do. A stream is made to continue what the device accepted, as in real life.
 talk = st.one_of(
     st.tuples(st.just("say"), good_setups | setups | st.builds(Stop) | st.builds(Ping, st.just(7))),
@@ -103,6 +114,7 @@ noise = st.one_of(
     st.tuples(st.just("touch"), touches),
     st.tuples(st.just("release"), st.none()),
     st.tuples(st.just("hear"), st.booleans()),
+    st.tuples(st.just("load"), loads),
 )
 calls = st.lists(st.one_of(talk, talk, noise), max_size=40)
 sessions = st.builds(
@@ -118,8 +130,10 @@ class Bench:
     """The cores side by side, and a host that damages what it sends when told to."""
 
     def __init__(self):
-        self.cores: list[Any] = [Core(BOARD), Oracle(BOARD)]
+        self.cores: list[Any] = [Core(BOARD, SENSOR), Oracle(BOARD, SENSOR)]
         self.index = 0
+        self.load = (panel * np.cos(2 * np.pi * 3 / 16), -panel, 0)
+        self.noise = np.random.default_rng(1)
         self.mode = StreamMode.WAVEFORM
         self.flip = self.cut = None
         self.in_reports = False
@@ -194,6 +208,9 @@ class Bench:
     def hear_(self, in_reports):
         self.agree(lambda core: core.transmit_report() if in_reports else core.transmit())
 
+    def load_(self, load):
+        self.load = load
+
     def play_(self, ticks):
         played = [core.play(ticks) for core in self.cores]
         for out, what in played:
@@ -202,6 +219,12 @@ class Bench:
         out, what = played[0]
         assert np.abs(out.astype(int)).max(initial=0) <= TOP
         assert not out[what == Output.IDLE].any()
+        if self.load is not None:
+            now, before, most = self.load
+            current = now * out + before * np.roll(out, 1) + self.noise.integers(-most, most + 1, ticks)
+            raw = np.clip(current, -32_768, 32_767).astype(np.int16)
+            for core in self.cores:
+                core.sense(out, raw)
         return out
 
 
@@ -245,7 +268,7 @@ def test_whatever_came_the_device_is_in_step_when_the_longest_frame_has_passed(p
 @given(st.binary(max_size=300), arrays(np.int16, 120), st.integers(1, LONGEST - 1), st.booleans())
 def test_the_device_loses_two_frames_at_most(garbage, samples, length, is_cut):
     """Garbage or a cut frame, then frames of the same size: the second one arrives by itself."""
-    core = Core(BOARD)
+    core = Core(BOARD, SENSOR)
     frame = encode(Frame(StreamSamples(0, samples), 1))
     core.receive(frame[:length] if is_cut else garbage)
     for token in (1, 2):

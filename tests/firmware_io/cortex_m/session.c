@@ -5,8 +5,9 @@
 
 static hx_device device;
 
+static int16_t out[1024];
+
 static int is_played(const step *s) {
-    static int16_t out[1024];
     hx_device_play(&device, out, 0, s->count);
     for (uint32_t i = 0; i < s->count; i++)
         if (out[i] != s->codes[i]) return 0;
@@ -28,6 +29,7 @@ void board_main(void) {
         switch (s->kind) {
         case RECEIVE: hx_device_receive(&device, s->bytes, s->count); break;
         case REPORT: hx_device_receive_report(&device, s->bytes, s->count); break;
+        case SENSE: hx_device_sense(&device, out, s->codes, s->count, 0); break;
         case TRANSMIT:
             if (!is_answered(s)) leave("another answer\n", 0);
             break;

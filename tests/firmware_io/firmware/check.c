@@ -813,9 +813,8 @@ static void steep_carrier(void) {
     }
 }
 
-/* Counters close to where they begin again, as after weeks. */
 /* What a converter tells of n output samples: a panel, more or less, and all that is wrong with one. */
-static void tell_current(int16_t *raw, uint32_t n, uint32_t kind, int32_t ahead, int32_t gain) {
+static void tell_current(uint32_t n, uint32_t kind, int32_t ahead, int32_t gain) {
     static int32_t before;
     for (uint32_t i = 0; i < n; i++) {
         /* A share of the panel's current, and of one in phase. */
@@ -839,7 +838,7 @@ static void tell_current(int16_t *raw, uint32_t n, uint32_t kind, int32_t ahead,
  * without a sensor, or goes to 0 V in a ramp of a millisecond at most. */
 static void hostile_currents(uint32_t streams) {
     static hx_device twin;
-    static int16_t raw[4096], twin_out[4096];
+    static int16_t twin_out[4096];
     uint32_t faults[4] = {0}, doubts[5] = {0};
     for (uint32_t i = 0; i < streams; i++) {
         hx_config board = config;
@@ -887,7 +886,7 @@ static void hostile_currents(uint32_t streams) {
                     hx_touch touch = {0, 1, 1, 1, (uint8_t)chance(3), (uint8_t)chance(3)};
                     hx_device_touch(&device, &touch);
                 }
-                tell_current(raw, n, kind, ahead, gain);
+                tell_current(n, kind, ahead, gain);
                 if (chance(500)) hx_device_sense(&device, out, raw, n, chance(90) ? 0 : chance(200));
             }
         }
@@ -901,6 +900,7 @@ static void hostile_currents(uint32_t streams) {
            faults[1], faults[2], faults[3]);
 }
 
+/* Counters close to where they begin again, as after weeks. */
 static void weeks_later(void) {
     power_up(&config);
     ready(plain);

@@ -29,7 +29,7 @@ static hx_device device;
 static const hx_config config = {
     RATE_HZ, 250000, 200000, 4666666, 160, 150, WATCHDOG_MS, 64,
     HX_SENDS_TOUCH | HX_TAKES_MARK, 2,
-    {{RATE_HZ, 3}, {RATE_HZ / 4, 3}}, "fuzzed", "1", "none", GUARD_TICKS, 0, 0, 0};
+    {{RATE_HZ, 3}, {RATE_HZ / 4, 3}}, "fuzzed", "1", "none", GUARD_TICKS, 4000, 20000000, 2000};
 
 /* The last second of the output. */
 static int16_t second[RATE_HZ];
@@ -41,6 +41,9 @@ static int is_at_rest;
 /* What was played last. */
 static int16_t out[4096];
 static uint8_t what[4096];
+/* What the converter tells: eighths of the drive, and of the one before it; 0: nothing. */
+static uint32_t load;
+static int16_t raw[4096];
 
 /* The slew that a SETUP has stated, in codes of an output sample. */
 static int32_t stated_step(void) {
@@ -83,7 +86,10 @@ static void play(uint32_t n) {
         demand(sum * 20 <= (int64_t)CEILING_CODE * RATE_HZ);
         demand(sum * -20 <= (int64_t)CEILING_CODE * RATE_HZ);
         demand(energy <= (int64_t)MOST_SQUARE * RATE_HZ);
+        int32_t code = (out[i] * (int32_t)(load & 15u) - (i ? out[i - 1u] : 0) * (int32_t)(load >> 4)) / 8;
+        raw[i] = (int16_t)(code > 32767 ? 32767 : code < -32768 ? -32768 : code);
     }
+    if (load > 0) hx_device_sense(&device, out, raw, n, 0);
 }
 
 /* A frame with its check sums made right, from kind, sequence, mode and payload. */
@@ -212,6 +218,7 @@ static void run(const uint8_t *data, size_t size) {
         }
         default:
             if (operand < 4) hx_device_release(&device);
+            else if (operand < 32) load = call & 128u ? 0x42u : call;
             else if (operand < 128) hx_device_transmit_report(&device, frame, 64);
             else {
                 hx_touch touch = {0, operand, 7, 100, 0, 1};
@@ -225,6 +232,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     uint8_t versions[2] = {HX_VERSION, HX_VERSION}, frame[256];
     demand(hx_device_bytes() == sizeof device && hx_device_init(&device, &config));
     forget_second();
+    load = 0x42; /* about that of the panel */
     if (size > 0 && data[0] & 1u) { /* half of the inputs begin where it is interesting */
         set_up(data[0] >> 1 & 63u);
         hx_device_receive(&device, frame, make_frame(frame, HX_ARM, device.next_sequence, 0, frame, 0));

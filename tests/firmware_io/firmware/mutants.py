@@ -44,6 +44,7 @@ class Mutant(NamedTuple):
 
 _TABLE = tomllib.loads((HERE / "mutants.toml").read_text())
 IN_C_ALONE = [Mutant(*fields) for fields in _TABLE["in_c_alone"]]
+IN_PYTHON_ALONE = [Mutant(*fields) for fields in _TABLE["in_python_alone"]]
 MUTANTS = [Mutant(*fields) for fields in _TABLE["mutants"]] + IN_C_ALONE
 
 
