@@ -519,7 +519,8 @@ _SENSOR_PROBLEMS = {
     SensorProblem.STUCK: "The converter's code does not change.",
     SensorProblem.LIES: "The converter gives a current of no load: inverted, late or clipped.",
     SensorProblem.LATE: "The converter gives no samples.",
-    SensorProblem.DIRECT: "Sensing is off: the drive has no carrier to measure by.",
+    SensorProblem.DIRECT: "Sensing is off: the drive has no carrier to measure by, or one of a "
+    "quarter of the output rate or more.",
 }
 
 

@@ -234,8 +234,6 @@ typedef struct {
     uint64_t drive;
     uint64_t current;
     uint64_t rest;
-    int32_t highest;
-    int32_t lowest;
     uint32_t rest_peak;
     uint32_t ticks;
     uint8_t is_saturated;
@@ -260,12 +258,14 @@ typedef struct {
     uint32_t fingers;  /* a bit each, 32 of them */
     uint32_t untouched_ticks;
     uint32_t well_ticks;
-    uint32_t too_much; /* halves in turn */
-    uint32_t missing;
+    uint32_t same_ticks; /* with the same code, in turn */
+    uint32_t missing;    /* ticks of halves in turn */
+    uint32_t too_much;   /* halves in turn */
     uint32_t lies;
     uint64_t heard;  /* clock behind the last sample that was measured, or of the playback's begin */
     int32_t offset;  /* of the converter */
     int16_t before;
+    int16_t code; /* the converter's last one */
     uint8_t has_begun; /* a whole period after another begins with the next half */
     uint8_t doubt;
 } hx_sensor;

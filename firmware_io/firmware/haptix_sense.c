@@ -11,7 +11,7 @@
 #define ONE 65536          /* of a ratio of codes */
 #define PANEL_READINGS 16u /* of the untouched panel, before it is known */
 #define MOST_OFFSET 256   /* of the converter, in its codes */
-#define LEAST_SINE 100     /* of a step of the carrier: below 0.499 of the output rate */
+#define QUARTER 0x40000000u /* of a turn, by which a carrier's step is smaller: halves have two samples */
 #define RAIL 32752         /* the highest code of 12 bits, at the left of 16 */
 
 static int has_sensor(const hx_device *d) { return d->config.sense_rate_hz != 0; }
@@ -28,7 +28,7 @@ static uint32_t root(uint64_t square) {
 }
 
 static void forget(hx_sums *sums) {
-    static const hx_sums none = {0, 0, 0, 0, 0, 0, -65536, 65536, 0, 0, 0};
+    static const hx_sums none = {0, 0, 0, 0, 0, 0, 0, 0, 0};
     *sums = none;
 }
 
@@ -98,18 +98,17 @@ void hx_sense_begin(hx_device *d) {
     s->before = 0;
     s->too_much = s->missing = s->lies = 0;
     s->heard = d->clock;
-    int32_t step_sine = d->has_carrier ? hx_sine_of(d->phase_step) : 0;
-    if (step_sine < LEAST_SINE) {
+    if (!d->has_carrier || d->phase_step >= QUARTER) {
         doubt(d, HX_DIRECT);
         return;
     }
     if (s->doubt == HX_DIRECT) doubt(d, HX_BELIEVED);
-    int32_t panel = ratio_of(d, d->config.panel_pf);
+    int32_t step_sine = hx_sine_of(d->phase_step), panel = ratio_of(d, d->config.panel_pf);
     if (s->panel != panel || s->sine != step_sine) s->measured = 0; /* another carrier */
     s->panel = panel;
     s->body = ratio_of(d, HX_BODY_PF);
     s->sine = step_sine;
-    s->cosine = hx_sine_of(d->phase_step + 0x40000000u);
+    s->cosine = hx_sine_of(d->phase_step + QUARTER);
     uint32_t least = (uint32_t)((uint64_t)HX_SENSE_LEAST_MV * 32767u / d->config.full_scale_mv);
     s->least = least * least / 2u;
     if (s->measured == 0) set_panel(s, 0, panel);
@@ -168,13 +167,16 @@ static void judge(hx_device *d, const hx_sums *half) {
     hx_sensor *s = &d->sensor;
     uint32_t panel = (uint32_t)s->panel, is_known = s->measured == PANEL_READINGS;
     uint32_t peak = code_of(d, HX_MAX_PEAK_NA), rms = code_of(d, HX_MAX_RMS_NA);
-    if (half->ticks > 1u && half->highest == half->lowest) {
+    /* A broken electrode leaves some noise, for which its fault waits. At the end of its range the
+     * converter may measure too much. */
+    int is_same = s->same_ticks >= half->ticks && !half->is_saturated;
+    if (is_same && s->same_ticks >= d->config.output_rate_hz / 4000u) {
         doubt(d, HX_STUCK);
         return;
     }
     int is_too_much = half->is_saturated || is_more(half->current, half->drive, panel * 2u);
     int is_missing = !is_more(half->current, half->drive, panel / 2u);
-    int is_a_lie = ahead_of(s, half) < -(is_known ? s->ahead / 32 * 3 : s->panel / 4 * 3);
+    int is_a_lie = !is_missing && ahead_of(s, half) < -(is_known ? s->ahead / 32 * 3 : s->panel / 4 * 3);
     if (s->doubt != HX_BELIEVED) {
         if (is_too_much || is_missing || is_a_lie) s->well_ticks = 0;
         else if ((s->well_ticks += half->ticks) > ticks_of(d, HX_SENSE_BACK_MS))
@@ -182,17 +184,17 @@ static void judge(hx_device *d, const hx_sums *half) {
         return;
     }
     s->too_much = is_too_much ? s->too_much + 1u : 0u;
-    s->missing = is_missing ? s->missing + 1u : 0u;
+    s->missing = is_missing ? s->missing + half->ticks : 0u;
     s->lies = is_a_lie ? s->lies + 1u : 0u;
     if (s->too_much >= 2u) {
         hx_cut(d, HX_FAULT_OVERLOAD, panel, root(half->current / half->ticks));
-    } else if (s->missing >= 2u) {
+    } else if (s->missing > half->ticks && s->missing >= d->config.output_rate_hz / 2000u) {
         hx_cut(d, HX_FAULT_NO_CURRENT, panel, root(half->current / half->ticks));
     } else if (s->lies >= 3u) {
         doubt(d, HX_LIES);
-    } else if (is_known && half->rest_peak > peak && is_load(s, half)) {
+    } else if (is_known && !is_same && half->rest_peak > peak && is_load(s, half)) {
         hx_cut(d, HX_FAULT_PEAK_CURRENT, peak, half->rest_peak);
-    } else if (is_known && half->rest > (uint64_t)rms * rms * half->ticks && is_load(s, half)) {
+    } else if (is_known && !is_same && half->rest > (uint64_t)rms * rms * half->ticks && is_load(s, half)) {
         hx_cut(d, HX_FAULT_RMS_CURRENT, rms, root(half->rest / half->ticks));
     }
 }
@@ -224,7 +226,7 @@ static void end_reading(hx_device *d, uint64_t clock) {
     uint32_t amplitude = root(2u * whole->drive / whole->ticks);
     if (amplitude > 32767u) amplitude = 32767u;
     keep(d, clock, na_of(d, in_phase, amplitude), na_of(d, ahead, amplitude), (int32_t)amplitude,
-         whole->is_saturated | (s->lies > 0 ? (uint32_t)HX_LIES : s->doubt) << 1);
+         whole->is_saturated | (s->lies > 0 || s->missing > 0 ? (uint32_t)HX_LIES : s->doubt) << 1);
     if (whole->drive / whole->ticks > s->least) learn(d, in_phase, ahead);
     int64_t offset = whole->offset / (int64_t)whole->ticks; /* what stays over whole periods */
     s->offset = offset > MOST_OFFSET ? MOST_OFFSET : offset < -MOST_OFFSET ? -MOST_OFFSET : (int32_t)offset;
@@ -273,6 +275,8 @@ static void measure(hx_sensor *s, int32_t drive, int32_t current) {
     hx_sums *half = &s->half;
     if (current >= RAIL || current <= -RAIL) half->is_saturated = 1;
     half->offset += current;
+    s->same_ticks = current == s->code ? s->same_ticks + 1u : 1u;
+    s->code = (int16_t)current;
     current -= s->offset;
     half->drive += (uint32_t)(drive * drive);
     half->current += (uint32_t)(current * current);
@@ -283,8 +287,6 @@ static void measure(hx_sensor *s, int32_t drive, int32_t current) {
     uint32_t size = (uint32_t)(rest < 0 ? -rest : rest);
     half->rest += size * size;
     if (size > half->rest_peak) half->rest_peak = size;
-    if (current > half->highest) half->highest = current;
-    if (current < half->lowest) half->lowest = current;
     half->ticks++;
 }
 

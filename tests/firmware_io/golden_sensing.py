@@ -126,14 +126,14 @@ class Meter:
         is_load = -self.ahead(in_phase, before) < quotient(sizes, 5)
         least = 3 * quotient(self.y, 32) if self.measured == 16 else 3 * quotient(self.p, 4)
         is_less = quotient(self.ahead(in_phase, before) * 65_536, energy) < -least
-        self.lies = self.lies + 1 if is_less else 0
+        self.lies = self.lies + 1 if is_less and not self.missing else 0
         peak = 700_000 * 32_767 // FULL_SCALE_NA
         half_of_it = self.p // 2
         if current > energy * (half_of_it**2 >> 12) >> 20:
             self.missing = 0
         else:
-            self.missing += 1
-            if self.missing == 2:
+            self.missing += len(half)
+            if self.missing > len(half) and self.missing >= OUTPUT_HZ // 2000:
                 return NO_CURRENT, self.p, math.isqrt(current // len(half))
         if self.measured == 16 and is_load and max(map(abs, rests)) > peak:
             return PEAK_CURRENT, peak, max(map(abs, rests))
@@ -161,7 +161,7 @@ class Meter:
         self.offset = max(-256, min(256, quotient(codes, n)))
 
     def keep(self, clock, in_phase_na, ahead_na, driven):
-        flags = (LIES if self.lies else self.problem) << 1
+        flags = (LIES if self.lies or self.missing else self.problem) << 1
         self.readings.append(struct.pack("<QiihH", clock, in_phase_na, ahead_na, driven, flags))
 
 

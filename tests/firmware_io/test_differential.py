@@ -168,7 +168,7 @@ class SensingPair(Pair):
     def __init__(self, seed):
         rng = np.random.default_rng(seed)
         self.rng = rng
-        self.rate_hz = int(rng.choice([4000, 8000, 16_000, 48_000]))
+        self.rate_hz = int(rng.choice([8000, 16_000, 48_000]))
         self.rates_hz = [self.rate_hz, self.rate_hz // 4]
         self.board = replace(
             BOARD,
@@ -194,9 +194,9 @@ class SensingPair(Pair):
 
     def begin(self):
         rng = self.rng
-        # Half the output rate is a direct drive, as is a waveform.
-        carriers = [min(4000, self.rate_hz // 3), rng.uniform(1000, self.rate_hz / 2)]
-        carrier_mhz = int(1000 * rng.choice([*carriers, self.rate_hz / 2], p=[0.7, 0.2, 0.1]))
+        # From a quarter of the output rate on sensing is off, as with a waveform.
+        carriers = [min(4000, self.rate_hz // 5), rng.uniform(1000, self.rate_hz / 4)]
+        carrier_mhz = int(1000 * rng.choice([*carriers, self.rate_hz / 4], p=[0.6, 0.35, 0.05]))
         is_carried = rng.random() < 0.9
         self.setup = replace(
             SETUP,
@@ -255,7 +255,9 @@ class SensingPair(Pair):
         elif chance < 0.2:
             self.square_a = rng.uniform(0.4, 0.75) * 1e-3  # all of it is rms
         elif chance < 0.6:
-            more = rng.choice([4e-11, 1.7e-10, 2.2e-10, 1e-9, 1e-8])
+            volts = self.most * 250 / 32_767
+            limit = 0.7e-3 / (2 * np.pi * self.converter.carrier_hz * volts)
+            more = rng.choice([4e-11, 1e-9, 1e-8, *limit * rng.uniform(0.6, 1.4, 4)])
             converter.farads = self.farads + more * np.exp(-1j * rng.uniform(0, 2))
         if rng.random() < 0.2:
             phase = TouchPhase(int(rng.integers(0, 3)))
@@ -267,7 +269,7 @@ class SensingPair(Pair):
         rng = self.rng
         if self.setup is None or (self.cores[0].fault() is not None and rng.random() < 0.9):
             self.begin()
-            self.stream_ms(int(rng.choice([20, 90, 150])))
+            self.stream_ms(int(rng.choice([20, 120, 150])))
         elif rng.random() < 0.05:
             self.say(Stop())
         self.change()

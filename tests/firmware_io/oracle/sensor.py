@@ -31,7 +31,7 @@ LEAST_MV = 10_000
 LATE_MS, BACK_MS, UNTOUCHED_MS = 5, 500, 50
 HIGHEST_CODE = 32_752
 MOST_OFFSET = 256
-LEAST_SINE = 100
+QUARTER = 2**30
 
 
 class Output(Protocol):
@@ -56,7 +56,6 @@ class _Sums:
     rest_before: int = 0
     raw: int = 0
     is_saturated: bool = False
-    is_constant: bool = False
 
     def __add__(self, half: _Sums) -> _Sums:
         return replace(
@@ -102,6 +101,7 @@ class OracleSensor:
         self._step = self._sine = self._cosine = self._stated = 0
         self._phase_ratio = self._ahead_ratio = self._known = 0
         self._offset = 0
+        self._code = self._same = 0  # the last code, and how many of it in turn
         self._well_ticks = 0
         self._in_turn = dict.fromkeys(("too much", "missing", "lies"), 0)
         self._last = 0
@@ -120,10 +120,10 @@ class OracleSensor:
         self._start_over()
         self._in_turn = dict.fromkeys(self._in_turn, 0)
         self._step = setup.carrier_mhz * 2**32 // (self._rate_hz * 1000)
-        sine = int(sine_of(np.array([self._step]))[0])
-        if sine < LEAST_SINE:
+        if not 0 < self._step < QUARTER:
             self._doubt(SensorProblem.DIRECT)
             return
+        sine = int(sine_of(np.array([self._step]))[0])
         if self._problem is SensorProblem.DIRECT:
             self._doubt(SensorProblem.NONE)
         rad_per_s = -(-setup.carrier_mhz * 411775 // 65536000)
@@ -132,7 +132,7 @@ class OracleSensor:
         if (stated, sine) != (self._stated, self._sine):
             self._known = 0
         self._stated, self._sine = stated, sine
-        self._cosine = int(sine_of(np.array([(self._step + 2**30) % 2**32]))[0])
+        self._cosine = int(sine_of(np.array([self._step + QUARTER]))[0])
         if not self._known:
             self._phase_ratio, self._ahead_ratio = 0, stated
 
@@ -153,9 +153,7 @@ class OracleSensor:
     def sense(self, sent: Codes, raw: Codes) -> None:
         """Take the current of the last output samples."""
         first = self._clock - len(sent)
-        if not self._has_begun or self._sine < LEAST_SINE or first < 0:
-            return
-        if self._problem is SensorProblem.DIRECT:
+        if not self._has_begun or self._problem is SensorProblem.DIRECT or first < 0:
             return
         if first > self._heard:
             self._start_over()
@@ -187,6 +185,9 @@ class OracleSensor:
             ends = due <= samples.shape[1] and self._output.is_playing
             count = max(due, 1) if ends else samples.shape[1]
             self._half = np.concatenate([self._half, samples[:, :count]], axis=1)
+            for code in samples[2, :count].tolist():
+                self._same = self._same + 1 if code == self._code else 1
+                self._code = code
             samples, clock = samples[:, count:], clock + count
             if ends:
                 self._keep(SenseReading(clock, 0, 0, 0, self._problem << 1))
@@ -218,7 +219,6 @@ class OracleSensor:
             *(int(value) for value in (drive.size, drive @ drive, current @ current, rest @ rest)),
             *(int(value) for value in (np.abs(rest).max(), rest @ drive, rest @ before, raw.sum())),
             bool((np.abs(raw) >= HIGHEST_CODE).any()),
-            bool(current.size > 1 and (current == current[0]).all()),
         )
 
     def _of_panel(self, drive: _Integers, before: _Integers) -> _Integers:
@@ -243,7 +243,8 @@ class OracleSensor:
         return _quotient(max(-8 * drive, min(8 * drive, rest)) * ONE, drive)
 
     def _judge(self, half: _Sums) -> None:
-        if half.is_constant:
+        is_same = self._same >= half.ticks and not half.is_saturated
+        if is_same and self._same >= self._rate_hz // 4000:
             self._doubt(SensorProblem.STUCK)
             return
         is_known = self._known == PANEL_READINGS
@@ -252,26 +253,30 @@ class OracleSensor:
         found = {
             "too much": half.is_saturated or _exceeds(half, 2 * self._stated),
             "missing": not _exceeds(half, self._stated // 2),
-            "lies": self._ratio(ahead, half.drive) < -least,
         }
+        found["lies"] = self._ratio(ahead, half.drive) < -least and not found["missing"]
         if self._problem is not SensorProblem.NONE:
             self._well_ticks = 0 if any(found.values()) else self._well_ticks + half.ticks
             if self._well_ticks > self._ticks(BACK_MS):
                 self._doubt(SensorProblem.NONE)
             return
-        self._in_turn = {name: self._in_turn[name] + 1 if is_so else 0 for name, is_so in found.items()}
+        steps = {"too much": 1, "missing": half.ticks, "lies": 1}
+        self._in_turn = {
+            name: self._in_turn[name] + steps[name] if is_so else 0 for name, is_so in found.items()
+        }
+        missing = self._in_turn["missing"]
         current = math.isqrt(half.current // half.ticks)
         peak, rms = (na * FULL_SCALE_CODE // self._full_scale_na for na in (PEAK_NA, RMS_NA))
         is_load = -ahead < _quotient(math.isqrt(half.rest) * math.isqrt(half.drive), 5)
         if self._in_turn["too much"] >= 2:
             self._output.cut(FaultCode.OVERLOAD, self._stated, current)
-        elif self._in_turn["missing"] >= 2:
+        elif missing > half.ticks and missing >= self._rate_hz // 2000:
             self._output.cut(FaultCode.NO_CURRENT, self._stated, current)
         elif self._in_turn["lies"] >= 3:
             self._doubt(SensorProblem.LIES)
-        elif is_known and is_load and half.rest_peak > peak:
+        elif is_known and is_load and not is_same and half.rest_peak > peak:
             self._output.cut(FaultCode.PEAK_CURRENT, peak, half.rest_peak)
-        elif is_known and is_load and half.rest > rms**2 * half.ticks:
+        elif is_known and is_load and not is_same and half.rest > rms**2 * half.ticks:
             self._output.cut(FaultCode.RMS_CURRENT, rms, math.isqrt(half.rest // half.ticks))
 
     def _end_reading(self, clock: int) -> None:
@@ -279,7 +284,8 @@ class OracleSensor:
         in_phase = self._phase_ratio + self._ratio(whole.rest_drive, whole.drive)
         ahead = self._ahead_ratio + self._ratio(self._ahead(whole), whole.drive)
         amplitude = min(math.isqrt(2 * whole.drive // whole.ticks), FULL_SCALE_CODE)
-        problem = SensorProblem.LIES if self._in_turn["lies"] else self._problem
+        lies = self._in_turn["lies"] or self._in_turn["missing"]
+        problem = SensorProblem.LIES if lies else self._problem
         currents = (
             _quotient(ratio * amplitude * self._full_scale_na, ONE * FULL_SCALE_CODE)
             for ratio in (in_phase, ahead)
