@@ -95,6 +95,7 @@ class Device:
         self._capabilities = replace(driver, sample_rate_hz=float(rate_hz))
         self._is_closed = False
         self._sensor_problem = SensorProblem.NONE
+        self._is_doubted = False  # the last reading
         _LOG.info("%s: opened, %s at %g Hz", link.name, mode, rate_hz)
         # Holds only the stream: a reference to the device would keep it from being collected.
         weakref.finalize(self, self._stream.abandon)
@@ -357,10 +358,14 @@ class Device:
         believed = []
         for _ in range(len(client.readings)):
             reading = client.readings.popleft()
-            if reading.problem is not self._sensor_problem:
-                self._sensor_problem = reading.problem
-                _LOG.info("%s: sensor: %s", self.name, self._sensor_problem.name)
-            if self._sensor_problem is SensorProblem.NONE:
+            problem = reading.problem
+            # Zeros begin what lasts; a reading that is doubted by itself is left out.
+            lasts = problem is SensorProblem.NONE or reading.driven == 0 or self._is_doubted
+            self._is_doubted = problem is not SensorProblem.NONE
+            if lasts and problem is not self._sensor_problem:
+                self._sensor_problem = problem
+                _LOG.info("%s: sensor: %s", self.name, problem.name)
+            if not self._is_doubted:
                 believed.append(CurrentReading.of(reading, client.output_clock, full_scale_v))
         return believed
 

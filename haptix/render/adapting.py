@@ -141,11 +141,11 @@ class Adaptation:
         with self._lock:
             self.observer.watch.look(now_s)
 
-    def check(self, now_s: float) -> bool:
-        """Learn that the sensor is silent, if no reading has come for too long; return if so."""
+    def check(self, now_s: float, problem: str | None) -> bool:
+        """Learn that the sensor is silent for too long, or has a problem; return if so."""
         with self._lock:
             watch = self.observer.watch
-            if not watch.is_trusted or watch.check(now_s):
+            if not watch.is_trusted or watch.check(now_s, problem):
                 return False
             self._learn(now_s)
             return True

@@ -481,7 +481,8 @@ class LiveRenderer(RenderStream):
             self._check_sensor(self.adapted)
 
     def _check_sensor(self, adapted: Adaptation) -> None:
-        if adapted.check(self.now_s()):
+        # What the driver says of its sensor comes before its silence is long enough.
+        if adapted.check(self.now_s(), self.device.sensor_problem):
             self.stats.finger = adapted.estimate
             self._changed()
 

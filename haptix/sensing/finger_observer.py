@@ -462,10 +462,10 @@ class SensorWatch:
             self.is_trusted, self.problem = False, problem
         return False
 
-    def check(self, now_s: float) -> bool:
-        """Judge that none has come; return whether the sensor is trusted."""
-        if now_s - self._heard_s > self._settings.lost_s:
-            self.is_trusted, self.problem = False, "no reading"
+    def check(self, now_s: float, problem: str | None = None) -> bool:
+        """Judge that none has come, or a problem that is known; return whether it is trusted."""
+        if problem or now_s - self._heard_s > self._settings.lost_s:
+            self.is_trusted, self.problem = False, problem or "no reading"
             self._good_since = inf
         return self.is_trusted
 

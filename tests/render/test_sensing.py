@@ -82,6 +82,18 @@ def test_who_is_attracted_less_gets_more(surface, contact, stiffer):
     assert "finger: learns" in str(renderer.stats)
 
 
+def largest_step_jnd(renderer):
+    """The largest change of the friction that the surface's finger feels in 10 ms."""
+    amplitude = renderer.played.amplitude_v
+    step_s = renderer.step_s
+    times = renderer.played.t0_s + step_s * np.arange(len(amplitude))
+    steady = (times > BEGIN_S + 0.1) & (times < END_S - 0.05)  # between the fades
+    mu = np.array([float(m) for m in renderer.slice.mu(np.full(len(amplitude), 0.5), amplitude)])
+    mu = mu[steady]
+    window = round(0.010 / step_s)
+    return float((np.abs(mu[window:] / mu[:-window] - 1) / WEBER_FRACTION).max())
+
+
 def test_what_is_felt_never_steps(surface, contact, stiffer):
     lying = []
 
@@ -92,16 +104,8 @@ def test_what_is_felt_never_steps(surface, contact, stiffer):
     renderer, estimates = play(surface, FingerObserver(contact), stiffer, dies)
     states = {estimate.state for at_s, estimate in estimates if at_s > 1.2 + 0.017}
     assert states == {Knowledge.SENSOR}
-    amplitude = renderer.played.amplitude_v
-    step_s = renderer.step_s
-    times = renderer.played.t0_s + step_s * np.arange(len(amplitude))
-    steady = times > BEGIN_S + 0.1  # behind the fade-in
-    mu = np.array([float(m) for m in renderer.slice.mu(np.full(len(amplitude), 0.5), amplitude)])
-    mu = mu[steady]
-    window = round(0.010 / step_s)
-    change = np.abs(mu[window:] / mu[:-window] - 1) / WEBER_FRACTION
-    assert change.max() < 0.25
-    assert change.max() > 0  # and it did change
+    largest = largest_step_jnd(renderer)
+    assert 0 < largest < 0.25  # and it did change
 
 
 def test_off_it_plays_the_same_bits(surface, model):
@@ -131,9 +135,11 @@ def test_what_cannot_sense_says_so(surface, contact):
         LiveRenderer(surface, HALF, device, settings=LiveSettings()).sensed(None)
 
 
-def slide_on_a_driver(surface, observer, person, fails_at_s=np.inf, stalls_s=0.0):
-    """A stroke on a mock that measures; return its states in time, and what was sent."""
-    address = "mock:pace=stepped,mode=envelope,sense_rate_hz=250"
+def slide_on_a_driver(
+    surface, observer, person, fails_at_s=np.inf, stalls_s=0.0, failure="silent", rate_hz=250
+):
+    """A stroke on a mock that measures; return its states in time, and the largest step felt."""
+    address = f"mock:pace=stepped,mode=envelope,sense_rate_hz={rate_hz}"
     renderer = SteppedRenderer(surface, Contrast(), address=address)
     renderer.adapted = Adaptation(observer)
     converter = renderer.device.mock.converter
@@ -149,31 +155,42 @@ def slide_on_a_driver(surface, observer, person, fails_at_s=np.inf, stalls_s=0.0
                 renderer.device.clock.sleep(stalls_s)  # the thread that plays does nothing
             for k in range(1, 5):
                 if event.t_s + 0.002 * k >= fails_at_s:
-                    converter.failure = "silent"
+                    converter.failure = failure
                 renderer.run_until(at_s + 0.002 * k)
                 finger = renderer.stats.finger
                 states.append((renderer.now_s() - begin_s, finger.state, finger.log_gain))
-    return states
+    return states, largest_step_jnd(renderer)
 
 
 def test_a_driver_that_measures_is_read_by_the_renderer_itself(surface, contact, stiffer):
-    states = slide_on_a_driver(surface, FingerObserver(contact), stiffer)
+    states, largest = slide_on_a_driver(surface, FingerObserver(contact), stiffer)
+    assert 0 < largest < 0.25
     assert states[-1][1] is Knowledge.LEARNS
     assert states[-1][2] < -0.2
 
 
-def test_a_driver_that_goes_silent_leads_back_to_open_loop(surface, contact, stiffer):
-    states = slide_on_a_driver(surface, FingerObserver(contact), stiffer, 1.2)
-    assert {state for at_s, state, _ in states if 1.1 < at_s < 1.2} == {Knowledge.LEARNS}
-    # 10 ms, a reading under way, and the time between two looks of this test.
-    late = [(state, gain) for at_s, state, gain in states if at_s > 1.2 + 0.010 + 0.004 + 0.002]
+@pytest.mark.parametrize(
+    ("failure", "rate_hz"),
+    [("silent", 250), ("silent", 4000), ("dead", 250), ("stuck", 250), ("inverted", 250), ("late", 250)],
+)
+def test_a_driver_whose_sensor_fails_leads_back_to_open_loop_in_10_ms(
+    surface, contact, stiffer, failure, rate_hz
+):
+    """By the driver's clock, from its first sample on that is wrong, looked at each 2 ms."""
+    states, largest = slide_on_a_driver(
+        surface, FingerObserver(contact), stiffer, 1.2, failure=failure, rate_hz=rate_hz
+    )
+    assert {state for at_s, state, _ in states if 1.1 < at_s < 1.2 - 1e-6} == {Knowledge.LEARNS}
+    late = [(state, gain) for at_s, state, gain in states if 1.2 + 0.010 - 1e-6 < at_s < 1.39]
+    assert len(late) > 50
     assert {state for state, _ in late} == {Knowledge.SENSOR}
     assert {gain for _, gain in late} == {0.0}
+    assert largest < 0.25
 
 
 def test_a_stall_of_the_host_is_not_held_against_the_sensor(surface, contact, stiffer):
     """A touch that waited is rendered before the readings that waited are taken."""
-    states = slide_on_a_driver(surface, FingerObserver(contact), stiffer, stalls_s=0.02)
+    states, _ = slide_on_a_driver(surface, FingerObserver(contact), stiffer, stalls_s=0.02)
     assert Knowledge.SENSOR not in {state for at_s, state, _ in states if at_s > 1.1}
     assert states[-1][1] is Knowledge.LEARNS
 
