@@ -7,6 +7,7 @@ Nothing of the package stands in the truth; `haptix.sensing` sees readings and t
     python benchmarks/independent_finger.py contacts.npz     # once
     python benchmarks/sensing.py contacts.npz                # 100 fingers of each contact
     python benchmarks/sensing.py contacts.npz --noise 0.01
+    python benchmarks/sensing.py contacts.npz --spread 2     # fingers beyond the population
     python benchmarks/sensing.py contacts.npz --changed      # a screen that has changed since
     python benchmarks/sensing.py hostile 200000              # streams of readings that lie
 """
@@ -197,10 +198,11 @@ def fingers(
     seed: int,
     skin: float,
     is_enrolled: bool = False,
+    wider: float = 1.0,
 ) -> dict[str, Array]:
     """Errors [JND] of the ratio, open loop and sensed, and of ln force."""
     random = np.random.default_rng(seed)
-    spread = SPREAD | {"skin_dielectric_scale": skin}
+    spread = {name: wider * sd for name, sd in SPREAD.items()} | {"skin_dielectric_scale": skin}
     usual = model.population.force_n
     found: dict[str, list[float]] = {"open": [], "sensed": [], "sd": [], "force": [], "gain": []}
     reference = Truth(Finger(contact, NOMINAL))
@@ -345,6 +347,7 @@ def main() -> None:
     parser.add_argument("--noise", type=float, nargs="+", default=[1e-3])
     parser.add_argument("--slid", type=float, nargs="+", default=[0.5])
     parser.add_argument("--skin", type=float, default=0.0, help="sd of ln of its insulation")
+    parser.add_argument("--spread", type=float, default=1.0, help="of fingers, over the usual")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--enrolled", action="store_true", help="after 5 s at a known force")
     parser.add_argument("--changed", action="store_true", help="a screen that has changed")
@@ -353,7 +356,7 @@ def main() -> None:
     known = haptix.ContactModel(haptix.Finger.preset("semi-wet"), haptix.Screen())
     model = ContactCurrent.of_model(known, HERTZ)
     print(
-        f"{'contact':>18} noise slid |  open: median 95 % | sensed: median 95 % | force 68 %  chi"
+        f"{'contact':>18} noise slid |  open: median 95 % | sensed: median 95 % | force 68 %  in 95 %"
     )
     for name, contact in contacts(Path(given.contacts)).items():
         own = model
@@ -376,13 +379,14 @@ def main() -> None:
                     given.seed,
                     given.skin,
                     given.enrolled,
+                    given.spread,
                 )
                 numbers: list[Any] = []
                 for key in ("open", "sensed"):
                     numbers += [np.median(found[key]), np.percentile(found[key], 95)]
                 numbers.append(np.percentile(np.abs(found["force"]), 68))
-                numbers.append(np.sqrt(np.mean(found["sd"] ** 2)))
                 shown = "  ".join(f"{number:6.2f}" for number in numbers)
+                shown += f"  {np.mean(np.abs(found['sd']) < 1.96):6.0%}"
                 print(f"{name:>18} {noise:5.2%} {slid_s:4g} | {shown}", flush=True)
 
 

@@ -53,6 +53,7 @@ def serve(
     ] = None,
     certificate: Annotated[Path | None, option("Its certificate, PEM.", FileThere)] = None,
     key: Annotated[Path | None, option("The certificate's key, PEM.", FileThere)] = None,
+    touched_by: TouchedBy = None,
     log: LogFile = None,
 ) -> None:
     """Serve apps in any language on this machine: touches and materials in, friction out.
@@ -72,7 +73,7 @@ def serve(
         access.on_show = _say_code
 
     beyond = (listen, certificate, key) if listen and certificate and key else None
-    _serve(device, surface, finger, screen, port, beyond, ready, log)
+    _serve(device, surface, finger, screen, port, beyond, ready, log, touched_by)
 
 
 def studio(
@@ -115,7 +116,7 @@ def _serve(
     beyond: tuple[str, Path, Path] | None,
     ready: Callable[[Access, Inventory], None],
     log: Path | None,
-    touched_by: str | None = None,
+    touched_by: str | None,
     feels: bool = False,
 ) -> None:
     from haptix.log import into

@@ -27,6 +27,9 @@ _PANEL = len(LATENT)  # the state behind the latent ones
 _STATES = _PANEL + 1
 _PF = 1e-12
 _KEPT_AVERAGES = 1000  # 20 s
+# So many times its distance from the population's median, in the population's sigmas, an estimate
+# is less sure than the filter says: a finger beyond the population is taken for one at its edge.
+_WIDER = 1.7
 
 
 class Knowledge(StrEnum):
@@ -307,7 +310,9 @@ class FingerObserver:
         self._bin = []
         if not farads:
             return
-        measured = complex(np.mean(farads)) - self.baseline_f
+        # The panel has no losses of its own: its phase is that of amplifier and converter.
+        turn = abs(self.baseline_f) / self.baseline_f
+        measured = (complex(np.mean(farads)) - self.baseline_f) * turn
         if self._last is None:
             self._last = (reading.t_s, measured)
             return
@@ -384,6 +389,10 @@ class FingerObserver:
         ])  # fmt: skip
         mean = weight @ figures
         sd = np.sqrt(weight @ (figures - mean) ** 2)
+        far = np.linalg.norm(np.delete(self._mean[:_PANEL] / self.contact.population.sd, FORCE))
+        sd[[0, 2, 3]] *= max(1.0, _WIDER * float(far))
+        if self._force_n is None:
+            sd[1] *= max(1.0, _WIDER * float(far))
         is_known = self._readings > 0 or self.person is not None
         return FingerEstimate(
             state,

@@ -878,6 +878,22 @@ def test_impossible_boards(kind, impossible):
         kind(replace(BOARD, **impossible))
 
 
+@pytest.mark.parametrize(
+    ("rate_hz", "full_scale_na", "panel_pf"),
+    [
+        *((rate_hz, 20_000_000, 2000) for rate_hz in (125, 300, 750, 8000)),
+        *((250, full_scale_na, 2000) for full_scale_na in (99_999, 50_000_001)),
+        *((250, 20_000_000, panel_pf) for panel_pf in (99, 100_001)),
+    ],
+)
+@pytest.mark.parametrize("kind", [Core, Oracle])
+def test_impossible_converters(kind, rate_hz, full_scale_na, panel_pf):
+    kind(replace(BOARD, sense_rate_hz=250), Sensor(20e-3, 2e-9))
+    with pytest.raises(DeviceError):
+        sensor = Sensor(full_scale_na * 1e-9, panel_pf * 1e-12)
+        kind(replace(BOARD, sense_rate_hz=rate_hz), sensor)
+
+
 # A whole session, for boards that are not in this house
 
 

@@ -103,6 +103,32 @@ def test_a_stiffer_finger_is_known_after_half_a_second(contact, stiffer):
     assert abs(estimate.log_gain - true) < min(0.7 * abs(true), 2 * estimate.log_gain_sd)
 
 
+@pytest.mark.parametrize("force_n", [0.2, 0.6])
+@pytest.mark.parametrize("name", ["dry", "wet"])
+def test_a_finger_beyond_the_population_lies_in_the_interval_that_is_stated(contact, name, force_n):
+    """Moduli of 25 times and of a quarter of the known finger's: 6 and 3 sigma of people."""
+    model = haptix.ContactModel(haptix.Finger.preset(name), SCREEN)
+    observer = FingerObserver(contact)
+    current = VirtualCurrent(model, HERTZ, seed=3)
+    estimate = observer.estimate(slide(observer, current, 1.5, force_n))
+    known = haptix.ContactModel(KNOWN, SCREEN)
+    true = log_attraction(model, force_n, 120.0) - log_attraction(known, 0.4, 120.0)
+    assert np.sign(estimate.log_gain) == np.sign(true)
+    assert abs(estimate.log_gain - true) < 1.96 * estimate.log_gain_sd
+
+
+def test_a_pole_turns_the_contact_s_current_as_the_panel_s(contact):
+    """1.1 degrees, which would be taken for another skin: no finger differs from the known one."""
+    observer = FingerObserver(contact)
+    current = VirtualCurrent(
+        haptix.ContactModel(KNOWN, SCREEN), HERTZ, Converter(pole_hz=200e3), seed=3
+    )
+    estimate = observer.estimate(slide(observer, current, 3.0))
+    # Without the turn 0.82 and 1.28 after these 3 s, and more with time.
+    assert estimate.stiffness_and_roughness == pytest.approx(1.0, abs=0.15)
+    assert estimate.skin == pytest.approx(1.0, abs=0.15)
+
+
 def test_a_measured_force_leaves_less_open(contact, stiffer):
     found = []
     for force_n in (None, 0.4):
