@@ -146,10 +146,10 @@ class Meter:
             for part, rest in ((self.x, in_phase), (self.y, self.ahead(in_phase, before)))
         )
         amplitude = min(math.isqrt(2 * energy // n), 32_767)
-        currents = [
+        in_phase_na, ahead_na = (
             quotient(ratio * amplitude * FULL_SCALE_NA, 65_536 * 32_767) for ratio in (x, y)
-        ]
-        self.keep(self.clock, *currents, amplitude)
+        )
+        self.keep(self.clock, in_phase_na, ahead_na, amplitude)
         third = self.p // 3
         is_panel = abs(y - self.p) <= third and abs(x) <= (self.p + third) // 2
         is_driven = energy // n > self.least and self.problem == 0

@@ -16,6 +16,7 @@ from firmware_io import DriveLimits, LimitError, MockConverter
 from firmware_io.drive_check import DriveWindow
 from firmware_io.firmware.core import Core, Sensor
 from firmware_io.limits import DEFAULT_MAX_RMS_V
+from firmware_io.links.converter import Failure
 from firmware_io.protocol import (
     Arm,
     FaultCode,
@@ -24,8 +25,8 @@ from firmware_io.protocol import (
     Hello,
     Rate,
     Revise,
-    SensorProblem,
     SenseReport,
+    SensorProblem,
     Stop,
     StreamMode,
     StreamSamples,
@@ -218,7 +219,7 @@ class SensingPair(Pair):
         for message in (Hello(), self.setup, Arm()):
             self.say(message)
 
-    def stream(self, codes):
+    def send(self, codes):
         codes = codes[: self.cores[0].status().free_samples].astype(np.int16)
         if codes.size:
             self.say(StreamSamples(self.index, codes, self.setup.mode))
@@ -233,7 +234,7 @@ class SensingPair(Pair):
             end = int(rng.choice([0, 5, self.most // 8, self.most, self.most, self.most]))
             codes = np.round(np.linspace(self.code, end, n))
         for part in np.split(codes, range(300, n, 300)):
-            self.stream(part)
+            self.send(part)
             left = part.size * self.rate_hz // self.setup.sample_rate_hz
             while left > 0:
                 # Longer than 5 ms are late.
@@ -248,10 +249,10 @@ class SensingPair(Pair):
         converter.failure, converter.farads, self.square_a = None, self.farads, 0.0
         chance = rng.random()
         if self.fails and chance < 0.5:
-            kinds = ["dead", "stuck", "inverted", "late", "silent"]
-            converter.failure = str(rng.choice(kinds))
+            kinds: list[Failure] = ["dead", "stuck", "inverted", "late", "silent"]
+            converter.failure = kinds[int(rng.integers(5))]
         elif chance < 0.1:
-            converter.failure = str(rng.choice(["noise", "saturated"]))
+            converter.failure = "noise" if rng.random() < 0.5 else "saturated"
         elif chance < 0.2:
             self.square_a = rng.uniform(0.4, 0.75) * 1e-3  # all of it is rms
         elif chance < 0.6:

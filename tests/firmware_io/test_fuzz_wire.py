@@ -221,7 +221,9 @@ class Bench:
         assert not out[what == Output.IDLE].any()
         if self.load is not None:
             now, before, most = self.load
-            current = now * out + before * np.roll(out, 1) + self.noise.integers(-most, most + 1, ticks)
+            current = (
+                now * out + before * np.roll(out, 1) + self.noise.integers(-most, most + 1, ticks)
+            )
             raw = np.clip(current, -32_768, 32_767).astype(np.int16)
             for core in self.cores:
                 core.sense(out, raw)

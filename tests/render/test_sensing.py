@@ -108,6 +108,42 @@ def test_what_is_felt_never_steps(surface, contact, stiffer):
     assert 0 < largest < 0.25  # and it did change
 
 
+def liar(seed):
+    """A sensor that tells the truth for a while, and then anything, with any time."""
+    rng = np.random.default_rng(seed)
+    told = []
+
+    def lie(reading):
+        told.append(reading)
+        t_s, in_phase, ahead, *_ = reading
+        if t_s < BEGIN_S + 0.2 or rng.random() < 0.5:
+            return reading
+        lies = [
+            reading._replace(quadrature_a=rng.choice([np.nan, np.inf, 1e9])),
+            reading._replace(in_phase_a=-in_phase, quadrature_a=-ahead),
+            reading._replace(quadrature_a=ahead * rng.uniform(0, 3)),
+            reading._replace(driven_v=float(rng.choice([0.0, -100.0, 1e9, np.nan]))),
+            reading._replace(t_s=t_s + rng.choice([-0.05, 1e5, -1e5, np.nan])),
+            reading._replace(is_saturated=True),
+            told[int(rng.integers(len(told)))],
+        ]
+        return lies[int(rng.integers(len(lies)))]
+
+    return lie
+
+
+@pytest.mark.parametrize(
+    "seeds", [range(1), pytest.param(range(1, 30), marks=pytest.mark.slow)], ids=["one", "many"]
+)
+def test_no_lie_of_a_sensor_breaks_a_limit_or_steps(surface, contact, stiffer, seeds):
+    """`benchmarks/sensing.py hostile 200000` has shorter streams, and more of them."""
+    for seed in seeds:
+        renderer, estimates = play(surface, FingerObserver(contact), stiffer, liar(seed))
+        assert all(np.isfinite(estimate.log_gain) for _, estimate in estimates)
+        assert np.abs(renderer.device.mock.played_v).max() <= renderer.highest_v * (1 + 1e-4)
+        assert largest_step_jnd(renderer) < 0.25
+
+
 def test_off_it_plays_the_same_bits(surface, model):
     played = [play(surface, None, model)[0].device.mock.played_codes for _ in range(2)]
     np.testing.assert_array_equal(*played)
@@ -171,7 +207,14 @@ def test_a_driver_that_measures_is_read_by_the_renderer_itself(surface, contact,
 
 @pytest.mark.parametrize(
     ("failure", "rate_hz"),
-    [("silent", 250), ("silent", 4000), ("dead", 250), ("stuck", 250), ("inverted", 250), ("late", 250)],
+    [
+        ("silent", 250),
+        ("silent", 4000),
+        ("dead", 250),
+        ("stuck", 250),
+        ("inverted", 250),
+        ("late", 250),
+    ],
 )
 def test_a_driver_whose_sensor_fails_leads_back_to_open_loop_in_10_ms(
     surface, contact, stiffer, failure, rate_hz

@@ -1,7 +1,10 @@
 """What the observer learns of a virtual finger's current, and when it takes none."""
 
+import subprocess
+import sys
 from dataclasses import replace
 from math import nan, pi
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -288,6 +291,17 @@ def test_noise_alone_moves_nothing_beyond_its_bounds(contact, seed):
         assert np.isfinite(estimate.log_gain)
         assert 0 < estimate.log_gain_sd < 3
     assert abs(estimate.log_gain) < 3
+
+
+@pytest.mark.slow
+def test_hostile_streams_break_nothing():
+    """``python benchmarks/sensing.py hostile 200000`` plays as many as the package is held to."""
+    program = Path(haptix.__file__).parents[1] / "benchmarks" / "sensing.py"
+    done = subprocess.run(
+        [sys.executable, program, "hostile", "2000", "7"], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert ": 0 windows wrong" in done.stdout
 
 
 def test_the_virtual_current_has_its_circuit():

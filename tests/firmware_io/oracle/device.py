@@ -599,7 +599,10 @@ class Oracle:
             return self._touches.pop(0)
         if self._sensor is not None and self._sensor.readings:
             waiting = self._sensor.readings
-            told, self._sensor.readings = waiting[:READINGS_IN_A_FRAME], waiting[READINGS_IN_A_FRAME:]
+            told, self._sensor.readings = (
+                waiting[:READINGS_IN_A_FRAME],
+                waiting[READINGS_IN_A_FRAME:],
+            )
             return SenseReport(tuple(told))
         return None
 

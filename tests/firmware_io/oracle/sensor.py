@@ -216,9 +216,15 @@ class OracleSensor:
         current = raw - self._offset
         rest = np.clip(current - self._of_panel(drive, before), -32767, 32767)
         return _Sums(
-            *(int(value) for value in (drive.size, drive @ drive, current @ current, rest @ rest)),
-            *(int(value) for value in (np.abs(rest).max(), rest @ drive, rest @ before, raw.sum())),
-            bool((np.abs(raw) >= HIGHEST_CODE).any()),
+            ticks=drive.size,
+            drive=int(drive @ drive),
+            current=int(current @ current),
+            rest=int(rest @ rest),
+            rest_peak=int(np.abs(rest).max()),
+            rest_drive=int(rest @ drive),
+            rest_before=int(rest @ before),
+            raw=int(raw.sum()),
+            is_saturated=bool((np.abs(raw) >= HIGHEST_CODE).any()),
         )
 
     def _of_panel(self, drive: _Integers, before: _Integers) -> _Integers:
@@ -286,11 +292,13 @@ class OracleSensor:
         amplitude = min(math.isqrt(2 * whole.drive // whole.ticks), FULL_SCALE_CODE)
         lies = self._in_turn["lies"] or self._in_turn["missing"]
         problem = SensorProblem.LIES if lies else self._problem
-        currents = (
+        in_phase_na, ahead_na = (
             _quotient(ratio * amplitude * self._full_scale_na, ONE * FULL_SCALE_CODE)
             for ratio in (in_phase, ahead)
         )
-        self._keep(SenseReading(clock, *currents, amplitude, whole.is_saturated | problem << 1))
+        self._keep(
+            SenseReading(clock, in_phase_na, ahead_na, amplitude, whole.is_saturated | problem << 1)
+        )
         if whole.drive // whole.ticks > self._least:
             self._learn(in_phase, ahead)
         mean = _quotient(whole.raw, whole.ticks)
