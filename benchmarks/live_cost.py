@@ -3,6 +3,7 @@
     .venv/bin/python benchmarks/live_cost.py                       # one finger on a photograph
     .venv/bin/python benchmarks/live_cost.py --profile             # where it goes
     .venv/bin/python benchmarks/live_cost.py --panel-step-mm 0.1
+    .venv/bin/python benchmarks/live_cost.py --sense --times 3     # without and with sensing
 
 The app, the renderer and the feeder work as in real time, on a clock that jumps from one event to
 the next: the demo's path, a panel of 100 Hz that is 20 ms late, reactions of 3 ms. The mock
@@ -14,6 +15,7 @@ from __future__ import annotations
 import argparse
 import cProfile
 import json
+import os
 import pstats
 import time
 from collections import Counter, defaultdict
@@ -25,13 +27,15 @@ import numpy as np
 from demo_setting import demo_setting
 
 import haptix
-from firmware_io import Device, MockDriver, MockLink
+from firmware_io import Device, MockConverter, MockDriver, MockLink
 from haptix.render import LiveSettings
+from haptix.sensing import ContactCurrent, FingerObserver
 from haptix.simulation import Played, Setting, evaluate_live
 from haptix.touch import TouchEvent
-from haptix.virtual_finger import TouchPanel
+from haptix.virtual_finger import LiveCurrent, TouchPanel, VirtualCurrent
 
 RATE_HZ = 48_000
+CARRIER_HZ = 4000.0
 WAKES_S = 1e-4  # after a touch, as a quiet machine's threads do
 
 
@@ -77,17 +81,27 @@ def mock(clock: Clock) -> MockLink:
 
 def play(
     setting: Setting, surface: Any, panel: TouchPanel, settings: LiveSettings, profile: Any = None,
-    make_link: Callable[[Clock], MockLink] = mock, **opening: Any,
+    make_link: Callable[[Clock], MockLink] = mock, observer: FingerObserver | None = None,
+    **opening: Any,
 ) -> dict[str, Any]:  # fmt: skip
-    """Play a path; return processor time of each part, counts, and the error felt."""
+    """Play a path; return processor time of each part, counts, and the error felt.
+
+    With an observer it senses: the mock's converter measures the finger of the setting.
+    """
     clock, meter = Clock(), Meter()
     link = make_link(clock)
     driver = link.driver
     device = Device(link, clock=clock, **opening)
+    live = None
+    if observer is not None:
+        live = LiveCurrent.on(device, VirtualCurrent(setting.model, CARRIER_HZ))
     link.send = meter.of("mock", link.send)  # type: ignore[method-assign]
     link.receive = meter.of("mock", link.receive)  # type: ignore[method-assign]
     seen = panel.read(setting.path)
-    with haptix.LiveRenderer(surface, setting.texture, device, settings=settings) as renderer:
+    sense = False if observer is None else observer
+    with haptix.LiveRenderer(
+        surface, setting.texture, device, settings=settings, sense=sense
+    ) as renderer:
         playback = renderer._running()
         source = playback._source
         source.window = meter.of("renderer", source.window)  # type: ignore[method-assign]
@@ -102,6 +116,8 @@ def play(
                     due_s = clock() + max(step(), 1e-5)
                 clock.now_s = max(start_s + arrival, clock.now_s)
                 event(TouchEvent(start_s + t, 0, x, y, "move", force))
+                if live is not None:
+                    live.touch(start_s + t, x, y, force)
                 due_s = clock() + WAKES_S
         seconds = clock() - start_s
         reactions = np.array(renderer.stats.reactions_s) * 1e3
@@ -127,6 +143,28 @@ def play(
     }
 
 
+def measuring(clock: Clock) -> MockLink:
+    """A mock whose driver has a sensor."""
+    driver = MockDriver(pace="real", clock=clock, kept_s=600.0, converter=MockConverter())
+    return MockLink(driver, sleep=clock.sleep)
+
+
+def compare(setting: Setting, surface: Any, panel: TouchPanel, times: int) -> None:
+    """Play in turn without and with sensing, and print how much of a core each takes."""
+    contact = ContactCurrent.of_surface(surface, CARRIER_HZ)
+    shares: dict[bool, list[float]] = {False: [], True: []}
+    for senses in (False, True) * times:
+        observer = FingerObserver(contact) if senses else None
+        row = play(
+            setting, surface, panel, LiveSettings(), None, measuring if senses else mock, observer,
+            mode="envelope",
+        )  # fmt: skip
+        shares[senses].append(row["core share"])
+        print(json.dumps({"sensing": senses, **row}), flush=True)
+    ratio = np.median(shares[True]) / np.median(shares[False])
+    print(f"with sensing {ratio:.2f} times the processor time; load {os.getloadavg()[0]:.1f}")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--seconds", type=float, default=10.0)
@@ -134,9 +172,13 @@ def main() -> None:
     parser.add_argument("--panel-noise-mm", type=float, default=0.0)
     parser.add_argument("--panel-step-mm", type=float, default=0.0)
     parser.add_argument("--profile", action="store_true")
+    parser.add_argument("--sense", action="store_true", help="compare with and without")
     options = parser.parse_args()
     setting, surface = demo_setting(options.seconds)
     panel = TouchPanel(100.0, 0.02, options.panel_noise_mm, 0.0, options.panel_step_mm)
+    if options.sense:
+        compare(setting, surface, panel, options.times)
+        return
     profile = cProfile.Profile() if options.profile else None
     for _ in range(options.times):
         print(json.dumps(play(setting, surface, panel, LiveSettings(), profile)), flush=True)
