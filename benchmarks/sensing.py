@@ -366,7 +366,7 @@ def main() -> None:
     known = haptix.ContactModel(haptix.Finger.preset("semi-wet"), haptix.Screen())
     model = ContactCurrent.of_model(known, HERTZ)
     print(
-        f"{'contact':>18} noise slid |  open: median 95 % | sensed: median 95 % | force 68 %  within"
+        f"{'contact':>18} noise slid |  open: median 95 % | sensed: median 95 % | force 68 % within"
     )
     for name, contact in contacts(Path(given.contacts)).items():
         own = model

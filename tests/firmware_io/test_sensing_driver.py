@@ -3,6 +3,8 @@
 Deadlines are in output samples, the device's own time.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -28,9 +30,12 @@ CUT = 12  # the ramp of 0.25 ms
 class Bench:
     """A driver in virtual time with a carrier of 4 kHz, block by block of 10 ms."""
 
-    def __init__(self, converter, volts=100.0, carrier_hz=CARRIER_HZ, **driver):
+    def __init__(self, converter, volts=100.0, carrier_hz=CARRIER_HZ, knows_touches=True, **driver):
         self.converter = converter
         self.driver = MockDriver(converter=converter, **driver)
+        if not knows_touches:
+            about = replace(self.driver.about, reports_touch=False)
+            self.driver.core = Core(about, Sensor(converter.full_scale_a, converter.panel_f))
         self.device = Device(
             MockLink(self.driver), mode="envelope", sample_rate_hz=16_000, carrier_hz=carrier_hz
         )
@@ -328,6 +333,37 @@ def test_the_panel_is_not_learned_from_a_finger():
     late.play(1.0).change(farads=PANEL_F + 170e-12)
     late.until_fault()
     assert late.driver.core.fault().code is FaultCode.PEAK_CURRENT
+
+
+def test_a_converter_is_believed_only_after_half_a_second_without_a_lie():
+    bench = Bench(MockConverter()).known()
+    for _ in range(2):
+        bench.change(failure="inverted")
+        bench.play(0.02).change(failure=None)
+        bench.play(0.3)  # 0.64 s behind the first lie, 0.3 s behind the last
+    assert bench.device.sensor_problem is not None
+    bench.play(0.25)
+    assert bench.device.sensor_problem is None
+    bench.change(failure="silent")
+    bench.play(0.02).change(failure=None)
+    bench.play(0.3).change(failure="silent")
+    bench.play(0.02).change(failure=None)
+    bench.play(0.3)
+    assert bench.device.sensor_problem is not None
+
+
+def test_a_driver_that_knows_no_touches_learns_no_panel():
+    bench = Bench(MockConverter(), volts=180.0, knows_touches=False).play(0.3)
+    bench.change(farads=PANEL_F + 170e-12)
+    bench.play(0.1)  # whose a finger might be a part of
+    assert bench.driver.fault is None
+
+
+def test_readings_are_not_kept_for_the_next_host():
+    bench = Bench(MockConverter()).play(0.1)
+    bench.driver.advance(0.05)
+    bench.driver.core.release()
+    assert bench.driver.core.transmit() == b""
 
 
 def test_a_panel_that_drifts_is_followed():
