@@ -316,6 +316,21 @@ def test_a_saturated_converter_ends_at_0_v():
     assert bench.ticks_to_zero(since) <= 2 * HALF_TICKS + MS
 
 
+def test_a_converter_that_stays_at_its_end_is_an_overload():
+    """It may be stuck, or measure more than it can: the drive ends at 0 V."""
+    bench = Bench(MockConverter())
+    bench.change(_source=lambda sent: np.full(sent.size, 32_767, np.int16))
+    bench.until_fault()
+    assert bench.driver.core.fault().code is FaultCode.OVERLOAD
+
+
+def test_a_late_converter_is_told_before_the_panel_is_known():
+    bench = Bench(MockConverter())
+    bench.change(failure="late")
+    bench.play(0.01)
+    assert "of no load" in bench.device.sensor_problem
+
+
 def test_the_panel_is_not_learned_from_a_finger():
     """With a finger from the begin, or one that is told late, its current adds to the panel's."""
     told = Bench(MockConverter(), volts=180.0)
