@@ -243,7 +243,8 @@ typedef struct {
 typedef struct {
     hx_sums half; /* under way: between two changes of the drive's sign */
     hx_sums whole; /* of a reading: halves */
-    uint64_t drive_before; /* of the half before */
+    uint64_t drive_before; /* of the half before, as its part ahead of the drive */
+    int64_t ahead_before;
     int32_t sine;          /* of the carrier's step, in 1/32767 */
     int32_t cosine;
     int32_t panel;   /* ratio ahead that the untouched panel must have, by its capacitance */

@@ -176,7 +176,9 @@ static void judge(hx_device *d, const hx_sums *half) {
     }
     int is_too_much = half->is_saturated || is_more(half->current, half->drive, panel * 2u);
     int is_missing = !is_more(half->current, half->drive, panel / 2u);
-    int is_a_lie = !is_missing && ahead_of(s, half) < -(is_known ? s->ahead / 32 * 3 : s->panel / 4 * 3);
+    /* Over a period: one half may have the samples at both changes of sign, and the other none. */
+    int32_t ahead = over(times_ahead(s, half) + s->ahead_before, half->drive + s->drive_before);
+    int is_a_lie = !is_missing && ahead < -(is_known ? s->ahead / 32 * 3 : s->panel / 4 * 3);
     if (s->doubt != HX_BELIEVED) {
         if (is_too_much || is_missing || is_a_lie) s->well_ticks = 0;
         else if ((s->well_ticks += half->ticks) > ticks_of(d, HX_SENSE_BACK_MS))
@@ -253,6 +255,7 @@ static void end_half(hx_device *d, int is_rising, uint64_t clock) {
         if (s->has_begun) add(&s->whole, half);
     }
     s->drive_before = half->drive;
+    s->ahead_before = times_ahead(s, half);
     forget(half);
     if (!is_rising) return;
     if (s->has_begun && s->whole.ticks >= d->config.output_rate_hz / d->config.sense_rate_hz) {

@@ -46,7 +46,8 @@ class Meter:
 
     def start_over(self):
         self.half, self.reading = [], []
-        self.last_energy, self.has_risen = 0, False
+        self.last_energy = self.last_ahead = 0
+        self.has_risen = False
 
     def skip(self, ticks):
         """Play without a word of the converter, of which 5 ms are too many."""
@@ -82,9 +83,10 @@ class Meter:
         if energy and last:
             is_steady = energy < last + last // 8 and last < energy + energy // 8
             if is_steady and energy > len(half) * self.least:
-                fault = self.judge(half, energy)
+                fault = self.judge(half, energy, last)
             if self.has_risen:
                 self.reading.append(self.sums(half))
+        self.last_ahead = self.ahead(*self.sums(half)[2:4])
         if is_rising:
             if self.has_risen and sum(row[0] for row in self.reading) >= OUTPUT_HZ // RATE_HZ:
                 self.end_reading(untouched)
@@ -115,7 +117,7 @@ class Meter:
     def ahead(self, in_phase, before):
         return quotient(self.c * in_phase - 32_767 * before, self.s)
 
-    def judge(self, half, energy):
+    def judge(self, half, energy, last_energy):
         """Return the fault of a half period."""
         if self.problem:
             return None
@@ -125,7 +127,9 @@ class Meter:
         sizes = math.isqrt(sum(r * r for r in rests)) * math.isqrt(energy)
         is_load = -self.ahead(in_phase, before) < quotient(sizes, 5)
         least = 3 * quotient(self.y, 32) if self.measured == 16 else 3 * quotient(self.p, 4)
-        is_less = quotient(self.ahead(in_phase, before) * 65_536, energy) < -least
+        now = self.ahead(in_phase, before)
+        of_period = quotient((now + self.last_ahead) * 65_536, energy + last_energy)
+        is_less = of_period < -least
         self.lies = self.lies + 1 if is_less and not self.missing else 0
         peak = 700_000 * 32_767 // FULL_SCALE_NA
         half_of_it = self.p // 2

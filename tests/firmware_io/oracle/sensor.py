@@ -174,7 +174,7 @@ class OracleSensor:
     def _start_over(self) -> None:
         self._half = np.empty((3, 0), np.int64)  # drive, the drive before, current
         self._whole = _Sums()
-        self._drive_before = 0
+        self._drive_before = self._ahead_before = 0
         self._has_risen = False
 
     def _add(self, samples: _Integers, clock: int) -> None:
@@ -203,6 +203,7 @@ class OracleSensor:
             if self._has_risen:
                 self._whole += half
         self._drive_before, self._half = half.drive, self._half[:, :0]
+        self._ahead_before = self._ahead(half)
         if is_rising:
             if self._has_risen and self._whole.ticks >= self._rate_hz // self._sense_hz:
                 self._end_reading(clock)
@@ -260,7 +261,8 @@ class OracleSensor:
             "too much": half.is_saturated or _exceeds(half, 2 * self._stated),
             "missing": not _exceeds(half, self._stated // 2),
         }
-        found["lies"] = self._ratio(ahead, half.drive) < -least and not found["missing"]
+        period = self._ratio(ahead + self._ahead_before, half.drive + self._drive_before)
+        found["lies"] = period < -least and not found["missing"]
         if self._problem is not SensorProblem.NONE:
             self._well_ticks = 0 if any(found.values()) else self._well_ticks + half.ticks
             if self._well_ticks > self._ticks(BACK_MS):
