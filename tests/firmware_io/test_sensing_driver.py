@@ -333,6 +333,17 @@ def test_a_late_converter_is_told_before_the_panel_is_known():
     assert "of no load" in bench.device.sensor_problem
 
 
+def test_a_current_below_that_of_a_known_panel_is_told():
+    """No load takes any from it. Before it is known, it may be a quarter of what is stated."""
+    unknown = Bench(MockConverter(0.8 * PANEL_F)).play(0.03)
+    assert unknown.device.sensor_problem is None
+    bench = Bench(MockConverter()).known()
+    assert bench.device.sensor_problem is None
+    bench.change(farads=0.8 * PANEL_F)
+    bench.play(0.01)
+    assert "of no load" in bench.device.sensor_problem
+
+
 def test_the_panel_is_not_learned_from_a_finger():
     """With a finger from the begin, or one that is told late, its current adds to the panel's."""
     told = Bench(MockConverter(), volts=180.0)
