@@ -314,7 +314,7 @@ def _voltage(axes: Axes, simulation: Simulation) -> None:
     t = played.start_s + np.arange(len(volts)) / played.renderer.sample_rate_hz
     axes.plot(t, volts, color="tab:purple", lw=0.3)
     axes.axhline(limit, color="0.5", ls=":", lw=1)
-    axes.text(simulation.felt.t_s[-1], limit, "limit of the screen", ha="right", va="bottom")
+    axes.text(simulation.felt.t_s[0], limit, "limit of the screen", va="bottom")
     axes.set(
         ylabel="played (V)",
         ylim=(-1.15 * limit, 1.25 * limit),
