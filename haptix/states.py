@@ -14,7 +14,7 @@ from torch import Tensor
 from haptix.contact import Accuracy, beyond_validation
 from haptix.display import Displayed, Table, as_numpy, axes_or_new
 from haptix.errors import InputError, from_extra
-from haptix.limits import limits_passed
+from haptix.status import limits_passed
 
 if TYPE_CHECKING:
     import xarray
@@ -73,7 +73,7 @@ class ContactState(Displayed):
 
     @cached_property
     def status(self) -> Tensor:
-        """Integers of `Status`: OK only within all of `haptix.limits`."""
+        """Integers of `Status`: OK only within all of `haptix.status.LIMITS`."""
         return self.find_status()
 
     @cached_property

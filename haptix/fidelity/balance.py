@@ -15,8 +15,7 @@ from haptix.contact import ContactSpots, MeanField
 from haptix.contact.area import elastoplastic_area
 from haptix.electro import Pull, VoltageShare
 from haptix.fidelity.box import BoxedFinger
-from haptix.limits import LIMITS
-from haptix.status import Status
+from haptix.status import LIMITS, Status
 from haptix.terms import Stage
 
 LIGHT_CONTACT_LIMIT = LIMITS[Status.PULL_IN].most

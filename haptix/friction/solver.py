@@ -14,9 +14,8 @@ from haptix.electro import Circuit, Pull
 from haptix.electro.attraction import bin_inverse, drive_strength, representative_gaps
 from haptix.electro.breakdown import bearable_field, share_past
 from haptix.fidelity import Balance, Fidelity, Load
-from haptix.limits import LIMITS, past_limits
 from haptix.states import GapSums
-from haptix.status import Status
+from haptix.status import LIMITS, Status, past_limits
 from haptix.terms import ActiveTerms, FieldInGap, Stage
 from haptix.threads import one_thread
 

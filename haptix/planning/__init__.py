@@ -15,7 +15,6 @@ from haptix.errors import InputError, ToleranceError
 from haptix.fidelity import FIDELITIES, Ability
 from haptix.friction import ContactModel
 from haptix.friction.placeholders import largest_spread
-from haptix.limits import limits_passed
 from haptix.motion import Depends, Motion
 from haptix.planning.trials import (
     COARSE,
@@ -32,7 +31,7 @@ from haptix.planning.trials import (
 )
 from haptix.report import Heading, HeadingsOf
 from haptix.scene import Scene
-from haptix.status import Status
+from haptix.status import Status, limits_passed
 from haptix.surface import LARGEST_BYTES, FrictionSurface
 from haptix.surface.axes import AXIS_NAMES
 from haptix.surface.tolerance import LEAST, Tolerance

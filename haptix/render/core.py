@@ -16,7 +16,6 @@ from haptix.checks import Array, instance
 from haptix.errors import InputError
 from haptix.finger_response import FingerResponse
 from haptix.layout import Layout
-from haptix.limits import LIMITS
 from haptix.motion import Motion
 from haptix.native import DOUBLES, NULL, Struct, ffi, library
 from haptix.render.adapting import Adaptation
@@ -24,7 +23,7 @@ from haptix.render.drive import Drive, DriverCarrier, SineCarrier
 from haptix.render.master import Mix
 from haptix.render.settings import Combination, RenderSettings
 from haptix.sensing import FingerEstimate
-from haptix.status import Status
+from haptix.status import LIMITS, Status
 from haptix.surface import FrictionSurface, Slice
 from haptix.texture import Evaluator, Feelable, TargetKind, check_feelable
 from haptix.waves import turns
@@ -108,8 +107,8 @@ class RenderStats(PlaybackStats):
     below: int = 0
     """Samples, of all fingers, whose target was below the friction without voltage."""
     above: int = 0
-    """Samples whose target was above the friction that the highest voltage or `haptix.limits`
-    allow."""
+    """Samples whose target was above the friction that the highest voltage or the limits of the
+    model allow."""
     outside: int = 0
     """Samples whose force was outside the surface's range."""
     finger: FingerEstimate | None = None

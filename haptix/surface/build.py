@@ -16,10 +16,9 @@ from torch import Tensor
 
 from haptix.errors import InputError, ToleranceError
 from haptix.friction import ContactModel
-from haptix.limits import LIMITS, limits_passed
 from haptix.pair import described
 from haptix.states import ContactState
-from haptix.status import Status
+from haptix.status import LIMITS, Status, limits_passed
 from haptix.surface.axes import AXIS_NAMES, PULL_IN_DRIVE, Axes, Axis, between
 from haptix.surface.interpolant import Interpolant
 from haptix.surface.request import Ranges, digest, read_ranges, surface_key

@@ -58,7 +58,7 @@ class Interpolant(Displayed):
         Highest amplitude of the surface [V].
     limited_by : Status
         The limit to which the last entry of the columns belongs: breakdown, or the declared limit
-        of the model (`haptix.limits`) that ends most columns. OK if there is none.
+        of the model (`haptix.status.LIMITS`) that ends most columns. OK if there is none.
     """
 
     axes: Axes

@@ -46,7 +46,7 @@ class Column(Displayed):
     end_drive, end_v : float
         Drive, and amplitude [V], at which the column ends.
     ends_by : Status
-        Status of a friction above the end: ABOVE (the voltage limit) or one of `haptix.limits`.
+        Status of a friction above the end: ABOVE (the voltage limit) or a limit of the model.
     is_inside : bool
         Whether the force is on the surface's axis.
     """

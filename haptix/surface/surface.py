@@ -44,7 +44,7 @@ class SurfaceSample(Displayed):
     mu: Tensor
     """Friction coefficient; where the status is not OK, that of the nearest point inside."""
     status: Tensor
-    """Integers of `Status`: OK, OUT_OF_RANGE, or the one of `haptix.limits` that is passed."""
+    """Integers of `Status`: OK, OUT_OF_RANGE, or the limit of the model that is passed."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Inversion(Displayed):
     """Amplitude [V] of the friction, or of the nearest one in the reachable range."""
     status: Tensor
     """Integers of `Status`: OK, BELOW or OUT_OF_RANGE; for a friction that is too high, ABOVE (the
-    voltage limit) or the one of `haptix.limits` that prevents it."""
+    voltage limit) or the limit of the model that prevents it."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ class FrictionSurface(Displayed):
         notes : mapping, optional
             Plain values to keep with the surface, in ``info["notes"]``.
         past_limits : bool
-            Include states past the model's limits (`haptix.limits`), up to 90 % of pull-in.
+            Include states past the model's limits (`haptix.status.LIMITS`), up to 90 % of pull-in.
 
         Raises
         ------

@@ -13,10 +13,9 @@ from haptix import checks
 from haptix.checks import Array
 from haptix.display import Displayed
 from haptix.errors import InputError, from_extra
-from haptix.limits import LIMITS
 from haptix.motion import Motion
 from haptix.perception import WEBER_FRACTION
-from haptix.status import Status
+from haptix.status import LIMITS, Status
 from haptix.texture.field import Feelable, as_mu
 from haptix.texture.texture import Texture
 

@@ -22,9 +22,8 @@ from haptix.finger_response import FingerResponse
 from haptix.friction import HIGHEST_FORCE_N, ContactModel
 from haptix.friction.placeholders import with_finger
 from haptix.friction.solver import FrictionSolver
-from haptix.limits import past_limits
 from haptix.motion import LIFTED_BELOW_N, STANDING_BELOW_MM_PER_S, Trajectory
-from haptix.status import Status
+from haptix.status import Status, past_limits
 from haptix.terms import Occlusion, SlidingSpeed
 from haptix.threads import one_thread
 from haptix.virtual_finger.sensing import Felt, SensedForce, SensorModel

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from haptix import ContactModel, Finger, Screen, Status
-from haptix.limits import LIMITS
+from haptix.status import LIMITS
 
 STATES = 40_000
 

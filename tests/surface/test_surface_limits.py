@@ -11,7 +11,7 @@ import torch
 
 from haptix import ContactModel, Finger, FrictionSurface, Screen, Status
 from haptix.errors import InputError
-from haptix.limits import LIMITS
+from haptix.status import LIMITS
 from haptix.surface import Slice
 from tests.command_line import CommandLine
 
