@@ -11,7 +11,10 @@ from .errors import LimitError as LimitError
 from .errors import ProtocolError as ProtocolError
 from .limits import ABSOLUTE_CEILING_V as ABSOLUTE_CEILING_V
 from .limits import DriveLimits as DriveLimits
+from .link import Bus as Bus
+from .link import DeviceInfo as DeviceInfo
 from .link import Link as Link
+from .link import Scheme as Scheme
 from .links.converter import MockConverter as MockConverter
 from .links.mock import MockDriver as MockDriver
 from .links.mock import MockLink as MockLink
@@ -29,6 +32,3 @@ from .protocol import codes_to_volts as codes_to_volts
 from .protocol import volts_to_codes as volts_to_codes
 from .reviser import PlaybackStats as PlaybackStats
 from .reviser import Source as Source
-from .scheme import Bus as Bus
-from .scheme import DeviceInfo as DeviceInfo
-from .scheme import Scheme as Scheme

@@ -1,10 +1,24 @@
-"""The interface that every way to a driver implements, hardware or simulated."""
+"""A link, by which bytes go to a driver and back, and the addresses that open one.
+
+An address is a scheme, a colon, and the key=value pairs of that scheme. A scheme says how to open a
+link by an address, and how to search its bus. A module of `firmware_io.links` with a `SCHEME` adds
+one under the module's name; another package adds its own by entry points of the group
+"haptix.links".
+"""
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import Any
 
 from firmware_io.clock import HOST_CLOCK, Clock
+from firmware_io.errors import DeviceError, DeviceNotFoundError
 
 
 class Link(ABC):
@@ -52,3 +66,230 @@ class Link(ABC):
     @abstractmethod
     def close(self) -> None:
         """Close the link. The driver ends at 0 V, at the latest by its watchdog. Idempotent."""
+
+
+Read = Callable[[str], Any]
+
+
+def number(text: str) -> float:
+    """Return a finite number."""
+    value = float(text)
+    if math.isnan(value):
+        raise ValueError("not a number")
+    return value
+
+
+def count(text: str) -> int:
+    """Return a whole number, hexadecimal after 0x."""
+    return int(text, 0)
+
+
+def hexadecimal(text: str) -> int:
+    """Return a USB number as lsusb writes it."""
+    return int(text, 16)
+
+
+def yes_or_no(text: str) -> bool:
+    """Return True for yes, true or 1, False for no, false or 0."""
+    words = {"yes": True, "true": True, "1": True, "no": False, "false": False, "0": False}
+    if text.lower() not in words:
+        raise ValueError(text)
+    return words[text.lower()]
+
+
+def one_of(*words: str) -> Read:
+    """Return a reader that accepts only these words."""
+
+    def read(text: str) -> str:
+        if text not in words:
+            raise ValueError(text)
+        return text
+
+    read.__doc__ = f"One of {', '.join(words)}"
+    return read
+
+
+_EXPECTED: Mapping[Any, str] = {
+    number: "a number",
+    float: "a number",
+    count: "a whole number",
+    int: "a whole number",
+    hexadecimal: "a hexadecimal number of up to four digits",
+    yes_or_no: "yes or no",
+}
+
+#: Keys of every scheme: how the driver plays samples.
+SETTING_KEYS: Mapping[str, Read] = {
+    "mode": one_of("waveform", "envelope"),
+    "carrier_hz": number,
+    "sample_rate_hz": number,
+    "lead_s": number,
+    "watchdog_s": number,
+}
+
+
+def split_address(address: object, schemes: Iterable[str]) -> tuple[str, str]:
+    """Return the scheme and the selector of an address.
+
+    Raises
+    ------
+    DeviceError
+        If the address is not a string.
+    DeviceNotFoundError
+        If its scheme is unknown.
+    """
+    if not isinstance(address, str):
+        raise DeviceError(
+            f"An address must be a string, but is {address!r}, of type {type(address).__name__}; "
+            'use for example "mock:".'
+        )
+    scheme, colon, selector = address.partition(":")
+    if not colon or scheme not in schemes:
+        known = ", ".join(f"{name}:" for name in schemes)
+        raise DeviceNotFoundError(
+            f"An address begins with one of {known}, but {address!r} does not; "
+            "`haptix devices` lists the connected devices."
+        )
+    return scheme, selector
+
+
+def read_selector(scheme: str, selector: str, keys: Mapping[str, Read]) -> dict[str, Any]:
+    """Return the values of a selector, by key.
+
+    Raises
+    ------
+    DeviceError
+        If a key is unknown or repeated, or a value cannot be read. The message lists the keys.
+    """
+    known = ", ".join(keys)
+    values: dict[str, Any] = {}
+    for pair in selector.split(",") if selector else ():
+        key, _, text = (part.strip() for part in pair.partition("="))
+        if key not in keys or key in values:
+            raise DeviceError(
+                f"{scheme}: takes key=value pairs, each key once, but {key!r} came; "
+                f"the keys are {known}."
+            )
+        read = keys[key]
+        try:
+            values[key] = read(text)
+        except ValueError:
+            expected = _EXPECTED.get(read) or (read.__doc__ or "a text").lower()
+            raise DeviceError(
+                f"{key} of {scheme}: must be {expected}, but {text!r} came. The keys are {known}."
+            ) from None
+    return values
+
+
+_GROUP = "haptix.links"
+
+#: The note of a device whose numbers are not those of a haptix driver.
+OTHER_DEVICE = "Another device, not a haptix driver by its numbers."
+
+
+@dataclass(frozen=True)
+class DeviceInfo:
+    """One device that was found.
+
+    Parameters
+    ----------
+    address : str
+        Argument of `open_device`.
+    kind : str
+        The scheme of its address, such as "usb".
+    name : str
+        Name for display.
+    usable : bool
+        Whether `open_device` would try to drive it.
+    note : str
+        Remark for the user.
+    """
+
+    address: str
+    kind: str
+    name: str
+    usable: bool
+    note: str
+
+
+@dataclass(frozen=True)
+class Bus:
+    """A bus that can be searched without opening anything.
+
+    Parameters
+    ----------
+    search : callable
+        Returns the library with its version, and the devices. It may raise anything.
+    remedy : str
+        What to install if it raises.
+    """
+
+    search: Callable[[], tuple[str, list[DeviceInfo]]]
+    remedy: str
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """A kind of link, as its module describes it.
+
+    Parameters
+    ----------
+    open : callable
+        Returns the link; takes the values of `keys` that the address gives, by name.
+    keys : mapping of str to callable
+        Keys of its addresses besides `firmware_io.link.SETTING_KEYS`, and the reader of each.
+    split : callable, optional
+        Takes a selector; returns the values before its keys, and the rest.
+    bus : Bus, optional
+        The bus of its devices.
+    makes_rate : bool
+        Whether the link itself sets the sample rate, and takes `sample_rate_hz`.
+    """
+
+    open: Callable[..., Link]
+    keys: Mapping[str, Read] = field(default_factory=dict)
+    split: Callable[[str], tuple[dict[str, Any], str]] = lambda selector: ({}, selector)
+    bus: Bus | None = None
+    makes_rate: bool = False
+
+
+@cache
+def scheme_names() -> tuple[str, ...]:
+    """Return the schemes of all links that are installed."""
+    return tuple(_links())
+
+
+def scheme(name: str) -> Scheme:
+    """Return one of these schemes.
+
+    Raises
+    ------
+    DeviceError
+        If its module cannot be imported, or has no scheme.
+    """
+    link = _links()[name]
+    try:
+        loaded = link.load()
+    # The import of another package may raise anything.
+    except Exception as error:
+        raise DeviceError(
+            f"{name}: cannot be used, since {link.value} fails: {error}; mend or remove the "
+            "package that brings it."
+        ) from error
+    if not isinstance(loaded, Scheme):
+        raise DeviceError(
+            f"{name}: cannot be used, since {link.value} is no firmware_io.Scheme, but "
+            f"{loaded!r:.80}; mend or remove the package that brings it."
+        )
+    return loaded
+
+
+@cache
+def _links() -> dict[str, EntryPoint]:
+    """Entry points by scheme. Another package cannot replace a scheme of this one."""
+    ours = {
+        path.stem: EntryPoint(path.stem, f"firmware_io.links.{path.stem}:SCHEME", _GROUP)
+        for path in sorted(Path(__file__).with_name("links").glob("*.py"))
+        if "\nSCHEME = " in path.read_text(encoding="utf-8")
+    }
+    return {link.name: link for link in entry_points(group=_GROUP)} | ours

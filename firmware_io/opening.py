@@ -9,7 +9,7 @@ from typing import Any, Self
 
 from firmware_io.device import Device
 from firmware_io.errors import DeviceError
-from firmware_io.scheme import (
+from firmware_io.link import (
     SETTING_KEYS,
     DeviceInfo,
     Scheme,

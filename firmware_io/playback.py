@@ -14,10 +14,9 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from firmware_io.clock import HOST_CLOCK
+from firmware_io.clock import HOST_CLOCK, raise_priority
 from firmware_io.device import Device
 from firmware_io.errors import DeviceError
-from firmware_io.real_time import raise_priority
 from firmware_io.reviser import PlaybackStats, Reviser, Source
 
 _LOG = logging.getLogger("firmware_io.playback")

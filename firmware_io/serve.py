@@ -21,10 +21,10 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
+from firmware_io.clock import raise_priority
 from firmware_io.errors import DeviceError, HaptixError
 from firmware_io.links.mock import MockDriver
 from firmware_io.links.tcp import ANSWER_BYTES, TOKEN_VARIABLE, answer_to, challenge, read_token
-from firmware_io.real_time import raise_priority
 
 DEFAULT_PORT = 7420
 _TURN_S = 0.002  # between two polls of the driver

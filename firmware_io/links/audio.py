@@ -16,9 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from firmware_io.errors import DeviceBusyError, DeviceError, DeviceNotFoundError
+from firmware_io.link import Bus, DeviceInfo, Scheme, number, yes_or_no
 from firmware_io.links.hosted import HostedLink, RigProfile, read_rig_profile
 from firmware_io.protocol import FULL_SCALE_CODE
-from firmware_io.scheme import Bus, DeviceInfo, Scheme, number, yes_or_no
 
 _LOG = logging.getLogger("firmware_io.links")
 

@@ -18,12 +18,12 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from firmware_io.clock import raise_priority
 from firmware_io.errors import DeviceBusyError, DeviceError, DeviceNotFoundError, from_extra
 from firmware_io.limits import WATCHDOG_S
+from firmware_io.link import Bus, DeviceInfo, Scheme, number
 from firmware_io.links.hosted import HostedLink, RigProfile, read_rig_profile
 from firmware_io.protocol import FULL_SCALE_CODE
-from firmware_io.real_time import raise_priority
-from firmware_io.scheme import Bus, DeviceInfo, Scheme, number
 
 _HIGHEST_BUFFER_S = 0.5
 _LEAST_STATEMENT = 8  # letters of the statement of an interlock

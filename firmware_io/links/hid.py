@@ -19,10 +19,9 @@ from firmware_io.errors import (
     DevicePermissionError,
     ProtocolError,
 )
-from firmware_io.link import Link
-from firmware_io.links.identity import PRODUCT_ID, VENDOR_ID, permission_remedy
+from firmware_io.link import OTHER_DEVICE, Bus, DeviceInfo, Link, Scheme, hexadecimal, one_of
+from firmware_io.links.usb import PRODUCT_ID, VENDOR_ID, permission_remedy
 from firmware_io.protocol import REPORT_BYTES, from_report, to_reports
-from firmware_io.scheme import OTHER_DEVICE, Bus, DeviceInfo, Scheme, hexadecimal, one_of
 
 
 class Claim:

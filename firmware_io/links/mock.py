@@ -17,7 +17,7 @@ from firmware_io.clock import SteppedClock
 from firmware_io.errors import DeviceDisconnectedError, DeviceError
 from firmware_io.firmware.core import LINE, Core, Output, Sensor
 from firmware_io.limits import ABSOLUTE_CEILING_V, DEFAULT_MAX_SLEW_V_PER_S, WATCHDOG_S, DriveLimits
-from firmware_io.link import Link
+from firmware_io.link import Link, Scheme, count, number, one_of, yes_or_no
 from firmware_io.links.converter import MockConverter
 from firmware_io.protocol import (
     REPORT_BYTES,
@@ -32,7 +32,6 @@ from firmware_io.protocol import (
     codes_to_volts,
     to_reports,
 )
-from firmware_io.scheme import Scheme, count, number, one_of, yes_or_no
 
 Pace = Literal["virtual", "real", "stepped"]
 

@@ -15,9 +15,8 @@ from firmware_io.errors import (
     DevicePermissionError,
     from_extra,
 )
-from firmware_io.link import Link
-from firmware_io.links.identity import PRODUCT_ID, VENDOR_ID
-from firmware_io.scheme import OTHER_DEVICE, Bus, DeviceInfo, Scheme, count, yes_or_no
+from firmware_io.link import OTHER_DEVICE, Bus, DeviceInfo, Link, Scheme, count, yes_or_no
+from firmware_io.links.usb import PRODUCT_ID, VENDOR_ID
 
 BAUD = 2_000_000
 """Bits a second, of which ten make a byte: samples of 16 bits at 48 kHz need 1.1 million."""

@@ -23,8 +23,7 @@ from firmware_io.errors import (
     DeviceError,
     DeviceNotFoundError,
 )
-from firmware_io.link import Link
-from firmware_io.scheme import Scheme
+from firmware_io.link import Link, Scheme
 
 _CONNECT_S = 2.0
 _SEND_S = 1.0

@@ -1,10 +1,11 @@
-"""USB bulk, through pyusb and libusb."""
+"""USB bulk, through pyusb and libusb; the USB numbers of a driver, and the udev rule for them."""
 
 from __future__ import annotations
 
 import errno
 from contextlib import suppress
 from importlib import import_module
+from pathlib import Path
 from typing import Any, NoReturn
 
 from firmware_io.errors import (
@@ -15,9 +16,20 @@ from firmware_io.errors import (
     DevicePermissionError,
     ProtocolError,
 )
-from firmware_io.link import Link
-from firmware_io.links.identity import PRODUCT_ID, VENDOR_ID, permission_remedy
-from firmware_io.scheme import OTHER_DEVICE, Bus, DeviceInfo, Scheme, count, hexadecimal
+from firmware_io.link import OTHER_DEVICE, Bus, DeviceInfo, Link, Scheme, count, hexadecimal
+
+#: pid.codes' numbers for testing; a board that is sold needs its own.
+VENDOR_ID = 0x1209
+PRODUCT_ID = 0x0001
+
+#: Sorts before 73-seat-late.rules, which acts on the tag.
+RULE_FILE = Path("etc/udev/rules.d/70-haptix.rules")
+
+_RULE = """\
+# haptix: the user who sits at this computer may open the touchscreen's driver.
+SUBSYSTEM=="usb", ATTR{{idVendor}}=="{vid:04x}", ATTR{{idProduct}}=="{pid:04x}", TAG+="uaccess"
+SUBSYSTEM=="hidraw", ATTRS{{idVendor}}=="{vid:04x}", ATTRS{{idProduct}}=="{pid:04x}", TAG+="uaccess"
+"""
 
 _VENDOR_CLASS = 0xFF
 _BULK = 2
@@ -26,6 +38,28 @@ _READ_BYTES = 16384
 #: A queue of one second drains in one second; a device that accepts no bytes for longer is lost.
 _WRITE_MS = 1000
 _GONE = (errno.ENODEV, errno.EIO, errno.ENOENT, errno.ESHUTDOWN)
+
+
+def udev_rule(vendor_id: int = VENDOR_ID, product_id: int = PRODUCT_ID) -> str:
+    """Return the text of the rule for these USB numbers."""
+    return _RULE.format(vid=vendor_id, pid=product_id)
+
+
+def udev_rule_is_installed(root: Path = Path("/")) -> bool:
+    """Return whether the rule file below `root` exists and has the right text."""
+    try:
+        path = root / RULE_FILE
+        return path.is_file() and path.read_text() == udev_rule()
+    except OSError:
+        return False
+
+
+def permission_remedy() -> str:
+    """Return what to do if the operating system does not let this user open a device."""
+    return (
+        f"install the udev rule /{RULE_FILE} with `sudo haptix doctor --install-udev`, "
+        "then replug the device"
+    )
 
 
 def backend() -> Any:

@@ -74,7 +74,7 @@ def doctor(
 
 
 def _install_udev(root: Path, yes: bool) -> None:
-    from firmware_io.links.identity import RULE_FILE, udev_rule, udev_rule_is_installed
+    from firmware_io.links.usb import RULE_FILE, udev_rule, udev_rule_is_installed
     from haptix.files import write_whole
 
     if udev_rule_is_installed(root):
@@ -123,7 +123,7 @@ def _row(what: str, good: bool, detail: str) -> dict[str, Any]:
 
 
 def _check_udev(root: Path) -> dict[str, Any]:
-    from firmware_io.links.identity import RULE_FILE, udev_rule_is_installed
+    from firmware_io.links.usb import RULE_FILE, udev_rule_is_installed
 
     good = udev_rule_is_installed(root)
     missing = (
@@ -138,7 +138,7 @@ _GOOD_MS = 5.0
 
 
 def _check_timing() -> dict[str, Any]:
-    from firmware_io.real_time import measure_wake_ups
+    from firmware_io.clock import measure_wake_ups
 
     wake_ups = measure_wake_ups()
     late_ms, largest_ms = wake_ups.p99_s * 1e3, wake_ups.largest_s * 1e3

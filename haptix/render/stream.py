@@ -31,8 +31,8 @@ from typing import Any, Self
 import numpy as np
 
 from firmware_io import CurrentReading, Device, Playback
+from firmware_io.clock import ready_interpreter
 from firmware_io.progress import MOST_MARKS
-from firmware_io.real_time import ready_interpreter
 from haptix.checks import Array, instance, number, whole
 from haptix.errors import InputError, LimitError, OverloadWarning
 from haptix.layout import Layout, LayoutEvent, LayoutEventKind, Listeners

@@ -5,7 +5,7 @@ import os
 import pytest
 from typer.testing import CliRunner
 
-from firmware_io.links.identity import RULE_FILE, udev_rule, udev_rule_is_installed
+from firmware_io.links.usb import RULE_FILE, udev_rule, udev_rule_is_installed
 from haptix.cli.application import app
 
 

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from firmware_io.real_time import measure_wake_ups, raise_priority
+from firmware_io.clock import measure_wake_ups, raise_priority
 
 
 def policy_after(raise_it):
@@ -53,7 +53,7 @@ def test_wake_ups_are_counted_from_when_they_were_due(monkeypatch):
     times = iter(t / 100 for t in range(100))  # each look at the clock takes 10 ms
     # This module's clock only: other threads of the process read the real one.
     clock = SimpleNamespace(monotonic=lambda: next(times))
-    monkeypatch.setattr("firmware_io.real_time.time", clock)
+    monkeypatch.setattr("firmware_io.clock.time", clock)
     found = measure_wake_ups(0.1)
     # Due 3 ms after the look before.
     assert [found.p50_s, found.p99_s, found.largest_s] == pytest.approx([0.007] * 3)

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import haptix
-from firmware_io import DeviceError, open_device, scheme, survey_buses
+from firmware_io import DeviceError, link, open_device, survey_buses
 from tests.waiting import PATIENCE_S
 
 ROOT = Path(haptix.__file__).parents[1]
@@ -83,14 +83,14 @@ def brings(monkeypatch):
 
     def bring(name, value):
         own = EntryPoint(name, value, "haptix.links")
-        monkeypatch.setattr(scheme, "entry_points", lambda group: [own])
-        scheme._links.cache_clear()
-        scheme.scheme_names.cache_clear()
+        monkeypatch.setattr(link, "entry_points", lambda group: [own])
+        link._links.cache_clear()
+        link.scheme_names.cache_clear()
 
     yield bring
     monkeypatch.undo()
-    scheme._links.cache_clear()
-    scheme.scheme_names.cache_clear()
+    link._links.cache_clear()
+    link.scheme_names.cache_clear()
 
 
 @pytest.mark.parametrize("value", ["no_such_module:SCHEME", "json:loads", "json:SCHEME"])

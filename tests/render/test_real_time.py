@@ -13,8 +13,8 @@ from firmware_io import (
     DeviceFaultError,
     open_device,
 )
+from firmware_io.clock import ready_interpreter
 from firmware_io.limits import WATCHDOG_S
-from firmware_io.real_time import ready_interpreter
 from haptix import InputError, LiveRenderer, Texture
 from haptix.errors import OverloadWarning
 from haptix.materials import Moving

@@ -17,7 +17,7 @@ import tests.devices.guest.checks_opening
 import tests.devices.guest.checks_revisions
 import tests.devices.guest.checks_touchscreens  # noqa: F401
 from firmware_io import open_device
-from firmware_io.links.identity import udev_rule
+from firmware_io.links.usb import udev_rule
 from tests.devices.guest.plugged import wait_for
 from tests.devices.guest.ways import CHECKS as CHECKS
 
