@@ -17,11 +17,19 @@ from typing import Any
 
 import numpy as np
 
-from firmware_io import Playback, device, open_device, playback, protocol_client, reviser, stream
+from firmware_io import (
+    Playback,
+    device,
+    host_stream,
+    open_device,
+    playback,
+    protocol_client,
+    reviser,
+)
 from firmware_io.playback import WaveSource
 from haptix import log
 
-ROOMS: tuple[Any, ...] = (device, playback, protocol_client, reviser, stream)
+ROOMS: tuple[Any, ...] = (device, host_stream, playback, protocol_client, reviser)
 STREAM_S, TOUCH_S = 2.0, 0.01
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import cffi
 
-from firmware_io.errors import DeviceError
+from firmware_io.device_errors import DeviceError
 
 
 def load(name: str, *headers: Path) -> tuple[cffi.FFI, Any]:

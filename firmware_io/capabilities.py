@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 from numbers import Real
 from typing import Literal, Self
 
-from firmware_io.errors import DeviceError, ProtocolError
+from firmware_io.device_errors import DeviceError, ProtocolError
 from firmware_io.limits import MIN_CARRIER_HZ, RAMP_S, WATCHDOG_S, DriveLimits
 from firmware_io.link import Link
 from firmware_io.protocol import (

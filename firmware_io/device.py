@@ -23,14 +23,14 @@ from firmware_io.capabilities import (
     lowered_limits,
 )
 from firmware_io.clock import Clock
-from firmware_io.errors import DeviceDisconnectedError, DeviceError, LimitError
+from firmware_io.device_errors import DeviceDisconnectedError, DeviceError, LimitError
+from firmware_io.host_stream import Pace, Stream
 from firmware_io.limits import DriveLimits
 from firmware_io.link import Link
 from firmware_io.links.mock import MockDriver, MockLink
 from firmware_io.progress import CurrentReading, Marked, Progress
 from firmware_io.protocol import SensorProblem, Setup, StreamMode, TouchReport
 from firmware_io.protocol_client import ProtocolClient
-from firmware_io.stream import Pace, Stream
 
 _LOG = logging.getLogger("firmware_io.device")
 

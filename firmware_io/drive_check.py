@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from firmware_io.capabilities import kept_limits
-from firmware_io.errors import LimitError
+from firmware_io.device_errors import LimitError
 from firmware_io.firmware.core import compiled
 from firmware_io.limits import RAMP_S, DriveLimits
 from firmware_io.protocol import Setup, StreamMode, top_code, volts_to_codes

@@ -11,7 +11,7 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
-from firmware_io.errors import LimitError
+from firmware_io.device_errors import LimitError
 
 #: No configuration raises the ceiling above this: it is the product's safety limit.
 ABSOLUTE_CEILING_V = 200.0

@@ -18,15 +18,16 @@ from pathlib import Path
 from typing import Any
 
 from firmware_io.clock import HOST_CLOCK, Clock
-from firmware_io.errors import DeviceError, DeviceNotFoundError
+from firmware_io.device_errors import DeviceError, DeviceNotFoundError
 
 
 class Link(ABC):
     """Carries bytes to one driver and back.
 
     A link knows neither limits nor frames. `firmware_io.Device` owns it and speaks the protocol
-    through it. An implementation turns its library's errors into those of `firmware_io.errors`; it
-    may let an OSError pass, which counts as a lost link. Only one thread uses a link at a time.
+    through it. An implementation turns its library's errors into those of
+    `firmware_io.device_errors`; it may let an OSError pass, which counts as a lost link. Only one
+    thread uses a link at a time.
     """
 
     name: str

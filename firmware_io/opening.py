@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 from firmware_io.device import Device
-from firmware_io.errors import DeviceError
+from firmware_io.device_errors import DeviceError
 from firmware_io.link import (
     SETTING_KEYS,
     DeviceInfo,

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from firmware_io.clock import HOST_CLOCK, raise_priority
 from firmware_io.device import Device
-from firmware_io.errors import DeviceError
+from firmware_io.device_errors import DeviceError
 from firmware_io.reviser import PlaybackStats, Reviser, Source
 
 _LOG = logging.getLogger("firmware_io.playback")

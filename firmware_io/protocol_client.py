@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 
 from firmware_io.clock import HOST_CLOCK, Clock
-from firmware_io.errors import (
+from firmware_io.device_errors import (
     DeviceDisconnectedError,
     DeviceError,
     DeviceFaultError,

@@ -7,8 +7,8 @@ from collections import deque
 import numpy as np
 import numpy.typing as npt
 
+from firmware_io.device_errors import DeviceError
 from firmware_io.drive_check import DriveCheck
-from firmware_io.errors import DeviceError
 from firmware_io.protocol import INDEX_MODULUS, SEQUENCE_MODULUS, StatusReport
 
 _Values = npt.NDArray[np.float64]

@@ -22,7 +22,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from firmware_io.clock import raise_priority
-from firmware_io.errors import DeviceError, HaptixError
+from firmware_io.device_errors import DeviceError, HaptixError
 from firmware_io.links.mock import MockDriver
 from firmware_io.links.tcp import ANSWER_BYTES, TOKEN_VARIABLE, answer_to, challenge, read_token
 

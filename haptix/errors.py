@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from firmware_io.errors import (
+from firmware_io.device_errors import (
     DeviceError,
     HaptixError,
     LimitError,

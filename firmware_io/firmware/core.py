@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from firmware_io.c_library import load
-from firmware_io.errors import DeviceError
+from firmware_io.device_errors import DeviceError
 from firmware_io.protocol import (
     CapabilitiesReport,
     FaultCode,

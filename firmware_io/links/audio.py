@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from firmware_io.errors import DeviceBusyError, DeviceError, DeviceNotFoundError
+from firmware_io.device_errors import DeviceBusyError, DeviceError, DeviceNotFoundError
 from firmware_io.link import Bus, DeviceInfo, Scheme, number, yes_or_no
 from firmware_io.links.hosted import HostedLink, RigProfile, read_rig_profile
 from firmware_io.protocol import FULL_SCALE_CODE

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from firmware_io.capabilities import DEFAULT_CARRIER_HZ
-from firmware_io.errors import DeviceError
+from firmware_io.device_errors import DeviceError
 from firmware_io.protocol import FULL_SCALE_CODE, CapabilitiesReport
 
 Codes = npt.NDArray[np.int16]

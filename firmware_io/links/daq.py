@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from firmware_io.clock import raise_priority
-from firmware_io.errors import DeviceBusyError, DeviceError, DeviceNotFoundError, from_extra
+from firmware_io.device_errors import DeviceBusyError, DeviceError, DeviceNotFoundError, from_extra
 from firmware_io.limits import WATCHDOG_S
 from firmware_io.link import Bus, DeviceInfo, Scheme, number
 from firmware_io.links.hosted import HostedLink, RigProfile, read_rig_profile

@@ -11,7 +11,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from firmware_io.errors import (
+from firmware_io.device_errors import (
     DeviceBusyError,
     DeviceDisconnectedError,
     DeviceError,

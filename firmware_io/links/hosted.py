@@ -19,7 +19,7 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from firmware_io.errors import DeviceDisconnectedError, DeviceError
+from firmware_io.device_errors import DeviceDisconnectedError, DeviceError
 from firmware_io.firmware.core import LINE, Core, Output
 from firmware_io.limits import (
     ABSOLUTE_CEILING_V,

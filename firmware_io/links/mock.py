@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from firmware_io.clock import SteppedClock
-from firmware_io.errors import DeviceDisconnectedError, DeviceError
+from firmware_io.device_errors import DeviceDisconnectedError, DeviceError
 from firmware_io.firmware.core import LINE, Core, Output, Sensor
 from firmware_io.limits import ABSOLUTE_CEILING_V, DEFAULT_MAX_SLEW_V_PER_S, WATCHDOG_S, DriveLimits
 from firmware_io.link import Link, Scheme, count, number, one_of, yes_or_no

@@ -7,7 +7,7 @@ from contextlib import suppress
 from importlib import import_module
 from typing import Any
 
-from firmware_io.errors import (
+from firmware_io.device_errors import (
     DeviceBusyError,
     DeviceDisconnectedError,
     DeviceError,

@@ -17,7 +17,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from firmware_io.errors import (
+from firmware_io.device_errors import (
     DeviceBusyError,
     DeviceDisconnectedError,
     DeviceError,

@@ -8,7 +8,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, NoReturn
 
-from firmware_io.errors import (
+from firmware_io.device_errors import (
     DeviceBusyError,
     DeviceDisconnectedError,
     DeviceError,

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from firmware_io.errors import LimitError, ProtocolError
+from firmware_io.device_errors import LimitError, ProtocolError
 from firmware_io.protocol.messages import (
     MAX_SAMPLES,
     Arm,

@@ -51,7 +51,7 @@ void hx_slice_reach(const hx_slice *slice, const double *force_n, int64_t n, dou
 void hx_slice_friction(const hx_slice *slice, const double *force_n, const double *amplitude_v,
                        int64_t n, double *mu);
 
-/* How numbers of a texture become samples; see haptix.render.core.RenderCore. */
+/* How numbers of a texture become samples; see haptix.render.samples.RenderCore. */
 typedef struct {
     int64_t target;      /* 0: friction, 1: contrast, 2: share of the reachable range */
     int64_t compresses;  /* whether numbers from span_low to span_high fill the range */

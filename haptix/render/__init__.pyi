@@ -1,12 +1,12 @@
-from .core import Fingers as Fingers
-from .core import RenderCore as RenderCore
-from .core import RenderedBlock as RenderedBlock
-from .core import RenderStats as RenderStats
 from .drive import DirectWave as DirectWave
 from .drive import Drive as Drive
 from .drive import SineCarrier as SineCarrier
 from .master import EffectEnd as EffectEnd
 from .master import PlayingEffect as PlayingEffect
+from .samples import Fingers as Fingers
+from .samples import RenderCore as RenderCore
+from .samples import RenderedBlock as RenderedBlock
+from .samples import RenderStats as RenderStats
 from .settings import Combination as Combination
 from .settings import LiveSettings as LiveSettings
 from .settings import RenderSettings as RenderSettings

@@ -14,7 +14,7 @@ from haptix.errors import InputError
 from haptix.motion import VELOCITY_OVER_S, History, Motion, Report
 from haptix.motion.block import React, Reactions, unmoved
 from haptix.native import DOUBLES, Struct, ffi, library
-from haptix.render.core import Fingers
+from haptix.render.samples import Fingers
 from haptix.render.settings import LiveSettings, Sliding
 from haptix.touch import Touches, TouchEvent, TouchState, TouchTracker
 

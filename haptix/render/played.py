@@ -13,9 +13,9 @@ import numpy as np
 
 from firmware_io.revisable import Revisable
 from haptix.checks import Array
-from haptix.render.core import Fingers, RenderCore, RenderedBlock
 from haptix.render.fingers import PredictedFingers
 from haptix.render.master import Master
+from haptix.render.samples import Fingers, RenderCore, RenderedBlock
 
 ROW_S = 0.001
 """Time between rows, as nearly as the control points allow; friction is felt up to 1 kHz."""

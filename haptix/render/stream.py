@@ -38,11 +38,11 @@ from haptix.errors import InputError, LimitError, OverloadWarning
 from haptix.layout import Layout, LayoutEvent, LayoutEventKind, Listeners
 from haptix.motion import Report, Trajectory
 from haptix.render.adapting import Adaptation
-from haptix.render.core import RenderCore, RenderedBlock, RenderStats
 from haptix.render.drive import Drive, DriverCarrier
 from haptix.render.fingers import PredictedFingers, RecordedFingers
 from haptix.render.master import EffectEnd, Master, PlayingEffect
 from haptix.render.played import PlayedRecord, RenderSource
+from haptix.render.samples import RenderCore, RenderedBlock, RenderStats
 from haptix.render.settings import LiveSettings, RenderSettings
 from haptix.render.verified import VerifiedUse
 from haptix.sensing import FingerObserver

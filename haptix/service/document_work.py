@@ -186,7 +186,7 @@ class DocumentWork:
 
     def _reach(self, normal_force_n: float) -> Column:
         """Friction that the screen can give at a force."""
-        from haptix.render.core import DEFAULT_CARRIER_HZ
+        from haptix.render.samples import DEFAULT_CARRIER_HZ
         from haptix.service.engine import surface_of
 
         surface = surface_of(self._opening).driven_at(DEFAULT_CARRIER_HZ)

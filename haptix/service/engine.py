@@ -151,7 +151,7 @@ def surface_of(opening: dict[str, Any]) -> FrictionSurface:
     """Load the surface that was given, or load or build one for the finger and screen."""
     from haptix.finger import Finger
     from haptix.friction import ContactModel
-    from haptix.render.core import DEFAULT_CARRIER_HZ
+    from haptix.render.samples import DEFAULT_CARRIER_HZ
     from haptix.screen import Screen
     from haptix.surface import FrictionSurface, cached_surface
 
@@ -379,7 +379,7 @@ class EngineServer:
         from haptix.devices import open_device, profiles_for
         from haptix.finger import Finger
         from haptix.materials import KINDS
-        from haptix.render.core import carrier_hz
+        from haptix.render.samples import carrier_hz
         from haptix.screen import Screen
         from haptix.service.in_use import profiles_of
         from haptix.texture.decoded import FOLDER, keep_in
@@ -431,7 +431,7 @@ class EngineServer:
 
     def _do_arm(self, session: int) -> dict[str, Any]:
         from haptix.render import LiveRenderer, LiveSettings
-        from haptix.render.core import carrier_hz
+        from haptix.render.samples import carrier_hz
 
         if self._device is None:
             raise InputError("arm: a job has the device; wait for it, or cancel it")
@@ -484,7 +484,7 @@ class EngineServer:
     def _load_sensing(self, finger: Finger, screen: Screen) -> None:
         """Prepare what takes seconds, where a driver senses; a virtual finger loads a mock."""
         from haptix.friction import ContactModel
-        from haptix.render.core import carrier_hz
+        from haptix.render.samples import carrier_hz
         from haptix.sensing import ContactCurrent
         from haptix.virtual_finger import LiveCurrent, VirtualCurrent
 

@@ -21,7 +21,7 @@ from haptix.friction import ContactModel
 from haptix.motion import LIFTED_BELOW_N, Motion, Trajectory
 from haptix.motion.block import facts_on
 from haptix.render import DirectWave, Drive, LiveRenderer, LiveSettings, Renderer
-from haptix.render.core import DEFAULT_CARRIER_HZ
+from haptix.render.samples import DEFAULT_CARRIER_HZ
 from haptix.states import ContactState
 from haptix.status import Status
 from haptix.surface import FrictionSurface, cached_surface

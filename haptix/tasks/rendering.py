@@ -411,7 +411,7 @@ class Headroom(OnScreen, route="headroom", kind="headroom"):
         import numpy as np
 
         from haptix.materials.picture import picture
-        from haptix.render.core import DEFAULT_CARRIER_HZ
+        from haptix.render.samples import DEFAULT_CARRIER_HZ
         from haptix.status import Status
         from haptix.surface import cached_surface
         from haptix.texture import as_mu
@@ -445,7 +445,7 @@ class KeepSurface(OnScreen, route="surfaces", kind="surface"):
 
     def run(self, context: Context) -> Result:
         """Build a surface as the service does at its start."""
-        from haptix.render.core import DEFAULT_CARRIER_HZ
+        from haptix.render.samples import DEFAULT_CARRIER_HZ
         from haptix.surface import cached_surface
 
         scene = {"normal_force_n": FORCES_N, "frequency_hz": DEFAULT_CARRIER_HZ}

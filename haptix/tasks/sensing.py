@@ -46,7 +46,7 @@ class Enroll(OnScreen, command="enroll"):
         check_new(self.out, self.overwrite)
         from haptix.devices import open_device
         from haptix.render import LiveRenderer, LiveSettings
-        from haptix.render.core import DEFAULT_CARRIER_HZ
+        from haptix.render.samples import DEFAULT_CARRIER_HZ
         from haptix.render.sensed_slide import WAITS_S, WIDTH_MM, sensed_slide
         from haptix.sensing import ContactCurrent, FingerObserver
         from haptix.surface import cached_surface
@@ -90,7 +90,7 @@ class Enroll(OnScreen, command="enroll"):
         """Return the current of the finger that slides on a mock."""
         from haptix.finger import Finger
         from haptix.friction import ContactModel
-        from haptix.render.core import DEFAULT_CARRIER_HZ
+        from haptix.render.samples import DEFAULT_CARRIER_HZ
         from haptix.virtual_finger import VirtualCurrent
 
         slider = model.finger if self.slider is None else Finger.named(self.slider)

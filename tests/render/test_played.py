@@ -7,10 +7,10 @@ import torch
 from firmware_io import Device, MockDriver, MockLink
 from haptix import Texture
 from haptix.render import LiveSettings
-from haptix.render.core import RenderCore
 from haptix.render.fingers import PredictedFingers
 from haptix.render.master import Master
 from haptix.render.played import COLUMNS, PlayedRecord, RenderSource
+from haptix.render.samples import RenderCore
 from haptix.touch import TouchEvent
 
 RATE_HZ, STEP_S, START_S = 48_000, 1 / 12_000, 0.2

@@ -7,10 +7,10 @@ from firmware_io import Device, MockDriver, MockLink, Playback
 from haptix import Layout, LiveRenderer, Texture
 from haptix.materials import Transient
 from haptix.render import LiveSettings
-from haptix.render.core import RenderCore
 from haptix.render.fingers import PredictedFingers
 from haptix.render.master import Master
 from haptix.render.played import RenderSource
+from haptix.render.samples import RenderCore
 from haptix.touch import TouchEvent
 
 STEP_S = 1 / 12_000

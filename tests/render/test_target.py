@@ -10,7 +10,7 @@ from firmware_io import open_device
 from haptix import InputError, Status
 from haptix.motion import Motion
 from haptix.render import RenderCore, RenderSettings, SineCarrier
-from haptix.render.core import Fingers
+from haptix.render.samples import Fingers
 from tests.render.block_oracle import Given
 
 

@@ -118,7 +118,7 @@ def test_who_arms_after_a_silent_holder_is_felt(monkeypatch):
     monkeypatch.setattr(EngineServer, "_works", lambda self, work: None)
     monkeypatch.setattr("haptix.service.engine.Telemetry.tell", lambda *what: None)
     monkeypatch.setattr("haptix.render.LiveRenderer", lambda *_, **__: renderer)
-    monkeypatch.setattr("haptix.render.core.carrier_hz", lambda surface: 4000.0)
+    monkeypatch.setattr("haptix.render.samples.carrier_hz", lambda surface: 4000.0)
     server = EngineServer(io.BytesIO())
     server._device = SimpleNamespace(close=lambda: None)
     server._layouts[2] = SimpleNamespace(layout=None)

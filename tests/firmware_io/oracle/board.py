@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from firmware_io.errors import DeviceError
+from firmware_io.device_errors import DeviceError
 from firmware_io.firmware.core import Sensor
 from firmware_io.protocol import FULL_SCALE_CODE, CapabilitiesReport
 

@@ -27,8 +27,8 @@ import numpy as np
 import numpy.typing as npt
 
 from firmware_io.capabilities import MOST_REPORTS_PER_S
+from firmware_io.device_errors import DeviceDisconnectedError, DeviceError, DeviceFaultError
 from firmware_io.drive_check import DriveCheck
-from firmware_io.errors import DeviceDisconnectedError, DeviceError, DeviceFaultError
 from firmware_io.limits import DriveLimits
 from firmware_io.progress import MOST_MARKS, Progress
 from firmware_io.protocol import (
