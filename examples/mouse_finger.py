@@ -18,7 +18,7 @@ import haptix
 from haptix.layout import LayoutEvent, Patch, ScreenGeometry
 from haptix.materials import Button, Slider
 from haptix.render import LiveSettings
-from haptix.render.played import COLUMNS, PlayedRecord
+from haptix.render.live import COLUMNS, PlayedRecord
 from haptix.texture import Grating
 from haptix.touch import TouchEvent
 

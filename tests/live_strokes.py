@@ -7,7 +7,7 @@ import numpy as np
 import haptix
 from haptix import Texture
 from haptix.render import LiveRenderer, LiveSettings, Sliding
-from haptix.render.played import COLUMNS, PlayedRecord
+from haptix.render.live import COLUMNS, PlayedRecord
 from haptix.texture import FrictionField
 from haptix.touch import TouchEvent
 

@@ -1,6 +1,7 @@
 from .drive import DirectWave as DirectWave
 from .drive import Drive as Drive
 from .drive import SineCarrier as SineCarrier
+from .live import LiveRenderer as LiveRenderer
 from .master import EffectEnd as EffectEnd
 from .master import PlayingEffect as PlayingEffect
 from .samples import Fingers as Fingers
@@ -11,5 +12,4 @@ from .settings import Combination as Combination
 from .settings import LiveSettings as LiveSettings
 from .settings import RenderSettings as RenderSettings
 from .settings import Sliding as Sliding
-from .stream import LiveRenderer as LiveRenderer
 from .stream import Renderer as Renderer

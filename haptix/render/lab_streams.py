@@ -19,8 +19,7 @@ from firmware_io.protocol import TouchReport
 from haptix.checks import Array, positive, row
 from haptix.errors import InputError, from_extra
 from haptix.render.intervals import NO_FORCE
-from haptix.render.played import COLUMNS, PlayedRecord
-from haptix.render.stream import LiveRenderer
+from haptix.render.live import COLUMNS, LiveRenderer, PlayedRecord
 from haptix.touch import TouchEvent
 
 _READINGS = 5  # of two clocks, one after the other; the quickest pair counts

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from firmware_io.protocol import TouchPhase, TouchReport
-from haptix.render.stream import LiveRenderer
+from haptix.render.live import LiveRenderer
 from haptix.sensing import FingerObserver, Knowledge
 from haptix.virtual_finger import LiveCurrent, VirtualCurrent
 

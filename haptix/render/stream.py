@@ -1,4 +1,4 @@
-"""From touches to samples on a device: recorded as they are, or live, predicted and revised.
+"""From touches to samples on a device: what all renderers share, and the one of recorded touches.
 
 States of a renderer::
 
@@ -20,35 +20,27 @@ from __future__ import annotations
 
 import logging
 import time
-import warnings
 from abc import ABC, abstractmethod
-from collections import deque
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
-from math import nan
+from collections.abc import Callable, Mapping
+from math import hypot, inf, nan
 from typing import Any, Self
 
 import numpy as np
 
-from firmware_io import CurrentReading, Device, Playback
-from firmware_io.clock import ready_interpreter
-from firmware_io.progress import MOST_MARKS
-from haptix.checks import Array, instance, number, whole
-from haptix.errors import InputError, LimitError, OverloadWarning
+from firmware_io import Device
+from haptix.checks import Array, instance, number
+from haptix.errors import InputError, LimitError
 from haptix.layout import Layout, LayoutEvent, LayoutEventKind, Listeners
 from haptix.motion import Report, Trajectory
-from haptix.render.adapting import Adaptation
 from haptix.render.drive import Drive, DriverCarrier
-from haptix.render.fingers import PredictedFingers, RecordedFingers
-from haptix.render.master import EffectEnd, Master, PlayingEffect
-from haptix.render.played import PlayedRecord, RenderSource
+from haptix.render.fingers import RecordedFingers
+from haptix.render.master import EffectEnd, Master
 from haptix.render.samples import RenderCore, RenderedBlock, RenderStats
-from haptix.render.settings import LiveSettings, RenderSettings
-from haptix.render.verified import VerifiedUse
-from haptix.sensing import FingerObserver
+from haptix.render.settings import RenderSettings
+from haptix.screen import VerifiedRange
 from haptix.surface import FrictionSurface
 from haptix.texture import Feelable, check_feelable
-from haptix.touch import ForceModel, TouchCounts, TouchEvent
+from haptix.touch import ForceModel, TouchEvent
 from haptix.touch.events import problem_of
 
 _LOG = logging.getLogger("haptix.render")
@@ -56,8 +48,96 @@ _LOG = logging.getLogger("haptix.render")
 LONGEST_GAP_S = 60.0
 """Longest pause between recorded touches that is rendered."""
 
+_APART_S = 0.1  # between the places that give a speed: a panel's noise is far less than the way
 _ASSUMED_N = ForceModel().assumed_n
 _LONG_S = 0.25  # length of a block of `play`: long enough to hide the cost of calls of numpy
+
+
+class VerifiedUse:
+    """The highest force, speed, time in contact and amplitude in use, against the verified range.
+
+    Each touch begins and ends at rest and without a force: only what is too much counts.
+
+    Parameters
+    ----------
+    info : mapping
+        Of the surface: its model has the screen's profile.
+    frequency_hz : float
+        Of the drive.
+    """
+
+    def __init__(self, info: Mapping[str, Any], frequency_hz: float) -> None:
+        calibration = info.get("model", {}).get("screen", {}).get("calibration") or {}
+        verified = calibration.get("verified")
+        self.range = None if verified is None else VerifiedRange.model_validate(verified)
+        self._frequency_hz = frequency_hz
+        self._limits = (inf,) * 4 if self.range is None else self.range.largest(frequency_hz)
+        self.on_warning: Callable[[str], None] | None = None
+        """Called once for each quantity that leaves the range."""
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin anew."""
+        self._highest: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
+        self._warned: set[str] = set()
+        self._places: dict[int, tuple[float, float, float, float]] = {}
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """One sentence for each quantity that has left the range, with the highest value so far."""
+        force_n, speed, contact_s, volts = self._highest
+        if self.range is None or not any(self._highest):
+            return ()
+        return tuple(
+            self.range.beyond(
+                max(force_n, self.range.normal_force_n[0]),
+                volts,
+                self._frequency_hz,
+                max(speed, self.range.speed_mm_per_s[0]),
+                contact_s,
+            )
+        )
+
+    def touched(self, event: TouchEvent, normal_force_n: float | None) -> None:
+        """Take a touch; the force is that which was measured."""
+        if self.range is None:
+            return
+        if event.kind == "up":
+            self._places.pop(event.touch_id, None)
+            return
+        now = event.t_s, float(event.x_mm), float(event.y_mm)
+        begun_s, *last = self._places.setdefault(event.touch_id, (event.t_s, *now))
+        contact_s = event.t_s - begun_s
+        speed = 0.0
+        if (elapsed_s := now[0] - last[0]) >= _APART_S:
+            speed = hypot(now[1] - last[1], now[2] - last[2]) / elapsed_s
+            self._places[event.touch_id] = begun_s, *now
+        self._raise(normal_force_n or 0.0, speed, contact_s, 0.0)
+
+    def played(self, amplitude_v: float) -> None:
+        """Take the highest amplitude of a block."""
+        if self.range is not None:
+            self._raise(0.0, 0.0, 0.0, amplitude_v)
+
+    def _raise(self, *values: float) -> None:
+        """Take force, speed, contact time and amplitude: on each touch, so it only compares."""
+        before = self._highest
+        self._highest = tuple(map(max, before, values))
+        crossed = zip(before, self._limits, self._highest, strict=True)
+        if any(old <= limit < new for old, limit, new in crossed) or not any(
+            before
+        ):  # at the first, the frequency of the drive
+            self._warn()
+
+    def _warn(self) -> None:
+        for sentence in self.sentences:
+            quantity = sentence.partition(" ")[0]
+            if quantity not in self._warned:
+                self._warned.add(quantity)
+                text = f"beyond what the screen's calibration has verified: {sentence}"
+                _LOG.warning(text)
+                if self.on_warning is not None:
+                    self.on_warning(text)
 
 
 class RenderStream(RenderCore, ABC):
@@ -410,260 +490,3 @@ class Renderer(RenderStream):
                 f"touch: expected a time within {LONGEST_GAP_S:g} s of what is rendered, got one "
                 f"{gap_s:g} s later; is the clock in seconds? Enter the renderer anew after a pause"
             )
-
-
-class LiveRenderer(RenderStream):
-    """Renders live touches, whose paths it predicts. Pass each touch as it comes, with `now_s`.
-
-    One thread renders and owns the device (`firmware_io.Playback`). It plays
-    `LiveSettings.horizon_s` ahead, and after each touch renders the queued samples again. For a
-    device in steps ("mock:pace=stepped") there is no thread. There `run_until`, and events with the
-    time of their arrival, play the samples that are due by the device's clock, the same each time.
-
-    Parameters are those of `RenderCore`, with `LiveSettings`, and:
-
-    Parameters
-    ----------
-    sense : bool or FingerObserver
-        Learn the finger from the current that it draws: from the driver's own readings, or those
-        that `sensed` is given where the driver has no sensor. An observer may have been told whose
-        finger it is. Off, nothing is computed.
-
-    Warns
-    -----
-    OverloadWarning
-        On leaving, if samples ran out, with what would help.
-    """
-
-    settings: LiveSettings
-    _settings_kind = LiveSettings
-
-    _playback: Playback | None = None
-    record: PlayedRecord | None = None
-    """Record of what is played; set it to `PlayedRecord(renderer)` or None at any time."""
-    taken: Callable[[TouchEvent], None] | None = None
-    """`touch` and `lift` call it with each touch that they took."""
-
-    def __init__(
-        self,
-        surface: FrictionSurface,
-        texture: Feelable,
-        device: Device,
-        drive: Drive | None = None,
-        settings: LiveSettings | None = None,
-        sense: bool | FingerObserver = False,
-    ) -> None:
-        super().__init__(surface, texture, device, drive, settings or LiveSettings())
-        self._clock = device.clock
-        if sense is not False:
-            self.adapted = Adaptation.of(sense, self.surface, self.drive)
-
-    def sensed(self, reading: CurrentReading) -> None:
-        """Take a reading of the current, which arrives now; its time is by `now_s`.
-
-        Raises
-        ------
-        InputError
-            If the renderer does not sense.
-        """
-        if self.adapted is None:
-            raise InputError("sensed: expected a renderer that senses; make it with sense=True")
-        if self.adapted.read(reading, self.now_s()):
-            self._changed()
-        self.stats.finger = self.adapted.estimate
-
-    def _read_current(self) -> None:
-        """Take what the driver's sensor has read, in the thread that plays."""
-        if self.adapted is not None:
-            self.adapted.look(self.now_s())
-            for reading in self.device.readings():
-                self.sensed(reading)
-            self._check_sensor(self.adapted)
-
-    def _check_sensor(self, adapted: Adaptation) -> None:
-        # What the driver says of its sensor comes before its silence is long enough.
-        if adapted.check(self.now_s(), self.device.sensor_problem):
-            self.stats.finger = adapted.estimate
-            self._changed()
-
-    def _reset(self) -> None:
-        self._ahead_s: float | None = None  # clock of touches minus that of samples
-        super()._reset()  # from now on another thread that changes a layout may read the time
-        self._marks: deque[int] = deque()
-        self._fingers = PredictedFingers(self.settings)
-        if self.adapted is not None:
-            self.adapted.reset()
-
-    def __enter__(self) -> Self:
-        self._prepare()
-        source = RenderSource(
-            self, self._fingers, self._master, self._count_window, lambda: self.record,
-            self._place_marks,
-        )  # fmt: skip
-        times_s = self.settings.reaction_s, self.settings.horizon_s
-        measures = self.device.capabilities.sense_rate_hz and self.device.mode == "envelope"
-        self._reads_driver = bool(measures and self.adapted is not None)
-        on_read = self._read_current if self._reads_driver else None
-        if self.adapted is not None:
-            if not measures:
-                _LOG.warning(
-                    "sense: %s reports no current: expected a sensor, and a carrier of the driver "
-                    "(mode=envelope); `sensed` takes readings of another converter",
-                    self.device.name,
-                )
-            self.stats.finger = self.adapted.known(self.now_s())
-        playback = Playback(self.device, source, *times_s, stats=self.stats, on_read=on_read)
-        # Collect garbage before the driver is armed: that takes long, and an armed driver needs
-        # data.
-        with ExitStack() as stack:
-            stack.enter_context(ready_interpreter())
-            playback.start()
-            self._interpreter = stack.pop_all()
-        self._playback = playback
-        return self
-
-    @property
-    def _samples_s(self) -> float:
-        if self._ahead_s is None:
-            return 0.0
-        return max(0.0, self.now_s() + self.settings.reaction_s - self._ahead_s)
-
-    def __exit__(self, kind: Any, error: BaseException | None, traceback: Any) -> None:
-        playback, self._playback = self._playback, None
-        if playback is None:
-            return
-        self._interpreter.close()
-        try:
-            playback.__exit__(kind, error, traceback)
-        finally:
-            _LOG.info("%s ends: %s", type(self).__name__, self.stats)
-            self._master.cut(self.next_sample_s, self.sample_rate_hz)
-        if self.stats.advice and error is None:
-            warnings.warn(f"the renderer {self.stats.advice}", OverloadWarning, stacklevel=2)
-
-    def mark(self, code: int = 0) -> None:
-        """Mark the next sample that the driver has not received yet.
-
-        The driver's digital line rises with that sample, up to `LiveSettings.horizon_s` from now,
-        and `Device.marked` has the time by the driver's clock. Marks that the driver has no room
-        for wait.
-
-        Raises
-        ------
-        InputError
-            If the driver takes no marks.
-        """
-        if not self.device.capabilities.takes_marks:
-            raise InputError("mark: expected a driver that takes marks; update its firmware")
-        if whole("code", code) >= 2**16:
-            raise InputError(f"code: expected at most 65535, got {code}")
-        self._marks.append(code)
-
-    def _place_marks(self, first: int) -> None:
-        while self._marks and self.device.marks_waiting < MOST_MARKS:
-            self.device.mark(first, self._marks.popleft())
-
-    def now_s(self) -> float:
-        """Time of the device's clock, for the times of touches."""
-        return self._clock()
-
-    def run_until(self, t_s: float) -> None:
-        """Wait until a time of the clock; a device in steps plays until then."""
-        self._running().run_until(t_s)
-
-    @property
-    def scene_s(self) -> float:
-        """Time of the scene now, which materials that change in time depend on."""
-        samples_s = 0.0 if self._ahead_s is None else max(0.0, self.now_s() - self._ahead_s)
-        return self._master.scene_s(samples_s)
-
-    def event(self, event: TouchEvent, arrival_s: float | None = None) -> None:
-        """Take a touch event; see `touch`.
-
-        The event is taken at `arrival_s` of the clock; without that, now, or on a device in steps
-        at the time of the touch.
-        """
-        playback = self._running()
-        at_s = event.t_s if arrival_s is None and not playback.has_thread else arrival_s
-        if at_s is not None and at_s - self.now_s() <= LONGEST_GAP_S:
-            playback.run_until(at_s)
-        self.events([event])
-
-    def events(self, events: Sequence[TouchEvent]) -> None:
-        """Take the touch events of several fingers, which are rendered together; see `touch`."""
-        self._running().raise_once()
-        self._take(events, self.now_s())
-
-    def _running(self) -> Playback:
-        if self._playback is None:
-            raise InputError("touch: expected a renderer that was entered; use it in a with block")
-        return self._playback
-
-    def play(
-        self, effect: Feelable, priority: int = 0, done: Callable[[EffectEnd], None] | None = None
-    ) -> PlayingEffect:
-        """Add an effect of finite length to the texture, for all fingers, from the next sample on.
-
-        Parameters
-        ----------
-        effect : Material
-            Such as `haptix.materials.Transient`; a share of the reachable friction. Its time and
-            all events from which it may begin are now.
-        priority : int
-            Of more than 8 at once, the oldest of the lowest priority is dropped.
-        done : callable, optional
-            Called with `EffectEnd` once the effect has been played, by the next `touch`, `lift` or
-            `poll`, or on leaving.
-
-        Raises
-        ------
-        InputError
-            If the effect has no end, or is no share.
-        """
-        return self._master.play(effect, lambda: self.next_sample_s, priority, done)
-
-    def _take(self, events: Sequence[TouchEvent], arrival_s: float) -> None:
-        """Take touch events, and report those that were used."""
-        react = self._felt[1].react
-        used: list[tuple[TouchEvent, float | None]] = []
-        try:
-            for event in events:
-                report = self._fingers.take(event, arrival_s, react)
-                if report is not None:
-                    used.append((event, report.normal_force_n))
-                elif getattr(event, "kind", None) == "up":
-                    used.append((event, None))
-        finally:
-            if self.adapted is not None:
-                fingers = [tracker for _, tracker in self._fingers.touches.active]
-                self.adapted.follow(arrival_s, fingers)
-            self._touched(arrival_s)  # once, and before callbacks, which may take long
-            for event, force_n in used:
-                self._on_touch(event, force_n)
-
-    @property
-    def touch_counts(self) -> TouchCounts:
-        """Counts of the touches that were used, and of those that were dropped."""
-        return self._fingers.touches.counts
-
-    def _on_touch(self, event: TouchEvent, normal_force_n: float | None) -> None:
-        if self.taken is not None:
-            self.taken(event)
-        super()._on_touch(event, normal_force_n)
-
-    def _touched(self, now_s: float) -> None:
-        # After the playback has ended, touches are taken without effect.
-        if self._playback is not None and self._playback.is_running:
-            self._playback.touch(now_s)
-
-    def _changed(self) -> None:
-        if self._playback is not None and self._fingers.touches.active:
-            self._touched(self.now_s())
-
-    def _count_window(self, block: RenderedBlock, seconds: float, at_s: float) -> None:
-        self._count(block, seconds)
-        if self.adapted is not None:
-            if not self._reads_driver:  # after a stall, the driver's readings are still to be taken
-                self._check_sensor(self.adapted)
-            self.stats.finger = self.adapted.estimate
-        self._ahead_s = at_s - block.first_sample / self.sample_rate_hz

@@ -74,7 +74,7 @@ _RENDERS = (
     "haptix.friction.model",
     "haptix.surface.surface",
     "haptix.materials.panels",
-    "haptix.render.stream",
+    "haptix.render.live",
     "haptix.service.session_layout",
 )
 _SETTLED_S = 0.015  # a driver tells within its status' period which revisions it refused
@@ -110,7 +110,7 @@ class Telemetry:
             renderer.record = None
             return
         if renderer.record is None:
-            from haptix.render.played import PlayedRecord
+            from haptix.render.live import PlayedRecord
 
             renderer.record = PlayedRecord(renderer)
         part = renderer.record.take(now_s - _SETTLED_S)

@@ -8,8 +8,8 @@ from firmware_io import Device, MockDriver, MockLink
 from haptix import Texture
 from haptix.render import LiveSettings
 from haptix.render.fingers import PredictedFingers
+from haptix.render.live import COLUMNS, PlayedRecord, RenderSource
 from haptix.render.master import Master
-from haptix.render.played import COLUMNS, PlayedRecord, RenderSource
 from haptix.render.samples import RenderCore
 from haptix.touch import TouchEvent
 

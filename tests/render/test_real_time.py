@@ -20,7 +20,7 @@ from haptix.errors import OverloadWarning
 from haptix.materials import Moving
 from haptix.motion import Motion
 from haptix.render import LiveSettings, RenderStats, Sliding
-from haptix.render.played import COLUMNS, PlayedRecord
+from haptix.render.live import COLUMNS, PlayedRecord
 from haptix.texture import Grating
 from tests.faulty_link import FaultyLink
 from tests.steady_clock import SteadyClock, steady_driver

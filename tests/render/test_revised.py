@@ -8,8 +8,8 @@ from haptix import Layout, LiveRenderer, Texture
 from haptix.materials import Transient
 from haptix.render import LiveSettings
 from haptix.render.fingers import PredictedFingers
+from haptix.render.live import RenderSource
 from haptix.render.master import Master
-from haptix.render.played import RenderSource
 from haptix.render.samples import RenderCore
 from haptix.touch import TouchEvent
 

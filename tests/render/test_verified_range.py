@@ -6,7 +6,7 @@ import pytest
 
 import haptix
 from haptix import LiveRenderer, Renderer, Texture
-from haptix.render.verified import VerifiedUse
+from haptix.render.stream import VerifiedUse
 from haptix.screen import Calibration, VerifiedRange
 from haptix.touch import TouchEvent
 

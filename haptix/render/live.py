@@ -1,0 +1,541 @@
+"""The renderer of live touches: its windows, their revision, and the record of those played."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+import warnings
+from collections import deque
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+
+from firmware_io import CurrentReading, Device, Playback
+from firmware_io.clock import ready_interpreter
+from firmware_io.progress import MOST_MARKS
+from firmware_io.revisable import Revisable
+from haptix.checks import Array, whole
+from haptix.errors import InputError, OverloadWarning
+from haptix.render.adapting import Adaptation
+from haptix.render.drive import Drive
+from haptix.render.fingers import PredictedFingers
+from haptix.render.master import EffectEnd, Master, PlayingEffect
+from haptix.render.samples import Fingers, RenderCore, RenderedBlock
+from haptix.render.settings import LiveSettings
+from haptix.render.stream import LONGEST_GAP_S, RenderStream
+from haptix.sensing import FingerObserver
+from haptix.surface import FrictionSurface
+from haptix.texture import Feelable
+from haptix.touch import TouchCounts, TouchEvent
+
+_LOG = logging.getLogger("haptix.render")
+
+ROW_S = 0.001
+"""Time between rows, as nearly as the control points allow; friction is felt up to 1 kHz."""
+
+COLUMNS = ("x_mm", "y_mm", "normal_force_n", "wanted", "reached", "low", "high", "voltage_share")
+"""Columns of a finger's rows: place, force, wanted friction, friction at the amplitude that was
+sent, its reachable range, and that amplitude over the highest one that the renderer sends."""
+
+_MOST_WINDOWS = 4000  # that wait to be taken: some seconds
+
+
+class PlayedPart(NamedTuple):
+    """A part of the output that was played."""
+
+    t0_s: float
+    """Time of the first point, by the renderer's clock."""
+    step_s: float
+    """Time between points."""
+    amplitude_v: Array
+    """Amplitude at each point, shape (points,); linear in between."""
+    row_s: float
+    """Time between rows; the first row is at the first point."""
+    rows: dict[int, Array]
+    """Rows of each finger that got drive, shape (rows, 8), see `COLUMNS`; NaN where it got none."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Window:
+    first: int  # index of the first point; each point is at the end of a step
+    at_s: float  # time of the first point
+    block: RenderedBlock
+    fingers: Fingers
+
+    @property
+    def end(self) -> int:
+        return self.first + len(self.block.amplitude_v)
+
+
+class PlayedRecord:
+    """Records the windows of a stream, and returns what was played once it is final.
+
+    Where windows cover the same time, the last one was played, unless the driver refused it.
+
+    Parameters
+    ----------
+    core : RenderCore
+        Renders them.
+    """
+
+    def __init__(self, core: RenderCore) -> None:
+        self._core = core
+        self._lock = threading.Lock()
+        self._windows: deque[_Window] = deque(maxlen=_MOST_WINDOWS)
+        self._under_way: deque[_Window] = deque()
+        self._next: int | None = None
+        self.per_row = max(1, round(ROW_S / core.step_s))
+        """Points from one row to the next."""
+        self.row_s = self.per_row * core.step_s
+        """The same as a time [s]."""
+
+    def add(
+        self, block: RenderedBlock, fingers: Fingers, at_s: float, is_revision: bool = False
+    ) -> None:
+        """Take a window whose first sample is played at `at_s`."""
+        step_s = self._core.step_s
+        first = block.first_sample // block.step + 1
+        window = _Window(first, at_s + step_s, block, fingers)
+        with self._lock:
+            self._windows.append(window)
+            if is_revision:
+                self._under_way.append(window)
+
+    def settle(self, obeyed: int, undone: bool) -> None:
+        """Record that the oldest `obeyed` revisions were played, and with `undone` no other was."""
+        with self._lock:
+            for _ in range(min(obeyed, len(self._under_way))):
+                self._under_way.popleft()
+            if undone:
+                lost = {id(window) for window in self._under_way}
+                self._under_way.clear()
+                kept = [window for window in self._windows if id(window) not in lost]
+                self._windows = deque(kept, maxlen=_MOST_WINDOWS)
+
+    def take(self, until_s: float) -> PlayedPart | None:
+        """Return the part that was played until a time and was not taken before, or None.
+
+        The part ends with a whole row.
+        """
+        with self._lock:
+            windows = [window for window in self._windows if window.at_s <= until_s]
+            if not windows:
+                return None
+            last = windows[-1]
+            points = int((until_s - last.at_s) / self._core.step_s) + 1
+            end = min(last.first + points, max(window.end for window in windows))
+            if self._next is None or self._next < min(window.first for window in windows):
+                self._next = max(last.first, end - self.per_row)
+            first = self._next
+            count = (end - first) // self.per_row * self.per_row
+            if count <= 0:
+                return None
+            self._next = first + count
+            while self._windows and self._windows[0].end <= self._next:
+                self._windows.popleft()
+        return self._part(windows, first, count)
+
+    def _part(self, windows: list[_Window], first: int, count: int) -> PlayedPart:
+        core, per_row = self._core, self.per_row
+        amplitude = np.zeros(count)
+        owner = np.full(count, -1)
+        for number, window in enumerate(windows):
+            low, high = max(window.first, first), min(window.end, first + count)
+            if low < high:
+                played = window.block.amplitude_v[low - window.first : high - window.first]
+                amplitude[low - first : high - first] = played
+                owner[low - first : high - first] = number
+        rows: dict[int, Array] = {}
+        shown = owner[::per_row]
+        for number in np.unique(shown[shown >= 0]).tolist():
+            window = windows[number]
+            fingers = window.fingers
+            if fingers.motion.fingers:
+                at = np.flatnonzero(shown == number)
+                self._fill(rows, window, at, first + per_row * at - window.first, len(shown))
+        if rows:
+            self._derive(rows, amplitude[::per_row])
+        origin = windows[int(owner[0])] if owner[0] >= 0 else windows[0]
+        t0_s = origin.at_s + (first - origin.first) * core.step_s
+        return PlayedPart(t0_s, core.step_s, amplitude, per_row * core.step_s, rows)
+
+    @staticmethod
+    def _fill(rows: dict[int, Array], window: _Window, at: Any, points: Any, count: int) -> None:
+        motion = window.fingers.motion
+        shape = (motion.fingers, motion.points)
+        columns = (motion.x_mm, motion.y_mm, motion.normal_force_n, window.block.target_mu)
+        filled = [column.reshape(shape)[:, points] for column in columns]
+        driven = window.fingers.gain.reshape(shape)[:, points] > 0
+        speed = motion.footprint_mm / motion.step_s
+        for finger, touch_id in enumerate(window.fingers.touch_ids):
+            here = driven[finger]
+            if not here.any():
+                continue
+            row = rows.get(touch_id)
+            if row is None:
+                row = rows[touch_id] = np.full((count, len(COLUMNS)), np.nan)
+            for column, values in enumerate(filled):
+                row[at[here], column] = values[finger, here]
+            row[at[here], 4] = speed  # `_derive` replaces it by the reached friction
+
+    def _derive(self, rows: dict[int, Array], amplitude_v: Array) -> None:
+        """Fill the columns of reached and reachable friction, of all fingers at once."""
+        table = np.stack(list(rows.values()))
+        present = ~np.isnan(table[..., 2])
+        force, speed = table[present][:, 2], table[present][:, 4]
+        amplitude = np.broadcast_to(amplitude_v, present.shape)[present]
+        low, high = self._core.reachable(force, speed)
+        reached = self._core.friction(force, speed, amplitude)
+        derived = np.column_stack([reached, low, high, amplitude / self._core.highest_v])
+        parts = np.split(derived, np.cumsum(present.sum(axis=1))[:-1])
+        for row, is_there, part in zip(rows.values(), present, parts, strict=True):
+            row[is_there, 4:] = part
+
+
+class RenderSource:
+    """Renders windows that continue the samples queued before them; see `firmware_io.Source`.
+
+    Parameters
+    ----------
+    core : RenderCore
+        Renders.
+    fingers : PredictedFingers
+        Where they are.
+    master : Master
+        Intensity and effects, and the time of the scene.
+    count : callable
+        Takes each block, the time that it took, and when its first sample is played.
+    record : callable
+        Returns the record of what is played, where one is kept.
+    appended : callable
+        Called with the index of the first of samples that are new to the driver, before they are
+        sent, on the thread that owns the device.
+    """
+
+    def __init__(
+        self,
+        core: RenderCore,
+        fingers: PredictedFingers,
+        master: Master,
+        count: Callable[[RenderedBlock, float, float], None],
+        record: Callable[[], PlayedRecord | None] = lambda: None,
+        appended: Callable[[int], None] = lambda first: None,
+    ) -> None:
+        self._core = core
+        self._fingers = fingers
+        self._master = master
+        self._count = count
+        self._record = record
+        self._appended = appended
+        self.amplitudes = Revisable()  # of the queued samples, at the start of each step
+        self.amplitudes.append(np.zeros(1))
+
+    @property
+    def grid(self) -> int:
+        """Samples in a step."""
+        return self._core.step
+
+    @property
+    def is_live(self) -> bool:
+        """Whether reports of fingers could still change the queued samples."""
+        return self._fingers.is_live
+
+    def window(self, first: int, count: int, at_s: float, is_revision: bool) -> Array:
+        """Render samples from index `first` on, of which the first is played at `at_s`."""
+        began = time.perf_counter()
+        core, amplitudes = self._core, self.amplitudes
+        step, points = first // core.step, count // core.step
+        queued = None
+        if is_revision:
+            self._fingers.update(at_s)
+            start = step + 1 - amplitudes.first
+            queued = amplitudes.values[start : start + points]
+        if core.adapted is not None:
+            core.adapted.window(at_s, core.step_s, is_revision)
+        mix = self._master.mix(first / core.sample_rate_hz, core.step_s, points)
+        fingers = self._fingers.motion(at_s, core.step_s, points, mix.since_s, core.drives_at_rest)
+        block = core.block(fingers, first, amplitudes[step], queued, mix)
+        if mix.effects:
+            mix.mark(fingers.motion, fingers.gain)
+        if is_revision:
+            amplitudes.replace(step + 1, block.amplitude_v)
+        else:
+            amplitudes.append(block.amplitude_v)
+            self._appended(first)
+        if (record := self._record()) is not None:
+            record.add(block, fingers, at_s, is_revision)
+        self._count(block, time.perf_counter() - began, at_s)
+        return block.drive_v
+
+    def settle(self, obeyed: int, undone: bool) -> None:
+        """Record that the oldest `obeyed` revisions were played, and with `undone` no other was."""
+        self.amplitudes.accept(obeyed)
+        if undone:
+            self.amplitudes.undo()
+        if (record := self._record()) is not None:
+            record.settle(obeyed, undone)
+
+    def played(self, index: int) -> None:
+        """Drop the amplitudes before the sample `index`."""
+        self.amplitudes.drop_before(index // self._core.step)
+
+
+class LiveRenderer(RenderStream):
+    """Renders live touches, whose paths it predicts. Pass each touch as it comes, with `now_s`.
+
+    One thread renders and owns the device (`firmware_io.Playback`). It plays
+    `LiveSettings.horizon_s` ahead, and after each touch renders the queued samples again. For a
+    device in steps ("mock:pace=stepped") there is no thread. There `run_until`, and events with the
+    time of their arrival, play the samples that are due by the device's clock, the same each time.
+
+    Parameters are those of `RenderCore`, with `LiveSettings`, and:
+
+    Parameters
+    ----------
+    sense : bool or FingerObserver
+        Learn the finger from the current that it draws: from the driver's own readings, or those
+        that `sensed` is given where the driver has no sensor. An observer may have been told whose
+        finger it is. Off, nothing is computed.
+
+    Warns
+    -----
+    OverloadWarning
+        On leaving, if samples ran out, with what would help.
+    """
+
+    settings: LiveSettings
+    _settings_kind = LiveSettings
+
+    _playback: Playback | None = None
+    record: PlayedRecord | None = None
+    """Record of what is played; set it to `PlayedRecord(renderer)` or None at any time."""
+    taken: Callable[[TouchEvent], None] | None = None
+    """`touch` and `lift` call it with each touch that they took."""
+
+    def __init__(
+        self,
+        surface: FrictionSurface,
+        texture: Feelable,
+        device: Device,
+        drive: Drive | None = None,
+        settings: LiveSettings | None = None,
+        sense: bool | FingerObserver = False,
+    ) -> None:
+        super().__init__(surface, texture, device, drive, settings or LiveSettings())
+        self._clock = device.clock
+        if sense is not False:
+            self.adapted = Adaptation.of(sense, self.surface, self.drive)
+
+    def sensed(self, reading: CurrentReading) -> None:
+        """Take a reading of the current, which arrives now; its time is by `now_s`.
+
+        Raises
+        ------
+        InputError
+            If the renderer does not sense.
+        """
+        if self.adapted is None:
+            raise InputError("sensed: expected a renderer that senses; make it with sense=True")
+        if self.adapted.read(reading, self.now_s()):
+            self._changed()
+        self.stats.finger = self.adapted.estimate
+
+    def _read_current(self) -> None:
+        """Take what the driver's sensor has read, in the thread that plays."""
+        if self.adapted is not None:
+            self.adapted.look(self.now_s())
+            for reading in self.device.readings():
+                self.sensed(reading)
+            self._check_sensor(self.adapted)
+
+    def _check_sensor(self, adapted: Adaptation) -> None:
+        # What the driver says of its sensor comes before its silence is long enough.
+        if adapted.check(self.now_s(), self.device.sensor_problem):
+            self.stats.finger = adapted.estimate
+            self._changed()
+
+    def _reset(self) -> None:
+        self._ahead_s: float | None = None  # clock of touches minus that of samples
+        super()._reset()  # from now on another thread that changes a layout may read the time
+        self._marks: deque[int] = deque()
+        self._fingers = PredictedFingers(self.settings)
+        if self.adapted is not None:
+            self.adapted.reset()
+
+    def __enter__(self) -> Self:
+        self._prepare()
+        source = RenderSource(
+            self, self._fingers, self._master, self._count_window, lambda: self.record,
+            self._place_marks,
+        )  # fmt: skip
+        times_s = self.settings.reaction_s, self.settings.horizon_s
+        measures = self.device.capabilities.sense_rate_hz and self.device.mode == "envelope"
+        self._reads_driver = bool(measures and self.adapted is not None)
+        on_read = self._read_current if self._reads_driver else None
+        if self.adapted is not None:
+            if not measures:
+                _LOG.warning(
+                    "sense: %s reports no current: expected a sensor, and a carrier of the driver "
+                    "(mode=envelope); `sensed` takes readings of another converter",
+                    self.device.name,
+                )
+            self.stats.finger = self.adapted.known(self.now_s())
+        playback = Playback(self.device, source, *times_s, stats=self.stats, on_read=on_read)
+        # Collect garbage before the driver is armed: that takes long, and an armed driver needs
+        # data.
+        with ExitStack() as stack:
+            stack.enter_context(ready_interpreter())
+            playback.start()
+            self._interpreter = stack.pop_all()
+        self._playback = playback
+        return self
+
+    @property
+    def _samples_s(self) -> float:
+        if self._ahead_s is None:
+            return 0.0
+        return max(0.0, self.now_s() + self.settings.reaction_s - self._ahead_s)
+
+    def __exit__(self, kind: Any, error: BaseException | None, traceback: Any) -> None:
+        playback, self._playback = self._playback, None
+        if playback is None:
+            return
+        self._interpreter.close()
+        try:
+            playback.__exit__(kind, error, traceback)
+        finally:
+            _LOG.info("%s ends: %s", type(self).__name__, self.stats)
+            self._master.cut(self.next_sample_s, self.sample_rate_hz)
+        if self.stats.advice and error is None:
+            warnings.warn(f"the renderer {self.stats.advice}", OverloadWarning, stacklevel=2)
+
+    def mark(self, code: int = 0) -> None:
+        """Mark the next sample that the driver has not received yet.
+
+        The driver's digital line rises with that sample, up to `LiveSettings.horizon_s` from now,
+        and `Device.marked` has the time by the driver's clock. Marks that the driver has no room
+        for wait.
+
+        Raises
+        ------
+        InputError
+            If the driver takes no marks.
+        """
+        if not self.device.capabilities.takes_marks:
+            raise InputError("mark: expected a driver that takes marks; update its firmware")
+        if whole("code", code) >= 2**16:
+            raise InputError(f"code: expected at most 65535, got {code}")
+        self._marks.append(code)
+
+    def _place_marks(self, first: int) -> None:
+        while self._marks and self.device.marks_waiting < MOST_MARKS:
+            self.device.mark(first, self._marks.popleft())
+
+    def now_s(self) -> float:
+        """Time of the device's clock, for the times of touches."""
+        return self._clock()
+
+    def run_until(self, t_s: float) -> None:
+        """Wait until a time of the clock; a device in steps plays until then."""
+        self._running().run_until(t_s)
+
+    @property
+    def scene_s(self) -> float:
+        """Time of the scene now, which materials that change in time depend on."""
+        samples_s = 0.0 if self._ahead_s is None else max(0.0, self.now_s() - self._ahead_s)
+        return self._master.scene_s(samples_s)
+
+    def event(self, event: TouchEvent, arrival_s: float | None = None) -> None:
+        """Take a touch event; see `touch`.
+
+        The event is taken at `arrival_s` of the clock; without that, now, or on a device in steps
+        at the time of the touch.
+        """
+        playback = self._running()
+        at_s = event.t_s if arrival_s is None and not playback.has_thread else arrival_s
+        if at_s is not None and at_s - self.now_s() <= LONGEST_GAP_S:
+            playback.run_until(at_s)
+        self.events([event])
+
+    def events(self, events: Sequence[TouchEvent]) -> None:
+        """Take the touch events of several fingers, which are rendered together; see `touch`."""
+        self._running().raise_once()
+        self._take(events, self.now_s())
+
+    def _running(self) -> Playback:
+        if self._playback is None:
+            raise InputError("touch: expected a renderer that was entered; use it in a with block")
+        return self._playback
+
+    def play(
+        self, effect: Feelable, priority: int = 0, done: Callable[[EffectEnd], None] | None = None
+    ) -> PlayingEffect:
+        """Add an effect of finite length to the texture, for all fingers, from the next sample on.
+
+        Parameters
+        ----------
+        effect : Material
+            Such as `haptix.materials.Transient`; a share of the reachable friction. Its time and
+            all events from which it may begin are now.
+        priority : int
+            Of more than 8 at once, the oldest of the lowest priority is dropped.
+        done : callable, optional
+            Called with `EffectEnd` once the effect has been played, by the next `touch`, `lift` or
+            `poll`, or on leaving.
+
+        Raises
+        ------
+        InputError
+            If the effect has no end, or is no share.
+        """
+        return self._master.play(effect, lambda: self.next_sample_s, priority, done)
+
+    def _take(self, events: Sequence[TouchEvent], arrival_s: float) -> None:
+        """Take touch events, and report those that were used."""
+        react = self._felt[1].react
+        used: list[tuple[TouchEvent, float | None]] = []
+        try:
+            for event in events:
+                report = self._fingers.take(event, arrival_s, react)
+                if report is not None:
+                    used.append((event, report.normal_force_n))
+                elif getattr(event, "kind", None) == "up":
+                    used.append((event, None))
+        finally:
+            if self.adapted is not None:
+                fingers = [tracker for _, tracker in self._fingers.touches.active]
+                self.adapted.follow(arrival_s, fingers)
+            self._touched(arrival_s)  # once, and before callbacks, which may take long
+            for event, force_n in used:
+                self._on_touch(event, force_n)
+
+    @property
+    def touch_counts(self) -> TouchCounts:
+        """Counts of the touches that were used, and of those that were dropped."""
+        return self._fingers.touches.counts
+
+    def _on_touch(self, event: TouchEvent, normal_force_n: float | None) -> None:
+        if self.taken is not None:
+            self.taken(event)
+        super()._on_touch(event, normal_force_n)
+
+    def _touched(self, now_s: float) -> None:
+        # After the playback has ended, touches are taken without effect.
+        if self._playback is not None and self._playback.is_running:
+            self._playback.touch(now_s)
+
+    def _changed(self) -> None:
+        if self._playback is not None and self._fingers.touches.active:
+            self._touched(self.now_s())
+
+    def _count_window(self, block: RenderedBlock, seconds: float, at_s: float) -> None:
+        self._count(block, seconds)
+        if self.adapted is not None:
+            if not self._reads_driver:  # after a stall, the driver's readings are still to be taken
+                self._check_sensor(self.adapted)
+            self.stats.finger = self.adapted.estimate
+        self._ahead_s = at_s - block.first_sample / self.sample_rate_hz
