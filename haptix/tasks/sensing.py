@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import closing
 from datetime import date
 from typing import TYPE_CHECKING, Annotated
@@ -17,7 +18,17 @@ from haptix.tasks.rendering import FORCES_N, OnScreen
 
 if TYPE_CHECKING:
     from haptix.friction import ContactModel
+    from haptix.render import LiveRenderer
+    from haptix.sensing import FingerObserver
     from haptix.virtual_finger import VirtualCurrent
+
+_WAITS_S = 60.0
+"""Longest time for a slide."""
+
+_WIDTH_MM = 60.0
+_SPEED_MM_PER_S = 50.0  # of a virtual finger, which slides to and fro over the width
+_STEP_S = 0.01
+_UNTOUCHED_S = 0.5  # for the panel's own current
 
 
 class Enroll(OnScreen, command="enroll"):
@@ -47,7 +58,6 @@ class Enroll(OnScreen, command="enroll"):
         from haptix.devices import open_device
         from haptix.render import LiveRenderer, LiveSettings
         from haptix.render.samples import DEFAULT_CARRIER_HZ
-        from haptix.render.sensed_slide import WAITS_S, WIDTH_MM, sensed_slide
         from haptix.sensing import ContactCurrent, FingerObserver
         from haptix.surface import cached_surface
         from haptix.texture import Texture
@@ -63,21 +73,16 @@ class Enroll(OnScreen, command="enroll"):
             surface, _ = cached_surface(model, scene, "0.05 JND")
             observer = FingerObserver(ContactCurrent.of_surface(surface, DEFAULT_CARRIER_HZ))
             level = np.tile([0.3, 0.9], (2, 8))  # voltages differ along a stroke
-            texture = Texture(level, width_mm=WIDTH_MM, beyond="hold")
+            texture = Texture(level, width_mm=_WIDTH_MM, beyond="hold")
             settings = LiveSettings(strict=False)
             with LiveRenderer(surface, texture, device, None, settings, observer) as renderer:
                 virtual = None if device.mock is None else self._virtual(model)
-                slid_s = sensed_slide(
-                    renderer,
-                    observer,
-                    self.seconds,
-                    self.normal_force_n,
-                    virtual,
-                    lambda share: context.progress("sliding", share),
+                slid_s = self._slide(
+                    renderer, observer, virtual, lambda share: context.progress("sliding", share)
                 )
         if slid_s < self.seconds:
             raise InputError(
-                f"expected {self.seconds:g} s of sliding within {WAITS_S:g} s, got {slid_s:.1f} s "
+                f"expected {self.seconds:g} s of sliding within {_WAITS_S:g} s, got {slid_s:.1f} s "
                 f"({observer.estimate(renderer.now_s()).state}); slide to and fro with one finger"
             )
         person = observer.enrolled(model.screen.name).replace(day=date.today())
@@ -85,6 +90,45 @@ class Enroll(OnScreen, command="enroll"):
         estimate = observer.estimate(renderer.now_s())
         title = f"{self.out}: {slid_s:.1f} s of sliding at {self.normal_force_n:g} N"
         return Result({"file": str(self.out), **record(estimate)}, [(title, [str(estimate)])])
+
+    def _slide(
+        self,
+        renderer: LiveRenderer,
+        observer: FingerObserver,
+        virtual: VirtualCurrent | None,
+        tell: Callable[[float], None],
+    ) -> float:
+        """Pass touches of the driver's panel until the observer has learned for long enough.
+
+        A virtual finger slides on a mock. Returns the time of sliding that counted [s]; less than
+        `seconds` if that took over `_WAITS_S`.
+        """
+        from haptix.sensing import Knowledge
+        from haptix.virtual_finger import LiveCurrent
+
+        device, force_n, slid_s = renderer.device, self.normal_force_n, 0.0
+        live = None if virtual is None else LiveCurrent.on(device, virtual)
+        device.touches()  # of the time before
+        began_s = at_s = renderer.now_s()
+        while slid_s < self.seconds and at_s - began_s < _WAITS_S:
+            at_s += _STEP_S
+            renderer.run_until(at_s)
+            if live is not None and at_s - began_s > _UNTOUCHED_S:
+                turns = (at_s - began_s - _UNTOUCHED_S) * _SPEED_MM_PER_S / _WIDTH_MM % 2
+                x_mm = _WIDTH_MM * min(turns, 2 - turns)
+                live.touch(at_s, x_mm, 10.0, force_n)
+                renderer.touch(at_s, x_mm, 10.0, force_n)
+            for report in device.touches():
+                reported_s = device.host_time_s(report.clock_ticks)
+                if report.phase.name == "UP":
+                    renderer.lift(reported_s, report.contact)
+                else:
+                    place_mm = report.x_um / 1e3, report.y_um / 1e3
+                    renderer.touch(reported_s, *place_mm, force_n, report.contact)
+            if observer.estimate(renderer.now_s()).state is Knowledge.LEARNS:
+                slid_s += _STEP_S
+            tell(min(slid_s / self.seconds, 1.0))
+        return slid_s
 
     def _virtual(self, model: ContactModel) -> VirtualCurrent:
         """Return the current of the finger that slides on a mock."""
