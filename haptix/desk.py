@@ -28,8 +28,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError,
 from pydantic.fields import FieldInfo
 
 from haptix.errors import HaptixError, InputError
-from haptix.fields import ForClients, Local, ProfileName, Typed, expected_words
-from haptix.presets import FINGERS, SCREENS
+from haptix.fields import FINGERS, SCREENS, ForClients, Local, ProfileName, Typed, expected_words
 from haptix.task_list import MODULES
 from haptix.units import decimal_comma, read_number, title_of, unit_of
 

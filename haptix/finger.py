@@ -12,7 +12,7 @@ from torch import Tensor
 from haptix.contact import ElasticSolid, HalfSpace, Layered, RoughnessSpectrum, TheoryName
 from haptix.documents import Document, Part, Quantity
 from haptix.electro.dielectric import AnySkinDielectric, SkinDielectric
-from haptix.presets import FINGERS
+from haptix.fields import FINGERS
 
 PoissonRatio = Annotated[float, Field(gt=-1, le=0.5)]
 

@@ -15,7 +15,7 @@ from pydantic import Field
 
 from haptix.checks import Array
 from haptix.documents import Document, Part
-from haptix.presets import SCREENS
+from haptix.fields import SCREENS
 
 Plain = Annotated[float, Field(gt=0, strict=True)]
 Permittivity = Annotated[float, Field(ge=1)]

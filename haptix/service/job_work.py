@@ -9,8 +9,8 @@ from typing import Any
 
 from haptix.desk import Context, Task, all_tasks
 from haptix.errors import InputError
+from haptix.fields import FINGERS, SCREENS
 from haptix.files import write_folder
-from haptix.presets import FINGERS, SCREENS
 
 
 class JobWork:

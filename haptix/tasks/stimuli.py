@@ -15,6 +15,8 @@ from pydantic import AfterValidator, Field
 from haptix.desk import Context, Result, Task
 from haptix.errors import InputError
 from haptix.fields import (
+    FINGERS,
+    SCREENS,
     Address,
     Argument,
     FileOrFolder,
@@ -33,7 +35,6 @@ from haptix.fields import (
     ScreenName,
     refuse_input,
 )
-from haptix.presets import FINGERS, SCREENS
 from haptix.terminal import breakdown_note, placeholder_note
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from typer.main import get_command
 
-from haptix import presets
+from haptix import fields
 from haptix.cli.application import app
 from haptix.terms import TERMS
 from tests.command_line import run_haptix
@@ -159,7 +159,7 @@ def test_what_cannot_be_right_is_refused_in_a_sentence_that_names_the_option(typ
 
 
 def test_names_that_are_known_without_torch_are_those_that_it_knows():
-    assert tuple(TERMS) == presets.TERMS
+    assert tuple(TERMS) == fields.TERMS
 
 
 TYPED = st.one_of(
