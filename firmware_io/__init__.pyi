@@ -15,7 +15,7 @@ from .link import Bus as Bus
 from .link import DeviceInfo as DeviceInfo
 from .link import Link as Link
 from .link import Scheme as Scheme
-from .links.converter import MockConverter as MockConverter
+from .links.mock import MockConverter as MockConverter
 from .links.mock import MockDriver as MockDriver
 from .links.mock import MockLink as MockLink
 from .opening import BusReport as BusReport

@@ -1,4 +1,4 @@
-"""The mock: the firmware in this process, and a link to it."""
+"""The mock: the firmware in this process, a converter of its current, and a link to it."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
+from firmware_io.capabilities import DEFAULT_CARRIER_HZ
 from firmware_io.clock import SteppedClock
 from firmware_io.device_errors import DeviceDisconnectedError, DeviceError
 from firmware_io.firmware.core import LINE, Core, Output, Sensor
 from firmware_io.limits import ABSOLUTE_CEILING_V, DEFAULT_MAX_SLEW_V_PER_S, WATCHDOG_S, DriveLimits
 from firmware_io.link import Link, Scheme, count, number, one_of, yes_or_no
-from firmware_io.links.converter import MockConverter
 from firmware_io.protocol import (
+    FULL_SCALE_CODE,
     REPORT_BYTES,
     VERSION,
     CapabilitiesReport,
@@ -34,6 +35,12 @@ from firmware_io.protocol import (
 )
 
 Pace = Literal["virtual", "real", "stepped"]
+Codes = npt.NDArray[np.int16]
+Kinds = npt.NDArray[np.uint8]
+Farads = complex | Callable[[float, float], complex]
+Failure = Literal["dead", "stuck", "noise", "inverted", "saturated", "late", "silent"]
+
+RATES_HZ = (250, 500, 1000, 2000, 4000)
 
 #: Slower rates of the mock, if they divide its own: HID can carry these.
 _SLOWER_RATES_HZ = (16_000, 8_000)
@@ -46,6 +53,141 @@ _CONVERTED_HZ = 4000
 # So few bytes that no queue overflows, whichever frames they hold.
 _LEAST_PIECE_BYTES = 512
 _STREAM, _RAMP = np.uint8(Output.STREAM), np.uint8(Output.RAMP)
+
+
+class MockConverter:
+    """Measures the current of a `MockDriver`.
+
+    Parameters
+    ----------
+    farads : complex or callable
+        Complex capacitance to earth [F], its imaginary part negative for losses; or a function of
+        the amplitude driven [V] and the time since power-up [s], such as that of a virtual finger.
+    rate_hz : int
+        Readings a second: 250, 500, 1000, 2000 or 4000.
+    carrier_hz : float
+        The carrier at which that capacitance holds [Hz]: the driver's own.
+    full_scale_a : float
+        Current of the highest code [A].
+    panel_f : float
+        Capacitance of the untouched panel that the firmware is told [F].
+    bits : int
+        Bits of the converter.
+    noise_a : float
+        Standard deviation of each sample [A].
+    late_samples : int
+        Delay of its samples when it fails "late".
+    source : callable, optional
+        Returns raw codes, shape (n,) of int16, for as many output samples, in place of all above.
+    seed : int
+        Of the noise.
+
+    Attributes
+    ----------
+    failure : str or None
+        What is wrong: "dead" (0 always), "stuck" (the last code for ever), "noise" (alone: a broken
+        electrode), "inverted", "saturated", "late", "silent" (no samples).
+
+    Raises
+    ------
+    DeviceError
+        If a value is impossible.
+
+    Examples
+    --------
+    >>> from firmware_io import Device, MockDriver, MockLink
+    >>> driver = MockDriver(converter=MockConverter(2e-9))
+    >>> with Device(MockLink(driver), mode="envelope") as device:
+    ...     device.write(np.linspace(0, 100, 1600))
+    >>> abs(device.readings()[-1].quadrature_a) > 4e-3  # 2 pi 4 kHz 2 nF 95 V
+    True
+    """
+
+    def __init__(
+        self,
+        farads: Farads = 2e-9,
+        *,
+        rate_hz: int = 250,
+        carrier_hz: float = DEFAULT_CARRIER_HZ,
+        full_scale_a: float = 0.02,
+        panel_f: float = 2e-9,
+        bits: int = 12,
+        noise_a: float = 1e-5,
+        late_samples: int = 3,
+        source: Callable[[Codes], Codes] | None = None,
+        seed: int = 0,
+    ) -> None:
+        if rate_hz not in RATES_HZ:
+            raise DeviceError(f"rate_hz must be one of {RATES_HZ}, but is {rate_hz!r}; correct it.")
+        if not 4 <= bits <= 16:
+            raise DeviceError(f"bits must lie in 4 to 16, but is {bits!r}; correct it.")
+        self.farads = farads
+        self.rate_hz = int(rate_hz)
+        self.carrier_hz = carrier_hz
+        self.full_scale_a = full_scale_a
+        self.panel_f = panel_f
+        self.failure: Failure | None = None
+        self._source = source
+        self._step = 2 ** (16 - bits)
+        self._noise_codes = noise_a / full_scale_a * FULL_SCALE_CODE
+        self._random = np.random.default_rng(seed)
+        self._late = np.zeros(late_samples, np.int16)
+        self._before = self._last = 0
+        self._played = 0
+
+    def measure(self, sent: Codes, about: CapabilitiesReport) -> Codes | None:
+        """Return raw codes of output samples, shape (n,), at the left of 16 bits; None if silent.
+
+        Parameters
+        ----------
+        sent : ndarray of int16, shape (n,)
+            Output samples.
+        about : CapabilitiesReport
+            Rate and full scale of the output.
+        """
+        if self._source is None:
+            codes = self._convert(self._current(sent, about))
+        else:
+            codes = self._source(sent)
+        delayed = np.concatenate([self._late, codes])
+        self._late = delayed[codes.size :]
+        match self.failure:
+            case "silent":
+                return None
+            case "dead":
+                return np.zeros_like(codes)
+            case "stuck":
+                return np.full_like(codes, self._last)
+            case "noise":
+                return self._convert(np.zeros(codes.size))
+            case "inverted":
+                return -np.maximum(codes, -FULL_SCALE_CODE)
+            case "saturated":
+                return np.where(codes < 0, -32768, FULL_SCALE_CODE).astype(np.int16)
+            case "late":
+                return delayed[: codes.size]
+        self._last = int(codes[-1])
+        return codes
+
+    def _current(self, sent: Codes, about: CapabilitiesReport) -> npt.NDArray[np.float64]:
+        """Return the current of output samples, in codes of the converter, without noise."""
+        volts = np.concatenate([[self._before], sent]) * about.full_scale_mv / 1e3 / FULL_SCALE_CODE
+        self._before = int(sent[-1])
+        # Of a sine, v(t) cos(x) - v(t - dt) is sin(x) times v a quarter later, x = 2 pi f dt.
+        turn = 2 * math.pi * self.carrier_hz / about.output_rate_hz
+        ahead = (volts[1:] * math.cos(turn) - volts[:-1]) / math.sin(turn)
+        amplitude_v = float(np.sqrt((volts[1:] ** 2 + ahead**2).max()))
+        self._played += sent.size
+        time_s = self._played / about.output_rate_hz
+        farads = self.farads(amplitude_v, time_s) if callable(self.farads) else self.farads
+        siemens = 2j * math.pi * self.carrier_hz * complex(farads)
+        current = siemens.real * volts[1:] + siemens.imag * ahead
+        return current / self.full_scale_a * FULL_SCALE_CODE
+
+    def _convert(self, current: npt.NDArray[np.float64]) -> Codes:
+        noisy = current + self._random.normal(0.0, self._noise_codes, current.size)
+        rounded = np.round(noisy / self._step) * self._step
+        return np.asarray(np.clip(rounded, -32768, 32768 - self._step), np.int16)
 
 
 class MockDriver:
@@ -149,7 +291,7 @@ class MockDriver:
             sense_rate_hz=0 if converter is None else converter.rate_hz,
         )
         #: Stands for amplifier and ADC: returns measured codes for sent ones; None measures none.
-        self.amplifier: Callable[[npt.NDArray[np.int16]], npt.NDArray[np.int16]] | None = None
+        self.amplifier: Callable[[Codes], Codes] | None = None
         self.pace = pace
         self.clock = SteppedClock() if pace == "stepped" else clock
         self.bytes_received = 0
@@ -210,14 +352,13 @@ class MockDriver:
             return self._played
 
     @property
-    def played_codes(self) -> npt.NDArray[np.int16]:
+    def played_codes(self) -> Codes:
         """Every code of streams and ramps since construction, shape (samples_played,).
 
         The 0 V between streams and the samples held in an underrun are left out.
         """
         codes, kinds = self.output
-        played: npt.NDArray[np.int16] = codes[_is_played(kinds)]
-        return played
+        return codes[_is_played(kinds)]
 
     @property
     def played_v(self) -> npt.NDArray[np.float64]:
@@ -225,7 +366,7 @@ class MockDriver:
         return codes_to_volts(self.played_codes, self.about.full_scale_mv / 1e3)
 
     @property
-    def output(self) -> tuple[npt.NDArray[np.int16], npt.NDArray[np.uint8]]:
+    def output(self) -> tuple[Codes, Kinds]:
         """Every output sample since construction, and the kind of each (an `Output`)."""
         with self._lock:
             self._catch_up()
@@ -339,12 +480,7 @@ class MockDriver:
             return max(1, rate_hz // _CONVERTED_HZ)
         return rate_hz if self.amplifier is None else max(1, rate_hz // 1000)
 
-    @property
-    def is_enabled(self) -> bool:
-        """Whether the core keeps the amplifier's enable line up."""
-        return self.core.is_whole
-
-    def _record(self, codes: npt.NDArray[np.int16], kinds: npt.NDArray[np.uint8]) -> None:
+    def _record(self, codes: Codes, kinds: Kinds) -> None:
         if self.amplifier is not None:
             self.core.read_back(codes, self.amplifier(codes), _READ_BACK_TOLERANCE)
         if self.converter is not None:
@@ -361,10 +497,9 @@ class MockDriver:
             self._what.popleft()
 
 
-def _is_played(kinds: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
+def _is_played(kinds: Kinds) -> npt.NDArray[np.bool_]:
     kind = kinds & ~np.uint8(LINE)
-    is_played: npt.NDArray[np.bool_] = (kind == _STREAM) | (kind == _RAMP)
-    return is_played
+    return np.asarray((kind == _STREAM) | (kind == _RAMP))
 
 
 def _whole(

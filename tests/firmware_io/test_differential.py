@@ -16,7 +16,7 @@ from firmware_io import DriveLimits, LimitError, MockConverter
 from firmware_io.drive_check import DriveWindow
 from firmware_io.firmware.core import Core, Sensor
 from firmware_io.limits import DEFAULT_MAX_RMS_V
-from firmware_io.links.converter import Failure
+from firmware_io.links.mock import Failure
 from firmware_io.protocol import (
     Arm,
     FaultCode,

@@ -66,7 +66,7 @@ def test_an_output_that_is_not_what_was_sent_takes_the_enable_down(amplifier, st
     assert isinstance(driver.clock, SteppedClock)
     driver.clock.sleep(0.01)
     assert driver.output[0].size
-    assert driver.is_enabled is stays
+    assert driver.core.is_whole is stays
     assert not driver.output[0].any()
 
 
