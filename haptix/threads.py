@@ -1,4 +1,4 @@
-"""Torch's threads and memory: one thread for small arrays, and freed memory that is kept.
+"""Torch's threads and memory: one thread for small arrays, all for many, freed memory is kept.
 
 The contact model works on arrays of some 10^4 values, where two threads gain nothing. Torch's
 threads wait for each other by spinning: on a machine with busy cores, a solve on two threads took
@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import ctypes
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 
@@ -19,6 +20,11 @@ from torch import Tensor
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # from glibc's malloc.h
 _MMAP_ABOVE = 32 << 20  # the largest value that glibc takes
 _TRIM_ABOVE = 256 << 20
+
+_BLOCK = 65536  # points; larger blocks gain nothing, and with 8192 calls take half of the time
+_LEAST_PER_THREAD = 2 * _BLOCK  # with fewer points a thread's start costs more than it saves
+
+Answer = Callable[..., tuple[Tensor, ...]]
 
 _given: ContextVar[int | None] = ContextVar("threads given", default=None)
 
@@ -40,6 +46,46 @@ def given_threads() -> int:
     """Return the number of threads outside of `one_thread`, for code that starts threads itself."""
     threads = _given.get()
     return torch.get_num_threads() if threads is None else threads
+
+
+def in_blocks(answer: Answer, inputs: Sequence[Tensor | None]) -> tuple[Tensor, ...]:
+    """Return ``answer(*inputs)``, block by block, on all of torch's threads.
+
+    Inputs are flat tensors of one length, or None; the answer's tensors have that length. With
+    autograd or on a GPU there is one block only.
+    """
+    tensors = [t for t in inputs if t is not None]
+    count = len(tensors[0])
+    if any(t.requires_grad or t.is_cuda for t in tensors):
+        return answer(*inputs)
+    if count <= _BLOCK:
+        with one_thread():
+            return answer(*inputs)
+
+    def part(start: int, stop: int) -> list[Tensor | None]:
+        return [None if t is None else t[start:stop] for t in inputs]
+
+    with one_thread():
+        first = answer(*part(0, _BLOCK))
+    results = tuple(torch.empty(count, dtype=r.dtype, device=r.device) for r in first)
+    for result, block in zip(results, first, strict=True):
+        result[:_BLOCK] = block
+
+    def work(start: int, stop: int) -> None:
+        with one_thread():
+            for low in range(start, stop, _BLOCK):
+                high = min(low + _BLOCK, stop)
+                for result, block in zip(results, answer(*part(low, high)), strict=True):
+                    result[low:high] = block
+
+    threads = min(torch.get_num_threads(), count // _LEAST_PER_THREAD)
+    if threads < 2:
+        work(_BLOCK, count)
+        return results
+    ends = [_BLOCK + (count - _BLOCK) * i // threads for i in range(threads + 1)]
+    with ThreadPoolExecutor(threads) as pool:
+        list(pool.map(work, ends[:-1], ends[1:]))
+    return results
 
 
 def backward_on_one_thread(tensor: Tensor) -> Tensor:

@@ -33,7 +33,7 @@ typedef struct {
 void hx_surface_evaluate(const hx_surface *surface, const double *voltage_v,
                          const double *const *log_place, int64_t n, double *mu, int64_t *status);
 
-/* A surface at one frequency and thickness; see haptix.surface.slice.Slice. */
+/* A surface at one frequency and thickness; see haptix.surface.interpolant.Slice. */
 typedef struct {
     int64_t forces, drives;
     const double *log_force; /* [forces] */

@@ -24,10 +24,9 @@ from haptix.surface.axes import AXIS_NAMES, Axis, numbers, within
 from haptix.surface.boundary_elements import MeasuringJob, measured_table
 from haptix.surface.build import build_table
 from haptix.surface.file import as_dataset, export_netcdf, load_table, of_dataset, save_table
-from haptix.surface.interpolant import Interpolant, Query
+from haptix.surface.interpolant import Column, Interpolant, Query, Slice
 from haptix.surface.request import LARGEST_BYTES, surface_key
 from haptix.surface.shown_accuracy import Intervals, intervals_at
-from haptix.surface.slice import Column, Slice
 from haptix.surface.tolerance import Tolerance
 
 if TYPE_CHECKING:
