@@ -1,3 +1,5 @@
+from .answers import Inversion as Inversion
+from .answers import SurfaceSample as SurfaceSample
 from .axes import PULL_IN_DRIVE as PULL_IN_DRIVE
 from .axes import PULL_IN_SHARE as PULL_IN_SHARE
 from .boundary_elements import MeasuredPoints as MeasuredPoints
@@ -8,7 +10,5 @@ from .interpolant import Slice as Slice
 from .request import LARGEST_BYTES as LARGEST_BYTES
 from .request import surface_key as surface_key
 from .surface import FrictionSurface as FrictionSurface
-from .surface import Inversion as Inversion
-from .surface import SurfaceSample as SurfaceSample
 from .surface import cached_surface as cached_surface
 from .tolerance import Tolerance as Tolerance

@@ -19,10 +19,10 @@ from haptix.friction import ContactModel
 from haptix.pair import described
 from haptix.states import ContactState
 from haptix.status import LIMITS, Status, limits_passed
+from haptix.surface.answers import record_of
 from haptix.surface.axes import AXIS_NAMES, PULL_IN_DRIVE, Axes, Axis, between
 from haptix.surface.interpolant import Interpolant
 from haptix.surface.request import Ranges, digest, read_ranges, surface_key
-from haptix.surface.shown_accuracy import record_of
 from haptix.surface.tolerance import Tolerance
 from haptix.version import __version__
 
@@ -474,7 +474,7 @@ class _Build:
         return best
 
     def intervals(self, axes: Axes) -> dict[str, Any]:
-        """Intervals of the theory in each cell, see `haptix.surface.shown_accuracy`."""
+        """Intervals of the theory in each cell, see `haptix.surface.answers`."""
         return record_of(axes, self.sampler.ends_of(_places_of(axes)).accuracy)
 
     def _attempt(self, nodes: Mapping[str, Tensor], held_out: HeldOutPoints) -> _Attempt:

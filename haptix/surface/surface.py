@@ -19,14 +19,13 @@ from haptix.files import cache_folder, file_at
 from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.results import ResultStore, folder_of
-from haptix.status import Status
+from haptix.surface.answers import Intervals, Inversion, SurfaceSample, check_ok, intervals_at
 from haptix.surface.axes import AXIS_NAMES, Axis, numbers, within
 from haptix.surface.boundary_elements import MeasuringJob, measured_table
 from haptix.surface.build import build_table
 from haptix.surface.file import as_dataset, export_netcdf, load_table, of_dataset, save_table
 from haptix.surface.interpolant import Column, Interpolant, Query, Slice
 from haptix.surface.request import LARGEST_BYTES, surface_key
-from haptix.surface.shown_accuracy import Intervals, intervals_at
 from haptix.surface.tolerance import Tolerance
 
 if TYPE_CHECKING:
@@ -34,27 +33,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _FILE = "friction.surface"
-
-
-@dataclass(frozen=True)
-class SurfaceSample(Displayed):
-    """Friction at query points, of their broadcast shape."""
-
-    mu: Tensor
-    """Friction coefficient; where the status is not OK, that of the nearest point inside."""
-    status: Tensor
-    """Integers of `Status`: OK, OUT_OF_RANGE, or the limit of the model that is passed."""
-
-
-@dataclass(frozen=True)
-class Inversion(Displayed):
-    """Voltages for frictions, of their broadcast shape."""
-
-    voltage_v: Tensor
-    """Amplitude [V] of the friction, or of the nearest one in the reachable range."""
-    status: Tensor
-    """Integers of `Status`: OK, BELOW or OUT_OF_RANGE; for a friction that is too high, ABOVE (the
-    voltage limit) or the limit of the model that prevents it."""
 
 
 @dataclass(frozen=True)
@@ -118,8 +96,7 @@ class FrictionSurface(Displayed):
         Examples
         --------
         >>> import haptix
-        >>> finger, screen = haptix.Finger.preset("wet"), haptix.Screen.preset("3m-sct3250")
-        >>> model = haptix.ContactModel(finger, screen, fidelity="closed-form")
+        >>> model = haptix.ContactModel(haptix.Finger(), haptix.Screen(), fidelity="closed-form")
         >>> ranges = {"normal_force_n": (0.4, 0.6)}
         >>> surface = haptix.FrictionSurface.build(model, ranges, tolerance=0.01)
         >>> target = float(surface.mu(0.5, 60.0))
@@ -228,7 +205,7 @@ class FrictionSurface(Displayed):
 
     @classmethod
     def load(cls, path: str | Path, model: ContactModel | None = None) -> FrictionSurface:
-        """Read a surface, memory-mapped; nothing in the file is ever executed.
+        """Read a surface, memory-mapped; nothing in the file is ever executed. See `save`.
 
         Parameters
         ----------
@@ -241,20 +218,6 @@ class FrictionSurface(Displayed):
         ------
         FileFormatError
             If the file is missing, foreign, damaged, of a later version or of another model.
-
-        Examples
-        --------
-        >>> import haptix
-        >>> finger, screen = haptix.Finger.preset("wet"), haptix.Screen.preset("3m-sct3250")
-        >>> model = haptix.ContactModel(finger, screen, fidelity="closed-form")
-        >>> surface = haptix.FrictionSurface.build(model, {"normal_force_n": (0.4, 0.6)}, 0.01)
-        >>> from pathlib import Path
-        >>> from tempfile import TemporaryDirectory
-        >>> with TemporaryDirectory() as folder:
-        ...     surface.save(Path(folder) / "wet.surface")
-        ...     loaded = haptix.FrictionSurface.load(Path(folder) / "wet.surface")
-        >>> bool(loaded.mu(0.5, 60.0) == surface.mu(0.5, 60.0))
-        True
         """
         return cls(*load_table(file_at("path", path), model))
 
@@ -334,11 +297,7 @@ class FrictionSurface(Displayed):
         return self.table.nbytes
 
     def mu(
-        self,
-        normal_force_n: Any,
-        voltage_v: Any,
-        frequency_hz: Any = None,
-        h0_m: Any = None,
+        self, normal_force_n: Any, voltage_v: Any, frequency_hz: Any = None, h0_m: Any = None
     ) -> Tensor:
         """Friction coefficient at points that broadcast together.
 
@@ -362,8 +321,7 @@ class FrictionSurface(Displayed):
         Examples
         --------
         >>> import haptix
-        >>> finger, screen = haptix.Finger.preset("wet"), haptix.Screen.preset("3m-sct3250")
-        >>> model = haptix.ContactModel(finger, screen, fidelity="closed-form")
+        >>> model = haptix.ContactModel(haptix.Finger(), haptix.Screen(), fidelity="closed-form")
         >>> surface = haptix.FrictionSurface.build(model, {"normal_force_n": (0.4, 0.6)}, 0.01)
         >>> resting, driven = surface.mu(0.5, [0.0, 60.0])
         >>> bool(driven > resting)
@@ -396,8 +354,7 @@ class FrictionSurface(Displayed):
         Examples
         --------
         >>> import haptix
-        >>> finger, screen = haptix.Finger.preset("wet"), haptix.Screen.preset("3m-sct3250")
-        >>> model = haptix.ContactModel(finger, screen, fidelity="closed-form")
+        >>> model = haptix.ContactModel(haptix.Finger(), haptix.Screen(), fidelity="closed-form")
         >>> surface = haptix.FrictionSurface.build(model, {"normal_force_n": (0.4, 0.6)}, 0.01)
         >>> sample = surface.evaluate(normal_force_n=[0.5, 2.0], voltage_v=60.0)
         >>> [haptix.Status(int(status)).name for status in sample.status]
@@ -408,7 +365,7 @@ class FrictionSurface(Displayed):
             raise InputError("voltage_v: expected finite amplitudes of 0 V or more")
         mu, status = self.table.evaluate(voltage, _places(normal_force_n, frequency_hz, h0_m))
         if strict:
-            self._demand_ok(status, "evaluate")
+            check_ok(status, self.table, "evaluate")
         return SurfaceSample(mu, status)
 
     def voltage(
@@ -438,8 +395,7 @@ class FrictionSurface(Displayed):
         Examples
         --------
         >>> import haptix
-        >>> finger, screen = haptix.Finger.preset("wet"), haptix.Screen.preset("3m-sct3250")
-        >>> model = haptix.ContactModel(finger, screen, fidelity="closed-form")
+        >>> model = haptix.ContactModel(haptix.Finger(), haptix.Screen(), fidelity="closed-form")
         >>> surface = haptix.FrictionSurface.build(model, {"normal_force_n": (0.4, 0.6)}, 0.01)
         >>> low, high = surface.reachable(0.5)
         >>> inversion = surface.voltage(mu=(low + high) / 2, normal_force_n=0.5)
@@ -451,7 +407,7 @@ class FrictionSurface(Displayed):
             raise InputError("mu: expected finite friction coefficients")
         voltage, status = self.table.invert(wanted, _places(normal_force_n, frequency_hz, h0_m))
         if strict:
-            self._demand_ok(status, "voltage")
+            check_ok(status, self.table, "voltage")
         return Inversion(voltage, status)
 
     def reachable(
@@ -467,8 +423,7 @@ class FrictionSurface(Displayed):
         Examples
         --------
         >>> import haptix
-        >>> finger, screen = haptix.Finger.preset("wet"), haptix.Screen.preset("3m-sct3250")
-        >>> model = haptix.ContactModel(finger, screen, fidelity="closed-form")
+        >>> model = haptix.ContactModel(haptix.Finger(), haptix.Screen(), fidelity="closed-form")
         >>> surface = haptix.FrictionSurface.build(model, {"normal_force_n": (0.4, 0.6)}, 0.01)
         >>> low, high = surface.reachable(0.5)
         >>> bool(low == surface.mu(0.5, 0.0))
@@ -514,22 +469,11 @@ class FrictionSurface(Displayed):
         ----------
         normal_force_n, frequency_hz, h0_m : float or array
             As in `mu`.
-
-        Examples
-        --------
-        >>> import haptix
-        >>> finger, screen = haptix.Finger.preset("wet"), haptix.Screen.preset("3m-sct3250")
-        >>> model = haptix.ContactModel(finger, screen, fidelity="closed-form")
-        >>> surface = haptix.FrictionSurface.build(model, {"normal_force_n": (0.4, 0.6)}, 0.01)
-        >>> bool(surface.highest_voltage(0.5) <= surface.voltage_limit_v)
-        True
         """
         return self.table.end(_places(normal_force_n, frequency_hz, h0_m))
 
     def at(self, frequency_hz: float | None = None, h0_m: float | None = None) -> FrictionSurface:
         """Slice at one frequency or thickness, for queries that do not vary them.
-
-        None leaves an axis as it is.
 
         Parameters
         ----------
@@ -569,10 +513,7 @@ class FrictionSurface(Displayed):
         h0_m: float | None = None,
         attraction: Array | None = None,
     ) -> Column:
-        """Friction against voltage at one force, frequency and thickness, see `driven_at`.
-
-        With `attraction`, its course over a period of the drive, friction is the mean over that
-        period, see `Slice.averaged`.
+        """Friction against voltage at one force, frequency and thickness.
 
         Parameters
         ----------
@@ -580,7 +521,7 @@ class FrictionSurface(Displayed):
         frequency_hz, h0_m : float, optional
             Where to cut the surface, see `driven_at`.
         attraction : array, optional
-            Attraction over one period of the drive: the mean over it is taken, see
+            Attraction over one period of the drive: friction is the mean over it, see
             `Slice.averaged`.
 
         Raises
@@ -591,8 +532,7 @@ class FrictionSurface(Displayed):
         Examples
         --------
         >>> import haptix
-        >>> finger, screen = haptix.Finger.preset("wet"), haptix.Screen.preset("3m-sct3250")
-        >>> model = haptix.ContactModel(finger, screen, fidelity="closed-form")
+        >>> model = haptix.ContactModel(haptix.Finger(), haptix.Screen(), fidelity="closed-form")
         >>> surface = haptix.FrictionSurface.build(model, {"normal_force_n": (0.4, 0.6)}, 0.01)
         >>> column = surface.column(0.5, None)
         >>> abs(float(column.mu([60.0])[0]) - float(surface.mu(0.5, 60.0))) < 1e-6
@@ -619,36 +559,8 @@ class FrictionSurface(Displayed):
             Precision of the numbers.
         device : torch.device or str
             Where they are.
-
-        Examples
-        --------
-        >>> import haptix
-        >>> finger, screen = haptix.Finger.preset("wet"), haptix.Screen.preset("3m-sct3250")
-        >>> model = haptix.ContactModel(finger, screen, fidelity="closed-form")
-        >>> surface = haptix.FrictionSurface.build(model, {"normal_force_n": (0.4, 0.6)}, 0.01)
-        >>> import torch
-        >>> surface.to(torch.float32).mu(0.5, 60.0).dtype
-        torch.float32
         """
         return FrictionSurface(self.table.to(dtype, device), self.info)
-
-    def _demand_ok(self, status: Tensor, method: str) -> None:
-        bad = status[status != int(Status.OK)]
-        if len(bad) == 0:
-            return
-        spans = ", ".join(
-            f"{axis.name} {axis.low:g} to {axis.high:g}"
-            for axis in self.table.axes
-            if not axis.is_absent
-        )
-        counts = ", ".join(
-            f"{int((bad == code).sum())} {Status(code).name}" for code in bad.unique().tolist()
-        )
-        raise RangeError(
-            f"{len(bad)} of {status.numel()} points lie outside the surface ({counts}): expected "
-            f"{spans}, voltage_v 0 to {self.voltage_limit_v:g} and short of pull-in; build it for "
-            f"a wider range, or take `{method}` without `strict`: it gives a status per point"
-        )
 
 
 def _places(*values: Any) -> Query:

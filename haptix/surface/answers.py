@@ -1,4 +1,4 @@
-"""Accuracy of the theory in the cells of a surface, in JND, for `FrictionSurface.intervals`."""
+"""Answers of a surface: friction, voltages, and the accuracy of the theory in its cells, in JND."""
 
 from __future__ import annotations
 
@@ -13,13 +13,54 @@ from torch import Tensor
 
 from haptix.contact import Accuracy
 from haptix.display import Displayed
-from haptix.errors import InputError
+from haptix.errors import InputError, RangeError
 from haptix.perception import WEBER_FRACTION
 from haptix.states import broadcast_shape
+from haptix.status import Status
 from haptix.surface.axes import AXIS_NAMES, Axes, numbers
+from haptix.surface.interpolant import Interpolant
 
 _DIGITS = 4  # decimals of a JND: far finer than any interval is known
 _MOST_CELLS = 8  # along an axis: intervals vary slowly, and the file's header has to hold them
+
+
+@dataclass(frozen=True)
+class SurfaceSample(Displayed):
+    """Friction at query points, of their broadcast shape."""
+
+    mu: Tensor
+    """Friction coefficient; where the status is not OK, that of the nearest point inside."""
+    status: Tensor
+    """Integers of `Status`: OK, OUT_OF_RANGE, or the limit of the model that is passed."""
+
+
+@dataclass(frozen=True)
+class Inversion(Displayed):
+    """Voltages for frictions, of their broadcast shape."""
+
+    voltage_v: Tensor
+    """Amplitude [V] of the friction, or of the nearest one in the reachable range."""
+    status: Tensor
+    """Integers of `Status`: OK, BELOW or OUT_OF_RANGE; for a friction that is too high, ABOVE (the
+    voltage limit) or the limit of the model that prevents it."""
+
+
+def check_ok(status: Tensor, table: Interpolant, method: str) -> None:
+    """Raise `RangeError` unless all points of a query by a method of the surface are OK."""
+    bad = status[status != int(Status.OK)]
+    if len(bad) == 0:
+        return
+    spans = ", ".join(
+        f"{axis.name} {axis.low:g} to {axis.high:g}" for axis in table.axes if not axis.is_absent
+    )
+    counts = ", ".join(
+        f"{int((bad == code).sum())} {Status(code).name}" for code in bad.unique().tolist()
+    )
+    raise RangeError(
+        f"{len(bad)} of {status.numel()} points lie outside the surface ({counts}): expected "
+        f"{spans}, voltage_v 0 to {table.voltage_limit_v:g} and short of pull-in; build it for "
+        f"a wider range, or take `{method}` without `strict`: it gives a status per point"
+    )
 
 
 @dataclass(frozen=True)
