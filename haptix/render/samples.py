@@ -14,7 +14,7 @@ from firmware_io import Device, PlaybackStats
 from firmware_io.reviser import percentile
 from haptix.checks import Array, instance
 from haptix.errors import InputError
-from haptix.finger_response import FingerResponse
+from haptix.finger import FingerResponse
 from haptix.layout import Layout
 from haptix.motion import Motion
 from haptix.native import DOUBLES, NULL, Struct, ffi, library

@@ -17,8 +17,7 @@ import numpy as np
 from haptix.checks import Array
 from haptix.devices import BODY_CAPACITANCE_F, Current, DriveLimits
 from haptix.errors import InputError
-from haptix.finger import Finger
-from haptix.finger_response import FingerResponse
+from haptix.finger import Finger, FingerResponse
 from haptix.friction import ContactModel
 from haptix.perception.sensation import SensationInTime
 from haptix.population import Population

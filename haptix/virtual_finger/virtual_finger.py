@@ -18,7 +18,7 @@ from haptix.electro import Circuit
 from haptix.electro.attraction import Pull, representative_gaps
 from haptix.errors import InputError, LimitError
 from haptix.fidelity import Ability
-from haptix.finger_response import FingerResponse
+from haptix.finger import FingerResponse
 from haptix.friction import HIGHEST_FORCE_N, ContactModel
 from haptix.friction.placeholders import with_finger
 from haptix.friction.solver import FrictionSolver
