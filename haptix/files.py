@@ -17,6 +17,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
+from hashlib import sha256
 from itertools import islice
 from pathlib import Path
 from secrets import token_hex
@@ -242,6 +243,11 @@ def check_folder(folder: Path, names: Iterable[str]) -> None:
 def json_text(value: object) -> str:
     """Return plain values as JSON text, without NaN and with a line break at the end."""
     return json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def digest(plain: Mapping[str, Any]) -> str:
+    """SHA-256 of plain values, such as the description of a model or of a file."""
+    return sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
 
 
 def json_table(table: Mapping[str, object]) -> str:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Self
 
@@ -17,6 +15,7 @@ from haptix.contact import ElasticSolid, HalfSpace, Layered, RoughnessSpectrum, 
 from haptix.documents import Document, Part, Quantity
 from haptix.electro.dielectric import AnySkinDielectric, SkinDielectric
 from haptix.fields import FINGERS
+from haptix.files import digest
 
 _STANDING_MM_PER_S = 1e-3  # gains of slower fingers are those at this speed
 
@@ -215,8 +214,7 @@ class Finger(Document):
         >>> Finger.preset("wet").content_hash() == Finger.preset("dry").content_hash()
         False
         """
-        text = json.dumps(self.model_dump(mode="json"), sort_keys=True)
-        return hashlib.sha256(text.encode()).hexdigest()
+        return digest(self.model_dump(mode="json"))
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import warnings
 from datetime import UTC, date, datetime
 from pathlib import Path
@@ -16,6 +14,7 @@ from pydantic import Field
 from haptix.checks import Array
 from haptix.documents import Document, Part
 from haptix.fields import SCREENS
+from haptix.files import digest
 
 Plain = Annotated[float, Field(gt=0, strict=True)]
 Permittivity = Annotated[float, Field(ge=1)]
@@ -274,7 +273,7 @@ class Screen(Document):
         fields = self.model_dump(mode="json")
         if fields["calibration"] is not None:
             del fields["calibration"]["content_hash"]
-        return hashlib.sha256(json.dumps(fields, sort_keys=True).encode()).hexdigest()
+        return digest(fields)
 
     @property
     def calibration_id(self) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 
 from haptix.checks import Array
 from haptix.errors import MissingExtraError, from_extra
-from haptix.files import json_text, reading, write_folder
+from haptix.files import digest, json_text, reading, write_folder
 from haptix.report import page, paragraph, picture, table
 from haptix.stimuli.adaptive import Estimate, Magnitudes, Method, MethodsByCondition, Pairs
 from haptix.stimuli.adaptive.methods import (
@@ -28,7 +28,6 @@ from haptix.stimuli.adaptive.session_plan import SessionPlan, estimate_of, summa
 from haptix.stimuli.adaptive.trial_log import LoggedSession, read_sessions
 from haptix.stimuli.group import group
 from haptix.stimuli.study import BIDS_VERSION
-from haptix.surface.request import digest
 from haptix.version import __version__
 
 if TYPE_CHECKING:

@@ -19,6 +19,7 @@ from haptix.desk import Context, Result, Task
 from haptix.devices import Device
 from haptix.documents import Document, Part
 from haptix.errors import InputError
+from haptix.files import digest
 from haptix.finger import Finger
 from haptix.kinds import call, in_folder
 from haptix.perception import Perception
@@ -48,7 +49,6 @@ from haptix.stimuli.set_plan import TrialPlan, drive_limits
 from haptix.stimuli.stimulus import Stimulus, stimulus_from
 from haptix.stimuli.stimulus_set import StimulusSet
 from haptix.surface import Column
-from haptix.surface.request import digest
 
 
 class PopulationTable(DrawnPeople):

@@ -24,12 +24,13 @@ from haptix.checks import choice, whole
 from haptix.contact.boundary_elements.ensemble import Row, run_ensemble
 from haptix.errors import InputError
 from haptix.fidelity import Ability, BoundaryElementBalance
+from haptix.files import digest
 from haptix.friction import ContactModel
 from haptix.status import Status
 from haptix.surface.axes import AXIS_NAMES, Axes, Axis
 from haptix.surface.build import Progress, build_table
 from haptix.surface.interpolant import Interpolant
-from haptix.surface.request import digest, read_ranges, surface_key
+from haptix.surface.request import read_ranges, surface_key
 from haptix.surface.tolerance import Tolerance
 
 Band = Literal["finger", "box"]

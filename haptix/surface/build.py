@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 
 from haptix.errors import InputError, ToleranceError
+from haptix.files import digest
 from haptix.friction import ContactModel
 from haptix.pair import described
 from haptix.states import ContactState
@@ -22,7 +23,7 @@ from haptix.status import LIMITS, Status, limits_passed
 from haptix.surface.answers import record_of
 from haptix.surface.axes import AXIS_NAMES, PULL_IN_DRIVE, Axes, Axis, between
 from haptix.surface.interpolant import Interpolant
-from haptix.surface.request import Ranges, digest, read_ranges, surface_key
+from haptix.surface.request import Ranges, read_ranges, surface_key
 from haptix.surface.tolerance import Tolerance
 from haptix.version import __version__
 

@@ -16,12 +16,11 @@ from safetensors.torch import save as to_bytes
 from torch import Tensor
 
 from haptix.errors import FileFormatError, from_extra
-from haptix.files import parse_json, reading, write_whole
+from haptix.files import digest, parse_json, reading, write_whole
 from haptix.friction import ContactModel
 from haptix.status import Status
 from haptix.surface.axes import AXES, AXIS_NAMES, Axes
 from haptix.surface.interpolant import Interpolant
-from haptix.surface.request import digest
 
 if TYPE_CHECKING:
     import xarray

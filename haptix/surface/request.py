@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Mapping
 from functools import cache
 from math import inf
@@ -11,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from haptix.errors import InputError, LimitError
+from haptix.files import digest
 from haptix.friction import ContactModel
 from haptix.perception import WEBER_FRACTION
 from haptix.surface.axes import AXES, AXIS_NAMES
@@ -86,11 +86,6 @@ def low_and_high(value: Any, zero: bool = False) -> tuple[float, float]:
 
 LARGEST_BYTES = 64_000_000
 """Default limit of the size of a surface."""
-
-
-def digest(plain: Mapping[str, Any]) -> str:
-    """SHA-256 of plain values, such as the description of a model or of a file."""
-    return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
 
 
 def surface_key(

@@ -30,7 +30,7 @@ from haptix import HaptixError
 from haptix.cli.application import app
 from haptix.contact.boundary_elements.ensemble import run_ensemble
 from haptix.errors import FileFormatError
-from haptix.files import read_csv, read_json, read_toml
+from haptix.files import digest, read_csv, read_json, read_toml
 from haptix.finger import Finger
 from haptix.perception import Perception
 from haptix.scene import Scene
@@ -43,7 +43,6 @@ from haptix.stimuli.interchange import FrictionMap, read_ahap, read_hjif
 from haptix.stimuli.recipe import ExperimentRecipe, Recipe
 from haptix.stimuli.stimulus_set import check_manifest
 from haptix.surface import FrictionSurface
-from haptix.surface.request import digest
 from haptix.texture import PennModel, Texture
 from tests.command_line import run_haptix
 

@@ -19,6 +19,7 @@ from haptix.checks import Array
 from haptix.devices import Device
 from haptix.documents import first_error
 from haptix.errors import FileFormatError, InputError, LimitError
+from haptix.files import digest
 from haptix.render.intervals import (
     TouchSample,
     code_of,
@@ -40,7 +41,6 @@ from haptix.stimuli.adaptive.session_plan import (
 )
 from haptix.stimuli.adaptive.stroke import StrokeRanges, Touch
 from haptix.stimuli.adaptive.trial_log import TouchLog, TrialLog, program
-from haptix.surface.request import digest
 
 if TYPE_CHECKING:
     from haptix.render.lab_streams import LabOutlets
