@@ -27,8 +27,7 @@ from haptix.kinds import in_folder
 from haptix.materials.panels import material_of
 from haptix.pair import finger_beside
 from haptix.screen import Screen
-from haptix.surface.axes import AXES
-from haptix.surface.request import low_and_high
+from haptix.surface.axes import AXES, low_and_high
 from haptix.terms import TERMS, possible_terms
 from haptix.texture.material import AnyMaterial
 

@@ -4,11 +4,11 @@ from .axes import PULL_IN_DRIVE as PULL_IN_DRIVE
 from .axes import PULL_IN_SHARE as PULL_IN_SHARE
 from .boundary_elements import MeasuredPoints as MeasuredPoints
 from .boundary_elements import MeasuringJob as MeasuringJob
+from .file import LARGEST_BYTES as LARGEST_BYTES
+from .file import surface_key as surface_key
 from .interpolant import Column as Column
 from .interpolant import Interpolant as Interpolant
 from .interpolant import Slice as Slice
-from .request import LARGEST_BYTES as LARGEST_BYTES
-from .request import surface_key as surface_key
 from .surface import FrictionSurface as FrictionSurface
 from .surface import cached_surface as cached_surface
 from .tolerance import Tolerance as Tolerance

@@ -1,4 +1,4 @@
-"""Axes of the friction surface: names, nodes, and interpolation between the nodes."""
+"""Axes of the friction surface: names, ranges, nodes, and interpolation between the nodes."""
 
 from __future__ import annotations
 
@@ -6,16 +6,19 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import inf, log
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from haptix.display import Displayed
-from haptix.errors import InputError, RangeError
+from haptix.errors import InputError, LimitError, RangeError
 from haptix.native import Struct
 from haptix.screen import Screen
+
+if TYPE_CHECKING:
+    from haptix.friction import ContactModel
 
 _MOST_PLACES = 4096
 
@@ -157,6 +160,71 @@ AXES = (
 """Axes of every surface besides the voltage, in the order of its table."""
 
 AXIS_NAMES = tuple(quantity.name for quantity in AXES)
+_RANGES = (*AXIS_NAMES, "voltage_v")
+
+Ranges = Mapping[str, tuple[float, float] | None]
+
+
+def read_ranges(model: ContactModel, scene: Any) -> dict[str, tuple[float, float] | None]:
+    """Complete and check ranges: ``(low, high)`` by name, None for an axis that is left out.
+
+    `scene` is a mapping, or an object with ``ranges()``; the model gives the defaults.
+    """
+    if not isinstance(scene, Mapping) and not hasattr(scene, "ranges"):
+        raise InputError(f"scene: expected a scene or ranges by name, got {scene!r}")
+    named = scene if isinstance(scene, Mapping) else scene.ranges()
+    unknown = set(named) - set(_RANGES)
+    if unknown:
+        raise InputError(
+            f"unknown range {', '.join(sorted(unknown))}: expected any of {', '.join(_RANGES)}"
+        )
+    screen = model.screen
+    ranges: dict[str, Any] = {"voltage_v": (0.0, screen.max_voltage_v), **named}
+    for axis in AXES:
+        if axis.name not in ranges or (axis.is_collapsible and ranges[axis.name] is None):
+            ranges[axis.name] = axis.default(screen)
+    checked = {name: _read_range(name, ranges[name]) for name in _RANGES}
+    force, voltage = checked["normal_force_n"], checked["voltage_v"]
+    if force is None or voltage is None:
+        raise InputError("normal_force_n and voltage_v: expected a range, got None")
+    if voltage[1] > screen.max_voltage_v:
+        raise LimitError(
+            f"voltage_v: {voltage[1]:g} V is above the limit of "
+            f"{screen.max_voltage_v:g} V of screen {screen.name!r}; lower the range"
+        )
+    if voltage[1] <= 0:
+        raise InputError("voltage_v: expected a range that reaches above 0 V")
+    return checked
+
+
+def _read_range(name: str, value: Any) -> tuple[float, float] | None:
+    zero = name == "voltage_v"
+    try:
+        return None if value is None else low_and_high(value, zero)
+    except ValueError:
+        raise InputError(
+            f"{name}: expected (low, high) or one value, with finite low <= high, "
+            f"{'0 or more' if zero else 'above 0'}, got {value!r}"
+        ) from None
+
+
+def low_and_high(value: Any, zero: bool = False) -> tuple[float, float]:
+    """Return a finite range above 0, or with `zero` from 0; a single number is both ends.
+
+    Other values raise `ValueError`, which pydantic turns into its error.
+    """
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    ends = value if isinstance(value, tuple | list) else (value, value)
+    try:
+        if any(isinstance(end, str | bool) for end in ends):
+            raise TypeError
+        low, high = map(float, ends)
+    except (TypeError, ValueError):
+        raise ValueError("expected one number, or [low, high]") from None
+    if not ((low >= 0 if zero else low > 0) and low <= high < inf):
+        raise ValueError(f"expected finite 0 {'<=' if zero else '<'} low <= high")
+    return low, high
 
 
 def between(low: float, high: float, share: Tensor) -> Tensor:

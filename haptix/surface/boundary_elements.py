@@ -27,10 +27,10 @@ from haptix.fidelity import Ability, BoundaryElementBalance
 from haptix.files import digest
 from haptix.friction import ContactModel
 from haptix.status import Status
-from haptix.surface.axes import AXIS_NAMES, Axes, Axis
+from haptix.surface.axes import AXIS_NAMES, Axes, Axis, read_ranges
 from haptix.surface.build import Progress, build_table
+from haptix.surface.file import surface_key
 from haptix.surface.interpolant import Interpolant
-from haptix.surface.request import read_ranges, surface_key
 from haptix.surface.tolerance import Tolerance
 
 Band = Literal["finger", "box"]

@@ -21,9 +21,9 @@ from haptix.pair import described
 from haptix.states import ContactState
 from haptix.status import LIMITS, Status, limits_passed
 from haptix.surface.answers import record_of
-from haptix.surface.axes import AXIS_NAMES, PULL_IN_DRIVE, Axes, Axis, between
+from haptix.surface.axes import AXIS_NAMES, PULL_IN_DRIVE, Axes, Axis, Ranges, between, read_ranges
+from haptix.surface.file import surface_key
 from haptix.surface.interpolant import Interpolant
-from haptix.surface.request import Ranges, read_ranges, surface_key
 from haptix.surface.tolerance import Tolerance
 from haptix.version import __version__
 

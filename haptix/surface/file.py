@@ -1,11 +1,13 @@
-"""Files of a surface: safetensors with one JSON string, and NetCDF for other programs."""
+"""Files of a surface: safetensors with one JSON string, NetCDF, and the key in the cache."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import zlib
 from collections.abc import Mapping
+from functools import cache
 from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,9 +20,12 @@ from torch import Tensor
 from haptix.errors import FileFormatError, from_extra
 from haptix.files import digest, parse_json, reading, write_whole
 from haptix.friction import ContactModel
+from haptix.perception import WEBER_FRACTION
 from haptix.status import Status
-from haptix.surface.axes import AXES, AXIS_NAMES, Axes
+from haptix.surface.axes import AXES, AXIS_NAMES, Axes, read_ranges
 from haptix.surface.interpolant import Interpolant
+from haptix.surface.tolerance import Tolerance
+from haptix.version import __version__
 
 if TYPE_CHECKING:
     import xarray
@@ -50,7 +55,10 @@ _SCHEMA = {
 }
 
 
-_LARGEST_BYTES = 4_000_000_000
+LARGEST_BYTES = 64_000_000
+"""Default limit of the size of a surface."""
+
+_LARGEST_FILE_BYTES = 4_000_000_000
 _NUMBERS = {"response_hz_per_mm_per_s", "screen_h0_m"}  # of the info; renderers use them
 
 Info = Mapping[str, Any]
@@ -112,9 +120,9 @@ def _read(path: Path) -> tuple[Any, dict[str, Tensor]]:
         if not path.is_file():
             raise FileFormatError(f"no surface file at {path}: build one with `haptix build`")
         before = path.stat()
-        if before.st_size > _LARGEST_BYTES:
+        if before.st_size > _LARGEST_FILE_BYTES:
             raise FileFormatError(
-                f"{path}: expected a surface of at most {_LARGEST_BYTES / 1e9:g} GB, got "
+                f"{path}: expected a surface of at most {_LARGEST_FILE_BYTES / 1e9:g} GB, got "
                 f"{before.st_size / 1e9:.3g} GB; build it for less, or for a larger error"
             )
         try:
@@ -290,3 +298,53 @@ def of_dataset(dataset: xarray.Dataset) -> tuple[Interpolant, Info]:
         limited_by = Status[about["limited_by"]]
         table = Interpolant(Axes.of(values), values["drive"], columns, unit_v, limit_v, limited_by)
         return table, json.loads(about["haptix_info"])
+
+
+def surface_key(
+    model: ContactModel,
+    scene: Any,
+    tolerance: Tolerance | float | str,
+    largest_bytes: int = LARGEST_BYTES,
+    past_limits: bool = False,
+) -> str:
+    """Hash of everything that determines a surface's numbers; the name of its cache entry.
+
+    Parameters
+    ----------
+    model, scene, tolerance, largest_bytes, past_limits
+        As in `FrictionSurface.build`.
+
+    Examples
+    --------
+    >>> import haptix
+    >>> model = haptix.ContactModel(haptix.Finger(), haptix.Screen())
+    >>> keys = {surface_key(model, {"normal_force_n": (0.1, 1.0)}, jnd) for jnd in (0.01, 0.02)}
+    >>> len(keys)  # another tolerance, another file
+    2
+    """
+    return digest(
+        {
+            "haptix": __version__,
+            "code": _code_digest(),
+            "model": model.describe(),
+            "response_hz_per_mm_per_s": model.finger.response_hz_per_mm_per_s,
+            "ranges": read_ranges(model, scene),
+            "tolerance": str(Tolerance.read(tolerance)),
+            "jnd": WEBER_FRACTION,
+            "largest_bytes": largest_bytes,
+            **({"past_limits": True} if past_limits else {}),
+        }
+    )
+
+
+@cache
+def _code_digest() -> str:
+    """Hash of the source code, so that the cache never returns a surface of an earlier solver."""
+    code = hashlib.sha256()
+    package = Path(__file__).parent.parent
+    files = list(package.glob("*.py"))
+    for folder in ("contact", "electro", "fidelity", "friction", "surface"):
+        files += (package / folder).rglob("*.py")
+    for file in sorted(files):
+        code.update(file.read_bytes())
+    return code.hexdigest()

@@ -23,9 +23,16 @@ from haptix.surface.answers import Intervals, Inversion, SurfaceSample, check_ok
 from haptix.surface.axes import AXIS_NAMES, Axis, numbers, within
 from haptix.surface.boundary_elements import MeasuringJob, measured_table
 from haptix.surface.build import build_table
-from haptix.surface.file import as_dataset, export_netcdf, load_table, of_dataset, save_table
+from haptix.surface.file import (
+    LARGEST_BYTES,
+    as_dataset,
+    export_netcdf,
+    load_table,
+    of_dataset,
+    save_table,
+    surface_key,
+)
 from haptix.surface.interpolant import Column, Interpolant, Query, Slice
-from haptix.surface.request import LARGEST_BYTES, surface_key
 from haptix.surface.tolerance import Tolerance
 
 if TYPE_CHECKING:
@@ -228,7 +235,7 @@ class FrictionSurface(Displayed):
     def plot(
         self, ax: Axes | None = None, frequency_hz: float | None = None, h0_m: float | None = None
     ) -> Axes:
-        """Draw friction against voltage, a line for each of five forces.
+        """Draw friction against voltage, a line for each of five forces; return the axes.
 
         Parameters
         ----------
@@ -236,11 +243,6 @@ class FrictionSurface(Displayed):
             Axes of matplotlib to draw into; without them, those of a new figure.
         frequency_hz, h0_m : float, optional
             Where to cut the surface, see `driven_at`.
-
-        Returns
-        -------
-        Axes
-            The axes.
 
         Raises
         ------

@@ -460,8 +460,7 @@ def _spread_at_corners(model: ContactModel, ranges: dict[str, Any]) -> dict[str,
     import torch
 
     from haptix.friction.placeholders import largest_spread
-    from haptix.surface.axes import AXIS_NAMES
-    from haptix.surface.request import read_ranges
+    from haptix.surface.axes import AXIS_NAMES, read_ranges
 
     whole = read_ranges(model, ranges)
     ends = {name: whole[name] for name in (*AXIS_NAMES, "voltage_v")}

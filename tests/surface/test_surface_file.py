@@ -15,7 +15,7 @@ from safetensors.torch import save_file
 
 from haptix import ContactModel, Finger, FrictionSurface, Screen
 from haptix.errors import FileFormatError
-from haptix.surface.request import surface_key
+from haptix.surface.file import surface_key
 
 
 @pytest.fixture(scope="module")
