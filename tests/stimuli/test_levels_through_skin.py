@@ -9,8 +9,7 @@ from haptix.perception.sensation import SensationInTime
 from haptix.signals.shapes import Sine, Square
 from haptix.stimuli import Stimulus
 from haptix.stimuli.along_path import grating
-from haptix.stimuli.rendering import Apparatus, Rendering, Tally
-from haptix.stimuli.skin import Skin
+from haptix.stimuli.rendering import Apparatus, Rendering, Skin, Tally
 
 RATE = 48_000.0
 
