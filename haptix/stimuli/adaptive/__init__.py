@@ -1,6 +1,6 @@
 """Adaptive methods that choose levels by the answers, and the experiment that presents them."""
 
-from haptix.stimuli.adaptive.experiment import Experiment, Presentation
+from haptix.stimuli.adaptive.experiment import Experiment, Presentation, StrokeRanges, Touch
 from haptix.stimuli.adaptive.methods import (
     ConstantStimuli,
     Magnitudes,
@@ -20,7 +20,6 @@ from haptix.stimuli.adaptive.session_plan import (
     StopRules,
     TrialTask,
 )
-from haptix.stimuli.adaptive.stroke import StrokeRanges, Touch
 from haptix.stimuli.adaptive.trial_log import TrialLog
 
 __all__ = [
