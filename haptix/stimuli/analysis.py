@@ -23,8 +23,7 @@ from haptix.stimuli.adaptive.methods import (
     bradley_terry_intervals,
 )
 from haptix.stimuli.adaptive.psychometric import counted, function_named, group
-from haptix.stimuli.adaptive.sequence import replayed
-from haptix.stimuli.adaptive.session_plan import SessionPlan, estimate_of, summary
+from haptix.stimuli.adaptive.session_plan import SessionPlan, estimate_of, replayed, summary
 from haptix.stimuli.adaptive.trial_log import LoggedSession, read_sessions
 from haptix.stimuli.study import BIDS_VERSION
 from haptix.version import __version__

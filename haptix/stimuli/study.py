@@ -27,7 +27,7 @@ from haptix.files import (
     read_text,
     write_whole,
 )
-from haptix.stimuli.adaptive.sequence import replayed
+from haptix.stimuli.adaptive.session_plan import replayed
 from haptix.stimuli.adaptive.trial_log import COLUMNS, SETTINGS, End, TouchLog, read_log
 from haptix.version import __version__
 

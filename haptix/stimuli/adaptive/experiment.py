@@ -32,11 +32,12 @@ from haptix.render.intervals import (
 from haptix.stimuli.adaptive.methods import Method, MethodsByCondition
 from haptix.stimuli.adaptive.observer import AnswerTo, Question, Source
 from haptix.stimuli.adaptive.psychometric import Estimate
-from haptix.stimuli.adaptive.sequence import TrialSequence, replay
 from haptix.stimuli.adaptive.session_plan import (
     SessionPlan,
+    TrialSequence,
     check_plan,
     estimate_of,
+    replay,
     summary,
     task_named,
 )
