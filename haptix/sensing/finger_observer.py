@@ -18,8 +18,17 @@ import numpy as np
 from haptix.checks import Array, check_fields, number, positive
 from haptix.devices import CurrentReading
 from haptix.display import Displayed
-from haptix.sensing.contact import FORCE, LATENT, ROUGHNESS, SKIN, STIFFNESS, ContactCurrent
-from haptix.sensing.person import Averaged, EnrolledFinger, parts
+from haptix.sensing.contact import (
+    FORCE,
+    LATENT,
+    ROUGHNESS,
+    SKIN,
+    STIFFNESS,
+    Averaged,
+    ContactCurrent,
+    EnrolledFinger,
+    parts,
+)
 
 _LOG = logging.getLogger("haptix.sensing")
 

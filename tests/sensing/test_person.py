@@ -5,8 +5,7 @@ import pytest
 
 import haptix
 from haptix.sensing import ContactCurrent, EnrolledFinger, contact_change
-from haptix.sensing.contact import FORCE
-from haptix.sensing.person import Averaged, parts
+from haptix.sensing.contact import FORCE, Averaged, parts
 
 BODY_F = haptix.Screen().body_capacitance_f
 
