@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from haptix.materials import Material
     from haptix.surface import Column
 
-EXPORT = "haptix.tasks.layouts:ExportLayout"
+EXPORT = "haptix.tasks.materials:ExportLayout"
 """The task that writes layouts in forms of interchange."""
 _FORCES_N = (0.1, 0.2, 0.5, 1.0, 2.0, 3.0)
 _FORCE_N = 0.5  # what is asked for where nobody says another
