@@ -17,7 +17,7 @@ from haptix.campaign.kinds import load_campaign
 from haptix.campaign.run import run_campaign
 from haptix.service.job_work import JobWork
 from haptix.service.rest import jobs_router
-from haptix.tasks.rendering import Render
+from haptix.tasks.strokes import Render
 from tests.command_line import run_haptix
 from tests.one_task import ONE_FILE, put_in
 

@@ -155,7 +155,7 @@ def test_one_sentence_and_exit_code_2(haptix_cli, own_folder, command, name):
 
 
 def test_only_a_mock_can_be_felt(haptix_cli, own_folder, monkeypatch):
-    monkeypatch.setattr("haptix.tasks.rendering.OfPath.built", pytest.fail)  # told before
+    monkeypatch.setattr("haptix.tasks.strokes.OfPath.built", pytest.fail)  # told before
     done = haptix_cli("render", *SMALL, "--device", "usb:")
     assert done.code == 2
     assert re.search("expected a mock device.*usb:", " ".join(done.err.split()))

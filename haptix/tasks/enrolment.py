@@ -14,7 +14,7 @@ from haptix.desk import Context, Result
 from haptix.errors import InputError
 from haptix.fields import Address, Argument, FingerName, Force, NewDocument, check_new
 from haptix.report import record
-from haptix.tasks.rendering import FORCES_N, OnScreen
+from haptix.tasks.strokes import FORCES_N, OnScreen
 
 if TYPE_CHECKING:
     from haptix.friction import ContactModel

@@ -1,4 +1,4 @@
-"""Tasks of renderings: the demo, a simulated stroke, a played path, and what a screen can reach."""
+"""Tasks of strokes: demo, simulation, a played path, what a screen reaches."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
+import numpy as np
 from pydantic import Field
 
 from haptix.desk import Context, Result, Task
@@ -35,11 +36,11 @@ from haptix.terminal import accuracy_note, breakdown_note, placeholder_note, war
 
 if TYPE_CHECKING:
     from haptix.friction import ContactModel
-    from haptix.materials import Material
     from haptix.simulation import Setting
     from haptix.surface import FrictionSurface
     from haptix.texture import Feelable
     from haptix.virtual_finger import Evaluation
+
 
 _ENDS_S = 0.05  # playing goes on after the last touch, until its effect has been played
 _BRICKS = "scikit-image brick (CC0)"
@@ -331,13 +332,14 @@ class Render(OfPath, command="render", route="renderings", kind="rendering"):
 
     def setting(self, model: ContactModel, polarity: str = "bright-high") -> tuple[Setting, str]:
         """Return what the parameters describe, with a client's stroke in place of files."""
+        from haptix.materials import material_of
         from haptix.motion import Trajectory
         from haptix.simulation import Setting
 
         if self.material is None:
             return super().setting(model, polarity)
         columns = [self.t_s or (), self.x_mm or (), self.y_mm or (), self.normal_force_n or ()]
-        return Setting(model, read_material(self.material), Trajectory.of(*columns)), "material"
+        return Setting(model, material_of(self.material), Trajectory.of(*columns)), "material"
 
 
 class PlayPath(OfPath, command="play"):
@@ -408,8 +410,7 @@ class Headroom(OnScreen, route="headroom", kind="headroom"):
 
     def run(self, context: Context) -> Result:
         """Shares of a material's places that are out of reach, and the range."""
-        import numpy as np
-
+        from haptix.materials import material_of
         from haptix.materials.picture import picture
         from haptix.render.samples import DEFAULT_CARRIER_HZ
         from haptix.status import Status
@@ -419,7 +420,7 @@ class Headroom(OnScreen, route="headroom", kind="headroom"):
         scene = {"normal_force_n": self.normal_force_n, "frequency_hz": DEFAULT_CARRIER_HZ}
         update = partial(context.progress, "build the surface")
         surface, _ = cached_surface(self.model(), scene, "0.05 JND", update)
-        material = read_material(self.material)
+        material = material_of(self.material)
         column = surface.driven_at(DEFAULT_CARRIER_HZ).column(self.normal_force_n, None)
         low, high = float(column.lowest_mu), float(column.highest_mu)
         wanted = picture(material, self.width_mm, self.height_mm, self.columns, 0.0)
@@ -462,13 +463,6 @@ class KeepSurface(OnScreen, route="surfaces", kind="surface"):
                 "error_p99_mu": info.get("error_p99"),
             }
         )
-
-
-def read_material(document: dict[str, Any]) -> Material:
-    """Return the material of a document, whose paths are relative to the present folder."""
-    from haptix.materials import material_of
-
-    return material_of(document)
 
 
 def _current(current: Mapping[str, float]) -> str:
