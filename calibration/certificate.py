@@ -11,9 +11,9 @@ from textwrap import wrap
 import numpy as np
 
 from calibration.fit import Fit
-from calibration.instruments import Instruments
 from calibration.recording import StrokeRecording
 from calibration.rig import RigCheck
+from calibration.session import Instruments
 from calibration.verification import Verification
 from haptix.errors import InputError, from_extra
 from haptix.files import write_whole

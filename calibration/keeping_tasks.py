@@ -37,7 +37,7 @@ class CheckInstruments(Task, command="calibrate instruments"):
 
     def run(self, context: Context) -> Result:
         """Check them."""
-        from calibration.instruments import Instruments
+        from calibration.session import Instruments
 
         known, today = Instruments.load(self.file), _today()
         faults = {instrument: instrument.fault(today) for instrument in known.instruments}
@@ -70,8 +70,7 @@ class Certify(Task, command="calibrate certificate"):
         """Write it."""
         from calibration.certificate import CERTIFICATE, write_certificate
         from calibration.fit import Fit
-        from calibration.instruments import INSTRUMENTS, Instruments
-        from calibration.session import Session
+        from calibration.session import INSTRUMENTS, Instruments, Session
         from calibration.steps import FIT, Finished, rig_check, verify_folder, written_screen
         from haptix.finger import Finger
         from haptix.pair import FINGER

@@ -173,10 +173,10 @@ class Measuring(Task):
         humidity_percent: float | None = None,
     ) -> Result:
         """Make the open strokes; where some stay open it has failed."""
-        from calibration.instruments import DRIVER, INSTRUMENTS, Instruments
         from calibration.measuring import measure_guided
         from calibration.recording import Conditions
         from calibration.rig import today
+        from calibration.session import DRIVER, INSTRUMENTS, Instruments
         from firmware_io import open_device
 
         source = self.opening()(session)

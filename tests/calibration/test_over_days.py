@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 
 import haptix
 from calibration.gauge import ControlChart, GaugeStudy
-from calibration.instruments import Instrument, Instruments
 from calibration.register import Panel, Register, StandardReading, update_register
+from calibration.session import Instrument, Instruments
 from haptix.cli.application import group_of
 
 app = group_of("calibrate", "Calibrate a screen.")
