@@ -313,7 +313,7 @@ class Period(Task, command="calibrate period"):
 
     def run(self, context: Context) -> Result:
         """Find it."""
-        from calibration.spatial_period import spatial_period
+        from calibration.segmentation import spatial_period
 
         periods = [
             spatial_period(*self.signals(file), self.shortest_mm, self.longest_mm)

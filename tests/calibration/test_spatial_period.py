@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 import haptix
 from calibration import ColumnMap
-from calibration.spatial_period import spatial_period
+from calibration.segmentation import spatial_period
 from haptix.cli.application import group_of
 
 app = group_of("calibrate", "Calibrate a screen.")
