@@ -15,9 +15,9 @@ from .protocol import short_protocol as short_protocol
 from .recording import StrokeRecording as StrokeRecording
 from .reduction import Reduced as Reduced
 from .reduction import reduce_session as reduce_session
-from .report import write_report as write_report
 from .session import Session as Session
 from .session import SessionInfo as SessionInfo
+from .session_report import write_report as write_report
 from .sources import AnalogSource as AnalogSource
 from .sources import ColumnMap as ColumnMap
 from .sources import CsvSource as CsvSource

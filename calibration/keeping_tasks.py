@@ -68,9 +68,9 @@ class Certify(Task, command="calibrate certificate"):
 
     def run(self, context: Context) -> Result:
         """Write it."""
-        from calibration.certificate import CERTIFICATE, write_certificate
         from calibration.fit import Fit
         from calibration.session import INSTRUMENTS, Instruments, Session
+        from calibration.session_report import CERTIFICATE, write_certificate
         from calibration.steps import FIT, Finished, rig_check, verify_folder, written_screen
         from haptix.finger import Finger
         from haptix.pair import FINGER

@@ -15,8 +15,8 @@ from filelock import FileLock, Timeout
 from pydantic import Field
 
 from calibration.gauge import ControlChart
-from calibration.report import chart_picture
 from calibration.session import Session
+from calibration.session_report import chart_picture
 from calibration.steps import Finished, written_screen
 from haptix.documents import Document, Part
 from haptix.errors import InputError

@@ -50,9 +50,9 @@ from calibration.protocol import (
 )
 from calibration.recording import StrokeRecording
 from calibration.reduction import Reduced, reduce_session
-from calibration.report import write_report
 from calibration.rig import RIG, RigCheck
 from calibration.session import Session
+from calibration.session_report import write_report
 from calibration.steadiness import TOLERANCE_JND
 from calibration.verification import Verification, verify
 from haptix.desk import Context, Result, Task

@@ -24,8 +24,8 @@ from calibration.practice import VIRTUAL_RIG
 from calibration.predict import StrokeConditions
 from calibration.profile import write_archive
 from calibration.reduction import Reduced
-from calibration.report import farthest_stroke
 from calibration.rig import VoltsRead
+from calibration.session_report import farthest_stroke
 from haptix.perception import WEBER_FRACTION
 from haptix.screen import CALIBRATION_VALID_DAYS, CalibrationWarning, VerifiedRange
 
