@@ -22,12 +22,6 @@ from calibration.fitting import (
     other_forms,
 )
 from calibration.parameters import Parameters
-from calibration.power import (
-    MOST_HELD_OUT,
-    chance_of_passing,
-    extended_plan,
-    with_enough_strokes,
-)
 from calibration.practice import TRUTH, PracticeResult, compare_with_truth
 from calibration.predict import StrokeConditions, StrokePredictor
 from calibration.profile import (
@@ -55,6 +49,12 @@ from calibration.session import Session
 from calibration.session_report import write_report
 from calibration.steadiness import TOLERANCE_JND
 from calibration.verification import Verification, verify
+from calibration.verification_power import (
+    MOST_HELD_OUT,
+    chance_of_passing,
+    extended_plan,
+    with_enough_strokes,
+)
 from haptix.desk import Context, Result, Task
 from haptix.errors import InputError
 from haptix.files import json_text, parse_json, read_text, reading, write_whole

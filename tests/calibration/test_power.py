@@ -10,7 +10,6 @@ from typer.testing import CliRunner
 
 from calibration import Parameters, Protocol, StrokePredictor, fit_strokes, verify
 from calibration.parameters import PER_FINGER
-from calibration.power import ENOUGH, chance_of_passing, with_enough_strokes
 from calibration.practice import VIRTUAL_RIG, draw_truth
 from calibration.predict import StrokeConditions
 from calibration.profile import finger_at
@@ -23,6 +22,7 @@ from calibration.protocol import (
     with_held_out,
 )
 from calibration.reduction import Reduced
+from calibration.verification_power import ENOUGH, chance_of_passing, with_enough_strokes
 from haptix.cli.application import group_of
 
 app = group_of("calibrate", "Calibrate a screen.")
