@@ -1,8 +1,8 @@
-"""Play a texture to the virtual finger, without hardware."""
+"""Play a texture to the virtual finger, without hardware; compare a texture with its recording."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -25,7 +25,15 @@ from haptix.render.samples import DEFAULT_CARRIER_HZ
 from haptix.states import ContactState
 from haptix.status import Status
 from haptix.surface import FrictionSurface, cached_surface
-from haptix.texture import Feelable, as_mu
+from haptix.texture import Feelable, RecordedProfile, as_mu
+from haptix.texture.spectral import (
+    BANDS_HZ,
+    Energies,
+    Spectral,
+    Stretch,
+    band_energies,
+    decibels,
+)
 from haptix.touch import TouchEvent, events_of
 from haptix.virtual_finger import (
     FELT_WITHIN_S,
@@ -38,6 +46,7 @@ from haptix.virtual_finger import (
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
 
 FINGER_PATH = Path(__file__).parent / "finger_path.csv"
 """A recorded path of a finger, for the examples and `haptix demo`."""
@@ -141,7 +150,12 @@ class Played(Displayed):
     drive_v: Array
     start_s: float
 
-    def feel(self, finger: VirtualFinger, drive_v: Array | None = None) -> Felt:
+    def feel(
+        self,
+        finger: VirtualFinger,
+        drive_v: Array | None = None,
+        output_rate_hz: float = 10_000.0,
+    ) -> Felt:
         """Return what a finger on the path felt of a drive, or of what the device played.
 
         Parameters
@@ -149,13 +163,16 @@ class Played(Displayed):
         finger : VirtualFinger
         drive_v : array, shape (samples,), optional
             A drive [V]; what the device played if not given.
+        output_rate_hz : float
+            Of the friction that is felt [Hz].
         """
         drive_v = self.drive_v if drive_v is None else drive_v
         lacking = max(0, _FEWEST_SAMPLES - len(drive_v))
         drive_v = np.append(drive_v, np.zeros(lacking))
         path = self.setting.path
         along = (path.t_s, path.x_mm, path.y_mm, path.normal_force_n)
-        return finger.feel(drive_v, self.renderer.sample_rate_hz, *along, self.start_s)
+        rate_hz = self.renderer.sample_rate_hz
+        return finger.feel(drive_v, rate_hz, *along, self.start_s, output_rate_hz)
 
     def collected(self, name: str) -> Array:
         """Return one array of all blocks, joined."""
@@ -529,3 +546,89 @@ def _target(played: Played, felt: Felt) -> tuple[Array, Array, Array, npt.NDArra
     slack = 1e-9 * high
     on_axis = force == felt.normal_force_n
     return low, high, target, on_axis & (target >= low - slack) & (target <= high + slack)
+
+
+CASES = ((20.0, 0.2), (20.0, 0.8), (45.0, 0.4), (100.0, 0.2), (100.0, 0.8))
+"""Speeds [mm/s] and normal forces [N] at which a texture is compared with its recording."""
+
+WITHIN_DB = 1.0
+"""How near the felt level of a band must be."""
+
+_LEAD_MM = 10.0  # of a band's stroke, left out at the start, while the drive fades in
+_STEP_S = 0.01  # between corners of the path
+_FELT_HZ = 5_000.0  # the attraction is followed up to a fifth: the highest band
+
+
+@dataclass(frozen=True)
+class BandError:
+    """Felt level of a texture's band against that of its recording, at a speed and a force."""
+
+    speed_mm_per_s: float
+    normal_force_n: float
+    band: int
+    """From 0; between ``BANDS_HZ[band]`` and the next."""
+    recorded_db: float
+    """Level of the felt changes of friction over the friction [dB]."""
+    error_db: float
+
+    @property
+    def is_near(self) -> bool:
+        """Whether it is within `WITHIN_DB`."""
+        return abs(self.error_db) <= WITHIN_DB
+
+
+def felt_errors(
+    model: ContactModel,
+    texture: Spectral,
+    recorded: Sequence[Stretch],
+    on_progress: Callable[[float], None] = lambda share: None,
+) -> Iterator[BandError]:
+    """Yield the error of each band that was recorded, at each speed and force.
+
+    The finger feels the longest stroke of the recording as it is, and one tile of the texture as
+    it repeats. One renderer plays both as relative changes of friction around one mean.
+    """
+    stretch = max(recorded, key=lambda stroke: stroke.length_mm)
+    x = _LEAD_MM + stretch.step_mm * np.arange(len(stretch.change))
+    profile = RecordedProfile(x, texture.mean + stretch.change, "contrast", beyond="hold")
+    scene = {"normal_force_n": (0.2, 0.8), "frequency_hz": DEFAULT_CARRIER_HZ}
+    surface, _ = cached_surface(model, scene, "0.02 JND")
+    finger, known = VirtualFinger(model), Energies([stretch])
+    for number, (speed, force) in enumerate(CASES, 1):
+        levels = [
+            decibels(_felt(surface, finger, what, length, speed, force, is_periodic))
+            for what, length, is_periodic in (
+                (profile, stretch.length_mm, False),
+                (texture, texture.tile_mm, True),
+            )
+        ]
+        on_progress(number / len(CASES))
+        for band in np.flatnonzero(np.isfinite(known.levels_db(speed))).tolist():
+            recorded_db, given_db = float(levels[0][band]), float(levels[1][band])
+            yield BandError(speed, force, band, recorded_db, given_db - recorded_db)
+
+
+def _felt(
+    surface: FrictionSurface,
+    finger: VirtualFinger,
+    what: Feelable,
+    length_mm: float,
+    speed: float,
+    force: float,
+    is_periodic: bool,
+) -> Array:
+    """Return energies of the relative changes of friction that a finger feels, shape (bands,)."""
+    end_s = (_LEAD_MM + length_mm + 1) / speed
+    t = np.append(np.arange(0.0, end_s, _STEP_S), end_s)
+    path = Trajectory(t, speed * t, np.full_like(t, 5.0), np.full_like(t, force))
+    setting = Setting(finger.model, what, path)
+    played = play_known(setting, surface, LiveSettings(), "mock:", lambda share: None)
+    mu = played.feel(finger, output_rate_hz=_FELT_HZ).mu
+    first = round(_LEAD_MM / speed * _FELT_HZ)
+    mu = mu[first : first + round(length_mm / speed * _FELT_HZ)]
+    return band_energies(mu / mu.mean() - 1, _FELT_HZ, is_periodic)
+
+
+def band_name(band: int) -> str:
+    """Return the range of a band, such as ``10-17 Hz``."""
+    return f"{BANDS_HZ[band]:.0f}-{BANDS_HZ[band + 1]:.0f} Hz"

@@ -144,7 +144,7 @@ class FitMaterial(Task, command="material fit"):
         from haptix.finger import Finger
         from haptix.friction import ContactModel
         from haptix.screen import Screen
-        from haptix.simulation.bands import WITHIN_DB, band_name, felt_errors
+        from haptix.simulation.simulation import WITHIN_DB, band_name, felt_errors
         from haptix.texture.spectral import fit, stretches
 
         out = self.out or self.recording.with_suffix(".toml")
