@@ -152,10 +152,9 @@ def _budget(
     posterior, repeats = fit.posterior, max(fit.repeatability.log_mu, 1e-9)
     assert posterior is not None
     scatter = sqrt(posterior.scatter(slope))
-    inputs = [*_known(posterior, rig), *_forms(posterior)]
-    of_rig = sum(
-        (gain.spread * float(slope @ gain.response)) ** 2 for gain in _gains(posterior, rig)
-    )
+    gains = _gains(posterior, rig)
+    known = [source for source in posterior.inputs if source.spread]
+    of_rig = sum((gain.spread * float(slope @ gain.response)) ** 2 for gain in gains)
     variance = float(slope @ posterior.covariance @ slope) + of_rig
     sd = max(sqrt(variance), 1e-12)
     rows = [
@@ -164,7 +163,7 @@ def _budget(
             posterior.freedom, scatter**2 / sd**2,
         )
     ]  # fmt: skip
-    for source in inputs:
+    for source in (*known, *gains, *_forms(posterior)):
         by = float(slope @ source.response)
         share = (by * source.spread / sd) ** 2
         rows.append(Contribution(quantity, source.source, "B", by, source.spread, inf, share))
@@ -183,10 +182,6 @@ def _budget(
         (high - low) / 2 / sd,
         tuple(sorted(rows, key=lambda row: -row.share)),
     )
-
-
-def _known(posterior: Posterior, rig: RigCheck | None) -> list[Input]:
-    return [*(source for source in posterior.inputs if source.spread), *_gains(posterior, rig)]
 
 
 def _gains(posterior: Posterior, rig: RigCheck | None) -> list[Input]:

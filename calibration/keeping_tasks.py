@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from filelock import FileLock, Timeout
 from pydantic import Field
 
-from calibration.tasks import RunCalibration, SessionFolder
+from calibration.tasks import RunCalibration, SessionFolder, SessionThere
 from haptix.desk import Context, Result, Task
 from haptix.documents import Document, Part
 from haptix.errors import InputError
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from calibration.gauge import ControlChart, GaugeStudy
 
 RegisterFile = Annotated[NewFile, Argument, Field(description="The register: a JSON file.")]
-SessionThere = Annotated[FolderThere, Argument, Field(description="Folder of the session.")]
 
 _LOCK_S = 20.0
 SOON_DAYS = 30

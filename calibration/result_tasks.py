@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import AfterValidator, Field
 
+from calibration.tasks import SessionThere
 from haptix.desk import Context, Result, Task
 from haptix.errors import InputError
 from haptix.fields import (
@@ -28,8 +29,6 @@ if TYPE_CHECKING:
     from calibration.parameters import Array
     from haptix.friction import ContactModel
     from haptix.screen import Screen
-
-SessionThere = Annotated[FolderThere, Argument]
 
 
 def _numbers(text: str, form: str) -> tuple[str, tuple[float, ...]]:
@@ -58,7 +57,7 @@ def _of_form(form: str) -> AfterValidator:
 class Reduce(Task, command="calibrate reduce"):
     """Compute mu(F_N, V0, f) from the raw forces, and name the strokes that cannot be used."""
 
-    folder: SessionThere = Field(description="Folder of the session.")
+    folder: SessionThere
 
     def run(self, context: Context) -> Result:
         """Reduce."""
@@ -79,7 +78,7 @@ class FitSession(Task, command="calibrate fit"):
     A parameter that they do not determine has no value, but the experiment that would give one.
     """
 
-    folder: SessionThere = Field(description="Folder of the session.")
+    folder: SessionThere
     fix: tuple[Annotated[str, _of_form("NAME=VALUE")], ...] = Field(
         (), description="Hold a parameter: NAME=VALUE; may be repeated."
     )
@@ -131,7 +130,7 @@ class Verify(Task, command="calibrate verify"):
     Exit code 1 if it fails.
     """
 
-    folder: SessionThere = Field(description="Folder of the session.")
+    folder: SessionThere
     tolerance_jnd: Positive = Field(
         0.5, description="Largest error, in just-noticeable differences (JND)."
     )

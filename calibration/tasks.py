@@ -19,6 +19,7 @@ from haptix.fields import (
     FingerName,
     Folder,
     FolderName,
+    FolderThere,
     Local,
     NewDocument,
     NotNegative,
@@ -44,6 +45,7 @@ _INSTALL, _LEAVE = "install it", "leave it"
 _NO_NAME = '--name: expected a name of this panel alone, such as "panel 7"'
 
 SessionFolder = Annotated[Folder, Argument]
+SessionThere = Annotated[FolderThere, Argument, Field(description="Folder of the session.")]
 PanelName = Annotated[Text | None, Field(description="Name of this screen alone; required.")]
 Percent = Annotated[float, Field(ge=0, le=100)]
 
