@@ -88,20 +88,17 @@ class Residuals:
         values[self._at] = free
         return values
 
-    def predict(self, free: Array, jacobian: bool = True) -> Prediction:
-        """Predict the strokes; the last answer with a Jacobian is kept."""
+    def predict(self, free: Array) -> Prediction:
+        """Predict the strokes, with the Jacobian; the last answer is kept."""
         key = free.tobytes()
-        if self._last is not None and self._last[0] == key:
-            return self._last[1]
-        names, values = self.parameters.names, self.all_logs(free)
-        prediction = self.predictor(self._strokes, names, values, jacobian)
-        if jacobian:
-            self._last = key, prediction
-        return prediction
+        if self._last is None or self._last[0] != key:
+            names, values = self.parameters.names, self.all_logs(free)
+            self._last = key, self.predictor(self._strokes, names, values)
+        return self._last[1]
 
-    def data(self, free: Array, jacobian: bool = True) -> Array:
-        """Residuals of the data; without the Jacobian they are three times as fast."""
-        prediction = self.predict(free, jacobian)
+    def data(self, free: Array) -> Array:
+        """Residuals of the data."""
+        prediction = self.predict(free)
         return self._rows(prediction.log_mu, prediction.ripple)
 
     def _rows(self, log_mu: Array, ripple: Array) -> Array:
