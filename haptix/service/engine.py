@@ -46,8 +46,7 @@ from haptix.service.wire import (
     frame_output,
     touches_of,
 )
-from haptix.touch.events import TouchEvent
-from haptix.touch.force import ForceModel
+from haptix.touch.events import ForceModel, TouchEvent
 
 if TYPE_CHECKING:
     from haptix.finger import Finger

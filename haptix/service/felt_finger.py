@@ -28,8 +28,7 @@ from haptix.service.wire import (
     frame,
     touches_of,
 )
-from haptix.touch.events import TouchEvent
-from haptix.touch.force import ForceModel
+from haptix.touch.events import ForceModel, TouchEvent
 from haptix.virtual_finger import VirtualFinger
 from haptix.virtual_finger.virtual_finger import LiveVirtualFinger
 

@@ -1,6 +1,16 @@
 """Touch: from a touchscreen's reports to the finger's place and normal force now."""
 
-from haptix.touch.events import AppClock, TouchCounts, TouchEvent, events_of, paced, read_events
+from haptix.touch.events import (
+    AppClock,
+    AreaProxy,
+    ForceEstimate,
+    ForceModel,
+    TouchCounts,
+    TouchEvent,
+    events_of,
+    paced,
+    read_events,
+)
 from haptix.touch.filters import (
     ConstantVelocityKalman,
     InteractingSinger,
@@ -8,7 +18,6 @@ from haptix.touch.filters import (
     PlaceFilter,
     SingerKalman,
 )
-from haptix.touch.force import AreaProxy, ForceEstimate, ForceModel
 from haptix.touch.touches import Touches, TouchSettings, TouchState, TouchTracker
 from haptix.touch.touchscreen import (
     AxisRange,

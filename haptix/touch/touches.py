@@ -13,6 +13,9 @@ from haptix.checks import NotNegative, Positive, check_fields, instance
 from haptix.errors import InputError
 from haptix.touch.events import (
     LARGEST_S,
+    ForceEstimate,
+    ForceModel,
+    ForceSource,
     TouchCounts,
     TouchEvent,
     TouchKind,
@@ -21,7 +24,6 @@ from haptix.touch.events import (
     problem_of,
 )
 from haptix.touch.filters import Course, FilterState, InteractingSinger, PlaceFilter
-from haptix.touch.force import ForceEstimate, ForceModel, ForceSource
 
 _LOG = logging.getLogger("haptix.touch")
 # Longest history of reports. It holds `reorder_s` of them at `least_interval_s` by the defaults.
