@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-_FIRST = ["strokes", "surfaces", "scenes", "materials"]  # what a newcomer looks for in the help
+_FIRST = ["strokes", "surfaces", "materials"]  # what a newcomer looks for in the help
 
 
 def _modules() -> list[str]:
