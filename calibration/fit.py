@@ -12,13 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import (
-    BeforeValidator,
-    Field,
-    PlainSerializer,
-    PlainValidator,
-    model_validator,
-)
+from pydantic import BeforeValidator, Field, PlainSerializer, PlainValidator, model_validator
 from scipy.optimize import brentq
 from scipy.special import expit
 from scipy.stats import t as student
@@ -47,9 +41,7 @@ def _finite(values: Any) -> Array:
 
 
 _Numbers = Annotated[
-    Array,
-    PlainValidator(_finite),
-    PlainSerializer(lambda values: values.tolist()),
+    Array, PlainValidator(_finite), PlainSerializer(lambda values: values.tolist())
 ]
 _Jnd = renamed("effect_jnd", "effect_thresholds")
 _UpperBound = Annotated[  # JSON has no infinity

@@ -77,16 +77,11 @@ def other_forms(
         usual = THEORIES[theory].usual_terms | THEORIES[model.theory].usual_terms
         kept = {name: on for name, on in (terms or {}).items() if name not in usual}
         tables = StrokePredictor(ContactModel(finger, screen, terms=kept, theory=theory))
-    return {
-        f'gap distribution "{other}"': StrokePredictor(by_gaps),
-        f'theory "{theory}"': tables,
-    }
+    return {f'gap distribution "{other}"': StrokePredictor(by_gaps), f'theory "{theory}"': tables}
 
 
 def compare_forms(
-    residuals: Residuals,
-    free: Array,
-    others: Mapping[str, tuple[Residuals, Array]],
+    residuals: Residuals, free: Array, others: Mapping[str, tuple[Residuals, Array]]
 ) -> list[FormFit]:
     """Weigh fits of the same strokes in other forms.
 

@@ -15,12 +15,7 @@ from pydantic import ConfigDict, TypeAdapter
 
 from calibration.budget import uncertainty_budget
 from calibration.fit import Fit, TermNeed
-from calibration.fitting import (
-    compare_terms,
-    fit_in_best_theory,
-    fit_strokes,
-    other_forms,
-)
+from calibration.fitting import compare_terms, fit_in_best_theory, fit_strokes, other_forms
 from calibration.parameters import Parameters
 from calibration.practice import TRUTH, PracticeResult, compare_with_truth
 from calibration.predict import StrokeConditions, StrokePredictor

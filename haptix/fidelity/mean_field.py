@@ -26,14 +26,7 @@ from haptix.contact.finite_size import Touching
 from haptix.contact.tables import UniformCubic
 from haptix.electro import Attraction, AttractionTable
 from haptix.electro.attraction_table import WIDEST
-from haptix.fidelity.balance import (
-    LIGHT_CONTACT_LIMIT,
-    Ability,
-    Balance,
-    Contact,
-    Fidelity,
-    Load,
-)
+from haptix.fidelity.balance import LIGHT_CONTACT_LIMIT, Ability, Balance, Contact, Fidelity, Load
 from haptix.terms import Stage
 
 _BISECTIONS = 48

@@ -26,14 +26,7 @@ from haptix.states import ContactState
 from haptix.status import Status
 from haptix.surface import FrictionSurface, cached_surface
 from haptix.texture import Feelable, RecordedProfile, as_mu
-from haptix.texture.spectral import (
-    BANDS_HZ,
-    Energies,
-    Spectral,
-    Stretch,
-    band_energies,
-    decibels,
-)
+from haptix.texture.spectral import BANDS_HZ, Energies, Spectral, Stretch, band_energies, decibels
 from haptix.touch import TouchEvent, events_of
 from haptix.virtual_finger import (
     FELT_WITHIN_S,
@@ -151,10 +144,7 @@ class Played(Displayed):
     start_s: float
 
     def feel(
-        self,
-        finger: VirtualFinger,
-        drive_v: Array | None = None,
-        output_rate_hz: float = 10_000.0,
+        self, finger: VirtualFinger, drive_v: Array | None = None, output_rate_hz: float = 10_000.0
     ) -> Felt:
         """Return what a finger on the path felt of a drive, or of what the device played.
 

@@ -17,11 +17,7 @@ from haptix.errors import MissingExtraError, from_extra
 from haptix.files import digest, json_text, reading, write_folder
 from haptix.report import page, paragraph, picture, table
 from haptix.stimuli.adaptive import Estimate, Magnitudes, Method, MethodsByCondition, Pairs
-from haptix.stimuli.adaptive.methods import (
-    ThresholdMethod,
-    bradley_terry,
-    bradley_terry_intervals,
-)
+from haptix.stimuli.adaptive.methods import ThresholdMethod, bradley_terry, bradley_terry_intervals
 from haptix.stimuli.adaptive.psychometric import counted, function_named, group
 from haptix.stimuli.adaptive.session_plan import SessionPlan, estimate_of, replayed, summary
 from haptix.stimuli.adaptive.trial_log import LoggedSession, read_sessions

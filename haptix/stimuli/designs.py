@@ -49,10 +49,7 @@ def full_factorial(
 
 
 def constant_stimuli(
-    name: str,
-    make: Callable[[str, float], Stimulus],
-    threshold: float,
-    steps_db: Sequence[float],
+    name: str, make: Callable[[str, float], Stimulus], threshold: float, steps_db: Sequence[float]
 ) -> list[Stimulus]:
     """Stimuli at levels ``20 log10(amplitude / threshold)`` about a detection threshold.
 

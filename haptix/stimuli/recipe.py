@@ -407,10 +407,7 @@ class ExperimentRecipe(Document):
 
 
 def presentation_of(
-    stimulus: Stimulus,
-    response: Column,
-    sample_rate_hz: float,
-    pedestal: Signal | None = None,
+    stimulus: Stimulus, response: Column, sample_rate_hz: float, pedestal: Signal | None = None
 ) -> Presentation:
     """Return the presentation of a stimulus, whose level [dB] scales its signal.
 

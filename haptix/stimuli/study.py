@@ -389,10 +389,7 @@ def _duration(row: Mapping[str, str]) -> str:
 
 
 def _motion(
-    base: Path,
-    samples: Sequence[Mapping[str, str]],
-    rows: Sequence[Mapping[str, str]],
-    task: str,
+    base: Path, samples: Sequence[Mapping[str, str]], rows: Sequence[Mapping[str, str]], task: str
 ) -> dict[Path, bytes]:
     """Path of the finger as the panel reported it, with the time of each report."""
     # Reports come in their order; what is known of the driver's clock gets better meanwhile.

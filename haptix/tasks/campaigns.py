@@ -61,8 +61,7 @@ class RunCampaign(Task, command="campaign"):
         "tls://, or a scheduler file of Dask: a running cluster.",
     )
     processes: Annotated[int, Field(ge=1, le=4096)] | None = Field(
-        None,
-        description="Processes of this machine. [default: as many as cores and memory allow]",
+        None, description="Processes of this machine. [default: as many as cores and memory allow]"
     )
     memory_gb: Positive | None = Field(
         None, description="Memory that a task may take; one that needs more fails."

@@ -68,8 +68,7 @@ class OnScreen(Task):
     """A finger on a screen; by default those in use."""
 
     finger: FingerName | None = Field(
-        None,
-        description="Finger. [default: finger.toml beside a calibrated screen, or semi-wet]",
+        None, description="Finger. [default: finger.toml beside a calibrated screen, or semi-wet]"
     )
     screen: ScreenName | None = Field(
         None, description="Screen. [default: the device's installed profile, or 3m-sct3250]"
@@ -87,8 +86,7 @@ class OfPhotograph(OnScreen):
     """A path over a photograph."""
 
     image: FileThere | None = Field(
-        None,
-        description="Photograph, with its JSON beside it or --width-mm. [default: bricks]",
+        None, description="Photograph, with its JSON beside it or --width-mm. [default: bricks]"
     )
     width_mm: Annotated[MillimetresWide, Local()] | None = Field(
         None, description="Width of the photograph on the screen."

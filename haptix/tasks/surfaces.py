@@ -112,13 +112,7 @@ class OfModel(Task):
         if self.skin_dielectric is not None:
             chosen = chosen.replace(dielectric=self.skin_dielectric)
         terms = dict.fromkeys(self.with_terms, True) | dict.fromkeys(self.without_terms, False)
-        return ContactModel(
-            chosen,
-            screen,
-            fidelity=self.fidelity,
-            theory=self.theory,
-            terms=terms,
-        )
+        return ContactModel(chosen, screen, fidelity=self.fidelity, theory=self.theory, terms=terms)
 
 
 def _tolerance(value: str) -> str:

@@ -21,14 +21,7 @@ from haptix.devices import Device
 from haptix.documents import Part, first_error
 from haptix.errors import FileFormatError, InputError, LimitError
 from haptix.files import digest
-from haptix.render.intervals import (
-    TouchSample,
-    code_of,
-    name_of,
-    on_log_time,
-    play,
-    reported,
-)
+from haptix.render.intervals import TouchSample, code_of, name_of, on_log_time, play, reported
 from haptix.stimuli.adaptive.methods import Method, MethodsByCondition
 from haptix.stimuli.adaptive.observer import AnswerTo, Question, Source
 from haptix.stimuli.adaptive.psychometric import Estimate

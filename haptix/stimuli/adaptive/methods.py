@@ -12,12 +12,7 @@ import numpy as np
 
 from haptix.checks import Array, positive, row, whole
 from haptix.errors import InputError
-from haptix.stimuli.adaptive.psychometric import (
-    Answers,
-    Estimate,
-    fit,
-    function_named,
-)
+from haptix.stimuli.adaptive.psychometric import Answers, Estimate, fit, function_named
 
 
 @dataclass(eq=False)

@@ -126,10 +126,7 @@ def counted(answers: Answers) -> tuple[Array, Array, Array]:
 
 
 def fit(
-    answers: Answers,
-    function: str = "weibull",
-    guess: float = 0.5,
-    empty: tuple[int, int] = (0, 0),
+    answers: Answers, function: str = "weibull", guess: float = 0.5, empty: tuple[int, int] = (0, 0)
 ) -> Estimate:
     """Return the threshold with its 95 % interval; any method may have chosen the levels.
 
