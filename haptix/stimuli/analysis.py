@@ -144,8 +144,9 @@ def over_participants(rows: Sequence[Row], column: str) -> tuple[list[Row], list
         "threshold_db" with its interval, or "exponent" with its spread.
     """
     by_task: dict[str, dict[tuple[Any, ...], list[Row]]] = {}
-    for place, members in _rows_by_condition(rows).items():
-        by_task.setdefault(place[0], {})[place] = members
+    for row in rows:
+        place = tuple(row[name] for name in _GROUP)
+        by_task.setdefault(place[0], {}).setdefault(place, []).append(row)
     means, differences = [], []
     for task, conditions in by_task.items():
         values = [_by_participant(members, column) for members in conditions.values()]
@@ -196,22 +197,11 @@ def over_participants(rows: Sequence[Row], column: str) -> tuple[list[Row], list
     return means, differences
 
 
-def _counts(row: Row) -> bool:
-    return not row.get("excluded")
-
-
-def _rows_by_condition(rows: Sequence[Row]) -> dict[tuple[Any, ...], list[Row]]:
-    groups: dict[tuple[Any, ...], list[Row]] = {}
-    for row in rows:
-        groups.setdefault(tuple(row[name] for name in _GROUP), []).append(row)
-    return groups
-
-
 def _by_participant(rows: Sequence[Row], column: str) -> dict[str, tuple[float, float]]:
     """Return value and spread of each participant with one; sessions are weighted by precision."""
     by_name: dict[str, list[tuple[float, float]]] = {}
     for row in rows:
-        if row[column] is not None and _counts(row):
+        if row[column] is not None and not row.get("excluded"):
             spread = row.get("exponent_spread")
             if column == "threshold_db":
                 spread = (row["high_db"] - row["low_db"]) / _IN_SPREADS
@@ -473,17 +463,12 @@ def _notes(runs: Sequence[RunOfMethod]) -> tuple[str, ...]:
                 f"{what}: the sessions are of different experiments, whose means stay apart: "
                 f"{parts}"
             )
-    without = [run for run in runs if isnan(run.estimate.threshold) and _has_threshold(run)]
-    if without:
+    with_one = (run for run in runs if not isinstance(run.method, Pairs | Magnitudes))
+    if without := [run for run in with_one if isnan(run.estimate.threshold)]:
         notes.append(f"{len(without)} of {len(runs)} runs have no threshold; their rows say why")
-    excluded = dict.fromkeys(run.session.name for run in runs if "excluded" in run.summary)
-    if excluded:
+    if excluded := dict.fromkeys(run.session.name for run in runs if "excluded" in run.summary):
         notes.append(f"excluded by the rules of their plan: {', '.join(excluded)}")
     return tuple(notes)
-
-
-def _has_threshold(run: RunOfMethod) -> bool:
-    return not isinstance(run.method, Pairs | Magnitudes)
 
 
 def _known(value: float | None) -> float | None:
