@@ -3,191 +3,22 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
-from datetime import UTC, date, datetime, timedelta
+from datetime import UTC, date, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
-from filelock import FileLock, Timeout
 from pydantic import Field
 
 from calibration.tasks import RunCalibration, SessionFolder, SessionThere
 from haptix.desk import Context, Result, Task
-from haptix.documents import Document, Part
 from haptix.errors import InputError
 from haptix.fields import Argument, FileThere, FingerName, FolderThere, NewFile, Text
-from haptix.report import Heading, record
+from haptix.report import record
 
 if TYPE_CHECKING:
-    from calibration.gauge import ControlChart, GaugeStudy
+    from calibration.gauge import GaugeStudy
 
 RegisterFile = Annotated[NewFile, Argument, Field(description="The register: a JSON file.")]
-
-_LOCK_S = 20.0
-SOON_DAYS = 30
-"""Before its due date a panel counts as due soon."""
-
-State = Literal["open", "measured", "passed", "provisional", "failed"]
-
-
-class Panel(Part):
-    """The latest calibration of one panel.
-
-    Parameters
-    ----------
-    panel, session : str
-        Its name, and the folder of its session.
-    state : {"open", "measured", "passed", "provisional", "failed"}
-        "open" with strokes still to be made, "measured" where they are not yet verified.
-    open_strokes : int
-        How many strokes are still to be made.
-    operator, calibration_id : str
-        Who measured, and the start of the profile's hash.
-    measured_on, due_on : datetime.date or None
-        Day of the strokes, and that from which the calibration is old.
-    h0_m : float or None
-        d1/eps1 [m].
-    """
-
-    panel: Annotated[str, Heading("panel")]
-    session: Annotated[str, Heading("session")]
-    state: Annotated[State, Heading("state")]
-    open_strokes: Annotated[int, Heading("open strokes")] = 0
-    operator: Annotated[str, Heading("operator")] = ""
-    calibration_id: Annotated[str, Heading("calibration")] = ""
-    measured_on: Annotated[date | None, Heading("measured on")] = None
-    due_on: Annotated[date | None, Heading("due on")] = None
-    h0_m: Annotated[float | None, Heading("d1/eps1 [m]", ".4g")] = None
-
-    @classmethod
-    def of(cls, folder: Path) -> Panel:
-        """Read the state of a session's folder."""
-        from calibration.session import Session
-        from calibration.steps import Finished, written_screen
-        from haptix.screen import CALIBRATION_VALID_DAYS
-
-        session = Session.open(folder)
-        name, still_open = session.info.screen.name, len(session.open_strokes)
-        place = str(folder.resolve())
-        screen, known = written_screen(folder), Finished.load(folder)
-        if still_open or screen is None or screen.calibration is None:
-            state: State = "open" if still_open else "measured"
-            if known is not None and known.verification.failures:
-                state = "failed"
-            return cls(panel=name, session=place, state=state, open_strokes=still_open,
-                       operator=session.info.operator)  # fmt: skip
-        made = screen.calibration
-        return cls(
-            panel=name, session=place, state=made.verdict, operator=made.operator,
-            calibration_id=screen.calibration_id, measured_on=made.date,
-            due_on=made.date + timedelta(days=CALIBRATION_VALID_DAYS), h0_m=screen.h0_m,
-        )  # fmt: skip
-
-    def due(self, today: date) -> str:
-        """Say when it is to be measured again."""
-        if self.due_on is None:
-            return "not calibrated"
-        days = (self.due_on - today).days
-        if days < 0:
-            return f"overdue for {-days} days"
-        return f"due in {days} days" if days <= SOON_DAYS else "not due"
-
-
-class StandardReading(Part):
-    """One measurement of a check standard.
-
-    Parameters
-    ----------
-    standard : str
-        Name of the panel that is kept for it.
-    measured_on : datetime.date
-        Day of the strokes.
-    operator : str
-        Who measured.
-    change_jnd : float
-        Mean of measured minus predicted friction [JND].
-    """
-
-    standard: Annotated[str, Heading("standard")]
-    measured_on: Annotated[date, Heading("measured on")]
-    operator: Annotated[str, Heading("operator")] = ""
-    change_jnd: Annotated[float, Heading("change [JND]", "+.3f")]
-
-
-class Register(Document):
-    """All panels, their state and due dates, and the readings of the check standard of each rig.
-
-    One file for any number of rigs: a lock lets one write at a time, and a write is whole or not at
-    all. A damaged register is never written over.
-    """
-
-    written_on: date
-    panels: tuple[Panel, ...] = ()
-    readings: tuple[StandardReading, ...] = ()
-
-    def with_panel(self, panel: Panel) -> Register:
-        """Return a register with this state of a panel in place of the one before."""
-        others = [other for other in self.panels if other.panel != panel.panel]
-        return self.replace(panels=(*others, panel))
-
-    def chart(self, standard: str) -> ControlChart:
-        """Chart the readings of a check standard, in order of time."""
-        from calibration.gauge import ControlChart
-
-        of_it = [reading for reading in self.readings if reading.standard == standard]
-        ordered = sorted(of_it, key=lambda reading: reading.measured_on)
-        return ControlChart.of([reading.change_jnd for reading in ordered])
-
-
-def update_register(path: Path, today: date, change: Callable[[Register], Register]) -> Register:
-    """Read a register, change it and write it, while no other rig may.
-
-    Raises
-    ------
-    InputError
-        If another rig holds it for too long, or the clock was set back.
-    FileFormatError
-        If it is damaged: it stays as it is.
-    """
-    if path.exists():
-        Register.load(path)  # what is none gets no lock beside it
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with FileLock(f"{path}.lock", timeout=_LOCK_S):
-            before = Register.load(path) if path.exists() else Register(written_on=today)
-            if today < before.written_on:
-                raise InputError(
-                    f"{path} was written on {before.written_on}, and the clock says {today}: set "
-                    "the clock right; nothing was changed"
-                )
-            after = change(before).replace(written_on=today)
-            if after != before:
-                after.save(path)
-            return after
-    except Timeout:
-        raise InputError(
-            f"{path}: another rig has written to it for {_LOCK_S:g} s; try again"
-        ) from None
-
-
-def write_register_page(path: Path, register: Register, today: date) -> None:
-    """Write the register as one HTML page, with a control chart of each standard."""
-    from calibration.session_report import chart_picture
-    from haptix.files import write_whole
-    from haptix.report import page, part, picture
-
-    rows = [
-        {"panel": panel.panel, "state": panel.state, "open strokes": panel.open_strokes,
-         "due": panel.due(today), "due on": panel.due_on, "measured on": panel.measured_on,
-         "operator": panel.operator, "calibration": panel.calibration_id, "session": panel.session}
-        for panel in sorted(register.panels, key=lambda p: (p.due_on or date.min, p.panel))
-    ]  # fmt: skip
-    parts = [part("Panels", rows)]
-    for standard in sorted({reading.standard for reading in register.readings}):
-        chart = register.chart(standard)
-        title = f"Check standard {standard}: {chart.text}"
-        parts.append(picture(title, chart_picture(chart)))
-    write_whole(path, page(f"Register of panels, {today}", parts))
 
 
 class CheckInstruments(Task, command="calibrate instruments"):
@@ -278,6 +109,8 @@ class KeepRegister(Task, command="calibrate register"):
 
     def run(self, context: Context) -> Result:
         """Enter, print and write."""
+        from calibration.register import Panel, Register, update_register, write_register_page
+
         today, entered = _today(), [Panel.of(folder) for folder in self.sessions]
 
         def with_all(register: Register) -> Register:
@@ -319,6 +152,8 @@ class RunBatch(RunCalibration, command="calibrate batch"):
 
     def run(self, context: Context) -> Result:
         """Run what is left."""
+        from filelock import FileLock, Timeout
+
         if self.name is not None:
             raise InputError("--name: expected --panel NAME for each panel")
         folders = {name: self.folder / re.sub(r"[^\w.-]+", "-", name) for name in self.panel}
@@ -341,6 +176,8 @@ class RunBatch(RunCalibration, command="calibrate batch"):
         return Result(rows, [(title, rows)], failed=failed)
 
     def _one(self, name: str, folder: Path, context: Context) -> dict[str, object]:
+        from calibration.register import Panel, update_register
+
         fields = {field: getattr(self, field) for field in RunCalibration.model_fields}
         RunCalibration(**{**fields, "folder": folder, "name": name}).run(context)
         panel = Panel.of(folder)
@@ -367,6 +204,7 @@ class ChartStandard(Task, command="calibrate standard"):
         """Enter and chart."""
         from calibration.predict import StrokePredictor
         from calibration.profile import check_profile
+        from calibration.register import Register, StandardReading, update_register
         from calibration.session import Session
         from calibration.steps import reduce_folder
         from haptix.friction import ContactModel

@@ -8,8 +8,8 @@ from filelock import FileLock
 from typer.testing import CliRunner
 
 from calibration import Session, SessionInfo, Stroke
-from calibration.keeping_tasks import Register
 from calibration.protocol import Protocol
+from calibration.register import Register
 from calibration.tasks import RunCalibration
 from haptix.cli.application import group_of
 from haptix.desk import Result

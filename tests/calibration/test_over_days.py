@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 import haptix
 from calibration.gauge import ControlChart, GaugeStudy
-from calibration.keeping_tasks import Panel, Register, StandardReading, update_register
+from calibration.register import Panel, Register, StandardReading, update_register
 from calibration.session import Instrument, Instruments
 from haptix.cli.application import group_of
 
