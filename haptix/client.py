@@ -40,6 +40,7 @@ from haptix.service.access import service_folder
 from haptix.service.batches import TelemetryFrame, read_frame, write_touches
 from haptix.service.client_calls import AsyncCalls, ClientLayout, PlainCalls, PlainLayout, given
 from haptix.service.limiter import Limiter
+from haptix.service.messages import reading
 
 with from_extra("serve"):
     from websockets.asyncio.client import ClientConnection
@@ -405,7 +406,7 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
                 if isinstance(data, bytes):
                     self._emit("frame", read_frame(data))
                     continue
-                message = m.read_server(data)
+                message = reading.read_server(data)
                 if isinstance(message, m.Welcome):
                     silent_s = 3 * message.keep_alive.idle_s  # a service that hangs closes nothing
                 await self._take(message)

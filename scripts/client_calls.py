@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from haptix.service import messages as m
+from haptix.service.messages import reading
 
 ROOT = Path(__file__).parents[1]
 BANNER = "Made by scripts/client_calls.py from the description of the session; do not edit."
@@ -141,7 +142,7 @@ def _passed(call: Call) -> str:
 
 def python() -> str:
     """Return the module of the Python client's calls, with and without ``await``."""
-    face = _python_face(m.asyncapi())
+    face = _python_face(reading.asyncapi())
     plain = face.replace("async def", "def").replace("await ", "")
     plain = plain.replace("Async", "Plain").replace("Client", "Plain")
     about = f'"""What a session can be asked, with and without ``await``.\n\n{BANNER}\n"""\n'
@@ -187,7 +188,7 @@ def camel(name: str) -> str:
 
 def javascript() -> str:
     """Return the module of the calls for pages and Node; its types are in JSDoc."""
-    description = m.asyncapi()
+    description = reading.asyncapi()
     text = f"/** What a session can be asked. {BANNER} */\n{_JAVASCRIPT}"
     for call in calls(description):
         text += _javascript(call, "m." + call.answer, f'this.ask("{call.kind}"', '"type" | "id"')
@@ -249,7 +250,7 @@ def csharp_type(field: Field) -> str:
 
 def csharp() -> str:
     """Return the calls of the client for Unity, Mono and .NET."""
-    description = m.asyncapi()
+    description = reading.asyncapi()
     text = f"// What a session can be asked. {BANNER}\n{_CSHARP}"
     for call in calls(description):
         sent = f'Ask<{call.answer}>("{call.kind}", {_csharp_given(call.fields)})'

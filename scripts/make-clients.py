@@ -29,7 +29,7 @@ from typing import Any
 from filelock import FileLock
 
 from haptix.materials import schema as kinds
-from haptix.service.messages import asyncapi, schema
+from haptix.service.messages.reading import asyncapi, schema
 from haptix.version import __version__
 
 ROOT = Path(__file__).parents[1]

@@ -27,7 +27,7 @@ from haptix.service.assets import AssetStore
 from haptix.service.hub import TICK_S, Hub
 from haptix.service.in_use import profiles_router
 from haptix.service.limiter import Limiter
-from haptix.service.messages import Problem
+from haptix.service.messages import Problem, reading
 from haptix.service.pages import POLICY, docs_page, pages
 from haptix.service.rest import jobs_router
 from haptix.service.session_socket import serve_session
@@ -116,7 +116,7 @@ def _bounded(receive: Receive) -> Receive:
         body.extend(message.get("body", b""))
         if len(body) > MOST_BODY_BYTES:
             raise HTTPException(413, f"expected a body of at most {MOST_BODY_BYTES} bytes")
-        if not message.get("more_body") and (why := m.too_many(body)):
+        if not message.get("more_body") and (why := reading.too_many(body)):
             raise HTTPException(413, why)
         return message
 
@@ -320,15 +320,15 @@ def application(
     @app.get("/v1/schemas/session", dependencies=[Depends(token)])
     async def schema() -> dict[str, Any]:
         """JSON Schema of the session's messages."""
-        return m.schema()
+        return reading.schema()
 
     @app.get("/v1/asyncapi.json", include_in_schema=False)
     async def session_description() -> dict[str, Any]:
-        return m.asyncapi()
+        return reading.asyncapi()
 
     @app.get("/docs", include_in_schema=False)
     async def docs() -> Response:
-        content = docs_page(app.openapi(), m.asyncapi())
+        content = docs_page(app.openapi(), reading.asyncapi())
         headers = {"content-security-policy": POLICY}
         return Response(content, media_type="text/html; charset=utf-8", headers=headers)
 

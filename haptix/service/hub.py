@@ -21,7 +21,7 @@ from haptix.service.client_session import ServiceSession
 from haptix.service.client_touches import Stalls, touch_events
 from haptix.service.control import Engine, OutputControl
 from haptix.service.jobs import JobBoard
-from haptix.service.messages import Problem
+from haptix.service.messages import Problem, reading
 from haptix.version import __version__
 
 _LOG = logging.getLogger("haptix.service")
@@ -154,11 +154,11 @@ class Hub:
                 session.inbox.put(touches)
             else:
                 most_bytes = m.MOST_TEXT_BYTES if session.is_welcome else m.MOST_HELLO_BYTES
-                message = m.read_client(data, most_bytes)
+                message = reading.read_client(data, most_bytes)
                 self._note_answer(session)
                 wait_s = max(wait_s, self._sort(session, message))
         except Problem as problem:
-            session.refuse(m.id_of(data) if isinstance(data, str) else 0, problem)
+            session.refuse(reading.id_of(data) if isinstance(data, str) else 0, problem)
         return wait_s
 
     def pass_touches(self, session: ServiceSession) -> None:

@@ -23,7 +23,7 @@ from haptix.service import messages as m
 from haptix.service.batches import COLUMNS
 from haptix.service.client_session import ServiceSession
 from haptix.service.hub import Hub
-from haptix.service.messages import Problem
+from haptix.service.messages import Problem, reading
 
 _LOG = logging.getLogger("haptix.service")
 
@@ -89,7 +89,7 @@ def _is_stop(text: str) -> bool:
     if not _STOP.search(text):
         return False
     with contextlib.suppress(Problem):
-        message = m.read_client(text)
+        message = reading.read_client(text)
         return isinstance(message, m.Plain) and message.type == "stop"
     return False
 

@@ -22,7 +22,7 @@ from haptix.service.access import Access, Listen, check_certificate, listens, se
 from haptix.service.assets import AssetStore, Decoding
 from haptix.service.engine_process import EngineProcess
 from haptix.service.hub import Hub
-from haptix.service.messages import Problem
+from haptix.service.messages import Problem, reading
 from haptix.service.pool import Pool
 
 DEFAULT_PORT = 7421
@@ -113,7 +113,7 @@ def serve(
         from haptix.service.in_use import drive_router
         from haptix.service.rest import documents_router
 
-        m.build()
+        reading.build()
         pool = Pool({}, tell=hub.warn)
 
         async def start() -> None:

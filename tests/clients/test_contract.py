@@ -16,6 +16,7 @@ import pytest
 import haptix.client
 from haptix.service import messages as m
 from haptix.service.jobs import Job
+from haptix.service.messages import reading
 from tests.clients.compiled import compiled
 from tests.made_clients import CSHARP, ROOT, TYPESCRIPT, node_tools
 from tests.waiting import PATIENCE_S, wait_for
@@ -52,8 +53,8 @@ def keeps(service, monkeypatch):
         ]
         for line, message in zip(expected, sent, strict=True):
             if "sends" in line:  # defaults, and 1 for 1.0, are the same message
-                wanted = m.read_client(json.dumps(line["sends"] | FIRST_ID))
-                assert m.read_client(json.dumps(message | FIRST_ID)) == wanted, line
+                wanted = reading.read_client(json.dumps(line["sends"] | FIRST_ID))
+                assert reading.read_client(json.dumps(message | FIRST_ID)) == wanted, line
         touches = [(3, 7.0, "down"), (0, 9.0, "move"), (3, 0.0, "up"), (0, 0.0, "up")]
         reports = service.engine.reports
         wait_for(lambda: [(one.touch_id, one.x_mm, one.kind) for one in reports] == touches)
@@ -127,8 +128,8 @@ def test_csharp(keeps, tmp_path):
 
 def test_every_call_of_the_description_is_in_the_contract():
     script = runpy.run_path(str(ROOT / "scripts" / "client_calls.py"))
-    names = {call.name for call in script["calls"](m.asyncapi())}
-    names |= {call.name for call in script["changes"](m.asyncapi())}
+    names = {call.name for call in script["calls"](reading.asyncapi())}
+    names |= {call.name for call in script["changes"](reading.asyncapi())}
     done = {line["do"].rpartition(".")[2] for line in LINES}
     assert names <= done and len(LINES) >= 40
 

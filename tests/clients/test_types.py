@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from haptix.service import messages as m
+from haptix.service.messages import reading
 from haptix.version import __version__
 from tests.made_clients import CSHARP, ROOT, TYPESCRIPT, make_clients, node_tools
 
@@ -29,7 +30,7 @@ def _made():
 def fields_of_the_schema():
     return {
         name: set(part["properties"])
-        for name, part in m.schema()["$defs"].items()
+        for name, part in reading.schema()["$defs"].items()
         if "properties" in part
     }
 
@@ -47,20 +48,20 @@ def test_csharp_has_every_message_and_field():
     made = {name: set(re.findall(r'JsonProperty\("(\w+)"', body)) for name, body in bodies}
     expected = fields_of_the_schema()
     assert made == {name: expected[name] for name in made}
-    definitions = m.schema()["$defs"]
+    definitions = reading.schema()["$defs"]
     sides = (definitions[side]["discriminator"]["mapping"] for side in SIDES)
     messages = {path.rpartition("/")[2] for side in sides for path in side.values()}
     assert messages <= made.keys()
 
 
 def test_the_description_of_the_session_is_todays():
-    assert json.loads((ROOT / "clients" / "asyncapi.json").read_text()) == m.asyncapi()
+    assert json.loads((ROOT / "clients" / "asyncapi.json").read_text()) == reading.asyncapi()
 
 
 def test_another_schema_is_another_source():
     script = runpy.run_path(str(SCRIPT))
     before = script["hash_of_sources"]()
-    changed = m.schema()
+    changed = reading.schema()
     changed["$defs"]["Hello"]["properties"]["mood"] = {"type": "string"}
     script["hash_of_sources"].__globals__["schema"] = lambda: changed
     assert script["hash_of_sources"]() != before
@@ -128,7 +129,7 @@ SAID = m.OutputMessage(
 def made(path, language, *options):
     """Make the types of the schema as published."""
     source = path.with_suffix(".json")
-    source.write_text(json.dumps(m.schema()))
+    source.write_text(json.dumps(reading.schema()))
     command = [node_tools() / ".bin" / "quicktype", "-s", "schema", "-l", language, *options]
     subprocess.run([*command, f"{source}#/$defs/", "-o", path], check=True, capture_output=True)
     assert "EffectEnded" in path.read_text()
@@ -142,7 +143,7 @@ def needs(*programs, file=None):
 def passes_on(program):
     """Whether a message goes through the types and is the same."""
     told = subprocess.run([program], input=SAID.model_dump_json(), capture_output=True, text=True)
-    return m.read_server(told.stdout) == SAID
+    return reading.read_server(told.stdout) == SAID
 
 
 @pytest.mark.slow  # compilers

@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from haptix.service import messages as m
 from haptix.service.messages import Problem, reading
 from haptix.service.messages.reading import REPLIES
 from tests.clients.golden import GOLDEN
@@ -43,19 +42,19 @@ TYPES = [
 def test_any_object_is_read_or_refused(kind, fields):
     text = json.dumps({"type": kind, **fields})
     try:
-        message = m.read_client(text)
+        message = reading.read_client(text)
     except Problem as problem:
         assert problem.code in ("message", "limit") and str(problem)
         assert problem.path == "" or problem.path.startswith("/")
     else:
         # What was read says the same when written: no field was dropped or turned into another.
-        assert m.read_client(message.model_dump_json()) == message
+        assert reading.read_client(message.model_dump_json()) == message
 
 
 @given(st.text(alphabet=string.printable, max_size=60))
 def test_any_text_is_refused(text):
     with pytest.raises(Problem):
-        m.read_client(text)
+        reading.read_client(text)
 
 
 @pytest.mark.parametrize(
@@ -76,14 +75,14 @@ def test_any_text_is_refused(text):
 )
 def test_the_field_is_named(text, path, words):
     with pytest.raises(Problem, match=words) as caught:
-        m.read_client(text)
+        reading.read_client(text)
     assert caught.value.path == path
 
 
 @pytest.mark.parametrize("text", ['{"a":' * 17 + "1" + "}" * 17, "[" * 60_000, " " * (2**20 + 1)])
 def test_depth_and_length_are_bounded(text):
     with pytest.raises(Problem) as caught:
-        m.read_client(text)
+        reading.read_client(text)
     assert caught.value.code == "limit"
 
 
@@ -104,8 +103,8 @@ def test_what_would_take_long_to_refuse_is_not_parsed(inner, monkeypatch):
     monkeypatch.setattr(reading, "_depth", None)
     monkeypatch.setattr("haptix.service.messages.reading.json.loads", None)
     with pytest.raises(Problem, match="16384 keys, 32768 lists and 100000 values") as caught:
-        m.read_client(text)
-    assert (caught.value.code, m.id_of(text)) == ("limit", 7)
+        reading.read_client(text)
+    assert (caught.value.code, reading.id_of(text)) == ("limit", 7)
 
 
 @pytest.mark.parametrize(
@@ -124,30 +123,30 @@ def test_the_largest_layout_that_there_may_be_is_read():
     place = {"x_mm": 0.0, "y_mm": 0.0, "width_mm": 9.0, "height_mm": 9.0, "opacity": 1.0}
     regions = [{"name": f"{number}", "material": waves, **place} for number in range(256)]
     text = json.dumps({"type": "layout_set", "id": 1, "document": {"regions": regions}})
-    assert len(m.read_client(text).document.regions) == 256
+    assert len(reading.read_client(text).document.regions) == 256
 
 
 def test_brackets_in_strings_do_not_nest():
     text = json.dumps({"type": "hello", "id": 1, "protocol": "1.0", "client": '"[{' * 20})
-    assert m.read_client(text).client == '"[{' * 20
+    assert reading.read_client(text).client == '"[{' * 20
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"id": true}', '{"id": -3}', '{"id": 1e3}'])
 def test_a_broken_message_has_the_id_zero(text):
-    assert m.id_of(text) == 0
+    assert reading.id_of(text) == 0
 
 
 @settings(max_examples=20)
 @given(st.integers(1, 2**53))
 def test_a_refused_message_keeps_its_id(number):
-    assert m.id_of(json.dumps({"type": "fly", "id": number})) == number
+    assert reading.id_of(json.dumps({"type": "fly", "id": number})) == number
 
 
 def test_no_message_speaks_of_volts():
     """No volts over the network: neither asked nor told."""
     names = {
         name
-        for part in m.schema()["$defs"].values()
+        for part in reading.schema()["$defs"].values()
         for name in part.get("properties", {})
         if name.endswith("_v") or "volt" in name
     }
@@ -155,10 +154,10 @@ def test_no_message_speaks_of_volts():
 
 
 def test_asyncapi_names_every_message_and_every_reference_leads_somewhere():
-    document = m.asyncapi()
+    document = reading.asyncapi()
     sides = {"ClientMessage": "receive", "ServerMessage": "send"}
     for side, action in sides.items():
-        for kind in m.schema()["$defs"][side]["discriminator"]["mapping"]:
+        for kind in reading.schema()["$defs"][side]["discriminator"]["mapping"]:
             assert document["operations"][f"{action}_{kind}"]["action"] == action
     for reference in re.findall(r'"#/([^"]+)"', json.dumps(document)):
         found = document

@@ -9,17 +9,18 @@ from typing import Any, get_args
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 from pydantic.json_schema import models_json_schema
 
-from haptix.service.messages.base import (
+from haptix.service.messages import (
     MOST_DEPTH,
     MOST_KEYS,
     MOST_LISTS,
     MOST_TEXT_BYTES,
     MOST_VALUES,
     PROTOCOL,
+    ClientMessage,
     Problem,
+    ServerMessage,
+    TouchMessage,
 )
-from haptix.service.messages.from_client import ClientMessage, TouchMessage
-from haptix.service.messages.from_server import ServerMessage
 
 _LATER = ConfigDict(defer_build=True)
 CLIENT: TypeAdapter[Any] = TypeAdapter(ClientMessage, config=_LATER)
