@@ -36,10 +36,9 @@ from pydantic import BaseModel
 from haptix.errors import DeviceError, HaptixError, InputError, from_extra
 from haptix.files import read_json
 from haptix.service import messages as m
-from haptix.service.access import service_folder
+from haptix.service.access import Limiter, service_folder
 from haptix.service.batches import TelemetryFrame, read_frame, write_touches
 from haptix.service.client_calls import AsyncCalls, ClientLayout, PlainCalls, PlainLayout, given
-from haptix.service.limiter import Limiter
 from haptix.service.messages import reading
 
 with from_extra("serve"):

@@ -12,9 +12,9 @@ from math import ceil
 from typing import Any, NamedTuple
 
 from haptix.service import messages as m
+from haptix.service.access import Limiter
 from haptix.service.batches import TelemetryFrame, numbered, write_frame
 from haptix.service.client_touches import ClientClock, TouchInbox
-from haptix.service.limiter import Limiter
 from haptix.touch.events import TouchEvent
 
 _LOG = logging.getLogger("haptix.service")

@@ -22,11 +22,10 @@ from starlette.exceptions import HTTPException
 from haptix.errors import HaptixError
 from haptix.files import FULL_DISK, write_failure
 from haptix.service import messages as m
-from haptix.service.access import Access
+from haptix.service.access import Access, Limiter
 from haptix.service.assets import AssetStore
 from haptix.service.hub import TICK_S, Hub
 from haptix.service.in_use import profiles_router
-from haptix.service.limiter import Limiter
 from haptix.service.messages import Problem, reading
 from haptix.service.pages import POLICY, docs_page, pages
 from haptix.service.rest import jobs_router

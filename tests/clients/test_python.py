@@ -8,8 +8,8 @@ import pytest
 
 import haptix.client
 from haptix.errors import DeviceError, InputError
+from haptix.service.access import Limiter
 from haptix.service.jobs import Job
-from haptix.service.limiter import Limiter
 from haptix.service.messages import JobMessage
 from tests.waiting import PATIENCE_S, wait_for
 

@@ -3,7 +3,7 @@
 from http.client import HTTPConnection
 
 from haptix.service import front
-from haptix.service.limiter import Limiter
+from haptix.service.access import Limiter
 from tests.hand_clock import HandClock
 from tests.service.service_under_test import Service
 from tests.waiting import PATIENCE_S
