@@ -15,8 +15,8 @@ import haptix
 from haptix import cli, desk
 from haptix.campaign.kinds import load_campaign
 from haptix.campaign.run import run_campaign
-from haptix.service.job_work import JobWork
 from haptix.service.rest import jobs_router
+from haptix.service.worker import JobWork
 from haptix.tasks.strokes import Render
 from tests.command_line import run_haptix
 from tests.one_task import ONE_FILE, put_in

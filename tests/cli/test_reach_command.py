@@ -8,8 +8,8 @@ from fastapi import FastAPI
 import haptix
 from haptix.campaign.kinds import load_campaign
 from haptix.campaign.run import run_campaign
-from haptix.service.job_work import JobWork
 from haptix.service.rest import jobs_router
+from haptix.service.worker import JobWork
 from haptix.status import Status
 from haptix.surface import PULL_IN_SHARE
 from tests.cli.test_desk import Board

@@ -16,8 +16,8 @@ import haptix
 from haptix.desk import Context
 from haptix.motion import Trajectory
 from haptix.render import LiveSettings
-from haptix.service.job_work import JobWork
 from haptix.service.messages.reading import asyncapi
+from haptix.service.worker import JobWork
 from haptix.simulation import Setting, simulate
 from haptix.tasks.stimuli import judgement
 from haptix.virtual_finger import TouchPanel
