@@ -13,14 +13,12 @@ import pytest
 
 import haptix
 from haptix.gallery import ASSETS, presets
-from haptix.service import kept_layouts
 from haptix.service import pool as pool_module
 from haptix.service.assets import AssetStore
 from haptix.service.document_work import DocumentWork
-from haptix.service.kept_layouts import KeptTexts
 from haptix.service.messages import Problem
 from haptix.service.pool import Pool
-from haptix.service.rest import documents_router
+from haptix.service.rest import KeptTexts, documents_router
 from haptix.stimuli.interchange import FrictionMap
 from tests.service.service_under_test import Service
 from tests.waiting import PATIENCE_S
@@ -142,7 +140,7 @@ def test_only_the_newest_versions_and_drafts_are_kept(tmp_path, monkeypatch):
     for number in range(7):
         revision = f'"{store.write("a", str(number), revision)}"'
     assert [store.read("a", one.revision)[0] for one in store.versions("a")] == ["6", "5", "4"]
-    monkeypatch.setattr(kept_layouts, "MOST_REMOVED", 2)
+    monkeypatch.setattr("haptix.service.rest.MOST_REMOVED", 2)
     for number in range(4):
         path = tmp_path / f"b{number}" / "1.json"
         store.write(f"b{number}", "x", None)

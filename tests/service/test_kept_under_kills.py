@@ -12,8 +12,8 @@ import time
 
 import pytest
 
-from haptix.service.kept_layouts import KeptTexts
 from haptix.service.messages import Problem
+from haptix.service.rest import KeptTexts
 
 SEQUENCES = int(os.environ.get("HAPTIX_SEQUENCES", "30"))
 
