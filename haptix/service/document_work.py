@@ -1,11 +1,13 @@
-"""What a worker does with files and documents of materials: decode, draw, check, export.
+"""Documents and files of clients: a worker checks them, the engine puts them on the screen.
 
-Questions of the front come in as calls of `DocumentWork`, answers go out as values for JSON.
+A worker decodes, draws, checks and exports: questions of the front come in as calls of
+`DocumentWork`, answers go out as values for JSON. The engine has a `SessionLayout` per session.
 """
 
 from __future__ import annotations
 
 import base64
+from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,12 +15,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from haptix.desk import Context, task_at
-from haptix.errors import InputError
+from haptix.errors import HaptixError, InputError
 from haptix.texture.decoded import PICTURES
 
 if TYPE_CHECKING:
+    from haptix.layout import Patch
     from haptix.materials import Material
-    from haptix.surface import Column
+    from haptix.surface import Column, FrictionSurface
 
 EXPORT = "haptix.tasks.materials:ExportLayout"
 """The task that writes layouts in forms of interchange."""
@@ -27,6 +30,11 @@ _FORCE_N = 0.5  # what is asked for where nobody says another
 BYTES_PER_PIXEL = 48  # of a texture: the pixels, its pyramid, and one level more
 MOST_SAMPLES, MOST_TABLE_BYTES = 48_000 * 60, 2_000_000
 """Of a sound, and of a table or model: what the engine reads in a second or two."""
+
+_SURFACE_FORCES_N = (0.05, 3.0)
+"""Forces [N] of the surface that is built where none is given: all that a finger slides with."""
+_TOLERANCE = "0.05 JND"
+MOST_REGIONS = 256
 
 
 class DocumentWork:
@@ -187,7 +195,142 @@ class DocumentWork:
     def _reach(self, normal_force_n: float) -> Column:
         """Friction that the screen can give at a force."""
         from haptix.render.samples import DEFAULT_CARRIER_HZ
-        from haptix.service.engine import surface_of
 
         surface = surface_of(self._opening).driven_at(DEFAULT_CARRIER_HZ)
         return surface.column(normal_force_n, None)
+
+
+def surface_of(opening: dict[str, Any]) -> FrictionSurface:
+    """Load the surface that was given, or load or build one for the finger and screen."""
+    from haptix.finger import Finger
+    from haptix.friction import ContactModel
+    from haptix.render.samples import DEFAULT_CARRIER_HZ
+    from haptix.screen import Screen
+    from haptix.surface import FrictionSurface, cached_surface
+
+    if opening["surface"] is not None:
+        return FrictionSurface.load(opening["surface"])
+    model = ContactModel(Finger.named(opening["finger"]), Screen.named(opening["screen"]))
+    scene = {"normal_force_n": _SURFACE_FORCES_N, "frequency_hz": DEFAULT_CARRIER_HZ}
+    return cached_surface(model, scene, _TOLERANCE)[0]
+
+
+class SessionLayout:
+    """Regions by their names.
+
+    Parameters
+    ----------
+    assets : Path
+        Folder of the files that apps have sent; documents read nothing else.
+    """
+
+    def __init__(self, assets: Path) -> None:
+        from haptix.layout import Layout
+
+        self._assets = assets
+        self.layout = Layout()
+        self.patches: dict[str, Patch] = {}
+        self.revision = 0
+
+    def set(self, document: Mapping[str, Any]) -> None:
+        """Replace all regions by those of a document, or change nothing.
+
+        Raises
+        ------
+        InputError
+            Naming the region, and what is wrong with it.
+        """
+        with self.layout.change():
+            patches = self.patches
+            self.patches = {}
+            try:
+                for patch in patches.values():
+                    patch.remove()
+                for number, region in enumerate(document["regions"]):
+                    self._do(f"/document/regions/{number}", {"op": "add", **region})
+            except BaseException:
+                self.patches = patches
+                raise
+        self.revision += 1
+
+    def change(self, ops: Iterable[Mapping[str, Any]]) -> None:
+        """Make all of the changes, or none.
+
+        Raises
+        ------
+        InputError
+            Naming the change, and what is wrong with it.
+        """
+        patches = dict(self.patches)
+        values: list[tuple[Patch, float]] = []
+        try:
+            with self.layout.change():
+                for number, op in enumerate(ops):
+                    if op["op"] == "value":
+                        values.append((self._control(f"/ops/{number}", op["name"]), op["value"]))
+                    else:
+                        self._do(f"/ops/{number}", op)
+                for patch, value in values:  # they cannot be taken back, and fail no more
+                    patch.set(value=value)
+        except BaseException:
+            self.patches = patches
+            raise
+        self.revision += 1
+
+    def _do(self, path: str, op: Mapping[str, Any]) -> None:
+        fields = dict(op)
+        kind, name = fields.pop("op"), fields.pop("name")
+        try:
+            if kind == "add":
+                self._add(name, fields)
+                return
+            patch = self._named(name)
+            if kind == "move":
+                patch.move(**fields)
+            elif kind == "change":
+                patch.set(**self._read(fields))
+            else:
+                patch.remove()
+                del self.patches[name]
+        except HaptixError as error:
+            raise RegionError(path, f"{name}: {error}") from None
+
+    def _control(self, path: str, name: str) -> Patch:
+        """Return a region that has a value."""
+        try:
+            patch = self._named(name)
+            _ = patch.value
+        except HaptixError as error:
+            raise RegionError(path, f"{name}: {error}") from None
+        return patch
+
+    def _named(self, name: str) -> Patch:
+        if name not in self.patches:
+            names = ", ".join(map(repr, [*self.patches][-5:])) or "none, as after a new start"
+            raise InputError(f"expected the name of a region (there are {names}), got {name!r:.80}")
+        return self.patches[name]
+
+    def _add(self, name: str, fields: dict[str, Any]) -> None:
+        if name in self.patches:
+            raise InputError("expected a name that no region has; change or remove that one")
+        if len(self.patches) >= MOST_REGIONS:
+            raise InputError(f"expected at most {MOST_REGIONS} regions")
+        self.patches[name] = self.layout.add(**self._read(fields))
+
+    def _read(self, fields: dict[str, Any]) -> dict[str, Any]:
+        from haptix.kinds import in_folder
+        from haptix.materials import material_of
+
+        if "material" in fields:
+            with in_folder(self._assets, is_sealed=True):
+                material = fields["material"] = material_of(fields["material"])
+                _ = material.evaluator  # reads its files
+        return fields
+
+
+class RegionError(InputError):
+    """A region that cannot be; `path` points to it in the message."""
+
+    def __init__(self, path: str, sentence: str) -> None:
+        super().__init__(sentence)
+        self.path = path

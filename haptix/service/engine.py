@@ -54,15 +54,11 @@ if TYPE_CHECKING:
     from haptix.render.master import EffectEnd
     from haptix.screen import Screen
     from haptix.sensing import FingerEstimate, FingerObserver
-    from haptix.service.session_layout import SessionLayout
-    from haptix.surface import FrictionSurface
+    from haptix.service.document_work import SessionLayout
 
 _LOG = logging.getLogger("haptix.service.engine")
 
 SLEEP_S, STOP_S = 0.1, 2.0
-FORCES_N = (0.05, 3.0)
-"""Forces [N] of the surface that is built where none is given: all that a finger slides with."""
-TOLERANCE = "0.05 JND"
 _LOOK_S = 0.02
 _MOST_TOUCH_INTERVAL_S = 0.02  # two of a touchscreen of 100 Hz
 _LAYOUTS = ("layout_set", "layout_change", "layout_restore", "forget")
@@ -74,7 +70,7 @@ _RENDERS = (
     "haptix.surface.surface",
     "haptix.materials.panels",
     "haptix.render.live",
-    "haptix.service.session_layout",
+    "haptix.layout.layout",
 )
 _SETTLED_S = 0.015  # a driver tells within its status' period which revisions it refused
 _MOST_STATS_HZ = 50.0
@@ -144,21 +140,6 @@ def _sensed(finger: FingerEstimate | None) -> tuple[float, ...]:
     state = [*type(finger.state)].index(finger.state)
     known = np.exp(finger.log_gain), finger.log_gain_sd, finger.force_n, finger.force_sd
     return (state, *known)
-
-
-def surface_of(opening: dict[str, Any]) -> FrictionSurface:
-    """Load the surface that was given, or load or build one for the finger and screen."""
-    from haptix.finger import Finger
-    from haptix.friction import ContactModel
-    from haptix.render.samples import DEFAULT_CARRIER_HZ
-    from haptix.screen import Screen
-    from haptix.surface import FrictionSurface, cached_surface
-
-    if opening["surface"] is not None:
-        return FrictionSurface.load(opening["surface"])
-    model = ContactModel(Finger.named(opening["finger"]), Screen.named(opening["screen"]))
-    scene = {"normal_force_n": FORCES_N, "frequency_hz": DEFAULT_CARRIER_HZ}
-    return cached_surface(model, scene, TOLERANCE)[0]
 
 
 class EngineServer:
@@ -380,6 +361,7 @@ class EngineServer:
         from haptix.materials import KINDS
         from haptix.render.samples import carrier_hz
         from haptix.screen import Screen
+        from haptix.service.document_work import surface_of
         from haptix.service.in_use import profiles_of
         from haptix.texture.decoded import FOLDER, keep_in
 
@@ -417,7 +399,7 @@ class EngineServer:
         self._layouts[session].revision = revision
 
     def _changed(self, session: int, how: str, change: Any) -> dict[str, Any]:
-        from haptix.service.session_layout import SessionLayout
+        from haptix.service.document_work import SessionLayout
 
         layout = self._layouts.get(session)
         if layout is None:

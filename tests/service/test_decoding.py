@@ -11,9 +11,8 @@ from PIL import Image
 
 import haptix
 from haptix.service.assets import AssetStore, Decoding
-from haptix.service.document_work import DocumentWork
+from haptix.service.document_work import DocumentWork, SessionLayout
 from haptix.service.messages import Problem
-from haptix.service.session_layout import SessionLayout
 from haptix.service.worker import JobWork
 from haptix.texture import decoded
 from haptix.texture.decoded import FOLDER

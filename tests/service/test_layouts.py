@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from haptix.motion import Motion
-from haptix.service.session_layout import RegionError, SessionLayout
+from haptix.service.document_work import RegionError, SessionLayout
 from haptix.texture.pyramid import Pyramid
 
 PLAIN = {"kind": "grating", "period_mm": 2.0, "low": 0.5, "high": 0.5 + 1e-6}
