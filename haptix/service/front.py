@@ -1,7 +1,7 @@
 """The service's front: the HTTP server and its application, without torch and without pixels.
 
 Every request passes `Guard`, which refuses foreign hosts and origins. Routes are here and in `rest`
-and `in_use`, sessions in `session_socket`. At the end are the pages of the studio and ``/docs``.
+and `in_use`, sessions in `connections`. At the end are the pages of the studio and ``/docs``.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ from haptix.files import FULL_DISK, write_failure
 from haptix.service import messages as m
 from haptix.service.access import Access, Limiter
 from haptix.service.assets import AssetStore
+from haptix.service.connections import serve_session
 from haptix.service.hub import TICK_S, Hub
 from haptix.service.in_use import profiles_router
 from haptix.service.messages import Problem, reading
 from haptix.service.rest import jobs_router
-from haptix.service.session_socket import serve_session
 from haptix.version import __version__
 
 _LOG = logging.getLogger("haptix.service")

@@ -197,7 +197,7 @@ def test_many_large_pictures_are_as_bad_as_one(service, monkeypatch):
 
 
 def test_a_layout_that_takes_long_stops_nobody(service, monkeypatch):
-    monkeypatch.setattr("haptix.service.session_socket.LAYOUT_WAIT_S", 0.05)
+    monkeypatch.setattr("haptix.service.connections.LAYOUT_WAIT_S", 0.05)
 
     async def takes_long(do, **fields):
         await asyncio.sleep(60.0 if do == "layout_set" else 0.0)

@@ -15,7 +15,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
-from haptix.service import connections, session_socket
+from haptix.service import connections
 from haptix.service.connections import MOST_CONNECTIONS, MOST_OF_PEER
 from haptix.service.front import SUBPROTOCOL
 from tests.service.service_under_test import Service, certified
@@ -29,7 +29,7 @@ HALF = b"POST /v1/pair HTTP/1.1\r\nHost: 127.0"
 @pytest.fixture
 def service(tmp_path, monkeypatch):
     """A service that shows nobody out for being late: on a slow machine its own test is."""
-    monkeypatch.setattr(session_socket, "_LONGEST_BEHIND_S", float("inf"))
+    monkeypatch.setattr(connections, "_LONGEST_BEHIND_S", float("inf"))
     running = Service(tmp_path / "service")
     yield running
     running.close()
@@ -167,7 +167,7 @@ def test_a_flood_is_kept_up_to_a_size_and_told(service):
 
 
 def test_who_sends_more_than_can_be_read_is_shown_out_at_0_v(service, monkeypatch):
-    monkeypatch.setattr(session_socket, "_LONGEST_BEHIND_S", -1.0)  # as on a machine without time
+    monkeypatch.setattr(connections, "_LONGEST_BEHIND_S", -1.0)  # as on a machine without time
     with Client(service) as other, Client(service).holds() as flooder:
         flooder.ask("arm")
         service.engine.told.clear()
