@@ -7,13 +7,13 @@ from .field import check_feelable as check_feelable
 from .grating import Grating as Grating
 from .headroom import HeadroomMap as HeadroomMap
 from .headroom import headroom as headroom
-from .noise import Noise as Noise
-from .noise import power_law as power_law
 from .penn import Penn as Penn
 from .penn import PennModel as PennModel
 from .recorded import RecordedProfile as RecordedProfile
 from .recorded import Recording as Recording
+from .spectral import Noise as Noise
 from .spectral import Spectral as Spectral
+from .spectral import power_law as power_law
 from .texture import HeightRule as HeightRule
 from .texture import Heights as Heights
 from .texture import Photograph as Photograph

@@ -47,7 +47,7 @@ from haptix.files import read_bytes
 from haptix.kinds import AnyAsset
 from haptix.texture.field import TargetKind
 from haptix.texture.material import Material
-from haptix.texture.noise import Noise
+from haptix.texture.spectral import Noise
 
 _UNITS = {"AccelUnits": "m/s", "SpeedUnits": "mm/s", "ForceUnits": "N"}
 
