@@ -26,7 +26,7 @@ from typing import Any
 
 from haptix.campaign import Campaign, CampaignTask, run_campaign
 from haptix.campaign.cluster import DaskWorkers
-from haptix.campaign.kinds import kind_named
+from haptix.campaign.plans import kind_named
 from haptix.desk import Context, Result, Task
 from haptix.results import ResultStore
 from haptix.version import __version__

@@ -19,7 +19,7 @@ from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-from haptix.campaign.kinds import Campaign, Value
+from haptix.campaign.plans import Campaign, Value
 from haptix.campaign.task_worker import as_seen_here, differences, do, identity, record_of
 from haptix.errors import HaptixError, InputError, MissingExtraError, from_extra
 from haptix.executors import Here, executor_of, finished

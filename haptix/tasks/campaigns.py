@@ -74,7 +74,7 @@ class RunCampaign(Task, command="campaign"):
 
     def run(self, context: Context) -> Result:
         """Run the campaign, or estimate its costs."""
-        from haptix.campaign.kinds import load_campaign
+        from haptix.campaign.plans import load_campaign
         from haptix.campaign.run import estimate, run_campaign
 
         plan = load_campaign(self.plan)

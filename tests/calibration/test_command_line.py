@@ -14,7 +14,7 @@ from calibration.practice import VIRTUAL_RIG
 from calibration.rig import RIG
 from calibration.steps import RESTS_ON, fit_folder, reduce_folder, verify_folder
 from haptix.campaign import run_campaign
-from haptix.campaign.kinds import CalibrationFits
+from haptix.campaign.plans import CalibrationFits
 from haptix.cli.application import app as whole
 from haptix.cli.application import group_of
 from haptix.errors import InputError

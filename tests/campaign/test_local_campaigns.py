@@ -525,7 +525,7 @@ def test_a_kind_that_workers_cannot_import_is_said_before_the_first_task(tmp_pat
     script = (
         "import sys\n"
         "from haptix.campaign import run_campaign\n"
-        "from haptix.campaign.kinds import kind_named\n"
+        "from haptix.campaign.plans import kind_named\n"
         "from haptix.campaign.processes import Processes\n"
         "if __name__ == '__main__':\n"
         f"    with Processes(1) as workers:\n"

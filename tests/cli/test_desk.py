@@ -13,7 +13,7 @@ import calibration
 import firmware_io
 import haptix
 from haptix import cli, desk
-from haptix.campaign.kinds import load_campaign
+from haptix.campaign.plans import load_campaign
 from haptix.campaign.run import run_campaign
 from haptix.service.rest import jobs_router
 from haptix.service.worker import JobWork

@@ -6,7 +6,7 @@ import pytest
 from fastapi import FastAPI
 
 import haptix
-from haptix.campaign.kinds import load_campaign
+from haptix.campaign.plans import load_campaign
 from haptix.campaign.run import run_campaign
 from haptix.service.rest import jobs_router
 from haptix.service.worker import JobWork
