@@ -1,9 +1,9 @@
-from .button import Button as Button
 from .by_curve import ByForce as ByForce
 from .by_curve import BySpeed as BySpeed
-from .detents import Dial as Dial
-from .detents import Slider as Slider
-from .detents import Toggle as Toggle
+from .controls import Button as Button
+from .controls import Dial as Dial
+from .controls import Slider as Slider
+from .controls import Toggle as Toggle
 from .layout_material import LayoutMaterial as LayoutMaterial
 from .moving import Moving as Moving
 from .moving import PathTable as PathTable
