@@ -9,9 +9,8 @@ import os
 import sys
 import threading
 import webbrowser
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -73,7 +72,10 @@ def serve(
         access.on_show = _say_code
 
     beyond = (listen, certificate, key) if listen and certificate and key else None
-    _serve(device, surface, finger, screen, port, beyond, ready, log, touched_by)
+    _serve(
+        log, beyond, device=device, surface=surface, finger=finger, screen=screen, port=port,
+        on_ready=ready, touched_by=touched_by,
+    )  # fmt: skip
 
 
 def studio(
@@ -104,32 +106,20 @@ def studio(
             # Some browsers answer only when they end.
             threading.Thread(target=webbrowser.open, args=(page.as_uri(),), daemon=True).start()
 
-    _serve(device, surface, finger, screen, port, None, ready, log, touched_by, feels=True)
+    _serve(
+        log, None, device=device, surface=surface, finger=finger, screen=screen, port=port,
+        on_ready=ready, touched_by=touched_by, feels=True,
+    )  # fmt: skip
 
 
-def _serve(
-    device: str,
-    surface: Path | None,
-    finger: str | None,
-    screen: str | None,
-    port: int,
-    beyond: tuple[str, Path, Path] | None,
-    ready: Callable[[Access, Inventory], None],
-    log: Path | None,
-    touched_by: str | None,
-    feels: bool = False,
-) -> None:
+def _serve(log: Path | None, beyond: tuple[str, Path, Path] | None, **how: Any) -> None:
     from haptix.log import into
     from haptix.service.access import Listen
     from haptix.service.startup import serve as serve_until_interrupted
 
     if log is not None:
         into(log)
-    listen = Listen(*beyond) if beyond else None
-    serve_until_interrupted(
-        device, surface, finger, screen, port,
-        listen=listen, on_ready=ready, touched_by=touched_by, feels=feels,
-    )  # fmt: skip
+    serve_until_interrupted(listen=Listen(*beyond) if beyond else None, **how)
 
 
 def _has_browser() -> bool:

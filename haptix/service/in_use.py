@@ -30,17 +30,17 @@ class Profile(BaseModel):
     name: str
     source: str
     """Its file, or "preset"."""
-    calibrated: date | None
+    calibrated: date | None = None
     """When it was measured; None for what was not measured on this very screen."""
-    age_days: int | None
-    verdict: str
-    rests_on: tuple[str, ...]
+    age_days: int | None = None
+    verdict: str = ""
+    rests_on: tuple[str, ...] = ()
     """What was assumed and not measured."""
-    spread: dict[str, float]
+    spread: dict[str, float] = {}
     """Standard deviation of the logarithm of each number that was found."""
     warnings: tuple[str, ...]
     """Reasons not to trust it."""
-    verified: str
+    verified: str = ""
     """Range in which a calibration has verified it; empty where none has."""
     document: dict[str, Any]
 
@@ -56,41 +56,31 @@ def profiles_of(finger: Finger, screen: Screen, sources: dict[str, str]) -> dict
         Preset or file of each, by kind.
     """
     calibration = screen.calibration
-    guessed = [
-        f"{name}: a placeholder, not measured"
-        for name in ("roughness", "dielectric")
-        if getattr(getattr(finger, name), "is_placeholder", False)
-    ]
-    screen_profile = Profile(
-        name=screen.name,
-        source=_source(sources["screen"], screen.name),
-        calibrated=calibration.date if calibration else None,
-        age_days=(datetime.now(UTC).date() - calibration.date).days if calibration else None,
-        verdict=calibration.verdict if calibration else "",
-        rests_on=calibration.rests_on if calibration else (),
-        spread=calibration.spread if calibration else {},
-        warnings=tuple(screen.warnings()),
-        verified="" if screen.verified is None else screen.verified.text,
-        document=screen.model_dump(mode="json"),
-    )
-    finger_profile = Profile(
-        name=finger.name,
-        source=_source(sources["finger"], finger.name),
-        calibrated=calibration.date if calibration and sources["finger"] != finger.name else None,
-        age_days=None,
-        verdict="",
-        rests_on=(),
-        spread={},
-        warnings=tuple(guessed),
-        verified="",
-        document=finger.model_dump(mode="json"),
-    )
-    profiles = {"screen": screen_profile, "finger": finger_profile}
-    return {kind: profile.model_dump(mode="json") for kind, profile in profiles.items()}
-
-
-def _source(source: str, name: str) -> str:
-    return "preset" if source == name else source
+    measured: dict[str, Any] = {}
+    if calibration is not None:
+        age = datetime.now(UTC).date() - calibration.date
+        names = ("verdict", "rests_on", "spread")
+        measured = {name: getattr(calibration, name) for name in names}
+        measured |= {"calibrated": calibration.date, "age_days": age.days}
+    of_screen = {"warnings": screen.warnings(), **measured}
+    if screen.verified is not None:
+        of_screen["verified"] = screen.verified.text
+    of_finger: dict[str, Any] = {
+        "warnings": [
+            f"{name}: a placeholder, not measured"
+            for name in ("roughness", "dielectric")
+            if getattr(getattr(finger, name), "is_placeholder", False)
+        ]
+    }
+    if sources["finger"] != finger.name:  # of the same calibration, if there was one
+        of_finger["calibrated"] = measured.get("calibrated")
+    profiles = {}
+    for kind, used, facts in (("screen", screen, of_screen), ("finger", finger, of_finger)):
+        source = "preset" if sources[kind] == used.name else sources[kind]
+        document = used.model_dump(mode="json")
+        profile = Profile(name=used.name, source=source, document=document, **facts)
+        profiles[kind] = profile.model_dump(mode="json")
+    return profiles
 
 
 def profiles_router(hub: Hub, token: Callable[..., Awaitable[None]]) -> APIRouter:

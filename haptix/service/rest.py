@@ -131,12 +131,7 @@ def documents_router(pool: Pool, layouts: Path) -> APIRouter:
         """Presets of materials by family."""
         return tuple(
             PresetMessage(
-                **{
-                    key: getattr(preset, key)
-                    for key in PresetMessage.model_fields
-                    if hasattr(preset, key)
-                },
-                thumbnail=_data_url(FOLDER / "thumbnails" / f"{preset.name}.png"),
+                **vars(preset), thumbnail=_data_url(FOLDER / "thumbnails" / f"{preset.name}.png")
             )
             for preset in presets()
         )
@@ -165,10 +160,8 @@ def documents_router(pool: Pool, layouts: Path) -> APIRouter:
 
     async def export(request: Request, body: BaseModel) -> Response:
         fields = body.model_dump()
-        regions = read_layout(fields["document"]).model_dump(mode="json", exclude_none=True)[
-            "regions"
-        ]
-        fields["document"] = {"kind": "layout", "regions": regions}
+        layout = read_layout(fields["document"]).model_dump(mode="json", exclude_none=True)
+        fields["document"] = {"kind": "layout", **layout}
         answer = await pool.ask(request.state.owner, "export", **fields)
         return Response(base64.b64decode(answer["content"]), media_type="application/zip")
 
