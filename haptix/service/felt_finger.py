@@ -20,14 +20,7 @@ from haptix.friction import ContactModel
 from haptix.motion import Trajectory
 from haptix.screen import Screen
 from haptix.service.batches import TelemetryFrame, write_frame
-from haptix.service.wire import (
-    AMPLITUDE,
-    TELEMETRY,
-    TOUCHES,
-    amplitude_of,
-    frame,
-    touches_of,
-)
+from haptix.service.wire import AMPLITUDE, TELEMETRY, TOUCHES, amplitude_of, frame, touches_of
 from haptix.touch.events import ForceModel, TouchEvent
 from haptix.virtual_finger import VirtualFinger
 from haptix.virtual_finger.virtual_finger import LiveVirtualFinger

@@ -261,12 +261,7 @@ def application(
         first = error.errors()[0]
         path = "".join(f"/{part}" for part in first["loc"][1:])
         why = first["msg"].removeprefix("Value error, ")
-        content = m.Error(
-            id=0,
-            code="message",
-            sentence=f"{path[1:]}: {why}",
-            path=path,
-        )
+        content = m.Error(id=0, code="message", sentence=f"{path[1:]}: {why}", path=path)
         return JSONResponse(content.model_dump(), 422)
 
     @app.exception_handler(Exception)

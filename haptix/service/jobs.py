@@ -155,10 +155,7 @@ class JobBoard:
     """
 
     def __init__(
-        self,
-        engine: Engine,
-        tell: Callable[[JobMessage], None],
-        lend: Callable[[str], None],
+        self, engine: Engine, tell: Callable[[JobMessage], None], lend: Callable[[str], None]
     ) -> None:
         self._engine, self._tell, self._lend = engine, tell, lend
         self.context: dict[str, Any] = {}

@@ -152,10 +152,7 @@ class JobWork:
     """
 
     def __init__(
-        self,
-        context: dict[str, Any],
-        say: Callable[..., None],
-        answers: Iterator[str],
+        self, context: dict[str, Any], say: Callable[..., None], answers: Iterator[str]
     ) -> None:
         self._context, self._say, self._answers = context, say, answers
 

@@ -22,9 +22,7 @@ from haptix.texture.field import Evaluator, Mapped, TargetKind, check_range
 from haptix.units import with_numbers
 
 KINDS = Kinds(
-    "haptix.materials",
-    {**kinds_of("texture"), **kinds_of("materials")},
-    {"composition": "layout"},
+    "haptix.materials", {**kinds_of("texture"), **kinds_of("materials")}, {"composition": "layout"}
 )
 """Every kind of material by its name in documents; a subclass registers itself."""
 

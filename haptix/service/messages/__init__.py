@@ -239,10 +239,7 @@ class Subscribe(Message):
 
     type: Literal["subscribe"]
     id: Id
-    streams: dict[
-        Stream,
-        Annotated[float, Field(ge=0, le=MOST_STREAM_HZ, allow_inf_nan=False)],
-    ]
+    streams: dict[Stream, Annotated[float, Field(ge=0, le=MOST_STREAM_HZ, allow_inf_nan=False)]]
 
 
 class Watch(Message):

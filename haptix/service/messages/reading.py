@@ -199,11 +199,7 @@ def asyncapi() -> dict[str, Any]:
             "summary": _BYTES[kind],
             "contentType": "application/octet-stream",
         }
-        operations[kind] = {
-            "action": action,
-            "channel": _CHANNEL,
-            "messages": [_in_channel(kind)],
-        }
+        operations[kind] = {"action": action, "channel": _CHANNEL, "messages": [_in_channel(kind)]}
     version = "{}.{}".format(*PROTOCOL)
     return {
         "asyncapi": "3.0.0",
