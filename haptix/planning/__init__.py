@@ -240,7 +240,9 @@ def plan_scene(
         for out in everything
         for kept, why in [decisions[out]]
     ]
-    rows += [_report_row(trials, chosen, term) for term in reporting_terms(scene)]
+    highest = trials.highest(chosen)
+    past_gaps = float(highest.pull_past_breakdown.max())
+    rows += [_report_row(trials, chosen, term, past_gaps) for term in reporting_terms(scene)]
     rows += _fixed_rows(scene)
     order = {name: rank for rank, name in enumerate((*TERMS, *AXIS_NAMES))}
     rows.sort(key=lambda row: order.get(row.name, len(order)))
@@ -254,11 +256,10 @@ def plan_scene(
     if fidelity is not None and Ability.TABULATE not in FIDELITIES[fidelity].can:
         model = scene.model(fidelity, model.dtype, terms=model.terms)
     ranges = scene.ranges()
-    accuracy = trials.highest(chosen).accuracy
-    if scene.not_shown == "refuse" and accuracy.not_shown:
+    if scene.not_shown == "refuse" and highest.accuracy.not_shown:
         raise InputError(
-            f"not_shown: the scene refuses what was not shown, and its {accuracy}; narrow it to "
-            'what was shown (docs/mean-field.md), or set not_shown = "warn"'
+            f"not_shown: the scene refuses what was not shown, and its {highest.accuracy}; narrow "
+            'it to what was shown (docs/mean-field.md), or set not_shown = "warn"'
         )
     lightest = trials.model(chosen).solve(scene.normal_force_n[0], 0.0, ranges["frequency_hz"][0])
     verified = scene.screen.verified
@@ -280,10 +281,10 @@ def plan_scene(
         placeholder_spread_jnd=largest_spread(
             trials.model(base), {axis: trials.points[axis] for axis in AXIS_NAMES}, trials.voltage_v
         ),
-        pull_past_breakdown=float(trials.highest(chosen).pull_past_breakdown.max()),
+        pull_past_breakdown=past_gaps,
         lowest_x=float(lightest.x),
-        accuracy=str(accuracy),
-        warnings=(*lightest.warnings(), *limits_passed(trials.highest(chosen).status), *beyond),
+        accuracy=str(highest.accuracy),
+        warnings=(*lightest.warnings(), *limits_passed(highest.status), *beyond),
     )
 
 
@@ -393,7 +394,7 @@ def _spend(
     return chosen, joint, decisions
 
 
-def _report_row(trials: Trials, chosen: Choice, term: Term) -> Row:
+def _report_row(trials: Trials, chosen: Choice, term: Term, past_gaps: float) -> Row:
     """Decide on a term that reports a status and changes no friction.
 
     The surface ends where the term reports its status only if the scene asks for it. The reason
@@ -403,8 +404,7 @@ def _report_row(trials: Trials, chosen: Choice, term: Term) -> Row:
     share = trials.share_of_limit(chosen, term)
     why = f"voltages reach {share:.0%} of its voltage"
     if term.reports == Status.BREAKDOWN:
-        past = float(trials.highest(chosen).pull_past_breakdown.max())
-        why += f", {past:.0%} of the attraction is past what gaps bear"
+        why += f", {past_gaps:.0%} of the attraction is past what gaps bear"
     if term.name in trials.scene.override.terms:
         why = f"{'kept' if is_kept else 'dropped'} by the scene; {why}"
     if is_kept and share >= 1:

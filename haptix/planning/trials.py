@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import reduce
 from itertools import product
@@ -208,14 +208,6 @@ def _points(scene: Scene, count: int, seed: int) -> Points:
     return {**points, "voltage_share": torch.cat([corners[-1], voltage_share])}
 
 
-def _selected(points: Points, rows: Tensor) -> Points:
-    return {name: values[rows] for name, values in points.items()}
-
-
-_Key = tuple[frozenset[str], str]
-"""Terms and fidelity of a model."""
-
-
 class Trials:
     """A scene solved in many ways at the same points, `count` random ones and its corners.
 
@@ -226,17 +218,15 @@ class Trials:
         self.scene = scene
         self._ending = reporting_terms(scene, only_kept=True)
         self.points = _points(scene, count, seed)
-        self._models: dict[_Key, ContactModel] = {}
-        self._table_s: dict[_Key, float] = {}
-        self._solving_s: dict[_Key, float] = {}
+        self._models: dict[Choice, ContactModel] = {}  # by choices that hold no axis
+        self._table_s: dict[Choice, float] = {}
+        self._solving_s: dict[Choice, float] = {}
         highest_v = self.highest_voltage(reference, self.points)
         self.voltage_v = self.points["voltage_share"] * highest_v
 
     def highest_voltage(self, choice: Choice, points: Points) -> Tensor:
         """Amplitude [V] at which a surface of this choice ends."""
-        state = self._solve(choice, points, 0.0)
-        limits = (term.voltage_limit(state) for term in self._ending)
-        return reduce(torch.minimum, limits, self._end(state))
+        return self._end(self._solve(choice, points, 0.0), self._ending)
 
     def friction(self, choice: Choice, points: Points, voltage_v: Tensor) -> Tensor:
         """Friction coefficient at points and voltages [V]; past pull-in, that at pull-in."""
@@ -247,18 +237,19 @@ class Trials:
 
         Voltages rise to the end of the longer surface; past its end, the other's friction stays.
         """
-        ends = self.highest_voltage(other, self.points)
-        farthest = torch.maximum(ends, self.highest_voltage(truth, self.points))
+        rest, others = (self._solve(choice, self.points, 0.0) for choice in (truth, other))
+        ends = self._end(others, self._ending)
+        farthest = torch.maximum(ends, self._end(rest, self._ending))
         voltage = self.points["voltage_share"] * farthest
         wrong = self.friction(other, self.points, torch.minimum(voltage, ends))
         right = self.friction(truth, self.points, voltage)
-        rest, others = (self._solve(choice, self.points, 0.0) for choice in (truth, other))
         past = [float((ends / term.voltage_limit(rest)).max()) - 1 for term in self._ending]
         return Effect.between(right, wrong, max([0.0, *past]), (rest.mu, others.mu))
 
-    def _end(self, state: ContactState) -> Tensor:
-        """Amplitude [V] at which a surface ends short of pull-in, or the scene's limit."""
-        return (PULL_IN_SHARE * state.pull_in_voltage_v).clamp(max=self.scene.max_voltage_v)
+    def _end(self, state: ContactState, terms: Iterable[Term] = ()) -> Tensor:
+        """Amplitude [V] short of pull-in, of the scene's limit, and of where terms report."""
+        end = (PULL_IN_SHARE * state.pull_in_voltage_v).clamp(max=self.scene.max_voltage_v)
+        return reduce(torch.minimum, (term.voltage_limit(state) for term in terms), end)
 
     def share_of_limit(self, choice: Choice, term: Term) -> float:
         """Highest voltage short of pull-in, over that from which a term reports its status."""
@@ -272,10 +263,11 @@ class Trials:
     def seconds(self, choice: Choice) -> float:
         """Time to tabulate the contact, and to solve `TIMED_STATES` states."""
         self._model(choice)
-        key = (choice.terms, choice.fidelity)
+        key = replace(choice, held=frozenset())
         if key not in self._solving_s:
             rows = torch.arange(TIMED_STATES) % len(self.voltage_v)
-            points, voltage = _selected(self.points, rows), self.voltage_v[rows]
+            points = {name: values[rows] for name, values in self.points.items()}
+            voltage = self.voltage_v[rows]
             times = repeat(lambda: self._solve(choice, points, voltage), number=1, repeat=_TIMED)
             self._solving_s[key] = min(times)
         return self._table_s[key] + self._solving_s[key]
@@ -292,7 +284,7 @@ class Trials:
         return self._model(choice).solve(voltage_v=voltage_v, **places)
 
     def _model(self, choice: Choice) -> ContactModel:
-        key = (choice.terms, choice.fidelity)
+        key = replace(choice, held=frozenset())
         if key not in self._models:
             began = perf_counter()
             model = self.scene.model(choice.fidelity, terms=choice.terms)
@@ -304,9 +296,9 @@ class Trials:
             self._models[key] = model
         return self._models[key]
 
-    def _lend_table(self, model: ContactModel, choice: Choice) -> _Key | None:
+    def _lend_table(self, model: ContactModel, choice: Choice) -> Choice | None:
         """Give a model the table of the most similar model with the same solid."""
-        for key in sorted(self._models, key=lambda key: len(key[0] ^ choice.terms)):
+        for key in sorted(self._models, key=lambda key: len(key.terms ^ choice.terms)):
             if model.solver.fidelity.borrow(self._models[key].solver.fidelity):
                 return key
         return None
