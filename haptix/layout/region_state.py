@@ -276,10 +276,7 @@ class RegionState:
 
     def moved(self, place: Glide) -> RegionState:
         """Return the region, gliding to another place."""
-        return RegionState(
-            self.key, self.evaluator, self.outline, place, self.opacity, self.z, self.blend,
-            self.priority, self.mask, self.inner, self.state,
-        )  # fmt: skip
+        return replace(self, place=place)
 
     def settled(self) -> RegionState:
         """Return the region at the end of its fade and its glide."""

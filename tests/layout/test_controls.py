@@ -129,6 +129,14 @@ def test_changes_in_a_pause_do_not_pile_up():
     assert len(shown.shown.regions) == 2
 
 
+def test_a_control_that_was_moved_still_follows_the_finger():
+    patch, finger = placed(Slider(travel_mm=40.0, detents=5))
+    finger.at(20.0)
+    patch.move(x_mm=50.0, over_s=0.0)
+    finger.at(80.0)
+    assert patch.value == pytest.approx(0.75)  # 30 of 40 mm
+
+
 def test_what_has_no_value_says_so():
     patch, _ = placed(Grating(period_mm=3.0))
     with pytest.raises(InputError, match="expected a control"):
