@@ -1,7 +1,7 @@
 """The engine and the virtual finger beside it, as the service's front sees them.
 
 The front starts both and restarts either when it dies. It replays to a new engine what the last one
-had accepted: layouts, intensity, mute and pause (`EngineReplay`).
+had accepted: layouts, intensity, mute, pause and sensing (`EngineReplay`).
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ class EngineReplay:
             self._layouts.setdefault(session, LayoutRecord()).change(fields["ops"])
         elif do == "forget":
             self._layouts.pop(session, None)
-        elif do in ("intensity", "mute", "pause"):
+        elif do in ("intensity", "mute", "pause", "sense"):
             self._settings[do] = dict(fields)
 
     def layouts(self) -> list[dict[str, Any]]:

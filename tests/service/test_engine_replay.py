@@ -72,13 +72,15 @@ def test_settings_and_layouts_are_kept_and_others_forgotten():
         ("intensity", {"value": 0.4}),
         ("intensity", {"value": 0.5}),
         ("mute", {"on": True}),
+        ("sense", {"on": True}),
         ("arm", {"session": 1}),
         ("stop", {"reason": "x"}),
     ]:
         replay.record(do, fields)
     (first, layout), *settings = replay.messages()
     assert (first, layout["session"]) == ("layout_restore", 1)
-    assert settings == [("intensity", {"value": 0.5}), ("mute", {"on": True})]
+    on = {"on": True}
+    assert settings == [("intensity", {"value": 0.5}), ("mute", on), ("sense", on)]
 
 
 def test_a_value_is_set_once_all_other_changes_hold(tmp_path):
