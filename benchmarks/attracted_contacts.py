@@ -237,12 +237,11 @@ def by_theory(surface: Solved, spots: ContactSpots) -> Balance:
     return MeanFieldBalance(contact).solve(Load(p0, pull, field.highest_asperity(box)))
 
 
-def closed(surface: Solved, row: Array, crack: bool) -> tuple[float, float, float] | None:
+def closed(surface: Solved, row: Array) -> tuple[float, float, float] | None:
     """Area, mean gap and pull of the gaps by the closure on the surface's own unattracted states.
 
-    Written out once more, by fixed-point iteration on ranks, as docs/mean-field.md states it, with
-    edges as the theory has them or as a crack in balance. None where it takes loads beyond those
-    that were solved.
+    Written out once more, by fixed-point iteration on ranks, as docs/mean-field.md states it. None
+    where it takes loads beyond those that were solved.
     """
     h0, spot_pa = row[0] * surface.h_rms_m, row[1]
     log_p, area_at, gap_at = np.log(surface.off[:, 0]), surface.off[:, 1], surface.off[:, 2]
@@ -251,7 +250,6 @@ def closed(surface: Solved, row: Array, crack: bool) -> tuple[float, float, floa
     gaps = np.array([np.interp(rank, a + RANKS * (1 - a), gap, left=0.0) for a, gap in profiles])
     beyond = np.array([np.interp(rank, RANKS * (1 - a), gap, left=0.0) for a, gap in profiles])
     falls = np.gradient(gaps, axis=0) / np.gradient(gap_at)[:, None]
-    falling = -np.gradient(gap_at, log_p)
     log_area, log_gap, lift = log_p[0], log_p[0], 0.0
 
     def at(values: Array, log_pressure: float) -> Array:
@@ -273,15 +271,12 @@ def closed(surface: Solved, row: Array, crack: bool) -> tuple[float, float, floa
         ).numpy()
         edges = np.diff(weight, prepend=0.0) * inside
         beside = float((spot_pa * (h0 / (h0 + gap)) ** 2 * edges).sum())
-        if crack:
-            punch = max(-np.expm1(log_gap - log_area), 1e-9) * float(at(falling, log_area))
-            beside /= (1 + (beside * punch / (2 * area * spot_pa * h0)) ** 3) ** (1 / 3)
-        else:
-            z = sqrt(max(beside / float((lifted * edges).sum()), 1.0)) - 1
-            beside /= (1 + z**2 / (1 + z)) ** 2
+        z = sqrt(max(beside / float((lifted * edges).sum()), 1.0)) - 1
+        beside /= (1 + z**2 / (1 + z)) ** 2
         pull = float((lifted * step).sum())
         new_area = np.log(surface.p0_pa + pull + beside)
-        new_gap = np.log(surface.p0_pa + (lifted * fall * step).sum())
+        left = min((surface.p0_pa + (lifted * fall * step).sum()) / np.exp(new_area), 1.0)
+        new_gap = new_area - (1 - left - np.log(left)) / 2
         change = abs(new_area - log_area) + abs(new_gap - log_gap)
         log_area += (new_area - log_area) / 4
         log_gap += (new_gap - log_gap) / 4
@@ -313,7 +308,7 @@ Errors = dict[str, dict[tuple[str, float, int], list[tuple[float, ...]]]]
 
 def errors(folder: Path) -> Errors:
     """Of the closure and of two theories: pull over p0 and theory over elements, by row."""
-    names = ("closure", "crack", "local", "corrected")
+    names = ("closure", "local", "corrected")
     found: Errors = {name: defaultdict(list) for name in names}
     distributions = {(each.cell.name, each.seed): each for each in solutions(folder)}
     for surface in kept():
@@ -330,13 +325,12 @@ def errors(folder: Path) -> Errors:
                 continue
             ratio = area / surface.off[0, 1]
             total = (pull + row[1] * area) / surface.p0_pa
-            for name in ("closure", "crack") if solved else ():
-                by_closure = closed(solved, row, name == "crack")
-                if by_closure is not None:
-                    new, wide, pulled = by_closure
-                    found[name][key].append(
-                        (pull / surface.p0_pa, new, area, pulled, pull, wide, gap, new, area, total)
-                    )
+            by_closure = closed(solved, row) if solved else None
+            if by_closure is not None:
+                new, wide, pulled = by_closure
+                found["closure"][key].append(
+                    (pull / surface.p0_pa, new, area, pulled, pull, wide, gap, new, area, total)
+                )
             for name, balance in theories.items():
                 areas = balance.area_fraction
                 found[name][key].append(
@@ -369,7 +363,6 @@ def tables(folder: Path, least_surfaces: int = 2) -> str:
     ]
     titles = {
         "closure": "closure on the elements' own contacts",
-        "crack": "the same, edges as a crack in balance",
         "local": "`local`",
         "corrected": "`corrected`",
     }
@@ -395,7 +388,7 @@ def tables(folder: Path, least_surfaces: int = 2) -> str:
                 f"{100 * np.median(np.abs(column)):.1f} / {100 * np.abs(column).max():.0f}"
                 for column in chosen.T
             ]
-            if name in ("closure", "crack"):
+            if name == "closure":
                 cells[3] = "-"
             lines.append(f"| {title}, {label} | {len(chosen)} | {' | '.join(cells)} |")
     return "\n".join([*lines, "", *coverage(found, least_surfaces)])

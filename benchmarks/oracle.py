@@ -501,7 +501,7 @@ class Oracle:
     def beside_the_spots(
         self, pressure: float, applied: float, h0: complex
     ) -> tuple[float, float, float]:
-        """``(p_A - p0)/c``, the gaps' share of it and p_g [Pa] of the theory "local", at p_A.
+        """``(p_A - p0)/c``, the gaps' share of it and p_u [Pa] of the theory "local", at p_A.
 
         By the four equations of docs/mean-field.md, of a contact without finite size.
         """
@@ -524,7 +524,7 @@ class Oracle:
         work = np.maximum(fall, 0.0) * u
         work = np.minimum(work / simpson(work, x=x), 4 * mass)
         reach = np.divide(work, mass, out=np.zeros_like(mass), where=mass > 1e-12 * mass.max())
-        place = (rank - self.area_fraction(pressure)) / (0.02 * self.area_fraction(pressure))
+        place = (rank - self.area_fraction(pressure)) / (0.03 * self.area_fraction(pressure))
         anchor = reach[np.searchsorted(place, 1.0)]  # below it, the root of the distance
         place[0] /= 2  # stands for all gaps below the finest
         reach = np.where(place < 1, anchor * np.sqrt(np.clip(place, 0.0, 1.0)), reach)
@@ -545,10 +545,11 @@ class Oracle:
             gaps, moved, lifted = sums(lift)
             z = sqrt(max(near / lifted, 1.0)) - 1
             total = gaps + near / (1 + z * z / (1 + z)) ** 2
-            return total, gaps, applied + (pressure - applied) * moved / total
+            left = min((applied + (pressure - applied) * moved / total) / pressure, 1.0)
+            return total, gaps, pressure * np.exp(-(1 - left - np.log(left)) / 2)
 
         def excess(lift: float) -> float:
-            return self.mean_gap(min(outcome(lift)[2], pressure)) - rest - lift
+            return self.mean_gap(outcome(lift)[2]) - rest - lift
 
         return outcome(float(brentq(excess, 0.0, self.mean_gap(applied) - rest, rtol=1e-6)))
 

@@ -36,9 +36,9 @@ UNDER_VOLTAGE = {"x": (3e-4, 5e-2), "h0/h_rms": (0.01, 1.0), "gaps' attraction/p
 """Ranges in which theory and boundary elements were compared under voltage."""
 
 _THIN = 0.15
-"""h0/h_rms below which the interval of the ratio grows, as h0/h_rms to the power -0.7."""
+"""h0/h_rms below which the interval of the ratio grows, as its inverse."""
 
-_RATIO_WIDTH = {"local": 0.08, "corrected": 0.31}
+_RATIO_WIDTH = {"local": 0.06, "corrected": 0.31}
 """Half-width of the 90 % interval of ``ln mu(V)/mu(0)`` over that logarithm itself, by theory."""
 
 
@@ -106,7 +106,7 @@ def of_states(
         width_at_rest = torch.where(in_range, log(1 + worst / 100), width_at_rest)
     driven = pull_over_p0 > 0
     width = _RATIO_WIDTH[theory] * torch.log(ratio.clamp(min=1.0))
-    width = width * (_THIN / h0_over_h_rms).clamp(min=1.0) ** 0.7
+    width = width * (_THIN / h0_over_h_rms).clamp(min=1.0)
     reasons = beyond_validation(float(x.min()), float(x.max()), inf)
     quantities = zip((x, h0_over_h_rms, pull_over_p0), UNDER_VOLTAGE.items(), strict=True)
     for value, (name, (least, most)) in quantities:

@@ -176,10 +176,10 @@ class AttractionTable:
             effect = by_rise(lifted, lattice.on_gaps) @ weights
         if supply is not None and rise is None:
             effect, column = effect[..., column], torch.arange(len(column), device=column.device)
-        total, pulled, work = (self._against_pressure(part.movedim(0, -1)) for part in effect)
+        total, pulled, lift = (self._against_pressure(part.movedim(0, -1)) for part in effect)
         log_supply = None if supply is None else self._against_pressure(supply)
         return WideningAttraction(
-            total, column, None, None, touching, log_supply, applied_pa, pulled, work
+            total, column, None, None, touching, log_supply, applied_pa, pulled, lift
         )
 
     def supply(
@@ -341,8 +341,8 @@ class WideningAttraction(Attraction):
     """p0 [Pa] of each state."""
     log_share: UniformCubic | None = None
     """ln of the gaps' share of I, in the same form."""
-    log_work: UniformCubic | None = None
-    """ln of the share of I that moves the mean gap, in the same form."""
+    lift: UniformCubic | None = None
+    """ln of p_A over the pressure whose mean gap the contact has, in the same form."""
 
     def gaps(self, log_pressure: Tensor) -> Tensor:
         """I of the gaps alone at ln p, shape (states,)."""
@@ -351,9 +351,7 @@ class WideningAttraction(Attraction):
 
     def of_gap(self, log_pressure: Tensor) -> Tensor:
         """Ln of the pressure whose mean gap a contact at ln p has, shape (states,)."""
-        work = torch.exp(self._at(self.log_work, log_pressure)[0])
-        moving = (torch.exp(log_pressure) - self.applied_pa) * work
-        return super().of_gap(torch.log(self.applied_pa + moving.clamp(min=0.0)))
+        return super().of_gap(log_pressure - self._at(self.lift, log_pressure)[0].clamp(min=0.0))
 
     @property
     def slope_varies(self) -> bool:

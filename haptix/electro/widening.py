@@ -10,17 +10,18 @@ rank n is larger than a share n of the area, contact spots (A) included.
 - The mean gap is that at the pressure ``p_g = p0 + int v t dn``, where ``v = (du/dp) / (dubar/dp)``
   at constant n. By reciprocity (Betti), a traction moves the mean gap as much as the mean pressure
   moves the gap at the traction. So this sum is the virtual work of the attraction.
-- The gaps are those at p_A, lifted as by a flat punch until their mean is that at p_g (Johnson,
-  Kendall, Roberts, Proc. R. Soc. A 324, 301 (1971)). Within reach of the attraction they are lifted
-  by half of that: a cohesive zone opens a crack half as far as its far field would (Dugdale, J.
-  Mech. Phys. Solids 8, 100 (1960)).
+- The gaps are those at p_A, lifted while the load falls from p_A to p_g. Spots that stay as they
+  are give a flat punch: the lift is linear in the load (Johnson, Kendall, Roberts, Proc. R. Soc. A
+  324, 301 (1971)). Spots that open as they closed give the mean gap at p_g. The lift is the mean of
+  these two: it then satisfies Maxwell's relation ``dubar/dc = -dC/dp0``, where c is the strength
+  of the attraction and C the capacitance (docs/mean-field.md). Within reach of the attraction the
+  gaps are lifted by half of that: a cohesive zone opens a crack half as far as its far field would
+  (Dugdale, J. Mech. Phys. Solids 8, 100 (1960)).
 - The gaps beside an edge close as in contact without attraction where the lift is small against the
   attraction's reach. Where it is large, they are lifted like the others (JKR). Let z be the lift
   over the reach. Between these limits a share ``z/(1 + z)`` of the lift counts; z follows from the
   factor ``(1 + z)^-2`` by which lifting all of these gaps would weaken their attraction. Below
-  ranks of a fiftieth of A, v is a root that joins the mean field's own.
-
-No number is fitted (docs/mean-field.md).
+  ranks of 0.03 A, v is a root that joins the mean field's own.
 """
 
 from __future__ import annotations
@@ -37,7 +38,8 @@ from haptix.contact.tables import differences
 
 _LIFT_STEPS = (0, 4, 10, 20, 34, 50)  # steps of the lattice from p_g to p_A: a ratio of up to 120
 _PUNCH_SHARE = 0.5  # of a flat punch's lift, for gaps within reach of the attraction
-_NEAR_EDGE = 0.02  # of the spots' area: ranks below which the mean field has gaps of no width
+_FIXED_SHARE = 0.5  # of a lift by spots that stay as they are; the rest is that of opening spots
+_NEAR_EDGE = 0.03  # of the spots' area: ranks below which the mean field has gaps of no width
 _STEEPEST = 4.0  # bound of v, above that of any gap: nearly empty bins have meaningless quotients
 _TINY = 1e-300
 # ln p_A/p0 at which the effect of an attraction is computed; between them it is a polynomial.
@@ -193,8 +195,8 @@ def by_rise(
     Returns
     -------
     Tensor, shape (3, powers, nodes, columns)
-        Coefficients of ln I, of ln of the gaps' share of I, and of ln of the share of I that moves
-        the mean gap.
+        Coefficients of ln I, of ln of the gaps' share of I, and of the lift: ln of p_A over the
+        pressure whose mean gap the contact has.
     """
     nodes, lifts = lifted.open.shape[:2]
     to_lifts = _monomials(tuple(lifted.lifts.tolist())).to(lifted.open.device)
@@ -226,11 +228,11 @@ def by_rise(
 def _at_rises(
     gaps: Tensor, work: Tensor, edge: Tensor, rises: Tensor, bounds: tuple[float, float]
 ) -> Tensor:
-    """Ln I and ln of its two shares at rises, from polynomials of the lift within bounds."""
+    """Ln I, ln of the gaps' share and the lift at rises, from polynomials of the lift."""
     shares = -torch.expm1(-rises)  # of p_A: the part that is the attraction
 
     def lift_of(lift: Tensor) -> tuple[Tensor, Tensor]:
-        """Lift that the attraction causes after gaps were lifted by `lift`, and its slope."""
+        """Lift that the attraction causes in gaps lifted by `lift`, and its slope."""
         (pull, pull_slope), (spots, spots_slope), (moved, moved_slope) = (
             (torch.exp(value), slope)
             for value, slope in (_polynomial(part, lift) for part in (gaps, edge, work))
@@ -238,8 +240,11 @@ def _at_rises(
         total = pull + spots
         kept = moved / total
         total_slope = (pull * pull_slope + spots * spots_slope) / total
-        left = (1 - shares * (1 - kept)).clamp(min=1e-9)
-        return -torch.log(left), -shares * kept * (moved_slope - total_slope) / left
+        left = (1 - shares * (1 - kept)).clamp(min=1e-9)  # p_g/p_A
+        left_slope = shares * kept * (moved_slope - total_slope)
+        opening, opening_slope = -torch.log(left), -left_slope / left
+        lifted = torch.lerp(opening, 1 - left, _FIXED_SHARE)
+        return lifted, torch.lerp(opening_slope, -left_slope, _FIXED_SHARE)
 
     # The lift is at most the rise. Newton's steps start there and fall to the fixed point.
     lift = (rises + torch.zeros_like(gaps[0])).detach().clamp(*bounds)
@@ -252,5 +257,4 @@ def _at_rises(
     lift = (lift + (value - lift) / (1 - slope.detach())).clamp(*bounds)
     pull = torch.exp(_polynomial(gaps, lift)[0])
     total = pull + torch.exp(_polynomial(edge, lift)[0])
-    work_done = _polynomial(work, lift)[0]
-    return torch.stack([torch.log(total), torch.log(pull / total), work_done - torch.log(total)])
+    return torch.stack([torch.log(total), torch.log(pull / total), lift])

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from haptix import ContactModel, Finger, Screen
 from haptix.contact import THEORIES, HalfSpace, MeanField, RoughnessSpectrum
+from haptix.contact.meanfield import LATTICE_STEP
 from haptix.electro import AttractionTable, Pull, drive_voltage
 from haptix.electro.widening import edge_weight
 from haptix.fidelity import Balance, Contact, Load, MeanFieldBalance
@@ -113,6 +114,51 @@ def test_the_mean_gap_follows_the_virtual_work(field: MeanField) -> None:
     assert float(by_weight) == pytest.approx(float(by_energy), rel=0.01)
 
 
+@pytest.mark.parametrize(("x", "relative"), [(1e-3, 0.1), (1e-3, 0.3), (1e-2, 0.1), (1e-2, 1.0)])
+def test_the_mean_gap_obeys_maxwells_relation(field: MeanField, x: float, relative: float) -> None:
+    """``dubar/dc = -dC/dp0``: both are second derivatives of one energy.
+
+    C is the capacitance per area over eps0, ``A/h0 + int dn/(u + h0)``. The area follows from the
+    edges alone, so that nothing makes the mean gap obey this by construction.
+    """
+    p0, h0, part = x * scale(field), relative * H_RMS_M, 0.03
+    spots = p0 * np.geomspace(1e-2, 1e4, 200)
+    light = solve(field, p0, spots, h0)
+    most = spots[(light.is_stable & (light.area_fraction < 0.3)).numpy()][-1]
+    spots = np.concatenate([[1e-9 * most], np.geomspace(1e-4 * most, most, 80)])
+    middle = torch.cat([field.gap_edges_m[1:2] / 2, field.gap_edges_m[1:-1] * 0])
+    middle[1:] = (field.gap_edges_m[1:-1] * field.gap_edges_m[2:]).sqrt()
+
+    def capacitance(load: float) -> np.ndarray:
+        table = AttractionTable.solve(field, load, 200 * load, widened=True)
+        balance = solve(field, load, spots, h0)
+        log_p, wide = torch.log(balance.pressure_pa), balance.mean_gap_m
+        at = torch.exp(table.log_mean_gap(table.log_pressure))
+        lift = log_p - torch.from_numpy(
+            np.interp(-wide.numpy(), -at.numpy(), table.log_pressure.numpy())
+        )
+        lifts, node = table.lifted.lifts, (log_p - table.log_pressure[0]) / LATTICE_STEP
+        place = torch.from_numpy(np.interp(lift, lifts, np.arange(len(lifts))))
+        gaps = (table.lifted.open / (middle + h0)).sum(-1)
+        low = [torch.minimum(v.floor(), torch.tensor(n - 2.0)).long()
+               for v, n in ((node, gaps.shape[0]), (place, gaps.shape[1]))]  # fmt: skip
+        a, b = node - low[0], place - low[1]
+        total = sum(
+            (a if i else 1 - a) * (b if j else 1 - b) * gaps[low[0] + i, low[1] + j]
+            for i in (0, 1) for j in (0, 1)
+        )  # fmt: skip
+        return (balance.area_fraction / h0 + total).numpy()
+
+    rising = (capacitance((1 + part) * p0) - capacitance((1 - part) * p0)) / (2 * part * p0)
+    strength = spots * h0**2
+    fallen = np.concatenate([[0], np.cumsum((rising[1:] + rising[:-1]) / 2 * np.diff(strength))])
+    gap = solve(field, p0, spots, h0).mean_gap_m.numpy() / float(field.mean_gap(p0))
+    missed = gap - gap[0] + fallen / float(field.mean_gap(p0))
+    # 0.02 to 0.04 here; of the lifts by fixed and by opening spots either alone misses by 0.08 to
+    # 0.37 where h0/h_rms is 0.1 or 0.3.
+    assert np.abs(missed).max() < 0.06
+
+
 @pytest.mark.parametrize("x", [1e-3, 1e-2])
 @pytest.mark.parametrize("relative", [0.05, 0.3])
 def test_tables_are_near_each_state_on_its_own(field: MeanField, x: float, relative: float) -> None:
@@ -160,8 +206,8 @@ def iterated(field: MeanField, p0_pa: float, spot_pa: float, h0_m: float) -> tup
         share, weight = at(mass, node(of_area)), at(work, node(of_area))
         spots = float(at(area, node(of_area)))
         v = np.where(share > 1e-14, weight / np.maximum(share, 1e-14), 0.0)
-        # Beside an edge, up to a fiftieth of the spots' area, the lift goes as the root.
-        place, near = share.cumsum() - share / 2, 0.02 * spots
+        # Beside an edge, up to 0.03 of the spots' area, the lift goes as the root.
+        place, near = share.cumsum() - share / 2, 0.03 * spots
         anchor = v[np.searchsorted(share.cumsum(), near)]
         v = np.where(place < near, anchor * np.sqrt(np.clip(place / near, 0, 1)), v)
         lifted = spot_pa * (h0_m / (h0_m + gap + 0.5 * lift * np.minimum(v, 4))) ** 2
@@ -172,7 +218,8 @@ def iterated(field: MeanField, p0_pa: float, spot_pa: float, h0_m: float) -> tup
         free = float((spot_pa * (h0_m / (h0_m + gap)) ** 2 * beside).sum())
         reached = np.sqrt(free / float((lifted * beside).sum())) - 1
         new = p0_pa + pull + free / (1 + reached**2 / (1 + reached)) ** 2
-        of_gap = p0_pa + float((lifted * weight).sum())
+        left = (p0_pa + float((lifted * weight).sum())) / of_area
+        of_gap = of_area * float(np.exp(-(1 - left - np.log(left)) / 2))
         lift += 0.5 * (float(at(wide, node(of_gap)) - at(wide, node(of_area))) - lift)
         of_area = float(np.sqrt(of_area * new))
     return spots, pull, float(at(wide, node(of_gap)))
@@ -221,9 +268,10 @@ def test_thin_insulators_are_near_boundary_elements(cell: str, relative: float) 
     assert len(gains) >= 7
     for both in gains.values():
         by_theory, by_elements = np.mean(both, 0)
-        # Two to three surfaces of 16 waves scatter by some 5 %; the worst row is 32 % high. Where
-        # the narrowest gaps were not lifted it was 8 times too high.
-        assert by_theory == pytest.approx(by_elements, rel=0.35)
+        # Two to three surfaces of 4 waves scatter by some 10 % at x = 1e-2, where the worst row is
+        # 18 % off, and by 20 to 50 % at 1e-3, where it is 58 % high. Where the narrowest gaps were
+        # not lifted it was 8 times too high.
+        assert by_theory == pytest.approx(by_elements, rel=0.25 if "1e-2" in cell else 0.65)
 
 
 @pytest.fixture(scope="module")

@@ -97,7 +97,8 @@ def test_a_thicker_insulator_less_friction(
 ) -> None:
     state = semi_wet.solve(force, voltage, h0_m=tensor(h0, more * h0))
     assert state.pull_in_voltage_v[1] > state.pull_in_voltage_v[0]
-    assert int(state.status[1]) <= int(state.status[0])  # never from OK to PULL_IN
+    if int(state.status[1]) == Status.PULL_IN:  # which a thinner insulator has, too
+        assert int(state.status[0]) == Status.PULL_IN
     if int(state.status[0]) == Status.OK:
         assert state.mu[1] < state.mu[0]
 
