@@ -23,22 +23,13 @@ def surface_file(model, tmp_path_factory):
 
 @pytest.fixture
 def things(own_folder):
-    """Files that a person may have lying around, good and bad."""
+    """Files that a person may have lying around."""
     texts = {
-        "not.toml": "youngs_modulus_pa = = 3",
-        "unknown.toml": 'name = "x"\ncolour = "red"',
-        "negative.toml": "max_voltage_v = -3",
-        "later.toml": "schema_version = 2",
         "fragile.toml": 'name = "fragile"\nmax_voltage_v = 120',
         "soft.toml": (
             'name = "soft"\nyoungs_modulus_pa = 1e7\nbulk_modulus_pa = 1e4\n'
             "frictional_shear_stress_pa = 5e6"
         ),
-        "text.png": "hello",
-        "text.surface": "hello",
-        "empty.surface": "",
-        "empty.csv": "",
-        "backwards.csv": "t_s,x_mm,y_mm,normal_force_n\n1,1,1,1\n0,1,1,1\n",
         "short.csv": "t_s,x_mm,y_mm,normal_force_n\n0,5,5,0.5\n0.02,20,9,0.5\n",
         "file": "x",
     }

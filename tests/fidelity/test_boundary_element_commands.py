@@ -9,7 +9,7 @@ import pytest
 from haptix import FrictionSurface
 from haptix.contact.boundary_elements import ensemble
 from haptix.fidelity import BoundaryElementBalance
-from tests.command_line import CommandLine, CommandResult
+from tests.command_line import CommandLine
 
 EXACT = ["--fidelity", "boundary-element"]
 LOADS = ["--normal-force-n", "0.5,1", "--voltage-v", "150", "--frequency-hz", "125"]
@@ -88,14 +88,9 @@ def test_too_little_memory_is_said_before_the_work(
     assert list(tmp_path.glob("a.surface*")) == []
 
 
-def query(haptix_cli: CommandLine, *arguments: str) -> CommandResult:
-    return haptix_cli("query", *EXACT, *arguments)
-
-
 def test_voltage_beyond_snap_in_is_a_status(haptix_cli: CommandLine, gel: list[str]) -> None:
-    done = query(
-        haptix_cli,
-        *gel,
+    done = haptix_cli(
+        *["query", *EXACT, *gel],
         *["--normal-force-n", "0.2", "--voltage-v", "50,950", "--h0-m", "2e-6", "--json"],
     )
     assert done.code == 0, done.err
@@ -104,24 +99,3 @@ def test_voltage_beyond_snap_in_is_a_status(haptix_cli: CommandLine, gel: list[s
     assert light["mu"] < past["mu"]
     assert 50 < past["pull_in_voltage_v"] < 950
     assert light["pull_in_voltage_v"] == past["pull_in_voltage_v"]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        ("--normal-force-n 1e6 --voltage-v 0", "expected a finite number of at most 100"),
-        ("--normal-force-n 1 --voltage-v 2000", "above the limit"),
-        ("--normal-force-n 1 --voltage-v 0 --with finite-size", "switch it off"),
-        (
-            "--normal-force-n 1 --voltage-v " + ",".join(map(str, range(70))),
-            "at most 64 states that are new",
-        ),
-    ],
-)
-def test_what_cannot_be_is_one_sentence(
-    haptix_cli: CommandLine, gel: list[str], arguments: str, says: str
-) -> None:
-    done = query(haptix_cli, *gel, *arguments.split())
-    assert done.code == 2
-    assert len(done.err.splitlines()) == 1
-    assert says in done.err

@@ -173,7 +173,7 @@ def test_what_a_start_page_prints_works_as_printed(page, tmp_path):
     for kind, text in printed(page):
         if kind != "sh":
             (tmp_path / kind).write_text(text, encoding="utf-8")
-        elif text != "haptix studio":  # tests/service/test_command.py
+        elif text != "haptix studio":  # tests/studio/test_whole_studio.py
             assert text.startswith("haptix ")
             done = subprocess.run(
                 ["bash", "-c", text], cwd=tmp_path, env=environment(tmp_path), check=False,

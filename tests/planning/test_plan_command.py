@@ -25,22 +25,3 @@ def test_a_table_and_the_same_as_json(haptix_cli, scene_file, plain_plan, monkey
         assert row["decision"] in ("kept", "dropped")
         assert row["cost_s"] >= 0
         assert row["why"]
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "sentence"),
-    [
-        ("gel", "gel", "cannot read"),
-        ('scheme = "direct"', 'scheme = "magic"', "'magic'"),
-        ('waveform = "sine"', 'waveform = "square"', "sine"),
-    ],
-)
-def test_a_wrong_scene_is_one_sentence_and_exit_code_2(haptix_cli, scene_file, old, new, sentence):
-    text = scene_file.read_text()
-    assert old in text
-    scene_file.write_text(text.replace(old, new))
-    done = haptix_cli("plan", scene_file if old != new else scene_file.parent / "none.toml")
-    assert done.code == 2
-    assert done.out == ""
-    assert sentence in done.err
-    assert len(done.err.splitlines()) == 1
