@@ -351,18 +351,3 @@ def test_a_practice_s_truth_is_its_own_and_light(tmp_path, finger, screen, predi
     stiff.save(tmp_path / "finger.toml")
     found = compare_with_truth(tmp_path, 120.0)
     assert found.friction_error_median_jnd == pytest.approx(1.0, rel=1e-6)
-
-
-@pytest.mark.slow
-def test_a_practice_from_nothing_to_a_verdict(tmp_path):
-    command = ["run", str(tmp_path / "s"), "--practice", "--seed", "6", "--yes", "--json"]
-    for _ in range(2):  # the second time everything is there
-        made = CliRunner().invoke(app, command)
-        assert made.exit_code == 0, made.output
-        off = json.loads(made.stdout)["practice"]
-        assert off["friction_error_worst_jnd"] < 0.5
-
-
-def test_a_run_needs_a_name_and_its_own_folder(tmp_path, monkeypatch):
-    made = CliRunner().invoke(app, ["run", str(tmp_path / "s"), "--source", "virtual"])
-    assert "--name: expected a name" in str(made.exception)
