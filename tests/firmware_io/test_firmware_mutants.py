@@ -17,6 +17,8 @@ from tests.firmware_io.firmware.mutants import (
 HERE = Path(__file__).parent
 #: What finds most of them first.
 TESTS = (
+    "test_conformance_refusals.py",
+    "test_conformance_output.py",
     "test_conformance.py",
     "test_output_slew.py",
     "test_revisions_on_the_wire.py",

@@ -9,8 +9,8 @@ import pytest
 from firmware_io import Device, DeviceError, MockDriver, MockLink
 from firmware_io.firmware.core import LINE, Core
 from firmware_io.protocol import NEVER, FaultCode, FaultReport, Mark, MarkedReport, Stop
+from tests.firmware_io.core_rig import BOARD, CARRIED, PLAIN, Rig
 from tests.firmware_io.oracle.device import Oracle
-from tests.firmware_io.test_conformance import BOARD, CARRIED, PLAIN, Rig
 from tests.firmware_io.test_differential import Pair
 
 MARKING = replace(BOARD, takes_marks=True)

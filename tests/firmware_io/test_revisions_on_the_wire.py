@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from firmware_io.protocol import FaultCode, Ping, Revise, StatusReport, StreamMode
-from tests.firmware_io.test_conformance import BOARD, CARRIED, PLAIN, RAMP, TOP, Rig
+from tests.firmware_io.core_rig import BOARD, CARRIED, PLAIN, RAMP, TOP, Rig
 
 GUARD = BOARD.guard_ticks
 
