@@ -294,7 +294,6 @@ def test_devices(haptix_cli):
     mock, *others = json.loads(shown.out)
     assert (mock["address"], mock["usable"]) == ("mock:", True)
     assert not any(device["usable"] for device in others)
-    assert "mock:" in haptix_cli("devices").out
 
 
 def test_doctor(haptix_cli, tmp_path):
@@ -316,7 +315,6 @@ def test_doctor(haptix_cli, tmp_path):
         assert rows[name]["ok"] == "yes"
     assert haptix.__version__ in rows["haptix"]["detail"]
     assert rows["cache"]["detail"] == str(tmp_path / "cache")
-    assert "yes" in haptix_cli("doctor").out
 
 
 def test_doctor_fails_a_cache_that_is_a_file(haptix_cli, monkeypatch, things):
@@ -417,9 +415,6 @@ def test_as_a_module_in_a_process(monkeypatch):
     assert (done.returncode, done.stderr) == (0, "")
     (row,) = json.loads(done.stdout)
     assert row["mu"] == pytest.approx(float(model().solve(0.5, 100.0).mu), rel=1e-9)
-    wrong = in_a_process(*query, "201")
-    assert (wrong.returncode, wrong.stdout) == (2, "")
-    assert re.fullmatch(r"haptix: voltage_v: 201 V is above the limit of 200 V.*\n", wrong.stderr)
 
 
 @pytest.mark.slow

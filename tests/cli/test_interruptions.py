@@ -48,9 +48,7 @@ def test_a_shell_that_completes_gets_the_options():
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs Linux's /dev/full")
-@pytest.mark.parametrize(
-    "command", [["--help"], ["material", "kinds"], ["material", "kinds", "--json"]]
-)
+@pytest.mark.parametrize("command", [["--help"], ["material", "kinds"]])
 def test_a_full_output_is_one_sentence(command):
     with Path("/dev/full").open("w") as full:
         done = run(*command, stdout=full)
@@ -59,7 +57,7 @@ def test_a_full_output_is_one_sentence(command):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs pipes as POSIX has them")
-@pytest.mark.parametrize("command", [["--help"], ["material", "kinds"], ["material", "schema"]])
+@pytest.mark.parametrize("command", [["--help"], ["material", "schema"]])
 def test_a_closed_pipe_is_no_traceback(command):
     reading, writing = os.pipe()
     os.close(reading)
@@ -85,8 +83,10 @@ def test_ctrl_c_is_no_traceback_from_the_first_command_on(where):
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert (done.stdout, done.stderr) == ("", "")
     assert done.returncode in (130, -signal.SIGINT)
-    # It is the command's alone: another program has its traceback.
-    command[-1] = "import haptix; raise KeyboardInterrupt"
+
+
+def test_ctrl_c_in_another_program_that_uses_haptix_has_its_traceback():
+    command = [sys.executable, "-c", "import haptix; raise KeyboardInterrupt"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert "Traceback" in done.stderr
 
