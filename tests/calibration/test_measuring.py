@@ -248,7 +248,7 @@ def test_a_dead_channel_ends_the_stroke_while_the_finger_slides(session, dead, n
 
     source = AnalogSource(Inputs(lambda: now[0], dead), THREE_CHANNELS, "FT1")
     device = firmware_io.open_device("mock:")
-    with pytest.raises(firmware_io.DeviceError, match=f"{name}: the channel does not change"):
+    with pytest.raises(firmware_io.DeviceError, match=rf"{name}: .*does not change"):
         measure(session, source, device, clock=lambda: now[0], sleep=sleep)
     assert now[0] < drive_for(protocol().strokes[0], protocol(), 48_000.0).duration_s / 2
     assert not device.is_armed

@@ -255,7 +255,7 @@ def test_loads_beyond_full_contact_or_the_hardness(
     surfaces: Surfaces, solver: BoundaryElements
 ) -> None:
     full = float(solver.full_contact_pressure().min())
-    with pytest.raises(InputError, match=f"below {full:.4g} Pa, which closes every gap"):
+    with pytest.raises(InputError, match=f"{full:.4g} Pa"):
         solver.solve([0.3, 1.01 * full])
     hard = BoundaryElements(surfaces, UNIT, hardness_pa=2.0)
     with pytest.raises(InputError, match="hardness, 2 Pa"):

@@ -211,7 +211,7 @@ def test_an_unknown_name_says_which_there_are() -> None:
 def test_a_table_that_is_not_causal_is_refused_by_name(
     column: str, rising: Any, noisy: Any
 ) -> None:
-    with pytest.raises(InputError, match=rf"Finger\.dielectric: {column}: expected a causal table"):
+    with pytest.raises(InputError, match=rf"dielectric.*{column}"):
         Finger(dielectric={column: rising})
     Finger(dielectric={column: noisy})
 

@@ -96,7 +96,7 @@ def brings(monkeypatch):
 @pytest.mark.parametrize("value", ["no_such_module:SCHEME", "json:loads", "json:SCHEME"])
 def test_one_that_cannot_be_used_is_told_and_hides_no_other(brings, value):
     brings("odd", value)
-    with pytest.raises(DeviceError, match=rf"odd: cannot be used, since {value}"):
+    with pytest.raises(DeviceError, match=rf"odd.*{value}"):
         open_device("odd:")
     reports = {report.kind: report for report in survey_buses()}
     assert not reports["odd"].available

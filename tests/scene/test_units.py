@@ -66,7 +66,7 @@ BAD = [
 
 @pytest.mark.parametrize(("text", "key"), BAD)
 def test_what_is_no_such_quantity_is_named_with_an_example(text, key):
-    with pytest.raises(InputError, match=rf"Scene\.{key}: expected a number, or one with its unit"):
+    with pytest.raises(InputError, match=rf"{key}.*unit"):
         with_numbers("Scene", {key: text})
 
 

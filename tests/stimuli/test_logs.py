@@ -413,7 +413,7 @@ def test_an_end_that_is_missing_is_told_from_a_stop(device, tmp_path):
     for data in (five[0], six[0][:-1], six[0][:-30]):
         path.write_bytes(data)
         for read in (lambda: experiment(device, path), lambda: analyse(path)):
-            with pytest.raises(FileFormatError, match=r"has 5 rows, and .*t_end\.json says 6"):
+            with pytest.raises(FileFormatError, match=r"5 rows.*t_end\.json.*6"):
                 read()
         assert path.read_bytes() == data
     for data in (b"", None):

@@ -276,7 +276,7 @@ def test_a_recipe_has_conditions_in_an_order_by_participant():
     with pytest.raises(InputError, match="differ"):
         ExperimentRecipe(**{**RECIPE, "conditions": [{"name": "a"}, {"name": "a"}]})
     assert make(conditions=[], task="3afc").guess == pytest.approx(1 / 3)
-    with pytest.raises(InputError, match=r"method\.kind: the task 'pairs' takes 'pairs', got '"):
+    with pytest.raises(InputError, match=r"method\.kind.*'pairs'"):
         ExperimentRecipe(**{**RECIPE, "task": "pairs"}).make_method()
 
 
