@@ -48,7 +48,9 @@ def test_a_shell_that_completes_gets_the_options():
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs Linux's /dev/full")
-@pytest.mark.parametrize("command", [["--help"], ["material", "kinds"]])
+@pytest.mark.parametrize(
+    "command", [["--help"], ["material", "kinds"], ["material", "kinds", "--json"]]
+)
 def test_a_full_output_is_one_sentence(command):
     with Path("/dev/full").open("w") as full:
         done = run(*command, stdout=full)

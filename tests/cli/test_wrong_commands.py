@@ -11,6 +11,7 @@ import torch
 from safetensors.torch import save_file
 from skimage.io import imsave
 
+from calibration.protocol import paper_protocol
 from tests.programs import ROOT
 
 # What is typed, and facts that the sentence must have: what was wrong, so that it can be mended.
@@ -192,6 +193,7 @@ build a.surface --voltage-v high | --voltage-v & number & 150 V
 build empty.toml --h0-m 1e-7 | --h0-m & scene
 build . --overwrite --normal-force-n 0.5 | folder
 plan magic.toml | 'magic'
+plan square.toml | sine
 demo --trajectory empty.toml | empty.toml
 demo --trajectory metres.csv | 1000
 demo --width-mm 0 | --width-mm
@@ -206,6 +208,9 @@ render --image photo.png | photo.png & photo.json & --width-mm
 render --image photo.png --width-mm 0 | --width-mm & 0.1
 render --mu-range 0.2,0.3,0.4 | LOW,HIGH & 0.2,0.3,0.4
 render --direct-hz 100 --waveform saw | 'saw'
+render --surface empty.toml --trajectory path.csv | empty.toml
+play --device mock:pace=real --surface empty.toml --trajectory path.csv | empty.toml
+play --device mock:pace=real --carrier-hz 20000 | quarter & 20000
 play --device mock:pace=real --reaction-ms 0.5 | reaction_s & 0.0005
 play --device mock:pace=real --horizon-ms 2000 | horizon_s & 2
 calibrate plan p.toml --max-voltage-v 300 | 200 V
@@ -215,12 +220,18 @@ calibrate run s --name x --source inputs | --inputs FILE
 calibrate run s --name x --inputs empty.toml | empty.toml
 calibrate run s --name x --inputs number.toml | number.toml
 calibrate run s --source virtual | --name
+calibrate measure s --plan plan.toml --source virtual | --name
+calibrate measure s --plan plan.toml --name x --source csv | --csv & --columns
+calibrate measure s --plan plan.toml --name x --source inputs | --inputs FILE
 calibrate reduce nowhere | nowhere
 calibrate fit nowhere | nowhere
 calibrate verify nowhere | nowhere
 serve --certificate photo.png --key photo.png | --listen
 serve --listen localhost --certificate photo.png --key photo.png | PEM
 """.strip().splitlines()
+
+
+SQUARE = '[drive]\nscheme = "direct"\nfrequency_hz = "125 Hz"\nwaveform = "square"\n'
 
 
 @pytest.fixture(scope="module")
@@ -265,6 +276,8 @@ def lying_around(tmp_path_factory, surface_file):
         "minus.toml": "max_voltage_v = -3",
         "later.toml": "schema_version = 2",
         "fragile.toml": 'name = "fragile"\nmax_voltage_v = 120',
+        "square.toml": scene[: scene.index("[drive]")] + SQUARE,
+        "path.csv": whole,
         "magic.toml": scene.replace('"carrier"', '"magic"'),
         "m.toml": grating,
         "kind.toml": grating.replace("grating", "gratin"),
@@ -287,6 +300,7 @@ def lying_around(tmp_path_factory, surface_file):
     (folder / "huge.surface").write_bytes((2**62).to_bytes(8, "little") + b"{}")
     (folder / "loop").symlink_to("loop")
     (folder / "dangling").symlink_to("nowhere")
+    paper_protocol().save(folder / "plan.toml")
     good = bytearray(surface_file.read_bytes())
     (folder / "good.surface").write_bytes(good)
     (folder / "short.surface").write_bytes(good[:-20])
