@@ -184,13 +184,15 @@ def test_instruments_hold_from_their_certificate_to_its_end(used, day, said):
     assert said in "".join(faults)
 
 
-def test_the_command_refuses_an_expired_instrument(tmp_path):
+def test_the_command_refuses_an_expired_instrument(tmp_path, finger):
     path = tmp_path / "instruments.toml"
     Instruments(instruments=(instrument(calibrated_on=date(2020, 1, 1), due_on=DAY),)).save(path)
     made = CliRunner().invoke(app, ["instruments", str(path), "--json"])
     assert made.exit_code == 1, made.exception
     assert "expired on 2026-03-01" in json.loads(made.stdout)[0]["remarks"]
+    finger.save(tmp_path / "finger.toml")
     run = ["run", str(tmp_path / "s"), "--name", "x", "--practice", "--yes"]
+    run += ["--finger", str(tmp_path / "finger.toml")]
     refused = CliRunner().invoke(app, [*run, "--instruments", str(path)])
     assert "not in the file of instruments" in str(refused.exception)
     assert not (tmp_path / "s" / "strokes").exists()

@@ -11,7 +11,8 @@ from skimage.io import imsave
 
 import haptix
 from firmware_io import Device, open_device
-from haptix.simulation import Setting
+from haptix.simulation import Setting, simulate
+from haptix.virtual_finger import TouchPanel
 from tests.command_line import CommandLine, CommandResult
 
 CARRIER_HZ = 4000.0
@@ -40,6 +41,18 @@ def hills():
 @pytest.fixture(scope="session")
 def setting(model, hills, path):
     return Setting(model, hills, path)
+
+
+@pytest.fixture(scope="session")
+def progress():
+    """The shares that the simulation told."""
+    return []
+
+
+@pytest.fixture(scope="session")
+def simulation(setting, surface, progress):
+    """The stroke, felt with touches of a panel."""
+    return simulate(setting, surface, TouchPanel(), on_progress=progress.append)
 
 
 @pytest.fixture

@@ -16,11 +16,6 @@ from haptix.virtual_finger import TouchPanel
 FILES = {"simulation.png", "summary.json", "felt.csv", "drive.wav", "drive.json"}
 
 
-@pytest.fixture(scope="module")
-def simulation(setting, surface):
-    return simulate(setting, surface, TouchPanel())
-
-
 def test_all_files_say_the_same(simulation, tmp_path):
     folder = tmp_path / "new" / "folder"
     summary = write(folder, simulation, {"photograph": "hills"})
