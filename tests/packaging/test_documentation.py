@@ -144,7 +144,7 @@ def test_files_that_the_architecture_names_are_there():
                 if Path(name).name not in files]  # fmt: skip
 
 
-STARTS = [*sorted((ROOT / "docs").glob("start-*.md")), ROOT / "README.md"]
+STARTS = sorted((ROOT / "docs").glob("start-*.md"))
 BLOCK = re.compile(
     r"^(?:Save this as `(?P<file>[^`]+)`:\n+)?```(?P<kind>\w+)\n(?P<text>.*?)^```", re.M | re.S
 )
@@ -159,6 +159,13 @@ def printed(page):
         elif block["kind"] == "sh":
             yield from (("sh", line) for line in block["text"].splitlines() if line)
     yield from (("sh", line) for line in re.findall(r"^    (haptix .*?) +#", text, re.M))
+
+
+def test_the_commands_of_the_readme_are_those_of_the_start_pages():
+    there = {one for page in STARTS for one in printed(page)}
+    of_readme = [*printed(ROOT / "README.md")]
+    assert ("sh", "haptix demo") in of_readme
+    assert {*of_readme} <= there | {("sh", "haptix studio")}
 
 
 def environment(folder):
