@@ -139,7 +139,7 @@ calibrate period table.csv | --columns
 enroll photo.png | a name that ends in .toml or .json
 serve --port 80x | '--port'
 serve --port 70000 | 65535
-serve --listen localhost | --certificate and --key
+serve --listen localhost | --listen: & --certificate & --key & TLS
 studio 8080 | unexpected extra argument(s) (8080)
 completion powershell | 'powershell'
 doctor --proof-test /dev/null | an address begins with
@@ -195,7 +195,8 @@ build . --overwrite --normal-force-n 0.5 | folder
 plan magic.toml | 'magic'
 plan square.toml | sine
 demo --trajectory empty.toml | empty.toml
-demo --trajectory metres.csv | 1000
+demo --trajectory metres.csv | metres & 1000
+demo --trajectory milliseconds.csv | 8 s apart & milliseconds & 1000
 demo --width-mm 0 | --width-mm
 demo --carrier-hz 0 | 1000
 demo --carrier-hz 20000 | quarter & 20000
@@ -226,7 +227,7 @@ calibrate measure s --plan plan.toml --name x --source inputs | --inputs FILE
 calibrate reduce nowhere | nowhere
 calibrate fit nowhere | nowhere
 calibrate verify nowhere | nowhere
-serve --certificate photo.png --key photo.png | --listen
+serve --certificate photo.png --key photo.png | for --listen
 serve --listen localhost --certificate photo.png --key photo.png | PEM
 """.strip().splitlines()
 
@@ -241,6 +242,7 @@ def lying_around(tmp_path_factory, surface_file):
     heading = "t_s,x_mm,y_mm,normal_force_n"
     rows = [f"{0.008 * i:.3f},{5 + 0.4 * i:.2f},20,0.5" for i in range(50)]
     in_metres = [f"{0.008 * i:.3f},{0.005 + 0.0001 * i:.4f},0.02,0.5" for i in range(50)]
+    in_ms = [f"{8 * i},{5 + 0.4 * i:.2f},20,0.5" for i in range(50)]
     whole = "\n".join([heading, *rows])
     scene = (ROOT / "examples/scenes/carrier.toml").read_text()
 
@@ -260,6 +262,7 @@ def lying_around(tmp_path_factory, surface_file):
         "twice.csv": whole.replace("y_mm", "x_mm"),
         "units.csv": whole.replace(heading, "t_ms,x_px,y_px,force_g"),
         "words.csv": "\n".join([heading, *["eins,zwei,drei,vier"] * 3]),
+        "milliseconds.csv": "\n".join([heading, *in_ms]),
         "metres.csv": "\n".join([heading, *in_metres]),
         "gap.csv": "\n".join([heading, *rows, "9999,9,20,0.5"]),
         "negative.csv": whole.replace(",0.5", ",-0.5"),
