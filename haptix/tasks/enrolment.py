@@ -7,7 +7,6 @@ from contextlib import closing
 from datetime import date
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 from pydantic import Field
 
 from haptix.desk import Context, Result
@@ -55,6 +54,8 @@ class Enroll(OnScreen, command="enroll"):
     def run(self, context: Context) -> Result:
         """Enroll."""
         check_new(self.out, self.overwrite)
+        import numpy as np
+
         from haptix.devices import open_device
         from haptix.render import LiveRenderer, LiveSettings
         from haptix.render.samples import DEFAULT_CARRIER_HZ

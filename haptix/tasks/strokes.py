@@ -11,7 +11,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
-import numpy as np
 from pydantic import Field
 
 from haptix.desk import Context, Result, Task
@@ -408,6 +407,8 @@ class Headroom(OnScreen, route="headroom", kind="headroom"):
 
     def run(self, context: Context) -> Result:
         """Shares of a material's places that are out of reach, and the range."""
+        import numpy as np
+
         from haptix.materials import material_of
         from haptix.materials.picture import picture
         from haptix.render.samples import DEFAULT_CARRIER_HZ
