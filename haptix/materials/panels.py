@@ -159,16 +159,18 @@ def schema() -> dict[str, Any]:
     models: list[tuple[type[Kind], Any]] = [
         (model, "validation") for kinds in _FAMILIES.values() for model in kinds.values()
     ]
-    _, generated = models_json_schema(models)
+    references, generated = models_json_schema(models)
+    # Two packages may name their classes alike: pydantic then names both by their modules, too.
+    names = {model: ref["$ref"].rpartition("/")[2] for (model, _), ref in references.items()}
     definitions = _with_references(generated["$defs"])
     for family, kinds in _FAMILIES.items():
         for kind, model in kinds.items():
-            definition = definitions[model.__name__]
+            definition = definitions[names[model]]
             definition["properties"]["kind"] = {"const": kind}
             definition["required"] = sorted({"kind", *definition.get("required", [])})
             definition["properties"]["schema_version"] = {"const": 1}
             describe(model, definition)
-        refs = {kind: f"#/$defs/{model.__name__}" for kind, model in kinds.items()}
+        refs = {kind: f"#/$defs/{names[model]}" for kind, model in kinds.items()}
         definitions[family] = {
             "oneOf": [{"$ref": ref} for ref in refs.values()],
             "discriminator": {"propertyName": "kind", "mapping": refs},

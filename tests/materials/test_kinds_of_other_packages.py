@@ -38,6 +38,25 @@ print("wool" in materials.KINDS, materials.schema()["$defs"]["Wool"]["properties
     assert "Distance from one loop to the next." in second
 
 
+def test_a_class_may_have_the_name_of_one_of_ours(environment):
+    program = """
+from typing import Literal
+from haptix import materials
+
+class Button(materials.Material):
+    kind: Literal["plain-button"] = "plain-button"
+    warmth: float = 1.0
+    def wanted(self, motion): return 0 * motion.x_mm
+
+definitions = materials.schema()["$defs"]
+for kind in ("button", "plain-button"):
+    name = definitions["material"]["discriminator"]["mapping"][kind].rpartition("/")[2]
+    print(kind, sorted({"press_n", "warmth"} & set(definitions[name]["properties"])))
+"""
+    lines = run(environment, "-c", program).stdout.splitlines()
+    assert lines == ["button ['press_n']", "plain-button ['warmth']"]
+
+
 def test_a_signal_of_another_package_is_found_in_materials_and_recipes(environment):
     program = """
 from haptix.materials import material_of
