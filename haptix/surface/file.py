@@ -150,6 +150,11 @@ def _is_same(path: Path, before: os.stat_result) -> bool:
 
 
 def _assemble(path: Path, header: Info, tensors: dict[str, Tensor]) -> tuple[Interpolant, Info]:
+    if any(header.get(key) != _SCHEMA[key] for key in ("axes", "units", "monotone_axis")):
+        raise FileFormatError(
+            f"{path}: expected the axes {', '.join(_SCHEMA['axes'])}, got "
+            f"{header.get('axes')!r:.99}, or other units; build the surface again"
+        )
     table = Interpolant(
         Axes.of(tensors),
         tensors["drive"],
@@ -164,9 +169,6 @@ def _assemble(path: Path, header: Info, tensors: dict[str, Tensor]) -> tuple[Int
         float(info[name])
     shape = (*table.axes.shape, len(table.drive) + 2)
     sound = {
-        "axes and units are those of this version": all(
-            header.get(key) == _SCHEMA[key] for key in ("axes", "units", "monotone_axis")
-        ),
         "columns have the shape of the axes": tuple(table.columns.shape) == shape,
         "all numbers are of one precision": len({t.dtype for t in tensors.values()}) == 1
         and table.columns.dtype in (torch.float32, torch.float64),

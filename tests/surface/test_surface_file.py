@@ -11,11 +11,13 @@ from typing import Any
 
 import pytest
 import torch
+from safetensors.torch import load as load_tensors
+from safetensors.torch import save as to_bytes
 from safetensors.torch import save_file
 
 from haptix import ContactModel, Finger, FrictionSurface, Screen
 from haptix.errors import FileFormatError
-from haptix.surface.file import surface_key
+from haptix.surface.file import digest, surface_key
 
 
 @pytest.fixture(scope="module")
@@ -232,6 +234,16 @@ def test_a_later_minor_version_is_read(data: bytes, tmp_path: Path) -> None:
     digest = hashlib.sha256(json.dumps(own, sort_keys=True).encode()).hexdigest()
     loaded = load(tmp_path, with_metadata(data, **own, sha256=digest))
     assert loaded.info["tolerance_met"] is True
+
+
+def test_a_surface_from_before_an_axis_was_added(data: bytes, tmp_path: Path) -> None:
+    tensors, header = load_tensors(data), json.loads(split(data)[0]["__metadata__"]["haptix"])
+    del tensors["h0_m"], header["crc32"]["h0_m"], header["sha256"]
+    header["axes"].remove("h0_m")
+    text = json.dumps(header | {"sha256": digest(header)})
+    with pytest.raises(FileFormatError, match="axes") as refusal:
+        load(tmp_path, to_bytes(tensors, metadata={"haptix": text}))
+    assert "h0_m" in str(refusal.value)
 
 
 def test_the_fingers_response_is_kept_beside_the_numbers(
