@@ -17,7 +17,8 @@ from safetensors.torch import save_file
 
 from haptix import ContactModel, Finger, FrictionSurface, Screen
 from haptix.errors import FileFormatError
-from haptix.surface.file import digest, surface_key
+from haptix.files import digest
+from haptix.surface.file import surface_key
 
 
 @pytest.fixture(scope="module")
