@@ -103,5 +103,5 @@ def help_text() -> str:
         column = max(map(len, rows)) + 4
         for word, about in rows.items():
             first, *more = textwrap.wrap(about, width - column)
-            lines += [f"  {word:{column - 2}}{first}", *(" " * column + one for one in more)]
+            lines += [f"  {word:{column - 2}}{first}", *(" " * column + line for line in more)]
     return "\n".join(lines) + "\n"

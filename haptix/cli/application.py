@@ -53,7 +53,7 @@ def command_of(task: type[Task]) -> Callable[..., None]:
     last = Parameter("as_json", Parameter.KEYWORD_ONLY, annotation=AsJson, default=False)
     signature = Signature([first, *of_fields, last])
     command.__signature__ = signature  # type: ignore[attr-defined]
-    command.__annotations__ = {one.name: one.annotation for one in signature.parameters.values()}
+    command.__annotations__ = {p.name: p.annotation for p in signature.parameters.values()}
     command.__doc__ = task.__doc__
     return command
 

@@ -136,12 +136,12 @@ class ContactCurrent(Displayed):
         frequency_hz: float,
         population: PopulationSpread | None = None,
     ) -> Self:
-        """Return that of the finger and screen that a surface was built for.
+        """Return the model for the finger and screen that a surface was built for.
 
         Raises
         ------
         InputError
-            If the surface says not what it was built for, or no carrier.
+            If the surface does not name its finger and screen, or the frequency is no carrier.
         """
         model = surface.info.get("model", {})
         if "finger" not in model or "screen" not in model:
@@ -358,12 +358,12 @@ class EnrolledFinger(Document):
 def parts(averages: list[Averaged]) -> tuple[tuple[float, float, float, float], ...]:
     """Average quarters of a second of sliding whose force was measured, for `EnrolledFinger`."""
     by_part: dict[int, list[Averaged]] = {}
-    for one in averages:
-        if np.isfinite(one.normal_force_n):
-            by_part.setdefault(int(one.t_s / _PART_S), []).append(one)
+    for average in averages:
+        if np.isfinite(average.normal_force_n):
+            by_part.setdefault(int(average.t_s / _PART_S), []).append(average)
     rows = []
-    for found in by_part.values():
-        force, volts, farads = (np.mean([one[i] for one in found]) for i in (1, 2, 3))
+    for part in by_part.values():
+        force, volts, farads = (np.mean([average[i] for average in part]) for i in (1, 2, 3))
         rows.append((float(force), float(volts), float(farads.real), float(farads.imag)))
     return tuple(rows)
 
@@ -422,9 +422,9 @@ def contact_change(
         If they are of different screens or carriers, or have less than a second of sliding.
     """
     for name in ("screen", "frequency_hz"):
-        one, other = getattr(before, name), getattr(after, name)
-        if one != other:
-            raise InputError(f"{name}: expected the same in both, got {one} and {other}")
+        first, second = getattr(before, name), getattr(after, name)
+        if first != second:
+            raise InputError(f"{name}: expected the same in both, got {first} and {second}")
     logs = []
     for which, person in (("before", before), ("after", after)):
         if len(person.slid) < 4:
@@ -436,9 +436,9 @@ def contact_change(
         latent = np.tile(before.moments[0], (len(force), 1))
         latent[:, FORCE] = np.log(force / contact.population.force_n)
         body = contact.body_f
-        found, expected = real + 1j * imaginary, contact.capacitance_f(latent, volts)
+        measured, expected = real + 1j * imaginary, contact.capacitance_f(latent, volts)
         # Of the contact alone: the body in series would hide a part of a change.
-        ratio = (1 / expected - 1 / body) / (1 / found - 1 / body)
+        ratio = (1 / expected - 1 / body) / (1 / measured - 1 / body)
         logs.append(np.log(np.abs(ratio)))
-    variance = sum(one.var(ddof=1) / len(one) for one in logs)
+    variance = sum(log.var(ddof=1) / len(log) for log in logs)
     return ContactChange(float(logs[1].mean() - logs[0].mean()), float(np.sqrt(variance)))

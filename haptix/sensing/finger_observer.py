@@ -314,8 +314,8 @@ class FingerObserver:
         span = reading.t_s - self._bin[0].t_s
         if span < self.settings.update_s * 0.9 and len(self._bin) < 100:
             return
-        farads = [self._farads(one) for one in self._bin if not one.is_saturated]
-        volts = float(np.mean([one.driven_v for one in self._bin]))
+        farads = [self._farads(each) for each in self._bin if not each.is_saturated]
+        volts = float(np.mean([each.driven_v for each in self._bin]))
         self._bin = []
         if not farads:
             return

@@ -154,8 +154,8 @@ class ServiceSession:
             self._fingers.pop(touch.touch_id, None)
             return True
         if touch.touch_id not in self._fingers:
-            heard = self._fingers.items()
-            self._fingers = {one: at_s for one, at_s in heard if touch.t_s - at_s < _FORGOTTEN_S}
+            last_s = self._fingers.items()
+            self._fingers = {f: t_s for f, t_s in last_s if touch.t_s - t_s < _FORGOTTEN_S}
             if len(self._fingers) >= m.Limits().fingers:
                 return False
         self._fingers[touch.touch_id] = touch.t_s

@@ -119,38 +119,38 @@ class Crowd:
             self._newcomers[newcomer.number] = newcomer
         peer = newcomer.peer
         if self._of_peer[peer] >= MOST_OF_PEER:
-            self._end(self._least(one for one in self.connections if one.peer == peer))
+            self._end(self._least(known for known in self.connections if known.peer == peer))
         elif len(self.connections) >= MOST_CONNECTIONS:
             self._end(self._least(self.connections))
         self.connections[newcomer] = None
         self._of_peer[peer] += 1
 
-    def remove(self, one: _Connection | _Newcomer) -> None:
+    def remove(self, connection: _Connection | _Newcomer) -> None:
         """Forget a connection that is closed."""
-        if one in self.connections:
-            del self.connections[one]
-            self._of_peer[one.peer] -= 1
-            if not self._of_peer[one.peer]:
-                del self._of_peer[one.peer]
+        if connection in self.connections:
+            del self.connections[connection]
+            self._of_peer[connection.peer] -= 1
+            if not self._of_peer[connection.peer]:
+                del self._of_peer[connection.peer]
 
     def look(self, now_s: float) -> None:
         """Close those that take too long."""
-        for one in [one for one in self.connections if one.is_late(now_s)]:
-            self._end(one)
+        for late in [known for known in self.connections if known.is_late(now_s)]:
+            self._end(late)
 
-    def _end(self, one: _Connection | _Newcomer) -> None:
-        self.remove(one)
-        one.abort()
+    def _end(self, connection: _Connection | _Newcomer) -> None:
+        self.remove(connection)
+        connection.abort()
 
     @staticmethod
     def _least(connections: Iterable[_Connection | _Newcomer]) -> _Connection | _Newcomer:
         """Return the one that needs its place least; of several, the one quiet for longest."""
         least = None
-        for one in connections:
-            if (rank := one.rank()) == _IDLE:
-                return one
+        for connection in connections:
+            if (rank := connection.rank()) == _IDLE:
+                return connection
             if least is None or rank < least.rank():
-                least = one
+                least = connection
         assert least is not None
         return least
 
@@ -270,10 +270,10 @@ class HttpServer(uvicorn.Server):
 
             soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
             resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, min(_FILES, hard)), hard))
-        sockets = [Listener(one.detach(), self.crowd) for one in sockets or ()]
+        sockets = [Listener(socket.detach(), self.crowd) for socket in sockets or ()]
         await super().startup(sockets)
-        for one in sockets:
-            one.listen(_WAITING)
+        for listener in sockets:
+            listener.listen(_WAITING)
 
     async def on_tick(self, counter: int) -> bool:
         """Look at the connections, ten times a second."""

@@ -335,21 +335,21 @@ class KeptTexts:
         """Return what can be read of a name, the newest first."""
         with self._lock:
             return [
-                Version(name=name, revision=one.revision, unix_s=one.path.stat().st_mtime)
-                for one in reversed(self._all(name))
-                if one.path.stat().st_size
+                Version(name=name, revision=version.revision, unix_s=version.path.stat().st_mtime)
+                for version in reversed(self._all(name))
+                if version.path.stat().st_size
             ]
 
     def read(self, name: str, revision: int | None = None) -> tuple[str, int]:
         """Return a text and its revision: the newest, or that of a version."""
         with self._lock:
-            kept = self._now(name)
+            version = self._now(name)
             if revision is not None:
-                kept = next((one for one in self._all(name) if one.revision == revision), None)
-            if kept is None or not (text := kept.path.read_text()):
+                version = next((v for v in self._all(name) if v.revision == revision), None)
+            if version is None or not (text := version.path.read_text()):
                 what = f"no layout is called {name!r}"
                 raise Problem("unknown", what if revision is None else f"{what}, {revision}")
-            return text, kept.revision
+            return text, version.revision
 
     def write(self, name: str, text: str, made_from: str | None) -> int:
         """Add a version and return its revision; what is written twice is written once."""
@@ -373,7 +373,7 @@ class KeptTexts:
             self._check(name, now, made_from)
             write_whole(self._next(name), "")
             removed = self.names(are_removed=True)
-            removed.sort(key=lambda one: self._all(one)[-1].path.stat().st_mtime)
+            removed.sort(key=lambda name: self._all(name)[-1].path.stat().st_mtime)
             for old in removed[:-MOST_REMOVED]:
                 shutil.rmtree(self._folder / old)
 
@@ -389,7 +389,7 @@ class KeptTexts:
             if (self._folder / to).exists():  # a removed one: it stays, beside
                 numbers = range(2, len(list(self._folder.iterdir())) + 3)
                 free = (f"{to[:70]} {n}" for n in numbers)
-                aside = next(one for one in free if not (self._folder / one).exists())
+                aside = next(name for name in free if not (self._folder / name).exists())
                 (self._folder / to).rename(self._folder / aside)
             (self._folder / name).rename(self._folder / to)
 
@@ -470,7 +470,7 @@ def layouts_router(folder: Path) -> APIRouter:
     def all_drafts() -> tuple[Version, ...]:
         """Drafts, the newest first."""
         unsorted = (version for name in drafts.names() for version in drafts.versions(name))
-        return tuple(sorted(unsorted, key=lambda one: -one.unix_s))
+        return tuple(sorted(unsorted, key=lambda version: -version.unix_s))
 
     @router.get("/drafts/{name}", response_model=Draft)
     def get_draft(name: Name) -> Response:

@@ -324,7 +324,7 @@ class ExperimentJob(Task, route="experiments", kind="experiment", plays=True, ke
             )
             ask_to_go_on(context, experiment)
             experiment.run()
-        records = {name: one.record() for name, one in experiment.estimates().items()}
+        records = {name: estimate.record() for name, estimate in experiment.estimates().items()}
         conditions = records if len(records) > 1 else next(iter(records.values()))
         return Result({"trials": experiment.trials, **experiment.summary(), **conditions})
 

@@ -297,7 +297,7 @@ class Query(OfModel, command="query", route="queries"):
             sample, note = table.evaluate(**inputs), note_of(table, self.surface)
             outputs, status, warnings = {"mu": sample.mu}, sample.status, []
             if "intervals" in table.info:  # surfaces of earlier versions have none
-                places = {name: one for name, one in inputs.items() if name != "voltage_v"}
+                places = {name: value for name, value in inputs.items() if name != "voltage_v"}
                 cells = table.intervals(**places)
                 outputs["interval_jnd"] = cells.mu_jnd
                 outputs["contrast_interval_jnd"] = cells.contrast_jnd
@@ -313,7 +313,7 @@ class Query(OfModel, command="query", route="queries"):
         spreads = {f"{name.replace(' ', '_')}_spread_jnd": jnd for name, jnd in spread.items()}
         document = [row | about for row in _rows(inputs, outputs | spreads, status)]
         # A table of 80 columns has no room for what its title says.
-        shown = {name: one for name, one in outputs.items() if name not in _IN_THE_TITLE}
+        shown = {name: column for name, column in outputs.items() if name not in _IN_THE_TITLE}
         return Result(document, [(title, _rows(inputs, shown, status))])
 
 
