@@ -7,7 +7,7 @@ import { Calls } from "./calls.js";
 /** @import { Frame } from "./batches.js" */
 /** @typedef {{code: number, reason: string}} Ended */
 /**
- * What `on` tells: the service's messages by their type, `frame` with the names of its columns,
+ * Events of `on`: the service's messages by their type, `frame` with the names of its columns,
  * `lost` when the connection broke and is tried again, `resumed` when it is there again and
  * disarmed, `closed` when nothing more comes.
  * @typedef {{[M in m.ServerMessage as M["type"]]: M}
@@ -15,9 +15,9 @@ import { Calls } from "./calls.js";
  */
 /**
  * @typedef {object} Options
- * @property {string} name who comes, for those who look at the sessions
+ * @property {string} name the client's name, shown in the list of sessions
  * @property {string} [url] where the service is
- * @property {string} [token] what lets in: a page gets one by `pair`, a program by `find` of node.js
+ * @property {string} [token] the access token: a page gets one by `pair`, a program by `find` of node.js
  * @property {() => Promise<{url?: string, token: string}>} [find] gives both, at each attempt
  * @property {new (url: string, protocol: string) => any} [WebSocket] where the runtime has none
  */
@@ -25,7 +25,7 @@ import { Calls } from "./calls.js";
 const PROTOCOL = "1.0";
 const SUBPROTOCOL = "haptix.v1";
 export const URL_HERE = "ws://127.0.0.1:7421/v1/session";
-const WAIT_S = 25; // the service gives up what takes more than 20 s, and says so
+const WAIT_S = 25; // the service refuses what takes it more than 20 s
 const CLOSE_S = 1;
 const [FIRST_S, LAST_S] = [0.1, 5]; // between two attempts to connect again
 const CLOSED = "this client is closed; connect again";
@@ -60,7 +60,7 @@ export function now() {
   return performance.now() / 1e3;
 }
 
-/** As many of something as a rate lets pass, and some at once. */
+/** A rate limiter: `rate` items a second, and up to `most` at once. */
 class Limiter {
   /** @param {number} rate @param {number} most */
   constructor(rate, most) {
@@ -83,9 +83,9 @@ class Limiter {
 export class Connection extends Calls {
   /** @type {m.Welcome} what the service said at first: limits, devices, profiles */
   welcome = /** @type {any} */ (undefined);
-  /** @type {m.Lease} who holds the output, as last told */
+  /** @type {m.Lease} who holds the output, by the last message */
   lease = /** @type {any} */ (undefined);
-  /** @type {m.Output} what the output does, as last told */
+  /** @type {m.Output} what the output does, by the last message */
   output = /** @type {any} */ (undefined);
 
   /** where the service is; @protected */
@@ -94,13 +94,13 @@ export class Connection extends Calls {
   /** @type {any} */
   #socket;
   #is_opening = false;
-  #ends = false;
+  #is_closing = false;
   #id = 0;
-  #heard_s = 0;
+  #last_message_s = 0;
   /** @type {ReturnType<typeof setInterval> | undefined} */
   #watch;
   /** @type {Map<number, {resolve: (m: any) => void, reject: (e: Error) => void}>} */
-  #asked = new Map();
+  #pending = new Map();
   /** @type {Map<string, Set<(event: any) => void>>} */
   #handlers = new Map();
   /** @type {Record<string, string[]>} names of the columns of each stream; @protected */
@@ -130,7 +130,7 @@ export class Connection extends Calls {
     try {
       const { url = URL_HERE, token = "" } = await (this.#options.find?.() ?? this.#options);
       this.service = { url, token };
-      if (this.#ends) throw new Lost("closed");
+      if (this.#is_closing) throw new Lost("closed");
       const Socket = this.#options.WebSocket ?? globalThis.WebSocket;
       if (!Socket) {
         throw new TypeError("this runtime has no WebSocket: pass that of the package ws, as connect({WebSocket})");
@@ -143,7 +143,7 @@ export class Connection extends Calls {
         socket.onerror = () => {}; // onclose follows
         socket.onclose = () => reject(new Lost(`no service answers at ${url}: start haptix serve`));
       });
-      socket.onmessage = (/** @type {MessageEvent} */ event) => this.#hear(socket, event.data);
+      socket.onmessage = (/** @type {MessageEvent} */ event) => this.#onMessage(socket, event.data);
       socket.onclose = (/** @type {Ended} */ event) => this.#lost(socket, event);
       this.#offsets = []; // pings follow the welcome at once, perhaps in the same piece
       const [client, resume] = [this.#options.name, this.welcome?.resume];
@@ -164,12 +164,12 @@ export class Connection extends Calls {
     }
   }
 
-  /** Send again what a service does not keep for who resumes. @protected */
+  /** Send again what the service does not keep for a client that resumes. @protected */
   async restore() {
     for (const [type, fields] of Object.entries(this.#replayed)) await this.ask(type, fields);
     for (const job of this.#watched) {
       await this.ask("watch", { job }).then(
-        (found) => this.#tell("job", found), // it may have ended since
+        (state) => this.#emit("job", state), // it may have ended since
         (error) => {
           if (!(error instanceof Refused)) throw error;
           this.#watched.delete(job); // another service knows none
@@ -179,7 +179,7 @@ export class Connection extends Calls {
   }
 
   /**
-   * Send a batch of touches, or let it wait; return whether it could be.
+   * Send or queue a batch of touches; return whether that was possible.
    * @param {() => ArrayBuffer} write
    * @param {number} count touches in it
    * @protected
@@ -209,7 +209,7 @@ export class Connection extends Calls {
   /** Leave: 0 V first, and the lease is free for others. */
   async close() {
     const socket = this.#socket;
-    this.#ends = true;
+    this.#is_closing = true;
     clearInterval(this.#watch);
     if (!socket) return;
     const leave = async () => {
@@ -242,21 +242,21 @@ export class Connection extends Calls {
    * @returns {Promise<any>}
    */
   async ask(type, fields = {}) {
-    if (this.#socket?.readyState !== 1) throw new Lost(this.#ends ? CLOSED : `${type}: the connection to the service is gone`);
+    if (this.#socket?.readyState !== 1) throw new Lost(this.#is_closing ? CLOSED : `${type}: the connection to the service is gone`);
     const id = ++this.#id;
     /** @type {ReturnType<typeof setTimeout> | undefined} */
     let timer;
     let answer;
     try {
       answer = await new Promise((resolve, reject) => {
-        this.#asked.set(id, { resolve, reject });
+        this.#pending.set(id, { resolve, reject });
         const late = () => reject(new Lost(`${type}: no answer within ${WAIT_S} s`));
         timer = setTimeout(late, WAIT_S * 1e3);
         this.#socket.send(JSON.stringify({ type, id, ...fields }));
       });
     } finally {
       clearTimeout(timer);
-      this.#asked.delete(id);
+      this.#pending.delete(id);
     }
     this.#remember(type, fields);
     return answer;
@@ -279,12 +279,12 @@ export class Connection extends Calls {
   }
 
   /** @param {any} socket @param {string | ArrayBuffer} data */
-  #hear(socket, data) {
+  #onMessage(socket, data) {
     if (socket !== this.#socket) return;
-    this.#heard_s = now();
+    this.#last_message_s = now();
     if (typeof data !== "string") {
       const frame = readFrame(data);
-      this.#tell("frame", { ...frame, names: this.columns[frame.stream] ?? [] });
+      this.#emit("frame", { ...frame, names: this.columns[frame.stream] ?? [] });
       return;
     }
     const message = JSON.parse(data);
@@ -296,20 +296,20 @@ export class Connection extends Calls {
     if (message.type === "lease") this.lease = message;
     if (message.type === "output") this.output = message;
     if (message.type === "subscribed") this.columns = message.columns; // frames may follow at once
-    const answer = this.#asked.get(message.id);
-    if (!answer) this.#tell(message.type, message);
+    const answer = this.#pending.get(message.id);
+    if (!answer) this.#emit(message.type, message);
     else if (message.type === "error") answer.reject(new Refused(message));
     else answer.resolve(message);
   }
 
   /** @param {string} kind @param {any} event */
-  #tell(kind, event) {
+  #emit(kind, event) {
     for (const handler of this.#handlers.get(kind) ?? []) {
       try {
         handler(event);
       } catch (error) {
         queueMicrotask(() => {
-          throw error; // the page hears of it, and the next handler is called nevertheless
+          throw error; // reported by the page; the next handler is called nevertheless
         });
       }
     }
@@ -323,36 +323,36 @@ export class Connection extends Calls {
     clearTimeout(this.#later);
     this.#later = undefined;
     clearInterval(this.#watch);
-    for (const { reject } of this.#asked.values()) reject(new Lost(`it closed: ${code} ${reason}`));
+    for (const { reject } of this.#pending.values()) reject(new Lost(`it closed: ${code} ${reason}`));
     if (this.#is_opening) return; // `open` throws
-    if (this.#ends) this.#tell("closed", { code, reason });
+    if (this.#is_closing) this.#emit("closed", { code, reason });
     else {
-      this.#tell("lost", { code, reason });
-      void this.#again();
+      this.#emit("lost", { code, reason });
+      void this.#reconnect();
     }
   }
 
-  async #again() {
-    for (let wait_s = FIRST_S; !this.#ends; wait_s = Math.min(2 * wait_s, LAST_S)) {
+  async #reconnect() {
+    for (let wait_s = FIRST_S; !this.#is_closing; wait_s = Math.min(2 * wait_s, LAST_S)) {
       await sleep(wait_s);
-      if (this.#ends) break;
+      if (this.#is_closing) break;
       try {
         await this.open();
-        this.#tell("resumed", this.welcome);
+        this.#emit("resumed", this.welcome);
         return;
       } catch (error) {
         if (error instanceof Refused) {
-          this.#tell("closed", { code: 4403, reason: error.message });
+          this.#emit("closed", { code: 4403, reason: error.message });
           return;
         }
       }
     }
-    this.#tell("closed", { code: 1000, reason: "closed" });
+    this.#emit("closed", { code: 1000, reason: "closed" });
   }
 
   /**
    * A service that hangs, or a machine that slept, closes no socket. Timers may be late where
-   * messages are not, so two looks in a row must find silence.
+   * messages are not, so two checks in a row must find silence.
    * @param {any} socket
    */
   #watchSilence(socket) {
@@ -360,7 +360,7 @@ export class Connection extends Calls {
     let looks = 0;
     clearInterval(this.#watch);
     this.#watch = setInterval(() => {
-      looks = now() - this.#heard_s > 2 * idle_s ? looks + 1 : 0;
+      looks = now() - this.#last_message_s > 2 * idle_s ? looks + 1 : 0;
       if (looks < 2) return;
       this.#lost(socket, { code: 1006, reason: "the service is silent" });
       socket.close();
