@@ -68,7 +68,7 @@ def start(level: str = "debug", file: str | Path | None = None) -> None:
         os.environ[VARIABLE] = level
     else:
         path = Path(file).absolute()
-        _running = Log(level, _own_file(path))
+        _running = Log(level, _unused_file(path))
         os.environ[VARIABLE] = f"{level},{path}"
 
 
@@ -108,11 +108,11 @@ class Log:
     """
 
     def __init__(self, level: str, output: LogOutput) -> None:
-        self.aside = _Aside(SimpleQueue())
-        self.writer = _Writer(self.aside, output)
+        self.queuer = _Queuer(SimpleQueue())
+        self.writer = _Writer(self.queuer, output)
         self.writer.start()
         for package in ROOMS:
-            logging.getLogger(package).addHandler(self.aside)
+            logging.getLogger(package).addHandler(self.queuer)
             logging.getLogger(package).setLevel(level.upper())
         # Name the module or the file only: the other arguments may be secret.
         by_module = sys.orig_argv[1:2] == ["-m"]
@@ -124,7 +124,7 @@ class Log:
         """Write waiting records; print to standard error how many could not be written."""
         atexit.unregister(self.close)
         for room in ROOMS:
-            logging.getLogger(room).removeHandler(self.aside)
+            logging.getLogger(room).removeHandler(self.queuer)
             logging.getLogger(room).setLevel(logging.NOTSET)
         missing = self.writer.end()
         if missing:
@@ -132,7 +132,7 @@ class Log:
             sys.stderr.write(f"haptix: the end of the log lacks {missing} records: {why}\n")
 
 
-class _Aside(QueueHandler):
+class _Queuer(QueueHandler):
     """Queues records for the writer. Nothing here waits, neither for a lock nor for space."""
 
     queue: SimpleQueue[Any]
@@ -156,13 +156,13 @@ class _Aside(QueueHandler):
 class _Writer(QueueListener):
     """Writes records; where some are missing, it writes how many."""
 
-    def __init__(self, aside: _Aside, output: LogOutput) -> None:
-        super().__init__(aside.queue)
+    def __init__(self, queuer: _Queuer, output: LogOutput) -> None:
+        super().__init__(queuer.queue)
         self.output = output
-        self._aside, self._reported = aside, 0
+        self._queuer, self._reported = queuer, 0
 
     def handle(self, record: logging.LogRecord) -> None:
-        self._tell(record.dropped_before)  # type: ignore[attr-defined]  # of _Aside
+        self._tell(record.dropped_before)  # type: ignore[attr-defined]  # of _Queuer
         self.output.handle(record)
 
     def end(self) -> int:
@@ -173,11 +173,11 @@ class _Writer(QueueListener):
         thread.join(END_S)
         waiting = 0
         if thread.is_alive():  # the disk takes none; the thread ends with the process
-            waiting = self._aside.queue.qsize()
+            waiting = self._queuer.queue.qsize()
         else:
-            self._tell(self._aside.dropped)
+            self._tell(self._queuer.dropped)
             self.output.close()
-        return self._aside.dropped + self.output.lost - self._reported + waiting
+        return self._queuer.dropped + self.output.lost - self._reported + waiting
 
     def _tell(self, dropped: int) -> None:
         lost = self.output.lost
@@ -250,13 +250,13 @@ def without_secrets(text: str) -> str:
     return _CREDENTIALS.sub("://***@", _SECRETS.sub(r"\1***", text))
 
 
-def _own_file(path: Path) -> _File:
+def _unused_file(path: Path) -> _File:
     """Return the file, or the first of ``NAME-2.log``, ``NAME-3.log``, ... that is not in use."""
     number = 1
     while True:
         candidate = path if number == 1 else path.with_stem(f"{path.stem}-{number}")
         try:
-            if candidate.exists() and not candidate.is_file():  # a pipe, or what takes all
+            if candidate.exists() and not candidate.is_file():  # a pipe, or /dev/null
                 return _File(candidate, None)
             lock = FileLock(candidate.with_name(f".{candidate.name}.lock"), timeout=0)
             lock.acquire()

@@ -25,7 +25,7 @@ from haptix.screen import Screen
 from haptix.status import Status
 
 _AXES = ("normal_force_n", "voltage_v", "frequency_hz")
-_FOUND = ("mu", "area_fraction", "pressure_pa", "mean_gap_m")
+_SOLVED = ("mu", "area_fraction", "pressure_pa", "mean_gap_m")
 
 
 class SolveStates(Task):
@@ -53,7 +53,7 @@ class SolveStates(Task):
             warnings.simplefilter("ignore")  # the box's: the plan chose the box
             state = ContactModel(self.finger, self.screen, **how).solve(**at)
         columns = {name: values.tolist() for name, values in at.items()}
-        columns |= {name: getattr(state, name).double().tolist() for name in _FOUND}
+        columns |= {name: getattr(state, name).double().tolist() for name in _SOLVED}
         return {**columns, "status": [Status(int(number)).name for number in state.status]}
 
     def run(self, context: Context) -> Result:

@@ -143,7 +143,7 @@ class ResultStore:
         manifest = None
         with suppress(ValueError):
             manifest = parse_json(data)
-            if not (isinstance(manifest, dict) and _is_own(manifest, data, key)):
+            if not (isinstance(manifest, dict) and _is_of_key(manifest, data, key)):
                 manifest = None
         if not data:
             return None, f"{MANIFEST} is empty"
@@ -163,7 +163,7 @@ class ResultStore:
             self._system.rm(self._at(folder_of(key)), recursive=True)
 
     def kept(self) -> set[str]:
-        """Keys of all results, whole or not."""
+        """Keys of all results, complete or not."""
         try:
             files = map(PurePosixPath, self._system.find(self._at("results")))
         except FileNotFoundError:
@@ -171,7 +171,7 @@ class ResultStore:
         return {path.parent.name for path in files if path.name == MANIFEST}
 
     @contextmanager
-    def held(self) -> Iterator[None]:
+    def locked(self) -> Iterator[None]:
         """Lock a folder against this machine's other processes; remove drafts of killed writers."""
         if not self.is_local:
             yield
@@ -207,7 +207,7 @@ def _signed(manifest: Mapping[str, Any]) -> bytes:
     return json_text({**manifest, "sha256": sha256}).encode()
 
 
-def _is_own(manifest: dict[str, Any], data: bytes, key: str) -> bool:
+def _is_of_key(manifest: dict[str, Any], data: bytes, key: str) -> bool:
     """Whether a manifest has the bytes that were written for a key."""
     fields = {name: value for name, value in manifest.items() if name != "sha256"}
     return manifest.get("key") == key and _signed(fields) == data

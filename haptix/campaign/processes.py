@@ -37,7 +37,7 @@ def processes_that_fit(needed_bytes: int, most: int | None = None) -> int:
 
 
 class Processes(Executor):
-    """Executor of some processes, each in a pool of its own, so that the death of one is its own.
+    """Executor of some processes, each in a separate pool: one that dies ends only its own calls.
 
     A call that loses its process ends with `BrokenProcessPool`; the next call has a new process.
     All end when this process ends, however it ends.
@@ -101,7 +101,7 @@ class _Place:
 
 
 def _start(end: Connection, memory_bytes: int | None) -> None:
-    """Prepare a process: one thread in each library, and an end with its parent."""
+    """Prepare a process: each library has one thread, and the process ends with its parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent gets Ctrl-C too, and decides
     threading.Thread(target=_end_with, args=(end,), daemon=True).start()
     for name in _LIBRARIES:  # before numpy loads

@@ -161,7 +161,7 @@ def run_campaign(
         If the executor's workers are lost, have another version or cannot import the kind.
     """
     store = ResultStore(where)
-    with store.held():
+    with store.locked():
         _begin(store, campaign)
         tasks = CampaignResult.of(store, campaign, again)
         with _workers(executor, store, campaign.kind) as workers:

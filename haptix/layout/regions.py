@@ -37,7 +37,7 @@ FADE_S = 0.005
 GLIDE_S = 0.02
 """Time in which a region moves. Reports of a drag come every 8 to 16 ms."""
 
-_CACHED_FIELDS = 64  # textures that are held beyond their edges
+_CACHED_FIELDS = 64  # textures that keep their edge values outside
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +142,7 @@ class Region(RegionFields):
         """Width and height before scaling: those of the region, or else of its material."""
 
         def size(name: str) -> float:
-            size_mm: float | None = getattr(self, name) or _own_size(self.material, name)
+            size_mm: float | None = getattr(self, name) or _size_of(self.material, name)
             if size_mm is None:
                 raise InputError(f"{name}: expected a size, since the material has none")
             return size_mm
@@ -165,7 +165,7 @@ class Regions:
         self._last_at: dict[int, int] = {}  # by key: the region's last known index
         self._depth = 0
         self._fields: dict[int, Region] = {}
-        self._held_fields: dict[int, tuple[Feelable, Evaluator]] = {}
+        self._extended_fields: dict[int, tuple[Feelable, Evaluator]] = {}
         self._keys = 0
 
     def attach(self, now: Callable[[], float], changed: Callable[[], None]) -> None:
@@ -218,7 +218,9 @@ class Regions:
         try:
             return self._fields[key]
         except KeyError:
-            raise InputError("patch: expected one that is on its layout; it was removed") from None
+            raise InputError(
+                "patch: expected a region of the layout; this one was removed"
+            ) from None
 
     def clear(self) -> None:
         """Remove all regions."""
@@ -326,7 +328,7 @@ class Regions:
 
     def _region(self, key: int, fields: Region, now_s: float) -> RegionState:
         evaluator = self._evaluator(fields.material)
-        # Some make their maps when they are first asked: here, not in the midst of a stroke.
+        # Some make their maps at the first evaluation: make them now, not during a stroke.
         evaluator.wanted(Motion.of([0.0], 0.0))
         blend = fields.blend or "over"
         if blend == "multiply" and evaluator.target != "share":
@@ -355,12 +357,12 @@ class Regions:
         evaluator = material if isinstance(material, FrictionField) else material.evaluator
         if not isinstance(evaluator, FrictionField):
             return evaluator
-        cached = self._held_fields.pop(id(evaluator), None)
+        cached = self._extended_fields.pop(id(evaluator), None)
         if cached is None:
             cached = (evaluator, _held(evaluator).evaluator)
-        self._held_fields[id(evaluator)] = cached
-        if len(self._held_fields) > _CACHED_FIELDS:
-            del self._held_fields[next(iter(self._held_fields))]
+        self._extended_fields[id(evaluator)] = cached
+        if len(self._extended_fields) > _CACHED_FIELDS:
+            del self._extended_fields[next(iter(self._extended_fields))]
         return cached[1]
 
 
@@ -371,7 +373,7 @@ def _held(field: FrictionField) -> FrictionField:
     return field
 
 
-def _own_size(material: Feelable, name: str) -> float | None:
+def _size_of(material: Feelable, name: str) -> float | None:
     size_mm: float | None = getattr(material, name, None)
     if size_mm is None and not isinstance(material, FrictionField):
         size_mm = getattr(material.evaluator, name, None)

@@ -48,7 +48,7 @@ _LOG = logging.getLogger("haptix.render")
 LONGEST_GAP_S = 60.0
 """Longest pause between recorded touches that is rendered."""
 
-_APART_S = 0.1  # between the places that give a speed: a panel's noise is far less than the way
+_APART_S = 0.1  # between the two places of a speed: the way is far longer than a panel's noise
 _ASSUMED_N = ForceModel().assumed_n
 _LONG_S = 0.25  # length of a block of `play`: long enough to hide the cost of calls of numpy
 
@@ -56,7 +56,7 @@ _LONG_S = 0.25  # length of a block of `play`: long enough to hide the cost of c
 class VerifiedUse:
     """The highest force, speed, time in contact and amplitude in use, against the verified range.
 
-    Each touch begins and ends at rest and without a force: only what is too much counts.
+    Each touch begins and ends at rest and without a force, so only the upper limits count.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ class VerifiedUse:
         )
 
     def touched(self, event: TouchEvent, normal_force_n: float | None) -> None:
-        """Take a touch; the force is that which was measured."""
+        """Take a touch and its measured force, None if it was not measured."""
         if self.range is None:
             return
         if event.kind == "up":
@@ -112,21 +112,20 @@ class VerifiedUse:
         if (elapsed_s := now[0] - last[0]) >= _APART_S:
             speed = hypot(now[1] - last[1], now[2] - last[2]) / elapsed_s
             self._places[event.touch_id] = begun_s, *now
-        self._raise(normal_force_n or 0.0, speed, contact_s, 0.0)
+        self._update_highest(normal_force_n or 0.0, speed, contact_s, 0.0)
 
     def played(self, amplitude_v: float) -> None:
         """Take the highest amplitude of a block."""
         if self.range is not None:
-            self._raise(0.0, 0.0, 0.0, amplitude_v)
+            self._update_highest(0.0, 0.0, 0.0, amplitude_v)
 
-    def _raise(self, *values: float) -> None:
-        """Take force, speed, contact time and amplitude: on each touch, so it only compares."""
+    def _update_highest(self, *values: float) -> None:
+        """Take force, speed, contact time and amplitude; cheap, since each touch calls it."""
         before = self._highest
         self._highest = tuple(map(max, before, values))
         crossed = zip(before, self._limits, self._highest, strict=True)
-        if any(old <= limit < new for old, limit, new in crossed) or not any(
-            before
-        ):  # at the first, the frequency of the drive
+        # The first touch also checks the frequency of the drive.
+        if not any(before) or any(old <= limit < new for old, limit, new in crossed):
             self._warn()
 
     def _warn(self) -> None:
@@ -168,7 +167,7 @@ class RenderStream(RenderCore, ABC):
         super().__init__(surface, texture, device, drive, settings)
         self.device = device
         self.verified = VerifiedUse(self.surface.info, self.drive.frequency_hz)
-        """What leaves the range in which the screen was verified; `told` hears of it."""
+        """Quantities in use that leave the range in which the screen was verified."""
         self._reset()
 
     def _reset(self) -> None:
@@ -183,7 +182,7 @@ class RenderStream(RenderCore, ABC):
 
     @property
     def intensity(self) -> float:
-        """Intensity that the app asks for, 0 to 1: a share of the friction above the lowest."""
+        """Intensity that the app sets, 0 to 1: a share of the friction above the lowest."""
         return self._master.intensity
 
     @intensity.setter

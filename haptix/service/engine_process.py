@@ -186,12 +186,12 @@ class EngineProcess(Process):
         on_event: Callable[[dict[str, Any]], None],
         on_telemetry: Callable[[bytes], None],
     ) -> None:
-        # One that hangs is killed: the driver's watchdog ends at 0 V.
+        # An engine that hangs is killed; the driver's watchdog then ends the output at 0 V.
         super().__init__("engine")
         self._opening, self._on_event, self._on_telemetry = opening, on_event, on_telemetry
-        self._ends = self._is_open = False
+        self._is_ending = self._is_open = False
         self._spare: asyncio.subprocess.Process | None = None
-        self._sparing: asyncio.Task[None] | None = None
+        self._spare_start: asyncio.Task[None] | None = None
         self._rates: dict[str, float] = {}
         self._replay = EngineReplay()
         self.felt_finger = FeltFingerProcess(on_event, on_telemetry)
@@ -209,7 +209,7 @@ class EngineProcess(Process):
         if self._rates:
             self.tell("streams", rates=self._rates)
         for do, fields in self._replay.messages():
-            with suppress(Problem):  # a file may be gone; who arms is told
+            with suppress(Problem):  # a file may be gone: the next `arm` then says so
                 await super().ask(do, **fields)
         return opened
 
@@ -222,7 +222,7 @@ class EngineProcess(Process):
         spare, self._spare = self._spare, None
         if spare is None:
             return await super()._spawn()
-        self._sparing = None
+        self._spare_start = None
         if spare.returncode is not None:
             return await super()._spawn()
         self.has_loaded(round(LONGEST_SILENCE_S / BEAT_S))  # it may hang, too
@@ -234,17 +234,17 @@ class EngineProcess(Process):
             raise Problem("device", f"{do}: the engine is being started again; try anew")
         answer = await super().ask(do, **fields)
         self._replay.record(do, fields)
-        if do == "arm" and self._sparing is None and not self._ends:
-            self._sparing = asyncio.create_task(self._start_spare())
+        if do == "arm" and self._spare_start is None and not self._is_ending:
+            self._spare_start = asyncio.create_task(self._start_spare())
         return answer
 
     async def stop(self) -> None:
         """End at 0 V."""
-        self._ends = True
-        if self._sparing is not None:
-            self._sparing.cancel()
+        self._is_ending = True
+        if self._spare_start is not None:
+            self._spare_start.cancel()
             with suppress(asyncio.CancelledError):
-                await self._sparing
+                await self._spare_start
         if self._spare is not None:
             with suppress(ProcessLookupError):
                 self._spare.kill()
@@ -274,7 +274,7 @@ class EngineProcess(Process):
         self._on_event(message)
 
     def on_frame(self, kind: int, data: bytes) -> None:
-        """Pass telemetry on, and what was played to the virtual finger."""
+        """Pass telemetry on; send what was played to the virtual finger."""
         if kind == TELEMETRY:
             self._on_telemetry(data)
         elif kind == AMPLITUDE:
@@ -283,15 +283,15 @@ class EngineProcess(Process):
     def on_exit(self, code: int | None) -> None:
         """Start it again."""
         self._is_open = False
-        if not self._ends:
+        if not self._is_ending:
             how = "hung" if self.has_hung else f"ended with code {code}"
             self._say("failed", f"the engine {how}; it is started again")
             self._restart = asyncio.create_task(self._restart_later())
 
     async def _restart_later(self) -> None:
-        """Start it, again and again until its driver can be opened."""
+        """Start it; try again until its driver can be opened."""
         reason, wait_s = "", _RESTART_S
-        while not self._ends:
+        while not self._is_ending:
             await asyncio.sleep(wait_s)
             try:
                 await self.start()

@@ -108,7 +108,7 @@ def test_a_disk_that_blocks_holds_nobody_up_and_what_it_missed_is_told(disk, on_
     for number in range(count):
         room.debug("record %d", number)
     disk.goes_on.set()
-    until(lambda: not on_disk.aside.queue.qsize())
+    until(lambda: not on_disk.queuer.queue.qsize())
     room.info("after")
     on_disk.close()
     lines = disk.getvalue().splitlines()
@@ -147,14 +147,14 @@ def test_a_disk_that_never_comes_back_does_not_hold_up_the_end(disk, on_disk, mo
 
 def test_no_lock_is_between_threads_that_log(on_disk):
     """The audio's own thread logs while another holds every lock that the handler has."""
-    on_disk.aside.acquire()
+    on_disk.queuer.acquire()
     try:
         other = threading.Thread(target=room.info, args=("from the audio",), daemon=True)
         other.start()
         other.join(PATIENCE_S)  # it would wait for ever
         assert not other.is_alive()
     finally:
-        on_disk.aside.release()
+        on_disk.queuer.release()
 
 
 def test_files_are_begun_anew_when_full(tmp_path, monkeypatch):
@@ -263,12 +263,12 @@ def test_a_stream_goes_on_whatever_the_disk_does(disk, on_disk, monkeypatch, fau
     assert stats.underruns == 0
     np.testing.assert_array_equal(output_v, expected)
     if fault == "blocks":
-        assert slow.aside.dropped > 50
+        assert slow.queuer.dropped > 50
     else:
-        until(lambda: not slow.aside.queue.qsize())
-        assert slow.writer.output.lost > 50 or slow.aside.dropped > 50
+        until(lambda: not slow.queuer.queue.qsize())
+        assert slow.writer.output.lost > 50 or slow.queuer.dropped > 50
     disk.full = False
     disk.goes_on.set()
     slow.close()
-    lost = slow.aside.dropped + slow.writer.output.lost
+    lost = slow.queuer.dropped + slow.writer.output.lost
     assert sum(told_missing(disk.getvalue())) == lost

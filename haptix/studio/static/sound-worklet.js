@@ -27,7 +27,7 @@ class FeltFriction extends AudioWorkletProcessor {
     this.written = 0; // rows
     this.read = 0; // row, between rows too
     this.rate_hz = 1000;
-    this.heard_s = 0; // time of what goes out
+    this.played_s = 0; // time of what is played
     /** @type {{late_s: number, span_s: number}[]} */
     this.frames = [];
     this.waits = 0; // samples, until it goes on to read
@@ -52,10 +52,10 @@ class FeltFriction extends AudioWorkletProcessor {
       this.speed[this.written % KEPT] = rows[at + 1];
       this.written += 1;
     }
-    const late_s = this.heard_s - end_s; // up to a constant, as the two clocks differ
+    const late_s = this.played_s - end_s; // up to a constant, as the two clocks differ
     this.frames.push({ late_s, span_s: rows.length / 2 / rate_hz });
     if (this.frames.length > FRAMES) this.frames.shift();
-    const latest_s = Math.max(...this.frames.map((one) => one.late_s + one.span_s));
+    const latest_s = Math.max(...this.frames.map((frame) => frame.late_s + frame.span_s));
     const aim_s = Math.min(latest_s - late_s + MARGIN_S, LONGEST_S);
     const off_s = (this.written - this.read) / rate_hz - aim_s;
     this.speed_up = 0;
@@ -99,7 +99,7 @@ class FeltFriction extends AudioWorkletProcessor {
       const loud = state.high / FULL_N + state.band * NOISE * change * Math.sqrt(speed);
       out[at] = CEILING * Math.tanh((this.level * loud) / CEILING);
     }
-    this.heard_s += out.length / rate;
+    this.played_s += out.length / rate;
     return true;
   }
 }
