@@ -42,13 +42,13 @@ from haptix.terms import TERMS, Stage
 _PRIOR_SHARE = 0.8  # of the prior's spread: above it the strokes have measured nothing new
 _BOOTSTRAPS = 1000
 LEVEL = 0.90
-"""Of all intervals."""
+"""Probability of all intervals."""
 _FEWEST_STROKES = 6
 _LEAST_FREEDOM = 3.0
-_CURVED = 0.4  # spread of a logarithm beyond which the likelihood is no parabola
+_CURVED = 0.4  # spread of a logarithm above which the log-likelihood is no parabola
 _SAME_ANSWER = 0.5  # standard deviations within which two fits are one
 _OTHER_FORM = 0.5  # odds before the strokes: the default is the form that boundary elements chose
-_MOST_EVIDENCE = 300.0  # beyond it a form's likelihood is no number
+_MOST_EVIDENCE = 300.0  # the exponential of more would overflow
 
 
 DECISIVE = 10.0
@@ -95,8 +95,8 @@ def compare_forms(
             min(residuals.repeatability.ripple, other.repeatability.ripple),
         )
         costs = [
-            Residuals(one.predictor, one.parameters, one.points, least).cost(where)
-            for one, where in ((other, at), (residuals, free))
+            Residuals(form.predictor, form.parameters, form.points, least).cost(where)
+            for form, where in ((other, at), (residuals, free))
         ]
         change = np.abs(np.expm1(other.predict(at).log_mu - mu)).max() / WEBER_FRACTION
         ratio = 1.0
@@ -132,8 +132,8 @@ def carried_over(other: StrokePredictor, residuals: Residuals, free: Array) -> A
 def reported_within(name: str) -> float:
     """Largest standard deviation of a parameter's logarithm that is still reported as a number.
 
-    d1/eps1 trades with the skin's d2/eps2: friction depends on their sum, and is known far better
-    than either. The profile states the spread.
+    Friction depends on the sum of d1/eps1 and the skin's d2/eps2, and determines it far better than
+    either. The profile states the spread.
     """
     return 0.35 if name == "h0_m" else 0.1
 
@@ -206,8 +206,8 @@ def fit_strokes(
         compared = compare_forms(residuals, free, others)
         named += [comparison.form for comparison in compared]
         components += [
-            (at, _OTHER_FORM * exp(min(-one.evidence / 2, _MOST_EVIDENCE)))
-            for one, (_, at) in zip(compared, others.values(), strict=True)
+            (at, _OTHER_FORM * exp(min(-form.evidence / 2, _MOST_EVIDENCE)))
+            for form, (_, at) in zip(compared, others.values(), strict=True)
         ]
     posterior = Posterior(
         free,
@@ -284,35 +284,38 @@ def _bootstrap(residuals: Residuals, free: Array, seed: int, count: int) -> Arra
 def _larger(covariance: Array, other: Array) -> Array:
     """The larger of two covariances in every direction.
 
-    Larger spreads of single parameters with the correlations kept would be larger errors of what
-    the parameters predict together, which is known far better than each.
+    Taking the larger spread of each parameter and keeping the correlations would widen the errors
+    of what they predict together, which is known far better than each parameter.
     """
     values, vectors = eigh(other, covariance)
     spread = covariance @ vectors * np.sqrt(np.maximum(values, 1.0))
     return np.asarray(spread @ spread.T)
 
 
-def _estimate(residuals: Residuals, posterior: Posterior, one: Parameter) -> ParameterEstimate:
+def _estimate(
+    residuals: Residuals, posterior: Posterior, parameter: Parameter
+) -> ParameterEstimate:
     parameters = residuals.parameters
-    estimate = partial(ParameterEstimate, name=one.name)
-    if one.is_fixed:
-        return estimate(value=one.value, low=one.value, high=one.value, spread=0.0, verdict="fixed")
-    index, free = parameters.free.index(one.name), posterior.middle
+    estimate = partial(ParameterEstimate, name=parameter.name)
+    if parameter.is_fixed:
+        value = parameter.value
+        return estimate(value=value, low=value, high=value, spread=0.0, verdict="fixed")
+    index, free = parameters.free.index(parameter.name), posterior.middle
     middle, spread = float(free[index]), sqrt(float(posterior.covariance[index, index]))
     low, high = (
         exp(min(end, 700.0)) for end in posterior.interval(np.eye(len(free))[index], LEVEL)
     )
-    before = parameters.prior_spread(one.name)
+    before = parameters.prior_spread(parameter.name)
     is_measured = before is None or spread < _PRIOR_SHARE * before
-    if is_measured and spread <= reported_within(one.name):
+    if is_measured and spread <= reported_within(parameter.name):
         return estimate(value=exp(middle), low=low, high=high, spread=spread, verdict="determined")
-    if is_measured and spread > _CURVED and one.name not in PER_RIG:
-        # What other forms and an exchanged pole add, the likelihood of this form does not show.
-        wider = profile(residuals, free, one.name, spread)
+    if is_measured and spread > _CURVED and parameter.name not in PER_RIG:
+        # The likelihood of this form lacks what other forms and an exchanged pole add.
+        wider = profile(residuals, free, parameter.name, spread)
         low, high = min(low, wider[0]), max(high, wider[1])
     verdict = "undetermined" if is_measured else "prior"
     return estimate(
-        low=low, high=high, spread=spread, verdict=verdict, advice=EXPERIMENTS[one.name]
+        low=low, high=high, spread=spread, verdict=verdict, advice=EXPERIMENTS[parameter.name]
     )
 
 
@@ -421,8 +424,8 @@ def _score(residuals: Residuals, free: Array) -> float:
 def _starts(residuals: Residuals, fitted: Mapping[str, float]) -> list[Array]:
     """Return starts: at the fitted values, and at two values of a new parameter.
 
-    From a gap that leaks much the way to one that hardly leaks, one standard deviation of the prior
-    up, may lead through a worse fit.
+    The second start is one standard deviation of the prior higher: on the way from a gap that leaks
+    much to one that hardly leaks, the fit may get worse first.
     """
     parameters, values = residuals.parameters, residuals.start
     pairs = zip(parameters.free, values, strict=True)

@@ -58,11 +58,11 @@ class Residuals:
         self._has_ripple = np.isfinite(ripple)
         ripple, ripple_sd = ripple[self._has_ripple], ripple_sd[self._has_ripple]
         self._measured = np.concatenate([np.log(mu), ripple])
-        self._own_sd = np.concatenate([mu_sd / mu, ripple_sd])
+        self._stroke_sd = np.concatenate([mu_sd / mu, ripple_sd])
         # A relative error of mu is an absolute one of ln mu.
         self._unit = np.concatenate([np.ones(len(mu)), ripple])
         extra = np.repeat([repeatability.log_mu, repeatability.ripple], [len(mu), len(ripple)])
-        self._sd = np.hypot(self._own_sd, extra * self._unit)
+        self._sd = np.hypot(self._stroke_sd, extra * self._unit)
         self._at = [parameters.names.index(name) for name in parameters.free]
         self.prior_matrix, self.prior_target = parameters.prior_rows()
         self._last: tuple[bytes, Prediction] | None = None
@@ -129,9 +129,9 @@ class Residuals:
         return rho
 
     def with_best_sensor(self, free: Array) -> Array:
-        """Return a start whose force sensor, of many, fits the ripples best; the rest is kept.
+        """Return the start with the force sensor, of many tried, that fits the ripples best.
 
-        Between two resonances that fit no slope leads from one to the other.
+        Several resonances may fit, and a least-squares fit does not get from one to another.
         """
         at = [self.parameters.free.index(name) for name in PER_RIG if name in self.parameters.free]
         if len(at) < len(PER_RIG) or not self._has_ripple.any():
@@ -197,7 +197,7 @@ class Residuals:
             TANGENTIAL_GAIN: of_mu / self._sd,
             VOLTAGE_GAIN: -by_volts,
         }
-        return (*inputs, *(Input(name, 0.0, by_data @ one) for name, one in shifts.items()))
+        return (*inputs, *(Input(name, 0.0, by_data @ shift) for name, shift in shifts.items()))
 
     def _moved(self, free: Array, name: str) -> Array:
         """Change of the data's residuals for each unit of the logarithm of a stroke's condition."""
@@ -221,11 +221,11 @@ class Residuals:
         # Diagonal of the hat matrix: the share of each row's misfit that the fit has absorbed.
         leverage = np.diag(jacobian @ np.linalg.solve(self.information(free), jacobian.T))
         misfit = self.data(free) * self._sd / self._unit
-        own_sd = self._own_sd / self._unit
+        stroke_sd = self._stroke_sd / self._unit
         count = len(self.points)
         return Repeatability(
             *(
-                _extra_spread(misfit[rows], own_sd[rows], float(leverage[rows].sum()))
+                _extra_spread(misfit[rows], stroke_sd[rows], float(leverage[rows].sum()))
                 for rows in (slice(count), slice(count, None))
             )
         )
@@ -270,7 +270,7 @@ def fit_residuals(
 ) -> tuple[Residuals, Array]:
     """Fit with the repeatability that the residuals themselves show.
 
-    From `start`, where a fit in another form has ended, or else from the parameters' own.
+    It begins at `start`, where a fit in another form has ended, or else at the parameters' start.
     """
     residuals = Residuals(predictor, parameters, points, Repeatability())
     free = residuals.start if start is None else solve(residuals, start, 25)
@@ -284,7 +284,7 @@ def fit_residuals(
 
 
 def _best_start(residuals: Residuals) -> Array:
-    """Fit from several insulators: past pull-in, no slope leads back to light contact."""
+    """Fit from several insulators, since a start past pull-in does not lead to light contact."""
     free = residuals.parameters.free
     best = residuals.start, inf
     for factor in (1.0, 0.4, 2.5) if "h0_m" in free else (1.0,):
@@ -305,7 +305,7 @@ def _is_good(residuals: Residuals, cost: float) -> bool:
 def profile(
     residuals: Residuals, free: Array, name: str, spread: float = 0.1
 ) -> tuple[float, float]:
-    """90 % interval by profile likelihood: all others fitted anew at each value tried.
+    """90 % interval by profile likelihood: the others are fitted again at each value tried.
 
     `spread` is the standard deviation of the logarithm that the curvature suggests: the first step.
     A bound is 0 or infinite where the cost stays low within a factor of 1000.
@@ -335,16 +335,16 @@ def profile(
     return bounds[0], bounds[1]
 
 
-def _extra_spread(misfit: Array, own_sd: Array, used_up: float) -> float:
+def _extra_spread(misfit: Array, stroke_sd: Array, used_up: float) -> float:
     """Extra standard deviation for which the clipped squares add up to their degrees of freedom."""
-    good = np.isfinite(misfit) & np.isfinite(own_sd)
-    misfit, own_sd = misfit[good], own_sd[good]
+    good = np.isfinite(misfit) & np.isfinite(stroke_sd)
+    misfit, stroke_sd = misfit[good], stroke_sd[good]
     freedom = len(misfit) - used_up
     if freedom < 1:
         return Repeatability().log_mu
 
     def excess(extra: float) -> float:
-        squares = misfit**2 / (own_sd**2 + extra**2)
+        squares = misfit**2 / (stroke_sd**2 + extra**2)
         return float(np.minimum(squares, _CLIPPED_AT**2).sum()) - freedom
 
     if excess(0.0) <= 0:

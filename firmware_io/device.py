@@ -359,7 +359,7 @@ class Device:
         for _ in range(len(client.readings)):
             reading = client.readings.popleft()
             problem = reading.problem
-            # Zeros begin what lasts; a reading that is doubted by itself is left out.
+            # A lasting problem begins with zeros; a single doubtful reading is only left out.
             lasts = problem is SensorProblem.NONE or reading.driven == 0 or self._is_doubted
             self._is_doubted = problem is not SensorProblem.NONE
             if lasts and problem is not self._sensor_problem:

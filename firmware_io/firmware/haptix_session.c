@@ -1,4 +1,4 @@
-/* What each frame does, and what becomes of those that are refused. */
+/* What each frame does, and what a refused frame causes. */
 #include <stddef.h>
 
 #include "haptix_internal.h"
@@ -18,7 +18,7 @@ static uint32_t ramp_ticks(const hx_config *c) {
     return (c->output_rate_hz * HX_RAMP_MS + 999u) / 1000u;
 }
 
-/* The least slew in V/s that the ramp from a ceiling keeps: it is the way out of every state. */
+/* The slew in V/s of the ramp from a ceiling to 0, by which every state ends: no limit may be less. */
 static uint32_t lowest_slew(const hx_config *c, uint32_t ceiling_mv) {
     uint32_t ticks = ramp_ticks(c);
     uint64_t step = (ceiling_code(ceiling_mv, c->full_scale_mv) + ticks - 1u) / ticks;
@@ -226,7 +226,7 @@ static int is_too_steep(const hx_device *d, int16_t before, int16_t code) {
     return slew > d->slew_codes_per_s;
 }
 
-/* Index of the first sample that slews too much behind the one before it, or n. */
+/* Index of the first sample that differs too much from the one before it, or n. */
 static uint32_t first_too_steep(const hx_device *d, int16_t before, const uint8_t *samples,
                                 uint32_t n) {
     for (uint32_t i = 0; i < n; i++) {
@@ -257,7 +257,7 @@ static int may_be_queued(hx_device *d, uint16_t sequence, uint16_t mode, const u
     return 1;
 }
 
-/* Write samples to the queue, from a place in it on that may lie past its end. */
+/* Write samples to the queue from a place that may lie past its end, which then wraps. */
 static void put_samples(hx_device *d, uint32_t at, const uint8_t *samples, uint32_t n) {
     if (at >= HX_QUEUE_SAMPLES) at -= HX_QUEUE_SAMPLES;
     for (uint32_t i = 0; i < n; i++) {
@@ -328,7 +328,7 @@ static void take_revise(hx_device *d, uint16_t sequence, uint16_t mode, const ui
     if (!may_be_queued(d, sequence, mode, samples, n)) return;
     d->margin = is_past ? -(int32_t)(0xffffffffu - ahead) - 1 : (int32_t)ahead;
     if (d->margin < (int32_t)d->guard_samples || revision != d->revisions) {
-        /* Late, or made for a queue that an earlier refusal has left as it was: no fault. */
+        /* It is late, or was made for a queue that an earlier refusal left unchanged: no fault. */
         accept(d, sequence);
         d->refused++;
         d->status_due = 1;
@@ -348,7 +348,7 @@ static void take_revise(hx_device *d, uint16_t sequence, uint16_t mode, const ui
     accept(d, sequence);
 }
 
-/* Tell of a sample when it is played. */
+/* Report when a sample is played. */
 static void take_mark(hx_device *d, uint16_t sequence, const uint8_t *payload) {
     uint32_t index = hx_get_u32(payload);
     if (!d->is_armed) {
@@ -371,7 +371,7 @@ static uint32_t longest_stream(const hx_device *d) {
     return HX_INDEX_BYTES + 2u * d->config.max_frame_samples;
 }
 
-/* What a payload of this kind must have; 0 for the kinds that have none, or are not taken. */
+/* Bytes of the payload of this kind; 0 for kinds without a payload and for unknown kinds. */
 static uint32_t fixed_length(uint8_t kind) {
     switch (kind) {
     case HX_HELLO: return HX_HELLO_BYTES;

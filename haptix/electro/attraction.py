@@ -358,8 +358,8 @@ class Pull:
     def on_lattice(self, gap_edges_m: Tensor) -> tuple[Pull, Tensor] | None:
         """Return the attraction at insulators of a lattice, and the weights that interpolate it.
 
-        The weights have the shape (columns of the lattice, columns of `own_column`). They are those
-        of a cubic in ln|h0|, and of one in the angle of h0 where it is complex. Returns None where
+        The weights, shape (columns of the lattice, columns of `own_column`), belong to a cubic in
+        ln|h0| and, where h0 is complex, to a second one in its angle. Returns None where
         the lattice would save nothing, or h0 has a gradient.
         """
         h0 = self.thickness_m

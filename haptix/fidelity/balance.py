@@ -65,7 +65,7 @@ class Load:
     widest_gap_m: Tensor | None = None
     """Largest mean gap [m], shape (states,); None for no limit."""
     area_m2: Tensor | None = None
-    """Apparent area A0, shape (states,), where the next one is given."""
+    """Apparent area A0 [m^2], shape (states,); needed with `voltage_share`."""
     voltage_share: VoltageShare | None = None
     """Share of the drive's voltage that lies on the contact; None for all of it."""
     of_end: bool = False

@@ -80,8 +80,8 @@ class FrictionSolver:
     ) -> Tensor:
         """Return those of the `states` whose attraction is past the limit of `Status.BREAKDOWN`.
 
-        Other parameters are those of `sum_gaps`. With the term that models discharge no state is
-        past it.
+        Other parameters are those of `sum_gaps`. With the term that models discharge, no state
+        exceeds that limit.
         """
         gaps, most = balance.gap_attraction_pa, LIMITS[Status.BREAKDOWN].most
         allowed = most * (gaps + balance.spot_attraction_pa)

@@ -27,8 +27,8 @@ static prediction predicted(const hx_following *f, const hx_track *t, double t_s
     return p;
 }
 
-/* Share of its amplitude that a finger gets at a time: it rises until the finger gets no drive any
- * more, and then falls. */
+/* Share of its amplitude that a finger gets at a time. It rises while the finger gets drive, then
+ * falls. */
 static double gain_at(const hx_following *f, const hx_track *t, int64_t at_rest, double t_s)
 {
     double until_s = t->start_s, lost_s = t->reported_s + f->lost_after_s;
@@ -83,9 +83,9 @@ int64_t hx_fingers(const hx_following *following, const hx_track *tracks, int64_
         double decay = exp(-(passed_s > 0.0 ? passed_s : 0.0) / following->blend_s);
         double dx = decay * t->dx_mm, dy = decay * t->dy_mm, df = decay * t->df_n;
         for (int64_t i = 0, at = to * points; i < points; i++, at++) {
-            double one = begin[i], two = middle[i], three = end[i];
-            x[at] = first.x_mm * one + half.x_mm * two + last.x_mm * three + dx * left[i];
-            y[at] = first.y_mm * one + half.y_mm * two + last.y_mm * three + dy * left[i];
+            double of_first = begin[i], of_half = middle[i], of_last = end[i];
+            x[at] = first.x_mm * of_first + half.x_mm * of_half + last.x_mm * of_last + dx * left[i];
+            y[at] = first.y_mm * of_first + half.y_mm * of_half + last.y_mm * of_last + dy * left[i];
             force[at] = t->normal_force_n + df * left[i];
             gain[at] = gain_at(following, t, at_rest, t0_s + step_s * (double)(i + 1));
         }

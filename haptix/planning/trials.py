@@ -39,7 +39,7 @@ TIMED_STATES = 2000
 # depend on the load of the machine. An axis has some ten nodes, and the mean field's table is most
 # of a small build. Terms have their own.
 _WORK: Mapping[Kind, float] = {"axis": 0.9, "fidelity": 0.7}
-_OVERREACH = 0.05  # allowed share past breakdown: its "about 350 V/um" is not known better
+_OVERREACH = 0.05  # allowed share past breakdown, whose "about 350 V/um" is known no better
 _SEED = 20180516  # arbitrary, but fixed: a scene always gets the same plan
 _TIMED = 3  # solves, of which the fastest counts: other programs slow the others
 
@@ -112,9 +112,9 @@ def friction_terms(scene: Scene, fidelity: FidelityName = FULL) -> frozenset[str
 
 
 def reporting_terms(scene: Scene, only_kept: bool = False) -> list[Term]:
-    """Possible terms that report a status and change no friction; with `only_kept` those kept.
+    """Possible terms that report a status and change no friction.
 
-    Planning leaves them off; the scene may switch them on.
+    Planning leaves them off; the scene may switch them on. With `only_kept`, return only those.
     """
     terms = [TERMS[name] for name in sorted(scene.possible_terms())]
     on = scene.override.terms

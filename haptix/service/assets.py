@@ -1,8 +1,8 @@
 """Files of apps, kept under the hash of their content: photographs, height maps, sounds.
 
-A worker of the session looks at a layout's files before the engine hears of them, and decodes the
-pictures (`Decoding`). A file that unpacks to gigabytes ends a process that no touch needs, and in
-which nobody else's data is.
+Before the engine gets a layout, a worker of the session checks its files and decodes the pictures
+(`Decoding`). So a file that unpacks to gigabytes ends only that worker, which renders no touch and
+holds no other session's data.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ class AssetStore:
 
 
 class Decoding:
-    """Sees to it that the engine can read a message's files: pictures are decoded, others short.
+    """Checks a message's files and decodes its pictures before the engine reads them.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ class Decoding:
         Raises
         ------
         Problem
-            Pointing to the file that cannot be, in the message.
+            With the place in the message of the file that cannot be read.
         """
         textures = {
             (digest, use): self._bytes.get(digest, 0)
@@ -143,7 +143,7 @@ class Decoding:
             try:
                 file = self._assets.path(digest)
             except Problem:
-                continue  # the engine says so, with the region
+                continue  # the engine's refusal names the region, too
             is_decoded = file.suffix not in PICTURES or is_kept(self._folder, digest)
             if digest not in self._bytes or not is_decoded:
                 try:
@@ -161,7 +161,10 @@ class Decoding:
 
 
 def _named(value: Any, path: str, of: Any = None) -> Iterator[tuple[str, str, str]]:
-    """Where files are named, their hashes, and what names them: the same use is made once."""
+    """Yield where a file is named, its hash, and the table that names it.
+
+    Equal tables share one texture, so that it counts once.
+    """
     if isinstance(value, dict):
         for key, item in value.items():
             yield from _named(item, f"{path}/{key}", value)

@@ -602,8 +602,8 @@ def _draw_levels(axes: Any, rows: Sequence[Row], columns: tuple[str, str, str], 
     else:
         label = "geometric mean"
         axes.set_yscale("log")
-        for of_ticks in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
-            of_ticks("{x:g}")
+        for set_formatter in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
+            set_formatter("{x:g}")
     axes.set(xlabel="level [dB]; bars: 95 % intervals", ylabel=label)
 
 

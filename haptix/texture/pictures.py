@@ -52,7 +52,7 @@ _NOT_READ = (
     (0, b"<svg", "an SVG drawing"),
     (0, b"<?xml", "an XML document or SVG drawing"),
 )
-_ROWS = 64  # that are converted at once
+_ROWS = 64  # rows of pixels that are converted at once
 _MOST_PAGES = 100  # of a TIFF: pyramids and thumbnails have a few
 _READ_BY_TIFFFILE = (tifffile.PHOTOMETRIC.MINISWHITE, tifffile.PHOTOMETRIC.MINISBLACK,
                      tifffile.PHOTOMETRIC.RGB)  # fmt: skip

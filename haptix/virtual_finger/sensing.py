@@ -77,7 +77,8 @@ class SensorModel:
     tangential_sign : int
         1, or -1 for a sensor mounted the other way round.
     latency_s : float
-        Age of the force when its reading arrives [s]; before the first sample the first is read.
+        Age of the force when its reading arrives [s]. Readings from before the first sample have
+        the force of the first sample.
     axis : {"motion", "x", "y"}
         The tangential force along the motion, always positive; or the component along an axis of
         the screen of the force with which the finger drags it, positive towards larger x or y.
@@ -271,7 +272,7 @@ def evaluate(
     felt : Felt
         Felt under any drive: the renderer's, or one with a source of error switched off.
     target_mu : array, shape (samples,)
-        Friction coefficient asked for at `felt.x_mm`, `felt.y_mm` and `felt.normal_force_n`; NaN
+        Wanted friction coefficient at `felt.x_mm`, `felt.y_mm` and `felt.normal_force_n`; NaN
         where there is none.
     is_reachable : array of bool, shape (samples,), optional
         Where the screen can reach the target; the default is everywhere.
@@ -293,11 +294,11 @@ def evaluate(
     target = np.asarray(target_mu, dtype=np.float64)
     everywhere = np.ones(len(felt.t_s), dtype=bool)
     reachable = everywhere if is_reachable is None else np.asarray(is_reachable)
-    for name, given in (("target_mu", target), ("is_reachable", reachable)):
-        if given.shape != felt.t_s.shape:
+    for name, values in (("target_mu", target), ("is_reachable", reachable)):
+        if values.shape != felt.t_s.shape:
             raise InputError(
                 f"{name}: expected one value for each of the {len(felt.t_s)} times of felt.t_s, "
-                f"got shape {given.shape}"
+                f"got shape {values.shape}"
             )
     if reachable.dtype != np.bool_:
         raise InputError(f"is_reachable: expected bools, got {reachable.dtype}")

@@ -106,7 +106,7 @@ class AttractedContact:
             self.contact = self._solve_contact(attraction_pa, shape, tolerance)
             self.traction, new_shape = self._from_gap()
             miss = float((new_shape - shape).abs().mean())
-            # On small grids a single pixel that closes or opens is more than that.
+            # On small grids one pixel that closes or opens changes the shape more than that.
             settled = max(_SETTLED, float(new_shape.max()) / new_shape.numel())
             if miss <= settled and tolerance == self._tolerance:
                 self.converged = bool(self.contact.converged)
@@ -157,26 +157,26 @@ class _Anderson:
         self._inputs: list[Tensor] = []
         self._misses: list[Tensor] = []
 
-    def next(self, given: Tensor, found: Tensor) -> Tensor:
-        """Return the next input, after `given` led to `found`."""
-        miss = (found - given).flatten()
+    def next(self, shape: Tensor, result: Tensor) -> Tensor:
+        """Return the next input, after the input `shape` gave `result`."""
+        miss = (result - shape).flatten()
         if self._misses and miss.norm() > self._misses[-1].norm():
             # The iteration is not linear where pixels close: its history says little.
             self._inputs.clear()
             self._misses.clear()
-        self._inputs.append(found.flatten())
+        self._inputs.append(result.flatten())
         self._misses.append(miss)
         del self._inputs[: -_HISTORY - 1], self._misses[: -_HISTORY - 1]
         if len(self._misses) == 1:
-            return found
+            return result
         change = torch.stack([miss - old for old in self._misses[:-1]], 1)
         moved = torch.stack([self._inputs[-1] - old for old in self._inputs[:-1]], 1)
         normal = change.T @ change
-        # A ridge of rounding's size: two steps that hardly differ would make it singular.
+        # Without a ridge of the size of rounding, two steps that hardly differ make it singular.
         ridge = 1e-10 * normal.diagonal().sum() * torch.eye(len(normal)).to(normal)
         weights = torch.linalg.solve(normal + ridge, change.T @ miss)
         mixed: Tensor = self._inputs[-1] - moved @ weights
-        return mixed.clamp_(min=0.0).reshape(found.shape)
+        return mixed.clamp_(min=0.0).reshape(result.shape)
 
 
 class SnapIn(NamedTuple):
@@ -246,7 +246,7 @@ def _step(before: Point | None, last: Point, target: float) -> float:
 def _between(low: Point, high: Point, target: float, measure: Measure) -> tuple[Point, Point]:
     """Regula falsi (Illinois) between a point below the target strength and one not below it.
 
-    Returns the point found and one on its left.
+    Returns that point and one on its left.
     """
     if high[1] - target <= _STRENGTH_TOLERANCE:
         return high, low
@@ -271,8 +271,8 @@ def _summit(
 ) -> Point | SnapIn:
     """Narrow down the highest strength between three points, or find one that is high enough.
 
-    A strength rises no steeper than its attraction: between two points it is at most that much
-    higher.
+    The logarithm of a strength rises no steeper than that of its attraction, which bounds the
+    strength between two points.
     """
     left = (top[0] - _LARGEST_STEP, top[1] - _LARGEST_STEP) if before is None else before
     right = after
@@ -296,7 +296,7 @@ def _summit(
 
 
 def _lean(left: Point, top: Point, right: Point) -> float:
-    """Where to look next, from the top as a share of the bracket: into its longer part."""
+    """Next place to solve, relative to the top, as a share of the bracket: in its longer part."""
     longer = right[0] - top[0], top[0] - left[0]
     width = right[0] - left[0]
     return 0.5 * longer[0] / width if longer[0] >= longer[1] else -0.5 * longer[1] / width

@@ -33,18 +33,18 @@ from haptix.errors import InputError
 from haptix.status import Status
 from haptix.threads import given_threads
 
-# Of the perimeter: how far the pixels in contact reach beyond the contact, on average over the
+# How far the pixels in contact reach beyond the contact, over the perimeter: a mean over the
 # directions of its border (Yastrebov, Anciaux, Molinari, J. Mech. Phys. Solids 107 (2017), eq. 20).
 _PERIMETER_SHARE = (pi - 1 + log(2)) / 24
 
 GAP_LEVELS = (torch.arange(32, dtype=torch.float64) + 0.5) / 32
 """Shares at which the gap's distribution is given: the middles of 32 equal classes."""
 
-# Of the strength reported past the limit of light contact, with the attraction of the gaps: steep
-# enough that a hundredth of it is a tenth of the strength, and no step is spent beyond.
+# Power of the gaps' attraction by which the reported strength falls past the end of light contact:
+# 1 % more attraction takes almost a tenth of the strength, so that no step is spent beyond.
 _FALL = -8.0
-# Of p0, at most, to start a branch with: a rough contact gives way by some h_rms/2 where its
-# pressure grows by e, and only an attraction of about p0 answers that with as much again.
+# Largest mean attraction, over p0, with which a branch starts. A rough contact gives way by some
+# h_rms/2 where its pressure grows e-fold, and only an attraction of about p0 then grows as much.
 _FIRST_PULL = 0.3
 
 
@@ -78,7 +78,7 @@ class ContactSolution(Displayed):
     status: Tensor
     """`Status`: OK, or PULL_IN past the end of the lowest branch; values are those at its end."""
     snap_in_strength: Tensor
-    """Strengths between which the lowest branch ends, shape (..., 2); NaN where it was not met."""
+    """Strengths between which the lowest branch ends, shape (..., 2); NaN where it goes on."""
 
     @property
     def attraction_pa(self) -> Tensor:
@@ -158,7 +158,7 @@ class BoundaryElements:
     def full_contact_pressure(self) -> Tensor:
         """Pressure [Pa] that closes every gap of an elastic solid, shape (surfaces,).
 
-        It is the deepest suction of the pressure that makes the displacement the height itself.
+        It is the largest suction in the pressure whose displacement equals the heights.
         """
         grid = self._problem.levels[0]
         heights = self.surfaces.height_m.to(self.device)
@@ -240,8 +240,8 @@ class BoundaryElements:
         checkpoint, progress
             As in `solve`.
         light_limit : float
-            The branch is also taken to end where p0 and the attraction of the open gaps are this
-            many times p0: what lies beyond is not solved.
+            The branch also ends where the sum of p0 and the attraction of the open gaps exceeds
+            this multiple of p0; stronger attractions are not solved.
 
         Returns
         -------
