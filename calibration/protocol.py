@@ -356,8 +356,8 @@ def determining_strokes(
     """
     places, strokes = _candidates(max_voltage_v)
     at = truths[0].free.index("h0_m")
-    found = [expected_rows(predictor, truth, strokes) for truth in truths]
-    rows, is_light = (np.array(part) for part in zip(*found, strict=True))
+    expected = [expected_rows(predictor, truth, strokes) for truth in truths]
+    rows, is_light = (np.array(part) for part in zip(*expected, strict=True))
     rows = rows * np.array([[MU_ERROR / repeatability], [1.0]]) * is_light[..., None, None]
     known, chosen = information.copy(), list[Sequence[float]]()
     while True:

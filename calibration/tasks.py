@@ -562,7 +562,7 @@ class CalibrationJob(
         return Result(result)
 
 
-def _recorded(inputs: Path, asked: RunCalibration | CheckRig, context: Context) -> RigCheck:
+def _recorded(inputs: Path, task: RunCalibration | CheckRig, context: Context) -> RigCheck:
     """Check a rig with its own instruments, a person and a weight."""
     from calibration.rig import measure_rig
     from calibration.sources import open_inputs
@@ -570,9 +570,9 @@ def _recorded(inputs: Path, asked: RunCalibration | CheckRig, context: Context) 
 
     with ExitStack() as stack:
         driver = None
-        if asked.device is not None:
-            driver = stack.enter_context(closing(open_device(asked.device)))
-        assert asked.weight_n is not None
-        second_n = asked.second_weight_n
-        return measure_rig(open_inputs(inputs), asked.weight_n, context.ask, driver,
+        if task.device is not None:
+            driver = stack.enter_context(closing(open_device(task.device)))
+        assert task.weight_n is not None
+        second_n = task.second_weight_n
+        return measure_rig(open_inputs(inputs), task.weight_n, context.ask, driver,
                            second_weight_n=second_n)  # fmt: skip

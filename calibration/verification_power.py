@@ -204,10 +204,10 @@ def extended_plan(
     max_voltage_v = max(stroke.voltage_v for stroke in protocol.strokes)
     count, fitted = len(protocol.held_out), list[Sequence[float]]()
     if fit["h0_m"].value is None:
-        found = parameters.started_at(**{name: fit.best(name) for name in fit.free})
+        fitted_parameters = parameters.started_at(**{name: fit.best(name) for name in fit.free})
         known = np.asarray(np.linalg.inv(fit.covariance)[None])
         determining = determining_strokes(
-            predictor, [found], known, repeatability, max_voltage_v,
+            predictor, [fitted_parameters], known, repeatability, max_voltage_v,
             _AIMED * reported_within("h0_m"),
         )  # fmt: skip
         if determining is None:

@@ -214,10 +214,10 @@ class Core:
         return bool(self._lib.hx_device_is_whole(self._device))
 
     def read_back(
-        self, sent: npt.NDArray[np.int16], found: npt.NDArray[np.int16], tolerance: int
+        self, sent: npt.NDArray[np.int16], measured: npt.NDArray[np.int16], tolerance: int
     ) -> None:
         """Take measured output samples; if they are too far off 8 times, it ends at 0 V."""
-        codes = (self._ffi.from_buffer("int16_t[]", codes) for codes in (sent, found))
+        codes = (self._ffi.from_buffer("int16_t[]", codes) for codes in (sent, measured))
         self._lib.hx_device_read_back(self._device, *codes, len(sent), tolerance)
 
     def sense(self, sent: npt.NDArray[np.int16], raw: npt.NDArray[np.int16]) -> None:

@@ -70,7 +70,7 @@ class MockConverter:
     full_scale_a : float
         Current of the highest code [A].
     panel_f : float
-        Capacitance of the untouched panel that the firmware is told [F].
+        Capacitance of the untouched panel in the firmware's configuration [F].
     bits : int
         Bits of the converter.
     noise_a : float

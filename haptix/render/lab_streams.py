@@ -41,8 +41,8 @@ class LabOutlets:
     the friction that they are meant to give (NaN if none is given), at the device's rate. Markers
     are texts: code and sample of each mark.
 
-    Drive samples wait until a mark has told when one of them was played: mark the first. Ends as a
-    context manager; a recorder keeps what it has received.
+    Drive samples wait until a mark has reported when one of them was played: mark the first. Ends
+    as a context manager; a recorder keeps what it has received.
 
     Parameters
     ----------

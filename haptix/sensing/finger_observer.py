@@ -64,13 +64,13 @@ class SensingSettings(Displayed):
     least_v : float
         Amplitude from which readings count [V].
     least_mm_per_s : float
-        Speed from which a finger slides [mm/s]: at rest the contact is another one.
+        Speed from which a finger slides [mm/s]: at rest the contact differs.
     probe_v : float
-        Amplitude while nobody touches [V], by which the panel is measured: without any no baseline
-        is known. A finger that comes feels it until it is told: 20 V are 0.03 JND.
+        Amplitude while nobody touches [V]: it measures the panel's baseline. A finger that comes
+        down feels it until its touch is reported: 20 V are 0.03 JND.
     settled_s : float
         Slid for so long before readings count, and untouched for so long before and after those of
-        the baseline: touches are told late [s].
+        the baseline, since touches are reported late [s].
     update_s : float
         Readings are averaged over this [s].
     lost_s : float
@@ -291,7 +291,7 @@ class FingerObserver:
         return current / (2j * pi * self.contact.frequency_hz * reading.driven_v)
 
     def _measure_panel(self, reading: CurrentReading) -> None:
-        """Average the untouched panel, without what a touch that was told later had changed."""
+        """Average the untouched panel, without readings that a touch reported later had changed."""
         settings = self.settings
         if reading.driven_v < settings.least_v / 2 or (
             reading.t_s < self._lifted_s + settings.settled_s

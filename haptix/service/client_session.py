@@ -57,10 +57,10 @@ class ServiceSession:
         self.clock = ClientClock()
         self.geometry: m.Geometry | None = None
         self.settings = Settings()
-        self._fingers: dict[int, float] = {}  # when each was heard last
+        self._fingers: dict[int, float] = {}  # time of each finger's last report
         self.last_id = 0
         self.began_s = now_s()
-        self.unanswered_s: float | None = None  # first ping since it was heard
+        self.unanswered_s: float | None = None  # first ping that it has not answered
         self.pinged_s = float("-inf")
         self.pings: dict[int, float] = {}
         self.next_ping = 0

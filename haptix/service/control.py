@@ -1,12 +1,12 @@
 """Who holds the output, and the state machine of what it does.
 
     off, failed --arm--> armed --its holder is silent--> asleep
-                         armed <--its holder is heard--- asleep
+                         armed <--its holder answers---- asleep
     any state --stop, disarm, release, takeover, a closed socket, a job--> off
     any state --the driver or the engine fails--> failed --the engine is back--> off
 
 Only `armed` has voltage, and only its holder's `arm` leads there from `off` or `failed`. The engine
-is told of 0 V before the state is.
+gets the order for 0 V before the state changes.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Engine(Protocol):
         """Return the answer to a question; raises `Problem`."""
 
     def tell(self, do: str, **fields: Any) -> None:
-        """Say something that has no answer."""
+        """Send a message that has no answer."""
 
     def touch(self, reports: list[TouchEvent]) -> None:
         """Pass touches on, by the service's clock."""
@@ -65,7 +65,7 @@ class OutputControl:
         self.engine, self._welcome = engine, welcome
         self.holder: ServiceSession | None = None
         self._kept: KeptLease | None = None
-        self._told = Settings()  # what the engine was told last
+        self._sent = Settings()  # what the engine has
         self.output = m.OutputMessage(
             state="off",
             device=device,
@@ -159,7 +159,7 @@ class OutputControl:
         """Be as before `sleep`."""
         if self.output.state == "asleep":
             self.engine.tell("wake")
-            self.set(state="armed", reason="its holder is heard again")
+            self.set(state="armed", reason="its holder answers again")
 
     def set(self, number: int = 0, **changes: Any) -> m.OutputMessage:
         """Change the state of the output, tell all, and return the answer to a message."""
@@ -171,12 +171,12 @@ class OutputControl:
         return self.output.model_copy(update={"id": number})
 
     def news(self, settings: Settings) -> list[tuple[str, dict[str, Any]]]:
-        """Return what the engine is to be told, of a session's settings and the person's own."""
-        person, before = self.output, self._told
+        """Return the messages that give the engine a session's settings and the person's own."""
+        person, before = self.output, self._sent
         muted = settings.muted or person.person_muted
         intensity = settings.intensity * person.person_intensity
         now = Settings(intensity, muted, settings.paused, settings.senses)
-        self._told = now
+        self._sent = now
         whole = (
             ("intensity", {"value": now.intensity}, now.intensity != before.intensity),
             ("mute", {"on": now.muted}, now.muted != before.muted),
@@ -186,7 +186,7 @@ class OutputControl:
         return [(do, fields) for do, fields, is_new in whole if is_new]
 
     def follow(self, **of_person: Any) -> None:
-        """Let the engine do what the holder, and the person, want now."""
+        """Send the engine the settings of the holder and of the person."""
         settings = self.holder.settings if self.holder else Settings()
         changes = settings._asdict() | of_person
         if self.output != self.output.model_copy(update=changes):

@@ -74,7 +74,7 @@ _RENDERS = (
 )
 _SETTLED_S = 0.015  # a driver tells within its status' period which revisions it refused
 _MOST_STATS_HZ = 50.0
-_LAST_REACTIONS = 500  # of which percentiles are told
+_LAST_REACTIONS = 500  # reactions of which percentiles are reported
 
 
 class Telemetry:
@@ -431,7 +431,7 @@ class EngineServer:
         for kind in ("enter", "leave", "press", "release", "detent"):
             renderer.on(kind, partial(self._contact, layout))
         self._tick_s = time.monotonic()
-        self._sleeps = False  # who arms is heard; whoever held the output before was perhaps not
+        self._sleeps = False  # the client that arms is alive, even if an earlier holder fell silent
         renderer.__enter__()
         renderer.intensity = self._intensity
         self._set_mute(renderer)

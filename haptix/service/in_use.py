@@ -1,6 +1,6 @@
 """What is in use, for people: the profiles of screen and finger, and the volts of full drive.
 
-The drive is told and never asked for: a client that wants less asks for less friction, or for a
+Clients can read the volts and not set them: a client that wants less asks for less friction or a
 lower intensity.
 """
 

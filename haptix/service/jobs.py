@@ -29,7 +29,7 @@ _LOG = logging.getLogger("haptix.service")
 MOST_QUEUED = 8
 _MOST_ENDED = 50  # jobs that have ended
 _LONGEST_SILENCE_S = 3.0
-_SHARE = 0.01  # of a job: smaller steps are not told
+_SHARE = 0.01  # of a job: smaller steps are not reported
 _ENDED = ("done", "failed", "cancelled")
 
 
@@ -151,7 +151,7 @@ class JobBoard:
     tell : callable
         Takes each change of a job.
     lend : callable
-        Ends at 0 V before a kind of job plays, and is told of its end by "".
+        Ends at 0 V before a kind of job plays; called with "" when the job has ended.
     """
 
     def __init__(

@@ -35,14 +35,15 @@ LONGEST_S = 20.0
 START_S = 120.0
 """For a worker to start: torch loads in 20 s where other programs use both cores."""
 IDLE_S = 60.0
-"""A worker that has had nothing to do for so long is ended, and its memory is free."""
+"""A worker that is idle for so long is ended, which frees its memory."""
 MOST_WORKERS, MOST_WAITING = 3, 16
 NICE = 10
 """A picture or a job may wait."""
 BEAT_S, MOST_SILENT, LONGEST_SILENCE_S = 0.1, 7, 2.0
 """Between two beats, which a process returns at once; so many without an answer mean that it hangs.
-Beats are counted, not seconds: a front that was stopped itself finds nobody silent. Workers of the
-pool have a low priority: who waits for one is told then, and it is ended only after the last."""
+Beats are counted, not seconds, so that a front that was stopped itself takes no process for silent.
+Workers of the pool have a low priority: after the second number their owner gets a warning; only
+after the third they are ended."""
 
 
 class Process:
@@ -226,7 +227,7 @@ class Process:
 
 
 class _Worker(Process):
-    """A worker of the pool; its owner is told when it is silent."""
+    """A worker of the pool; its owner gets a warning when it is silent."""
 
     def __init__(self) -> None:
         super().__init__(nice=NICE)

@@ -268,12 +268,12 @@ def _scale(
     run: RunOfMethod,
     levels: Sequence[float],
     wins: Array,
-    found: tuple[Array, Array, float],
+    fitted: tuple[Array, Array, float],
     participants: int = 0,
 ) -> list[Row]:
     from scipy.stats import t as student
 
-    value, spread, fit_p = found
+    value, spread, fit_p = fitted
     if participants:
         half = spread * student.ppf(0.975, participants - 1)
         low, high = value - half, value + half

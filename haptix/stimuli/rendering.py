@@ -277,12 +277,12 @@ class Apparatus:
 
     def skin(self, stimulus: Stimulus) -> Skin:
         """What the first finger's skin attracts of a stimulus's drive."""
-        assert stimulus.frequency_hz is not None  # the apparatus has asked for it
+        assert stimulus.frequency_hz is not None  # the apparatus refuses a stimulus without one
         key = ("skin", stimulus.normal_force_n, stimulus.frequency_hz, stimulus.h0_m)
         if key not in self._known:
             self._known[key] = Skin(self.models[0], *key[1:])
-        found: Skin = self._known[key]
-        return found
+        skin: Skin = self._known[key]
+        return skin
 
     def placeholders(self) -> list[str]:
         """Names of the placeholders that the predictions use."""

@@ -398,7 +398,7 @@ class MakingJob:
 
     def _publish(
         self,
-        found: list[dict[str, Any]],
+        sidecars: list[dict[str, Any]],
         known: dict[str, str],
         tables: dict[str, bytes],
         reused: int,
@@ -406,8 +406,8 @@ class MakingJob:
         """Move everything into place; `known` has hashes of sidecars, by their names."""
         parts = self.parts
         self.on_progress("write", 0.0)
-        files = [str(table["file"]) for table in found]
-        known = known | {str(table["file"]): str(table["sha256"]) for table in found}
+        files = [str(table["file"]) for table in sidecars]
+        known = known | {str(table["file"]): str(table["sha256"]) for table in sidecars}
         # Finished files are drafts, or published by an earlier run.
         places = {
             name: next(path for path in (self.drafts / name, self.folder / name) if path.exists())
@@ -416,14 +416,14 @@ class MakingJob:
         }
         others: dict[str, bytes] = {"profiles.json": json_text(self.profiles).encode(), **tables}
         drives = [places[name] for name in files]
-        others["sheet.png"] = self.contact_sheet(parts.name, drives, found)
+        others["sheet.png"] = self.contact_sheet(parts.name, drives, sidecars)
         for name, data in others.items():
             places[name] = self.drafts / name
             places[name].write_bytes(data)
         manifest = {
             "haptix": __version__,
             "set": parts.name,
-            "is_placeholder": any(table["is_placeholder"] for table in found),
+            "is_placeholder": any(table["is_placeholder"] for table in sidecars),
             "trials": asdict(parts.trials),
             "files": {
                 name: {
@@ -443,7 +443,7 @@ class MakingJob:
         publish({path: target for path, target in drafts.items() if path != target})
         shutil.rmtree(self.drafts, ignore_errors=True)
         self.on_progress("write", 1.0)
-        return SetResult(self.folder, tuple(found), manifest, reused)
+        return SetResult(self.folder, tuple(sidecars), manifest, reused)
 
 
 class StimulusSet(SetPlan):

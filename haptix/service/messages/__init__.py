@@ -438,7 +438,7 @@ class PingMessage(Message):
 
 
 class StrokeTrace(Message):
-    """What a calibration's instruments read of a stroke, since they were told of last."""
+    """What a calibration's instruments have read of a stroke since the last such message."""
 
     stroke: int
     tries: int

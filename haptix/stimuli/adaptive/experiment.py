@@ -552,8 +552,8 @@ class Experiment:
         return (presentation or self._made(condition)).allowed(level, self._ceiling_v)
 
 
-def _magnitude(given: str) -> None:
+def _magnitude(answer: str) -> None:
     try:
-        checks.positive("answer", float(given))
+        checks.positive("answer", float(answer))
     except ValueError:
-        raise InputError(f"answer: expected a number above 0, got {given!r:.80}") from None
+        raise InputError(f"answer: expected a number above 0, got {answer!r:.80}") from None

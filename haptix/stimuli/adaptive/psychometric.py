@@ -112,9 +112,9 @@ def chance_p(answers: Answers, guess: float) -> float:
     return float(binomtest(right, len(answers), guess, alternative="greater").pvalue)
 
 
-def without(found: Estimate, why: str) -> Estimate:
+def without(estimate: Estimate, why: str) -> Estimate:
     """Return an estimate without a threshold, with the reason."""
-    return Estimate(others=found.others, warnings=(f"no threshold: {why}", *found.warnings))
+    return Estimate(others=estimate.others, warnings=(f"no threshold: {why}", *estimate.warnings))
 
 
 def counted(answers: Answers) -> tuple[Array, Array, Array]:

@@ -187,7 +187,7 @@ class SessionPlan(Part):
     break_every : int, optional
         Trials after which the participant rests.
     feedback : bool
-        Whether each answer is told to be right or wrong.
+        Whether the participant learns after each answer if it was right.
     """
 
     practice: Practice | None = None
@@ -339,7 +339,7 @@ class TrialSequence:
     trials: int = 0
     """Accepted trials, those of practice and catch trials included."""
     counted: int = 0
-    """Of those, the ones that the method has heard of."""
+    """Of those, the ones that the method has counted."""
     attempt: int = 0
     """Earlier attempts at the next trial."""
 
