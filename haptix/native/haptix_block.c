@@ -137,16 +137,16 @@ static double as_mu(int64_t target, double value, double lowest, double highest)
                          : lowest + value * (highest - lowest);
 }
 
-static double asked_mu(const hx_rendering *r, double value, double lowest, double highest)
+static double wanted_mu(const hx_rendering *r, double value, double lowest, double highest)
 {
-    double asked = as_mu(r->target, value, lowest, highest);
+    double mu = as_mu(r->target, value, lowest, highest);
     if (!r->compresses)
-        return asked;
+        return mu;
     double bottom = as_mu(r->target, r->span_low, lowest, highest);
     double top = as_mu(r->target, r->span_high, lowest, highest);
     /* A texture that lies wholly outside the range goes to the nearest end. */
     double low = bottom > lowest ? bottom : lowest, high = top < highest ? top : highest;
-    return low + (asked - bottom) / (top - bottom) * (high > low ? high - low : 0.0);
+    return low + (mu - bottom) / (top - bottom) * (high > low ? high - low : 0.0);
 }
 
 /* Amplitude of one finger at one point by one slice; also the friction and its status. */
@@ -154,7 +154,7 @@ static double wanted_v(const hx_rendering *r, const hx_block *b, const hx_slice 
                        int64_t at, int64_t point, double *mu, int8_t *status)
 {
     double lowest = c->lowest_mu, highest = c->highest_mu;
-    *mu = asked_mu(r, b->value[at], lowest, highest);
+    *mu = wanted_mu(r, b->value[at], lowest, highest);
     if (b->added) { /* up to the end of the range; then the intensity scales what is above */
         double most = *mu > highest ? *mu : highest;
         double more = *mu + b->added[at] * (highest - lowest);
