@@ -191,7 +191,9 @@ class Check(Task, command="calibrate check"):
             **about,
         }
         since = "" if days is None else f", {days} days after its calibration"
-        rows = [{"": name.replace("_", " "), **row(one)} for name, one in checked.drifts.items()]
+        rows = [
+            {"": name.replace("_", " "), **row(drift)} for name, drift in checked.drifts.items()
+        ]
         title = f"{first_line(about)}\n{checked.verdict}: {screen.name}{since}; drift in JND"
         return Result(document, [(title, rows)], failed=not checked.passed)
 
@@ -245,7 +247,7 @@ class MatchScreens(Task, command="calibrate match"):
 
         named: tuple[str | None, ...] = self.finger or (None,)
         pairs = [profiles(name, str(file)) for name in named for file in (self.a, self.b)]
-        fingers, (a, b) = [one for one, _ in pairs], [screen for _, screen in pairs[:2]]
+        fingers, (a, b) = [finger for finger, _ in pairs], [screen for _, screen in pairs[:2]]
         if self.finger or fingers[0] == fingers[1]:
             fingers = fingers[::2]
         matches = match_screens(a, b, fingers, self.normal_force_n, self.frequency_hz, self.levels)
@@ -254,7 +256,7 @@ class MatchScreens(Task, command="calibrate match"):
         titles = [f"at {match.normal_force_n:g} N and {self.frequency_hz:g} Hz: {match.text}"
                   for match in matches]  # fmt: skip
         titles[0] = f"{first}\n{titles[0]}"
-        tables = [(title, one.levels) for title, one in zip(titles, matches, strict=True)]
+        tables = [(title, match.levels) for title, match in zip(titles, matches, strict=True)]
         return Result([{**record(match), "profiles": about} for match in matches], tables)
 
 
@@ -319,8 +321,10 @@ class Period(Task, command="calibrate period"):
             for file in self.files
         ]
         names = [{"file": file.name} for file in self.files]
-        rows = [name | record(one) for name, one in zip(names, periods, strict=True)]
-        shown = [name | row(one, ("summary",)) for name, one in zip(names, periods, strict=True)]
+        rows = [name | record(period) for name, period in zip(names, periods, strict=True)]
+        shown = [
+            name | row(period, ("summary",)) for name, period in zip(names, periods, strict=True)
+        ]
         is_sure = all(period.is_significant for period in periods)
         return Result(rows, [("spatial period", shown)], failed=not is_sure)
 

@@ -218,11 +218,11 @@ class ColumnMap(Document):
 
     @model_validator(mode="after")
     def _units_are_known(self) -> Self:
-        for name, one in self.columns.items():
+        for name, column in self.columns.items():
             known = [*_UNITS.get(name, ()), "raw"]
-            if one.column is not None and one.unit not in known:
-                raise ValueError(f"{name}: expected unit {', '.join(known)}, got {one.unit!r}")
-            if one.speed_mm_per_s is not None and name != "x_mm":
+            if column.column is not None and column.unit not in known:
+                raise ValueError(f"{name}: expected unit {', '.join(known)}, got {column.unit!r}")
+            if column.speed_mm_per_s is not None and name != "x_mm":
                 raise ValueError(f"{name}: speed_mm_per_s makes a position: x_mm alone may have it")
         if "t_s" not in self.columns:
             raise ValueError("expected t_s among the columns")
@@ -231,7 +231,7 @@ class ColumnMap(Document):
     @property
     def assumed(self) -> tuple[str, ...]:
         """Signals of a recording that no column of the file gives."""
-        columns = {name for name, one in self.columns.items() if one.column is not None}
+        columns = {name for name, column in self.columns.items() if column.column is not None}
         return tuple(name for name in ("x_mm", "drive_v") if name not in columns)
 
     def signals(self, path: str | Path) -> dict[str, Array]:
@@ -279,19 +279,19 @@ class ColumnMap(Document):
                 f"{', '.join(map(repr, header))}"
             )
         signals: dict[str, Array] = {}
-        for name, one in self.columns.items():
-            if one.column is not None:
-                at = header.index(one.column.strip())
+        for name, column in self.columns.items():
+            if column.column is not None:
+                at = header.index(column.column.strip())
                 cells = (row[at] if at < len(row) else "" for row in rows)
                 values = [self._number(path, header[at], i, cell) for i, cell in enumerate(cells)]
-                unit = _UNITS.get(name, {}).get(one.unit or "raw", 1.0)
-                signals[name] = np.array(values) * unit * one.scale
+                unit = _UNITS.get(name, {}).get(column.unit or "raw", 1.0)
+                signals[name] = np.array(values) * unit * column.scale
         t = signals["t_s"]
-        for name, one in self.columns.items():
-            if one.speed_mm_per_s is not None:
-                signals[name] = (t - t[0]) * one.speed_mm_per_s
-            elif one.value is not None:
-                signals[name] = np.full(len(t), one.value * one.scale)
+        for name, column in self.columns.items():
+            if column.speed_mm_per_s is not None:
+                signals[name] = (t - t[0]) * column.speed_mm_per_s
+            elif column.value is not None:
+                signals[name] = np.full(len(t), column.value * column.scale)
         return signals
 
     def _rows(self, path: str | Path) -> tuple[list[str], list[list[str]]]:

@@ -39,15 +39,15 @@ def predicted(tally: Tally, response: Column, each: Sequence[Column]) -> dict[st
         },
     }
     if len(each) > 1:
-        mu = np.array([one.mu(ends) for one in each])
-        contrast = mu / np.array([[one.lowest_mu] for one in each]) - 1
+        mu = np.array([response.mu(ends) for response in each])
+        contrast = mu / np.array([[response.lowest_mu] for response in each]) - 1
         prediction["over_fingers"] = {
             "percentiles": list(_BAND),
             "mu_low": np.percentile(mu[:, 0], _BAND).tolist(),
             "mu_high": np.percentile(mu[:, 1], _BAND).tolist(),
             "contrast_high": np.percentile(contrast[:, 1], _BAND).tolist(),
         }
-        all_mu = np.array([one.mu(amplitude) for one in each])
+        all_mu = np.array([response.mu(amplitude) for response in each])
         edges = np.percentile(all_mu, (_BAND[0], _BAND[-1]), axis=0)
         prediction["against_amplitude"] |= dict(
             zip(("mu_p5", "mu_p95"), edges.tolist(), strict=True)

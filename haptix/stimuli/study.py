@@ -400,8 +400,8 @@ def _motion(
     name = f"{base.name}_tracksys-panel"
     start = float(t_s[0])
     table = io.StringIO()
-    for at, one in zip(t_s, samples, strict=True):
-        table.write(f"{one['x_mm']}\t{one['y_mm']}\t{at - start:.5f}\n")
+    for at, sample in zip(t_s, samples, strict=True):
+        table.write(f"{sample['x_mm']}\t{sample['y_mm']}\t{at - start:.5f}\n")
     channels = [
         {"name": axis, "component": axis, "type": "POS", "tracked_point": "finger", "units": "mm"}
         for axis in ("x", "y")

@@ -59,9 +59,9 @@ class Touch:
             return None
         down = [at for at in samples if at.phase != "up"]
         steps = [
-            (dist((one.x_mm, one.y_mm), (other.x_mm, other.y_mm)), other.t_s - one.t_s)
-            for one, other in pairwise(sorted(down, key=lambda at: (at.contact, at.t_s)))
-            if one.contact == other.contact and 0 < other.t_s - one.t_s < _GAP_S
+            (dist((first.x_mm, first.y_mm), (second.x_mm, second.y_mm)), second.t_s - first.t_s)
+            for first, second in pairwise(sorted(down, key=lambda at: (at.contact, at.t_s)))
+            if first.contact == second.contact and 0 < second.t_s - first.t_s < _GAP_S
         ]
         path_mm, time_s = (sum(parts) for parts in zip(*steps, strict=True)) if steps else (0, 0)
         return cls(_mean([at.normal_force_n for at in down]), path_mm / time_s if time_s else None)
@@ -283,10 +283,10 @@ class Experiment:
         try:
             self._ranges = StrokeRanges(
                 **{
-                    name: (max(0.0, one * (1 - most)), one * (1 + most))
-                    if isinstance(one, float | int)
-                    else one
-                    for name, one in wanted.items()
+                    name: (max(0.0, value * (1 - most)), value * (1 + most))
+                    if isinstance(value, float | int)
+                    else value
+                    for name, value in wanted.items()
                 }
             )
         except ValidationError as error:
@@ -403,7 +403,8 @@ class Experiment:
             else {"": self.method}
         )
         return {
-            name: estimate_of(one, self.log.rows, self.task, name) for name, one in several.items()
+            name: estimate_of(method, self.log.rows, self.task, name)
+            for name, method in several.items()
         }
 
     def summary(self) -> dict[str, Any]:
@@ -424,10 +425,10 @@ class Experiment:
             raise InputError(
                 "presentation: expected one for each condition, and MethodsByCondition as method"
             )
-        levels = {name: one.level for name, one in self.method.methods.items()}
+        levels = {name: method.level for name, method in self.method.methods.items()}
         return {
-            name: one.hashes(self.allowed(levels[name], one))
-            for name, one in self.presentation.items()
+            name: presentation.hashes(self.allowed(levels[name], presentation))
+            for name, presentation in self.presentation.items()
         }
 
     def _present(self) -> dict[str, str]:

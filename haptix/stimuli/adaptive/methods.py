@@ -142,7 +142,7 @@ class MethodsByCondition(Method):
     def condition(self) -> str:
         """Name of the condition of the next trial."""
         if self._drawn is None:
-            left = [name for name, one in self.methods.items() if not one.is_done]
+            left = [name for name, method in self.methods.items() if not method.is_done]
             left = left or list(self.methods)[-1:]
             draw = np.random.default_rng([self.seed, self._taken])
             self._drawn = left[int(draw.integers(len(left)))] if self.interleaved else left[0]
@@ -177,7 +177,7 @@ class MethodsByCondition(Method):
         return Estimate()
 
     def describe(self) -> dict[str, Any]:
-        described = {name: one.describe() for name, one in self.methods.items()}
+        described = {name: method.describe() for name, method in self.methods.items()}
         return super().describe() | {"methods": described, "order": list(self.methods)}
 
 
