@@ -132,3 +132,20 @@ def keep_freed_memory() -> None:
             mallopt = ctypes.CDLL(None).mallopt
             mallopt(_M_MMAP_THRESHOLD, _MMAP_ABOVE)
             mallopt(_M_TRIM_THRESHOLD, _TRIM_ABOVE)
+
+
+def return_freed_memory() -> None:
+    """Give the kernel what this thread has freed and `keep_freed_memory` keeps.
+
+    For a process that has built its tables and then lives long.
+    """
+    if not sys.platform.startswith("linux"):
+        return
+    with suppress(AttributeError):
+        libc = ctypes.CDLL(None)
+        libc.malloc.argtypes, libc.malloc.restype = (ctypes.c_size_t,), ctypes.c_void_p
+        libc.free.argtypes = (ctypes.c_void_p,)
+        libc.mallopt(_M_TRIM_THRESHOLD, 0)
+        libc.free(libc.malloc(1 << 20))  # malloc_trim leaves the end of a thread's own heap alone
+        libc.malloc_trim(0)
+        libc.mallopt(_M_TRIM_THRESHOLD, _TRIM_ABOVE)

@@ -364,6 +364,7 @@ class EngineServer:
         from haptix.service.document_work import surface_of
         from haptix.service.in_use import profiles_of
         from haptix.texture.decoded import FOLDER, keep_in
+        from haptix.threads import return_freed_memory
 
         self._assets = Path(assets)
         keep_in(self._assets.parent / FOLDER, makes=False)
@@ -373,6 +374,7 @@ class EngineServer:
         used = Finger.named(finger), Screen.named(screen)
         self._surface = surface_of({"surface": surface, "finger": finger, "screen": screen})
         self._load_sensing(used[0] if touched_by is None else Finger.named(touched_by), used[1])
+        return_freed_memory()
         return {
             "device": self._device.name,
             "finger": finger,
