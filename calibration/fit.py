@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from hashlib import sha256
 from math import exp, inf, sqrt
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
@@ -22,6 +20,7 @@ from haptix.contact import TheoryName
 from haptix.display import Displayed
 from haptix.documents import Document, Part, renamed
 from haptix.errors import InputError
+from haptix.files import digest
 from haptix.report import Heading
 from haptix.version import __version__
 
@@ -387,7 +386,7 @@ class Fit(Document):
         fields = self.model_dump(mode="json", exclude={"content_hash"})
         for form in fields["forms"]:  # as it was called, so that earlier fits keep their hash
             form["effect_thresholds"] = form.pop("effect_jnd")
-        return sha256(json.dumps(fields, sort_keys=True).encode()).hexdigest()
+        return digest(fields)
 
     @property
     def undetermined(self) -> list[ParameterEstimate]:

@@ -245,7 +245,7 @@ def json_text(value: object) -> str:
     return json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def digest(plain: Mapping[str, Any]) -> str:
+def digest(plain: Any) -> str:
     """SHA-256 of plain values, such as the description of a model or of a file."""
     return sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
 

@@ -62,7 +62,7 @@ _FRAME = struct.Struct("<BBBBHHIIdd")
 _KINDS: dict[int, Literal["down", "move", "up"]] = {0: "down", 1: "move", 2: "up"}
 _NUMBERS = {kind: number for number, kind in _KINDS.items()}
 _MOST_FORCE_N, _MOST_AREA_M2 = 100.0, 0.1
-_PIXELS, _FORCE, _AREA, _COALESCED = 4, 8, 16, 32
+_PIXELS, _FORCE, _AREA = 4, 8, 16
 
 COLUMNS: dict[Stream, tuple[str, ...]] = {
     "stats": (

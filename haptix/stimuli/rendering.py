@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -19,6 +17,7 @@ from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
 from haptix.checks import Array
 from haptix.devices import BODY_CAPACITANCE_F, Current, DriveLimits
 from haptix.errors import InputError
+from haptix.files import digest
 from haptix.finger import Finger, FingerResponse
 from haptix.friction import ContactModel
 from haptix.perception.sensation import SensationInTime
@@ -301,7 +300,7 @@ class Apparatus:
 
     @cached_property
     def _profile_hash(self) -> str:
-        return hashlib.sha256(json.dumps(self.profiles(), sort_keys=True).encode()).hexdigest()
+        return digest(self.profiles())
 
     def surface_keys(self) -> list[str]:
         """Hashes of everything that decides the surfaces' numbers."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import pickle
 import shutil
 from collections.abc import Callable
@@ -19,6 +18,7 @@ from haptix.devices import DriveWindow
 from haptix.errors import FileFormatError, InputError, LimitError, RangeError
 from haptix.executors import executor_of, finished
 from haptix.files import (
+    digest,
     json_table,
     json_text,
     publish,
@@ -211,16 +211,12 @@ class SetFiles:
     def _recipe(self, stimulus: Stimulus, index: int) -> str:
         """Hash of everything that determines a file and its sidecar."""
         plan = self.plan
-        text = json.dumps(
-            [
-                __version__, stimulus.describe(), self.apparatus.surface_keys(),
-                self.apparatus.profile_hash(), plan.sample_rate_hz, plan.container, plan.encoding,
-                plan.full_scale_v, plan.limits.ceiling_v, plan.trigger and [index + 1, self.pulses],
-                plan.name, TOLERANCE, self._perception,
-            ],
-            sort_keys=True,
-        )  # fmt: skip
-        return hashlib.sha256(text.encode()).hexdigest()
+        return digest([
+            __version__, stimulus.describe(), self.apparatus.surface_keys(),
+            self.apparatus.profile_hash(), plan.sample_rate_hz, plan.container, plan.encoding,
+            plan.full_scale_v, plan.limits.ceiling_v, plan.trigger and [index + 1, self.pulses],
+            plan.name, TOLERANCE, self._perception,
+        ])  # fmt: skip
 
     def _finished(self, name: str, recipe: str) -> dict[str, Any] | None:
         """Sidecar of a file that this recipe has made before, if both are whole."""
