@@ -147,6 +147,7 @@ def decimal_comma(text: str) -> str:
 def _quantity(place: str, text: str, unit: str, example: str) -> float:
     wrong = InputError(
         f'{place}: expected a number, or one with its unit such as "{example}", got {text!r:.80}'
+        f"{decimal_comma(text)}"
     )
     match = _NUMBER.fullmatch(text)
     if match is None:

@@ -68,7 +68,7 @@ class LayoutMaterial(Material):
         """Read a document of the former kind "composition", whose regions were called sprites."""
         if fields.get("kind") != "composition":
             return fields
-        sprites = fields.pop("sprites", ())
+        sprites = fields.pop("sprites", fields.get("regions", ()))
         regions = [
             {("material" if key == "of" else key): value for key, value in sprite.items()}
             if isinstance(sprite, Mapping)

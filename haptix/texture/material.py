@@ -142,7 +142,7 @@ def load(path: str | Path) -> Material:
         )
     try:
         with in_folder(path.parent):
-            return material_of(with_numbers("material", fields), version)
+            return material_of(fields, version)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 
@@ -156,13 +156,13 @@ def material_of(table: Any, version: int = 1) -> Material:
     Parameters
     ----------
     table : Material, mapping, str or Path
-        A material, its table, or the path of a file.
+        A material, its table, or the path of a file. Numbers may be strings with units.
     version : int
         The `schema_version` of the table.
 
     Examples
     --------
-    >>> material_of({"kind": "grating", "period_mm": 2.0}).period_mm
+    >>> material_of({"kind": "grating", "period_mm": "0.2 cm"}).period_mm
     2.0
     """
     if isinstance(table, str):
@@ -173,7 +173,7 @@ def material_of(table: Any, version: int = 1) -> Material:
             raise InputError(f'material: expected a table with a "kind", got {table!r:.80}')
         existing: Material = table
         return existing
-    material: Material = KINDS.read("material", table, version)
+    material: Material = KINDS.read("material", with_numbers("material", table), version)
     return material
 
 

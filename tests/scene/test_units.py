@@ -70,6 +70,11 @@ def test_what_is_no_such_quantity_is_named_with_an_example(text, key):
         with_numbers("Scene", {key: text})
 
 
+def test_a_decimal_comma_in_a_document_is_told_apart():
+    with pytest.raises(InputError, match=r"the decimal sign is a point: 0\.4"):
+        with_numbers("Scene", {"normal_force_n": "0,4 N"})
+
+
 def test_lists_and_tables_are_read_and_other_strings_left():
     fields = {
         "name": "150 V",
