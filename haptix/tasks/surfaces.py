@@ -271,15 +271,7 @@ class Query(OfModel, command="query", route="queries"):
             x = float(state.x.min())
             note = placeholder_note(model.placeholders(), largest)
             note += f"; x = p0/(E* slope) from {x:.2g}; {state.accuracy}"
-            names = (
-                "mu",
-                "x",
-                "area_fraction",
-                "attraction_pa",
-                "pull_in_voltage_v",
-                "pull_past_breakdown",
-            )
-            outputs = {name: getattr(state, name) for name in names}
+            outputs = {name: getattr(state, name) for name in _OF_A_STATE}
             share = float(state.pull_past_breakdown.max())
             status, warnings = state.status, state.warnings()
             about, screen = described(model.finger, model.screen), model.screen
@@ -318,6 +310,9 @@ class Query(OfModel, command="query", route="queries"):
 
 
 _IN_THE_TITLE = ("x", "pull_past_breakdown")
+_OF_A_STATE = (
+    "mu", "x", "area_fraction", "attraction_pa", "pull_in_voltage_v", "pull_past_breakdown",
+)  # fmt: skip
 
 
 _REACH_TOLERANCE = "0.02 JND"  # far less than a person feels, and less than the table's digits
@@ -510,17 +505,13 @@ def _product(task: Task, *names: str) -> dict[str, Any]:
     return dict.fromkeys(names) | dict(zip(lists, columns, strict=True))
 
 
-def _plain(number: float) -> float | None:
-    """Return a number for JSON; None if it is not finite, as an interval that was not shown."""
-    return number if isfinite(number) else None
-
-
 def _rows(inputs: dict[str, Any], outputs: dict[str, Any], status: Any) -> list[dict[str, Any]]:
+    """Rows for JSON: None where a number is not finite, as an interval that was not shown."""
     from haptix.status import Status
 
     columns = {name: column for name, column in (inputs | outputs).items() if column is not None}
     return [
-        {name: _plain(float(column[row])) for name, column in columns.items()}
+        {name: x if isfinite(x := float(column[row])) else None for name, column in columns.items()}
         | {"status": Status(int(status[row])).name}
         for row in range(len(status))
     ]
