@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from math import inf, isnan
+from operator import itemgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -27,9 +28,48 @@ from haptix.version import __version__
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_OF_PARTICIPANT = ("seed", "order")  # fields of a method that differ between participants
+ALL = "all"
+"""Participant of the rows that are over all of them."""
+MOST_PICTURES = 100
+"""Of runs; those after them are in the tables alone."""
 
+_OF_PARTICIPANT = ("seed", "order")  # fields of a method that differ between participants
 _OF_APPARATUS = ("finger", "screen", "recipe", "drive")  # the drive is that of the first level
+_GROUP = ("task", "condition", "experiment")
+_SCALE = ("scale_logit", "low_logit", "high_logit")
+_MEAN = ("mean", "low", "high")
+_INTERVAL = 0.95
+_IN_SPREADS = 3.92  # widths of such an interval
+_EXACT = 1e-6  # spread of numbers without scatter
+_LEAST_PARTICIPANTS = 2
+_DRAWS = 200  # of participants with replacement: a spread is known to 5 %
+
+Row = dict[str, Any]
+Item = TypeVar("Item")
+Key = TypeVar("Key", bound=Hashable)
+
+
+def _grouped(items: Iterable[Item], key: Callable[[Item], Key]) -> dict[Key, list[Item]]:
+    """Items by their key, in the order in which they come."""
+    groups: dict[Key, list[Item]] = {}
+    for item in items:
+        groups.setdefault(key(item), []).append(item)
+    return groups
+
+
+def _condition(row: Mapping[str, Any]) -> tuple[str, ...]:
+    return tuple(row[name] for name in _GROUP)
+
+
+def _words(*parts: str) -> str:
+    return " ".join(filter(None, parts))
+
+
+def _half_interval(spread: Any, free: int) -> Any:
+    """Half of Student's interval of a value with a spread of so many degrees of freedom."""
+    from scipy.stats import t as student
+
+    return spread * student.ppf((1 + _INTERVAL) / 2, free)
 
 
 @dataclass(frozen=True)
@@ -52,11 +92,10 @@ class RunOfMethod:
     @property
     def place(self) -> dict[str, Any]:
         """Columns that identify the run."""
-        session = self.session
-        names = ("participant", "session", "task")
-        place = {name: getattr(session, name) for name in names}
+        one = self.session
+        place = {"participant": one.participant, "session": one.session, "task": one.task}
         place |= {"condition": self.condition, "experiment": self.experiment}
-        return place | {"source": session.source}
+        return place | {"source": one.source}
 
 
 def runs_of(session: LoggedSession) -> Iterator[RunOfMethod]:
@@ -76,31 +115,24 @@ def runs_of(session: LoggedSession) -> Iterator[RunOfMethod]:
             name: estimate_of(part, session.rows, task, name) for name, part in methods.items()
         }
         unfinished = _unfinished(plan, methods.values(), estimates.values())
-        if unfinished and not session.finished:
-            estimates = {
-                name: replace(estimate, warnings=(unfinished, *estimate.warnings))
-                for name, estimate in estimates.items()
-            }
+        first = (unfinished,) if unfinished and not session.finished else ()
         whole = summary(session.rows, task, plan.exclude)
-        accepted = [
-            row
-            for row in session.rows
-            if row["accepted"] == "true" and row["kind"] in ("trial", "n/a")
-        ]
+        of_trials = (row for row in session.rows if row["kind"] in ("trial", "n/a"))
+        accepted = [row for row in of_trials if row["accepted"] == "true"]
         for name, part in methods.items():
             experiment = _hash(session, name, part.describe())
             rows = tuple(row for row in accepted if row["condition"].replace("n/a", "") == name)
             estimate = estimates[name]
+            estimate = replace(estimate, warnings=(*first, *estimate.warnings))
             yield RunOfMethod(session, name, experiment, part, estimate, rows, whole, remarks)
 
 
-def _unfinished(plan: SessionPlan, methods: Iterable[Method], estimates: Iterable[Estimate]) -> str:
+def _unfinished(
+    plan: SessionPlan, methods: Collection[Method], estimates: Iterable[Estimate]
+) -> str:
     """Return a warning that a session is not finished, or ""; times in the plan are not checked."""
-    counted, stop = 0, plan.stop
-    is_done = True
-    for method in methods:
-        counted += len(getattr(method, "answers", ()))
-        is_done &= method.is_done
+    stop, counted = plan.stop, sum(len(getattr(method, "answers", ())) for method in methods)
+    is_done = all(method.is_done for method in methods)
     if is_done or counted >= (stop.most_trials or inf) or stop.most_minutes is not None:
         return ""
     if stop.spread is not None and all(part.width / 4 <= stop.spread for part in estimates):
@@ -120,15 +152,6 @@ def _hash(session: LoggedSession, condition: str, method: Mapping[str, Any]) -> 
     return digest(experiment)[:8]
 
 
-Row = dict[str, Any]
-
-_GROUP = ("task", "condition", "experiment")
-
-_IN_SPREADS = 3.92  # a 95 % interval
-
-_LEAST_PARTICIPANTS = 2
-
-
 def over_participants(rows: Sequence[Row], column: str) -> tuple[list[Row], list[Row]]:
     """Return the mean of each condition over participants, and differences of two conditions.
 
@@ -143,86 +166,58 @@ def over_participants(rows: Sequence[Row], column: str) -> tuple[list[Row], list
     column : str
         "threshold_db" with its interval, or "exponent" with its spread.
     """
-    by_task: dict[str, dict[tuple[Any, ...], list[Row]]] = {}
-    for row in rows:
-        place = tuple(row[name] for name in _GROUP)
-        by_task.setdefault(place[0], {}).setdefault(place, []).append(row)
     means, differences = [], []
-    for task, conditions in by_task.items():
-        values = [_by_participant(members, column) for members in conditions.values()]
-        known = [k for k, of_each in enumerate(values) if of_each]
+    for task, of_task in _grouped(rows, lambda row: row["task"]).items():
+        conditions = _grouped(of_task, _condition)
+        values = {place: _by_participant(those, column) for place, those in conditions.items()}
+        known = [place for place, people in values.items() if people]
+        factors = dict(zip(known, np.eye(len(known)), strict=True))
         fitted = None
-        if max(map(len, values)) >= _LEAST_PARTICIPANTS:
+        if max(map(len, values.values())) >= _LEAST_PARTICIPANTS:
             flat = [(*v, who, known.index(k)) for k in known for who, v in values[k].items()]
             value, spread, person, condition = zip(*flat, strict=True)
             fitted = group(np.array(value), np.array(spread), person, condition)
-        factors = np.eye(len(known))
-        for k, (place, members) in enumerate(conditions.items()):
-            mean = low = high = None
-            if values[k]:
-                mean = float(np.mean([v for v, _ in values[k].values()]))
-            if fitted is not None and len(values[k]) >= _LEAST_PARTICIPANTS:
-                mean, low, high, _ = fitted.contrast(factors[known.index(k)])
-            means.append(
-                {
-                    **dict(zip(_GROUP, place, strict=True)),
-                    "participants": len(values[k]),
-                    "without": len({row["participant"] for row in members}) - len(values[k]),
-                    column: mean,
-                    "between": None if low is None or fitted is None else fitted.between,
-                    "low": low,
-                    "high": high,
-                }
-            )
-        of_task: list[Row] = []
-        for (first, k), (second, j) in combinations(
-            zip(conditions, range(len(values)), strict=True), 2
-        ):
-            both = values[k].keys() & values[j].keys()
+        for place, members in conditions.items():
+            people, low, high, between = values[place], None, None, None
+            mean = float(np.mean([v for v, _ in people.values()])) if people else None
+            if fitted is not None and len(people) >= _LEAST_PARTICIPANTS:
+                mean, low, high, _ = fitted.contrast(factors[place])
+                between = fitted.between
+            without = len({row["participant"] for row in members}) - len(people)
+            counts = {"participants": len(people), "without": without}
+            found = {column: mean, "between": between, "low": low, "high": high}
+            means.append(dict(zip(_GROUP, place, strict=True)) | counts | found)
+        pairs: list[Row] = []
+        for first, second in combinations(conditions, 2):
+            both = values[first].keys() & values[second].keys()
             if first[1] == second[1] or len(both) < _LEAST_PARTICIPANTS or fitted is None:
                 continue
-            mean, low, high, p = fitted.contrast(factors[known.index(j)] - factors[known.index(k)])
+            mean, low, high, p = fitted.contrast(factors[second] - factors[first])
             names = {"task": task, "condition": second[1], "minus": first[1]}
-            of_task.append(
-                {
-                    **names, "participants": len(both), "difference_db": mean,
-                    "low": low, "high": high, "p": p, "p_holm": None,
-                }
-            )  # fmt: skip
+            found = {"participants": len(both), "difference_db": mean, "low": low, "high": high}
+            pairs.append(names | found | {"p": p, "p_holm": None})
         highest = 0.0
-        for place_of, row in enumerate(sorted(of_task, key=lambda row: row["p"])):
-            highest = max(highest, min(1.0, row["p"] * (len(of_task) - place_of)))
+        for place_of, row in enumerate(sorted(pairs, key=lambda row: row["p"])):
+            highest = max(highest, min(1.0, row["p"] * (len(pairs) - place_of)))
             row["p_holm"] = highest
-        differences += of_task
+        differences += pairs
     return means, differences
 
 
 def _by_participant(rows: Sequence[Row], column: str) -> dict[str, tuple[float, float]]:
     """Return value and spread of each participant with one; sessions are weighted by precision."""
-    by_name: dict[str, list[tuple[float, float]]] = {}
-    for row in rows:
-        if row[column] is not None and not row.get("excluded"):
-            spread = row.get("exponent_spread")
-            if column == "threshold_db":
-                spread = (row["high_db"] - row["low_db"]) / _IN_SPREADS
-            by_name.setdefault(row["participant"], []).append((row[column], spread or _EXACT))
-    value_by_person = {}
-    for name, sessions in by_name.items():
-        value, precision = np.array([(v, 1 / s**2) for v, s in sessions]).T
-        value_by_person[name] = (
-            float(value @ precision / precision.sum()),
-            float(precision.sum() ** -0.5),
-        )
-    return value_by_person
-
-
-_EXACT = 1e-6  # numbers without scatter
-
-
-ALL = "all"
-"""Participant of the rows that are over all of them."""
-
-_DRAWS = 200  # of participants with replacement: a spread is known to 5 %
+    known = (row for row in rows if row[column] is not None and not row.get("excluded"))
+    found = {}
+    for name, sessions in _grouped(known, lambda row: str(row["participant"])).items():
+        if column == "threshold_db":
+            spreads = [(row["high_db"] - row["low_db"]) / _IN_SPREADS for row in sessions]
+        else:
+            spreads = [row["exponent_spread"] for row in sessions]
+        value = np.array([row[column] for row in sessions])
+        precision = np.array([spread or _EXACT for spread in spreads]) ** -2.0
+        mean, spread = value @ precision / precision.sum(), precision.sum() ** -0.5
+        found[name] = (float(mean), float(spread))
+    return found
 
 
 def scale_rows(runs: Sequence[RunOfMethod]) -> list[Row]:
@@ -233,11 +228,11 @@ def scale_rows(runs: Sequence[RunOfMethod]) -> list[Row]:
     of 95 % are those of `bradley_terry_intervals`; over all, Student's of the spread.
     """
     rows = []
-    for members in _runs_by_condition(runs):
+    for members in _grouped(runs, lambda run: _condition(run.place)).values():
         for run in members:
             assert isinstance(run.method, Pairs)
             won = run.method.wins()
-            rows += _scale(run, run.method.levels, won, bradley_terry(won))
+            rows += _scale(run, won, bradley_terry(won))
         rows += scale_over_all(members)
     return rows
 
@@ -254,28 +249,19 @@ def scale_over_all(runs: Sequence[RunOfMethod]) -> list[Row]:
     several = np.array([*wins.values()])
     value, _, fit_p = bradley_terry(several.sum(0))
     draw = np.random.default_rng(len(wins))
-    drawn = [
-        bradley_terry(several[draw.integers(len(wins), size=len(wins))].sum(0))[0]
-        for _ in range(_DRAWS)
-    ]
+    of_draws = draw.integers(len(wins), size=(_DRAWS, len(wins)))
+    drawn = [bradley_terry(several[people].sum(0))[0] for people in of_draws]
     fitted = (value, np.std(drawn, axis=0, ddof=1), fit_p)
-    first = runs[0]
-    assert isinstance(first.method, Pairs)
-    return _scale(first, first.method.levels, several.sum(0), fitted, len(wins))
+    return _scale(runs[0], several.sum(0), fitted, len(wins))
 
 
 def _scale(
-    run: RunOfMethod,
-    levels: Sequence[float],
-    wins: Array,
-    fitted: tuple[Array, Array, float],
-    participants: int = 0,
+    run: RunOfMethod, wins: Array, fitted: tuple[Array, Array, float], participants: int = 0
 ) -> list[Row]:
-    from scipy.stats import t as student
-
+    assert isinstance(run.method, Pairs)
     value, spread, fit_p = fitted
     if participants:
-        half = spread * student.ppf(0.975, participants - 1)
+        half = _half_interval(spread, participants - 1)
         low, high = value - half, value + half
     else:
         low, high = bradley_terry_intervals(wins).T
@@ -291,7 +277,7 @@ def _scale(
             "spread_logit": _known(float(spread[k])),
             "fit_p": None if isnan(fit_p) else fit_p,
         }
-        for k, level in enumerate(levels)
+        for k, level in enumerate(run.method.levels)
     ]
 
 
@@ -302,9 +288,8 @@ def pair_rows(runs: Sequence[RunOfMethod]) -> list[Row]:
         assert isinstance(run.method, Pairs)
         won = run.method.wins()
         for (i, level), (k, other) in combinations(enumerate(run.method.levels), 2):
-            place = {**run.place, "level_db": level, "other_db": other}
             counts = {"comparisons": int(won[i, k] + won[k, i]), "other_is_more": int(won[k, i])}
-            rows.append({**place, **counts})
+            rows.append({**run.place, "level_db": level, "other_db": other, **counts})
     return rows
 
 
@@ -320,7 +305,7 @@ def magnitude_rows(runs: Sequence[RunOfMethod]) -> list[Row]:
     all, it is the scatter of the participants' means at the level, about everybody's mean of all.
     """
     rows = []
-    for members in _runs_by_condition(runs):
+    for members in _grouped(runs, lambda run: _condition(run.place)).values():
         means: dict[str, list[dict[float, float]]] = {}
         for run in members:
             assert isinstance(run.method, Magnitudes)
@@ -349,21 +334,11 @@ def magnitude_rows(runs: Sequence[RunOfMethod]) -> list[Row]:
 
 def _magnitude(place: Row, level: float, logs: Array, scatter: float, free: int) -> Row:
     """Return a row; `scatter`, of one of the logarithms, has so many degrees of freedom."""
-    from scipy.stats import t as student
-
     spread = float(np.exp(logs.std(ddof=1))) if len(logs) > 1 else None
-    half = scatter / np.sqrt(len(logs)) * student.ppf(0.975, free)
+    half = _half_interval(scatter / np.sqrt(len(logs)), free)
     values = {"mean": 0.0, "low": -half, "high": half}
     values = {name: _known(float(np.exp(logs.mean() + off))) for name, off in values.items()}
     return {**place, "level_db": level, "answers": len(logs), **values, "spread": spread}
-
-
-def _runs_by_condition(runs: Sequence[RunOfMethod]) -> list[list[RunOfMethod]]:
-    groups: dict[tuple[str, ...], list[RunOfMethod]] = {}
-    for run in runs:
-        key = (run.session.task, run.condition, run.experiment)
-        groups.setdefault(key, []).append(run)
-    return [*groups.values()]
 
 
 @dataclass(frozen=True)
@@ -401,19 +376,16 @@ def analyse(source: str | Path) -> Analysis:
         If there is none.
     """
     runs = [run for session in read_sessions(source) for run in runs_of(session)]
-    by_task: dict[str, list[RunOfMethod]] = {}
-    for run in runs:
-        kind = run.session.settings["task"]
-        by_task.setdefault(kind if kind in ("pairs", "magnitude") else "thresholds", []).append(run)
+    pairs = [run for run in runs if isinstance(run.method, Pairs)]
+    numbers = [run for run in runs if isinstance(run.method, Magnitudes)]
     tables: dict[str, list[Row]] = {}
-    if with_threshold := by_task.get("thresholds"):
+    if with_threshold := [run for run in runs if not isinstance(run.method, Pairs | Magnitudes)]:
         rows = _filled(map(_threshold_row, with_threshold))
         tables["thresholds"] = rows
         tables["group"], tables["differences"] = over_participants(rows, "threshold_db")
-    if pairs := by_task.get("pairs"):
-        tables["scales"] = scale_rows(pairs)
-        tables["pairs"] = pair_rows(pairs)
-    if numbers := by_task.get("magnitude"):
+    if pairs:
+        tables["scales"], tables["pairs"] = scale_rows(pairs), pair_rows(pairs)
+    if numbers:
         tables["magnitudes"] = magnitude_rows(numbers)
         tables["exponents"] = _filled(map(_exponent_row, numbers))
         tables["exponents-group"], _ = over_participants(tables["exponents"], "exponent")
@@ -430,12 +402,10 @@ def _threshold_row(run: RunOfMethod) -> Row:
 def _exponent_row(run: RunOfMethod) -> Row:
     assert isinstance(run.method, Magnitudes)
     others = run.estimate.others
-    from scipy.stats import t as student
-
     values = {name: _known(others.get(name)) for name in ("exponent", "exponent_spread")}
     exponent, spread = values.values()
     if exponent is not None and spread is not None and len(run.method.answers) > 2:
-        half = spread * float(student.ppf(0.975, len(run.method.answers) - 2))
+        half = float(_half_interval(spread, len(run.method.answers) - 2))
         values |= {"low": exponent - half, "high": exponent + half}
     warnings = {"warnings": "; ".join(run.estimate.warnings)}
     return {**run.place, "trials": len(run.rows), **values, **run.summary, **warnings}
@@ -452,12 +422,11 @@ def _filled(rows: Iterable[Row]) -> list[Row]:
 
 def _notes(runs: Sequence[RunOfMethod]) -> tuple[str, ...]:
     notes = [*dict.fromkeys(remark for run in runs for remark in run.remarks)]
-    experiments: dict[tuple[str, str], Counter[str]] = {}
-    for run in runs:
-        experiments.setdefault((run.session.task, run.condition), Counter())[run.experiment] += 1
-    for (task, condition), counts in experiments.items():
+    conditions = _grouped(runs, lambda run: (run.session.task, run.condition))
+    for (task, condition), alike in conditions.items():
+        counts = Counter(run.experiment for run in alike)
         if len(counts) > 1:
-            what = " ".join(filter(None, (task, condition))) or "the logs"
+            what = _words(task, condition) or "the logs"
             parts = ", ".join(f"{count} of {name}" for name, count in counts.items())
             notes.append(
                 f"{what}: the sessions are of different experiments, whose means stay apart: "
@@ -475,12 +444,6 @@ def _known(value: float | None) -> float | None:
     return None if value is None or isnan(value) else value
 
 
-MOST_PICTURES = 100
-"""Of runs; those after them are in the tables alone."""
-
-_WILSON_INTERVAL = 0.95
-
-
 def report_html(analysis: Analysis, title: str) -> str:
     """Return the page; without the extra ``stimuli`` it says that it has no pictures."""
     parts = [paragraph(line) for line in (f"haptix {__version__}", *analysis.notes)]
@@ -488,7 +451,9 @@ def report_html(analysis: Analysis, title: str) -> str:
     drawn = [run for run in analysis.runs if run.rows]
     try:
         parts += [picture(name, figure) for name, figure in _of_groups(analysis)]
-        parts += [picture(_name(run), _of_run(run)) for run in drawn[:MOST_PICTURES]]
+        for run in drawn[:MOST_PICTURES]:
+            name = _words(run.session.name, run.session.task, run.condition)
+            parts.append(picture(name, _of_run(run)))
     except MissingExtraError as error:
         parts.append(paragraph(f"Without pictures: {error}"))
     if len(drawn) > MOST_PICTURES:
@@ -533,68 +498,51 @@ def _cell(value: Any) -> str:
     return "n/a" if value in (None, "") else " ".join(str(value).split())
 
 
-def _name(run: RunOfMethod) -> str:
-    return " ".join(filter(None, (run.session.name, run.session.task, run.condition)))
-
-
-def _axes(count: int, title: str) -> tuple[Figure, Sequence[Any]]:
+def _axes(count: int) -> tuple[Figure, Sequence[Any]]:
     with from_extra("stimuli"):
         from matplotlib.figure import Figure
 
     figure = Figure(figsize=(4.2 * count, 3.2), layout="constrained")
-    figure.suptitle(title)
     return figure, [figure.add_subplot(1, count, k + 1) for k in range(count)]
 
 
 def _of_groups(analysis: Analysis) -> Iterator[tuple[str, Figure]]:
     """Thresholds of all participants; scales of all."""
     rows = analysis.tables.get("thresholds", [])
+    known = _grouped((row for row in rows if row["threshold_db"] is not None), _condition)
     for row_of_group in analysis.tables.get("group", []):
-        keys = ("task", "condition", "experiment")
-        members = [row for row in rows if all(row[key] == row_of_group[key] for key in keys)]
-        members = [row for row in members if row["threshold_db"] is not None]
+        members = known.get(_condition(row_of_group), [])
         if len(members) < 2:
             continue
-        figure, (axes,) = _axes(1, "")
+        figure, (axes,) = _axes(1)
         names = [row["participant"] for row in members]
-        axes.errorbar(
-            [row["threshold_db"] for row in members], names,
-            xerr=[
-                [row["threshold_db"] - row["low_db"] for row in members],
-                [row["high_db"] - row["threshold_db"] for row in members],
-            ],
-            fmt="o", capsize=3,
-        )  # fmt: skip
+        at, low, high = _columns(members, ("threshold_db", "low_db", "high_db"))
+        axes.errorbar(at, names, xerr=[at - low, high - at], fmt="o", capsize=3)
         if row_of_group["low"] is not None:
             axes.axvspan(row_of_group["low"], row_of_group["high"], alpha=0.2)
             axes.axvline(row_of_group["threshold_db"])
         axes.set(xlabel="threshold [dB] with 95 % intervals; the band: the mean")
-        yield (
-            " ".join(filter(None, ("thresholds", row_of_group["task"], row_of_group["condition"]))),
-            figure,
-        )
-    for name, of_task in (("scales", _SCALE), ("magnitudes", _MEAN)):
+        yield _words("thresholds", row_of_group["task"], row_of_group["condition"]), figure
+    for name, columns in (("scales", _SCALE), ("magnitudes", _MEAN)):
         listed = analysis.tables.get(name, [])
-        for condition in dict.fromkeys((row["condition"], row["experiment"]) for row in listed):
-            figure, (axes,) = _axes(1, "")
-            members = [row for row in listed if (row["condition"], row["experiment"]) == condition]
-            people = dict.fromkeys((row["participant"], row["session"]) for row in members)
+        for (_, condition, _), members in _grouped(listed, _condition).items():
+            people = _grouped(members, itemgetter("participant", "session"))
             if len(people) < 2:  # it has the picture of its run
                 continue
-            for who in people:
-                line = [row for row in members if (row["participant"], row["session"]) == who]
-                _draw_levels(axes, line, of_task, linewidth=3 if who[0] == ALL else 1, label=who[0])
+            figure, (axes,) = _axes(1)
+            for (who, _), line in people.items():
+                _draw_levels(axes, line, columns, linewidth=3 if who == ALL else 1, label=who)
             axes.legend(fontsize="small")
-            yield " ".join(filter(None, (name, condition[0]))), figure
+            yield _words(name, condition), figure
 
 
-_SCALE = ("scale_logit", "low_logit", "high_logit")
-_MEAN = ("mean", "low", "high")
+def _columns(rows: Sequence[Row], names: tuple[str, ...]) -> Array:
+    return np.array([[row[name] for name in names] for row in rows], dtype=float).T
 
 
 def _draw_levels(axes: Any, rows: Sequence[Row], columns: tuple[str, str, str], **how: Any) -> None:
     """Scale values or geometric means against the level, with intervals where there are some."""
-    y, low, high = np.array([[row[name] for name in columns] for row in rows], dtype=float).T
+    y, low, high = _columns(rows, columns)
     bounds = np.nan_to_num([y - low, high - y])
     axes.errorbar([row["level_db"] for row in rows], y, bounds, fmt="o-", capsize=3, **how)
     if columns is _SCALE:
@@ -610,7 +558,7 @@ def _draw_levels(axes: Any, rows: Sequence[Row], columns: tuple[str, str, str], 
 def _of_run(run: RunOfMethod) -> Figure:
     """The scale; the numbers and their means; or levels trial by trial, and the share right."""
     if isinstance(run.method, Pairs | Magnitudes):
-        figure, (axes,) = _axes(1, "")
+        figure, (axes,) = _axes(1)
         if isinstance(run.method, Pairs):
             _draw_levels(axes, scale_rows([run]), _SCALE)
         else:
@@ -620,7 +568,7 @@ def _of_run(run: RunOfMethod) -> Figure:
     levels = np.array([float(row["level"]) for row in run.rows])
     trials = np.array([int(row["trial"]) for row in run.rows])
     right = np.array([row["is_right"] == "true" for row in run.rows])
-    figure, (walk, shares) = _axes(2, "")
+    figure, (walk, shares) = _axes(2)
     walk.plot(trials, levels, "-", color="0.7")
     walk.plot(trials[right], levels[right], "o", markersize=4, label="right")
     walk.plot(trials[~right], levels[~right], "x", markersize=5, label="wrong")
@@ -636,12 +584,8 @@ def _draw_shares(axes: Any, run: RunOfMethod, answers: list[tuple[float, bool]])
 
     at, right, wrong = counted(answers)
     total = right + wrong
-    low, high = np.array(
-        [
-            binomtest(int(k), int(n)).proportion_ci(_WILSON_INTERVAL, "wilson")
-            for k, n in zip(right, total, strict=True)
-        ]
-    ).T
+    tests = [binomtest(int(k), int(n)) for k, n in zip(right, total, strict=True)]
+    low, high = np.array([one.proportion_ci(_INTERVAL, "wilson") for one in tests]).T
     share = right / total
     bounds = np.clip([share - low, high - share], 0, None)
     axes.errorbar(at, share, bounds, fmt="none", color="0.6")
