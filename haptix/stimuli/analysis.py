@@ -545,10 +545,8 @@ def _draw_levels(axes: Any, rows: Sequence[Row], columns: tuple[str, str, str], 
     y, low, high = _columns(rows, columns)
     bounds = np.nan_to_num([y - low, high - y])
     axes.errorbar([row["level_db"] for row in rows], y, bounds, fmt="o-", capsize=3, **how)
-    if columns is _SCALE:
-        label = "Bradley-Terry value [logit]"
-    else:
-        label = "geometric mean"
+    label = "Bradley-Terry value [logit]" if columns is _SCALE else "geometric mean"
+    if columns is not _SCALE:
         axes.set_yscale("log")
         for set_formatter in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
             set_formatter("{x:g}")

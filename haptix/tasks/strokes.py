@@ -423,7 +423,7 @@ class Headroom(OnScreen, route="headroom", kind="headroom"):
         column = surface.driven_at(DEFAULT_CARRIER_HZ).column(self.normal_force_n, None)
         low, high = float(column.lowest_mu), float(column.highest_mu)
         wanted = picture(material, self.width_mm, self.height_mm, self.columns, 0.0)
-        target = np.asarray(as_mu(material.evaluator.target, wanted, low, high))
+        target = as_mu(material.evaluator.target, wanted, low, high)
         _, status = column.voltage(target)
         return Result(
             {
