@@ -6,7 +6,8 @@ import math
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from numbers import Real
 from typing import Any, Literal, get_args
 
@@ -31,6 +32,7 @@ from firmware_io.protocol import (
     TouchPhase,
     TouchReport,
     codes_to_volts,
+    from_report,
     to_reports,
 )
 
@@ -42,7 +44,7 @@ Failure = Literal["dead", "stuck", "noise", "inverted", "saturated", "late", "si
 
 RATES_HZ = (250, 500, 1000, 2000, 4000)
 
-#: Slower rates of the mock, if they divide its own: HID can carry these.
+# Slower rates of the mock, if they divide its own: HID can carry these.
 _SLOWER_RATES_HZ = (16_000, 8_000)
 _BOTH = frozenset(StreamMode)
 _KEPT_S = 60.0
@@ -132,8 +134,7 @@ class MockConverter:
         self._noise_codes = noise_a / full_scale_a * FULL_SCALE_CODE
         self._random = np.random.default_rng(seed)
         self._late = np.zeros(late_samples, np.int16)
-        self._before = self._last = 0
-        self._played = 0
+        self._before = self._last = self._played = 0
 
     def measure(self, sent: Codes, about: CapabilitiesReport) -> Codes | None:
         """Return raw codes of output samples, shape (n,), at the left of 16 bits; None if silent.
@@ -264,6 +265,7 @@ class MockDriver:
         limits = DriveLimits(ceiling_v=ceiling_v, max_slew_v_per_s=max_slew_v_per_s)
         rate_hz = _whole("sample_rate_hz", sample_rate_hz, 1000, 1_000_000)
         frame = _whole("max_frame_samples", max_frame_samples, 1, 32765)
+        queue = max(12 * frame, 12_288) if queue_samples is None else queue_samples
         if rates_hz is None:
             rates_hz = (rate_hz, *(r for r in _SLOWER_RATES_HZ if r < rate_hz and not rate_hz % r))
         self.about = CapabilitiesReport(
@@ -275,9 +277,7 @@ class MockDriver:
             # Rounded down, so that no limit grows.
             ceiling_mv=math.floor(limits.ceiling_v * 1e3),
             max_slew_v_per_s=min(math.floor(limits.max_slew_v_per_s), 2**32 - 1),
-            queue_samples=max(12 * frame, 12_288)
-            if queue_samples is None
-            else _whole("queue_samples", queue_samples, 1, 2**32 - 1),
+            queue_samples=_whole("queue_samples", queue, 1, 2**32 - 1),
             max_frame_samples=frame,
             max_watchdog_ms=_whole(
                 "max_watchdog_s", max_watchdog_s, 10, round(WATCHDOG_S * 1e3), "ms", 1e3
@@ -301,24 +301,18 @@ class MockDriver:
         if tests_itself:
             self.about = self.core.test_itself(self.about)
         # The queue may be empty while an incomplete frame waits.
-        room = self.about.queue_samples - frame
-        self._piece_bytes = max(2 * room, _LEAST_PIECE_BYTES)
+        self._piece_bytes = max(2 * (self.about.queue_samples - frame), _LEAST_PIECE_BYTES)
         self._lock = threading.RLock()
         self._began_s = 0.0 if pace == "virtual" else self.clock()
-        self._ticks = 0
-        self._played = 0
-        if kept_s is None:
-            kept_s = _KEPT_S if pace == "real" else math.inf
-        self._kept_ticks = kept_s * rate_hz
-        self._remembered = 0
-        self._codes = deque([np.empty(0, np.int16)])
-        self._what = deque([np.empty(0, np.uint8)])
+        self._ticks = self._played = self._remembered = 0
+        most_kept_s = _KEPT_S if pace == "real" else math.inf
+        self._kept_ticks = (most_kept_s if kept_s is None else kept_s) * rate_hz
+        self._pieces = deque([(np.empty(0, np.int16), np.empty(0, np.uint8))])
 
     @property
     def status(self) -> StatusReport:
         """Its state."""
-        with self._lock:
-            self._catch_up()
+        with self._up_to_now():
             return self.core.status()
 
     @property
@@ -329,8 +323,7 @@ class MockDriver:
     @property
     def fault(self) -> str | None:
         """Why it refused a frame or stopped by itself; None if it did not since it was armed."""
-        with self._lock:
-            self._catch_up()
+        with self._up_to_now():
             fault = self.core.fault()
             return None if fault is None else str(fault)
 
@@ -347,8 +340,7 @@ class MockDriver:
     @property
     def samples_played(self) -> int:
         """Output samples played since construction: streams and ramps, without pauses."""
-        with self._lock:
-            self._catch_up()
+        with self._up_to_now():
             return self._played
 
     @property
@@ -368,11 +360,10 @@ class MockDriver:
     @property
     def output(self) -> tuple[Codes, Kinds]:
         """Every output sample since construction, and the kind of each (an `Output`)."""
-        with self._lock:
-            self._catch_up()
-            self._codes = deque([np.concatenate(self._codes)])
-            self._what = deque([np.concatenate(self._what)])
-            return self._codes[0].copy(), self._what[0].copy()
+        with self._up_to_now():
+            codes, kinds = map(np.concatenate, zip(*self._pieces, strict=True))
+            self._pieces = deque([(codes, kinds)])
+            return codes.copy(), kinds.copy()
 
     @property
     def output_v(self) -> npt.NDArray[np.float64]:
@@ -381,8 +372,7 @@ class MockDriver:
 
     def receive(self, data: bytes) -> None:
         """Take bytes from the wire, in pieces of any size."""
-        with self._lock:
-            self._catch_up()
+        with self._up_to_now():
             self.bytes_received += len(data)
             for start in range(0, len(data), self._piece_bytes):
                 self.core.receive(data[start : start + self._piece_bytes])
@@ -390,22 +380,19 @@ class MockDriver:
 
     def receive_report(self, report: bytes) -> None:
         """Take one HID report, its id first."""
-        with self._lock:
-            self._catch_up()
+        with self._up_to_now():
             self.bytes_received += len(report)
             self.core.receive_report(report)
             self._play_out()
 
     def transmit(self) -> bytes:
         """Return the frames that wait for the host; empty if none do."""
-        with self._lock:
-            self._catch_up()
+        with self._up_to_now():
             return self.core.transmit()
 
     def transmit_report(self) -> bytes:
         """Return one HID report for the host; empty if there is nothing to say."""
-        with self._lock:
-            self._catch_up()
+        with self._up_to_now():
             return self.core.transmit_report()
 
     def touch(
@@ -429,14 +416,12 @@ class MockDriver:
         """
         force_mn = 65535 if normal_force_n is None else round(normal_force_n * 1e3)
         report = TouchReport(0, round(x_mm * 1e3), round(y_mm * 1e3), force_mn, contact, phase)
-        with self._lock:
-            self._catch_up()
+        with self._up_to_now():
             return self.core.touch(report)
 
     def release(self) -> None:
         """Ramp to 0 V, disarm and forget the set-up, as when the host disconnects."""
-        with self._lock:
-            self._catch_up()
+        with self._up_to_now():
             self.core.release()
             self._play_out()
 
@@ -453,17 +438,20 @@ class MockDriver:
         with self._lock:
             self._play(round(seconds * self.about.output_rate_hz))
 
+    @contextmanager
+    def _up_to_now(self) -> Iterator[None]:
+        """Hold the lock, and have played the samples that were due, by a clock."""
+        with self._lock:
+            if self.pace != "virtual":
+                passed_s = self.clock() - self._began_s
+                self._play(math.floor(passed_s * self.about.output_rate_hz) - self._ticks)
+            yield
+
     def _play_out(self) -> None:
         """Play the whole queue, in virtual time."""
         if self.pace == "virtual":
             while ticks := self.core.pending_ticks:
                 self._play(ticks if self.converter is None else min(ticks, self._piece))
-
-    def _catch_up(self) -> None:
-        """Play the samples that were due, by a clock."""
-        if self.pace != "virtual":
-            passed_s = self.clock() - self._began_s
-            self._play(math.floor(passed_s * self.about.output_rate_hz) - self._ticks)
 
     def _play(self, ticks: int) -> None:
         while ticks > 0:
@@ -475,7 +463,7 @@ class MockDriver:
     def _piece(self) -> int:
         """Output samples at once: a second, as the last call may be long ago; less if measured."""
         rate_hz = self.about.output_rate_hz
-        is_idle = self.core.pending_ticks == 0 and not self._codes[-1][-1:].any()
+        is_idle = self.core.pending_ticks == 0 and not self._pieces[-1][0][-1:].any()
         if self.converter is not None and not is_idle:
             return max(1, rate_hz // _CONVERTED_HZ)
         return rate_hz if self.amplifier is None else max(1, rate_hz // 1000)
@@ -489,12 +477,12 @@ class MockDriver:
                 self.core.sense(codes, raw)
         self._ticks += codes.size
         self._played += int(np.count_nonzero(_is_played(kinds)))
-        self._codes.append(codes)
-        self._what.append(kinds)
+        self._pieces.append((codes, kinds))
         self._remembered += codes.size
-        while len(self._codes) > 1 and (self._remembered - self._codes[0].size >= self._kept_ticks):
-            self._remembered -= self._codes.popleft().size
-            self._what.popleft()
+        while len(self._pieces) > 1 and (
+            self._remembered - self._pieces[0][0].size >= self._kept_ticks
+        ):
+            self._remembered -= self._pieces.popleft()[0].size
 
 
 def _is_played(kinds: Kinds) -> npt.NDArray[np.bool_]:
@@ -583,10 +571,8 @@ class MockLink(Link):
             self.driver.release()
 
     def _receive_reports(self) -> bytes:
-        pieces = []
-        while report := self.driver.transmit_report():
-            pieces.append(report[2 : 2 + (report[1] & 0x7F)])
-        return b"".join(pieces)
+        reports = iter(self.driver.transmit_report, b"")
+        return b"".join(from_report(report)[0] for report in reports)
 
     def _check_open(self) -> None:
         if self._is_closed:
