@@ -107,10 +107,8 @@ class Setting(Displayed):
         touching = force[force >= LIFTED_BELOW_N]
         if not len(touching):
             raise InputError("trajectory: expected a finger that touches, got no force above 0 N")
-        scene = {
-            "normal_force_n": (float(touching.min()), float(touching.max())),
-            "frequency_hz": self.frequency_hz,
-        }
+        ends = (float(touching.min()), float(touching.max()))
+        scene = {"normal_force_n": ends, "frequency_hz": self.frequency_hz}
         return cached_surface(self.model, scene, _TOLERANCE, on_progress)
 
     @property
@@ -263,12 +261,8 @@ def felt_in_steps(known: Played, finger: VirtualFinger, h0_m: float) -> dict[str
         start_s = known.start_s + step / rate
         return finger.feel_carrier(amplitude_v, rate / step, drive.frequency_hz, *along, start_s)
 
-    return {
-        "finger": feel_ideal(exact),
-        "surface": feel_ideal(sent),
-        "modulation": with_surface,
-        "quantisation": quantised,
-    }
+    steps = {"finger": feel_ideal(exact), "surface": feel_ideal(sent)}
+    return steps | {"modulation": with_surface, "quantisation": quantised}
 
 
 def _without_surface(known: Played, sent_v: Array, h0_m: float) -> Array:
@@ -277,18 +271,11 @@ def _without_surface(known: Played, sent_v: Array, h0_m: float) -> Array:
     at_s = known.start_s + known.collected("sample") / renderer.sample_rate_hz
     force = known.setting.path.at(at_s)[2]
     sample = renderer.surface.evaluate(torch.from_numpy(force), torch.from_numpy(sent_v))
-    can_mend = (sample.status.cpu().numpy() == Status.OK) & (sent_v > 0)
+    mu, mend = sample.mu.cpu().numpy(), (sample.status.cpu().numpy() == Status.OK) & (sent_v > 0)
+    hertz = None if renderer.surface.frequency_hz.is_absent else renderer.drive.frequency_hz
     exact = sent_v.copy()
-    if can_mend.any():
-        has_frequency = not renderer.surface.frequency_hz.is_absent
-        exact[can_mend] = exact_amplitude(
-            model,
-            sample.mu.cpu().numpy()[can_mend],
-            force[can_mend],
-            renderer.drive.frequency_hz if has_frequency else None,
-            h0_m,
-            sent_v[can_mend],
-        )
+    if mend.any():
+        exact[mend] = exact_amplitude(model, mu[mend], force[mend], hertz, h0_m, sent_v[mend])
     return exact.clip(max=model.screen.max_voltage_v)
 
 
@@ -382,11 +369,8 @@ class Simulation(Displayed):
         ax.plot(t, self.target_mu, color="tab:orange", lw=3, label="target")
         ax.plot(t, self.felt.mu, color="tab:blue", lw=0.8, label="felt")
         room = 0.3 * (high.max() - low.min())
-        ax.set(
-            xlabel="time (s)",
-            ylabel="friction coefficient",
-            ylim=(low.min() - 0.05 * room, high.max() + room),
-        )
+        ax.set(xlabel="time (s)", ylabel="friction coefficient")
+        ax.set_ylim(low.min() - 0.05 * room, high.max() + room)
         ax.legend(loc="upper center", ncols=3, fontsize=8, columnspacing=1.2)
         return ax
 
@@ -407,12 +391,8 @@ class Simulation(Displayed):
         # From the strongest on, thinned.
         strongest = used[np.argsort(peaks[used])[::-1]][:: max(1, len(used) // _LOOKED_AT)]
         model = self.setting.model
-        limit = min(model.screen.max_voltage_v, float(peaks.max()))
-        return model.solve(
-            torch.from_numpy(force[strongest]),
-            torch.from_numpy(peaks[strongest].clip(max=limit)),
-            frequency,
-        )
+        volts = peaks[strongest].clip(max=model.screen.max_voltage_v)
+        return model.solve(torch.from_numpy(force[strongest]), torch.from_numpy(volts), frequency)
 
     @property
     def pull_past_breakdown(self) -> float:
@@ -469,27 +449,27 @@ def simulate(
     )
     h0_m = setting.model.screen.h0_m if settings.h0_m is None else settings.h0_m
     finger = VirtualFinger(setting.model, h0_m=h0_m, has_response=panel is not None)
-    steps = {}
+    steps: dict[str, Felt] = {}
     if panel is not None:
         played = play_live(setting, surface, panel, settings, address)
         on_progress(0.5)
         steps = felt_in_steps(known, finger, h0_m)
     felt = played.feel(finger)
+    if panel is not None:
+        steps["prediction"] = felt
     on_progress(0.9)
     low, high, target, reachable = _target(played, felt)
     if panel is None:
         reachable &= known.is_settled(felt.t_s)
     average_s = _averaged_over_s(played)
     parts: dict[str, Evaluation] = {}
-    periods = None
-    if steps:
-        before = target
-        if isinstance(played.renderer.drive, DirectWave):
-            known_felt, from_s = steps["quantisation"], known.start_s
-            periods = evaluate(known_felt, target, reachable, average_s, from_s=from_s)
-        for name, step in {**steps, "prediction": felt}.items():
-            parts[name] = evaluate(step, before, reachable, average_s)
-            before = step.mu
+    before, periods = target, None
+    for name, step in steps.items():
+        parts[name] = evaluate(step, before, reachable, average_s)
+        before = step.mu
+    if steps and isinstance(played.renderer.drive, DirectWave):
+        known_felt, from_s = steps["quantisation"], known.start_s
+        periods = evaluate(known_felt, target, reachable, average_s, from_s=from_s)
     evaluation = evaluate(felt, target, reachable, average_s)
     return Simulation(
         surface, played, felt, target, low, high, reachable, evaluation, parts, periods
@@ -522,17 +502,13 @@ def _target(played: Played, felt: Felt) -> tuple[Array, Array, Array, npt.NDArra
     """Return reachable range, target and whether it is reachable, at the times of `felt`."""
     axis = played.renderer.surface.normal_force_n
     force = felt.normal_force_n.clip(axis.low, axis.high)
-    low, high = played.renderer.reachable(force, felt.speed_mm_per_s)
+    reachable, path = played.renderer.reachable, played.setting.path
+    low, high = reachable(force, felt.speed_mm_per_s)
     evaluator = played.setting.texture.evaluator
-    velocity = played.setting.path.velocity_mm_per_s(felt.t_s)
-    facts = facts_on(played.setting.path, evaluator.react, played.start_s)
-    t_s = felt.t_s - played.start_s
-    reachable = played.renderer.reachable
-    motion = Motion.of(
-        felt.x_mm, felt.y_mm, t_s, *velocity, force, history=facts, reachable=reachable
-    )
-    value = evaluator.wanted(motion)
-    target = np.asarray(as_mu(evaluator.target, value, low, high))
+    moved = (felt.t_s - played.start_s, *path.velocity_mm_per_s(felt.t_s), force)
+    facts = facts_on(path, evaluator.react, played.start_s)
+    motion = Motion.of(felt.x_mm, felt.y_mm, *moved, history=facts, reachable=reachable)
+    target = np.asarray(as_mu(evaluator.target, evaluator.wanted(motion), low, high))
     slack = 1e-9 * high
     on_axis = force == felt.normal_force_n
     return low, high, target, on_axis & (target >= low - slack) & (target <= high + slack)
@@ -585,13 +561,9 @@ def felt_errors(
     surface, _ = cached_surface(model, scene, "0.02 JND")
     finger, known = VirtualFinger(model), Energies([stretch])
     for number, (speed, force) in enumerate(CASES, 1):
-        levels = [
-            decibels(_felt(surface, finger, what, length, speed, force, is_periodic))
-            for what, length, is_periodic in (
-                (profile, stretch.length_mm, False),
-                (texture, texture.tile_mm, True),
-            )
-        ]
+        recording = _felt(surface, finger, profile, stretch.length_mm, False, speed, force)
+        repeated = _felt(surface, finger, texture, texture.tile_mm, True, speed, force)
+        levels = decibels(recording), decibels(repeated)
         on_progress(number / len(CASES))
         for band in np.flatnonzero(np.isfinite(known.levels_db(speed))).tolist():
             recorded_db, given_db = float(levels[0][band]), float(levels[1][band])
@@ -603,9 +575,9 @@ def _felt(
     finger: VirtualFinger,
     what: Feelable,
     length_mm: float,
+    is_periodic: bool,
     speed: float,
     force: float,
-    is_periodic: bool,
 ) -> Array:
     """Return energies of the relative changes of friction that a finger feels, shape (bands,)."""
     end_s = (_LEAD_MM + length_mm + 1) / speed
