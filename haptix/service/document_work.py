@@ -8,19 +8,23 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Iterable, Mapping
+from datetime import UTC, date, datetime
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from pydantic import BaseModel
 
 from haptix.desk import Context, task_at
 from haptix.errors import HaptixError, InputError
 from haptix.texture.decoded import PICTURES
 
 if TYPE_CHECKING:
+    from haptix.finger import Finger
     from haptix.layout import Patch
     from haptix.materials import Material
+    from haptix.screen import Screen
     from haptix.surface import Column, FrictionSurface
 
 EXPORT = "haptix.tasks.materials:ExportLayout"
@@ -213,6 +217,65 @@ def surface_of(opening: dict[str, Any]) -> FrictionSurface:
     model = ContactModel(Finger.named(opening["finger"]), Screen.named(opening["screen"]))
     scene = {"normal_force_n": _SURFACE_FORCES_N, "frequency_hz": DEFAULT_CARRIER_HZ}
     return cached_surface(model, scene, _TOLERANCE)[0]
+
+
+class Profile(BaseModel):
+    """A profile in use."""
+
+    name: str
+    source: str
+    """Its file, or "preset"."""
+    calibrated: date | None = None
+    """When it was measured; None for what was not measured on this very screen."""
+    age_days: int | None = None
+    verdict: str = ""
+    rests_on: tuple[str, ...] = ()
+    """What was assumed and not measured."""
+    spread: dict[str, float] = {}
+    """Standard deviation of the logarithm of each number that was found."""
+    warnings: tuple[str, ...]
+    """Reasons not to trust it."""
+    verified: str = ""
+    """Range in which a calibration has verified it; empty where none has."""
+    document: dict[str, Any]
+
+
+def profiles_of(finger: Finger, screen: Screen, sources: dict[str, str]) -> dict[str, Any]:
+    """Return the profiles as the service gives them out, by kind.
+
+    Parameters
+    ----------
+    finger, screen : Finger, Screen
+        What is in use.
+    sources : dict of str
+        Preset or file of each, by kind.
+    """
+    calibration = screen.calibration
+    measured: dict[str, Any] = {}
+    if calibration is not None:
+        age = datetime.now(UTC).date() - calibration.date
+        names = ("verdict", "rests_on", "spread")
+        measured = {name: getattr(calibration, name) for name in names}
+        measured |= {"calibrated": calibration.date, "age_days": age.days}
+    of_screen = {"warnings": screen.warnings(), **measured}
+    if screen.verified is not None:
+        of_screen["verified"] = screen.verified.text
+    of_finger: dict[str, Any] = {
+        "warnings": [
+            f"{name}: a placeholder, not measured"
+            for name in ("roughness", "dielectric")
+            if getattr(getattr(finger, name), "is_placeholder", False)
+        ]
+    }
+    if sources["finger"] != finger.name:  # of the same calibration, if there was one
+        of_finger["calibrated"] = measured.get("calibrated")
+    profiles = {}
+    for kind, used, facts in (("screen", screen, of_screen), ("finger", finger, of_finger)):
+        source = "preset" if sources[kind] == used.name else sources[kind]
+        document = used.model_dump(mode="json")
+        profile = Profile(name=used.name, source=source, document=document, **facts)
+        profiles[kind] = profile.model_dump(mode="json")
+    return profiles
 
 
 class SessionLayout:

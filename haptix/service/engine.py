@@ -361,8 +361,7 @@ class EngineServer:
         from haptix.materials import KINDS
         from haptix.render.samples import carrier_hz
         from haptix.screen import Screen
-        from haptix.service.document_work import surface_of
-        from haptix.service.in_use import profiles_of
+        from haptix.service.document_work import profiles_of, surface_of
         from haptix.texture.decoded import FOLDER, keep_in
         from haptix.threads import return_freed_memory
 

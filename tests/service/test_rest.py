@@ -12,9 +12,9 @@ from haptix import Finger, Screen
 from haptix.desk import all_tasks
 from haptix.service.access import Access
 from haptix.service.assets import AssetStore
+from haptix.service.document_work import profiles_of
 from haptix.service.front import application
 from haptix.service.hub import Hub
-from haptix.service.in_use import profiles_of
 from haptix.service.jobs import JobBoard
 from haptix.service.messages import Inventory, Problem
 from haptix.service.rest import documents_router
