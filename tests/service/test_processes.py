@@ -26,7 +26,7 @@ from firmware_io import MockDriver
 from firmware_io.serve import DriverServer
 from haptix.errors import DeviceError
 from haptix.gallery import ASSETS
-from tests.waiting import PATIENCE_S, wait_for
+from tests.waiting import PATIENCE_S, pause, wait_for
 
 pytestmark = pytest.mark.slow  # each starts the whole service
 
@@ -167,6 +167,30 @@ def felt(service, client):
     sliding = Sliding(client)
     wait_for(service.is_live)
     return sliding
+
+
+@pytest.mark.slow  # waits until nothing more is loaded
+def test_at_rest_three_processes_take_450_mb(running):
+    with running.connect() as client:
+        assert client.ask("inventory").kinds
+
+    def used_mb():
+        pages = [
+            int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+            for pid in (running.process.pid, *running.helpers)
+        ]
+        return len(pages), sum(pages) * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+    seen = []
+
+    def is_at_rest():
+        seen.append(used_mb())
+        pause(1.0)
+        same = {(n, round(mb)) for n, mb in seen[-4:]} == {(3, round(seen[-1][1]))}
+        return len(seen) > 3 and same
+
+    wait_for(is_at_rest)
+    assert seen[-1][1] < 450
 
 
 def test_a_finger_feels_and_every_end_is_at_0_v(running):
