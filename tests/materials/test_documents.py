@@ -245,3 +245,19 @@ def test_a_control_that_begins_elsewhere_is_the_same_control_moved(table, away, 
     np.testing.assert_allclose(there.wanted(moved), here.wanted(Motion.of(x, y)), atol=1e-9)
     assert np.ptp(here.wanted(Motion.of(x, y))) > 0.5
     assert np.subtract(there.extent_mm, here.extent_mm)[0] == pytest.approx(shift[0])
+
+
+def test_a_table_may_have_units_as_a_file_may():
+    rows = {
+        "kind": "moving",
+        "velocity_mm_s": ["2 cm/s", 0],
+        "of": {"kind": "grating", "period_mm": "3 mm"},
+    }
+    material = material_of(rows)
+    assert (material.velocity_mm_s, material.of.period_mm) == ((20.0, 0.0), 3.0)
+
+
+def test_a_former_document_keeps_what_is_called_regions_already():
+    region = {"name": "a", "width_mm": 30, "height_mm": 20, "material": GRATING}
+    layout = material_of({"kind": "composition", "regions": [region]})
+    assert [one.name for one in layout.regions] == ["a"]
