@@ -407,8 +407,6 @@ class Headroom(OnScreen, route="headroom", kind="headroom"):
 
     def run(self, context: Context) -> Result:
         """Shares of a material's places that are out of reach, and the range."""
-        import numpy as np
-
         from haptix.materials import material_of
         from haptix.materials.picture import picture
         from haptix.render.samples import DEFAULT_CARRIER_HZ

@@ -4,7 +4,7 @@ import json
 import re
 from hashlib import sha256
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import jsonschema
 import numpy as np
@@ -253,11 +253,11 @@ def test_a_table_may_have_units_as_a_file_may():
         "velocity_mm_s": ["2 cm/s", 0],
         "of": {"kind": "grating", "period_mm": "3 mm"},
     }
-    material = material_of(rows)
+    material: Any = material_of(rows)
     assert (material.velocity_mm_s, material.of.period_mm) == ((20.0, 0.0), 3.0)
 
 
 def test_a_former_document_keeps_what_is_called_regions_already():
     region = {"name": "a", "width_mm": 30, "height_mm": 20, "material": GRATING}
-    layout = material_of({"kind": "composition", "regions": [region]})
-    assert [one.name for one in layout.regions] == ["a"]
+    layout: Any = material_of({"kind": "composition", "regions": [region]})
+    assert [each.name for each in layout.regions] == ["a"]
