@@ -165,11 +165,11 @@ class GaugeStudy:
         for axis in axes:
             share = count / sizes[axis]
             rows[(axis,)] = share * float((mean_of(axis) ** 2).sum()), sizes[axis] - 1
-        for one, two in combinations(axes, 2):
-            both = mean_of(one, two) - mean_of(one) - mean_of(two)
-            share = count / (sizes[one] * sizes[two])
-            freedom = (sizes[one] - 1) * (sizes[two] - 1)
-            rows[(one, two)] = share * float((both**2).sum()), freedom
+        for first, second in combinations(axes, 2):
+            both = mean_of(first, second) - mean_of(first) - mean_of(second)
+            share = count / (sizes[first] * sizes[second])
+            freedom = (sizes[first] - 1) * (sizes[second] - 1)
+            rows[(first, second)] = share * float((both**2).sum()), freedom
         total = float(((values - grand) ** 2).sum())
         left, freedom = total - sum(s for s, _ in rows.values()), count - 1
         freedom -= sum(n for _, n in rows.values())

@@ -217,7 +217,7 @@ class Parameters:
 
     def with_rig(self) -> Parameters:
         """Return a copy with the force sensor's bandwidth, with a wide prior."""
-        return self._changed({name: Parameter(name, *one) for name, one in _RIG.items()})
+        return self._changed({name: Parameter(name, *values) for name, values in _RIG.items()})
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -280,7 +280,7 @@ class Parameters:
 
     def _changed(self, changed: Mapping[str, Parameter]) -> Parameters:
         kept = [changed.get(parameter.name, parameter) for parameter in self.all]
-        added = [one for name, one in changed.items() if name not in self.names]
+        added = [parameter for name, parameter in changed.items() if name not in self.names]
         return replace(self, all=(*kept, *added))
 
     def bounds(self) -> tuple[Array, Array]:

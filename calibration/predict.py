@@ -262,4 +262,6 @@ def sensor_gain(values: Mapping[str, Tensor], frequency_hz: Tensor) -> Tensor:
 def _updated(profile: _Profile, values: Mapping[str, Any]) -> _Profile:
     """Copy a profile with those of the values that are its fields."""
     fields_of = type(profile).model_fields
-    return profile.model_copy(update={key: one for key, one in values.items() if key in fields_of})
+    return profile.model_copy(
+        update={key: value for key, value in values.items() if key in fields_of}
+    )

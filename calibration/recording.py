@@ -179,7 +179,9 @@ class StrokeRecording(Table):
             # In memory: where a disk is full, HDF5 prints tracebacks and then crashes.
             whole = BytesIO()
             with h5py.File(whole, "w") as file:
-                file.attrs.update({key: one for key, one in attributes.items() if one is not None})
+                file.attrs.update(
+                    {key: value for key, value in attributes.items() if value is not None}
+                )
                 signals = file.create_group("signals")
                 for name, unit in SIGNALS.items():
                     values = np.asarray(getattr(self, name), dtype=np.float64)

@@ -90,7 +90,7 @@ class HeldOutStroke:
             return ()
         seen = predictor.by_profiles(StrokeConditions.of(points), sensor)
         numbers = np.exp(seen.log_mu).tolist(), seen.ripple.tolist(), seen.is_light.tolist()
-        return tuple(cls(*one) for one in zip(points, *numbers, strict=True))
+        return tuple(cls(*row) for row in zip(points, *numbers, strict=True))
 
 
 @dataclass(frozen=True)
@@ -449,7 +449,7 @@ def groups_of(
         if (count := int(inside.sum())) >= FEWEST_OF_GROUP:
             by_rig = float(gain_sd[inside].max())
             error = hypot(float(np.linalg.norm(sd[inside])) / count, by_rig)
-            numbers = tuple(p.number for p, one in zip(points, inside, strict=True) if one)
+            numbers = tuple(p.number for p, is_in in zip(points, inside, strict=True) if is_in)
             mean = float(residual[inside].mean())
             groups.append(Equivalence(name, numbers, mean, quantile * error, quantile * by_rig))
     # What a contact changes is seen within the stroke, beside the error of all at its beginning.
@@ -466,7 +466,7 @@ def groups_of(
     if (count := int(seen.sum())) >= FEWEST_OF_GROUP:
         mean = float(ripple[seen].mean())
         error = max(float(ripple[seen].std(ddof=1)), float(sd[seen].mean())) / np.sqrt(count)
-        numbers = tuple(p.number for p, one in zip(points, seen, strict=True) if one)
+        numbers = tuple(p.number for p, is_seen in zip(points, seen, strict=True) if is_seen)
         groups.append(Equivalence("the ripple at 2f", numbers, mean, quantile * error))
     return tuple(groups)
 

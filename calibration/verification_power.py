@@ -247,5 +247,5 @@ def _rows(
         )
     ]
     numbers = np.exp(predicted.log_mu).tolist(), predicted.ripple.tolist()
-    made = (HeldOutStroke(*one) for one in zip(points, *numbers, strict=True))
-    return tuple(one for one, light in zip(made, predicted.is_light, strict=True) if light)
+    made = (HeldOutStroke(*row) for row in zip(points, *numbers, strict=True))
+    return tuple(stroke for stroke, light in zip(made, predicted.is_light, strict=True) if light)

@@ -76,7 +76,7 @@ class Table(Displayed):
         with from_extra("netcdf"):
             import pandas
         arrays = {name: as_numpy(v) for name, v in self._shown().items() if hasattr(v, "shape")}
-        return pandas.DataFrame({name: one for name, one in arrays.items() if one.ndim == 1})
+        return pandas.DataFrame({name: array for name, array in arrays.items() if array.ndim == 1})
 
 
 def brief(value: Any) -> str:

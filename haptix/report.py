@@ -82,7 +82,7 @@ def record(value: Any, only: Container[str] | None = None) -> Any:
                 plain[name] = record(getattr(value, name))
         return plain
     if isinstance(value, Mapping):
-        return {str(key): record(one) for key, one in value.items()}
+        return {str(key): record(part) for key, part in value.items()}
     if isinstance(value, list | tuple):
         return [record(result) for result in value]
     return None if isinstance(value, float) and not isfinite(value) else value

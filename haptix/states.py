@@ -163,7 +163,7 @@ class ContactState(Displayed):
                 f"got {', '.join(along) or 'none'} of {shape}"
             )
         quantities = {**self._shown(), "status": self.status}
-        arrays = {name: (tuple(along), as_numpy(one)) for name, one in quantities.items()}
+        arrays = {name: (tuple(along), as_numpy(quantity)) for name, quantity in quantities.items()}
         return xarray.Dataset(arrays, {name: np.ravel(values) for name, values in along.items()})
 
     def warnings(self) -> list[str]:

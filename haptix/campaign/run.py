@@ -278,8 +278,8 @@ def _ends(
             yield _call_of(
                 store,
                 *(
-                    {"key": key, "task": one.task.path(), "document": one.document}
-                    for key, one in call.items()
+                    {"key": key, "task": planned.task.path(), "document": planned.document}
+                    for key, planned in call.items()
                 ),
             )
 

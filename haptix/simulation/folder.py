@@ -114,9 +114,9 @@ def errors_of(simulation: Simulation) -> list[dict[str, str]]:
     errors = {**simulation.parts, "periods": simulation.periods, "all": simulation.evaluation}
     about = {**PARTS, "periods": _PERIODS}
     rows = [
-        {"error": name, **row(one), "what": about.get(name, one.counts)}
-        for name, one in errors.items()
-        if one is not None
+        {"error": name, **row(evaluation), "what": about.get(name, evaluation.counts)}
+        for name, evaluation in errors.items()
+        if evaluation is not None
     ]
     strongest = simulation.at_strongest
     if strongest is not None:  # the finger that feels has the same theory: no part shows it

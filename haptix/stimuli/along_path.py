@@ -183,7 +183,10 @@ def _texture_of(value: Any) -> FrictionField:
     if kind == "grating-texture":
         return _grating_of(fields)
     if kind == "profile-texture":
-        rows = {name: tuple(one) if isinstance(one, list) else one for name, one in fields.items()}
+        rows = {
+            name: tuple(value) if isinstance(value, list) else value
+            for name, value in fields.items()
+        }
         return call(kind, RecordedProfile, rows)
     raise InputError(f"expected a texture, or a table of one, got {value!r:.80}")
 

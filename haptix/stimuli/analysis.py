@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import chain, combinations
 from math import inf, isnan
 from operator import itemgetter
 from pathlib import Path
@@ -315,12 +315,13 @@ def magnitude_rows(runs: Sequence[RunOfMethod]) -> list[Row]:
             scatter = np.sqrt(sum(log.var() * len(log) for log in logs.values()) / max(free, 1))
             rows += [_magnitude(run.place, at, logs[at], scatter, free) for at in logs]
             if logs and "excluded" not in run.summary:
-                of_session = {at: float(one.mean()) for at, one in logs.items()}
+                of_session = {at: float(log.mean()) for at, log in logs.items()}
                 means.setdefault(run.session.participant, []).append(of_session)
         if len(means) > 1:
-            shared = sorted(set.intersection(*(set(one) for of in means.values() for one in of)))
+            shared = sorted(set.intersection(*map(set, chain.from_iterable(means.values()))))
+            of_people = means.values()
             table = np.array(
-                [np.mean([[one[at] for at in shared] for one in of], 0) for of in means.values()]
+                [np.mean([[mean[at] for at in shared] for mean in of], 0) for of in of_people]
             )
             table += table.mean() - table.mean(1, keepdims=True)
             place = {**members[0].place, "participant": ALL, "session": ""}
@@ -583,7 +584,7 @@ def _draw_shares(axes: Any, run: RunOfMethod, answers: list[tuple[float, bool]])
     at, right, wrong = counted(answers)
     total = right + wrong
     tests = [binomtest(int(k), int(n)) for k, n in zip(right, total, strict=True)]
-    low, high = np.array([one.proportion_ci(_INTERVAL, "wilson") for one in tests]).T
+    low, high = np.array([test.proportion_ci(_INTERVAL, "wilson") for test in tests]).T
     share = right / total
     bounds = np.clip([share - low, high - share], 0, None)
     axes.errorbar(at, share, bounds, fmt="none", color="0.6")

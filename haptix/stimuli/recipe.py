@@ -214,7 +214,7 @@ class MakeStimuli(Task):
 
 TaskName = Literal["2ifc", "2afc", "3afc", "yes-no", "same-different", "pairs", "magnitude"]
 
-_SEEDED = [name for name, one in METHODS.items() if "seed" in {at.name for at in fields(one)}]
+_SEEDED = [name for name, method in METHODS.items() if "seed" in {at.name for at in fields(method)}]
 
 _OF_BEFORE = {"constant-stimuli": ("lapse",), "quest+": ("estimate_by",)}
 """Settings of recipes that users keep: every method has the same posterior by now."""
@@ -380,7 +380,8 @@ class ExperimentRecipe(Document):
             table.setdefault("seed", seed)
         kind = choice("method.kind", table.pop("kind", None), METHODS)
         settings = {
-            name: tuple(one) if isinstance(one, list) else one for name, one in table.items()
+            name: tuple(value) if isinstance(value, list) else value
+            for name, value in table.items()
         }
         return call(f"method {kind}", METHODS[kind], settings)
 
@@ -462,5 +463,5 @@ def _by_content(value: Any) -> Any:
     """Leave out the paths of recordings: their hash identifies them."""
     if isinstance(value, Mapping):
         at = {"file"} if value.get("sha256") else set()
-        return {name: _by_content(one) for name, one in value.items() if name not in at}
+        return {name: _by_content(part) for name, part in value.items() if name not in at}
     return [_by_content(item) for item in value] if isinstance(value, list | tuple) else value

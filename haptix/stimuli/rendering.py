@@ -249,8 +249,8 @@ class Apparatus:
             body_f = max(self.screen.body_capacitance_f, BODY_CAPACITANCE_F)
             highest_v = DriveLimits(capacitance_f=body_f).highest_sine_v(touch[1] or 0.0)
             each = tuple(
-                surface.column(*touch, one).limited(highest_v)
-                for surface, one in zip(self.surfaces, ripple, strict=True)
+                surface.column(*touch, part).limited(highest_v)
+                for surface, part in zip(self.surfaces, ripple, strict=True)
             )
             self._known[key] = Column.median(each), each
         columns: tuple[Column, tuple[Column, ...]] = self._known[key]

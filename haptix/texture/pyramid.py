@@ -95,7 +95,7 @@ class Pyramid:
         for mode in dict.fromkeys(self._modes):  # most maps have one, and are copied once
             if mode == "repeat":
                 continue
-            more = [by * (one == mode) for one in self._modes]
+            more = [by * (its_mode == mode) for its_mode in self._modes]
             width = [(pixels, pixels) for pixels in more]
             if mode == "hold":
                 values = np.pad(values, width, mode="edge")

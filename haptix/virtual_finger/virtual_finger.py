@@ -310,8 +310,8 @@ class VirtualFinger(Displayed):
         ends = np.cumsum([len(part.t_s) for part in parts])[:-1]
         parted = (np.split(column, ends) for column in (mu, friction_force_n, status))
         return [
-            Felt(one.t_s, one.x_mm, one.y_mm, one.speed_mm_per_s, one.normal_force_n, *columns)
-            for one, columns in zip(parts, zip(*parted, strict=True), strict=True)
+            Felt(part.t_s, part.x_mm, part.y_mm, part.speed_mm_per_s, part.normal_force_n, *columns)
+            for part, columns in zip(parts, zip(*parted, strict=True), strict=True)
         ]
 
     def _played(
