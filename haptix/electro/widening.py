@@ -43,7 +43,7 @@ _NEAR_EDGE = 0.03  # of the spots' area: ranks below which the mean field has ga
 _STEEPEST = 4.0  # bound of v, above that of any gap: nearly empty bins have meaningless quotients
 _TINY = 1e-300
 # ln p_A/p0 at which the effect of an attraction is computed; between them it is a polynomial.
-_RISES = (0.0, 0.5, 1.4, 2.6, 3.8, 4.8)
+_RISES = (0.0, 0.3, 0.9, 1.8, 2.8, 3.8, 4.8)
 LARGEST_RISE = _RISES[-1]
 """Largest ln p_A/p0 of the table, beyond the end of light contact."""
 _COLUMNS = 128  # computed together: few calls, and arrays that fit the CPU's cache
