@@ -32,11 +32,15 @@ from multiprocessing import get_context
 from pathlib import Path
 from time import perf_counter, time
 from timeit import repeat
+from unittest.mock import patch
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
+from scipy.ndimage import map_coordinates
 
+import haptix.electro.widening as widening
 from haptix import ContactModel, Finger, Screen
 from haptix.contact import THEORIES, ContactSpots, HalfSpace, Layered, MeanField, RoughnessSpectrum
 from haptix.contact.accuracy import of_states
@@ -45,7 +49,8 @@ from haptix.contact.boundary_elements.bounded import BoundedProblem
 from haptix.contact.boundary_elements.coupled import AttractedContact
 from haptix.contact.boundary_elements.elements import corrected_area
 from haptix.contact.elasticity import ElasticSolid
-from haptix.electro import Pull, drive_voltage
+from haptix.contact.meanfield import LATTICE_STEP
+from haptix.electro import AttractionTable, Pull, drive_voltage
 from haptix.electro.widening import edge_weight
 from haptix.fidelity import Balance, Contact, Load, MeanFieldBalance
 
@@ -538,6 +543,59 @@ def weights(cell: Cell, surfaces: int = 3) -> str:
     )
 
 
+def missed_by_maxwell(field: MeanField, p0_pa: float, h0_m: float) -> float:
+    """Largest miss of ``dubar/dc = -dC/dp0`` up to A = 0.3, in mean gaps without voltage.
+
+    Both sides are second derivatives of one energy. C is the capacitance per area over eps0,
+    ``A/h0 + int dn/(u + h0)``, and c the strength of the attraction.
+    """
+    part = 0.03
+    edges = field.gap_edges_m
+    middle = torch.cat([edges[1:2] / 2, (edges[1:-1] * edges[2:]).sqrt()])
+
+    def solved(load_pa: float, strength: Array) -> Balance:
+        column = torch.zeros(len(strength), dtype=torch.long)
+        thickness = torch.tensor([h0_m], dtype=torch.float64)
+        pull = Pull.of_sine(edges, drive_voltage(torch.tensor(strength)), thickness, column)
+        load = torch.full((len(strength),), load_pa, dtype=torch.float64)
+        return MeanFieldBalance(Contact(field, "widened", None, load_pa)).solve(Load(load, pull))
+
+    def capacitance(load_pa: float) -> Array:
+        table = AttractionTable.solve(field, load_pa, 200 * load_pa, widened=True)
+        assert table.lifted is not None
+        balance = solved(load_pa, strength)
+        log_p, gaps = torch.log(balance.pressure_pa), torch.exp(table.log_mean_gap.values)
+        of_gap = np.interp(-balance.mean_gap_m, -gaps, table.log_pressure)
+        lift, lifts = log_p.numpy() - of_gap, table.lifted.lifts.numpy()
+        node = (log_p - table.log_pressure[0]).numpy() / LATTICE_STEP
+        place = np.interp(lift, lifts, np.arange(len(lifts)))
+        nearness = (table.lifted.open / (middle + h0_m)).sum(-1).numpy()
+        at = map_coordinates(nearness, [node, place], order=1)
+        total: Array = balance.area_fraction.numpy() / h0_m + at
+        return total
+
+    strength = p0_pa * h0_m**2 * np.geomspace(1e-2, 1e4, 200)
+    light = solved(p0_pa, strength)
+    most = strength[(light.is_stable & (light.area_fraction < 0.3)).numpy()][-1]
+    strength = np.concatenate([[1e-9 * most], np.geomspace(1e-4 * most, most, 80)])
+    rising = capacitance((1 + part) * p0_pa) - capacitance((1 - part) * p0_pa)
+    fallen = cumulative_trapezoid(rising / (2 * part * p0_pa), strength, initial=0)
+    gap = solved(p0_pa, strength).mean_gap_m.numpy()
+    return float(np.abs(gap - gap[0] + fallen).max() / field.mean_gap(p0_pa))
+
+
+def maxwell() -> Iterator[str]:
+    """How far Maxwell's relation is missed, by the share of fixed spots in the lift."""
+    spectrum = RoughnessSpectrum.self_affine(H_RMS_M, 0.8, Q0, 4 * Q0, 64 * Q0)
+    field = THEORIES["local"].mean_field(spectrum, HalfSpace(E_PA, 0.5))
+    p_pa = sqrt(2) * float(field.stress_rms_pa)
+    cases = ((1e-3, 0.1), (1e-3, 0.3), (1e-2, 0.1), (1e-2, 1.0))
+    for share in (0.0, 0.5, 1.0):
+        with patch.object(widening, "_FIXED_SHARE", share):
+            missed = [missed_by_maxwell(field, x * p_pa, h * H_RMS_M) for x, h in cases]
+        yield f"Maxwell, share {share:g}: " + ", ".join(f"{miss:.2f}" for miss in missed)
+
+
 def ends() -> str:
     """Where light contact ends, "local" over the elements of docs/mean-field.md, and its time."""
     lines = []
@@ -620,7 +678,7 @@ def main() -> None:
         for cell in CELLS:
             if cell.name in ("80_64_4_hs_1e-3_8", "80_64_4_hs_1e-2_8", f"80_64_4_{LAYER}_1e-2_8"):
                 sys.stdout.write(weights(cell) + "\n")
-        sys.stdout.write(ends() + "\n")
+        sys.stdout.write("\n".join([*maxwell(), ends()]) + "\n")
         return
     write_rows(chosen.folder)
     text = tables(chosen.folder)

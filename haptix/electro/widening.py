@@ -7,9 +7,9 @@ rank n is larger than a share n of the area, contact spots (A) included.
   spot's edge outwards more than a distant one does. For spots in the form of periodic strips, ``g =
   sin th / sqrt(sin^2 th - sin^2 al)`` with ``th = pi n/2`` and ``al = pi A/2`` (Westergaard, J.
   Appl. Mech. 6, A49 (1939)). The mean of g is 1, so that an even attraction acts as a pressure.
-- The mean gap is that at the pressure ``p_g = p0 + int v t dn``, where ``v = (du/dp) / (dubar/dp)``
-  at constant n. By reciprocity (Betti), a traction moves the mean gap as much as the mean pressure
-  moves the gap at the traction. So this sum is the virtual work of the attraction.
+- The mean gap moves as under the pressure ``p_g = p0 + int v t dn``, where ``v = (du/dp) /
+  (dubar/dp)`` at constant n. By reciprocity (Betti), a traction moves the mean gap as much as the
+  mean pressure moves the gap at the traction. So this sum is the virtual work of the attraction.
 - The gaps are those at p_A, lifted while the load falls from p_A to p_g. Spots that stay as they
   are give a flat punch: the lift is linear in the load (Johnson, Kendall, Roberts, Proc. R. Soc. A
   324, 301 (1971)). Spots that open as they closed give the mean gap at p_g. The lift is the mean of
@@ -36,7 +36,7 @@ from torch import Tensor
 
 from haptix.contact.tables import differences
 
-_LIFT_STEPS = (0, 4, 10, 20, 34, 50)  # steps of the lattice from p_g to p_A: a ratio of up to 120
+_LIFT_STEPS = (0, 4, 10, 20, 34, 50)  # steps of the lattice from p_u to p_A: a ratio of up to 120
 _PUNCH_SHARE = 0.5  # of a flat punch's lift, for gaps within reach of the attraction
 _FIXED_SHARE = 0.5  # of a lift by spots that stay as they are; the rest is that of opening spots
 _NEAR_EDGE = 0.03  # of the spots' area: ranks below which the mean field has gaps of no width
@@ -105,7 +105,7 @@ class LiftedGaps:
     """Gap distributions at the nodes of a table, for each of a few lifts."""
 
     lifts: Tensor
-    """``ln p_A/p_g`` of each lift, shape (lifts,)."""
+    """``ln p_A/p_u`` of each lift, shape (lifts,): the lifted gaps have the mean gap of p_u."""
     open: Tensor
     """Share of the area in each bin of gaps, shape (nodes, lifts, bins)."""
     work: Tensor
