@@ -22,7 +22,7 @@ import csv
 import sys
 import traceback
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -46,7 +46,7 @@ from haptix.contact import THEORIES, ContactSpots, HalfSpace, Layered, MeanField
 from haptix.contact.accuracy import of_states
 from haptix.contact.boundary_elements import Surfaces
 from haptix.contact.boundary_elements.bounded import BoundedProblem
-from haptix.contact.boundary_elements.coupled import AttractedContact
+from haptix.contact.boundary_elements.coupled import AttractedContacts
 from haptix.contact.boundary_elements.elements import corrected_area
 from haptix.contact.elasticity import ElasticSolid
 from haptix.contact.meanfield import LATTICE_STEP
@@ -88,6 +88,10 @@ class Cell:
         x = f"{self.x:.0e}".replace("e-0", "e-")
         shape = f"{100 * self.hurst:.0f}_{self.band}_{self.rolloff}"
         return f"{shape}_{self.solid_name}_{x}_{self.pixels}"
+
+    def path(self, folder: Path, seed: int) -> Path:
+        """File of a surface."""
+        return folder / f"{self.name}__{seed}.npz"
 
     @property
     def side_m(self) -> float:
@@ -134,6 +138,12 @@ CELLS = (
     *(Cell(h, 16, 4, "hs", x, 128, (0.01, 0.02)) for h in (0.8, 0.5) for x in (1e-3, 1e-2)),
     *(Cell(h, 128, 16, "hs", x, 16, (0.1, 0.3, 1.0)) for h in (0.8, 0.5) for x in (1e-3, 1e-2)),
     *(Cell(0.8, 16, 4, "hs", x, 256, (0.01, 0.02)) for x in (1e-3, 1e-2)),  # halves the pixels
+    # Layers, thick and thin insulators; and a load as light as a finger's.
+    *(Cell(h, 64, 4, LAYER, x, 8, (0.2, 0.5, 1.0)) for h in (0.5, 0.65) for x in (1e-3, 1e-2)),
+    *(Cell(h, 32, 4, "l3on4000", x, 16, (0.1, 0.3, 1.0)) for h in (0.8, 0.5) for x in (1e-3, 1e-2)),
+    Cell(0.65, 32, 4, "l0.3on4000", 1e-2, 16, (0.1, 0.3)),
+    *(Cell(h, 16, 4, LAYER, 1e-3, 64, (0.02,)) for h in (0.8, 0.5)),
+    *(Cell(h, 64, 8, "hs", 1e-4, 16, (0.1, 0.3, 1.0)) for h in (0.8, 0.5)),
 )
 
 
@@ -142,62 +152,86 @@ def falling(gap_m: torch.Tensor, h0_m: float) -> torch.Tensor:
     return (h0_m / (gap_m + h0_m)) ** 2
 
 
-def solve(cell: Cell, seed: int, path: Path, device: torch.device) -> None:
-    """Solve one surface of a cell, and keep what came of it."""
+def solve(cell: Cell, seeds: Sequence[int], folder: Path, device: torch.device) -> None:
+    """Solve surfaces of a cell together, on all its insulators, and keep what came of them."""
     began, points = perf_counter(), cell.band * cell.pixels
-    surfaces = Surfaces.random(cell.spectrum(H_RMS_M), points, cell.side_m, 1, seed)
-    height = surfaces.height_m[0].to(device)
-    h_rms = float(height.std(unbiased=False))
-    p0 = cell.x * float(cell.field(h_rms).stress_rms_pa) * sqrt(2)
+    spectrum = cell.spectrum(H_RMS_M)
+    drawn = [Surfaces.random(spectrum, points, cell.side_m, 1, seed).height_m for seed in seeds]
+    height = torch.cat(drawn).to(device)
+    h_rms = height.square().mean((-2, -1)).sqrt()
+    p0 = torch.tensor(
+        [cell.x * float(cell.field(float(h)).stress_rms_pa) * sqrt(2) for h in h_rms]
+    ).to(h_rms)
     problem = BoundedProblem.on_grid(cell.solid(), points, cell.side_m, None, device)
-    scale = torch.tensor([h_rms], dtype=torch.float64, device=device)
     unattracted, profiles, start = [], [], None
-    for load in p0 * LOADS:
-        mean = torch.tensor([load], dtype=torch.float64, device=device)
-        solved = problem.solve(height[None], mean, scale, 1e-5, start)
-        start, spots = solved.pressure_pa, solved.pressure_pa[0] > 0
-        gap = solved.gap_m[0].clamp(min=0).masked_fill(spots, 0.0)
-        unattracted.append((load, float(corrected_area(spots)), float(gap.mean())))
-        gaps = gap[~spots].sort().values.cpu().numpy()
-        profiles.append(np.interp(RANKS * len(gaps) - 0.5, np.arange(len(gaps)), gaps))
-    rows = []
-    for relative in cell.h0:
-        h0, total = relative * h_rms, 0.0
-        contact = AttractedContact(problem, height, p0, partial(falling, h0_m=h0), 1e-5)
-        for pull in PULLS if relative > THINNEST else TOTALS:
-            if relative > THINNEST:
-                wanted = pull * p0 / max(contact.gaps_share, 0.02)
-                total = min(wanted, 6 * total) if total else wanted
-            else:
-                total = pull * p0
-            spot = contact.strength(total)
-            spots = contact.contact.pressure_pa[0] > 0
-            gap = contact.contact.gap_m[0].clamp(min=0).masked_fill(spots, 0.0)
-            gaps_pa = float((contact.traction[0] * ~spots).mean()) * spot
-            area = float(corrected_area(spots))
-            rows.append((relative, spot, area, float(gap.mean()), gaps_pa, contact.converged))
-            if not contact.converged:
-                break
-    np.savez(
-        path,
-        **{"h_rms": h_rms, "off": np.array(unattracted), "prof": np.array(profiles)},
-        seconds=perf_counter() - began,
-        rows=np.array(rows, dtype=np.float64),
+    for factor in LOADS:
+        solved = problem.solve(height, factor * p0, h_rms, 1e-5, start)
+        start, spots = solved.pressure_pa, solved.pressure_pa > 0
+        gap = solved.gap_m.clamp(min=0).masked_fill(spots, 0.0)
+        unattracted.append(torch.stack([factor * p0, corrected_area(spots), gap.mean((-2, -1))], 1))
+        profiles.append([profile(g[~open_]) for g, open_ in zip(gap, spots, strict=True)])
+    relative = torch.tensor(cell.h0, dtype=torch.float64, device=device)
+    h0 = (h_rms[:, None] * relative).flatten()[:, None, None]
+    each = len(cell.h0)
+    loads = p0.repeat_interleave(each)
+    contacts = AttractedContacts(
+        problem, height.repeat_interleave(each, 0), loads, partial(falling, h0_m=h0), 1e-5
     )
+    rows, total, good = [], torch.zeros_like(loads), torch.ones_like(loads, dtype=torch.bool)
+    thin = cell.h0[0] <= THINNEST
+    for pull in TOTALS if thin else PULLS:
+        wanted = pull * loads / (1 if thin else contacts.gaps_share.clamp(min=0.02))
+        wanted = torch.minimum(wanted, torch.where(total > 0, 6 * total, wanted))
+        # A state that did not converge ends its surface's rows: infinite attractions are not solved.
+        total = torch.where(good, wanted, inf)
+        spot = contacts.strength(total)
+        good = good & contacts.converged
+        spots = contacts.contact.pressure_pa > 0
+        gap = contacts.contact.gap_m.clamp(min=0).masked_fill(spots, 0.0)
+        pulled = (contacts.traction * ~spots).mean((-2, -1)) * spot
+        row = [spot, corrected_area(spots), gap.mean((-2, -1)), pulled, good.to(spot.dtype)]
+        rows.append(torch.stack(row, 1))
+    states = torch.stack(rows, 1).unflatten(0, (len(seeds), each)).cpu().numpy()
+    off = torch.stack(unattracted, 1).cpu().numpy()
+    for number, seed in enumerate(seeds):
+        np.savez(
+            cell.path(folder, seed),
+            h_rms=float(h_rms[number]), off=off[number],
+            prof=np.array([of_load[number] for of_load in profiles]),
+            seconds=(perf_counter() - began) / len(seeds),
+            rows=np.array(
+                [
+                    (h, *state)
+                    for h, of_h in zip(cell.h0, states[number], strict=True)
+                    for state in of_h
+                    if np.isfinite(state[0])
+                ]
+            ),
+        )  # fmt: skip
 
 
-def solve_in_time(cell: Cell, seed: int, folder: Path, device: torch.device, last: float) -> None:
-    """Solve a surface that is not in the folder, in a worker, where there is time to start it."""
+def profile(gap_m: torch.Tensor) -> Array:
+    """Open gaps at `RANKS`."""
+    gaps = gap_m.sort().values.cpu().numpy()
+    found: Array = np.interp(RANKS * len(gaps) - 0.5, np.arange(len(gaps)), gaps)
+    return found
+
+
+def solve_in_time(
+    cell: Cell, seeds: Sequence[int], folder: Path, device: torch.device, last: float
+) -> None:
+    """Solve the surfaces that are not in the folder, in a worker, if there is time to start."""
     torch.set_num_threads(1)
-    path = folder / f"{cell.name}__{seed}.npz"
-    if path.exists() or time() > last:
+    missing = [seed for seed in seeds if not cell.path(folder, seed).exists()]
+    if not missing or time() > last:
         return
     try:
-        solve(cell, seed, path, device)
+        solve(cell, missing, folder, device)
     except Exception:
         traceback.print_exc()
     else:
-        sys.stderr.write(f"{path.name}: {float(np.load(path)['seconds']):.1f} s\n")
+        taken = float(np.load(cell.path(folder, missing[0]))["seconds"])
+        sys.stderr.write(f"{cell.name}: {len(missing)} surfaces of {taken:.1f} s\n")
 
 
 @dataclass(frozen=True)
@@ -444,19 +478,19 @@ def halve(cell: Cell) -> str:
     parts = []
     for relative in cell.h0:
         states: dict[int, list[tuple[float, float]]] = {1: [], 2: []}
-        totals: list[float] = []
+        totals: list[torch.Tensor] = []
         for more, solved in states.items():
             fine = height if more == 1 else refined(height, more * points)
             problem = BoundedProblem.on_grid(
                 cell.solid(), more * points, cell.side_m, None, torch.device("cpu")
             )
-            h0 = relative * h_rms
-            contact = AttractedContact(problem, fine, p0, partial(falling, h0_m=h0), 1e-5)
+            h0, load = relative * h_rms, torch.tensor([p0], dtype=torch.float64)
+            contact = AttractedContacts(problem, fine[None], load, partial(falling, h0_m=h0), 1e-5)
             alone = float(corrected_area(contact.contact.pressure_pa[0] > 0))
             for number, pull in enumerate(PULLS[:2]):
                 if more == 1:
-                    totals.append(pull * p0 / max(contact.gaps_share, 0.02))
-                spot = contact.strength(totals[number])
+                    totals.append(pull * load / contact.gaps_share.clamp(min=0.02))
+                spot = float(contact.strength(totals[number]))
                 spots = contact.contact.pressure_pa[0] > 0
                 area = float(corrected_area(spots))
                 gaps = float((contact.traction[0] * ~spots).mean()) * spot
@@ -664,9 +698,11 @@ def main() -> None:
         cells = [cell for cell in CELLS if not chosen.cells or cell.name in chosen.cells]
         last = time() + chosen.seconds
         with ProcessPoolExecutor(chosen.workers, get_context("spawn")) as workers:
-            for seed in range(chosen.seeds):
+            together = chosen.seeds if chosen.device.type == "cuda" else 1
+            for first in range(0, chosen.seeds, together):
                 for cell in cells:
-                    workers.submit(solve_in_time, cell, seed, chosen.folder, chosen.device, last)
+                    seeds = range(first, first + together)
+                    workers.submit(solve_in_time, cell, seeds, chosen.folder, chosen.device, last)
         return
     if chosen.what == "halve":
         torch.set_num_threads(1)

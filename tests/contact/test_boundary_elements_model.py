@@ -11,6 +11,7 @@ import torch
 from haptix.contact import HalfSpace, RoughnessSpectrum
 from haptix.contact.boundary_elements import BoundaryElements, Surfaces, ensemble, estimated_bytes
 from haptix.contact.boundary_elements.bounded import BoundedProblem
+from haptix.contact.boundary_elements.coupled import AttractedContacts
 from haptix.errors import FileFormatError, InputError
 
 UNIT = HalfSpace(1.0, 0.0)
@@ -164,6 +165,40 @@ def test_plain_rounds_at_fixed_strength_end_in_the_same_state(
 
 
 @pytest.mark.slow
+def test_attracted_contacts_of_a_batch_are_those_of_each_alone(surfaces: Surfaces) -> None:
+    height = surfaces.height_m[:2]
+    applied, pull = torch.tensor([[0.3, 0.6], [0.5, 3.0]], dtype=torch.float64)
+    thickness = torch.tensor([0.3, 1.0], dtype=torch.float64)[:, None, None]
+
+    def contacts(at: slice, ceiling: float | None = None) -> AttractedContacts:
+        h0 = thickness[at]
+        solid = BoundedProblem.on_grid(UNIT, surfaces.points, surfaces.side_m, ceiling)
+        return AttractedContacts(
+            solid, height[at], applied[at], lambda u: (h0 / (u + h0)) ** 2, 1e-5
+        )
+
+    both = contacts(slice(2))
+    strength = both.strength(pull)
+    assert bool(both.converged.all())
+    for row in (slice(1), slice(1, 2)):
+        alone = contacts(row)
+        # Each is solved on its own but for the pixels that stop or go on with the batch: the
+        # residual's 1e-5 of h_rms is a ten-thousandth of these insulators.
+        torch.testing.assert_close(strength[row], alone.strength(pull[row]), rtol=1e-4, atol=0)
+        spots = (field.contact.pressure_pa > 0 for field in (alone, both))
+        apart = next(spots)[0] ^ next(spots)[row][0]
+        assert float(apart.double().mean()) < 1e-3
+
+    # A surface that would yield as a whole keeps its state; the other is solved as before.
+    yielding = contacts(slice(2), ceiling=4.0)
+    unmoved = yielding.contact.pressure_pa[1].clone()
+    found = yielding.strength(torch.tensor([0.5, 9.0], dtype=torch.float64))
+    alone = contacts(slice(1), ceiling=4.0).strength(pull[:1])
+    torch.testing.assert_close(found[:1], alone, rtol=1e-4, atol=0)
+    assert torch.equal(yielding.contact.pressure_pa[1], unmoved)
+    assert yielding.attraction_pa.tolist() == [0.5, 0.0]
+
+
 def test_snap_in_is_bracketed() -> None:
     # A wave whose crests stick: past some strength the contact spreads over its flanks at once.
     x = np.arange(96) / 96

@@ -160,7 +160,7 @@ class BoundedProblem:
         height_m: Tensor,
         mean_pressure_pa: Tensor,
         scale_m: Tensor,
-        tolerance: float,
+        tolerance: float | Tensor,
         start_pa: Tensor | None = None,
         most_iterations: int = 1000,
     ) -> BoundedSolution:
@@ -172,13 +172,15 @@ class BoundedProblem:
             Heights, towards the solid.
         mean_pressure_pa, scale_m : Tensor, shape (batch,)
             Mean pressure and the length by which the residual is measured.
-        tolerance : float
+        tolerance : float or Tensor, shape (batch,)
             Residual at which a surface counts as solved.
         start_pa : Tensor, shape (batch, n, n), optional
             Pressures of a problem close to this one; by default the coarser grids give them.
         most_iterations : int
             Largest number of steps for a surface.
         """
+        tolerance = torch.as_tensor(tolerance, dtype=scale_m.dtype).to(scale_m.device)
+        tolerance = tolerance.expand_as(scale_m)
         if start_pa is None:
             start_pa = self._from_coarser(height_m, mean_pressure_pa, scale_m, tolerance, 1)
         return _descend(
@@ -193,13 +195,13 @@ class BoundedProblem:
         )
 
     def _from_coarser(
-        self, height: Tensor, mean: Tensor, scale: Tensor, tolerance: float, level: int
+        self, height: Tensor, mean: Tensor, scale: Tensor, tolerance: Tensor, level: int
     ) -> Tensor:
         if level == len(self.levels):
             return mean[:, None, None].expand_as(height).clone()
         height = coarser(height)
         start = self._from_coarser(height, mean, scale, tolerance, level + 1)
-        enough = max(tolerance, _COARSE_TOLERANCE)
+        enough = tolerance.clamp(min=_COARSE_TOLERANCE)
         solved = _descend(
             self.levels[level], height, mean, scale, enough, start, self.ceiling_pa, 100
         )
@@ -211,7 +213,7 @@ def _descend(
     height: Tensor,
     mean: Tensor,
     scale: Tensor,
-    tolerance: float,
+    tolerance: Tensor,
     start: Tensor,
     ceiling: float | None,
     most_iterations: int,
@@ -221,7 +223,7 @@ def _descend(
     pressure_out, gap_out = torch.empty_like(height), torch.empty_like(height)
     residual_out, steps_out = torch.empty_like(mean), torch.zeros_like(mean, dtype=torch.int64)
     rows = torch.arange(batch, device=height.device)
-    mean, scale = mean[:, None, None], scale[:, None, None]
+    mean, scale, enough = mean[:, None, None], scale[:, None, None], tolerance
     p = start * (mean / start.mean((-2, -1), keepdim=True))
     p = _with_mean(p, mean, ceiling, p > 0)
     g = solid.displacement(p).sub_(height)
@@ -232,13 +234,13 @@ def _descend(
     for step in range(most_iterations + 1):
         free, residual = _free_points(p, g, ceiling)
         worst = _largest(residual) / scale[:, 0, 0]
-        done = (worst <= tolerance) | (step == most_iterations)
+        done = (worst <= enough) | (step == most_iterations)
         if bool(done.any()) and not exact:
             g = solid.displacement(p).sub_(height)
             exact = True
             free, residual = _free_points(p, g, ceiling)
             worst = _largest(residual) / scale[:, 0, 0]
-            done = (worst <= tolerance) | (step == most_iterations)
+            done = (worst <= enough) | (step == most_iterations)
         if bool(done.any()):
             out = rows[done]
             pressure_out[out], gap_out[out] = p[done], g[done]
@@ -246,7 +248,7 @@ def _descend(
             if bool(done.all()):
                 break
             go_on = ~done
-            rows, mean, scale = rows[go_on], mean[go_on], scale[go_on]
+            rows, mean, scale, enough = rows[go_on], mean[go_on], scale[go_on], enough[go_on]
             height, p, g, search = height[go_on], p[go_on], g[go_on], search[go_on]
             before, descent_before = before[go_on], descent_before[go_on]
             reach, plain = reach[go_on], plain[go_on]

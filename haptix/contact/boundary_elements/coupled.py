@@ -21,7 +21,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from haptix.contact.boundary_elements.bounded import BoundedProblem, BoundedSolution
+from haptix.contact.boundary_elements.bounded import BoundedProblem
 
 LocalAttraction = Callable[[Tensor], Tensor]
 """Traction [Pa] at unit strength for gaps [m] of any shape: above 0, and falling with the gap."""
@@ -47,21 +47,24 @@ Point = tuple[float, float]  # logarithms of a mean attraction and of its streng
 Measure = Callable[[float], Point]  # solves at the logarithm of a mean attraction
 
 
-class AttractedContact:
-    """One surface under an attraction of given mean; each solve starts from the one before.
+class AttractedContacts:
+    """A batch of surfaces, each under an attraction of given mean, from solve to solve.
+
+    Surfaces, applied pressures and insulators may differ within the batch: a GPU solves many at a
+    time. Each solve starts from the one before.
 
     Parameters
     ----------
     problem : BoundedProblem
         Solid and grid.
-    height_m : Tensor, shape (n, n)
+    height_m : Tensor, shape (batch, n, n)
         Heights.
-    pressure_pa : float
+    pressure_pa : Tensor, shape (batch,)
         Applied pressure p0 [Pa].
     attraction : LocalAttraction
-        Traction against gap.
+        Traction against gaps of shape (batch, ..., ...).
     tolerance : float
-        Residual of the contact, over h_rms or over 12 times the gap at which the traction has
+        Residual of a contact, over h_rms or over 12 times the gap at which the traction has
         fallen to half, whichever is less.
     """
 
@@ -69,85 +72,92 @@ class AttractedContact:
         self,
         problem: BoundedProblem,
         height_m: Tensor,
-        pressure_pa: float,
+        pressure_pa: Tensor,
         attraction: LocalAttraction,
         tolerance: float,
     ) -> None:
         self._problem = problem
-        self._height = height_m[None]
-        self._scale = height_m.square().mean().sqrt()[None]
+        self._height = height_m
+        self._scale = height_m.square().mean((-2, -1)).sqrt()
         self._pressure = pressure_pa
         self._attraction = attraction
-        h_rms = float(self._scale)
-        halvings = _HALVINGS * _half_fall(attraction, h_rms) / h_rms
-        self._sharpness = min(1.0, max(_SHARPEST, halvings))
+        halvings = _HALVINGS * _half_fall(attraction, self._scale) / self._scale
+        self._sharpness = halvings.clamp(_SHARPEST, 1.0)
         self._tolerance = tolerance * self._sharpness
-        self._hardness = problem.ceiling_pa
-        self.attraction_pa = 0.0
-        self.iterations = 0
-        self.converged = True
-        self.contact = self._solve_contact(0.0, None, self._tolerance)
+        self._hardness = inf if problem.ceiling_pa is None else problem.ceiling_pa
+        self.attraction_pa = torch.zeros_like(pressure_pa)
+        self.contact = problem.solve(height_m, pressure_pa, self._scale, self._tolerance)
+        self.iterations = self.contact.iterations.clone()
+        self.converged = torch.ones_like(self.contact.converged)
         self.traction, self.shape = self._from_gap()
 
-    def strength(self, attraction_pa: float) -> float:
-        """Solve at the mean attraction `attraction_pa` [Pa]; return the strength that sustains it.
+    def strength(self, attraction_pa: Tensor) -> Tensor:
+        """Solve at mean attractions [Pa]; return the strengths that sustain them, shape (batch,).
 
         Where all of the solid yields, no strength sustains the attraction: the result is half of
         the strength of full contact, and the state stays that of the solve before.
         """
-        if self._hardness is not None and self._pressure + attraction_pa >= self._hardness:
-            return attraction_pa / float(self._attraction(self.traction.new_zeros(1))) / 2
-        self.attraction_pa = attraction_pa
-        mixing = _Anderson()
-        shape = self.shape
-        self.converged = False
-        tolerance = max(self._tolerance, _FIRST_TOLERANCE * self._sharpness)
+        solid = self._pressure + attraction_pa < self._hardness
+        self.attraction_pa = torch.where(solid, attraction_pa, self.attraction_pa)
+        self.converged = self.converged & ~solid
+        mixings = [_Anderson() for _ in solid]
+        tolerance = (_FIRST_TOLERANCE * self._sharpness).clamp(min=self._tolerance)
+        inputs, left = self.shape.clone(), solid.nonzero()[:, 0]
         for _ in range(_MOST_ROUNDS):
-            self.contact = self._solve_contact(attraction_pa, shape, tolerance)
-            self.traction, new_shape = self._from_gap()
-            miss = float((new_shape - shape).abs().mean())
-            # On small grids one pixel that closes or opens changes the shape more than that.
-            settled = max(_SETTLED, float(new_shape.max()) / new_shape.numel())
-            if miss <= settled and tolerance == self._tolerance:
-                self.converged = bool(self.contact.converged)
+            if not len(left):
                 break
+            self._solve_contacts(left, inputs[left], tolerance[left])
+            self.traction, self.shape = self._from_gap()
+            misses = (self.shape - inputs).abs().mean((-2, -1))
+            # On small grids one pixel that closes or opens changes the shape more than that.
+            settled = (self.shape.amax((-2, -1)) / inputs[0].numel()).clamp(min=_SETTLED)
+            done = (misses <= settled) & (tolerance == self._tolerance)
+            self.converged[left] = (done & self.contact.converged)[left]
+            left = left[~done[left]]
             # A contact need not be solved more exactly than its attraction is known.
-            tolerance = max(self._tolerance, min(tolerance, 0.03 * self._sharpness * miss))
-            shape = mixing.next(shape, new_shape)
-        self.shape = new_shape
-        return attraction_pa / float(self.traction.mean())
+            enough = torch.minimum(tolerance, 0.03 * self._sharpness * misses)
+            tolerance[left] = torch.maximum(self._tolerance, enough)[left]
+            for row in left.tolist():
+                inputs[row] = mixings[row].next(inputs[row], self.shape[row])
+        zero_gap = torch.zeros_like(attraction_pa)[:, None, None]
+        at_full_contact = self._attraction(zero_gap)[:, 0, 0]
+        sustained = self.attraction_pa / self.traction.mean((-2, -1))
+        return torch.where(solid, sustained, attraction_pa / at_full_contact / 2)
 
     @property
-    def gaps_share(self) -> float:
-        """Share of the attraction that acts on the open gaps."""
+    def gaps_share(self) -> Tensor:
+        """Share of the attraction that acts on the open gaps, shape (batch,)."""
         spots = self.contact.pressure_pa > 0
-        return 1 - float((self.shape * spots).mean())
+        return 1 - (self.shape * spots).mean((-2, -1))
 
-    def _solve_contact(
-        self, attraction_pa: float, shape: Tensor | None, tolerance: float
-    ) -> BoundedSolution:
-        height = self._height
-        start = None
-        if shape is not None:
-            # The displacement by the attraction, subtracted from the heights.
-            height = height + attraction_pa * self._problem.levels[0].displacement(shape)
-            start = self.contact.pressure_pa
-        mean = torch.full_like(self._scale, self._pressure + attraction_pa)
-        solved = self._problem.solve(height, mean, self._scale, tolerance, start)
-        self.iterations += int(solved.iterations)
-        return solved
+    def _solve_contacts(self, rows: Tensor, shape: Tensor, tolerance: Tensor) -> None:
+        attraction = self.attraction_pa[rows]
+        # The displacement by the attraction, subtracted from the heights.
+        lowered = self._problem.levels[0].displacement(shape).mul_(attraction[:, None, None])
+        solved = self._problem.solve(
+            lowered.add_(self._height[rows]),
+            self._pressure[rows] + attraction,
+            self._scale[rows],
+            tolerance,
+            self.contact.pressure_pa[rows],
+        )
+        for name, value in vars(solved).items():
+            getattr(self.contact, name)[rows] = value
+        self.iterations[rows] += solved.iterations
 
     def _from_gap(self) -> tuple[Tensor, Tensor]:
         traction = self._attraction(self.contact.gap_m.clamp(min=0.0))
-        return traction, traction / traction.mean()
+        return traction, traction / traction.mean((-2, -1), keepdim=True)
 
 
-def _half_fall(attraction: LocalAttraction, h_rms_m: float) -> float:
+def _half_fall(attraction: LocalAttraction, h_rms_m: Tensor) -> Tensor:
     """Smallest gap [m], to a tenth, at which the traction is half of that in contact."""
-    gaps = h_rms_m * torch.logspace(-9, 1, 241, dtype=torch.float64)
-    traction = attraction(torch.cat([gaps.new_zeros(1), gaps]))
-    halved = traction[1:] <= traction[0] / 2
-    return float(gaps[halved.to(torch.int8).argmax()]) if bool(halved.any()) else inf
+    gaps = torch.logspace(-9, 1, 241, dtype=torch.float64, device=h_rms_m.device)
+    gaps = h_rms_m[:, None, None] * torch.cat([gaps.new_zeros(1), gaps])
+    traction = attraction(gaps)
+    halved = traction[..., 1:] <= traction[..., :1] / 2
+    first = gaps[..., 1:].gather(-1, halved.to(torch.int8).argmax(-1, keepdim=True))
+    return torch.where(halved.any(-1, keepdim=True), first, inf)[:, 0, 0]
 
 
 class _Anderson:

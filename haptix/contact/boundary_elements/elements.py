@@ -15,7 +15,7 @@ from torch import Tensor
 from haptix import checks
 from haptix.contact.boundary_elements.bounded import BoundedProblem, BoundedSolution
 from haptix.contact.boundary_elements.coupled import (
-    AttractedContact,
+    AttractedContacts,
     LocalAttraction,
     lowest_branch,
 )
@@ -369,7 +369,10 @@ class BoundaryElements:
         light_limit: float,
     ) -> Row:
         """Solve one surface at one pressure along all strengths."""
-        contact = AttractedContact(self._problem, height, pressure, attraction, self.tolerance)
+        applied = height.new_full((1,), pressure)
+        contact = AttractedContacts(
+            self._problem, height[None], applied, attraction, self.tolerance
+        )
         reached: list[Row] = []
 
         def record(strength: float, status: Status = Status.OK) -> None:
@@ -387,9 +390,10 @@ class BoundaryElements:
                 first = min(first, _FIRST_PULL * (self.hardness_pa - pressure))
 
             def strength_at(attraction_pa: float) -> float:
-                strength = contact.strength(attraction_pa)
+                strength = float(contact.strength(applied.new_full((1,), attraction_pa)))
                 # Falls with the gaps' attraction past the limit: the branch ends there.
-                share = contact.gaps_share * contact.attraction_pa / ((light_limit - 1) * pressure)
+                pull = float(contact.gaps_share * contact.attraction_pa)
+                share = pull / ((light_limit - 1) * pressure)
                 return strength if share <= 1 else strength * share**_FALL
 
             bracket = lowest_branch(wanted, first, strength_at, record) or bracket
@@ -401,14 +405,16 @@ class BoundaryElements:
         )
         return rows
 
-    def _measure_attracted(self, contact: AttractedContact, strength: float, status: Status) -> Row:
-        row = {key: value[0] for key, value in self._measure(contact.contact).items()}
-        spots = contact.contact.pressure_pa > 0
-        traction = strength * contact.traction
+    def _measure_attracted(
+        self, contact: AttractedContacts, strength: float, status: Status
+    ) -> Row:
+        row = {key: value[0].clone() for key, value in self._measure(contact.contact).items()}
+        spots = contact.contact.pressure_pa[0] > 0
+        traction = strength * contact.traction[0]
         row["attraction_spots_pa"] = (traction * spots).mean()
         row["attraction_gaps_pa"] = (traction * ~spots).mean()
-        row["iterations"] = torch.tensor(contact.iterations)
-        row["converged"] = torch.tensor(contact.converged)
+        row["iterations"] = contact.iterations[0].clone()
+        row["converged"] = contact.converged[0].clone()
         row["status"] = torch.tensor(int(status))
         return {key: value.cpu() for key, value in row.items()}
 
