@@ -142,7 +142,7 @@ CELLS = (
     *(Cell(h, 64, 4, LAYER, x, 8, (0.2, 0.5, 1.0)) for h in (0.5, 0.65) for x in (1e-3, 1e-2)),
     *(Cell(h, 32, 4, "l3on4000", x, 16, (0.1, 0.3, 1.0)) for h in (0.8, 0.5) for x in (1e-3, 1e-2)),
     Cell(0.65, 32, 4, "l0.3on4000", 1e-2, 16, (0.1, 0.3)),
-    *(Cell(h, 16, 4, LAYER, 1e-3, 64, (0.02,)) for h in (0.8, 0.5)),
+    *(Cell(h, 16, 4, solid, 1e-3, 64, (0.02,)) for h in (0.8, 0.5) for solid in ("hs", LAYER)),
     *(Cell(h, 64, 8, "hs", 1e-4, 16, (0.1, 0.3, 1.0)) for h in (0.8, 0.5)),
 )
 

@@ -193,8 +193,8 @@ def test_attracted_contacts_of_a_batch_are_those_of_each_alone(surfaces: Surface
     yielding = contacts(slice(2), ceiling=4.0)
     unmoved = yielding.contact.pressure_pa[1].clone()
     found = yielding.strength(torch.tensor([0.5, 9.0], dtype=torch.float64))
-    alone = contacts(slice(1), ceiling=4.0).strength(pull[:1])
-    torch.testing.assert_close(found[:1], alone, rtol=1e-4, atol=0)
+    by_itself = contacts(slice(1), ceiling=4.0).strength(pull[:1])
+    torch.testing.assert_close(found[:1], by_itself, rtol=1e-4, atol=0)
     assert torch.equal(yielding.contact.pressure_pa[1], unmoved)
     assert yielding.attraction_pa.tolist() == [0.5, 0.0]
 
