@@ -12,7 +12,7 @@ attraction does beside the spots. It shares no code with the package.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import erf, pi, sqrt
 
@@ -42,6 +42,8 @@ class Theory:
     reach: float = 1.0
     """How many times shorter the waves are that have broken a wave's contact up."""
     combined: bool = False
+    conserving: bool = False
+    """Whether a strip's combined gaps are narrowed to the mean that they had before the fold."""
     smooth: bool = False
     """Whether a finite size is smooth and that of the highest peak, or capped."""
 
@@ -62,6 +64,7 @@ class Theory:
 
 PUBLISHED = Theory()
 CORRECTED = Theory(0.315, 2, 0.48, 0.022, 1.3, combined=True, smooth=True)
+LOCAL = replace(CORRECTED, conserving=True)
 
 
 @dataclass(frozen=True)
@@ -446,6 +449,10 @@ class Oracle:
             else:
                 opened, u1, s = opened[is_open], u1[is_open], s[is_open]
             s = s * u1 / np.hypot(s, u1)
+            if self.theory.conserving:
+                mean = u1 * special.erf(u1 / (sqrt(2) * s))
+                mean += sqrt(2 / pi) * s * np.exp(-((u1 / s) ** 2) / 2)
+                u1, s = u1 * u1 / mean, s * u1 / mean
         if len(s) == 0:  # complete contact
             return np.array([finest, 2 * finest]), np.zeros(2), 0.0
         u = np.geomspace(finest, (u1 + 8 * s).max(), self.places)

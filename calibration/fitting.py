@@ -67,8 +67,8 @@ def other_forms(
 
     `tables` is one that exists already, of the other theory.
     """
-    is_combined = model.contact.gap_distribution == "combined"
-    other: GapDistribution = "plain" if is_combined else "combined"
+    is_plain = model.contact.gap_distribution == "plain"
+    other: GapDistribution = "combined" if is_plain else "plain"
     theory: TheoryName = "open-gaps" if model.theory == "local" else "local"
     finger, screen = model.finger, model.screen
     by_gaps = ContactModel(finger, screen, terms=terms, theory=model.theory, gap_distribution=other)

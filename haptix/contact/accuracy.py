@@ -38,7 +38,7 @@ UNDER_VOLTAGE = {"x": (3e-4, 5e-2), "h0/h_rms": (0.01, 1.0), "gaps' attraction/p
 _THIN = 0.15
 """h0/h_rms below which the interval of the ratio grows, as its inverse."""
 
-_RATIO_WIDTH = {"local": 0.06, "corrected": 0.31}
+_RATIO_WIDTH = {"local": 0.055, "corrected": 0.31}
 """Half-width of the 90 % interval of ``ln mu(V)/mu(0)`` over that logarithm itself, by theory."""
 
 

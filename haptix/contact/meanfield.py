@@ -39,7 +39,7 @@ LATTICE_STEP = log(10) / 24
 pressures were requested. The lattice starts at the contact's rms stress and so scales with the
 moduli. With 24 nodes a decade a cubic is exact within a few 1e-6."""
 
-GapDistribution = Literal["plain", "combined"]
+GapDistribution = Literal["plain", "combined", "mean-conserving"]
 ContactSpots = Literal["excluded", "included", "widened"]
 
 _NARROW = 0.05  # t below which the error of five terms of the series, t^10/11, is below 1e-14
@@ -76,7 +76,7 @@ class Strips:
     share: Tensor
     """Share of the nominal area that opens in the strip."""
     separation_m: Tensor
-    """u1, its mean gap; zero where it is closed to double precision."""
+    """u1, its mean gap, before it is folded at 0; zero where it is closed to double precision."""
     variance_m2: Tensor
     """s^2, the variance of the gap about u1."""
 
@@ -88,7 +88,7 @@ class GapHistogram:
     edges_m: Tensor
     """Bin edges [m], shape (bins + 1,), from 0 up; the last bin also holds everything above."""
     mass: Tensor
-    """Shares, shape (..., bins); they sum to ``1 - A/A0``. Under the "combined" distribution,
+    """Shares, shape (..., bins); they sum to ``1 - A/A0``. Except under "plain",
     strips that are closed to double precision have no width and are left out. They are 1.2 % of A
     in light contact, but near complete contact most of the open area: use "plain" there."""
 
@@ -136,8 +136,10 @@ class MeanField:
         The elastic solid, anything with ``effective_modulus(q)``.
     gamma : float
         Factor of the elastic energy, in (0, 1].
-    gap_distribution : {"plain", "combined"}
+    gap_distribution : {"plain", "combined", "mean-conserving"}
         Variance of a strip's gap: that of the shorter waves, or combined with u1 (later papers).
+        Gaps are folded at 0, which raises a strip's mean; "mean-conserving" is "combined" with all
+        gaps of a strip narrowed so that their mean is u1.
     device : str
         Device of the tensors. The arithmetic is float64 throughout.
     area : AreaLaw, optional
@@ -177,9 +179,8 @@ class MeanField:
             names = ", ".join(f'"{name}"' for name in get_args(SizeLaw))
             raise InputError(f"size: expected one of {names}, got {size!r}")
         if gap_distribution not in get_args(GapDistribution):
-            raise InputError(
-                f'gap_distribution: expected "plain" or "combined", got {gap_distribution!r}'
-            )
+            names = ", ".join(f'"{name}"' for name in get_args(GapDistribution))
+            raise InputError(f"gap_distribution: expected one of {names}, got {gap_distribution!r}")
         if spectrum.q1 < _LEAST_BAND * spectrum.q0:
             raise InputError(
                 f"spectrum: expected waves from q0 to {_LEAST_BAND:g} q0 or shorter, since the "
@@ -522,11 +523,18 @@ class MeanField:
         u1 = u1.clamp(min=0.0)
         rough = self.spectrum.moment(1, self._wavenumber(torch.cat([logit, logit[..., -1:]], -1)))
         rough = (rough[..., 1:] + rough[..., :-1]) / 2
-        if self.gap_distribution == "combined":
-            closed = u1 <= 0
-            both = 1 / (1 / rough + 1 / u1.masked_fill(closed, 1.0) ** 2)
-            rough = both.masked_fill(closed, 0.0)
-        return Strips(share.clamp(min=0.0), u1, rough)
+        share = share.clamp(min=0.0)
+        if self.gap_distribution == "plain":
+            return Strips(share, u1, rough)
+        closed = u1 <= 0
+        mean = u1.masked_fill(closed, 1.0)
+        both = 1 / (1 / rough + 1 / mean**2)
+        if self.gap_distribution == "mean-conserving":
+            # Mean of a Gaussian that is folded at 0, over its centre.
+            steep = mean / (2 * both).sqrt()
+            folded = torch.erf(steep) + torch.exp(-steep * steep) / (sqrt(pi) * steep)
+            u1, both = u1 / folded, both / folded**2
+        return Strips(share, u1, both.masked_fill(closed, 0.0))
 
     def _separation(self, pressure: Tensor, variance: Tensor, rest: Tensor) -> Tensor:
         """Mean gap [m] at the magnification T = `variance`, from the local `pressure` [Pa].

@@ -146,7 +146,7 @@ THEORIES: Mapping[str, Theory] = {
     "local": Theory(
         AreaLaw(0.48, tips=0.022),
         0.315,
-        "combined",
+        "mean-conserving",
         "widened",
         "as corrected, and the attraction beside the spots widens them (haptix.electro.widening)",
         power=2.0,

@@ -79,7 +79,7 @@ class ContactModel(Displayed):
     contact_spots : {"excluded", "included", "widened"}, optional
         Whether the attraction inside the contact spots loads the contact, or the attraction beside
         them widens them; by default the theory's.
-    gap_distribution : {"plain", "combined"}, optional
+    gap_distribution : {"plain", "combined", "mean-conserving"}, optional
         See `haptix.contact.MeanField`; by default the theory's.
     gamma : float, optional
         Factor of the elastic energy in the separation; by default the theory's.

@@ -2,6 +2,7 @@
 
 import math
 from itertools import pairwise
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -11,7 +12,15 @@ from hypothesis import strategies as st
 from scipy import special
 from scipy.integrate import quad
 
-from haptix.contact import THEORIES, AreaLaw, HalfSpace, Layered, MeanField, RoughnessSpectrum
+from haptix.contact import (
+    THEORIES,
+    AreaLaw,
+    GapDistribution,
+    HalfSpace,
+    Layered,
+    MeanField,
+    RoughnessSpectrum,
+)
 from haptix.contact.tables import SeparationIntegral
 from haptix.errors import InputError
 
@@ -24,7 +33,10 @@ LOADS = tenth_powers(-5, 0.3)  # p over tau, from a few spots to nearly full con
 THICKNESSES = tenth_powers(-3, 1)  # h0 over h_rms
 
 
-@pytest.fixture(scope="module", params=[pytest.param("plain", marks=pytest.mark.slow), "combined"])
+OTHER_GAPS = [pytest.param(name, marks=pytest.mark.slow) for name in ("plain", "combined")]
+
+
+@pytest.fixture(scope="module", params=[*OTHER_GAPS, "mean-conserving"])
 def skin(request: pytest.FixtureRequest) -> MeanField:
     return MeanField(
         RoughnessSpectrum.self_affine(22e-6, 0.86, 1e3, 3992.9, 1e9),
@@ -68,7 +80,7 @@ def test_a_thicker_insulator_pulls_less(
     modulus=tenth_powers(-4, 4),
     load=tenth_powers(-4, 0),
     h0=tenth_powers(-2, 0),
-    gaps=st.sampled_from(["plain", "combined"]),
+    gaps=st.sampled_from(get_args(GapDistribution)),
 )
 def test_only_ratios_of_lengths_and_of_moduli_matter(
     length: float, modulus: float, load: float, h0: float, gaps: str
@@ -96,6 +108,21 @@ def test_gaps_and_spots_cover_the_nominal_area(solid: MeanField, load: float) ->
     pressure = load * float(solid.stress_rms_pa)
     covered = float(solid.gap_histogram(pressure).mass.sum() + solid.area_fraction(pressure))
     assert covered == pytest.approx(1.0, abs=1e-9)
+
+
+def test_gaps_that_conserve_the_mean_have_the_mean_gap() -> None:
+    rough = RoughnessSpectrum.self_affine(2e-6, 0.8, 1e4, 5e4, 5e6)
+    gaps = torch.logspace(-12, -4, 4000, dtype=torch.float64)
+    means = {}
+    for form in ("combined", "mean-conserving"):
+        field = MeanField(rough, HalfSpace(40e6, 0.5), gap_distribution=form)
+        pressure = 0.03 * float(field.stress_rms_pa)
+        moment = gaps**2 * field.gap_density(pressure, gaps)
+        mean = torch.trapezoid(moment, gaps.log())
+        means[form] = float(mean / field.mean_gap(pressure))
+    # The first strips are nearly empty, and reach above this range: 2e-3 of the mean gap.
+    assert means["mean-conserving"] == pytest.approx(1, abs=3e-3)
+    assert means["combined"] > 1.01  # what folding adds
 
 
 @settings(max_examples=10, deadline=None)
@@ -249,7 +276,7 @@ def test_impossible_insulators(solid: MeanField, bad: object) -> None:
 
 def test_unknown_choices() -> None:
     spectrum = RoughnessSpectrum.self_affine(1e-6, 0.8, 1e4, 1e4, 1e7)
-    with pytest.raises(InputError, match=r'gap_distribution.*"plain" or "combined".*\'new\''):
+    with pytest.raises(InputError, match=r'gap_distribution.*"plain", "combined".*\'new\''):
         MeanField(spectrum, HalfSpace(1e6), gap_distribution="new")
     with pytest.raises(InputError, match=r'contact_spots.*"widened".*\'all\''):
         MeanField(spectrum, HalfSpace(1e6)).inverse_square_gap(1e4, 1e-7, "all")

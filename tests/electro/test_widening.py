@@ -215,10 +215,12 @@ def thin_rows() -> list[tuple[str, float]]:
 
 @pytest.mark.parametrize(("cell", "relative"), thin_rows())
 def test_thin_insulators_are_near_boundary_elements(cell: str, relative: float) -> None:
-    """The gain of area under attractions of gaps and spots up to 40 p0, of means over surfaces."""
+    """The gain of area under attractions of gaps and spots, of means over five surfaces or more."""
     gains: dict[int, list[tuple[float, float]]] = defaultdict(list)
     with ROWS.open() as file:
-        rows = [row for row in csv.DictReader(file) if row["cell"] == cell]
+        rows = [
+            row for row in csv.DictReader(file) if row["cell"] == cell and row["converged"] == "1"
+        ]
     for seed in sorted({row["seed"] for row in rows}):
         at = [row for row in rows if row["seed"] == seed and row["h0_over_h_rms"] == str(relative)]
         h_rms, p0, off = (float(at[0][key]) for key in ("h_rms_m", "p0_pa", "area_off"))
@@ -229,13 +231,13 @@ def test_thin_insulators_are_near_boundary_elements(cell: str, relative: float) 
         gained = (solved.area_fraction[1:] / solved.area_fraction[0]).numpy()
         for number in range(len(at)):
             gains[number].append((gained[number], area[number] / off))
-    assert len(gains) >= 7
-    for both in gains.values():
+    many = [both for both in gains.values() if len(both) >= 5]
+    assert len(many) >= 2
+    for both in many:
         by_theory, by_elements = np.mean(both, 0)
-        # Two to three surfaces of 4 waves scatter by some 10 % at x = 1e-2, where the worst row is
-        # 18 % off, and by 20 to 50 % at 1e-3, where it is 58 % high. Where the narrowest gaps were
-        # not lifted it was 8 times too high.
-        assert by_theory == pytest.approx(by_elements, rel=0.25 if "1e-2" in cell else 0.65)
+        # The means of 5 to 8 surfaces of 4 waves scatter by 1 to 3 % at x = 1e-2, and by 3 to 12 %
+        # at 1e-3. Where the narrowest gaps were not lifted this was up to 8 times too high.
+        assert by_theory == pytest.approx(by_elements, rel=0.05 if "1e-2" in cell else 0.2)
 
 
 @pytest.fixture(scope="module")

@@ -186,7 +186,7 @@ def test_attraction_beside_the_spots(
     )
     # The weight v is a quotient of small differences, whose noise is the error here: eight times as
     # fine, the oracle moves by up to 1 %.
-    oracle = slow.Oracle(self_affine(slow, skin.roughness), solid, slow.CORRECTED, fineness=4)
+    oracle = slow.Oracle(self_affine(slow, skin.roughness), solid, slow.LOCAL, fineness=4)
     model = ContactModel(finger, SCREEN, theory="local", terms={"finite-size": False})
     voltage = share * float(model.solve(force, 0.0, None, h0).pull_in_voltage_v)
     state = model.solve(force, voltage, None, h0)

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import fields
+from typing import get_args
 
 import pytest
 import torch
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from haptix import ContactModel, ContactState, Finger, Screen, Status
-from haptix.contact import RoughnessSpectrum
+from haptix.contact import GapDistribution, RoughnessSpectrum
 from haptix.finger import Roughness
 
 FLOATS = [field.name for field in fields(ContactState) if field.type == "Tensor"]
@@ -51,7 +52,7 @@ def models(draw: st.DrawFn) -> ContactModel:
         SCREEN,
         fidelity=draw(st.sampled_from(["mean-field", "mean-field", "closed-form"])),
         contact_spots=draw(st.sampled_from(["excluded", "included"])),
-        gap_distribution=draw(st.sampled_from(["plain", "combined"])),
+        gap_distribution=draw(st.sampled_from(get_args(GapDistribution))),
         gamma=draw(st.floats(0.3, 0.6)),
         terms={"breakdown": True},
     )
