@@ -4,7 +4,6 @@
     python benchmarks/attracted_contacts.py solve FOLDER --device cuda --workers 6   # minutes
     python benchmarks/attracted_contacts.py table FOLDER [--out docs/mean-field.md]
     python benchmarks/attracted_contacts.py halve FOLDER               # minutes; reads no rows
-    python benchmarks/attracted_contacts.py weights FOLDER             # minutes; reads no rows
 
 `solve` follows surfaces of many cells (Hurst exponent, band, solid, load) under an attraction
 ``c/(u + h0)^2``, and the same surfaces without attraction at loads from p0 to 40 p0. Every surface
@@ -26,22 +25,16 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from itertools import pairwise
-from math import inf, pi, sqrt
+from math import inf, nan, pi, sqrt
 from multiprocessing import get_context
 from pathlib import Path
 from time import perf_counter, time
-from timeit import repeat
-from unittest.mock import patch
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.integrate import cumulative_trapezoid
-from scipy.ndimage import map_coordinates
 
-import haptix.electro.widening as widening
-from haptix import ContactModel, Finger, Screen
+from benchmarks.mean_field import _put
 from haptix.contact import THEORIES, ContactSpots, HalfSpace, Layered, MeanField, RoughnessSpectrum
 from haptix.contact.accuracy import of_states
 from haptix.contact.boundary_elements import Surfaces
@@ -49,8 +42,7 @@ from haptix.contact.boundary_elements.bounded import BoundedProblem
 from haptix.contact.boundary_elements.coupled import AttractedContacts
 from haptix.contact.boundary_elements.elements import corrected_area
 from haptix.contact.elasticity import ElasticSolid
-from haptix.contact.meanfield import LATTICE_STEP
-from haptix.electro import AttractionTable, Pull, drive_voltage
+from haptix.electro import Pull, drive_voltage
 from haptix.electro.widening import edge_weight
 from haptix.fidelity import Balance, Contact, Load, MeanFieldBalance
 
@@ -162,13 +154,7 @@ def solve(cell: Cell, seeds: Sequence[int], folder: Path, device: torch.device) 
         [cell.x * float(cell.field(float(h)).stress_rms_pa) * sqrt(2) for h in h_rms]
     ).to(h_rms)
     problem = BoundedProblem.on_grid(cell.solid(), points, cell.side_m, None, device)
-    unattracted, profiles, start = [], [], None
-    for factor in LOADS:
-        solved = problem.solve(height, factor * p0, h_rms, 1e-5, start)
-        start, spots = solved.pressure_pa, solved.pressure_pa > 0
-        gap = solved.gap_m.clamp(min=0).masked_fill(spots, 0.0)
-        unattracted.append(torch.stack([factor * p0, corrected_area(spots), gap.mean((-2, -1))], 1))
-        profiles.append([profile(g[~open_]) for g, open_ in zip(gap, spots, strict=True)])
+    off, profiles = unattracted(problem, height, p0, LOADS)
     relative = torch.tensor(cell.h0, dtype=torch.float64, device=device)
     h0 = (h_rms[:, None] * relative).flatten()[:, None, None]
     each = len(cell.h0)
@@ -181,22 +167,17 @@ def solve(cell: Cell, seeds: Sequence[int], folder: Path, device: torch.device) 
     for pull in TOTALS if thin else PULLS:
         wanted = pull * loads / (1 if thin else contacts.gaps_share.clamp(min=0.02))
         wanted = torch.minimum(wanted, torch.where(total > 0, 6 * total, wanted))
-        # A state that did not converge ends its surface's rows; infinite ones are not solved.
+        # A state that did not converge ends its surface's rows: no infinite attraction is solved.
         total = torch.where(good, wanted, inf)
-        spot = contacts.strength(total)
-        good = good & contacts.converged
-        spots = contacts.contact.pressure_pa > 0
-        gap = contacts.contact.gap_m.clamp(min=0).masked_fill(spots, 0.0)
-        pulled = (contacts.traction * ~spots).mean((-2, -1)) * spot
-        row = [spot, corrected_area(spots), gap.mean((-2, -1)), pulled, good.to(spot.dtype)]
-        rows.append(torch.stack(row, 1))
+        row, _ = attracted(contacts, total)
+        good = good & (row[:, -1] > 0)
+        row[:, -1] = good
+        rows.append(row)
     states = torch.stack(rows, 1).unflatten(0, (len(seeds), each)).cpu().numpy()
-    off = torch.stack(unattracted, 1).cpu().numpy()
     for number, seed in enumerate(seeds):
         np.savez(
             cell.path(folder, seed),
-            h_rms=float(h_rms[number]), off=off[number],
-            prof=np.array([of_load[number] for of_load in profiles]),
+            h_rms=float(h_rms[number]), off=off[number], prof=profiles[number],
             seconds=(perf_counter() - began) / len(seeds),
             rows=np.array(
                 [
@@ -207,6 +188,34 @@ def solve(cell: Cell, seeds: Sequence[int], folder: Path, device: torch.device) 
                 ]
             ),
         )  # fmt: skip
+
+
+def unattracted(
+    problem: BoundedProblem, height_m: torch.Tensor, p0_pa: torch.Tensor, factors: Array
+) -> tuple[Array, Array]:
+    """p, A/A0, mean gap, and open gaps, at multiples of p0; shape (surfaces, loads, 3 or ranks)."""
+    scale, start = height_m.square().mean((-2, -1)).sqrt(), None
+    states, profiles = [], []
+    for factor in factors:
+        solved = problem.solve(height_m, factor * p0_pa, scale, 1e-5, start)
+        start, spots = solved.pressure_pa, solved.pressure_pa > 0
+        gap = solved.gap_m.clamp(min=0).masked_fill(spots, 0.0)
+        states.append(torch.stack([factor * p0_pa, corrected_area(spots), gap.mean((-2, -1))], 1))
+        profiles.append([profile(g[~closed_]) for g, closed_ in zip(gap, spots, strict=True)])
+    return torch.stack(states, 1).cpu().numpy(), np.array(profiles).swapaxes(0, 1)
+
+
+def attracted(
+    contacts: AttractedContacts, attraction_pa: torch.Tensor
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Rows t0, A/A0, mean gap, pull of the gaps, converged; and the gaps, NaN in spots."""
+    spot = contacts.strength(attraction_pa)
+    spots = contacts.contact.pressure_pa > 0
+    gap = contacts.contact.gap_m.clamp(min=0)
+    pulled = (contacts.traction * ~spots).mean((-2, -1)) * spot
+    mean = (gap * ~spots).mean((-2, -1))
+    row = [spot, corrected_area(spots), mean, pulled, contacts.converged.to(spot)]
+    return torch.stack(row, 1), gap.masked_fill(spots, nan)
 
 
 def profile(gap_m: torch.Tensor) -> Array:
@@ -237,8 +246,6 @@ def solve_in_time(
 class Solved:
     """One surface's solutions."""
 
-    cell: Cell
-    seed: int
     h_rms_m: float
     off: Array  # p, A/A0 and mean gap, shape (loads, 3)
     profile_m: Array  # gaps by rank, shape (loads, ranks)
@@ -250,19 +257,26 @@ class Solved:
         return float(self.off[0, 0])
 
 
-def solutions(folder: Path) -> Iterator[Solved]:
+@dataclass(frozen=True)
+class SolvedCell(Solved):
+    """Those of a surface of a cell."""
+
+    cell: Cell
+    seed: int
+
+
+def solutions(folder: Path) -> Iterator[SolvedCell]:
     """Read all surfaces of a folder."""
     for cell in CELLS:
         for path in sorted(folder.glob(f"{cell.name}__*.npz")):
             kept = np.load(path)
             off = kept["off"]
-            yield Solved(
-                cell, int(path.stem.split("__")[1]), float(kept["h_rms"]), off, kept["prof"],
-                kept["rows"][np.isin(kept["rows"][:, 0], cell.h0)],
-            )  # fmt: skip
+            rows = kept["rows"][np.isin(kept["rows"][:, 0], cell.h0)]
+            seed = int(path.stem.split("__")[1])
+            yield SolvedCell(float(kept["h_rms"]), off, kept["prof"], rows, cell, seed)
 
 
-def by_theory(surface: Solved, spots: ContactSpots) -> Balance:
+def by_theory(surface: SolvedCell, spots: ContactSpots) -> Balance:
     """The theory's contact at p0 alone, and then in each of a surface's rows."""
     h0 = surface.rows[:, 0] * surface.h_rms_m
     strength = np.concatenate([[1e-30], surface.rows[:, 1] * h0**2])
@@ -275,11 +289,16 @@ def by_theory(surface: Solved, spots: ContactSpots) -> Balance:
     return MeanFieldBalance(contact).solve(Load(p0, pull, field.highest_asperity(box)))
 
 
-def closed(surface: Solved, row: Array) -> tuple[float, float, float] | None:
+EdgeWeight = Callable[[torch.Tensor, torch.Tensor], torch.Tensor]
+
+
+def closed(
+    surface: Solved, row: Array, edge: EdgeWeight = edge_weight
+) -> tuple[float, float, float] | None:
     """Area, mean gap and pull of the gaps by the closure on the surface's own unattracted states.
 
     Written out once more, by fixed-point iteration on ranks, as docs/mean-field.md states it. None
-    where it takes loads beyond those that were solved.
+    where it takes loads beyond those that were solved. `edge` is ``int (g - 1) dn``.
     """
     if len(surface.off) < 2:
         return None
@@ -306,7 +325,7 @@ def closed(surface: Solved, row: Array) -> tuple[float, float, float] | None:
         fall = np.maximum(np.interp(area + rank, rank, at(falls, log_area)), 0.0) * inside
         fall = fall / (fall * step).sum()
         lifted = spot_pa * (h0 / (h0 + gap + 0.5 * lift * fall)) ** 2 * inside
-        weight = edge_weight(
+        weight = edge(
             torch.tensor(area, dtype=torch.float64), torch.tensor(np.minimum(rank, 1 - area))
         ).numpy()
         edges = np.diff(weight, prepend=0.0) * inside
@@ -328,7 +347,7 @@ def closed(surface: Solved, row: Array) -> tuple[float, float, float] | None:
     return area, float(at(gap_at, log_gap)), pull
 
 
-def kept() -> Iterator[Solved]:
+def kept() -> Iterator[SolvedCell]:
     """Surfaces of the rows that are kept, which have no gap distributions."""
     surfaces: dict[tuple[str, int], list[list[float]]] = defaultdict(list)
     with ROWS.open() as file:
@@ -338,8 +357,8 @@ def kept() -> Iterator[Solved]:
     cells = {cell.name: cell for cell in CELLS}
     for (name, seed), rows in surfaces.items():
         values = np.array(rows)
-        yield Solved(
-            cells[name], seed, rows[0][0], values[:1, 1:4], np.empty((0, 0)), values[:, 4:]
+        yield SolvedCell(
+            rows[0][0], values[:1, 1:4], np.empty((0, 0)), values[:, 4:], cells[name], seed
         )
 
 
@@ -504,10 +523,7 @@ def halve(cell: Cell) -> str:
             for number, pull in enumerate(PULLS[:2]):
                 if more == 1:
                     totals.append(pull * load / contact.gaps_share.clamp(min=0.02))
-                spot = float(contact.strength(totals[number]))
-                spots = contact.contact.pressure_pa[0] > 0
-                area = float(corrected_area(spots))
-                gaps = float((contact.traction[0] * ~spots).mean()) * spot
+                _, area, _, gaps, _ = attracted(contact, totals[number])[0][0].tolist()
                 solved.append((area / alone, gaps))
         changes = [
             f"{100 * (b[0] / a[0] - 1):+.1f} {100 * (b[1] / a[1] - 1):+.1f}"
@@ -515,171 +531,6 @@ def halve(cell: Cell) -> str:
         ]
         parts.append(f"h0/h_rms {relative:g}: {', '.join(changes)}")
     return f"{cell.name}: mu_on/mu_off and pull of the gaps, % | {' | '.join(parts)}"
-
-
-def weights(cell: Cell, surfaces: int = 3) -> str:
-    """The weights v and g - 1 of gaps, measured on contacts without attraction, and the theory's s.
-
-    v: the fall of gaps over the mean one where the load grows by a tenth, by what the smaller gaps
-    take of the area. g: the gain of the area by a traction of a quarter of p0 on gaps of one size
-    alone, over the gain by as much pressure.
-    """
-    ranks = (0, 0.25, 0.5, 1, 2, 4, 8)  # over the spots' area
-    sizes = (0.03, 0.1, 0.2, 0.4)  # over h_rms
-    problem = BoundedProblem.on_grid(
-        cell.solid(), cell.band * cell.pixels, cell.side_m, None, torch.device("cpu")
-    )
-    falls, gains = [], []
-    for seed in range(surfaces):
-        drawn = Surfaces.random(
-            cell.spectrum(H_RMS_M), cell.band * cell.pixels, cell.side_m, 1, seed
-        )
-        height = drawn.height_m
-        h_rms = float(height.std(unbiased=False))
-        field = cell.field(h_rms)
-        p0 = cell.x * float(field.stress_rms_pa) * sqrt(2)
-
-        scale = torch.tensor([h_rms], dtype=torch.float64)
-
-        def solved(
-            load: float, heights: torch.Tensor, scale: torch.Tensor = scale
-        ) -> tuple[torch.Tensor, torch.Tensor]:
-            mean = torch.tensor([load], dtype=torch.float64)
-            found = problem.solve(heights, mean, scale, 1e-6)
-            return found.pressure_pa[0] > 0, found.gap_m[0].clamp(min=0)
-
-        spots, gap = solved(p0, height)
-        area = float(corrected_area(spots))
-        lower = (gap - solved(1.1 * p0, height)[1])[~spots][gap[~spots].argsort()]
-        place = torch.arange(1, len(lower) + 1) / spots.numel() / area
-        lower = lower / (lower.sum() / spots.numel())
-        falls.append(
-            [float(lower[(place > low) & (place <= high)].mean()) for low, high in pairwise(ranks)]
-        )
-        even = float(corrected_area(solved(1.25 * p0, height)[0])) - area
-        gained = []
-        for low, high in pairwise(sizes):
-            shape = (((gap >= low * h_rms) & (gap < high * h_rms)) & ~spots).to(torch.float64)
-            pressed = height + p0 / 4 * problem.levels[0].displacement((shape / shape.mean())[None])
-            gained.append((float(corrected_area(solved(1.25 * p0, pressed)[0])) - area) / even)
-        gains.append(gained)
-    at = torch.tensor([p0 * 0.95, p0 / 0.95])
-    mass, edges = field.gap_histogram(at).mass, field.gap_edges_m
-    area_of = field.area_fraction(at)
-    rank = area_of[:, None] + mass.cumsum(-1)
-    fallen = (rank[1] - rank[0]) * edges.diff() / -field.mean_gap(at).diff()
-    middle, centre = (mass[0] + mass[1]) / 2, (edges[:-1] * edges[1:]).sqrt()
-    open_share = middle.cumsum(-1)
-    area_mean = area_of.mean()
-    v = [
-        float(fallen[inside].sum() / middle[inside].sum())
-        for low, high in pairwise(ranks)
-        if (inside := (open_share > low * area_mean) & (open_share <= high * area_mean)).any()
-    ]
-    weight = edge_weight(area_mean, torch.cat([open_share.new_zeros(1), open_share])).diff()
-    shares = [
-        float((weight / (1 + centre / (relative * h_rms)) ** 2).sum() / area_mean)
-        for relative in (0.1, 0.2, 0.5, 1.0)
-    ]
-
-    def listed(values: list[float]) -> str:
-        return " ".join(f"{value:.2f}" for value in values)
-
-    return (
-        f"{cell.name}: v elements {listed(list(np.mean(falls, 0)))}, mean field {listed(v)}; "
-        f"g elements {listed(list(np.mean(gains, 0)))}; s {listed(shares)}"
-    )
-
-
-def missed_by_maxwell(field: MeanField, p0_pa: float, h0_m: float) -> float:
-    """Largest miss of ``dubar/dc = -dC/dp0`` up to A = 0.3, in mean gaps without voltage.
-
-    Both sides are second derivatives of one energy. C is the capacitance per area over eps0,
-    ``A/h0 + int dn/(u + h0)``, and c the strength of the attraction.
-    """
-    part = 0.03
-    edges = field.gap_edges_m
-    middle = torch.cat([edges[1:2] / 2, (edges[1:-1] * edges[2:]).sqrt()])
-
-    def solved(load_pa: float, strength: Array) -> Balance:
-        column = torch.zeros(len(strength), dtype=torch.long)
-        thickness = torch.tensor([h0_m], dtype=torch.float64)
-        pull = Pull.of_sine(edges, drive_voltage(torch.tensor(strength)), thickness, column)
-        load = torch.full((len(strength),), load_pa, dtype=torch.float64)
-        return MeanFieldBalance(Contact(field, "widened", None, load_pa)).solve(Load(load, pull))
-
-    def capacitance(load_pa: float) -> Array:
-        table = AttractionTable.solve(field, load_pa, 200 * load_pa, widened=True)
-        assert table.lifted is not None
-        balance = solved(load_pa, strength)
-        log_p, gaps = torch.log(balance.pressure_pa), torch.exp(table.log_mean_gap.values)
-        of_gap = np.interp(-balance.mean_gap_m, -gaps, table.log_pressure)
-        lift, lifts = log_p.numpy() - of_gap, table.lifted.lifts.numpy()
-        node = (log_p - table.log_pressure[0]).numpy() / LATTICE_STEP
-        place = np.interp(lift, lifts, np.arange(len(lifts)))
-        nearness = (table.lifted.open / (middle + h0_m)).sum(-1).numpy()
-        at = map_coordinates(nearness, [node, place], order=1)
-        total: Array = balance.area_fraction.numpy() / h0_m + at
-        return total
-
-    strength = p0_pa * h0_m**2 * np.geomspace(1e-2, 1e4, 200)
-    light = solved(p0_pa, strength)
-    most = strength[(light.is_stable & (light.area_fraction < 0.3)).numpy()][-1]
-    strength = np.concatenate([[1e-9 * most], np.geomspace(1e-4 * most, most, 80)])
-    rising = capacitance((1 + part) * p0_pa) - capacitance((1 - part) * p0_pa)
-    fallen = cumulative_trapezoid(rising / (2 * part * p0_pa), strength, initial=0)
-    gap = solved(p0_pa, strength).mean_gap_m.numpy()
-    return float(np.abs(gap - gap[0] + fallen).max() / field.mean_gap(p0_pa))
-
-
-def maxwell() -> Iterator[str]:
-    """How far Maxwell's relation is missed, by the share of fixed spots in the lift."""
-    spectrum = RoughnessSpectrum.self_affine(H_RMS_M, 0.8, Q0, 4 * Q0, 64 * Q0)
-    field = THEORIES["local"].mean_field(spectrum, HalfSpace(E_PA, 0.5))
-    p_pa = sqrt(2) * float(field.stress_rms_pa)
-    cases = ((1e-3, 0.1), (1e-3, 0.3), (1e-2, 0.1), (1e-2, 1.0))
-    for share in (0.0, 0.5, 1.0):
-        with patch.object(widening, "_FIXED_SHARE", share):
-            missed = [missed_by_maxwell(field, x * p_pa, h * H_RMS_M) for x, h in cases]
-        yield f"Maxwell, share {share:g}: " + ", ".join(f"{miss:.2f}" for miss in missed)
-
-
-def ends() -> str:
-    """Where light contact ends, "local" over the elements of docs/mean-field.md, and its time."""
-    lines = []
-    with (ROWS.parent / "voltage.csv").open() as file:
-        cases = [row for row in csv.DictReader(file) if float(row["voltage_v"]) == 0]
-    for finite in (True, False):
-        shares = []
-        for row in cases:
-            names = ("h_rms_m", "hurst", "q0", "q_rolloff", "q1", "youngs_modulus_pa")
-            values = [float(row[name]) for name in (*names, "poisson_ratio", "layer_m")]
-            solid: ElasticSolid = HalfSpace(values[5], values[6])
-            if values[7]:
-                base = float(row["bulk_modulus_pa"])
-                solid = Layered(values[5], values[6], values[7], base, 0.5)
-            field = THEORIES["local"].mean_field(RoughnessSpectrum.self_affine(*values[:5]), solid)
-            p0, h0, side = float(row["pressure_pa"]), float(row["h0_m"]), 2 * pi / values[2]
-            none, thickness = (torch.tensor([v], dtype=torch.float64) for v in (0.0, h0))
-            pull = Pull.of_sine(field.gap_edges_m, none, thickness, none.long())
-            box = field.highest_asperity(none + side**2) if finite else None
-            solved = MeanFieldBalance(Contact(field, "widened", None, p0)).solve(
-                Load(none + p0, pull, box)
-            )
-            shares.append(float(drive_voltage(solved.strength_at_end)) / float(row["pull_in_v"]))
-        known = np.array([share for share in shares if np.isfinite(share)])
-        lines.append(
-            f"end of light contact, {'finite' if finite else 'infinite'} size: {known.min():.2f} "
-            f"to {known.max():.2f} of the elements', {100 * np.median(np.abs(known - 1)):.0f} % off"
-        )
-    forces, volts = torch.rand(2, 100_000, dtype=torch.float64)
-    times = {}
-    for theory in ("corrected", "local"):
-        model = ContactModel(Finger.preset("semi-wet"), Screen.preset("3m-sct3250"), theory=theory)
-        each = partial(model.solve, 0.1 + forces, 200 * volts)
-        each()  # its table
-        times[theory] = min(repeat(each, number=1, repeat=5))
-    return "\n".join([*lines, f"100,000 states: {times['local'] / times['corrected']:.1f} times"])
 
 
 def write_rows(folder: Path) -> None:
@@ -698,7 +549,7 @@ def write_rows(folder: Path) -> None:
 def main() -> None:
     """Solve, or make the tables."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("what", choices=("solve", "table", "halve", "weights"))
+    parser.add_argument("what", choices=("solve", "table", "halve"))
     parser.add_argument("folder", type=Path)
     parser.add_argument("--seeds", type=int, default=8)
     parser.add_argument("--cells", nargs="*", help="names of cells; by default all")
@@ -724,22 +575,11 @@ def main() -> None:
             sys.stdout.write(halve(cell) + "\n")
             sys.stdout.flush()
         return
-    if chosen.what == "weights":
-        for cell in CELLS:
-            if cell.name in ("80_64_4_hs_1e-3_8", "80_64_4_hs_1e-2_8", f"80_64_4_{LAYER}_1e-2_8"):
-                sys.stdout.write(weights(cell) + "\n")
-        sys.stdout.write("\n".join([*maxwell(), ends()]) + "\n")
-        return
     write_rows(chosen.folder)
     text = tables(chosen.folder)
     sys.stdout.write(text + "\n")
     if chosen.out:
-        page = chosen.out.read_text()
-        before, rest = page.split("<!-- attracted -->\n", 1)
-        after = rest.split("\n<!-- end of attracted -->", 1)[1]
-        chosen.out.write_text(
-            f"{before}<!-- attracted -->\n\n{text}\n\n<!-- end of attracted -->{after}"
-        )
+        chosen.out.write_text(_put(chosen.out.read_text(), "attracted", text))
 
 
 if __name__ == "__main__":

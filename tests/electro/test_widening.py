@@ -14,7 +14,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.attracted_contacts import missed_by_maxwell
+from benchmarks.attraction_theory import missed_by_maxwell
 from haptix import ContactModel, Finger, Screen
 from haptix.contact import THEORIES, HalfSpace, MeanField, RoughnessSpectrum
 from haptix.electro import AttractionTable, Pull, drive_voltage
