@@ -8,7 +8,7 @@ relation is missed, and where light contact ends.
 
 `shapes` solves a wave, crossed waves and a lattice of spheres under attraction, and puts the
 theory's closure on their own contacts without attraction, with the weight g of strips (the
-theory's) and with that of a circle.
+theory's) and with that of a circle. The last lines have the whole theory with a circle's weight.
 """
 
 from __future__ import annotations
@@ -44,6 +44,7 @@ from benchmarks.attracted_contacts import (
     attracted,
     closed,
     falling,
+    tables,
     unattracted,
 )
 from benchmarks.mean_field import _put
@@ -158,8 +159,14 @@ def shapes(points: int = 512) -> Iterator[str]:
                 both = np.stack([strip, circle], 1).flatten()[:-1]
                 columns.append([f"{row[2]:.3f}", *(f"{100 * error:+.1f}" for error in both)])
             cells = (" ".join(pair) for pair in zip(*columns, strict=True))
-            start = f"{shape}, {surface.off[0, 1]:.3f}" if number == 0 else ""
-            yield f"| {start} | {thickness:g} | {' | '.join(cells)} |"
+            yield f"| {shape}, {surface.off[0, 1]:.3f} | {thickness:g} | {' | '.join(cells)} |"
+
+
+def rows_with_circles() -> Iterator[str]:
+    """The table of the whole theory's errors on rough surfaces, were all spots circles."""
+    with patch.object(widening, "edge_weight", circle_weight):
+        head, rule, *lines = tables(Path()).splitlines()
+    yield from (head, rule, *(line for line in lines if line.startswith("| `local`,")))
 
 
 def weights(cell: Cell, surfaces: int = 3) -> str:
@@ -332,6 +339,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("what", choices=("weights", "shapes"))
     parser.add_argument("--out", type=Path, help="page to renew, such as docs/mean-field.md")
+    parser.add_argument("--points", type=int, default=512, help="along a side of a shape")
     chosen = parser.parse_args()
     torch.set_num_threads(1)
     if chosen.what == "weights":
@@ -340,7 +348,7 @@ def main() -> None:
                 sys.stdout.write(weights(cell) + "\n")
         sys.stdout.write("\n".join([*maxwell(), ends()]) + "\n")
         return
-    text = "\n".join(shapes())
+    text = "\n".join([*shapes(chosen.points), "", *rows_with_circles()])
     sys.stdout.write(text + "\n")
     if chosen.out:
         chosen.out.write_text(_put(chosen.out.read_text(), "shapes", text))

@@ -14,7 +14,12 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.attraction_theory import missed_by_maxwell
+from benchmarks.attraction_theory import (
+    circle_weight,
+    follow_shape,
+    missed_by_maxwell,
+    shape_errors,
+)
 from haptix import ContactModel, Finger, Screen
 from haptix.contact import THEORIES, HalfSpace, MeanField, RoughnessSpectrum
 from haptix.electro import AttractionTable, Pull, drive_voltage
@@ -339,3 +344,33 @@ def test_blocks_of_many_insulators_come_back_in_order(model: ContactModel) -> No
         at = h0_m == thickness
         own = model.solve(force[at], 100.0, None, thickness).mu
         assert torch.allclose(mu[at], own, rtol=1e-12)
+
+
+def test_the_weight_of_strips_is_exact_on_a_wave() -> None:
+    """The elements' own gaps drive the edges as far as they are."""
+    surface, gaps = follow_shape("wave", 0.018, (0.1, 1.0), 256)
+    states = list(zip(surface.rows, gaps, strict=True))
+    strip, circle = (
+        np.mean([shape_errors(surface, row, gap, edge)[0] for row, gap in states])
+        for edge in (edge_weight, circle_weight)
+    )
+    # A row of pixels is 2 to 8 % of the spots, and the load goes with the square of their width:
+    # the mean of eight states is good to some 2 %.
+    assert abs(strip) < 0.02
+    assert circle < -0.03
+
+
+def test_round_spots_have_the_weight_of_a_circle_and_the_closure_nearly_so() -> None:
+    """Near an edge the weight of strips is 1/sqrt(2 m), that of a circle 2/(pi sqrt(m))."""
+    surface, gaps = follow_shape("spheres", 0.0045, (0.1, 1.0), 256)
+    for row, gap in zip(surface.rows, gaps, strict=True):
+        strip, circle = (
+            shape_errors(surface, row, gap, edge) for edge in (edge_weight, circle_weight)
+        )
+        # Neighbours take 1 to 2 % where spots have 6 % of the area.
+        assert abs(circle[0]) < 0.025
+        assert strip[0] > circle[0]
+        # 11 % more near the edge is at most 7 % more area, and less pull of the gaps there.
+        assert -0.01 < strip[1] < 0.07
+        assert abs(strip[2]) < 0.04
+        assert abs(strip[3]) < 0.005  # most of the gap is far from any spot
