@@ -58,8 +58,9 @@ class UniformCubic:
         Position of the first node, a single number.
     step : float
         Distance between nodes.
-    values, slopes : Tensor, shape (nodes,), (nodes, columns) or (nodes, columns, parts)
-        Node values and derivatives. Each column is a separate function with `parts` components.
+    values, slopes : Tensor, shape (nodes,), (nodes, columns) or (nodes, parts, columns)
+        Node values and derivatives. Each column is a separate function with `parts` components,
+        which are the first axis of its values.
     stencil : Tensor, shape (nodes, nodes), optional
         Matrix from values to slopes. Gradients then pass through the values around a point and not
         through `slopes`, because only few of a table's many numbers are looked up.
@@ -90,47 +91,62 @@ class UniformCubic:
 
     @cached_property
     def _cubics(self) -> Tensor:
-        """Coefficients of 1, t, t^2 and t^3 in each cell, shape (4, cells * columns, [parts])."""
-        values = self.values if self.values.ndim > 1 else self.values[:, None]
+        """Coefficients of 1, t, t^2 and t^3 in each cell, shape (4 * parts, cells * columns)."""
+        values = self.values.reshape(len(self.values), self._parts, -1)
         rise, slopes = values.diff(dim=0), self.slopes.reshape(values.shape) * self.step
-        return torch.stack(_cubic(values[:-1], rise, slopes[:-1], slopes[1:])).flatten(1, 2)
+        cubics = torch.stack(_cubic(values[:-1], rise, slopes[:-1], slopes[1:]))
+        return cubics.movedim(2, 1).reshape(4 * self._parts, -1)
+
+    @property
+    def _parts(self) -> int:
+        return self.values.shape[1] if self.values.ndim == 3 else 1
 
     def _coefficients(self, cell: Tensor, column: Tensor | None) -> tuple[Tensor, ...]:
-        columns = 1 if self.values.ndim == 1 else self.values.shape[1]
-        parts = self.values.shape[2:]
-        shape, cell = cell.shape + parts, cell.reshape(-1)
-        of_column = 0 if column is None else column.reshape(-1)
+        columns = 1 if self.values.ndim == 1 else self.values.shape[-1]
+        shape = self.values.shape[1:-1] + cell.shape
+        cell, of_column = cell.reshape(-1), 0 if column is None else column.reshape(-1)
         if self.stencil is None or not torch.is_grad_enabled():
-            cubics = self._cubics.index_select(1, cell * columns + of_column)
-            return cubics.view(4, *shape).unbind()
+            place = (cell * columns + of_column).expand(len(self._cubics), -1)
+            return self._cubics.gather(1, place).view(4, *shape).unbind()
         # The stencils of a cell's two ends lie within six nodes, which are gathered at once.
-        count, values = self.values.shape[0], self.values.reshape(-1, *parts)
+        count, values = self.values.shape[0], self.values.movedim(0, -2).reshape(self._parts, -1)
         first = (cell - 2).clamp(0, max(count - 6, 0))
         near = first + torch.arange(min(count, 6), device=cell.device)[:, None]
-        around = values.index_select(0, (near * columns + of_column).reshape(-1))
-        around = around.view(*near.shape, -1)
+        around = values.index_select(1, (near * columns + of_column).reshape(-1))
+        around = around.view(-1, *near.shape)
         at = torch.arange(len(cell), device=cell.device)
-        low, high = (around[cell - first + k, at] for k in (0, 1))
-        slope = [
-            (self.stencil[cell + k, near][..., None] * around).sum(0) * self.step for k in (0, 1)
-        ]
+        low, high = (around[:, cell - first + k, at] for k in (0, 1))
+        slope = [(self.stencil[cell + k, near] * around).sum(1) * self.step for k in (0, 1)]
         return tuple(part.reshape(shape) for part in _cubic(low, high - low, *slope))
 
     def __call__(self, x: Tensor, column: Tensor | None = None) -> Tensor:
         """Value at `x` of any shape; `column`, of the same shape, selects each point's function."""
         cell, t = self._cell(x)
-        t0, t1, t2, t3 = self._coefficients(cell, column)
-        t = t if self.values.ndim < 3 else t[..., None]
-        return t0 + t * (t1 + t * (t2 + t * t3))
+        return polynomial(self._coefficients(cell, column), t)
 
     def with_slope(self, x: Tensor, column: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """Value and derivative at `x`; outside the nodes those of the first or last cubic."""
         cell, t = self._cell(x)
-        t0, t1, t2, t3 = self._coefficients(cell, column)
-        t = t if self.values.ndim < 3 else t[..., None]
-        bend = t * t3
-        value = t0 + t * (t1 + t * (t2 + bend))
-        return value, (t1 + t * (2 * t2 + 3 * bend)) / self.step
+        value, slope = polynomial_with_slope(self._coefficients(cell, column), t)
+        return value, slope / self.step
+
+
+def polynomial(coefficients: Sequence[Tensor], x: Tensor) -> Tensor:
+    """Value at x of a polynomial with coefficients of 1, x, x^2, ..."""
+    value = coefficients[-1]
+    for coefficient in reversed(coefficients[:-1]):
+        value = torch.addcmul(coefficient, value, x)
+    return value
+
+
+def polynomial_with_slope(coefficients: Sequence[Tensor], x: Tensor) -> tuple[Tensor, Tensor]:
+    """Value and derivative at x of a polynomial with coefficients of 1, x, x^2, ..."""
+    value = coefficients[-1]
+    slope = torch.zeros_like(value)
+    for coefficient in reversed(coefficients[:-1]):
+        slope = torch.addcmul(value, slope, x)
+        value = torch.addcmul(coefficient, value, x)
+    return value, slope
 
 
 def _cubic(low: Tensor, rise: Tensor, slope: Tensor, next_slope: Tensor) -> tuple[Tensor, ...]:

@@ -17,7 +17,7 @@ from torch import Tensor
 from haptix.contact import MeanField
 from haptix.contact.finite_size import Touching
 from haptix.contact.meanfield import LATTICE_STEP, GapHistogram
-from haptix.contact.tables import UniformCubic
+from haptix.contact.tables import UniformCubic, polynomial, polynomial_with_slope
 from haptix.electro.attraction import Circuit, Pull, bin_inverse
 from haptix.electro.widening import LARGEST_RISE, LOWER_NODES, LiftedGaps, by_rise
 
@@ -165,8 +165,9 @@ class AttractionTable:
         applied_pa: Tensor,
     ) -> WideningAttraction:
         rise, column = None, pull.own_column
+        log_applied = torch.log(applied_pa)
         if pull.column is None:  # every column belongs to one state, and so has one p0
-            rise = self.log_pressure[:, None] - torch.log(applied_pa)
+            rise = self.log_pressure[:, None] - log_applied
             rise = rise.clamp(min=-_MARGIN * LATTICE_STEP)
         on_lattice = None if rise is not None else pull.on_lattice(self.gaps.edges_m)
         if on_lattice is None:
@@ -176,10 +177,10 @@ class AttractionTable:
             effect = by_rise(lifted, lattice.on_gaps) @ weights
         if supply is not None and rise is None:
             effect, column = effect[..., column], torch.arange(len(column), device=column.device)
-        total, pulled, lift = (self._against_pressure(part.movedim(0, -1)) for part in effect)
+        total, pulled, lift = (self._against_pressure(part.movedim(0, 1)) for part in effect)
         log_supply = None if supply is None else self._against_pressure(supply)
         return WideningAttraction(
-            total, column, None, None, touching, log_supply, applied_pa, pulled, lift
+            total, column, None, None, touching, log_supply, log_applied, pulled, lift
         )
 
     def supply(
@@ -337,8 +338,8 @@ class WideningAttraction(Attraction):
     always those at p_A, as the size law "mean-gap" has it.
     """
 
-    applied_pa: Tensor = field(default_factory=lambda: torch.empty(0))
-    """p0 [Pa] of each state."""
+    log_applied: Tensor = field(default_factory=lambda: torch.empty(0))
+    """ln p0 [Pa] of each state."""
     log_share: UniformCubic | None = None
     """ln of the gaps' share of I, in the same form."""
     lift: UniformCubic | None = None
@@ -346,17 +347,17 @@ class WideningAttraction(Attraction):
 
     def gaps(self, log_pressure: Tensor) -> Tensor:
         """I of the gaps alone at ln p, shape (states,)."""
-        share = self._at(self.log_share, log_pressure)[0].clamp(max=0.0)
-        return torch.exp(self._log_gaps(log_pressure)[0] + share) * self.supply(log_pressure)
+        share = self._at(self.log_share, log_pressure).clamp(max=0.0)
+        return torch.exp(self._at(self.log_gaps, log_pressure) + share) * self.supply(log_pressure)
 
     def of_gap(self, log_pressure: Tensor) -> Tensor:
         """Ln of the pressure whose mean gap a contact at ln p has, shape (states,)."""
-        return super().of_gap(log_pressure - self._at(self.lift, log_pressure)[0].clamp(min=0.0))
+        return super().of_gap(log_pressure - self._at(self.lift, log_pressure).clamp(min=0.0))
 
     @property
     def slope_varies(self) -> bool:
         """Whether dlnI/dlnp of states of one column differs from `log_slopes`."""
-        return self.log_gaps.values.shape[-1] > 1
+        return self.log_gaps.values.shape[1] > 1
 
     def limit(self, log_limit: Tensor) -> Tensor:
         """Ln p at which ln of applied pressure plus gaps' attraction is `log_limit`, by state."""
@@ -370,40 +371,37 @@ class WideningAttraction(Attraction):
 
     def _limit_step(self, log_limit: Tensor, log_pressure: Tensor) -> Tensor:
         """Newton's step of ln p to the limit."""
-        log_share, slope = self._at(self.log_share, log_pressure)
-        pressure, share = torch.exp(log_pressure), torch.exp(log_share)
-        gaps = (pressure - self.applied_pa) * share
-        pulled = self.applied_pa + gaps
-        steepness = ((pressure * share + gaps * slope) / pulled).detach()
-        return (log_limit - torch.log(pulled)) / steepness.clamp(*_STEEPNESS)
+        log_share, slope = self._with_slope(self.log_share, log_pressure)
+        rise, share = log_pressure - self.log_applied, torch.exp(log_share)
+        gaps = torch.expm1(rise) * share  # over p0
+        steepness = ((torch.exp(rise) * share + gaps * slope) / (1 + gaps)).detach()
+        lack = log_limit - self.log_applied - torch.log1p(gaps)
+        return lack / steepness.clamp(*_STEEPNESS)
 
     def log_slopes(self) -> Tensor:
         """Largest dlnI/dlnp over all rises, at the nodes of each column, taken as p0."""
-        values, slopes = self.log_gaps.values.detach(), self.log_gaps.slopes
-        rises = torch.linspace(0, LARGEST_RISE, 13, dtype=values.dtype, device=values.device)
-        power = torch.arange(values.shape[-1], device=values.device)
-        powers = rises[:, None] ** power
-        steep = power * rises[:, None] ** (power - 1).clamp(min=0)
-        slopes = (slopes @ powers.T + values @ steep.T).amax(-1)
+        rises = torch.linspace(0, LARGEST_RISE, 13, dtype=torch.float64, device=self.column.device)
+        coefficients = (self.log_gaps.values.detach(), self.log_gaps.slopes)
+        values, slopes = (part[..., None].unbind(1) for part in coefficients)
+        slopes = polynomial(slopes, rises) + polynomial_with_slope(values, rises)[1]
+        slopes = slopes.amax(-1)
         return slopes if self.log_supply is None else slopes + self.log_supply.slopes
 
     def _log_gaps(self, log_pressure: Tensor) -> tuple[Tensor, Tensor]:
-        return self._at(self.log_gaps, log_pressure)
+        return self._with_slope(self.log_gaps, log_pressure)
 
-    def _at(self, table: UniformCubic | None, log_pressure: Tensor) -> tuple[Tensor, Tensor]:
+    def _at(self, table: UniformCubic | None, log_pressure: Tensor) -> Tensor:
+        """Value at ln p of a table whose parts are coefficients."""
+        assert table is not None
+        return polynomial(table(log_pressure, self.column).unbind(), log_pressure - self.log_applied)
+
+    def _with_slope(self, table: UniformCubic | None, at: Tensor) -> tuple[Tensor, Tensor]:
         """Value and slope at ln p of a table whose parts are coefficients."""
         assert table is not None
-        values, slopes = table.with_slope(log_pressure, self.column)
-        powers = self._powers(log_pressure)
-        steep = powers[:, :-1] * torch.arange(1, powers.shape[1], device=powers.device)
-        slope = torch.linalg.vecdot(slopes, powers) + torch.linalg.vecdot(values[:, 1:], steep)
-        return torch.linalg.vecdot(values, powers), slope
-
-    def _powers(self, log_pressure: Tensor) -> Tensor:
-        """Powers of ``ln p_A/p0``, shape (states, powers)."""
-        rise = (log_pressure - torch.log(self.applied_pa))[:, None]
-        higher = rise.expand(-1, self.log_gaps.values.shape[-1] - 1).cumprod(-1)
-        return torch.cat([torch.ones_like(rise), higher], -1)
+        values, slopes = table.with_slope(at, self.column)
+        rise = at - self.log_applied
+        value, by_rise = polynomial_with_slope(values.unbind(), rise)
+        return value, polynomial(slopes.unbind(), rise) + by_rise
 
 
 def _with_slope(area_fraction: AreaFraction, log_pressure: Tensor) -> tuple[Tensor, Tensor]:
