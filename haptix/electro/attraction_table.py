@@ -24,7 +24,7 @@ from haptix.electro.widening import LARGEST_RISE, LOWER_NODES, LiftedGaps, by_ri
 _MARGIN = 3  # nodes beyond the ends, so that every slope in use has its full stencil
 _LIFTED_MARGIN = 2  # further nodes: lifted gaps are themselves differences from node to node
 _TINY = 1e-300
-_LIMIT_STEPS = 3
+_LIMIT_STEPS = 2
 _STEEPNESS = 0.2, 1.0  # bounds of the slope of ln(p0 + gaps' attraction) against ln p_A
 
 WIDEST = 4.0
@@ -361,7 +361,7 @@ class WideningAttraction(Attraction):
 
     def limit(self, log_limit: Tensor) -> Tensor:
         """Ln p at which ln of applied pressure plus gaps' attraction is `log_limit`, by state."""
-        last, at = log_limit + log(WIDEST), log_limit
+        last, at = log_limit + log(WIDEST), log_limit + log(WIDEST) / 2
         with torch.no_grad():
             for _ in range(_LIMIT_STEPS):
                 at = (at + self._limit_step(log_limit, at)).clamp(log_limit, last)

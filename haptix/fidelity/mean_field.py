@@ -35,7 +35,7 @@ _NEARBY = 1e-4  # in ln p: half the distance over which the curvature at the fol
 _LEAST_CURVATURE = 1e-6
 _NEWTON_STEPS = 80
 _STEPS_BETWEEN_CHECKS = 8  # on a GPU, where each check for convergence makes the CPU wait
-_SETTLED = 1e-13  # relative; the next step would be below rounding
+_SETTLED = 1e-7  # relative; two more steps follow, and each squares the error
 
 
 @dataclass(frozen=True)
@@ -73,14 +73,17 @@ def lowest_branch(
     log_fold = _first_fold(applied_pa, attraction, log_limit)
     log_end = log_limit if log_fold is None else torch.minimum(log_fold, log_limit)
     end = torch.exp(log_end)
-    bearable = (end - applied_pa) / attraction(log_end)[0]
+    at_end = attraction(log_end)
+    bearable = (end - applied_pa) / at_end[0]
     if of_end:
         strength = strength * bearable
     stable = strength <= bearable
     with torch.no_grad():
         # Where there is no root, a drive of zero is solved instead: it needs no steps.
         bearing = torch.where(stable, strength, torch.zeros_like(strength))
-        pressure = torch.where(stable, _root(applied_pa, bearing, attraction, end), end)
+        start = _interpolated(applied_pa, bearing / bearable, attraction, end, at_end)
+        root = _root(applied_pa, bearing, attraction, start, end)
+        pressure = torch.where(stable, root, end)
     # One more Newton step, recorded for autograd, carries the implicit derivative dp = -dF/F'.
     value, slope = attraction(torch.log(pressure))
     mismatch = pressure - applied_pa - strength * value
@@ -173,13 +176,39 @@ def _rise(applied_pa: Tensor, attraction: Attraction, log_pressure: Tensor) -> T
     return 1 - (1 - applied_pa * torch.exp(-log_pressure)) * slope / value
 
 
-def _root(applied_pa: Tensor, strength: Tensor, attraction: Attraction, end: Tensor) -> Tensor:
-    """Newton's method from p0 upwards, with bisection whenever a step would leave the bracket.
+def _interpolated(
+    applied_pa: Tensor,
+    share: Tensor,
+    attraction: Attraction,
+    end: Tensor,
+    at_end: tuple[Tensor, Tensor],
+) -> Tensor:
+    """Pressure at a share of the strength that ends the branch, with I and dI/dlnp there.
+
+    ``w = p0/p`` is a cubic of the strength. It has the slopes of the branch at both ends, but no
+    more than three times the mean slope, so that it falls all the way.
+    """
+    least = applied_pa / end
+    fall = 1 - least
+    value, slope = at_end
+    first = fall / least * attraction(torch.log(applied_pa))[0] / value
+    last = least * fall / (1 - fall * slope / value).clamp(min=_LEAST_CURVATURE)
+    first, last = first.clamp(max=3 * fall), last.clamp(max=3 * fall)
+    rest = 1 - share
+    bend = share * rest * ((fall - first) * rest + (last - fall) * share)
+    return applied_pa / (1 - fall * share + bend)
+
+
+def _root(
+    applied_pa: Tensor, strength: Tensor, attraction: Attraction, start: Tensor, end: Tensor
+) -> Tensor:
+    """Newton's method, with bisection whenever a step would leave the bracket from p0 to the end.
 
     The unknown is ``w = p0/p``. Where I is proportional to p, the balance ``1 - w = c I/p`` is
     linear in w, so that few steps suffice even close to the critical voltage.
     """
-    low, high, pressure = applied_pa, end, applied_pa
+    low, high, pressure = applied_pa, end, start
+    settled = torch.zeros_like(pressure, dtype=torch.bool)
     patience = _STEPS_BETWEEN_CHECKS if pressure.is_cuda else 1
     for number in range(1, _NEWTON_STEPS + 1):
         value, slope = attraction(torch.log(pressure))
@@ -190,10 +219,11 @@ def _root(applied_pa: Tensor, strength: Tensor, attraction: Attraction, end: Ten
         steepness = 1 + (1 / share - 1) * (1 - slope / value)
         trial = applied_pa / (share + lack / steepness)
         # Near the root rounding decides which side of the bracket moves. A step as small as that
-        # is taken even if it leaves the bracket.
-        settled = (trial - pressure).abs() <= _SETTLED * pressure
+        # is taken even if it leaves the bracket. A settled state does not depend on the others.
+        small = (trial - pressure).abs() <= _SETTLED * pressure
         inside = (trial > low) & (trial < high)
-        pressure = torch.where(inside | settled, trial, (low + high) / 2)
+        trial = torch.where(inside | small, trial, (low + high) / 2)
+        pressure, settled = torch.where(settled, pressure, trial), settled | small
         if number % patience == 0 and bool(settled.all()):
             break
     return pressure
