@@ -269,7 +269,7 @@ def missed_by_maxwell(field: MeanField, p0_pa: float, h0_m: float) -> float:
         lift, lifts = log_p.numpy() - of_gap, table.lifted.lifts.numpy()
         node = (log_p - table.log_pressure[0]).numpy() / LATTICE_STEP
         place = np.interp(lift, lifts, np.arange(len(lifts)))
-        nearness = (table.lifted.open / (middle + h0_m)).sum(-1).numpy()
+        nearness = (table.lifted.mass[:, 0] / (middle + h0_m)).sum(-1).numpy()
         at = map_coordinates(nearness, [node, place], order=1)
         total: Array = balance.area_fraction.numpy() / h0_m + at
         return total

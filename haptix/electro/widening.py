@@ -34,7 +34,7 @@ from math import pi
 import torch
 from torch import Tensor
 
-from haptix.contact.tables import differences
+from haptix.contact.tables import differences, polynomial, polynomial_with_slope
 
 _LIFT_STEPS = (0, 4, 10, 20, 34, 50)  # steps of the lattice from p_u to p_A: a ratio of up to 120
 _PUNCH_SHARE = 0.5  # of a flat punch's lift, for gaps within reach of the attraction
@@ -63,22 +63,11 @@ def _combined(weights: Tensor, parts: Sequence[Tensor]) -> Tensor:
 
     A matrix product could give other bits for another number of nodes.
     """
-    rows = []
-    for row in weights:
-        total = row[0] * parts[0]
-        for weight, part in zip(row[1:], parts[1:], strict=True):
-            total = total + weight * part
-        rows.append(total)
-    return torch.stack(rows)
-
-
-def _polynomial(coefficients: Tensor, x: Tensor) -> tuple[Tensor, Tensor]:
-    """Value and slope at x of polynomials; the first axis of `coefficients` is the power."""
-    value, slope = coefficients[-1].expand(x.shape), torch.zeros_like(x)
-    for coefficient in coefficients[:-1].flip(0):
-        slope = torch.addcmul(value, slope, x)
-        value = torch.addcmul(coefficient, value, x)
-    return value, slope
+    columns = weights.T.reshape(len(parts), -1, *[1] * parts[0].ndim)
+    total = columns[0] * parts[0]
+    for column, part in zip(columns[1:], parts[1:], strict=True):
+        total = torch.addcmul(total, column, part)
+    return total
 
 
 def edge_weight(area: Tensor, open_share: Tensor) -> Tensor:
@@ -106,12 +95,9 @@ class LiftedGaps:
 
     lifts: Tensor
     """``ln p_A/p_u`` of each lift, shape (lifts,): the lifted gaps have the mean gap of p_u."""
-    open: Tensor
-    """Share of the area in each bin of gaps, shape (nodes, lifts, bins)."""
-    work: Tensor
-    """The same, weighted by v."""
-    edge: Tensor
-    """The same, weighted by g - 1."""
+    mass: Tensor
+    """Share of the area in each bin of gaps, the same weighted by v, and the same weighted by
+    g - 1, shape (nodes, 3, lifts, bins)."""
 
     @classmethod
     def of_table(
@@ -152,26 +138,22 @@ class LiftedGaps:
         low = mean_gap_m[more:]
         edge = edge_weight(area[:, None], rank[:, 1:] - area[:, None])
         edge = torch.cat([edge[:, :1], edge.diff(dim=-1)], -1).clamp(min=0.0)
-        opened: list[Tensor] = []
-        worked: list[Tensor] = []
-        beside: list[Tensor] = []
+        moved, lifted = torch.stack([mass, work, edge], 1), []
         for steps in _LIFT_STEPS:
             lift = (mean_gap_m[more - steps : more - steps + nodes] - low).clamp(min=0.0)
             place = middle + _PUNCH_SHARE * lift[:, None] * reach
             above = torch.searchsorted(middle, place.detach()).clamp(1, len(middle) - 1)
             part = (place - middle[above - 1]) / (middle[above] - middle[above - 1])
-            part = part.clamp(0.0, 1.0)
+            part, above = part.clamp(0.0, 1.0)[:, None], above[:, None].expand_as(moved)
             # A lifted bin is divided between the two bins about its new place.
-            for by_lift, moved in ((opened, mass), (worked, work), (beside, edge)):
-                lifted = torch.zeros_like(moved)
-                lifted = lifted.scatter_add(1, above, moved * part)
-                by_lift.append(lifted.scatter_add(1, above - 1, moved * (1 - part)))
+            upper = torch.zeros_like(moved).scatter_add(-1, above, moved * part)
+            lifted.append(upper.scatter_add(-1, above - 1, moved * (1 - part)))
         lifts = step * torch.tensor(_LIFT_STEPS, dtype=mass.dtype, device=mass.device)
-        return cls(lifts, *(torch.stack(masses, 1) for masses in (opened, worked, beside)))
+        return cls(lifts, torch.stack(lifted, 2))
 
     def part(self, at: slice) -> LiftedGaps:
         """Return the gaps at some of the nodes."""
-        return LiftedGaps(self.lifts, self.open[at], self.work[at], self.edge[at])
+        return LiftedGaps(self.lifts, self.mass[at])
 
 
 LOWER_NODES = _LIFT_STEPS[-1]
@@ -198,56 +180,49 @@ def by_rise(
         Coefficients of ln I, of ln of the gaps' share of I, and of the lift: ln of p_A over the
         pressure whose mean gap the contact has.
     """
-    nodes, lifts = lifted.open.shape[:2]
-    to_lifts = _monomials(tuple(lifted.lifts.tolist())).to(lifted.open.device)
+    to_lifts = _monomials(tuple(lifted.lifts.tolist())).to(lifted.mass.device)
     bounds = -float(lifted.lifts[1]), float(lifted.lifts[-1])
 
-    def on_lifted(mass: Tensor) -> Tensor:
-        return on_gaps(mass.flatten(0, 1)).reshape(nodes, lifts, -1)
-
-    def against_lift(values: Tensor) -> Tensor:
-        return _combined(to_lifts, torch.log(values).unbind(1))
-
-    def of_columns(
-        pull: Tensor, work: Tensor, beside: Tensor, rise: Tensor | None = None
-    ) -> Tensor:
+    def of_columns(sums: Tensor, rises: Tensor) -> Tensor:
+        pull, work, beside = sums.unbind(1)
         relative_lift = (beside[:, :1] / beside).clamp(min=1.0).sqrt() - 1  # z: lift over reach
-        edge = against_lift(beside[:, :1] / (1 + relative_lift**2 / (1 + relative_lift)) ** 2)
-        rises = beside.new_tensor(_RISES)[:, None, None] if rise is None else rise[None]
-        return _at_rises(against_lift(pull), against_lift(work), edge, rises, bounds)
+        edge = beside[:, :1] / (1 + relative_lift**2 / (1 + relative_lift)) ** 2
+        logs = torch.log(torch.stack([pull, edge, work]))
+        return _at_rises(_combined(to_lifts, logs.unbind(2)), rises, bounds)
 
-    sums = [on_lifted(mass) for mass in (lifted.open, lifted.work, lifted.edge)]
-    sums = sums if rise is None else [*sums, rise]
-    parts = zip(*(of_kind.split(_COLUMNS, -1) for of_kind in sums), strict=True)
-    results = torch.cat([of_columns(*part) for part in parts], -1)
+    sums = on_gaps(lifted.mass.flatten(0, 2)).unflatten(0, lifted.mass.shape[:3])
+    columns = sums.split(_COLUMNS, -1)
     if rise is not None:
-        return results
+        parts = zip(columns, rise[None].split(_COLUMNS, -1), strict=True)
+        return torch.cat([of_columns(*part) for part in parts], -1)
+    rises = sums.new_tensor(_RISES)[:, None, None]
+    results = torch.cat([of_columns(part, rises) for part in columns], -1)
     return _combined(_monomials(_RISES).to(results.device), results.unbind(1)).movedim(0, 1)
 
 
-def _at_rises(
-    gaps: Tensor, work: Tensor, edge: Tensor, rises: Tensor, bounds: tuple[float, float]
-) -> Tensor:
-    """Ln I, ln of the gaps' share and the lift at rises, from polynomials of the lift."""
+def _at_rises(parts: Tensor, rises: Tensor, bounds: tuple[float, float]) -> Tensor:
+    """Ln I, ln of the gaps' share and the lift at rises.
+
+    The parts are polynomials of the lift, shape (powers, 3, nodes, columns): ln of the gaps'
+    attraction, of that at the edges, and of that weighted by v.
+    """
     shares = -torch.expm1(-rises)  # of p_A: the part that is the attraction
 
     def lift_of(lift: Tensor) -> tuple[Tensor, Tensor]:
         """Lift that the attraction causes in gaps lifted by `lift`, and its slope."""
-        (pull, pull_slope), (spots, spots_slope), (moved, moved_slope) = (
-            (torch.exp(value), slope)
-            for value, slope in (_polynomial(part, lift) for part in (gaps, edge, work))
-        )
+        values, slopes = polynomial_with_slope(parts.unbind(), lift[:, None])
+        (pull, spots, moved), slopes = torch.exp(values).unbind(1), slopes.unbind(1)
         total = pull + spots
         kept = moved / total
-        total_slope = (pull * pull_slope + spots * spots_slope) / total
+        total_slope = (pull * slopes[0] + spots * slopes[1]) / total
         left = (1 - shares * (1 - kept)).clamp(min=1e-9)  # p_g/p_A
-        left_slope = shares * kept * (moved_slope - total_slope)
+        left_slope = shares * kept * (slopes[2] - total_slope)
         opening, opening_slope = -torch.log(left), -left_slope / left
         lifted = torch.lerp(opening, 1 - left, _FIXED_SHARE)
         return lifted, torch.lerp(opening_slope, -left_slope, _FIXED_SHARE)
 
     # The lift is at most the rise. Newton's steps start there and fall to the fixed point.
-    lift = (rises + torch.zeros_like(gaps[0])).detach().clamp(*bounds)
+    lift = (rises + torch.zeros_like(parts[0, 0])).detach().clamp(*bounds)
     with torch.no_grad():
         for _ in range(_NEWTON_STEPS):
             value, slope = lift_of(lift)
@@ -255,6 +230,6 @@ def _at_rises(
     # One more step, recorded by autograd: contact and drive move the lift.
     value, slope = lift_of(lift)
     lift = (lift + (value - lift) / (1 - slope.detach())).clamp(*bounds)
-    pull = torch.exp(_polynomial(gaps, lift)[0])
-    total = pull + torch.exp(_polynomial(edge, lift)[0])
-    return torch.stack([torch.log(total), torch.log(pull / total), lift])
+    pull, spots = polynomial(parts[:, :2].unbind(), lift[:, None]).unbind(1)
+    total = torch.logaddexp(pull, spots)
+    return torch.stack([total, pull - total, lift])
