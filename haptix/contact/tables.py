@@ -101,13 +101,13 @@ class UniformCubic:
     def _parts(self) -> int:
         return self.values.shape[1] if self.values.ndim == 3 else 1
 
-    def _coefficients(self, cell: Tensor, column: Tensor | None) -> tuple[Tensor, ...]:
+    def _coefficients(self, cell: Tensor, column: Tensor | None) -> Tensor:
         columns = 1 if self.values.ndim == 1 else self.values.shape[-1]
         shape = self.values.shape[1:-1] + cell.shape
         cell, of_column = cell.reshape(-1), 0 if column is None else column.reshape(-1)
         if self.stencil is None or not torch.is_grad_enabled():
             place = (cell * columns + of_column).expand(len(self._cubics), -1)
-            return self._cubics.gather(1, place).view(4, *shape).unbind()
+            return self._cubics.gather(1, place).view(4, *shape)
         # The stencils of a cell's two ends lie within six nodes, which are gathered at once.
         count, values = self.values.shape[0], self.values.movedim(0, -2).reshape(self._parts, -1)
         first = (cell - 2).clamp(0, max(count - 6, 0))
@@ -117,17 +117,22 @@ class UniformCubic:
         at = torch.arange(len(cell), device=cell.device)
         low, high = (around[:, cell - first + k, at] for k in (0, 1))
         slope = [(self.stencil[cell + k, near] * around).sum(1) * self.step for k in (0, 1)]
-        return tuple(part.reshape(shape) for part in _cubic(low, high - low, *slope))
+        return torch.stack(_cubic(low, high - low, *slope)).view(4, *shape)
+
+    def cubic(self, x: Tensor, column: Tensor | None = None) -> tuple[Tensor, Tensor]:
+        """Coefficients of 1, t, t^2 and t^3 in the cell of each `x`, and t: x in steps."""
+        cell, t = self._cell(x)
+        return self._coefficients(cell, column), t
 
     def __call__(self, x: Tensor, column: Tensor | None = None) -> Tensor:
         """Value at `x` of any shape; `column`, of the same shape, selects each point's function."""
-        cell, t = self._cell(x)
-        return polynomial(self._coefficients(cell, column), t)
+        cubics, t = self.cubic(x, column)
+        return polynomial(cubics.unbind(), t)
 
     def with_slope(self, x: Tensor, column: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """Value and derivative at `x`; outside the nodes those of the first or last cubic."""
-        cell, t = self._cell(x)
-        value, slope = polynomial_with_slope(self._coefficients(cell, column), t)
+        cubics, t = self.cubic(x, column)
+        value, slope = polynomial_with_slope(cubics.unbind(), t)
         return value, slope / self.step
 
 
@@ -141,9 +146,11 @@ def polynomial(coefficients: Sequence[Tensor], x: Tensor) -> Tensor:
 
 def polynomial_with_slope(coefficients: Sequence[Tensor], x: Tensor) -> tuple[Tensor, Tensor]:
     """Value and derivative at x of a polynomial with coefficients of 1, x, x^2, ..."""
-    value = coefficients[-1]
-    slope = torch.zeros_like(value)
-    for coefficient in reversed(coefficients[:-1]):
+    *lower, value = coefficients
+    if not lower:
+        return value, torch.zeros_like(value)
+    slope, value = value, torch.addcmul(lower.pop(), value, x)
+    for coefficient in reversed(lower):
         slope = torch.addcmul(value, slope, x)
         value = torch.addcmul(coefficient, value, x)
     return value, slope

@@ -398,10 +398,11 @@ class WideningAttraction(Attraction):
     def _with_slope(self, table: UniformCubic | None, at: Tensor) -> tuple[Tensor, Tensor]:
         """Value and slope at ln p of a table whose parts are coefficients."""
         assert table is not None
-        values, slopes = table.with_slope(at, self.column)
-        rise = at - self.log_applied
-        value, by_rise = polynomial_with_slope(values.unbind(), rise)
-        return value, polynomial(slopes.unbind(), rise) + by_rise
+        cubics, t = table.cubic(at, self.column)
+        # Of each coefficient of the cubic, the polynomial in the rise.
+        values, by_rise = polynomial_with_slope(cubics.unbind(1), at - self.log_applied)
+        value, slope = polynomial_with_slope(values.unbind(), t)
+        return value, slope / table.step + polynomial(by_rise.unbind(), t)
 
 
 def _with_slope(area_fraction: AreaFraction, log_pressure: Tensor) -> tuple[Tensor, Tensor]:

@@ -35,7 +35,7 @@ _NEARBY = 1e-4  # in ln p: half the distance over which the curvature at the fol
 _LEAST_CURVATURE = 1e-6
 _NEWTON_STEPS = 80
 _STEPS_BETWEEN_CHECKS = 8  # on a GPU, where each check for convergence makes the CPU wait
-_SETTLED = 1e-7  # relative; two more steps follow, and each squares the error
+_SETTLED = 1e-5  # relative: this step and the last one, which autograd records, square the error
 
 
 @dataclass(frozen=True)
