@@ -25,7 +25,7 @@ _MARGIN = 3  # nodes beyond the ends, so that every slope in use has its full st
 _LIFTED_MARGIN = 2  # further nodes: lifted gaps are themselves differences from node to node
 _TINY = 1e-300
 _LIMIT_STEPS = 2
-_STEEPNESS = 0.2, 1.0  # bounds of the slope of ln(p0 + gaps' attraction) against ln p_A
+_STEEPNESS = 0.05, 1.0  # bounds of the slope of ln(p0 + gaps' attraction) against ln p_A
 
 WIDEST = 4.0
 """Largest ratio of p_A to the sum of applied pressure and the gaps' attraction."""
@@ -393,7 +393,8 @@ class WideningAttraction(Attraction):
     def _at(self, table: UniformCubic | None, log_pressure: Tensor) -> Tensor:
         """Value at ln p of a table whose parts are coefficients."""
         assert table is not None
-        return polynomial(table(log_pressure, self.column).unbind(), log_pressure - self.log_applied)
+        cubics, t = table.cubic(log_pressure, self.column)
+        return polynomial(polynomial(cubics.unbind(1), log_pressure - self.log_applied).unbind(), t)
 
     def _with_slope(self, table: UniformCubic | None, at: Tensor) -> tuple[Tensor, Tensor]:
         """Value and slope at ln p of a table whose parts are coefficients."""
