@@ -94,8 +94,8 @@ class UniformCubic:
         """Coefficients of 1, t, t^2 and t^3 in each cell, shape (4 * parts, cells * columns)."""
         values = self.values.reshape(len(self.values), self._parts, -1)
         rise, slopes = values.diff(dim=0), self.slopes.reshape(values.shape) * self.step
-        cubics = torch.stack(_cubic(values[:-1], rise, slopes[:-1], slopes[1:]))
-        return cubics.movedim(2, 1).reshape(4 * self._parts, -1)
+        cubics = _cubic(values[:-1], rise, slopes[:-1], slopes[1:])
+        return torch.stack([cubic.transpose(0, 1) for cubic in cubics]).flatten(2).flatten(0, 1)
 
     @property
     def _parts(self) -> int:
@@ -109,7 +109,8 @@ class UniformCubic:
             place = (cell * columns + of_column).expand(len(self._cubics), -1)
             return self._cubics.gather(1, place).view(4, *shape)
         # The stencils of a cell's two ends lie within six nodes, which are gathered at once.
-        count, values = self.values.shape[0], self.values.movedim(0, -2).reshape(self._parts, -1)
+        count = self.values.shape[0]
+        values = self.values.reshape(count, self._parts, -1).transpose(0, 1).flatten(1)
         first = (cell - 2).clamp(0, max(count - 6, 0))
         near = first + torch.arange(min(count, 6), device=cell.device)[:, None]
         around = values.index_select(1, (near * columns + of_column).reshape(-1))

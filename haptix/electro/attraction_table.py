@@ -381,11 +381,11 @@ class WideningAttraction(Attraction):
     def log_slopes(self) -> Tensor:
         """Largest dlnI/dlnp over all rises, at the nodes of each column, taken as p0."""
         rises = torch.linspace(0, LARGEST_RISE, 13, dtype=torch.float64, device=self.column.device)
-        coefficients = (self.log_gaps.values.detach(), self.log_gaps.slopes)
-        values, slopes = (part[..., None].unbind(1) for part in coefficients)
-        slopes = polynomial(slopes, rises) + polynomial_with_slope(values, rises)[1]
-        slopes = slopes.amax(-1)
-        return slopes if self.log_supply is None else slopes + self.log_supply.slopes
+        values = self.log_gaps.values.detach()[..., None].unbind(1)
+        slopes = self.log_gaps.slopes[..., None].unbind(1)
+        steep = polynomial(slopes, rises) + polynomial_with_slope(values, rises)[1]
+        steepest: Tensor = steep.amax(-1)
+        return steepest if self.log_supply is None else steepest + self.log_supply.slopes
 
     def _log_gaps(self, log_pressure: Tensor) -> tuple[Tensor, Tensor]:
         return self._with_slope(self.log_gaps, log_pressure)

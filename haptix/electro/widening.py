@@ -211,12 +211,13 @@ def _at_rises(parts: Tensor, rises: Tensor, bounds: tuple[float, float]) -> Tens
     def lift_of(lift: Tensor) -> tuple[Tensor, Tensor]:
         """Lift that the attraction causes in gaps lifted by `lift`, and its slope."""
         values, slopes = polynomial_with_slope(parts.unbind(), lift[:, None])
-        (pull, spots, moved), slopes = torch.exp(values).unbind(1), slopes.unbind(1)
+        pull, spots, moved = torch.exp(values).unbind(1)
+        pull_slope, spots_slope, moved_slope = slopes.unbind(1)
         total = pull + spots
         kept = moved / total
-        total_slope = (pull * slopes[0] + spots * slopes[1]) / total
+        total_slope = (pull * pull_slope + spots * spots_slope) / total
         left = (1 - shares * (1 - kept)).clamp(min=1e-9)  # p_g/p_A
-        left_slope = shares * kept * (slopes[2] - total_slope)
+        left_slope = shares * kept * (moved_slope - total_slope)
         opening, opening_slope = -torch.log(left), -left_slope / left
         lifted = torch.lerp(opening, 1 - left, _FIXED_SHARE)
         return lifted, torch.lerp(opening_slope, -left_slope, _FIXED_SHARE)
