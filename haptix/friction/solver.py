@@ -22,6 +22,7 @@ from haptix.threads import one_thread
 # Numbers of states that are computed together; they bound the memory.
 BLOCK = 16384
 _BLOCK_OF_COLUMNS = 4096  # where each state has a separate column in the table
+_COLUMNS = 1024  # of a shared table in one block: more would not fit the CPU's cache
 _BLOCK_OF_STATUS = 2048  # for the sum of `past_breakdown`: its arrays then fit the CPU's cache
 _BLOCK_OF_SUMS = 1024  # for the sums over gaps
 
@@ -137,6 +138,8 @@ class FrictionSolver:
         has_columns = has_columns or not {Stage.PULL, Stage.SUPPLY}.isdisjoint(self.terms.stages)
         block = _BLOCK_OF_COLUMNS if has_columns else BLOCK
         states = len(normal_force_n)
+        if column is not None:  # as many states as have these columns, on average
+            block = min(block, max(1, states // (int(column.max()) + 1)) * _COLUMNS)
         blocks: Sequence[slice | Tensor] = [slice(i, i + block) for i in range(0, states, block)]
         back: slice | Tensor = slice(None)
         if column is not None and states > block:
