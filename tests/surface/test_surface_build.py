@@ -11,7 +11,7 @@ import torch
 from haptix import ContactModel, Finger, FrictionSurface, InputError, LimitError, Screen, Status
 from haptix.errors import ToleranceError
 from haptix.finger import Roughness
-from haptix.surface import Tolerance, cached_surface, surface_key
+from haptix.surface import Tolerance, build, cached_surface, surface_key
 
 SMALL = {"normal_force_n": (0.4, 0.5), "voltage_v": (0.0, 100.0)}
 
@@ -47,6 +47,16 @@ def test_a_voltage_range_above_the_screens_limit(model: ContactModel) -> None:
 def test_impossible_tolerances(model: ContactModel, bad: float) -> None:
     with pytest.raises(InputError, match="tolerance"):
         FrictionSurface.build(model, SMALL, tolerance=bad)
+
+
+def test_an_error_just_within_the_tolerance_is_met(
+    model: ContactModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With no bytes left for a smaller one; it was refused as "reached" less than was asked for."""
+    monkeypatch.setattr(build, "_FIRST_CHECK", 1e-9)  # every error is near the tolerance
+    built = FrictionSurface.build(model, SMALL, tolerance=1e-3, largest_bytes=2000)
+    assert built.info["tolerance_met"] is True
+    assert built.info["error_max"] <= 1e-3
 
 
 def test_a_tolerance_that_cannot_be_met(model: ContactModel) -> None:
