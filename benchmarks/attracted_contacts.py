@@ -35,7 +35,15 @@ import torch
 from numpy.typing import NDArray
 
 from benchmarks.mean_field import _put
-from haptix.contact import THEORIES, ContactSpots, HalfSpace, Layered, MeanField, RoughnessSpectrum
+from haptix.contact import (
+    THEORIES,
+    GapDistribution,
+    HalfSpace,
+    Layered,
+    MeanField,
+    RoughnessSpectrum,
+    TheoryName,
+)
 from haptix.contact.accuracy import of_states
 from haptix.contact.boundary_elements import Surfaces
 from haptix.contact.boundary_elements.bounded import BoundedProblem
@@ -276,16 +284,19 @@ def solutions(folder: Path) -> Iterator[SolvedCell]:
             yield SolvedCell(float(kept["h_rms"]), off, kept["prof"], rows, cell, seed)
 
 
-def by_theory(surface: SolvedCell, spots: ContactSpots) -> Balance:
+def by_theory(
+    surface: SolvedCell, name: TheoryName, gaps: GapDistribution | None = None
+) -> Balance:
     """The theory's contact at p0 alone, and then in each of a surface's rows."""
+    theory, spectrum = THEORIES[name], surface.cell.spectrum(surface.h_rms_m)
+    field = theory.mean_field(spectrum, surface.cell.solid(), gap_distribution=gaps)
     h0 = surface.rows[:, 0] * surface.h_rms_m
     strength = np.concatenate([[1e-30], surface.rows[:, 1] * h0**2])
     thickness, column = torch.tensor(np.concatenate([h0[:1], h0])).unique(return_inverse=True)
-    field = surface.cell.field(surface.h_rms_m)
     pull = Pull.of_sine(field.gap_edges_m, drive_voltage(torch.tensor(strength)), thickness, column)
     p0 = torch.full((len(strength),), surface.p0_pa, dtype=torch.float64)
     box = torch.full_like(p0, surface.cell.side_m**2)
-    contact = Contact(field, spots, None, surface.p0_pa)
+    contact = Contact(field, theory.contact_spots, None, surface.p0_pa)
     return MeanFieldBalance(contact).solve(Load(p0, pull, field.highest_asperity(box)))
 
 
@@ -367,14 +378,16 @@ Errors = dict[str, dict[tuple[str, float, int], list[tuple[float, ...]]]]
 
 def errors(folder: Path) -> Errors:
     """Of the closure and of two theories: pull over p0 and theory over elements, by row."""
-    names = ("closure", "local", "corrected")
+    names = ("closure", "local", "combined", "corrected")
     found: Errors = {name: defaultdict(list) for name in names}
     distributions = {(each.cell.name, each.seed): each for each in solutions(folder)}
     for surface in kept():
         solved = distributions.get((surface.cell.name, surface.seed))
         theories = {
-            "local": by_theory(surface, "widened"), "corrected": by_theory(surface, "excluded")
-        }  # fmt: skip
+            "local": by_theory(surface, "local"),
+            "combined": by_theory(surface, "local", "combined"),
+            "corrected": by_theory(surface, "corrected"),
+        }
         seen: dict[float, int] = defaultdict(int)
         for number, row in enumerate(surface.rows, 1):
             key = (surface.cell.name, float(row[0]), seen[row[0]])
@@ -413,17 +426,22 @@ def of_layer(cell: Cell, h0: float) -> bool:
     return h0 >= 0.1 and cell.solid_name != "hs"
 
 
-# Rows of a table: cell, h0/h_rms, pull of the gaps over p0, and that of gaps and spots.
-GROUPS: tuple[tuple[str, Callable[[Cell, float, float, float], bool]], ...] = (
-    ("16 waves, pull to 5 p0", lambda c, h, p, t: c.rolloff == 16 and p <= 5),
-    ("16 waves, beyond", lambda c, h, p, t: c.rolloff == 16 and p > 5),
-    ("4 waves and less, pull to 5 p0", lambda c, h, p, t: of_few(c, h) and p <= 5),
-    ("4 waves and less, beyond", lambda c, h, p, t: of_few(c, h) and p > 5),
-    ("layers, pull to 5 p0", lambda c, h, p, t: of_layer(c, h) and p <= 5),
-    ("layers, beyond", lambda c, h, p, t: of_layer(c, h) and p > 5),
-    ("x = 1e-4, 8 waves", lambda c, h, p, t: c.x < 2e-4),
-    ("h0/h_rms below 0.1, spots' and gaps' to 15 p0", lambda c, h, p, t: h < 0.1 and t <= 15),
-    ("h0/h_rms below 0.1, beyond", lambda c, h, p, t: h < 0.1 and t > 15),
+# Rows of a table: cell, h0/h_rms, pull of the gaps over p0, that of gaps and spots, and surfaces.
+GROUPS: tuple[tuple[str, Callable[[Cell, float, float, float, int], bool]], ...] = (
+    ("16 waves, pull to 5 p0", lambda c, h, p, t, n: c.rolloff == 16 and p <= 5),
+    ("16 waves, beyond", lambda c, h, p, t, n: c.rolloff == 16 and p > 5),
+    ("16 waves, h0/h_rms from 0.3", lambda c, h, p, t, n: c.rolloff == 16 and h > 0.2),
+    ("4 waves and less, pull to 5 p0", lambda c, h, p, t, n: of_few(c, h) and p <= 5),
+    ("4 waves and less, beyond", lambda c, h, p, t, n: of_few(c, h) and p > 5),
+    ("layers, pull to 5 p0", lambda c, h, p, t, n: of_layer(c, h) and p <= 5),
+    ("layers, beyond", lambda c, h, p, t, n: of_layer(c, h) and p > 5),
+    ("x = 1e-4, 8 waves", lambda c, h, p, t, n: c.x < 2e-4),
+    ("h0/h_rms below 0.1, spots' and gaps' to 15 p0", lambda c, h, p, t, n: h < 0.1 and t <= 15),
+    ("h0/h_rms below 0.1, beyond", lambda c, h, p, t, n: h < 0.1 and t > 15),
+    (
+        "below 0.03, 5 surfaces or more",
+        lambda c, h, p, t, n: h < 0.03 and n >= 5 and c.rolloff == 4,
+    ),
 )
 
 
@@ -436,6 +454,7 @@ def tables(folder: Path, least_surfaces: int = 2) -> str:
     titles = {
         "closure": "closure on the elements' own contacts",
         "local": "`local`",
+        "combined": "the same with `combined` gaps",
         "corrected": "`corrected`",
     }
     found = errors(folder)
@@ -451,7 +470,7 @@ def tables(folder: Path, least_surfaces: int = 2) -> str:
                 [
                     [m[1] / m[2] - 1, m[3] / m[4] - 1, m[5] / m[6] - 1, m[7] / m[8] - 1]
                     for key, m in means.items()
-                    if chosen_rows(by_name[key[0]], key[1], m[0], m[9])
+                    if chosen_rows(by_name[key[0]], key[1], m[0], m[9], len(found[name][key]))
                 ]
             )
             if not len(chosen):
