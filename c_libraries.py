@@ -49,7 +49,7 @@ LIBRARIES = {
         ("-DHX_QUEUE_SAMPLES=131072u", "-DHX_MAX_FRAME_SAMPLES=32765u", "-DHX_READINGS=256u"),
     ),
     "haptix-native": Library(
-        "haptix/native",
+        "haptix/base/native",
         ("haptix_block.c", "haptix_fingers.c", "haptix_map.c", "haptix_surface.c"),
         # The same results on all machines: no product is added without being rounded.
         ("-ffp-contract=off", "-lm"),

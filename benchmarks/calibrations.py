@@ -47,8 +47,8 @@ from calibration.fitting import fit_in_best_theory, other_forms
 from calibration.predict import Prediction, StrokeConditions
 from calibration.profile import finger_at
 from calibration.rig import RigCheck
+from haptix.base.task import Context, Result, Task
 from haptix.campaign import Campaign, CampaignTask
-from haptix.desk import Context, Result, Task
 from haptix.perception import WEBER_FRACTION
 from haptix.signals.audio_files import file_hash
 

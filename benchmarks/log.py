@@ -27,7 +27,7 @@ from firmware_io import (
     reviser,
 )
 from firmware_io.playback import WaveSource
-from haptix import log
+from haptix.base import log
 
 ROOMS: tuple[Any, ...] = (device, host_stream, playback, protocol_client, reviser)
 STREAM_S, TOUCH_S = 2.0, 0.01

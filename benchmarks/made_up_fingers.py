@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import make_interp_spline
 
-from haptix.checks import choice, positive
+from haptix.base.checks import choice, positive
 from haptix.touch.events import TouchEvent
 
 Array = npt.NDArray[np.float64]

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from haptix.checks import Array
+from haptix.base.checks import Array
 from haptix.stimuli.adaptive import Magnitudes, Pairs
 from haptix.stimuli.adaptive.methods import Method, bradley_terry
 from haptix.stimuli.analysis import (

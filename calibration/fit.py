@@ -16,13 +16,13 @@ from scipy.special import expit
 from scipy.stats import t as student
 
 from calibration.parameters import PER_FINGER, Array, FingerPrior
+from haptix.base.display import Displayed
+from haptix.base.documents import Document, Part, renamed
+from haptix.base.errors import InputError
+from haptix.base.files import digest
+from haptix.base.report import Heading
+from haptix.base.version import __version__
 from haptix.contact import TheoryName
-from haptix.display import Displayed
-from haptix.documents import Document, Part, renamed
-from haptix.errors import InputError
-from haptix.files import digest
-from haptix.report import Heading
-from haptix.version import __version__
 
 _WIDEST = 60.0  # standard deviations within which a quantile is looked for
 

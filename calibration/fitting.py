@@ -32,9 +32,9 @@ from calibration.parameters import (
 from calibration.predict import StrokePredictor
 from calibration.reduction import Reduced
 from calibration.residuals import Residuals, fit_residuals, profile, solve
+from haptix.base.errors import InputError
 from haptix.contact import THEORIES, TheoryName
 from haptix.contact.meanfield import GapDistribution
-from haptix.errors import InputError
 from haptix.friction import ContactModel
 from haptix.perception import WEBER_FRACTION
 from haptix.terms import TERMS, Stage

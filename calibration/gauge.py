@@ -18,8 +18,8 @@ from scipy.stats import linregress
 from scipy.stats import t as student
 
 from calibration.parameters import Array
-from haptix.errors import InputError
-from haptix.report import Heading
+from haptix.base.errors import InputError
+from haptix.base.report import Heading
 
 BASELINE = 20
 """Values at the beginning of a chart that set its limits."""

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Annotated
 from pydantic import Field
 
 from calibration.tasks import RunCalibration, SessionFolder, SessionThere
-from haptix.desk import Context, Result, Task
-from haptix.errors import InputError
-from haptix.fields import Argument, FileThere, FingerName, FolderThere, NewFile, Text
-from haptix.report import record
+from haptix.base.errors import InputError
+from haptix.base.fields import Argument, FileThere, FingerName, FolderThere, NewFile, Text
+from haptix.base.report import record
+from haptix.base.task import Context, Result, Task
 
 if TYPE_CHECKING:
     from calibration.gauge import GaugeStudy
@@ -259,7 +259,7 @@ class StudyGauge(Task, command="calibrate gauge"):
         import numpy as np
 
         from calibration.gauge import GaugeStudy
-        from haptix.files import read_csv
+        from haptix.base.files import read_csv
 
         lines = list(read_csv(self.table, []))
         names = list(lines[0].cells) if lines else []

@@ -19,9 +19,9 @@ from calibration.recording_checks import Finding, check_recording
 from calibration.session import Session
 from calibration.sources import ForceSource, Live, StrokeDrive
 from firmware_io import Device
-from haptix.checks import whole
-from haptix.desk import Context
-from haptix.errors import HaptixError, InputError
+from haptix.base.checks import whole
+from haptix.base.errors import HaptixError, InputError
+from haptix.base.task import Context
 
 _LOG = logging.getLogger("calibration")
 

@@ -12,8 +12,8 @@ from math import isfinite, log, sqrt
 import numpy as np
 import numpy.typing as npt
 
-from haptix.checks import positive
-from haptix.errors import InputError
+from haptix.base.checks import positive
+from haptix.base.errors import InputError
 from haptix.finger import Finger
 from haptix.screen import Screen
 from haptix.terms import TERMS

@@ -19,13 +19,13 @@ from calibration.protocol import CARRIER_HZ, FORCES_N, FREQUENCY_HZ, Protocol, S
 from calibration.rig import RIG, RigCheck, VoltsRead
 from calibration.session import Session
 from calibration.sources import ForceSource, Live, StrokeDrive
-from haptix.documents import Document
-from haptix.errors import InputError
+from haptix.base.documents import Document
+from haptix.base.errors import InputError
+from haptix.base.report import Heading
 from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.pair import FINGER, SCREEN
 from haptix.perception import WEBER_FRACTION
-from haptix.report import Heading
 from haptix.screen import NO_INSTRUMENT, Screen
 from haptix.virtual_finger import SensorModel, VirtualFinger
 

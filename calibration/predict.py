@@ -22,15 +22,15 @@ import torch
 from torch import Tensor
 
 from calibration.parameters import REQUIRED, Array, Mask, Parameters, fitted_terms
-from haptix.display import Displayed
+from haptix.base.display import Displayed
+from haptix.base.errors import InputError
+from haptix.base.threads import one_thread
 from haptix.electro import Circuit, Pull
-from haptix.errors import InputError
 from haptix.fidelity import Ability
 from haptix.finger import Finger
 from haptix.friction import ContactModel, FrictionSolver
 from haptix.screen import Screen
 from haptix.terms import ActiveTerms, Properties
-from haptix.threads import one_thread
 
 _Profile = TypeVar("_Profile", Finger, Screen)
 _INSTANTS = 12  # in half a drive period, after which the attraction repeats: means within 5e-5

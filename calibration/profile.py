@@ -19,13 +19,13 @@ from calibration.recording import StrokeRecording
 from calibration.reduction import Reduced
 from calibration.steadiness import Drift
 from calibration.verification import FEWEST_OF_GROUP, HeldOutStroke, Verification
-from haptix.checks import positive
-from haptix.errors import InputError
-from haptix.files import write_whole
+from haptix.base.checks import positive
+from haptix.base.errors import InputError
+from haptix.base.files import write_whole
+from haptix.base.report import Heading
 from haptix.finger import Finger, Roughness
 from haptix.friction import ContactModel
 from haptix.perception import WEBER_FRACTION
-from haptix.report import Heading
 from haptix.screen import Calibration, Screen
 from haptix.status import Status
 

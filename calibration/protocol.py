@@ -16,9 +16,9 @@ from pydantic import Field, PositiveFloat, model_validator
 from calibration.parameters import Array, Mask, Parameters
 from calibration.predict import StrokeConditions, StrokePredictor
 from firmware_io import DriveLimits
-from haptix.checks import positive
-from haptix.documents import Document, Part
-from haptix.errors import InputError
+from haptix.base.checks import positive
+from haptix.base.documents import Document, Part
+from haptix.base.errors import InputError
 
 FORCES_N = (0.1, 0.3, 0.5, 0.7, 0.9)
 VOLTAGES_V = (0.0, 50.0, 100.0, 150.0, 200.0)

@@ -27,10 +27,10 @@ from pydantic import TypeAdapter, ValidationError
 
 from calibration.parameters import Array
 from calibration.protocol import Stroke
-from haptix.display import Table, axes_or_new
-from haptix.documents import first_error
-from haptix.errors import FileFormatError, InputError, from_extra
-from haptix.files import parse_json, reading, write_whole
+from haptix.base.display import Table, axes_or_new
+from haptix.base.documents import first_error
+from haptix.base.errors import FileFormatError, InputError, from_extra
+from haptix.base.files import parse_json, reading, write_whole
 
 with from_extra("calibration"):
     import h5py

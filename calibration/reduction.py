@@ -16,10 +16,10 @@ from pydantic import TypeAdapter, ValidationError
 from calibration.recording import StrokeRecording
 from calibration.recording_checks import Zero, check_recording, drive_amplitude, idle_parts
 from calibration.segmentation import Segment, full_slip, sliding_speed
-from haptix.documents import first_error
-from haptix.errors import FileFormatError, InputError
-from haptix.files import csv_text, parse_json, read_csv, write_whole
-from haptix.report import Heading
+from haptix.base.documents import first_error
+from haptix.base.errors import FileFormatError, InputError
+from haptix.base.files import csv_text, parse_json, read_csv, write_whole
+from haptix.base.report import Heading
 
 _BLOCKS = 8  # of a segment: their scatter is the error of its mean
 _HIGHEST_SHARE = 0.4  # of the sampling rate, up to which a ripple is looked for

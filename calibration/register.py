@@ -18,10 +18,10 @@ from calibration.gauge import ControlChart
 from calibration.session import Session
 from calibration.session_report import chart_picture
 from calibration.steps import Finished, written_screen
-from haptix.documents import Document, Part
-from haptix.errors import InputError
-from haptix.files import write_whole
-from haptix.report import Heading, page, part, picture
+from haptix.base.documents import Document, Part
+from haptix.base.errors import InputError
+from haptix.base.files import write_whole
+from haptix.base.report import Heading, page, part, picture
 from haptix.screen import CALIBRATION_VALID_DAYS
 
 _LOCK_S = 20.0

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pydantic import AfterValidator, Field
 
 from calibration.tasks import SessionThere
-from haptix.desk import Context, Result, Task
-from haptix.errors import InputError
-from haptix.fields import (
+from haptix.base.errors import InputError
+from haptix.base.fields import (
     Address,
     Argument,
     FileThere,
@@ -23,7 +22,8 @@ from haptix.fields import (
     Text,
     Typed,
 )
-from haptix.report import record, row
+from haptix.base.report import record, row
+from haptix.base.task import Context, Result, Task
 
 if TYPE_CHECKING:
     from calibration.parameters import Array

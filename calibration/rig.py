@@ -28,9 +28,9 @@ from calibration.recording_checks import force_unit, sine_amplitude
 from calibration.reduction import Reduced
 from calibration.sources import ForceSource
 from firmware_io import Device
-from haptix.checks import positive
-from haptix.documents import Document, Part
-from haptix.errors import InputError
+from haptix.base.checks import positive
+from haptix.base.documents import Document, Part
+from haptix.base.errors import InputError
 from haptix.perception import WEBER_FRACTION
 
 _BEFORE_S, _AFTER_S = 0.005, 0.2  # of the highest force: a resonance has died away by then

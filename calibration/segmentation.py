@@ -10,8 +10,8 @@ from scipy.ndimage import median_filter, uniform_filter1d
 from scipy.stats import f as fisher
 
 from calibration.parameters import Array
-from haptix.errors import InputError
-from haptix.report import Heading
+from haptix.base.errors import InputError
+from haptix.base.report import Heading
 
 SETTLING_MM = 4.0
 """Distance after each start that is left out: a fingertip first rolls and slips in part."""

@@ -25,10 +25,10 @@ from pydantic import Field, model_validator
 
 from calibration.protocol import Protocol, Stroke
 from calibration.recording import StrokeRecording
-from haptix.documents import Document, Part
-from haptix.errors import FileFormatError, InputError
+from haptix.base.documents import Document, Part
+from haptix.base.errors import FileFormatError, InputError
+from haptix.base.report import Heading
 from haptix.finger import Finger
-from haptix.report import Heading
 from haptix.screen import Screen
 
 

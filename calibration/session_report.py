@@ -28,14 +28,14 @@ from calibration.rig import RigCheck
 from calibration.segmentation import full_slip
 from calibration.session import Instruments
 from calibration.verification import Verification
-from haptix.errors import InputError, from_extra
-from haptix.files import write_whole
+from haptix.base.errors import InputError, from_extra
+from haptix.base.files import write_whole
+from haptix.base.report import listed, page, paragraph, part, picture, row
+from haptix.base.version import __version__
 from haptix.finger import Finger
 from haptix.pair import described
 from haptix.perception import WEBER_FRACTION
-from haptix.report import listed, page, paragraph, part, picture, row
 from haptix.screen import CALIBRATION_VALID_DAYS, Screen
-from haptix.version import __version__
 
 with from_extra("calibration"):
     from matplotlib import rc_context

@@ -18,10 +18,10 @@ from calibration.parameters import Array
 from calibration.protocol import Stroke
 from calibration.recording import SIGNALS
 from calibration.segmentation import position_at_speed, sliding_speed
-from haptix.display import Displayed
-from haptix.documents import Document, Part
-from haptix.errors import DeviceError, FileFormatError, InputError, from_extra
-from haptix.files import read_text
+from haptix.base.display import Displayed
+from haptix.base.documents import Document, Part
+from haptix.base.errors import DeviceError, FileFormatError, InputError, from_extra
+from haptix.base.files import read_text
 
 _LIVE_S = 0.05  # over which force and speed are shown
 _FORCE = {"N": 1.0, "mN": 1e-3, "gf": 9.80665e-3, "kgf": 9.80665, "lbf": 4.4482216}

@@ -14,8 +14,8 @@ from calibration.fit import Fit
 from calibration.parameters import Array
 from calibration.predict import StrokeConditions, StrokePredictor
 from calibration.reduction import Reduced
+from haptix.base.report import Heading
 from haptix.perception import WEBER_FRACTION
-from haptix.report import Heading
 
 TOLERANCE_JND = 0.5
 """Largest error of friction that passes, its uncertainty included [JND]."""

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from haptix.desk import Context, Result, Task
-from haptix.errors import InputError
-from haptix.fields import (
+from haptix.base.errors import InputError
+from haptix.base.fields import (
     Address,
     Argument,
     FileThere,
@@ -29,7 +28,8 @@ from haptix.fields import (
     Text,
     Typed,
 )
-from haptix.report import record
+from haptix.base.report import record
+from haptix.base.task import Context, Result, Task
 
 if TYPE_CHECKING:
     from calibration.rig import RigCheck
@@ -424,7 +424,7 @@ class CheckRig(Task, command="calibrate rig"):
     def stated(self) -> RigCheck:
         """Check a rig by readings that a person has written down."""
         from calibration.rig import RigCheck, VoltsRead, tap_response, today
-        from haptix.files import read_csv
+        from haptix.base.files import read_csv
 
         names = "normal_reading_n", "tangential_reading_n", "monitor_v", "voltmeter_v"
         readings = {name: getattr(self, name) for name in names}

@@ -26,8 +26,8 @@ from calibration.protocol import CARRIER_HZ, FREQUENCY_HZ, USUAL_MM_PER_S
 from calibration.reduction import Point, Reduced
 from calibration.rig import RigCheck
 from calibration.steadiness import LEVEL, TOLERANCE_JND, Steadiness, steadiness
+from haptix.base.report import Heading, HeadingsOf
 from haptix.perception import WEBER_FRACTION
-from haptix.report import Heading, HeadingsOf
 from haptix.screen import VerifiedRange
 
 Verdict = Literal["passed", "provisional", "failed"]

@@ -18,7 +18,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from firmware_io import Device, open_device
-from haptix.files import read_json
+from haptix.base.files import read_json
 from haptix.signals.audio_files import read_drive
 from haptix.stimuli import check_manifest
 

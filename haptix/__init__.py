@@ -28,7 +28,7 @@ def __getattr__(name: str) -> object:
         error.name, error.obj = name, sys.modules[__name__]  # Python then suggests similar names
         raise
     except ImportError as error:
-        from haptix.version import foreign_package
+        from haptix.base.version import foreign_package
 
         if advice := foreign_package("firmware_io"):
             raise ImportError(advice) from error
@@ -36,6 +36,6 @@ def __getattr__(name: str) -> object:
 
 
 if os.environ.get("HAPTIX_LOG"):
-    from haptix.log import start_as_environment_says
+    from haptix.base.log import start_as_environment_says
 
     start_as_environment_says()

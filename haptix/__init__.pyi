@@ -9,10 +9,11 @@ from . import stimuli as stimuli
 from . import texture as texture
 from . import touch as touch
 from . import virtual_finger as virtual_finger
+from .base.errors import HaptixError as HaptixError
+from .base.errors import InputError as InputError
+from .base.errors import LimitError as LimitError
+from .base.version import __version__ as __version__
 from .devices import open_device as open_device
-from .errors import HaptixError as HaptixError
-from .errors import InputError as InputError
-from .errors import LimitError as LimitError
 from .finger import Finger as Finger
 from .friction import ContactModel as ContactModel
 from .layout import Layout as Layout
@@ -26,4 +27,3 @@ from .states import ContactState as ContactState
 from .status import Status as Status
 from .surface import FrictionSurface as FrictionSurface
 from .texture import Texture as Texture
-from .version import __version__ as __version__

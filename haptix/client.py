@@ -33,8 +33,8 @@ from urllib.request import ProxyHandler, Request, build_opener
 
 from pydantic import BaseModel
 
-from haptix.errors import DeviceError, HaptixError, InputError, from_extra
-from haptix.files import read_json
+from haptix.base.errors import DeviceError, HaptixError, InputError, from_extra
+from haptix.base.files import read_json
 from haptix.service import messages as m
 from haptix.service.access import Limiter, service_folder
 from haptix.service.batches import TelemetryFrame, read_frame, write_touches

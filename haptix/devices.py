@@ -30,8 +30,8 @@ from firmware_io.limits import (
     DriveLimits,
     series_capacitance_f,
 )
-from haptix.errors import InputError
-from haptix.files import write_folder
+from haptix.base.errors import InputError
+from haptix.base.files import write_folder
 from haptix.finger import Finger
 from haptix.pair import FINGER, SCREEN, check_measured_with, profile_names
 from haptix.screen import CalibrationWarning, Screen

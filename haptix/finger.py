@@ -10,12 +10,12 @@ import numpy.typing as npt
 from pydantic import Discriminator, Field, PositiveFloat, PositiveInt, Tag, model_validator
 from torch import Tensor
 
-from haptix.checks import Array, positive
+from haptix.base.checks import Array, positive
+from haptix.base.documents import Document, Part, Quantity
+from haptix.base.fields import FINGERS
+from haptix.base.files import digest
 from haptix.contact import ElasticSolid, HalfSpace, Layered, RoughnessSpectrum, TheoryName
-from haptix.documents import Document, Part, Quantity
 from haptix.electro.dielectric import AnySkinDielectric, SkinDielectric
-from haptix.fields import FINGERS
-from haptix.files import digest
 
 _STANDING_MM_PER_S = 1e-3  # gains of slower fingers are those at this speed
 

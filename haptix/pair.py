@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Mapping
 from pathlib import Path
 
-from haptix.errors import InputError
+from haptix.base.errors import InputError
 from haptix.finger import Finger
 from haptix.screen import CalibrationWarning, Screen
 

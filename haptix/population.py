@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 import torch
 
-from haptix.checks import positive, whole
+from haptix.base.checks import positive, whole
+from haptix.base.documents import Part
+from haptix.base.errors import InputError
+from haptix.base.executors import executor_of
+from haptix.base.files import csv_text
+from haptix.base.task import Context, Result, Task
 from haptix.contact.boundary_elements import estimated_bytes
-from haptix.desk import Context, Result, Task
-from haptix.documents import Part
-from haptix.errors import InputError
-from haptix.executors import executor_of
 from haptix.fidelity import BoundaryElementBox
-from haptix.files import csv_text
 from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.screen import Screen

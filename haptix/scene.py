@@ -17,13 +17,13 @@ from pydantic import (
     model_validator,
 )
 
+from haptix.base.documents import Document, Part, renamed
+from haptix.base.errors import InputError
+from haptix.base.kinds import in_folder
 from haptix.contact import TheoryName
-from haptix.documents import Document, Part, renamed
-from haptix.errors import InputError
 from haptix.fidelity import FIDELITIES, FidelityName
 from haptix.finger import Finger
 from haptix.friction import ContactModel
-from haptix.kinds import in_folder
 from haptix.materials.panels import material_of
 from haptix.pair import finger_beside
 from haptix.screen import Screen

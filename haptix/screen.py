@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field
 
-from haptix.checks import Array
-from haptix.documents import Document, Part
-from haptix.fields import SCREENS
-from haptix.files import digest
+from haptix.base.checks import Array
+from haptix.base.documents import Document, Part
+from haptix.base.fields import SCREENS
+from haptix.base.files import digest
 
 Plain = Annotated[float, Field(gt=0, strict=True)]
 Permittivity = Annotated[float, Field(ge=1)]
@@ -226,7 +226,7 @@ class Screen(Document):
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
-        """Read a TOML file; see `haptix.documents.Document.load`.
+        """Read a TOML file; see `haptix.base.documents.Document.load`.
 
         Warns
         -----

@@ -11,9 +11,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from haptix.base.display import Displayed, Table, as_numpy, axes_or_new
+from haptix.base.errors import InputError, from_extra
 from haptix.contact import Accuracy, beyond_validation
-from haptix.display import Displayed, Table, as_numpy, axes_or_new
-from haptix.errors import InputError, from_extra
 from haptix.status import limits_passed
 
 if TYPE_CHECKING:

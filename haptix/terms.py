@@ -18,10 +18,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from haptix.base.errors import InputError
 from haptix.contact import ElasticSolid, HalfSpace, Layered, MeanField
 from haptix.electro import VACUUM_PERMITTIVITY, FieldLimit
 from haptix.electro.breakdown import bearable_field, breaks_down
-from haptix.errors import InputError
 from haptix.finger import Finger
 from haptix.screen import Screen
 from haptix.states import ContactState

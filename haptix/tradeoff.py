@@ -22,10 +22,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import torch
 from torch import Tensor
 
-from haptix.desk import Context, Result, Task
-from haptix.errors import ToleranceError, from_extra
+from haptix.base.errors import ToleranceError, from_extra
+from haptix.base.files import check_folder, csv_text, json_text, write_folder
+from haptix.base.report import Heading, titles_of
+from haptix.base.task import Context, Result, Task
+from haptix.base.version import __version__
 from haptix.fidelity import BoundaryElementBox, FidelityName
-from haptix.files import check_folder, csv_text, json_text, write_folder
 from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.planning import Effect, plan_scene
@@ -40,12 +42,10 @@ from haptix.planning.trials import (
     kept_reports,
     middle,
 )
-from haptix.report import Heading, titles_of
 from haptix.scene import DirectDrive, Scene
 from haptix.screen import Screen
 from haptix.status import Status
 from haptix.surface import FrictionSurface, MeasuredPoints, MeasuringJob
-from haptix.version import __version__
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -11,8 +11,8 @@ from typing import Literal, Self, get_args
 import numpy as np
 import numpy.typing as npt
 
-from haptix.checks import Array
-from haptix.errors import InputError
+from haptix.base.checks import Array
+from haptix.base.errors import InputError
 
 _LONGEST_TABLE = 4096  # samples
 _STEP = 512  # samples between two points of the grid on which `sine` adds angles

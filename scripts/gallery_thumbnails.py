@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib import colormaps
 from PIL import Image
 
-from haptix.files import write_whole
+from haptix.base.files import write_whole
 from haptix.gallery import FOLDER, Preset, presets
 from haptix.materials.picture import picture
 

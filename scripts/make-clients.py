@@ -28,9 +28,9 @@ from typing import Any
 
 from filelock import FileLock
 
+from haptix.base.version import __version__
 from haptix.materials import schema as kinds
 from haptix.service.messages.reading import asyncapi, schema
-from haptix.version import __version__
 
 ROOT = Path(__file__).parents[1]
 CLIENTS = ROOT / "clients"

@@ -27,7 +27,7 @@ PACKAGES = (
     "haptix.planning", "haptix.tradeoff", "haptix.texture", "haptix.materials",
     "haptix.gallery", "haptix.layout", "haptix.motion", "haptix.touch", "haptix.render",
     "haptix.virtual_finger", "haptix.simulation", "haptix.perception", "haptix.stimuli",
-    "haptix.client", "haptix.errors", "firmware_io", "calibration",
+    "haptix.client", "haptix.base.errors", "firmware_io", "calibration",
 )  # fmt: skip
 OUTSIDE = {
     "protocol.md": "firmware_io/PROTOCOL.md",
@@ -57,7 +57,7 @@ def reference(package: str) -> str:
     documented = [name for name in names if isclass(one := getattr(module, name)) or isroutine(one)]
     if blank := [name for name in documented if not getdoc(getattr(module, name))]:
         raise PluginError(f"{package}: no documentation of {', '.join(blank)}")
-    others = {"haptix": PACKAGES[1:], "haptix.errors": ("firmware_io",)}.get(package, ())
+    others = {"haptix": PACKAGES[1:], "haptix.base.errors": ("firmware_io",)}.get(package, ())
     elsewhere = {
         name: other
         for other in others

@@ -2,15 +2,17 @@
 
 import os
 
-from haptix import cli, desk, task_list
+from haptix import cli
+from haptix.base import task as desk
+from haptix.base import task_list
 
 ONE_FILE = '''
 """A task of somebody's own."""
 
 from pydantic import Field
 
-from haptix.desk import Context, Result, Task
-from haptix.fields import FileThere, NotNegative
+from haptix.base.task import Context, Result, Task
+from haptix.base.fields import FileThere, NotNegative
 
 
 class Charge(Task, command="charge", route="charges"):

@@ -13,9 +13,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
+from haptix.base.errors import HaptixError, InputError, from_extra
 from haptix.campaign.processes import PROCESS_BYTES, processes_that_fit
 from haptix.campaign.task_worker import as_seen_here, differences
-from haptix.errors import HaptixError, InputError, from_extra
 
 _LOG = logging.getLogger("haptix.campaign")
 

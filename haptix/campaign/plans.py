@@ -16,16 +16,16 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt, ValidationError
 
-from haptix.desk import Task, first_wrong, task_at
-from haptix.documents import Document, Part
-from haptix.errors import FileFormatError, InputError
-from haptix.files import file_at, read_json, read_text, read_toml
+from haptix.base.documents import Document, Part
+from haptix.base.errors import FileFormatError, InputError
+from haptix.base.files import file_at, read_json, read_text, read_toml
+from haptix.base.results import result_key
+from haptix.base.task import Task, first_wrong, task_at
+from haptix.base.units import with_numbers
 from haptix.finger import Finger
 from haptix.population import DrawnPeople, Population, SolveStates
-from haptix.results import result_key
 from haptix.scene import Scene
 from haptix.screen import Screen
-from haptix.units import with_numbers
 
 if TYPE_CHECKING:
     from haptix.stimuli.stimulus_set import StimulusSet

@@ -1,6 +1,6 @@
 """Run a campaign: do the tasks that have no result yet, and keep the results of the others.
 
-A place has ``campaign.json`` (plan and versions), ``results/`` (see `haptix.results`), ``runs/``
+A place has ``campaign.json`` (plan and versions), ``results/`` (see `haptix.base.results`), ``runs/``
 (the costs, deaths and errors of each task), ``table.csv`` and ``report.html``.
 """
 
@@ -19,14 +19,14 @@ from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
+from haptix.base.errors import HaptixError, InputError, MissingExtraError, from_extra
+from haptix.base.executors import Here, executor_of, finished
+from haptix.base.files import csv_text, json_text
+from haptix.base.report import page, paragraph, picture, table
+from haptix.base.results import ResultStore, folder_of
+from haptix.base.version import __version__
 from haptix.campaign.plans import Campaign, Value
 from haptix.campaign.task_worker import as_seen_here, differences, do, identity, record_of
-from haptix.errors import HaptixError, InputError, MissingExtraError, from_extra
-from haptix.executors import Here, executor_of, finished
-from haptix.files import csv_text, json_text
-from haptix.report import page, paragraph, picture, table
-from haptix.results import ResultStore, folder_of
-from haptix.version import __version__
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -23,10 +23,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from haptix.desk import Context, Result, task_at
-from haptix.errors import HaptixError
-from haptix.results import ResultStore
-from haptix.version import __version__
+from haptix.base.errors import HaptixError
+from haptix.base.results import ResultStore
+from haptix.base.task import Context, Result, task_at
+from haptix.base.version import __version__
 
 MOST_DEATHS = 3
 """Number of workers that a task may kill before it is set aside."""
@@ -101,7 +101,7 @@ def _done(store: ResultStore, job: dict[str, Any]) -> dict[str, Any]:
 
 def _measured(job: dict[str, Any], folder: Path) -> tuple[Result, dict[str, Any]]:
     """Do a task on one thread; return its result and its costs."""
-    from haptix.threads import one_thread
+    from haptix.base.threads import one_thread
 
     with suppress(OSError):  # reset the peak of the memory, on Linux only
         Path("/proc/self/clear_refs").write_text("5")

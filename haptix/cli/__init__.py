@@ -8,8 +8,8 @@ import shutil
 import sys
 import textwrap
 
-from haptix.task_list import commands
-from haptix.version import __version__, foreign_package
+from haptix.base.task_list import commands
+from haptix.base.version import __version__, foreign_package
 
 ABOUT = "Haptic rendering for electrovibration touchscreens: from contact mechanics to volts."
 
@@ -60,8 +60,8 @@ def main() -> None:
                 if advice := foreign_package("firmware_io"):
                     sys.stderr.write(f"haptix: {advice}\n")
                     sys.exit(2)
+                from haptix.base.terminal import run
                 from haptix.cli.application import app
-                from haptix.terminal import run
 
                 run(app, "haptix")
         sys.stdout.flush()

@@ -19,14 +19,14 @@ from pydantic.fields import FieldInfo
 from typer.completion import completion_init, get_completion_script  # type: ignore[attr-defined]
 from typer.core import TyperGroup
 
+from haptix.base.errors import InputError
+from haptix.base.fields import Typed
+from haptix.base.task import Context, Task, inner, read, task_at, typed
+from haptix.base.task_list import MODULES, tasks_of
+from haptix.base.terminal import AsJson, ProgressBar, show
+from haptix.base.units import unit_of
+from haptix.base.version import __version__
 from haptix.cli import ABOUT, COMMANDS, LOG_HELP
-from haptix.desk import Context, Task, inner, read, task_at, typed
-from haptix.errors import InputError
-from haptix.fields import Typed
-from haptix.task_list import MODULES, tasks_of
-from haptix.terminal import AsJson, ProgressBar, show
-from haptix.units import unit_of
-from haptix.version import __version__
 
 _UNDERSTOOD = "haptix.understood"
 
@@ -260,7 +260,7 @@ def _options(
     if not version and context.invoked_subcommand is None:
         context.fail("Missing command.")
     if log:
-        from haptix.log import start
+        from haptix.base.log import start
 
         start(log)
     if version:

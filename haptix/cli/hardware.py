@@ -16,11 +16,11 @@ from typing import Annotated, Any
 
 import typer
 
+from haptix.base.errors import FileFormatError
+from haptix.base.fields import Address, Folder
+from haptix.base.terminal import AsJson, show
+from haptix.base.version import __version__, foreign_package
 from haptix.cli.application import option
-from haptix.errors import FileFormatError
-from haptix.fields import Address, Folder
-from haptix.terminal import AsJson, show
-from haptix.version import __version__, foreign_package
 
 
 def devices(as_json: AsJson = False) -> None:
@@ -75,7 +75,7 @@ def doctor(
 
 def _install_udev(root: Path, yes: bool) -> None:
     from firmware_io.links.usb import RULE_FILE, udev_rule, udev_rule_is_installed
-    from haptix.files import write_whole
+    from haptix.base.files import write_whole
 
     if udev_rule_is_installed(root):
         typer.echo(f"{root / RULE_FILE} is there already.")
@@ -96,7 +96,7 @@ def _install_udev(root: Path, yes: bool) -> None:
 def _prove(address: str, as_json: bool) -> None:
     from firmware_io.opening import read_address
     from firmware_io.proof_test import proof_test
-    from haptix.files import write_whole
+    from haptix.base.files import write_whole
 
     scheme, values = read_address(address)
     if address.startswith("mock:"):
@@ -174,7 +174,7 @@ def _check_torch() -> dict[str, Any]:
 
 
 def _check_cache() -> dict[str, Any]:
-    from haptix.files import cache_folder
+    from haptix.base.files import cache_folder
 
     folder = cache_folder()
     nearest = next(above for above in (folder, *folder.parents) if above.exists())

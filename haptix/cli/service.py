@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from haptix.base.errors import InputError
+from haptix.base.fields import Address, FileThere, FingerName, NewFile, ScreenName, Text
 from haptix.cli.application import option
-from haptix.errors import InputError
-from haptix.fields import Address, FileThere, FingerName, NewFile, ScreenName, Text
 
 if TYPE_CHECKING:
     from haptix.service.access import Access
@@ -113,7 +113,7 @@ def studio(
 
 
 def _serve(log: Path | None, beyond: tuple[str, Path, Path] | None, **how: Any) -> None:
-    from haptix.log import into
+    from haptix.base.log import into
     from haptix.service.access import Listen
     from haptix.service.startup import serve as serve_until_interrupted
 

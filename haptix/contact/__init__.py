@@ -1,12 +1,12 @@
 """Area and gaps of a rough contact against pressure: roughness, elasticity, mean field."""
 
+from haptix.base.threads import keep_freed_memory
 from haptix.contact.accuracy import Accuracy, beyond_validation
 from haptix.contact.area import AreaLaw
 from haptix.contact.elasticity import ElasticSolid, HalfSpace, Layered
 from haptix.contact.meanfield import ContactSpots, GapDistribution, MeanField
 from haptix.contact.roughness import RoughnessSpectrum
 from haptix.contact.theories import THEORIES, Theory, TheoryName
-from haptix.threads import keep_freed_memory
 
 __all__ = [
     "THEORIES",

@@ -14,8 +14,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from haptix.base.display import Displayed
 from haptix.contact.theories import TheoryName
-from haptix.display import Displayed
 
 VALIDATED_X = 5e-5
 """Lowest ``x = p0/(E* slope)`` at which boundary elements tested the corrected theory; it was not

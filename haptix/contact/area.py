@@ -36,7 +36,7 @@ from math import inf, pi, sqrt
 import torch
 from torch import Tensor
 
-from haptix.errors import InputError
+from haptix.base.errors import InputError
 
 _TERMS = 40
 # Spread over hardness: above it the sine series converges within _TERMS, below it the images do.

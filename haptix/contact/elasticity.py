@@ -8,9 +8,9 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from haptix import checks
-from haptix.display import Displayed
-from haptix.errors import InputError
+from haptix.base import checks
+from haptix.base.display import Displayed
+from haptix.base.errors import InputError
 
 
 class ElasticSolid(Protocol):

@@ -18,6 +18,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from haptix.base.errors import InputError
+from haptix.base.threads import one_thread
 from haptix.contact.area import AreaLaw
 from haptix.contact.elasticity import ElasticSolid
 from haptix.contact.finite_size import (
@@ -31,8 +33,6 @@ from haptix.contact.finite_size import (
 )
 from haptix.contact.roughness import RoughnessSpectrum
 from haptix.contact.tables import Y_MAX, PiecewiseLinear, SeparationIntegral, UniformCubic
-from haptix.errors import InputError
-from haptix.threads import one_thread
 
 LATTICE_STEP = log(10) / 24
 """Step of ln p. All tables of a contact use one lattice, so that no result depends on which other

@@ -10,9 +10,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from haptix import checks
-from haptix.display import Displayed
-from haptix.errors import InputError
+from haptix.base import checks
+from haptix.base.display import Displayed
+from haptix.base.errors import InputError
 
 _RINGS_PER_DECADE = 10  # over which a measured map's spectrum is averaged
 

@@ -15,8 +15,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from haptix.base.errors import InputError
 from haptix.contact.area import AreaLaw
-from haptix.errors import InputError
 
 # J falls as exp(-y^2). Beyond this y it is below 1e-15 of its values at y ~ 1, and is set to zero:
 # a strip at such a pressure has a theoretical gap of some 1e-23 m and is closed.

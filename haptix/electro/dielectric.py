@@ -20,7 +20,7 @@ from pydantic import (
 )
 from torch import Tensor
 
-from haptix.documents import Part
+from haptix.base.documents import Part
 
 VACUUM_PERMITTIVITY = 8.8541878128e-12
 """eps0 [F/m], CODATA 2018."""

@@ -10,14 +10,14 @@ from time import perf_counter
 import torch
 from torch import Tensor
 
+from haptix.base.errors import InputError
+from haptix.base.threads import given_threads
 from haptix.contact.boundary_elements import BoundaryElements, ContactSolution, ResolutionWarning
 from haptix.contact.boundary_elements.bounded import PeriodicSolid
 from haptix.contact.boundary_elements.ensemble import check_memory
-from haptix.errors import InputError
 from haptix.fidelity.balance import LIGHT_CONTACT_LIMIT, Ability, Balance, Contact, Fidelity, Load
 from haptix.status import Status
 from haptix.terms import Stage
-from haptix.threads import given_threads
 
 # Fourier transforms for one surface at one voltage: 500 where the grid resolves h0, 2,000 to 10,000
 # where it does not.

@@ -11,10 +11,10 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from haptix import checks
+from haptix.base import checks
+from haptix.base.errors import InputError
 from haptix.contact.boundary_elements import ResolutionWarning, Surfaces
 from haptix.contact.roughness import RoughnessSpectrum
-from haptix.errors import InputError
 from haptix.finger import Finger, MeasuredRoughness
 
 _PIXELS = 4.0  # per shortest wavelength: the corrected area is then off by up to 4 %

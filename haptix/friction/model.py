@@ -12,15 +12,16 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from haptix.checks import choice, instance
+from haptix.base.checks import choice, instance
+from haptix.base.display import Displayed
+from haptix.base.errors import InputError, LimitError
+from haptix.base.threads import backward_on_one_thread, one_thread
 from haptix.contact import THEORIES, Accuracy, ContactSpots, GapDistribution, TheoryName
 from haptix.contact.accuracy import of_states
 from haptix.contact.meanfield import check_contact_spots
-from haptix.display import Displayed
 from haptix.electro import Pull, drive_voltage
 from haptix.electro.attraction import Circuit, field_in_time
 from haptix.electro.breakdown import breakdown_voltage, peak_field
-from haptix.errors import InputError, LimitError
 from haptix.fidelity import (
     FIDELITIES,
     Ability,
@@ -38,7 +39,6 @@ from haptix.screen import Screen
 from haptix.states import ContactState, PeriodState, broadcast_shape, checked
 from haptix.status import Status
 from haptix.terms import TERMS, ActiveTerms, Properties, Stage, chosen_terms
-from haptix.threads import backward_on_one_thread, one_thread
 from haptix.waves import Waveform
 
 LOWEST_FORCE_N, HIGHEST_FORCE_N = 1e-9, 1e6

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from haptix.base.threads import one_thread
 from haptix.electro import Circuit, Pull
 from haptix.electro.attraction import bin_inverse, drive_strength, representative_gaps
 from haptix.electro.breakdown import bearable_field, share_past
@@ -17,7 +18,6 @@ from haptix.fidelity import Balance, Fidelity, Load
 from haptix.states import GapSums
 from haptix.status import LIMITS, Status, past_limits
 from haptix.terms import ActiveTerms, FieldInGap, Stage
-from haptix.threads import one_thread
 
 # Numbers of states that are computed together; they bound the memory.
 BLOCK = 16384

@@ -12,8 +12,8 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from haptix.errors import InputError
-from haptix.files import read_json
+from haptix.base.errors import InputError
+from haptix.base.files import read_json
 
 if TYPE_CHECKING:
     from haptix.materials import Material
@@ -59,7 +59,7 @@ class Preset:
     def material(self) -> Material:
         """The material itself."""
         # Here, since materials load torch.
-        from haptix.kinds import in_folder
+        from haptix.base.kinds import in_folder
         from haptix.materials import material_of
 
         with in_folder(FOLDER):

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, Self
 
-from haptix.checks import Positive, check_fields, choice, number, positive
-from haptix.errors import InputError
+from haptix.base.checks import Positive, check_fields, choice, number, positive
+from haptix.base.errors import InputError
 from haptix.screen import Screen
 
 INCH_MM = 25.4

@@ -13,8 +13,8 @@ from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
-from haptix.checks import Array, choice, number
-from haptix.errors import InputError
+from haptix.base.checks import Array, choice, number
+from haptix.base.errors import InputError
 from haptix.layout.region_state import LayoutFacts, RegionState, blended, is_later, sliding_share
 from haptix.layout.regions import GLIDE_S, Controls, Region, Regions
 from haptix.motion import FARTHEST_MM, Depends, Facts, Motion, Report

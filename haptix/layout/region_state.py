@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from haptix.checks import Array
+from haptix.base.checks import Array
 from haptix.motion import Depends, Facts, History, LocalFrame, Motion, Report
 from haptix.region import Blend, Shape
 from haptix.texture import Evaluator

@@ -13,9 +13,9 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from pydantic import ValidationError
 
-from haptix.checks import Array, number
-from haptix.documents import first_error
-from haptix.errors import InputError
+from haptix.base.checks import Array, number
+from haptix.base.documents import first_error
+from haptix.base.errors import InputError
 from haptix.layout.region_state import Control, Glide, Outline, RegionState
 from haptix.motion import Depends, LocalFrame, Motion, Report
 from haptix.region import RegionFields

@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from haptix.checks import Array, increasing
+from haptix.base.checks import Array, increasing
 from haptix.motion import Depends, Motion
 from haptix.texture import Evaluator, TargetKind
 from haptix.texture.material import Answering, AnyMaterial, Material

@@ -9,7 +9,7 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import Field, PositiveFloat, model_validator
 
-from haptix.checks import Array, increasing
+from haptix.base.checks import Array, increasing
 from haptix.materials.by_curve import Row
 from haptix.motion import Depends, Facts, LocalFrame, Motion, Report
 from haptix.texture.field import turned

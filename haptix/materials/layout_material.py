@@ -8,8 +8,8 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import PlainSerializer, PlainValidator, WithJsonSchema, model_validator
 
-from haptix.checks import plain
-from haptix.errors import InputError
+from haptix.base.checks import plain
+from haptix.base.errors import InputError
 from haptix.layout import Layout, Patch, Region
 from haptix.texture import TargetKind
 from haptix.texture.material import ANY_KIND, KINDS, Material, material_of, table_of

@@ -9,8 +9,8 @@ from typing import Literal, Self
 import numpy as np
 from pydantic import model_validator
 
-from haptix.checks import Array, increasing
-from haptix.documents import Part
+from haptix.base.checks import Array, increasing
+from haptix.base.documents import Part
 from haptix.materials.by_curve import Row
 from haptix.motion import Depends, Facts, LocalFrame, Motion, Report
 from haptix.texture import Evaluator

@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 from pydantic.json_schema import models_json_schema
 
-from haptix.checks import Array
-from haptix.errors import InputError
-from haptix.kinds import AnyAsset, Kind
+from haptix.base.checks import Array
+from haptix.base.errors import InputError
+from haptix.base.kinds import AnyAsset, Kind
+from haptix.base.units import title_of, unit_of
 from haptix.motion import Motion
 from haptix.signals.signal import ANY_SIGNAL
 from haptix.signals.signal import KINDS as SIGNALS
@@ -31,7 +32,6 @@ from haptix.texture.material import (
     load,
     material_of,
 )
-from haptix.units import title_of, unit_of
 
 __all__ = [
     "KINDS",

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from haptix.checks import Array, positive, whole
-from haptix.errors import from_extra
+from haptix.base.checks import Array, positive, whole
+from haptix.base.errors import from_extra
 from haptix.motion import Depends, Facts, Motion, Trajectory
 from haptix.motion.block import History, facts_on
 from haptix.texture.field import FORCE_N, SPEED_MM_S, WORDS

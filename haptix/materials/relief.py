@@ -10,9 +10,9 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import Field, PositiveFloat, model_validator
 
-from haptix.checks import Array
-from haptix.errors import InputError
-from haptix.kinds import AnyAsset
+from haptix.base.checks import Array
+from haptix.base.errors import InputError
+from haptix.base.kinds import AnyAsset
 from haptix.motion import Depends, Motion
 from haptix.texture.material import Scaled
 from haptix.texture.pyramid import Pyramid

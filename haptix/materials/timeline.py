@@ -10,8 +10,8 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 import numpy as np
 from pydantic import Field, PlainSerializer, PlainValidator, WithJsonSchema
 
-from haptix.checks import Array
-from haptix.errors import InputError
+from haptix.base.checks import Array
+from haptix.base.errors import InputError
 from haptix.materials.by_curve import product
 from haptix.motion import Depends, Facts, Motion
 from haptix.signals.shapes import Points, Pulse

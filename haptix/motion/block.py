@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from haptix.checks import Array
-from haptix.errors import InputError
+from haptix.base.checks import Array
+from haptix.base.errors import InputError
 from haptix.motion.trajectory import LIFTED_BELOW_N, Trajectory
 
 SLOW_MM_PER_S = 2.0

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from haptix.checks import Array, increasing, row
-from haptix.display import Table, axes_or_new
-from haptix.errors import InputError
-from haptix.files import read_csv
+from haptix.base.checks import Array, increasing, row
+from haptix.base.display import Table, axes_or_new
+from haptix.base.errors import InputError
+from haptix.base.files import read_csv
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

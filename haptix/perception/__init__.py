@@ -29,10 +29,10 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field, PositiveFloat, model_validator
 
-from haptix import checks
-from haptix.checks import Array, positive
-from haptix.documents import Document, Part
-from haptix.errors import InputError
+from haptix.base import checks
+from haptix.base.checks import Array, positive
+from haptix.base.documents import Document, Part
+from haptix.base.errors import InputError
 
 DEFAULT_FILE = Path(__file__).with_name("thresholds.toml")
 """Default file of detection thresholds and JND."""

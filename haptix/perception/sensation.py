@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.fft import next_fast_len
 
-from haptix.checks import Array
+from haptix.base.checks import Array
 from haptix.perception import Channel, Perception
 
 _SKIRT_HZ = 8.0  # half the width of the filters' transition, which lies outside a channel's data

@@ -9,9 +9,10 @@ from typing import Annotated, Any
 import numpy as np
 import torch
 
-from haptix.checks import Array
-from haptix.desk import Context, Result, Task
-from haptix.errors import InputError, ToleranceError
+from haptix.base.checks import Array
+from haptix.base.errors import InputError, ToleranceError
+from haptix.base.report import Heading, HeadingsOf
+from haptix.base.task import Context, Result, Task
 from haptix.fidelity import FIDELITIES, Ability
 from haptix.friction import ContactModel
 from haptix.friction.placeholders import largest_spread
@@ -29,7 +30,6 @@ from haptix.planning.trials import (
     omissions,
     reporting_terms,
 )
-from haptix.report import Heading, HeadingsOf
 from haptix.scene import Scene
 from haptix.status import Status, limits_passed
 from haptix.surface import LARGEST_BYTES, FrictionSurface

@@ -14,10 +14,10 @@ from typing import Annotated, Literal, Self
 import torch
 from torch import Tensor
 
+from haptix.base.report import Heading
 from haptix.fidelity import FIDELITIES, Ability, FidelityName
 from haptix.friction import ContactModel
 from haptix.perception import WEBER_FRACTION
-from haptix.report import Heading
 from haptix.scene import Scene
 from haptix.states import ContactState
 from haptix.surface import PULL_IN_SHARE

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from firmware_io import CurrentReading
-from haptix.checks import Array, boolean
-from haptix.errors import InputError
+from haptix.base.checks import Array, boolean
+from haptix.base.errors import InputError
 from haptix.perception import WEBER_FRACTION
 from haptix.render.drive import Drive
 from haptix.sensing import ContactCurrent, FingerEstimate, FingerObserver

@@ -11,10 +11,10 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from haptix import checks
-from haptix.checks import Array
-from haptix.display import Displayed
-from haptix.errors import InputError
+from haptix.base import checks
+from haptix.base.checks import Array
+from haptix.base.display import Displayed
+from haptix.base.errors import InputError
 from haptix.waves import Waveform, sine_table, turns
 
 _LEAST_DC_FREE = 1e-6

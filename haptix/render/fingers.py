@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from haptix.checks import Array
-from haptix.errors import InputError
+from haptix.base.checks import Array
+from haptix.base.errors import InputError
+from haptix.base.native import DOUBLES, Struct, ffi, library
 from haptix.motion import VELOCITY_OVER_S, History, Motion, Report
 from haptix.motion.block import React, Reactions, unmoved
-from haptix.native import DOUBLES, Struct, ffi, library
 from haptix.render.samples import Fingers
 from haptix.render.settings import LiveSettings, Sliding
 from haptix.touch import Touches, TouchEvent, TouchState, TouchTracker

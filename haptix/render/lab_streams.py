@@ -16,8 +16,8 @@ from firmware_io import Device
 from firmware_io.clock import HOST_CLOCK, Clock
 from firmware_io.progress import Marked
 from firmware_io.protocol import TouchReport
-from haptix.checks import Array, positive, row
-from haptix.errors import InputError, from_extra
+from haptix.base.checks import Array, positive, row
+from haptix.base.errors import InputError, from_extra
 from haptix.render.intervals import NO_FORCE
 from haptix.render.live import COLUMNS, LiveRenderer, PlayedRecord
 from haptix.touch import TouchEvent

@@ -18,8 +18,8 @@ from firmware_io import CurrentReading, Device, Playback
 from firmware_io.clock import ready_interpreter
 from firmware_io.progress import MOST_MARKS
 from firmware_io.revisable import Revisable
-from haptix.checks import Array, whole
-from haptix.errors import InputError, OverloadWarning
+from haptix.base.checks import Array, whole
+from haptix.base.errors import InputError, OverloadWarning
 from haptix.render.adapting import Adaptation
 from haptix.render.drive import Drive
 from haptix.render.fingers import PredictedFingers

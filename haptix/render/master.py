@@ -10,8 +10,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from haptix.checks import Array, number, whole
-from haptix.errors import InputError
+from haptix.base.checks import Array, number, whole
+from haptix.base.errors import InputError
 from haptix.layout.region_state import Glide
 from haptix.motion import Facts, Motion
 from haptix.texture import Evaluator, Feelable, check_feelable

@@ -12,12 +12,12 @@ import numpy.typing as npt
 
 from firmware_io import Device, PlaybackStats
 from firmware_io.reviser import percentile
-from haptix.checks import Array, instance
-from haptix.errors import InputError
+from haptix.base.checks import Array, instance
+from haptix.base.errors import InputError
+from haptix.base.native import DOUBLES, NULL, Struct, ffi, library
 from haptix.finger import FingerResponse
 from haptix.layout import Layout
 from haptix.motion import Motion
-from haptix.native import DOUBLES, NULL, Struct, ffi, library
 from haptix.render.adapting import Adaptation
 from haptix.render.drive import Drive, DriverCarrier, SineCarrier
 from haptix.render.master import Mix

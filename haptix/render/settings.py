@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 from firmware_io.playback import LONGEST_HORIZON_S
-from haptix.checks import (
+from haptix.base.checks import (
     Length,
     NotNegative,
     Positive,
@@ -15,7 +15,7 @@ from haptix.checks import (
     increasing,
     instance,
 )
-from haptix.errors import InputError
+from haptix.base.errors import InputError
 from haptix.touch import TouchSettings
 
 Combination = Literal["strongest", "first", "mean"]

@@ -28,8 +28,8 @@ from typing import Any, Self
 import numpy as np
 
 from firmware_io import Device
-from haptix.checks import Array, instance, number
-from haptix.errors import InputError, LimitError
+from haptix.base.checks import Array, instance, number
+from haptix.base.errors import InputError, LimitError
 from haptix.layout import Layout, LayoutEvent, LayoutEventKind, Listeners
 from haptix.motion import Report, Trajectory
 from haptix.render.drive import Drive, DriverCarrier

@@ -20,10 +20,10 @@ import numpy.typing as npt
 import torch
 from pydantic import Field
 
-from haptix.checks import Array, check_fields, positive
-from haptix.display import Displayed
-from haptix.documents import Document
-from haptix.errors import InputError
+from haptix.base.checks import Array, check_fields, positive
+from haptix.base.display import Displayed
+from haptix.base.documents import Document
+from haptix.base.errors import InputError
 from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.screen import Screen

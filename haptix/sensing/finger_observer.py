@@ -15,9 +15,9 @@ from math import inf, nan, pi
 
 import numpy as np
 
-from haptix.checks import Array, check_fields, number, positive
+from haptix.base.checks import Array, check_fields, number, positive
+from haptix.base.display import Displayed
 from haptix.devices import CurrentReading
-from haptix.display import Displayed
 from haptix.sensing.contact import (
     FORCE,
     LATENT,

@@ -22,8 +22,8 @@ from typing import NamedTuple
 
 import platformdirs
 
-from haptix.errors import DeviceError, InputError
-from haptix.files import read_json, write_whole
+from haptix.base.errors import DeviceError, InputError
+from haptix.base.files import read_json, write_whole
 from haptix.service.messages import Problem
 
 CODE_S = 300.0  # a code is good for so long, and for one page

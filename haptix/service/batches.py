@@ -53,7 +53,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from haptix.checks import Array
+from haptix.base.checks import Array
 from haptix.service.messages import MOST_TOUCHES, Problem, Stream, TouchMessage
 
 _HEADER = struct.Struct("<BBHId")

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from pydantic import BaseModel
 
-from haptix.desk import Context, task_at
-from haptix.errors import HaptixError, InputError
+from haptix.base.errors import HaptixError, InputError
+from haptix.base.task import Context, task_at
 from haptix.texture.decoded import PICTURES
 
 if TYPE_CHECKING:
@@ -155,7 +155,7 @@ class DocumentWork:
 
     def export(self, **fields: Any) -> dict[str, Any]:
         """Return a layout in a form of interchange, as an archive of files; see the task."""
-        from haptix.kinds import in_folder
+        from haptix.base.kinds import in_folder
 
         column = self.reach(_FORCE_N)
         task = task_at(EXPORT)(
@@ -174,7 +174,7 @@ class DocumentWork:
 
     def read(self, document: dict[str, Any]) -> Material:
         """Read a document, whose files are those of the service."""
-        from haptix.kinds import in_folder
+        from haptix.base.kinds import in_folder
         from haptix.materials import material_of
 
         with in_folder(self._assets, is_sealed=True):
@@ -381,7 +381,7 @@ class SessionLayout:
         self.patches[name] = self.layout.add(**self._read(fields))
 
     def _read(self, fields: dict[str, Any]) -> dict[str, Any]:
-        from haptix.kinds import in_folder
+        from haptix.base.kinds import in_folder
         from haptix.materials import material_of
 
         if "material" in fields:

@@ -27,9 +27,9 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Literal
 
 import numpy as np
 
-from haptix.checks import Array
-from haptix.errors import HaptixError, InputError
-from haptix.files import parse_json
+from haptix.base.checks import Array
+from haptix.base.errors import HaptixError, InputError
+from haptix.base.files import parse_json
 from haptix.service.batches import TelemetryFrame, write_frame
 from haptix.service.client_touches import TouchGate
 from haptix.service.messages import Stream
@@ -356,6 +356,7 @@ class EngineServer:
         touched_by: str | None = None,
     ) -> dict[str, Any]:
         """Open the device, and load or build the surface that its finger and screen need."""
+        from haptix.base.threads import return_freed_memory
         from haptix.devices import open_device, profiles_for
         from haptix.finger import Finger
         from haptix.materials import KINDS
@@ -363,7 +364,6 @@ class EngineServer:
         from haptix.screen import Screen
         from haptix.service.document_work import profiles_of, surface_of
         from haptix.texture.decoded import FOLDER, keep_in
-        from haptix.threads import return_freed_memory
 
         self._assets = Path(assets)
         keep_in(self._assets.parent / FOLDER, makes=False)
@@ -516,7 +516,7 @@ class EngineServer:
         self._senses = on
 
     def _do_play(self, effect: dict[str, Any]) -> dict[str, Any]:
-        from haptix.kinds import in_folder
+        from haptix.base.kinds import in_folder
         from haptix.materials import material_of
 
         with in_folder(self._assets, is_sealed=True):

@@ -13,8 +13,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from haptix.checks import Array
-from haptix.errors import HaptixError
+from haptix.base.checks import Array
+from haptix.base.errors import HaptixError
 from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.motion import Trajectory

@@ -23,8 +23,9 @@ from fastapi.responses import FileResponse, JSONResponse, RedirectResponse, Resp
 from pydantic import BaseModel, ConfigDict, Field
 from starlette.exceptions import HTTPException
 
-from haptix.errors import HaptixError
-from haptix.files import FULL_DISK, write_failure
+from haptix.base.errors import HaptixError
+from haptix.base.files import FULL_DISK, write_failure
+from haptix.base.version import __version__
 from haptix.service import messages as m
 from haptix.service.access import Access, Limiter
 from haptix.service.assets import AssetStore
@@ -33,7 +34,6 @@ from haptix.service.hub import TICK_S, Hub
 from haptix.service.in_use import profiles_router
 from haptix.service.messages import Problem, reading
 from haptix.service.rest import jobs_router
-from haptix.version import __version__
 
 _LOG = logging.getLogger("haptix.service")
 

@@ -14,6 +14,7 @@ from collections import deque
 from collections.abc import Awaitable, Callable, Sequence
 from typing import Any
 
+from haptix.base.version import __version__
 from haptix.service import messages as m
 from haptix.service.access import Access
 from haptix.service.batches import ClientTouch, read_frame, read_touches
@@ -22,7 +23,6 @@ from haptix.service.client_touches import Stalls, touch_events
 from haptix.service.control import Engine, OutputControl
 from haptix.service.jobs import JobBoard
 from haptix.service.messages import Problem, reading
-from haptix.version import __version__
 
 _LOG = logging.getLogger("haptix.service")
 

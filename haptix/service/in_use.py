@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from fastapi import APIRouter, Depends, Request
 from pydantic import BaseModel, Field
 
-from haptix.files import write_whole
+from haptix.base.files import write_whole
 from haptix.service.document_work import Profile
 from haptix.service.messages import Error, Problem
 

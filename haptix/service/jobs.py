@@ -18,7 +18,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from haptix.desk import all_tasks
+from haptix.base.task import all_tasks
 from haptix.service.access import service_folder
 from haptix.service.control import Engine
 from haptix.service.messages import JobMessage, Problem, StrokeTrace

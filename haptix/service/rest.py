@@ -25,9 +25,9 @@ from fastapi import Path as PathParameter
 from fastapi.responses import FileResponse
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from haptix.desk import Task, all_tasks, task_at
-from haptix.fields import FOLDER_NAME, JsonObject
-from haptix.files import write_whole
+from haptix.base.fields import FOLDER_NAME, JsonObject
+from haptix.base.files import write_whole
+from haptix.base.task import Task, all_tasks, task_at
 from haptix.gallery import FOLDER, presets
 from haptix.service.document_work import EXPORT
 from haptix.service.jobs import JobBoard

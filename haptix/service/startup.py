@@ -14,9 +14,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from haptix.errors import DeviceError, from_extra
+from haptix.base.errors import DeviceError, from_extra
+from haptix.base.log import without_secrets
 from haptix.gallery import ASSETS as GALLERY_ASSETS
-from haptix.log import without_secrets
 from haptix.service import messages as m
 from haptix.service.access import Access, Listen, check_certificate, listens, service_folder
 from haptix.service.assets import AssetStore, Decoding

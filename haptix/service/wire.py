@@ -19,8 +19,8 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from haptix.checks import Array
-from haptix.errors import HaptixError
+from haptix.base.checks import Array
+from haptix.base.errors import HaptixError
 from haptix.touch.events import KINDS, TouchEvent
 
 HEADER = struct.Struct("<IB")

@@ -20,10 +20,10 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from haptix.desk import Context, Task, all_tasks
-from haptix.errors import InputError
-from haptix.fields import FINGERS, SCREENS
-from haptix.files import parse_json, write_folder
+from haptix.base.errors import InputError
+from haptix.base.fields import FINGERS, SCREENS
+from haptix.base.files import parse_json, write_folder
+from haptix.base.task import Context, Task, all_tasks
 from haptix.service.wire import BEAT, JSON, Outbox, answer_of, frame, frame_output, read_frame
 
 if TYPE_CHECKING:
@@ -164,7 +164,7 @@ class JobWork:
         return partial(self._do, task)
 
     def _do(self, task: type[Task], **fields: Any) -> dict[str, Any]:
-        from haptix.kinds import in_folder  # with torch
+        from haptix.base.kinds import in_folder  # with torch
 
         for name in ("finger", "screen"):
             if name in task.model_fields and (used := self._name(name, fields.get(name))):

@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 import soundfile
 
-from haptix.checks import choice
-from haptix.errors import FileFormatError, InputError
-from haptix.files import reading
+from haptix.base.checks import choice
+from haptix.base.errors import FileFormatError, InputError
+from haptix.base.files import reading
 
 Array = npt.NDArray[np.float64]
 Container = Literal["wav", "flac"]

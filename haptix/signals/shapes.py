@@ -9,8 +9,8 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
-from haptix.errors import FileFormatError, InputError
-from haptix.kinds import AnyAsset
+from haptix.base.errors import FileFormatError, InputError
+from haptix.base.kinds import AnyAsset
 from haptix.signals.audio_files import HIGHEST_RATE_HZ, MOST_SAMPLES, file_hash, read_audio
 from haptix.signals.signal import (
     AnySignal,

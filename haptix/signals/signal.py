@@ -27,9 +27,9 @@ from pydantic import (
     model_validator,
 )
 
-from haptix.checks import increasing, plain
-from haptix.errors import InputError
-from haptix.kinds import Kind, Kinds, kinds_of
+from haptix.base.checks import increasing, plain
+from haptix.base.errors import InputError
+from haptix.base.kinds import Kind, Kinds, kinds_of
 
 Array = npt.NDArray[np.float64]
 

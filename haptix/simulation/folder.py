@@ -16,17 +16,17 @@ import torch
 
 from firmware_io import volts_to_codes
 from firmware_io.limits import Current
+from haptix.base.errors import MissingExtraError, from_extra
+from haptix.base.files import check_folder, csv_text, json_text, write_folder
+from haptix.base.report import record, row
+from haptix.base.version import __version__
 from haptix.contact import Accuracy
-from haptix.errors import MissingExtraError, from_extra
-from haptix.files import check_folder, csv_text, json_text, write_folder
 from haptix.motion import LIFTED_BELOW_N, Motion
 from haptix.pair import described
 from haptix.perception import WEBER_FRACTION
 from haptix.render import SineCarrier
-from haptix.report import record, row
 from haptix.simulation.simulation import PARTS, Simulation
 from haptix.texture import Texture
-from haptix.version import __version__
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -14,9 +14,9 @@ import torch
 from torch import Tensor
 
 from firmware_io import Device, open_device
-from haptix.checks import Array
-from haptix.display import Displayed, axes_or_new
-from haptix.errors import InputError
+from haptix.base.checks import Array
+from haptix.base.display import Displayed, axes_or_new
+from haptix.base.errors import InputError
 from haptix.friction import ContactModel
 from haptix.motion import LIFTED_BELOW_N, Motion, Trajectory
 from haptix.motion.block import facts_on

@@ -12,10 +12,10 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 import numpy as np
 from pydantic import Field, PlainSerializer, PlainValidator, model_validator
 
-from haptix.checks import choice, increasing, number, plain, row
-from haptix.errors import InputError
-from haptix.files import read_csv
-from haptix.kinds import Kinds, asset_of, by_content, call
+from haptix.base.checks import choice, increasing, number, plain, row
+from haptix.base.errors import InputError
+from haptix.base.files import read_csv
+from haptix.base.kinds import Kinds, asset_of, by_content, call
 from haptix.materials import AnyMaterial
 from haptix.motion import VELOCITY_OVER_S, Depends, History, Motion, Report
 from haptix.motion.block import Reactions

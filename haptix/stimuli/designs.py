@@ -12,10 +12,10 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import Field, PositiveFloat, model_validator
 
-from haptix.checks import choice, number, positive, whole
+from haptix.base.checks import choice, number, positive, whole
+from haptix.base.documents import Part
+from haptix.base.errors import InputError
 from haptix.devices import DriveLimits
-from haptix.documents import Part
-from haptix.errors import InputError
 from haptix.perception import Perception
 from haptix.screen import Screen
 from haptix.signals.shapes import Sine

@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from haptix.errors import from_extra
-from haptix.files import read_json, reading
+from haptix.base.errors import from_extra
+from haptix.base.files import read_json, reading
+from haptix.base.terminal import placeholder_note
 from haptix.perception import Perception, components_of_pull
 from haptix.render.drive import SineCarrier
 from haptix.signals.audio_files import Array, read_drive
 from haptix.stimuli.rendering import over_period
 from haptix.stimuli.sidecar import spectrum
-from haptix.terminal import placeholder_note
 
 with from_extra("stimuli"):
     from matplotlib.axes import Axes

@@ -29,11 +29,11 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from haptix import checks
-from haptix.checks import Array, increasing, number, row
-from haptix.display import Displayed
-from haptix.errors import FileFormatError, InputError, from_extra
-from haptix.files import (
+from haptix.base import checks
+from haptix.base.checks import Array, increasing, number, row
+from haptix.base.display import Displayed
+from haptix.base.errors import FileFormatError, InputError, from_extra
+from haptix.base.files import (
     LARGEST_PICTURE_BYTES,
     json_text,
     read_bytes,

@@ -17,12 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from haptix.checks import Array, number, positive, whole
-from haptix.desk import Context, Result, Task
-from haptix.errors import InputError
-from haptix.files import csv_text
+from haptix.base.checks import Array, number, positive, whole
+from haptix.base.errors import InputError
+from haptix.base.files import csv_text
+from haptix.base.report import record
+from haptix.base.task import Context, Result, Task
 from haptix.perception.sensation import Loudest, SensationInTime
-from haptix.report import record
 from haptix.stimuli.adaptive.methods import Method
 from haptix.stimuli.adaptive.psychometric import function_named
 from haptix.stimuli.adaptive.session_plan import TASKS

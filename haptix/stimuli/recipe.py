@@ -14,14 +14,14 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import Field, PositiveFloat, PositiveInt, model_validator
 
-from haptix.checks import choice
-from haptix.desk import Context, Result, Task
+from haptix.base.checks import choice
+from haptix.base.documents import Document, Part
+from haptix.base.errors import InputError
+from haptix.base.files import digest
+from haptix.base.kinds import call, in_folder
+from haptix.base.task import Context, Result, Task
 from haptix.devices import Device
-from haptix.documents import Document, Part
-from haptix.errors import InputError
-from haptix.files import digest
 from haptix.finger import Finger
-from haptix.kinds import call, in_folder
 from haptix.perception import Perception
 from haptix.population import DrawnPeople, Population
 from haptix.screen import Screen

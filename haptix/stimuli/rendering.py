@@ -14,10 +14,10 @@ import numpy as np
 import torch
 from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
 
-from haptix.checks import Array
+from haptix.base.checks import Array
+from haptix.base.errors import InputError
+from haptix.base.files import digest
 from haptix.devices import BODY_CAPACITANCE_F, Current, DriveLimits
-from haptix.errors import InputError
-from haptix.files import digest
 from haptix.finger import Finger, FingerResponse
 from haptix.friction import ContactModel
 from haptix.perception.sensation import SensationInTime

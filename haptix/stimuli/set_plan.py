@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from haptix.checks import NotNegative, Positive, check_fields, choice, whole
+from haptix.base.checks import NotNegative, Positive, check_fields, choice, whole
+from haptix.base.errors import InputError, LimitError
 from haptix.devices import BODY_CAPACITANCE_F, DriveLimits
-from haptix.errors import InputError, LimitError
 from haptix.finger import Finger
 from haptix.perception import Perception
 from haptix.population import Population

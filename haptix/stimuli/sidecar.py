@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from haptix.checks import Array
+from haptix.base.checks import Array
 from haptix.devices import MAX_PEAK_A, MAX_RMS_A, series_capacitance_f
 from haptix.perception import Audibility, Perception
 from haptix.status import Status

@@ -11,9 +11,9 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from haptix.checks import Positive, check_fields, choice
-from haptix.errors import InputError
-from haptix.kinds import Kind
+from haptix.base.checks import Positive, check_fields, choice
+from haptix.base.errors import InputError
+from haptix.base.kinds import Kind
 from haptix.materials import material_of
 from haptix.signals.signal import Signal, signal_from
 from haptix.stimuli.along_path import MaterialSignal, SpeedProfile, speed_from

@@ -14,10 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from haptix.devices import DriveWindow
-from haptix.errors import FileFormatError, InputError, LimitError, RangeError
-from haptix.executors import executor_of, finished
-from haptix.files import (
+from haptix.base.errors import FileFormatError, InputError, LimitError, RangeError
+from haptix.base.executors import executor_of, finished
+from haptix.base.files import (
     digest,
     json_table,
     json_text,
@@ -27,6 +26,8 @@ from haptix.files import (
     write_failure,
     write_whole,
 )
+from haptix.base.version import __version__
+from haptix.devices import DriveWindow
 from haptix.finger import Finger
 from haptix.perception.sensation import SensationInTime
 from haptix.population import Population
@@ -36,7 +37,6 @@ from haptix.stimuli.rendering import TOLERANCE, Apparatus, Rendering, Tally
 from haptix.stimuli.set_plan import SetPlan, Trigger, events, pulses
 from haptix.stimuli.sidecar import reach, sidecar
 from haptix.stimuli.stimulus import Stimulus, stimulus_from
-from haptix.version import __version__
 
 
 def write_drive(

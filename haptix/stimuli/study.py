@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 from filelock import FileLock, Timeout
 
-from haptix.errors import FileFormatError, InputError
-from haptix.files import (
+from haptix.base.errors import FileFormatError, InputError
+from haptix.base.files import (
     LARGEST_TABLE_BYTES,
     json_text,
     read_bytes,
@@ -27,9 +27,9 @@ from haptix.files import (
     read_text,
     write_whole,
 )
+from haptix.base.version import __version__
 from haptix.stimuli.adaptive.session_plan import replayed
 from haptix.stimuli.adaptive.trial_log import COLUMNS, SETTINGS, End, TouchLog, read_log
-from haptix.version import __version__
 
 BIDS_VERSION = "1.10.0"
 HED_VERSION = "8.3.0"

@@ -11,9 +11,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from haptix.base.display import Displayed
+from haptix.base.errors import InputError, RangeError
 from haptix.contact import Accuracy
-from haptix.display import Displayed
-from haptix.errors import InputError, RangeError
 from haptix.perception import WEBER_FRACTION
 from haptix.states import broadcast_shape
 from haptix.status import Status

@@ -12,9 +12,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from haptix.display import Displayed
-from haptix.errors import InputError, LimitError, RangeError
-from haptix.native import Struct
+from haptix.base.display import Displayed
+from haptix.base.errors import InputError, LimitError, RangeError
+from haptix.base.native import Struct
 from haptix.screen import Screen
 
 if TYPE_CHECKING:

@@ -20,11 +20,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from haptix.checks import choice, whole
+from haptix.base.checks import choice, whole
+from haptix.base.errors import InputError
+from haptix.base.files import digest
 from haptix.contact.boundary_elements.ensemble import Row, run_ensemble
-from haptix.errors import InputError
 from haptix.fidelity import Ability, BoundaryElementBalance
-from haptix.files import digest
 from haptix.friction import ContactModel
 from haptix.status import Status
 from haptix.surface.axes import AXIS_NAMES, Axes, Axis, read_ranges

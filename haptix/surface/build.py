@@ -14,8 +14,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from haptix.errors import InputError, ToleranceError
-from haptix.files import digest
+from haptix.base.errors import InputError, ToleranceError
+from haptix.base.files import digest
+from haptix.base.version import __version__
 from haptix.friction import ContactModel
 from haptix.pair import described
 from haptix.states import ContactState
@@ -25,7 +26,6 @@ from haptix.surface.axes import AXIS_NAMES, PULL_IN_DRIVE, Axes, Axis, Ranges, b
 from haptix.surface.file import surface_key
 from haptix.surface.interpolant import Interpolant
 from haptix.surface.tolerance import Tolerance
-from haptix.version import __version__
 
 CellError = Callable[[int, int], float]
 """Largest error inside a cell between two points; it grows with the cell."""

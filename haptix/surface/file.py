@@ -17,15 +17,15 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save as to_bytes
 from torch import Tensor
 
-from haptix.errors import FileFormatError, from_extra
-from haptix.files import digest, parse_json, reading, write_whole
+from haptix.base.errors import FileFormatError, from_extra
+from haptix.base.files import digest, parse_json, reading, write_whole
+from haptix.base.version import __version__
 from haptix.friction import ContactModel
 from haptix.perception import WEBER_FRACTION
 from haptix.status import Status
 from haptix.surface.axes import AXES, AXIS_NAMES, Axes, read_ranges
 from haptix.surface.interpolant import Interpolant
 from haptix.surface.tolerance import Tolerance
-from haptix.version import __version__
 
 if TYPE_CHECKING:
     import xarray

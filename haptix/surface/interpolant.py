@@ -18,14 +18,14 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
-from haptix.checks import Array
-from haptix.display import Displayed
-from haptix.errors import InputError
-from haptix.native import Struct, doubles, ffi, library, room
+from haptix.base.checks import Array
+from haptix.base.display import Displayed
+from haptix.base.errors import InputError
+from haptix.base.native import Struct, doubles, ffi, library, room
+from haptix.base.threads import Answer, in_blocks
 from haptix.states import broadcast_shape
 from haptix.status import Status
 from haptix.surface.axes import PULL_IN_DRIVE, SLACK, Axes, Cells
-from haptix.threads import Answer, in_blocks
 
 Query = Mapping[str, Any]
 """Values by name of the axis, which broadcast; None for an axis that is left out."""

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torch import Tensor
 
-from haptix.checks import Array, instance
-from haptix.display import Displayed, axes_or_new
-from haptix.errors import FileFormatError, InputError, RangeError, ToleranceError
-from haptix.files import cache_folder, file_at
+from haptix.base.checks import Array, instance
+from haptix.base.display import Displayed, axes_or_new
+from haptix.base.errors import FileFormatError, InputError, RangeError, ToleranceError
+from haptix.base.files import cache_folder, file_at
+from haptix.base.results import ResultStore, folder_of
 from haptix.finger import Finger
 from haptix.friction import ContactModel
-from haptix.results import ResultStore, folder_of
 from haptix.surface.answers import Intervals, Inversion, SurfaceSample, check_ok, intervals_at
 from haptix.surface.axes import AXIS_NAMES, Axis, numbers, within
 from haptix.surface.boundary_elements import MeasuringJob, measured_table

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import TYPE_CHECKING, Literal, Self, get_args
 
-from haptix.errors import InputError
+from haptix.base.errors import InputError
 
 if TYPE_CHECKING:
     from torch import Tensor

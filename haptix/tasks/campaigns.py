@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import AfterValidator, Field
 
-from haptix.desk import CancelledError, Context, Result, Task
-from haptix.fields import Argument, FileThere, Local, Positive, Text, folder, is_there, one_of
+from haptix.base.fields import Argument, FileThere, Local, Positive, Text, folder, is_there, one_of
+from haptix.base.task import CancelledError, Context, Result, Task
 
 if TYPE_CHECKING:
     from haptix.campaign import Campaign, CampaignResult

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
-from haptix.desk import Context, Result
-from haptix.errors import InputError
-from haptix.fields import Address, Argument, FingerName, Force, NewDocument, check_new
-from haptix.report import record
+from haptix.base.errors import InputError
+from haptix.base.fields import Address, Argument, FingerName, Force, NewDocument, check_new
+from haptix.base.report import record
+from haptix.base.task import Context, Result
 from haptix.tasks.strokes import FORCES_N, OnScreen
 
 if TYPE_CHECKING:

@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field
 
-from haptix.desk import Context, Result, Task
-from haptix.errors import InputError
-from haptix.fields import (
+from haptix.base.errors import InputError
+from haptix.base.fields import (
     Argument,
     FileThere,
     FingerName,
@@ -28,6 +27,7 @@ from haptix.fields import (
     Seed,
     refuse_input,
 )
+from haptix.base.task import Context, Result, Task
 
 if TYPE_CHECKING:
     from haptix.materials import Material
@@ -43,7 +43,7 @@ class ShowMaterial(Task, command="material show"):
 
     def run(self, context: Context) -> Result:
         """Write the picture."""
-        from haptix.files import write_whole
+        from haptix.base.files import write_whole
         from haptix.gallery import load
         from haptix.materials import draw
 
@@ -140,7 +140,7 @@ class FitMaterial(Task, command="material fit"):
         """Fit, write and compare."""
         import tomlkit
 
-        from haptix.files import write_whole
+        from haptix.base.files import write_whole
         from haptix.finger import Finger
         from haptix.friction import ContactModel
         from haptix.screen import Screen

@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import AfterValidator, Field
 
-from haptix.desk import Context, Result, Task
-from haptix.errors import InputError
-from haptix.fields import (
+from haptix.base.errors import InputError
+from haptix.base.fields import (
     FINGERS,
     SCREENS,
     Address,
@@ -35,7 +34,8 @@ from haptix.fields import (
     ScreenName,
     refuse_input,
 )
-from haptix.terminal import breakdown_note, placeholder_note
+from haptix.base.task import Context, Result, Task
+from haptix.base.terminal import breakdown_note, placeholder_note
 
 if TYPE_CHECKING:
     from haptix.stimuli.adaptive import Experiment
@@ -93,8 +93,8 @@ class MakeSet(Task, command="stimuli make"):
     def run(self, context: Context) -> Result:
         """Make it."""
         context.progress(_STAGES["surface"], 0.0)
+        from haptix.base.files import file_name
         from haptix.campaign.processes import Processes
-        from haptix.files import file_name
         from haptix.stimuli.recipe import Recipe
 
         def update(stage: str, share: float) -> None:
@@ -139,7 +139,7 @@ class ShowStimulus(Task, command="stimuli show"):
 
     def run(self, context: Context) -> Result:
         """Check a set, or draw a stimulus."""
-        from haptix.files import read_json, reading, write_whole
+        from haptix.base.files import read_json, reading, write_whole
 
         path = self.what
         if path.is_dir():
@@ -303,10 +303,10 @@ class ExperimentJob(Task, route="experiments", kind="experiment", plays=True, ke
                 words = ", ".join(presets)
                 raise InputError(f"{kind}: expected {used} or one of {words}, got {name!r:.80}")
             recipe[kind] = name
+        from haptix.base.units import with_numbers
         from haptix.devices import open_device
         from haptix.stimuli.adaptive.session_plan import seed_of
         from haptix.stimuli.recipe import ExperimentRecipe
-        from haptix.units import with_numbers
 
         plan = ExperimentRecipe(**with_numbers("recipe", recipe))
         assert context.folder is not None
@@ -370,8 +370,8 @@ class Simulate(Task, command="stimuli simulate"):
             raise InputError(
                 "--threshold-db: an experiment needs the thresholds of its observers, such as 22,26"
             )
+        from haptix.base.executors import Here
         from haptix.campaign.processes import Processes
-        from haptix.executors import Here
         from haptix.stimuli.power import SimulateObserver, simulations
         from haptix.stimuli.recipe import ExperimentRecipe
 

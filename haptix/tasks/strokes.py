@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from haptix.desk import Context, Result, Task
-from haptix.errors import InputError, MissingExtraError, OverloadWarning, from_extra
-from haptix.fields import (
+from haptix.base.errors import InputError, MissingExtraError, OverloadWarning, from_extra
+from haptix.base.fields import (
     Address,
     FileThere,
     FingerName,
@@ -30,8 +29,9 @@ from haptix.fields import (
     ScreenName,
     Typed,
 )
-from haptix.report import row
-from haptix.terminal import accuracy_note, breakdown_note, placeholder_note, warning_note
+from haptix.base.report import row
+from haptix.base.task import Context, Result, Task
+from haptix.base.terminal import accuracy_note, breakdown_note, placeholder_note, warning_note
 
 if TYPE_CHECKING:
     from haptix.friction import ContactModel
@@ -167,7 +167,7 @@ class Demo(OfPhotograph, command="demo"):
         """Build, simulate, write."""
         # torch and matplotlib load here: the bar should already cover these seconds.
         context.progress("solve the contact, build the surface", 0.0)
-        from haptix.files import check_folder
+        from haptix.base.files import check_folder
         from haptix.pair import first_line
         from haptix.simulation import FILES, simulate, write
         from haptix.texture import Texture
@@ -284,8 +284,8 @@ class Render(OfPath, command="render", route="renderings", kind="rendering"):
     def run(self, context: Context) -> Result:
         """Build, play and feel; write the files if there is a folder."""
         context.progress("build the surface", 0.0)
+        from haptix.base.files import check_folder
         from haptix.devices import open_device, profiles_for
-        from haptix.files import check_folder
         from haptix.pair import first_line
         from haptix.render import LiveSettings
         from haptix.simulation import FILES, errors_of, simulate, write

@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field
 
-from haptix.desk import Context, Result, Task
-from haptix.errors import InputError, LimitError, ToleranceError
-from haptix.fields import (
+from haptix.base.errors import InputError, LimitError, ToleranceError
+from haptix.base.fields import (
     Argument,
     FileThere,
     FingerName,
@@ -37,9 +36,10 @@ from haptix.fields import (
     file_to_write,
     is_there,
 )
-from haptix.files import cache_folder, reading
-from haptix.report import record
-from haptix.terminal import accuracy_note, breakdown_note, placeholder_note, warning_note
+from haptix.base.files import cache_folder, reading
+from haptix.base.report import record
+from haptix.base.task import Context, Result, Task
+from haptix.base.terminal import accuracy_note, breakdown_note, placeholder_note, warning_note
 
 if TYPE_CHECKING:
     from haptix.friction import ContactModel

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from haptix.errors import InputError
+from haptix.base.errors import InputError
 
 LARGEST_BYTES = 2_200_000_000
 """Default limit of the memory that making a texture takes: `MOST_KEPT` in colour, with opacity."""

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args
 import numpy as np
 import numpy.typing as npt
 
-from haptix.checks import Array, choice, shown
-from haptix.display import axes_or_new
-from haptix.errors import InputError
+from haptix.base.checks import Array, choice, shown
+from haptix.base.display import axes_or_new
+from haptix.base.errors import InputError
 from haptix.motion import FARTHEST_MM, Depends, Facts, Motion, Report
 from haptix.motion.block import unmoved
 

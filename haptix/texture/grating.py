@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import Field, PositiveFloat
 
-from haptix.checks import Array
+from haptix.base.checks import Array
 from haptix.texture.field import FrictionField
 from haptix.texture.material import Scaled
 from haptix.waves import Shape, Waveform

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from haptix import checks
-from haptix.checks import Array
-from haptix.display import Displayed
-from haptix.errors import InputError, from_extra
+from haptix.base import checks
+from haptix.base.checks import Array
+from haptix.base.display import Displayed
+from haptix.base.errors import InputError, from_extra
 from haptix.motion import Motion
 from haptix.perception import WEBER_FRACTION
 from haptix.status import LIMITS, Status

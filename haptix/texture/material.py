@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 import tomlkit
 from pydantic import ConfigDict, PlainSerializer, PlainValidator, WithJsonSchema, model_validator
 
-from haptix.checks import Array, shown
-from haptix.errors import FileFormatError, InputError
-from haptix.files import json_text, read_json, read_toml, write_whole
-from haptix.kinds import Kind, Kinds, document_path, in_folder, kinds_of
+from haptix.base.checks import Array, shown
+from haptix.base.errors import FileFormatError, InputError
+from haptix.base.files import json_text, read_json, read_toml, write_whole
+from haptix.base.kinds import Kind, Kinds, document_path, in_folder, kinds_of
+from haptix.base.units import with_numbers
 from haptix.motion import Depends, Facts, Motion, Report
 from haptix.motion.block import React, unmoved
 from haptix.texture.field import Evaluator, Mapped, TargetKind, check_range
-from haptix.units import with_numbers
 
 KINDS = Kinds(
     "haptix.materials", {**kinds_of("texture"), **kinds_of("materials")}, {"composition": "layout"}

@@ -41,10 +41,10 @@ from defusedxml.ElementTree import fromstring
 from numpy.polynomial.polynomial import polyval
 from pydantic import Field, PositiveFloat
 
-from haptix.checks import Array, positive
-from haptix.errors import FileFormatError, InputError
-from haptix.files import read_bytes
-from haptix.kinds import AnyAsset
+from haptix.base.checks import Array, positive
+from haptix.base.errors import FileFormatError, InputError
+from haptix.base.files import read_bytes
+from haptix.base.kinds import AnyAsset
 from haptix.texture.field import TargetKind
 from haptix.texture.material import Material
 from haptix.texture.spectral import Noise

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from haptix.checks import Array, positive
-from haptix.errors import InputError, from_extra
+from haptix.base.checks import Array, positive
+from haptix.base.errors import InputError, from_extra
 from haptix.texture.decoded import LARGEST_BYTES, MOST_KEPT, MOST_PIXELS, decoded
 
 with from_extra("photographs"):

@@ -18,9 +18,9 @@ from typing import Literal
 
 import numpy as np
 
-from haptix.checks import Array
+from haptix.base.checks import Array
+from haptix.base.native import NULL, Struct, doubles, library, room
 from haptix.motion import FARTHEST_MM
-from haptix.native import NULL, Struct, doubles, library, room
 
 Beyond = Literal["outside", "hold", "repeat"]
 """Beyond the edges of a map: the outside value, the edge's value, or the map again."""

@@ -12,11 +12,11 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import PositiveFloat
 
-from haptix.checks import Array, Positive, check_fields, choice, increasing, row
-from haptix.display import Displayed
-from haptix.errors import FileFormatError, InputError
-from haptix.files import read_csv
-from haptix.kinds import AnyAsset
+from haptix.base.checks import Array, Positive, check_fields, choice, increasing, row
+from haptix.base.display import Displayed
+from haptix.base.errors import FileFormatError, InputError
+from haptix.base.files import read_csv
+from haptix.base.kinds import AnyAsset
 from haptix.texture.field import FrictionField, TargetKind, check_target, turned
 from haptix.texture.material import Material
 from haptix.texture.pyramid import Pyramid

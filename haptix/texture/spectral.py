@@ -30,9 +30,9 @@ import numpy as np
 from pydantic import Field, PositiveFloat, field_serializer, model_validator
 from pydantic.json_schema import SkipJsonSchema
 
-from haptix.checks import Array, number, positive
-from haptix.errors import FileFormatError, InputError
-from haptix.files import read_csv
+from haptix.base.checks import Array, number, positive
+from haptix.base.errors import FileFormatError, InputError
+from haptix.base.files import read_csv
 from haptix.motion import LIFTED_BELOW_N, Motion
 from haptix.motion.block import SLOW_MM_PER_S
 from haptix.texture.field import FrictionField, Mapped, turned

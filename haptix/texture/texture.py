@@ -12,11 +12,11 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field, PositiveFloat, model_validator
 
-from haptix.checks import Array, choice, number, positive, shown
-from haptix.display import Displayed
-from haptix.documents import Document
-from haptix.errors import FileFormatError, InputError
-from haptix.kinds import AnyAsset
+from haptix.base.checks import Array, choice, number, positive, shown
+from haptix.base.display import Displayed
+from haptix.base.documents import Document
+from haptix.base.errors import FileFormatError, InputError
+from haptix.base.kinds import AnyAsset
 from haptix.texture.decoded import LARGEST_BYTES
 from haptix.texture.field import FrictionField, TargetKind, check_range
 from haptix.texture.material import Scaled
@@ -106,7 +106,7 @@ class Sidecar(Document):
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
-        """Read a JSON file; see `haptix.documents.Document.load`."""
+        """Read a JSON file; see `haptix.base.documents.Document.load`."""
         if not Path(path).exists():
             raise FileFormatError(
                 f"cannot read {path}: no such file; it says how the image beside it is felt: "

@@ -12,10 +12,10 @@ from typing import Any, Literal, NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
-from haptix import checks
-from haptix.checks import NotNegative, Positive, check_fields, instance, number, positive
-from haptix.errors import InputError
-from haptix.files import read_csv
+from haptix.base import checks
+from haptix.base.checks import NotNegative, Positive, check_fields, instance, number, positive
+from haptix.base.errors import InputError
+from haptix.base.files import read_csv
 from haptix.motion import HARDEST_N, LIFTED_BELOW_N, Trajectory
 
 TouchKind = Literal["down", "move", "up"]

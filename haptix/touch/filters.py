@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from math import exp, expm1, hypot, log, tau
 from typing import NamedTuple, Self
 
-from haptix.checks import NotNegative, Positive, check_fields
-from haptix.errors import InputError
+from haptix.base.checks import NotNegative, Positive, check_fields
+from haptix.base.errors import InputError
 
 FilterState = tuple[float, ...]
 """t [s], x, y [mm], vx, vy [mm/s]; then numbers that only the filter uses."""

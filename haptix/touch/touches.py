@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from math import hypot, nan
 from typing import Any, NamedTuple
 
-from haptix import checks
-from haptix.checks import NotNegative, Positive, check_fields, instance
-from haptix.errors import InputError
+from haptix.base import checks
+from haptix.base.checks import NotNegative, Positive, check_fields, instance
+from haptix.base.errors import InputError
 from haptix.touch.events import (
     LARGEST_S,
     ForceEstimate,

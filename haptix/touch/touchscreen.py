@@ -12,9 +12,9 @@ from math import inf, pi
 from pathlib import Path
 from typing import Any, Self
 
-from haptix import checks
-from haptix.checks import Positive, check_fields
-from haptix.errors import DeviceError, InputError, from_extra
+from haptix.base import checks
+from haptix.base.checks import Positive, check_fields
+from haptix.base.errors import DeviceError, InputError, from_extra
 from haptix.touch.events import TouchEvent
 
 # linux/input-event-codes.h

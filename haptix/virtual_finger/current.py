@@ -10,13 +10,13 @@ from typing import NamedTuple, Self
 import numpy as np
 import torch
 
-from haptix.checks import Array, NotNegative, Positive, check_fields, number, positive, row
+from haptix.base.checks import Array, NotNegative, Positive, check_fields, number, positive, row
+from haptix.base.display import Displayed
+from haptix.base.errors import InputError
+from haptix.base.threads import one_thread
 from haptix.devices import CurrentReading, Device
-from haptix.display import Displayed
-from haptix.errors import InputError
 from haptix.friction import ContactModel
 from haptix.motion import LIFTED_BELOW_N, STANDING_BELOW_MM_PER_S, Trajectory
-from haptix.threads import one_thread
 
 _FORCES_N = np.geomspace(0.02, 2.0, 9)
 _VOLTAGES = 7

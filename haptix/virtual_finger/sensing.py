@@ -8,12 +8,12 @@ from typing import Annotated, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from haptix.checks import Array, NotNegative, Positive, check_fields, choice, number, positive
-from haptix.display import Displayed, Table
-from haptix.errors import InputError
+from haptix.base.checks import Array, NotNegative, Positive, check_fields, choice, number, positive
+from haptix.base.display import Displayed, Table
+from haptix.base.errors import InputError
+from haptix.base.report import Heading
 from haptix.motion import LIFTED_BELOW_N, Trajectory
 from haptix.perception import WEBER_FRACTION, WeightedError, weighted_error
-from haptix.report import Heading
 from haptix.status import Status
 
 

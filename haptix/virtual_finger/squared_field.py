@@ -22,8 +22,8 @@ import numpy.typing as npt
 from numpy.polynomial.chebyshev import chebpts1, chebvander
 from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
 
-from haptix.checks import Array
-from haptix.errors import InputError
+from haptix.base.checks import Array
+from haptix.base.errors import InputError
 
 ComplexArray = npt.NDArray[np.complex128]
 Thickness = Callable[[Array], ComplexArray]

@@ -11,12 +11,13 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from haptix import checks
-from haptix.checks import Array
-from haptix.display import Displayed
+from haptix.base import checks
+from haptix.base.checks import Array
+from haptix.base.display import Displayed
+from haptix.base.errors import InputError, LimitError
+from haptix.base.threads import one_thread
 from haptix.electro import Circuit
 from haptix.electro.attraction import Pull, representative_gaps
-from haptix.errors import InputError, LimitError
 from haptix.fidelity import Ability
 from haptix.finger import FingerResponse
 from haptix.friction import HIGHEST_FORCE_N, ContactModel
@@ -25,7 +26,6 @@ from haptix.friction.solver import FrictionSolver
 from haptix.motion import LIFTED_BELOW_N, STANDING_BELOW_MM_PER_S, Trajectory
 from haptix.status import Status, past_limits
 from haptix.terms import Occlusion, SlidingSpeed
-from haptix.threads import one_thread
 from haptix.virtual_finger.sensing import Felt, SensedForce, SensorModel
 from haptix.virtual_finger.squared_field import (
     Amplitude,

@@ -11,9 +11,9 @@ from calibration import Session, SessionInfo, Stroke
 from calibration.protocol import Protocol
 from calibration.register import Register
 from calibration.tasks import RunCalibration
+from haptix.base.errors import InputError
+from haptix.base.task import Result
 from haptix.cli.application import group_of
-from haptix.desk import Result
-from haptix.errors import InputError
 
 app = group_of("calibrate", "Calibrate a screen.")
 

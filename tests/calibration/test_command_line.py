@@ -13,11 +13,11 @@ from calibration import Fit, Protocol, Session, steps
 from calibration.practice import VIRTUAL_RIG
 from calibration.rig import RIG
 from calibration.steps import RESTS_ON, fit_folder, reduce_folder, verify_folder
+from haptix.base.errors import InputError
 from haptix.campaign import run_campaign
 from haptix.campaign.plans import CalibrationFits
 from haptix.cli.application import app as whole
 from haptix.cli.application import group_of
-from haptix.errors import InputError
 from haptix.screen import NO_INSTRUMENT
 
 app = group_of("calibrate", "Calibrate a screen.")

@@ -12,7 +12,7 @@ from calibration.protocol import Protocol
 from calibration.steadiness import Steadiness
 from calibration.steps import Finished, finish_decided, plan_that_decides
 from calibration.verification import Verification
-from haptix.desk import Context
+from haptix.base.task import Context
 
 OPEN = Verification((), 0.5, ("open",), is_open=True, steadiness=Steadiness(0.2))
 

@@ -11,8 +11,8 @@ from calibration.fit import Repeatability
 from calibration.predict import StrokeConditions
 from calibration.reduction import Point, Reduced, reduce_stroke
 from calibration.steadiness import steadiness
+from haptix.base.report import record
 from haptix.perception import WEBER_FRACTION
-from haptix.report import record
 
 CREEP = 0.03  # for each e-fold of the time in contact
 

@@ -19,7 +19,7 @@ from calibration.practice import (
 from calibration.protocol import short_protocol
 from calibration.rig import RIG, VoltsRead
 from calibration.steps import finish_decided
-from haptix.desk import Context
+from haptix.base.task import Context
 from haptix.devices import open_device
 
 VOLTS = 100.0

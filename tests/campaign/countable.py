@@ -5,8 +5,8 @@ import signal
 import time
 from pathlib import Path
 
+from haptix.base.task import Result, Task
 from haptix.campaign import Campaign, CampaignTask
-from haptix.desk import Result, Task
 
 
 class Square(Task):

@@ -4,9 +4,9 @@ from concurrent.futures import BrokenExecutor
 
 import pytest
 
+from haptix.base.errors import HaptixError
 from haptix.campaign import run_campaign
 from haptix.campaign.cluster import DaskWorkers
-from haptix.errors import HaptixError
 from tests.campaign.test_local_campaigns import pages, plan, results  # noqa: F401
 from tests.waiting import PATIENCE_S
 

@@ -6,10 +6,10 @@ import warnings
 import pytest
 from typer.testing import CliRunner
 
+from haptix.base.errors import InputError
+from haptix.base.task import task_at
 from haptix.campaign import CampaignTask, load_campaign, run_campaign
 from haptix.cli.application import app
-from haptix.desk import task_at
-from haptix.errors import InputError
 from haptix.fidelity import BoundaryElementBox
 from haptix.finger import Finger
 from haptix.friction import ContactModel

@@ -16,12 +16,12 @@ from random import Random
 
 import pytest
 
+from haptix.base.errors import HaptixError, InputError
+from haptix.base.results import ResultStore, folder_of
 from haptix.campaign import load_campaign, run_campaign
 from haptix.campaign.processes import Processes
 from haptix.campaign.run import estimate, report_html
 from haptix.campaign.task_worker import as_seen_here, do
-from haptix.errors import HaptixError, InputError
-from haptix.results import ResultStore, folder_of
 from tests.campaign.countable import Countable, Square
 from tests.waiting import PATIENCE_S, wait_for
 
@@ -297,7 +297,7 @@ def test_a_place_of_fsspec_has_the_same_bytes_as_a_folder(tmp_path):
 def test_a_place_of_fsspec_that_breaks_half_way_never_has_a_half_result(
     tmp_path, renames, monkeypatch
 ):
-    monkeypatch.setattr("haptix.results.WRITES_WHOLE", {"whole"})
+    monkeypatch.setattr("haptix.base.results.WRITES_WHOLE", {"whole"})
     fsspec = pytest.importorskip("fsspec")
     from fsspec.implementations.memory import MemoryFileSystem
 

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 import haptix
+from haptix.base.terminal import show
 from haptix.cli import COMMANDS as LISTED
 from haptix.surface import FrictionSurface
-from haptix.terminal import show
 
 ROOT = Path(haptix.__file__).parents[1]
 COMMANDS = ["demo", "build", "query", "invert", "devices", "doctor", "cache"]

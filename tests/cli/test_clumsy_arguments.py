@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from typer.main import get_command
 
-from haptix import fields
+from haptix.base import fields
 from haptix.cli.application import app
 from haptix.terms import TERMS
 from tests.command_line import run_haptix

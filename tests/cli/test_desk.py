@@ -12,7 +12,8 @@ from fastapi import FastAPI
 import calibration
 import firmware_io
 import haptix
-from haptix import cli, desk
+from haptix import cli
+from haptix.base import task as desk
 from haptix.campaign.plans import load_campaign
 from haptix.campaign.run import run_campaign
 from haptix.service.rest import jobs_router

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 import haptix
-from haptix import terminal
-from haptix.terminal import ProgressBar
+from haptix.base import terminal
+from haptix.base.terminal import ProgressBar
 
 ROOT = Path(haptix.__file__).parents[1]
 
@@ -70,7 +70,8 @@ def test_a_closed_pipe_is_no_traceback(command):
 
 
 @pytest.mark.parametrize(
-    "where", ["lazy_loader.attach_stub", "haptix.task_list.commands", "haptix.terminal.run"]
+    "where",
+    ["lazy_loader.attach_stub", "haptix.base.task_list.commands", "haptix.base.terminal.run"],
 )
 def test_ctrl_c_is_no_traceback_from_the_first_command_on(where):
     module, _, name = where.rpartition(".")

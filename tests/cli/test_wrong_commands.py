@@ -361,7 +361,7 @@ def test_a_file_that_the_system_refuses_is_one_sentence(haptix_cli, own_folder, 
     def refused(*_):
         raise PermissionError(13, "Permission denied", "/kept/panel.lock")
 
-    monkeypatch.setattr("haptix.terminal.run", refused)
+    monkeypatch.setattr("haptix.base.terminal.run", refused)
     shown = haptix_cli("query")
     assert (shown.code, shown.err) == (2, "haptix: /kept/panel.lock: Permission denied\n")
 

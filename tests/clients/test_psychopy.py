@@ -21,7 +21,7 @@ import pytest
 import soundfile
 
 from firmware_io import DeviceBusyError
-from haptix.errors import InputError, LimitError
+from haptix.base.errors import InputError, LimitError
 from tests.waiting import wait_for
 
 PLUGIN = Path(__file__).parents[2] / "clients" / "psychopy"

@@ -7,7 +7,7 @@ import threading
 import pytest
 
 import haptix.client
-from haptix.errors import DeviceError, InputError
+from haptix.base.errors import DeviceError, InputError
 from haptix.service.access import Limiter
 from haptix.service.jobs import Job
 from haptix.service.messages import JobMessage

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import pytest
 
+from haptix.base.version import __version__
 from haptix.service import messages as m
 from haptix.service.messages import reading
-from haptix.version import __version__
 from tests.made_clients import CSHARP, ROOT, TYPESCRIPT, make_clients, node_tools
 
 SIDES = ("ClientMessage", "ServerMessage")

@@ -7,7 +7,7 @@ import subprocess
 import pytest
 
 import haptix.client
-from haptix.errors import DeviceError
+from haptix.base.errors import DeviceError
 from tests.clients.compiled import compiled
 from tests.made_clients import TYPESCRIPT, node_tools
 from tests.service.service_under_test import Service, certified

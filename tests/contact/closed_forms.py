@@ -12,8 +12,8 @@ from math import pi
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from haptix import checks
-from haptix.errors import InputError
+from haptix.base import checks
+from haptix.base.errors import InputError
 
 Array = NDArray[np.float64]
 

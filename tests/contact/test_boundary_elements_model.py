@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 import torch
 
+from haptix.base.errors import FileFormatError, InputError
 from haptix.contact import HalfSpace, RoughnessSpectrum
 from haptix.contact.boundary_elements import BoundaryElements, Surfaces, ensemble, estimated_bytes
 from haptix.contact.boundary_elements.bounded import BoundedProblem
 from haptix.contact.boundary_elements.coupled import AttractedContacts
-from haptix.errors import FileFormatError, InputError
 
 UNIT = HalfSpace(1.0, 0.0)
 WAVE = 2 * pi

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import torch
 
+from haptix.base.errors import InputError
 from haptix.contact import RoughnessSpectrum
 from haptix.contact.boundary_elements import ResolutionWarning, Surfaces
 from haptix.contact.boundary_elements.elements import corrected_area
-from haptix.errors import InputError
 
 WAVE = 2 * pi
 

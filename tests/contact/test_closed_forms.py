@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from haptix.errors import InputError
+from haptix.base.errors import InputError
 from tests.contact.closed_forms import (
     HertzSphere,
     WavySurface,

@@ -8,8 +8,8 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from haptix.base.errors import InputError
 from haptix.contact import HalfSpace, Layered
-from haptix.errors import InputError
 
 
 def response(x: float, e0: float, nu0: float, e1: float, nu1: float) -> float:

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from scipy import special
 from scipy.integrate import quad
 
+from haptix.base.errors import InputError
 from haptix.contact import (
     THEORIES,
     AreaLaw,
@@ -22,7 +23,6 @@ from haptix.contact import (
     RoughnessSpectrum,
 )
 from haptix.contact.tables import SeparationIntegral
-from haptix.errors import InputError
 
 
 def tenth_powers(low: float, high: float) -> st.SearchStrategy[float]:

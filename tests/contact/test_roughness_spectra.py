@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from haptix import ContactModel, Finger, Screen
+from haptix.base.errors import InputError
 from haptix.contact import HalfSpace, MeanField, RoughnessSpectrum
-from haptix.errors import InputError
 from haptix.finger import MeasuredRoughness
 
 SURFACES = [

@@ -15,6 +15,7 @@ from scipy import constants
 from scipy.interpolate import PchipInterpolator
 
 from haptix import Finger, Screen
+from haptix.base.errors import InputError
 from haptix.contact import MeanField
 from haptix.electro import (
     SKIN_DIELECTRICS,
@@ -26,7 +27,6 @@ from haptix.electro import (
     drive_strength,
     drive_voltage,
 )
-from haptix.errors import InputError
 from haptix.terms import ActiveTerms, Properties
 
 CONSTANT = SkinDielectric(

@@ -8,11 +8,11 @@ import torch
 from torch import Tensor
 
 from haptix import ContactModel, Finger, Screen, Status
+from haptix.base.errors import InputError
 from haptix.contact import HalfSpace, MeanField, RoughnessSpectrum
 from haptix.contact.meanfield import GapHistogram
 from haptix.electro import Pull, SkinDielectric
 from haptix.electro.attraction import field_in_time
-from haptix.errors import InputError
 from haptix.terms import ActiveTerms, Properties
 from haptix.waves import Waveform
 

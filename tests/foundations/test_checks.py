@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import torch
 
-from haptix import checks
-from haptix.checks import Length, NotNegative, Positive
-from haptix.errors import InputError
+from haptix.base import checks
+from haptix.base.checks import Length, NotNegative, Positive
+from haptix.base.errors import InputError
 
 NUMBERS = [2, 2.0, np.float32(2), np.array([2]), Fraction(2), torch.tensor(2.0)]
 

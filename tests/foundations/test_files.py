@@ -10,8 +10,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from haptix import files
-from haptix.errors import FileFormatError, InputError
+from haptix.base import files
+from haptix.base.errors import FileFormatError, InputError
 
 
 def names(folder):
@@ -56,7 +56,7 @@ def test_a_killed_process_leaves_the_old_file(tmp_path):
     path.write_text("old")
     code = """
 import pathlib, sys, time
-from haptix.files import write_whole
+from haptix.base.files import write_whole
 def slowly(draft):
     draft.write_text("half")
     print("half", flush=True)
@@ -116,7 +116,7 @@ def test_two_processes_do_not_share_a_temporary_name(tmp_path):
     """Each writes its own content while the other does; the file is one of the two."""
     code = """
 import sys
-from haptix.files import write_whole
+from haptix.base.files import write_whole
 for _ in range(200):
     write_whole(sys.argv[1], sys.argv[2] * 5000)
 """

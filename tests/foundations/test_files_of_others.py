@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from haptix import files
-from haptix.errors import FileFormatError, InputError
+from haptix.base import files
+from haptix.base.errors import FileFormatError, InputError
 from haptix.render.intervals import TouchSample
 from haptix.stimuli.adaptive.trial_log import TouchLog, TrialLog
 

@@ -27,10 +27,10 @@ from calibration.recording import StrokeRecording
 from calibration.reduction import Reduced
 from calibration.session import SessionInfo
 from haptix import HaptixError
+from haptix.base.errors import FileFormatError
+from haptix.base.files import digest, read_csv, read_json, read_toml
 from haptix.cli.application import app
 from haptix.contact.boundary_elements.ensemble import run_ensemble
-from haptix.errors import FileFormatError
-from haptix.files import digest, read_csv, read_json, read_toml
 from haptix.finger import Finger
 from haptix.perception import Perception
 from haptix.scene import Scene

@@ -16,8 +16,8 @@ import pytest
 
 from firmware_io import Playback, open_device
 from firmware_io.playback import WaveSource
-from haptix import log
-from haptix.errors import InputError
+from haptix.base import log
+from haptix.base.errors import InputError
 from tests.waiting import PATIENCE_S
 
 LINE = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{6} \d+ haptix\.room (INFO|DEBUG) (.*)")

@@ -9,8 +9,8 @@ from typing import Annotated
 import pytest
 from pydantic import BaseModel
 
-from haptix.report import Heading, HeadingsOf, listed, page, paragraph, record, row, table
-from haptix.terminal import show
+from haptix.base.report import Heading, HeadingsOf, listed, page, paragraph, record, row, table
+from haptix.base.terminal import show
 
 
 class Place(BaseModel):

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from haptix.threads import keep_freed_memory, return_freed_memory
+from haptix.base.threads import keep_freed_memory, return_freed_memory
 
 kept = []
 

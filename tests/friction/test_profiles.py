@@ -8,8 +8,8 @@ import pytest
 import torch
 
 from haptix import Finger, InputError, Screen
+from haptix.base.errors import FileFormatError
 from haptix.electro import SkinDielectric
-from haptix.errors import FileFormatError
 from haptix.finger import Roughness
 from haptix.friction import in_theory
 

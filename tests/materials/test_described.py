@@ -2,7 +2,7 @@
 
 import pytest
 
-from haptix.errors import InputError
+from haptix.base.errors import InputError
 from haptix.materials import KINDS, material_of, schema
 
 DEFINITIONS = {kind: schema()["$defs"][model.__name__] for kind, model in KINDS.items()

@@ -12,8 +12,8 @@ import pytest
 from skimage.io import imsave
 
 from haptix import Layout, materials
-from haptix.errors import FileFormatError, InputError
-from haptix.kinds import in_folder
+from haptix.base.errors import FileFormatError, InputError
+from haptix.base.kinds import in_folder
 from haptix.materials import KINDS, Material, material_of
 from haptix.motion import Depends, Motion
 from haptix.signals.signal import KINDS as SIGNALS

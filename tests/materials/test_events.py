@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import haptix
-from haptix.errors import InputError
+from haptix.base.errors import InputError
 from haptix.materials import Button, Dial, Slider, Toggle, Transient, WebEffect, material_of
 from haptix.motion import Facts, Motion, Report, Trajectory
 from haptix.motion.block import Reactions, facts_on

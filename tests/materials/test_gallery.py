@@ -9,7 +9,7 @@ from PIL import Image
 
 import haptix
 from haptix import materials
-from haptix.errors import InputError
+from haptix.base.errors import InputError
 from haptix.gallery import ASSETS, FAMILIES, FOLDER, load, preset, presets
 from haptix.materials.picture import picture
 from haptix.motion import Trajectory

@@ -8,7 +8,7 @@ import pytest
 from skimage.io import imsave
 
 import haptix
-from haptix.kinds import in_folder
+from haptix.base.kinds import in_folder
 from haptix.materials import KINDS, material_of
 from haptix.motion import Trajectory
 from haptix.simulation import Setting, simulate

@@ -7,8 +7,8 @@ from importlib.metadata import EntryPoint
 
 import pytest
 
-from haptix.errors import InputError
-from haptix.kinds import Kinds
+from haptix.base.errors import InputError
+from haptix.base.kinds import Kinds
 from tests.materials.strangers_kind import installed
 
 
@@ -90,7 +90,7 @@ def test_a_kind_of_another_package_is_found_on_the_command_line(environment):
 )
 def test_an_entry_point_that_brings_no_kind_is_named(monkeypatch, value, message):
     entry = EntryPoint("wool", value, "haptix.materials")
-    monkeypatch.setattr("haptix.kinds.entry_points", lambda group: [entry])
+    monkeypatch.setattr("haptix.base.kinds.entry_points", lambda group: [entry])
     kinds = Kinds("haptix.materials", {})
     assert list(kinds) == ["wool"]
     with pytest.raises(InputError, match=message):

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptix.errors import InputError
+from haptix.base.errors import InputError
 from haptix.motion import VELOCITY_OVER_S, Facts, LocalFrame, Motion, Trajectory
 from haptix.render.fingers import PredictedFingers, RecordedFingers
 from haptix.render.settings import LiveSettings, Sliding

@@ -14,7 +14,7 @@ import pytest
 
 import haptix
 from calibration.sources import NationalInstrumentsReader
-from haptix.errors import MissingExtraError, from_extra
+from haptix.base.errors import MissingExtraError, from_extra
 
 ROOT = Path(haptix.__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -65,7 +65,7 @@ surface.save("my.surface")
 def said(code):
     try:
         eval(code)
-    except haptix.errors.MissingExtraError as error:
+    except haptix.base.errors.MissingExtraError as error:
         return str(error)
 
 def run(arguments):

@@ -9,7 +9,7 @@ from importlib import metadata
 import pytest
 
 import haptix
-from haptix.version import foreign_package
+from haptix.base.version import foreign_package
 
 
 @pytest.fixture

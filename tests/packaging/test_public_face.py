@@ -44,7 +44,7 @@ def test_every_public_name_resolves(package):
 
 def test_the_errors_load_no_numpy_and_no_device():
     heavy = "[m for m in sys.modules if m.split('.')[0] in ('firmware_io', 'numpy', 'torch')]"
-    code = f"import sys, haptix.errors; print({heavy})"
+    code = f"import sys, haptix.base.errors; print({heavy})"
     assert run_python(code) == "['firmware_io', 'firmware_io.device_errors']"
 
 

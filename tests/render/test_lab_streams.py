@@ -14,7 +14,7 @@ from firmware_io.firmware.core import LINE
 from firmware_io.progress import Marked
 from firmware_io.protocol import TouchPhase
 from haptix import InputError, LiveRenderer, Texture
-from haptix.errors import OverloadWarning
+from haptix.base.errors import OverloadWarning
 from haptix.render import LiveSettings, Sliding
 from haptix.render.intervals import play
 from haptix.render.lab_streams import LabOutlets, LiveOutlets

@@ -16,7 +16,7 @@ from firmware_io import (
 from firmware_io.clock import ready_interpreter
 from firmware_io.limits import WATCHDOG_S
 from haptix import InputError, LiveRenderer, Texture
-from haptix.errors import OverloadWarning
+from haptix.base.errors import OverloadWarning
 from haptix.materials import Moving
 from haptix.motion import Motion
 from haptix.render import LiveSettings, RenderStats, Sliding

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptix import Finger, InputError, Screen
-from haptix.units import with_numbers
+from haptix.base.units import with_numbers
 
 # Written out by hand: text, key, and the SI float (millimetres for places) that it stands for.
 GOOD = [

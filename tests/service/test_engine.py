@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from haptix.errors import DeviceError
+from haptix.base.errors import DeviceError
 from haptix.service import engine as engine_module
 from haptix.service.engine import EngineServer
 from haptix.service.wire import JSON, read_frame, touch_frame

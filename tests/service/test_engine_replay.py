@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from haptix.errors import InputError
+from haptix.base.errors import InputError
 from haptix.service.document_work import RegionError, SessionLayout
 from haptix.service.engine_process import EngineReplay
 from tests.service.test_layouts import felt, region

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import haptix
-from haptix.desk import Context
+from haptix.base.task import Context
 from haptix.motion import Trajectory
 from haptix.render import LiveSettings
 from haptix.service.messages.reading import asyncapi

@@ -11,7 +11,7 @@ import sys
 import pytest
 
 import haptix.client
-from haptix.errors import HaptixError
+from haptix.base.errors import HaptixError
 from haptix.service.jobs import Job
 from haptix.service.messages import JobMessage, Problem
 from tests.service.service_under_test import Service
@@ -96,8 +96,8 @@ def test_all_processes_of_a_service_log(tmp_path):
     text = logged()
     assert found["token"] not in text
     for line in (
-        "haptix.log INFO haptix.cli begins",
-        "haptix.log INFO haptix.service.engine begins",
+        "haptix.base.log INFO haptix.cli begins",
+        "haptix.base.log INFO haptix.service.engine begins",
         "haptix.service INFO lease: session 1, acquired",
         "haptix.service.engine INFO armed for session 1",
         "firmware_io.stream INFO mock: armed for revisions",

@@ -24,7 +24,7 @@ import pytest
 import haptix.client
 from firmware_io import MockDriver
 from firmware_io.serve import DriverServer
-from haptix.errors import DeviceError
+from haptix.base.errors import DeviceError
 from haptix.gallery import ASSETS
 from tests.waiting import PATIENCE_S, pause, wait_for
 

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, Phase, given, settings
 from schemathesis.specs.openapi.checks import positive_data_acceptance
 
 from haptix import Finger, Screen
-from haptix.desk import all_tasks
+from haptix.base.task import all_tasks
 from haptix.service.access import Access
 from haptix.service.assets import AssetStore
 from haptix.service.document_work import profiles_of

@@ -10,7 +10,7 @@ from scipy.ndimage import map_coordinates
 from skimage.io import imread
 
 import haptix
-from haptix.results import folder_of
+from haptix.base.results import folder_of
 
 RATE, CARRIER_HZ = 48_000, 4000
 

@@ -9,7 +9,7 @@ import soundfile
 from skimage.io import imread, imsave
 
 import haptix
-from haptix.results import folder_of
+from haptix.base.results import folder_of
 from haptix.surface import cached_surface
 
 

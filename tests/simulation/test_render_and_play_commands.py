@@ -9,7 +9,7 @@ import pytest
 import soundfile
 
 from firmware_io import PlaybackStats
-from haptix.errors import OverloadWarning
+from haptix.base.errors import OverloadWarning
 
 SMALL = ("--trajectory", "path.csv", "--surface", "my.surface")
 PHOTO = ("--image", "photo.png", "--width-mm", "60")

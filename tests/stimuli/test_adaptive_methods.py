@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import norm
 
-from haptix.errors import InputError
+from haptix.base.errors import InputError
 from haptix.stimuli.adaptive import (
     ConstantStimuli,
     Quest,

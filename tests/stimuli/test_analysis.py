@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 from scipy.stats import bootstrap, ttest_1samp
 
 from firmware_io import open_device
-from haptix.errors import FileFormatError, InputError
+from haptix.base.errors import FileFormatError, InputError
 from haptix.stimuli import analysis
 from haptix.stimuli.adaptive import (
     Catch,

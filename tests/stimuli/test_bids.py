@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from firmware_io import Device, MockDriver, MockLink
-from haptix.errors import FileFormatError, InputError
-from haptix.files import write_whole
+from haptix.base.errors import FileFormatError, InputError
+from haptix.base.files import write_whole
 from haptix.stimuli.adaptive import (
     ConstantStimuli,
     Experiment,

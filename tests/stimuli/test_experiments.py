@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from firmware_io import open_device
-from haptix.errors import HaptixError, InputError, LimitError
+from haptix.base.errors import HaptixError, InputError, LimitError
 from haptix.stimuli import Constant, Rendering, Sine, Stimulus
 from haptix.stimuli.adaptive import (
     ConstantStimuli,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from skimage.io import imsave
 
-from haptix.errors import HaptixError, InputError
+from haptix.base.errors import HaptixError, InputError
 from haptix.stimuli import AlongPath, Chirp, Constant, Ramp, Sine, Step
 from haptix.stimuli.interchange import (
     FrictionMap,

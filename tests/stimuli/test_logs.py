@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from firmware_io import open_device
-from haptix.errors import FileFormatError, InputError
-from haptix.files import read_bytes
+from haptix.base.errors import FileFormatError, InputError
+from haptix.base.files import read_bytes
 from haptix.stimuli import Constant, Stimulus, StimulusSet
 from haptix.stimuli.adaptive import (
     ConstantStimuli,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import haptix
-from haptix.errors import InputError
+from haptix.base.errors import InputError
 from haptix.materials import KINDS, Slider, Transient, load
 from haptix.materials.timeline import Timeline
 from haptix.signals.shapes import Pulse

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from haptix.errors import HaptixError, InputError
+from haptix.base.errors import HaptixError, InputError
 from haptix.perception import (
     DEFAULT_FILE,
     WEBER_FRACTION,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from skimage.io import imread
 
-from haptix.errors import FileFormatError
+from haptix.base.errors import FileFormatError
 from haptix.stimuli import Population, Sine, Stimulus, StimulusSet, TimeNoise
 from haptix.stimuli.drawing import contact_sheet, draw_stimulus, read_for_drawing
 

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from haptix import ContactModel, FrictionSurface, Screen
-from haptix.errors import InputError, RangeError
+from haptix.base.errors import InputError, RangeError
 from haptix.perception import WEBER_FRACTION
 from haptix.status import Status
 from haptix.stimuli import (

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import nct, t
 
-from haptix.errors import InputError
+from haptix.base.errors import InputError
 from haptix.stimuli.adaptive import (
     TASKS,
     Catch,

@@ -16,8 +16,8 @@ import torch
 
 from firmware_io import LimitError
 from haptix import ContactModel, Screen
-from haptix.errors import FileFormatError, HaptixError, InputError, RangeError
-from haptix.files import json_table
+from haptix.base.errors import FileFormatError, HaptixError, InputError, RangeError
+from haptix.base.files import json_table
 from haptix.finger import MeasuredRoughness
 from haptix.signals.audio_files import AudioWriter, read_drive
 from haptix.stimuli import (

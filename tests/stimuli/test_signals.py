@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal as scipy_signal
 
-from haptix.errors import HaptixError, InputError
+from haptix.base.errors import HaptixError, InputError
 from haptix.stimuli import (
     Chirp,
     Constant,

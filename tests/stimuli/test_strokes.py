@@ -8,7 +8,7 @@ import pytest
 from pydantic import ValidationError
 
 from firmware_io import Device, MockDriver, MockLink
-from haptix.errors import InputError
+from haptix.base.errors import InputError
 from haptix.render.intervals import TouchSample
 from haptix.stimuli.adaptive import ConstantStimuli, Experiment, Keys, StrokeRanges, Touch, UpDown
 from haptix.stimuli.analysis import analyse

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from firmware_io import DriveLimits
-from haptix.errors import HaptixError, InputError
+from haptix.base.errors import HaptixError, InputError
 from haptix.perception import Perception
 from haptix.signals.signal import signal_from
 from haptix.stimuli import (

@@ -13,7 +13,7 @@ import pytest
 from skimage import data
 from skimage.io import imsave
 
-from haptix.errors import HaptixError
+from haptix.base.errors import HaptixError
 from haptix.gallery import ASSETS
 from haptix.service.assets import AssetStore
 from haptix.service.document_work import DocumentWork

@@ -8,8 +8,8 @@ import pytest
 import torch
 
 from haptix import FrictionSurface, HaptixError
+from haptix.base.errors import FileFormatError
 from haptix.cli import main
-from haptix.errors import FileFormatError
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from haptix import ContactModel, Finger, FrictionSurface, InputError, LimitError, Screen, Status
-from haptix.errors import ToleranceError
+from haptix.base.errors import ToleranceError
 from haptix.finger import Roughness
 from haptix.surface import Tolerance, build, cached_surface, surface_key
 

@@ -16,8 +16,8 @@ from safetensors.torch import save as to_bytes
 from safetensors.torch import save_file
 
 from haptix import ContactModel, Finger, FrictionSurface, Screen
-from haptix.errors import FileFormatError
-from haptix.files import digest
+from haptix.base.errors import FileFormatError
+from haptix.base.files import digest
 from haptix.surface.file import surface_key
 
 

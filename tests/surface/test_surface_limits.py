@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from haptix import ContactModel, Finger, FrictionSurface, Screen, Status
-from haptix.errors import InputError
+from haptix.base.errors import InputError
 from haptix.status import LIMITS
 from haptix.surface import Slice
 from tests.command_line import CommandLine

@@ -18,7 +18,7 @@ from haptix import (
     Screen,
     Status,
 )
-from haptix.errors import RangeError
+from haptix.base.errors import RangeError
 from haptix.surface.axes import Cells
 
 OK, PULL_IN, BELOW, ABOVE, OUT = (

@@ -10,8 +10,8 @@ from calibration import Parameters, StrokePredictor
 from calibration.predict import StrokeConditions
 from firmware_io.limits import BODY_CAPACITANCE_F
 from haptix import ContactModel, Finger, Screen, Status
+from haptix.base.errors import InputError
 from haptix.electro import VACUUM_PERMITTIVITY
-from haptix.errors import InputError
 from haptix.virtual_finger import VirtualFinger
 
 FINGER, SCREEN = Finger(name="gel"), Screen()

@@ -10,10 +10,10 @@ import torch
 from calibration import Parameters, StrokePredictor
 from calibration.predict import StrokeConditions
 from haptix import ContactModel, Finger, FrictionSurface, Screen, Status
+from haptix.base.errors import InputError
 from haptix.electro import VACUUM_PERMITTIVITY, Pull, drive_strength
 from haptix.electro.attraction import field_in_time
 from haptix.electro.breakdown import bearable_field
-from haptix.errors import InputError
 from haptix.fidelity import ClosedForm
 from haptix.terms import chosen_terms
 from haptix.virtual_finger import VirtualFinger

@@ -10,7 +10,7 @@ from scipy import signal
 from scipy.interpolate import LinearNDInterpolator
 
 from haptix import HaptixError, InputError
-from haptix.errors import FileFormatError
+from haptix.base.errors import FileFormatError
 from haptix.texture import PennModel
 from haptix.texture.penn import lsf_of_polynomial, polynomial_of_lsf
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from haptix.errors import InputError
+from haptix.base.errors import InputError
 from haptix.texture import (
     FrictionField,
     Grating,

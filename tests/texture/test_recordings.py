@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from haptix import HaptixError, InputError
-from haptix.errors import FileFormatError
+from haptix.base.errors import FileFormatError
 from haptix.texture import RecordedProfile
 
 POSITION = np.array([2.0, 2.5, 4.0, 4.5, 7.0])

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from skimage.io import imsave
 
 from haptix import HaptixError, InputError, Texture
-from haptix.errors import FileFormatError
+from haptix.base.errors import FileFormatError
 from haptix.texture import Sidecar
 
 GREY = np.random.default_rng(5).integers(0, 256, (24, 32)).astype(np.uint8)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from haptix.errors import FileFormatError, InputError
+from haptix.base.errors import FileFormatError, InputError
 from haptix.materials import load, material_of
 from haptix.motion import Motion
 from haptix.texture import Spectral

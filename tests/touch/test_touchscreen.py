@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from haptix.errors import DeviceError, MissingExtraError
+from haptix.base.errors import DeviceError, MissingExtraError
 from haptix.touch import Touchscreen
 
 

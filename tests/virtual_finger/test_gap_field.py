@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from haptix.errors import InputError
+from haptix.base.errors import InputError
 from haptix.virtual_finger.squared_field import GapField, Samples
 
 EPS0 = 8.8541878128e-12

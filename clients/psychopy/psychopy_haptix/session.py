@@ -18,7 +18,7 @@ import numpy.typing as npt
 import haptix
 from firmware_io import Device, DeviceBusyError
 from firmware_io.clock import HOST_CLOCK
-from haptix.errors import InputError
+from haptix.base.errors import InputError
 from haptix.signals.audio_files import file_hash, read_drive
 
 _CHUNK_S = 0.05

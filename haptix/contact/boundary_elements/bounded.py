@@ -22,8 +22,8 @@ from math import inf, pi
 import torch
 from torch import Tensor
 
+from haptix.base.display import Displayed
 from haptix.contact.elasticity import ElasticSolid
-from haptix.display import Displayed
 
 COARSEST_POINTS = 64
 _COARSE_TOLERANCE = 1e-3

@@ -12,7 +12,10 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from haptix import checks
+from haptix.base import checks
+from haptix.base.display import Displayed
+from haptix.base.errors import InputError
+from haptix.base.threads import given_threads
 from haptix.contact.boundary_elements.bounded import BoundedProblem, BoundedSolution
 from haptix.contact.boundary_elements.coupled import (
     AttractedContacts,
@@ -28,10 +31,7 @@ from haptix.contact.boundary_elements.ensemble import (
 )
 from haptix.contact.boundary_elements.rough_surfaces import Surfaces
 from haptix.contact.elasticity import ElasticSolid
-from haptix.display import Displayed
-from haptix.errors import InputError
 from haptix.status import Status
-from haptix.threads import given_threads
 
 # How far the pixels in contact reach beyond the contact, over the perimeter: a mean over the
 # directions of its border (Yastrebov, Anciaux, Molinari, J. Mech. Phys. Solids 107 (2017), eq. 20).

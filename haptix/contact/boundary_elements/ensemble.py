@@ -13,10 +13,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from haptix.errors import FileFormatError, InputError
-from haptix.executors import Here, finished
-from haptix.files import reading, write_whole
-from haptix.threads import one_thread
+from haptix.base.errors import FileFormatError, InputError
+from haptix.base.executors import Here, finished
+from haptix.base.files import reading, write_whole
+from haptix.base.threads import one_thread
 
 Row = dict[str, Tensor]
 Progress = Callable[[int, int], None]

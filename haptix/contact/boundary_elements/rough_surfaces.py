@@ -11,11 +11,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from haptix import checks
+from haptix.base import checks
+from haptix.base.display import Displayed
+from haptix.base.errors import InputError
 from haptix.contact.boundary_elements.bounded import wavenumbers
 from haptix.contact.roughness import RoughnessSpectrum
-from haptix.display import Displayed
-from haptix.errors import InputError
 
 # The shares in the messages: H = 0.8, x = p/(E* slope) = 1e-3 to 1e-1, against 32 pixels per
 # shortest wavelength and against 16 roll-off wavelengths in the box, for the same total area.

@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from pydantic import NonNegativeFloat, ValidationError, model_validator
 
-from haptix import checks
-from haptix.checks import Array
+from haptix.base import checks
+from haptix.base.checks import Array
+from haptix.base.documents import Part, first_error
+from haptix.base.errors import FileFormatError, InputError, LimitError
+from haptix.base.files import digest
 from haptix.devices import Device
-from haptix.documents import Part, first_error
-from haptix.errors import FileFormatError, InputError, LimitError
-from haptix.files import digest
 from haptix.render.intervals import TouchSample, code_of, name_of, on_log_time, play, reported
 from haptix.stimuli.adaptive.methods import Method, MethodsByCondition
 from haptix.stimuli.adaptive.observer import AnswerTo, Question, Source

@@ -10,8 +10,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from haptix.checks import Array, positive, row, whole
-from haptix.errors import InputError
+from haptix.base.checks import Array, positive, row, whole
+from haptix.base.errors import InputError
 from haptix.stimuli.adaptive.psychometric import Answers, Estimate, fit, function_named
 
 

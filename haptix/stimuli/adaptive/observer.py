@@ -12,7 +12,7 @@ from typing import ClassVar, Literal, TextIO
 
 import numpy as np
 
-from haptix.errors import InputError
+from haptix.base.errors import InputError
 from haptix.stimuli.adaptive.psychometric import function_named
 
 AnswerTo = Callable[["Question"], str]

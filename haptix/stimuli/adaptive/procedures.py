@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from haptix.checks import Array, increasing, number, positive, row, whole
-from haptix.errors import InputError
+from haptix.base.checks import Array, increasing, number, positive, row, whole
+from haptix.base.errors import InputError
 from haptix.stimuli.adaptive.methods import (
     ConstantStimuli,
     Magnitudes,

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from haptix.checks import Array, choice
+from haptix.base.checks import Array, choice
 
 
 @dataclass(frozen=True)

@@ -16,10 +16,10 @@ from typing import Annotated, Any, Literal, TypeVar, get_args
 import numpy as np
 from pydantic import Field, PositiveFloat, PositiveInt
 
-from haptix.checks import choice, whole
-from haptix.documents import Part
-from haptix.errors import FileFormatError, InputError
-from haptix.files import reading
+from haptix.base.checks import choice, whole
+from haptix.base.documents import Part
+from haptix.base.errors import FileFormatError, InputError
+from haptix.base.files import reading
 from haptix.stimuli.adaptive.methods import Method, MethodsByCondition
 from haptix.stimuli.adaptive.procedures import METHODS
 from haptix.stimuli.adaptive.psychometric import CHANCE_P, Estimate, without

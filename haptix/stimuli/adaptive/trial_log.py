@@ -20,8 +20,8 @@ from typing import Any
 from filelock import FileLock, Timeout
 from pydantic import BaseModel, ConfigDict, NonNegativeInt
 
-from haptix.errors import FileFormatError, InputError
-from haptix.files import (
+from haptix.base.errors import FileFormatError, InputError
+from haptix.base.files import (
     LARGEST_TABLE_BYTES,
     json_text,
     parse_json,
@@ -33,8 +33,8 @@ from haptix.files import (
     write_failure,
     write_whole,
 )
+from haptix.base.version import __version__
 from haptix.render.intervals import TouchSample
-from haptix.version import __version__
 
 COLUMNS = (
     "trial", "attempt", "time_s", "level_asked", "level", "lowered_to_ceiling", "right", "answer",

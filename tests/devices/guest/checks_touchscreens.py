@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from haptix.errors import DeviceError, InputError
+from haptix.base.errors import DeviceError, InputError
 from haptix.touch import Touches, Touchscreen, find_touchscreens
 from haptix.touch import touchscreen as codes
 from tests.devices.guest.ways import check, error_of, require

@@ -8,7 +8,7 @@ from itertools import islice
 from os import cpu_count
 from typing import Any, TypeVar
 
-from haptix.checks import instance
+from haptix.base.checks import instance
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")

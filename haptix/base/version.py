@@ -10,7 +10,7 @@ __version__ = "0.2.0.dev0"
 
 def foreign_package(name: str) -> str:
     """Return advice about a foreign package of this name, or ""."""
-    expected = Path(__file__).parents[1] / name / "__init__.py"
+    expected = Path(__file__).parents[2] / name / "__init__.py"
     spec = find_spec(name)
     if spec and spec.origin and expected.exists() and expected.samefile(spec.origin):
         return ""

@@ -25,7 +25,7 @@ from typing import Any, TypeVar
 
 import platformdirs
 
-from haptix.errors import FileFormatError, HaptixError, InputError
+from haptix.base.errors import FileFormatError, HaptixError, InputError
 
 LARGEST_DOCUMENT_BYTES = 4_000_000
 """Largest JSON, TOML or XML file. Those of haptix have some kilobytes; a TOML file of this size

@@ -27,10 +27,18 @@ from typing import Annotated, Any, ClassVar, Union, get_args, get_origin
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, create_model
 from pydantic.fields import FieldInfo
 
-from haptix.errors import HaptixError, InputError
-from haptix.fields import FINGERS, SCREENS, ForClients, Local, ProfileName, Typed, expected_words
-from haptix.task_list import MODULES
-from haptix.units import decimal_comma, read_number, title_of, unit_of
+from haptix.base.errors import HaptixError, InputError
+from haptix.base.fields import (
+    FINGERS,
+    SCREENS,
+    ForClients,
+    Local,
+    ProfileName,
+    Typed,
+    expected_words,
+)
+from haptix.base.task_list import MODULES
+from haptix.base.units import decimal_comma, read_number, title_of, unit_of
 
 _EXPECTED = {
     "greater_than": "a finite number above {gt:g}",

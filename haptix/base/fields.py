@@ -16,8 +16,8 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field
 
-from haptix.errors import DeviceError, InputError
-from haptix.files import checked_values
+from haptix.base.errors import DeviceError, InputError
+from haptix.base.files import checked_values
 
 FINGERS: dict[str, dict[str, Any]] = {
     "semi-wet": {
@@ -46,7 +46,7 @@ SCREENS: dict[str, dict[str, Any]] = {"3m-sct3250": {}}
 TERMS = tuple(
     re.findall(
         r'^    name = "([\w-]+)"$',
-        Path(__file__).with_name("terms.py").read_text(encoding="utf-8"),
+        (Path(__file__).parents[1] / "terms.py").read_text(encoding="utf-8"),
         re.MULTILINE,
     )
 )

@@ -24,7 +24,7 @@ from typing import Any, TextIO
 
 from filelock import FileLock, Timeout
 
-from haptix.errors import InputError
+from haptix.base.errors import InputError
 
 VARIABLE = "HAPTIX_LOG"
 """The environment's ``LEVEL`` or ``LEVEL,FILE``; the processes that this one starts read it too."""
@@ -117,7 +117,7 @@ class Log:
         # Name the module or the file only: the other arguments may be secret.
         by_module = sys.orig_argv[1:2] == ["-m"]
         program = sys.orig_argv[2] if by_module else Path(sys.argv[0]).name
-        logging.getLogger("haptix.log").info("%s begins", program)
+        logging.getLogger("haptix.base.log").info("%s begins", program)
         atexit.register(self.close)
 
     def close(self) -> None:
@@ -186,7 +186,7 @@ class _Writer(QueueListener):
             why = self.output.why or "written slower than it came"
             text = f"{missing} records are missing here: {why}"
             self.output.handle(logging.makeLogRecord(
-                {"name": "haptix.log", "levelname": "INFO", "msg": text}
+                {"name": "haptix.base.log", "levelname": "INFO", "msg": text}
             ))  # fmt: skip
             if self.output.lost == lost:
                 self._reported, self.output.why = self._reported + missing, ""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from haptix.errors import from_extra
+from haptix.base.errors import from_extra
 
 if TYPE_CHECKING:
     import pandas

@@ -25,9 +25,9 @@ from weakref import WeakValueDictionary
 from pydantic import PlainSerializer, PlainValidator, ValidationError, WithJsonSchema
 from pydantic_core import PydanticSerializationError
 
-from haptix.checks import choice, shown
-from haptix.documents import Part, first_error
-from haptix.errors import FileFormatError, InputError
+from haptix.base.checks import choice, shown
+from haptix.base.documents import Part, first_error
+from haptix.base.errors import FileFormatError, InputError
 
 Made = TypeVar("Made")
 
@@ -79,7 +79,7 @@ def kinds_of(package: str) -> dict[str, str]:
     """Return the module of each kind in a package of haptix, from its text: no module loads."""
     return {
         kind: f"haptix.{package}.{path.stem}"
-        for path in sorted(Path(__file__).with_name(package).glob("*.py"))
+        for path in sorted(Path(__file__).parents[1].joinpath(*package.split(".")).glob("*.py"))
         for kind in _KIND.findall(path.read_text(encoding="utf-8"))
     }
 

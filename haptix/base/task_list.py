@@ -21,7 +21,7 @@ def _modules() -> list[str]:
 
 def _folder(package: str) -> Path:
     """Return the folder of a package, this distribution's first, without importing it."""
-    folder = Path(__file__).parents[1].joinpath(*package.split("."))
+    folder = Path(__file__).parents[2].joinpath(*package.split("."))
     if not folder.is_dir():
         spec = find_spec(package)
         assert spec is not None and spec.origin is not None

@@ -20,9 +20,9 @@ from typing import Any
 from filelock import FileLock, Timeout
 from fsspec.core import url_to_fs
 
-from haptix.errors import InputError
-from haptix.files import Content, json_text, parse_json
-from haptix.version import __version__
+from haptix.base.errors import InputError
+from haptix.base.files import Content, json_text, parse_json
+from haptix.base.version import __version__
 
 MANIFEST = "result.json"
 _DRAFT = ".part"

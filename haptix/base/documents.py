@@ -18,11 +18,11 @@ from pydantic import (
 )
 from torch import Tensor
 
-from haptix.checks import plain
-from haptix.display import html_table
-from haptix.errors import FileFormatError, InputError
-from haptix.files import checked_values, file_at, json_text, read_json, read_toml, write_whole
-from haptix.units import with_numbers
+from haptix.base.checks import plain
+from haptix.base.display import html_table
+from haptix.base.errors import FileFormatError, InputError
+from haptix.base.files import checked_values, file_at, json_text, read_json, read_toml, write_whole
+from haptix.base.units import with_numbers
 
 
 def _positive(value: Any) -> float | Tensor:

@@ -8,7 +8,7 @@ from contextlib import suppress
 from decimal import Decimal
 from typing import Any
 
-from haptix.errors import InputError
+from haptix.base.errors import InputError
 
 Dimension = Mapping[str, int]
 

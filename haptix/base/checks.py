@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from haptix.errors import InputError
+from haptix.base.errors import InputError
 
 Array = npt.NDArray[np.float64]
 Choice = TypeVar("Choice")

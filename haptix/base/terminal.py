@@ -11,9 +11,9 @@ from typing import Annotated, Any, Literal, Self
 
 import typer
 
-from haptix.errors import HaptixError
-from haptix.report import record, row, text
-from haptix.version import foreign_package
+from haptix.base.errors import HaptixError
+from haptix.base.report import record, row, text
+from haptix.base.version import foreign_package
 
 _LONGEST_MESSAGE = 10_000
 _TELLS_EACH_S = 10.0

@@ -1,0 +1,1 @@
+"""What every room stands on: checks, documents, errors, files, tasks; no physics."""
