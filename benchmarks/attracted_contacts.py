@@ -35,7 +35,7 @@ import torch
 from numpy.typing import NDArray
 
 from benchmarks.mean_field import _put
-from haptix.contact import (
+from haptix.model.contact import (
     THEORIES,
     GapDistribution,
     HalfSpace,
@@ -44,15 +44,15 @@ from haptix.contact import (
     RoughnessSpectrum,
     TheoryName,
 )
-from haptix.contact.accuracy import of_states
-from haptix.contact.boundary_elements import Surfaces
-from haptix.contact.boundary_elements.bounded import BoundedProblem
-from haptix.contact.boundary_elements.coupled import AttractedContacts
-from haptix.contact.boundary_elements.elements import corrected_area
-from haptix.contact.elasticity import ElasticSolid
-from haptix.electro import Pull, drive_voltage
-from haptix.electro.widening import edge_weight
-from haptix.fidelity import Balance, Contact, Load, MeanFieldBalance
+from haptix.model.contact.accuracy import of_states
+from haptix.model.contact.boundary_elements import Surfaces
+from haptix.model.contact.boundary_elements.bounded import BoundedProblem
+from haptix.model.contact.boundary_elements.coupled import AttractedContacts
+from haptix.model.contact.boundary_elements.elements import corrected_area
+from haptix.model.contact.elasticity import ElasticSolid
+from haptix.model.electro import Pull, drive_voltage
+from haptix.model.electro.widening import edge_weight
+from haptix.model.fidelity import Balance, Contact, Load, MeanFieldBalance
 
 ROWS = Path(__file__).parents[1] / "tests/data/boundary-elements-own/attracted.csv"
 PULLS = (1.0, 4.0, 10.0, 22.0)  # about: the attraction of the gaps over p0

@@ -29,7 +29,7 @@ import torch
 from scipy.integrate import cumulative_trapezoid
 from scipy.ndimage import map_coordinates
 
-import haptix.electro.widening as widening
+import haptix.model.electro.widening as widening
 from benchmarks.attracted_contacts import (
     CELLS,
     E_PA,
@@ -49,16 +49,16 @@ from benchmarks.attracted_contacts import (
 )
 from benchmarks.mean_field import _put
 from haptix import ContactModel, Finger, Screen
-from haptix.contact import THEORIES, HalfSpace, Layered, MeanField, RoughnessSpectrum
-from haptix.contact.boundary_elements import Surfaces
-from haptix.contact.boundary_elements.bounded import BoundedProblem
-from haptix.contact.boundary_elements.coupled import AttractedContacts
-from haptix.contact.boundary_elements.elements import corrected_area
-from haptix.contact.elasticity import ElasticSolid
-from haptix.contact.meanfield import LATTICE_STEP
-from haptix.electro import AttractionTable, Pull, drive_voltage
-from haptix.electro.widening import edge_weight
-from haptix.fidelity import Balance, Contact, Load, MeanFieldBalance
+from haptix.model.contact import THEORIES, HalfSpace, Layered, MeanField, RoughnessSpectrum
+from haptix.model.contact.boundary_elements import Surfaces
+from haptix.model.contact.boundary_elements.bounded import BoundedProblem
+from haptix.model.contact.boundary_elements.coupled import AttractedContacts
+from haptix.model.contact.boundary_elements.elements import corrected_area
+from haptix.model.contact.elasticity import ElasticSolid
+from haptix.model.contact.persson import LATTICE_STEP
+from haptix.model.electro import AttractionTable, Pull, drive_voltage
+from haptix.model.electro.widening import edge_weight
+from haptix.model.fidelity import Balance, Contact, Load, MeanFieldBalance
 
 SIDE_M, MODULUS_PA = 1e-3, E_PA / (1 - 0.5**2)
 # Shapes, and their loads p0 as p0 side/(E* h_rms): spots of 4 %, and of 1 and 4 % of the area.

@@ -27,8 +27,8 @@ CLOCK = time.process_time if ONE_CORE else time.perf_counter
 
 
 def surfaces(points, count):
-    from haptix.contact import RoughnessSpectrum
-    from haptix.contact.boundary_elements import Surfaces
+    from haptix.model.contact import RoughnessSpectrum
+    from haptix.model.contact.boundary_elements import Surfaces
 
     wave = 2 * pi
     spectrum = RoughnessSpectrum.self_affine(1.0, 0.8, wave, 4 * wave, points / 8 * wave)
@@ -88,8 +88,8 @@ def measure_tamaas(points):
 
 
 def measure_haptix(points):
-    from haptix.contact import HalfSpace
-    from haptix.contact.boundary_elements import BoundaryElements
+    from haptix.model.contact import HalfSpace
+    from haptix.model.contact.boundary_elements import BoundaryElements
 
     surface = surfaces(points, 1)
     for x in LOADS:
@@ -105,8 +105,8 @@ def measure_haptix(points):
 
 
 def measure_batch(points):
-    from haptix.contact import HalfSpace
-    from haptix.contact.boundary_elements import BoundaryElements, Surfaces
+    from haptix.model.contact import HalfSpace
+    from haptix.model.contact.boundary_elements import BoundaryElements, Surfaces
 
     batch = surfaces(points, BATCH)
     singles = [
@@ -133,8 +133,8 @@ def measure_batch(points):
 
 
 def measure_memory(points):
-    from haptix.contact import HalfSpace
-    from haptix.contact.boundary_elements import BoundaryElements, estimated_bytes
+    from haptix.model.contact import HalfSpace
+    from haptix.model.contact.boundary_elements import BoundaryElements, estimated_bytes
 
     solver = BoundaryElements(surfaces(points, 1), HalfSpace(1.0, 0.0))
     solver.full_contact_pressure()

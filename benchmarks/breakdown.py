@@ -15,7 +15,7 @@ import torch
 from matplotlib.figure import Figure
 
 from haptix import ContactModel, Finger, Screen
-from haptix.perception import WEBER_FRACTION
+from haptix.model.perception.thresholds import WEBER_FRACTION
 
 FORCE_N = 0.5
 VOLTS = torch.tensor([50.0, 100.0, 150.0, 200.0], dtype=torch.float64)

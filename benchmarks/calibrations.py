@@ -49,7 +49,7 @@ from calibration.profile import finger_at
 from calibration.rig import RigCheck
 from haptix.base.task import Context, Result, Task
 from haptix.campaign import Campaign, CampaignTask
-from haptix.perception import WEBER_FRACTION
+from haptix.model.perception.thresholds import WEBER_FRACTION
 from haptix.signals.audio_files import file_hash
 
 VOLTAGES_V = (200.0, 170.0, 140.0, 120.0, 100.0, 80.0, 60.0, 45.0)

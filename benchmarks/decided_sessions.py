@@ -30,8 +30,8 @@ from calibration.profile import calibrated_screen, finger_at, match_screens
 from calibration.reduction import Point, Reduced
 from calibration.rig import VoltsRead
 from calibration.verification_power import MOST_HELD_OUT, extended_plan, with_enough_strokes
-from haptix.friction import in_theory
-from haptix.perception import WEBER_FRACTION
+from haptix.model.friction import in_theory
+from haptix.model.perception.thresholds import WEBER_FRACTION
 
 FORMS = ("own", "plain", "open-gaps")
 VOLTAGES_V = (150.0, 100.0, 60.0)

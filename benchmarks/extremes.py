@@ -35,9 +35,9 @@ from oracle import (
 from scipy.special import erfinv
 
 from haptix import ContactModel, Finger, Screen, Status
-from haptix.contact import RoughnessSpectrum, TheoryName
-from haptix.finger import Roughness
-from haptix.states import ContactState
+from haptix.model.contact import RoughnessSpectrum, TheoryName
+from haptix.model.finger import Roughness
+from haptix.model.states import ContactState
 
 REPORT = Path(__file__).parent.parent / "docs" / "extremes.md"
 CONTACTS, QUICK = 4, 1  # per region

@@ -14,9 +14,9 @@ from pathlib import Path
 
 import torch
 
-from haptix.contact.boundary_elements import BoundaryElements, Surfaces
-from haptix.electro import VACUUM_PERMITTIVITY
-from haptix.status import Status
+from haptix.model.contact.boundary_elements import BoundaryElements, Surfaces
+from haptix.model.electro import VACUUM_PERMITTIVITY
+from haptix.model.status import Status
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 from paper_figures import (

@@ -21,7 +21,7 @@ import numpy as np
 import torch
 from scipy.optimize import least_squares
 
-from haptix.contact import THEORIES, AreaLaw
+from haptix.model.contact import THEORIES, AreaLaw
 
 sys.path.insert(0, str(Path(__file__).parent))
 import few_spots

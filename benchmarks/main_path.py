@@ -17,8 +17,8 @@ from pathlib import Path
 import torch
 
 from haptix import ContactModel, Finger, Screen
-from haptix.contact import HalfSpace, Layered, MeanField, RoughnessSpectrum
-from haptix.fidelity import FidelityName
+from haptix.model.contact import HalfSpace, Layered, MeanField, RoughnessSpectrum
+from haptix.model.fidelity import FidelityName
 
 REFERENCE = Path(__file__).parent.parent / "tests" / "data" / "meanfield.json"
 

@@ -21,8 +21,8 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from haptix.contact import THEORIES, AreaLaw, HalfSpace, MeanField, RoughnessSpectrum, Theory
-from haptix.electro import VACUUM_PERMITTIVITY, drive_strength
+from haptix.model.contact import THEORIES, AreaLaw, HalfSpace, MeanField, RoughnessSpectrum, Theory
+from haptix.model.electro import VACUUM_PERMITTIVITY, drive_strength
 
 sys.path.insert(0, str(Path(__file__).parent))
 import few_spots

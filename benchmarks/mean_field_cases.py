@@ -18,12 +18,12 @@ from pathlib import Path
 
 import torch
 
-from haptix.contact import THEORIES, HalfSpace, Layered, MeanField, RoughnessSpectrum
-from haptix.contact.boundary_elements import BoundaryElements, Surfaces
-from haptix.contact.elasticity import ElasticSolid
-from haptix.electro import VACUUM_PERMITTIVITY, Pull
-from haptix.fidelity import Balance, Contact, Load, MeanFieldBalance
-from haptix.fidelity.balance import LIGHT_CONTACT_LIMIT
+from haptix.model.contact import THEORIES, HalfSpace, Layered, MeanField, RoughnessSpectrum
+from haptix.model.contact.boundary_elements import BoundaryElements, Surfaces
+from haptix.model.contact.elasticity import ElasticSolid
+from haptix.model.electro import VACUUM_PERMITTIVITY, Pull
+from haptix.model.fidelity import Balance, Contact, Load, MeanFieldBalance
+from haptix.model.fidelity.balance import LIGHT_CONTACT_LIMIT
 
 FOLDER = Path(__file__).parents[1] / "tests" / "data" / "boundary-elements-own"
 SURFACES, SEED = 4, 7

@@ -12,8 +12,8 @@ from __future__ import annotations
 import torch
 
 from haptix import ContactModel, Finger, Screen
-from haptix.contact import RoughnessSpectrum
-from haptix.finger import MeasuredRoughness
+from haptix.model.contact import RoughnessSpectrum
+from haptix.model.finger import MeasuredRoughness
 
 ENDS_PER_M = (1e5, 1e6, 1e7, 1e8)  # waves of 63 um to 63 nm
 

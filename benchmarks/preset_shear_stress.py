@@ -8,7 +8,7 @@ that of its hardness in every theory, and its tau_f stays.
 """
 
 from haptix import Finger
-from haptix.friction import in_theory
+from haptix.model.friction import in_theory
 
 PAPER_PA = {"semi-wet": 8e6, "wet": 5e6, "dry": 13e6}
 

@@ -20,6 +20,7 @@ from skimage.data import brick
 
 import haptix
 from firmware_io import open_device
+from haptix.model.surface import Slice
 from haptix.motion import Trajectory
 from haptix.render import (
     DirectWave,
@@ -30,7 +31,6 @@ from haptix.render import (
 )
 from haptix.render.fingers import PredictedFingers
 from haptix.simulation import FINGER_PATH, Setting, simulate
-from haptix.surface import Slice
 from haptix.touch import TouchEvent, TouchSettings
 from haptix.virtual_finger import TouchPanel
 

@@ -42,6 +42,7 @@ from oracle import thickness
 
 import haptix
 from firmware_io import CurrentReading
+from haptix.model.surface import Slice
 from haptix.render.adapting import Adaptation
 from haptix.sensing import (
     ContactCurrent,
@@ -51,7 +52,6 @@ from haptix.sensing import (
     contact_change,
 )
 from haptix.sensing.finger_observer import SensorWatch
-from haptix.surface import Slice
 
 Array = npt.NDArray[np.float64]
 

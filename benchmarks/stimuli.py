@@ -23,7 +23,7 @@ import numpy as np
 import soundfile
 
 from haptix import ContactModel, Finger, Screen
-from haptix.perception import WEBER_FRACTION
+from haptix.model.perception.thresholds import WEBER_FRACTION
 from haptix.stimuli import (
     Apparatus,
     Rendering,

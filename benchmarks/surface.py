@@ -21,8 +21,8 @@ import torch
 from scipy.interpolate import RegularGridInterpolator
 
 from haptix import ContactModel, Finger, FrictionSurface, Screen
-from haptix.surface import Interpolant
-from haptix.surface.axes import Axes
+from haptix.model.surface import Interpolant
+from haptix.model.surface.axes import Axes
 
 RANGES = {
     "normal_force_n": (0.1, 1.0),

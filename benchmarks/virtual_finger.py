@@ -14,9 +14,9 @@ import numpy as np
 import torch
 
 from haptix import ContactModel, Finger, Screen
-from haptix.perception import WEBER_FRACTION
+from haptix.model.perception.thresholds import WEBER_FRACTION
+from haptix.model.waves import Waveform
 from haptix.virtual_finger import VirtualFinger
-from haptix.waves import Waveform
 
 RATE, FORCE, VOLTAGE = 48_000, 0.5, 150.0
 

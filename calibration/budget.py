@@ -23,7 +23,7 @@ from calibration.protocol import CARRIER_HZ, FREQUENCY_HZ
 from calibration.residuals import NORMAL_GAIN, TANGENTIAL_GAIN, VOLTAGE_GAIN
 from calibration.rig import RigCheck
 from haptix.base.report import Heading
-from haptix.perception import WEBER_FRACTION
+from haptix.model.perception.thresholds import WEBER_FRACTION
 
 FORCE_N, SPEED_MM_PER_S = 0.5, 50.0
 """Where the budget states friction: the middle of the protocols."""

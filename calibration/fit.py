@@ -22,7 +22,7 @@ from haptix.base.errors import InputError
 from haptix.base.files import digest
 from haptix.base.report import Heading
 from haptix.base.version import __version__
-from haptix.contact import TheoryName
+from haptix.model.contact import TheoryName
 
 _WIDEST = 60.0  # standard deviations within which a quantile is looked for
 

@@ -33,11 +33,11 @@ from calibration.predict import StrokePredictor
 from calibration.reduction import Reduced
 from calibration.residuals import Residuals, fit_residuals, profile, solve
 from haptix.base.errors import InputError
-from haptix.contact import THEORIES, TheoryName
-from haptix.contact.meanfield import GapDistribution
-from haptix.friction import ContactModel
-from haptix.perception import WEBER_FRACTION
-from haptix.terms import TERMS, Stage
+from haptix.model.contact import THEORIES, TheoryName
+from haptix.model.contact.persson import GapDistribution
+from haptix.model.friction import ContactModel
+from haptix.model.perception.thresholds import WEBER_FRACTION
+from haptix.model.terms import TERMS, Stage
 
 _PRIOR_SHARE = 0.8  # of the prior's spread: above it the strokes have measured nothing new
 _BOOTSTRAPS = 1000

@@ -71,8 +71,8 @@ class Certify(Task, command="calibrate certificate"):
         from calibration.session import INSTRUMENTS, Instruments, Session
         from calibration.session_report import CERTIFICATE, write_certificate
         from calibration.steps import FIT, Finished, rig_check, verify_folder, written_screen
-        from haptix.finger import Finger
-        from haptix.pair import FINGER
+        from haptix.model.finger import Finger
+        from haptix.model.pair import FINGER
 
         file = self.instruments or self.folder / INSTRUMENTS
         if not file.exists():
@@ -207,8 +207,8 @@ class ChartStandard(Task, command="calibrate standard"):
         from calibration.register import Register, StandardReading, update_register
         from calibration.session import Session
         from calibration.steps import reduce_folder
-        from haptix.friction import ContactModel
-        from haptix.pair import profiles
+        from haptix.model.friction import ContactModel
+        from haptix.model.pair import profiles
 
         finger, screen = profiles(self.finger, str(self.profile))
         checked = check_profile(

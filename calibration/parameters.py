@@ -14,9 +14,9 @@ import numpy.typing as npt
 
 from haptix.base.checks import positive
 from haptix.base.errors import InputError
-from haptix.finger import Finger
-from haptix.screen import Screen
-from haptix.terms import TERMS
+from haptix.model.finger import Finger
+from haptix.model.screen import Screen
+from haptix.model.terms import TERMS
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]

@@ -22,11 +22,11 @@ from calibration.sources import ForceSource, Live, StrokeDrive
 from haptix.base.documents import Document
 from haptix.base.errors import InputError
 from haptix.base.report import Heading
-from haptix.finger import Finger
-from haptix.friction import ContactModel
-from haptix.pair import FINGER, SCREEN
-from haptix.perception import WEBER_FRACTION
-from haptix.screen import NO_INSTRUMENT, Screen
+from haptix.model.finger import Finger
+from haptix.model.friction import ContactModel
+from haptix.model.pair import FINGER, SCREEN
+from haptix.model.perception.thresholds import WEBER_FRACTION
+from haptix.model.screen import NO_INSTRUMENT, Screen
 from haptix.virtual_finger import SensorModel, VirtualFinger
 
 _TOUCH_S = 0.08  # to press

@@ -25,12 +25,12 @@ from calibration.parameters import REQUIRED, Array, Mask, Parameters, fitted_ter
 from haptix.base.display import Displayed
 from haptix.base.errors import InputError
 from haptix.base.threads import one_thread
-from haptix.electro import Circuit, Pull
-from haptix.fidelity import Ability
-from haptix.finger import Finger
-from haptix.friction import ContactModel, FrictionSolver
-from haptix.screen import Screen
-from haptix.terms import ActiveTerms, Properties
+from haptix.model.electro import Circuit, Pull
+from haptix.model.fidelity import Ability
+from haptix.model.finger import Finger
+from haptix.model.friction import ContactModel, FrictionSolver
+from haptix.model.screen import Screen
+from haptix.model.terms import ActiveTerms, Properties
 
 _Profile = TypeVar("_Profile", Finger, Screen)
 _INSTANTS = 12  # in half a drive period, after which the attraction repeats: means within 5e-5

@@ -23,11 +23,11 @@ from haptix.base.checks import positive
 from haptix.base.errors import InputError
 from haptix.base.files import write_whole
 from haptix.base.report import Heading
-from haptix.finger import Finger, Roughness
-from haptix.friction import ContactModel
-from haptix.perception import WEBER_FRACTION
-from haptix.screen import Calibration, Screen
-from haptix.status import Status
+from haptix.model.finger import Finger, Roughness
+from haptix.model.friction import ContactModel
+from haptix.model.perception.thresholds import WEBER_FRACTION
+from haptix.model.screen import Calibration, Screen
+from haptix.model.status import Status
 
 _VOLTAGES = 81  # of each curve: mu between them within 1e-4
 

@@ -12,7 +12,7 @@ from calibration.recording import SIGNALS, StrokeRecording
 from calibration.segmentation import Segment, full_slip, sliding_speed
 
 _IDLE_USED = 0.8  # of the untouched time, away from the touch
-_HIGHEST_MU = 5.0  # as in `haptix.status.LIMITS`: above it ozf or mN were read as N
+_HIGHEST_MU = 5.0  # as in `haptix.model.status.LIMITS`: above it ozf or mN were read as N
 _LOST_SHARE = 0.01
 _ZERO_SHARE = 0.2  # of the planned force: a larger offset means that the sensor was not zeroed
 _PARTS = 8  # of the untouched time

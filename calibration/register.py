@@ -22,7 +22,7 @@ from haptix.base.documents import Document, Part
 from haptix.base.errors import InputError
 from haptix.base.files import write_whole
 from haptix.base.report import Heading, page, part, picture
-from haptix.screen import CALIBRATION_VALID_DAYS
+from haptix.model.screen import CALIBRATION_VALID_DAYS
 
 _LOCK_S = 20.0
 SOON_DAYS = 30

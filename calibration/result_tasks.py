@@ -27,8 +27,8 @@ from haptix.base.task import Context, Result, Task
 
 if TYPE_CHECKING:
     from calibration.parameters import Array
-    from haptix.friction import ContactModel
-    from haptix.screen import Screen
+    from haptix.model.friction import ContactModel
+    from haptix.model.screen import Screen
 
 
 def _numbers(text: str, form: str) -> tuple[str, tuple[float, ...]]:
@@ -138,7 +138,7 @@ class Verify(Task, command="calibrate verify"):
     def run(self, context: Context) -> Result:
         """Verify."""
         from calibration.steps import REPORT, verify_folder
-        from haptix.pair import SCREEN
+        from haptix.model.pair import SCREEN
 
         verification, screen = verify_folder(self.folder, self.tolerance_jnd)
         written = "no profile" if screen is None else self.folder / SCREEN
@@ -170,8 +170,8 @@ class Check(Task, command="calibrate check"):
         from calibration.predict import StrokePredictor
         from calibration.profile import check_profile
         from calibration.steps import reduce_folder
-        from haptix.friction import ContactModel
-        from haptix.pair import described, first_line, profiles
+        from haptix.model.friction import ContactModel
+        from haptix.model.pair import described, first_line, profiles
 
         by_current = self.before is not None and self.after is not None
         if (self.folder is None) != by_current or (self.before is None) != (self.after is None):
@@ -199,7 +199,7 @@ class Check(Task, command="calibrate check"):
 
     def _by_current(self, model: ContactModel, about: dict[str, Any]) -> Result:
         """Compare what one person's finger drew then and draws now."""
-        from haptix.pair import first_line
+        from haptix.model.pair import first_line
         from haptix.sensing import ContactCurrent, EnrolledFinger, contact_change
 
         before, after = (EnrolledFinger.load(file) for file in (self.before, self.after) if file)
@@ -243,7 +243,7 @@ class MatchScreens(Task, command="calibrate match"):
     def run(self, context: Context) -> Result:
         """Match them."""
         from calibration.profile import match_screens
-        from haptix.pair import described, first_line, profiles
+        from haptix.model.pair import described, first_line, profiles
 
         named: tuple[str | None, ...] = self.finger or (None,)
         pairs = [profiles(name, str(file)) for name in named for file in (self.a, self.b)]
@@ -276,7 +276,7 @@ class Install(Task, command="calibrate install"):
         """Install it."""
         from firmware_io import open_device
         from haptix.devices import install_profile
-        from haptix.screen import Screen
+        from haptix.model.screen import Screen
 
         if (self.serial is None) == (self.device is None):
             raise InputError("expected --serial or --device, one of the two")

@@ -31,7 +31,7 @@ from firmware_io import Device
 from haptix.base.checks import positive
 from haptix.base.documents import Document, Part
 from haptix.base.errors import InputError
-from haptix.perception import WEBER_FRACTION
+from haptix.model.perception.thresholds import WEBER_FRACTION
 
 _BEFORE_S, _AFTER_S = 0.005, 0.2  # of the highest force: a resonance has died away by then
 _LOWEST_HZ, _HIGHEST_SHARE = 40.0, 0.4  # of the sampling rate

@@ -28,8 +28,8 @@ from calibration.recording import StrokeRecording
 from haptix.base.documents import Document, Part
 from haptix.base.errors import FileFormatError, InputError
 from haptix.base.report import Heading
-from haptix.finger import Finger
-from haptix.screen import Screen
+from haptix.model.finger import Finger
+from haptix.model.screen import Screen
 
 
 class SessionInfo(Document):

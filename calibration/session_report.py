@@ -32,10 +32,10 @@ from haptix.base.errors import InputError, from_extra
 from haptix.base.files import write_whole
 from haptix.base.report import listed, page, paragraph, part, picture, row
 from haptix.base.version import __version__
-from haptix.finger import Finger
-from haptix.pair import described
-from haptix.perception import WEBER_FRACTION
-from haptix.screen import CALIBRATION_VALID_DAYS, Screen
+from haptix.model.finger import Finger
+from haptix.model.pair import described
+from haptix.model.perception.thresholds import WEBER_FRACTION
+from haptix.model.screen import CALIBRATION_VALID_DAYS, Screen
 
 with from_extra("calibration"):
     from matplotlib import rc_context

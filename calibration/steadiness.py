@@ -15,7 +15,7 @@ from calibration.parameters import Array
 from calibration.predict import StrokeConditions, StrokePredictor
 from calibration.reduction import Reduced
 from haptix.base.report import Heading
-from haptix.perception import WEBER_FRACTION
+from haptix.model.perception.thresholds import WEBER_FRACTION
 
 TOLERANCE_JND = 0.5
 """Largest error of friction that passes, its uncertainty included [JND]."""

@@ -54,11 +54,11 @@ from haptix.base.errors import InputError
 from haptix.base.files import json_text, parse_json, read_text, reading, write_whole
 from haptix.base.task import Context, Result, Task
 from haptix.base.version import __version__
-from haptix.finger import Finger
-from haptix.friction import ContactModel, in_theory
-from haptix.pair import FINGER, SCREEN
-from haptix.screen import CalibrationWarning, Screen
-from haptix.terms import TERMS
+from haptix.model.finger import Finger
+from haptix.model.friction import ContactModel, in_theory
+from haptix.model.pair import FINGER, SCREEN
+from haptix.model.screen import CalibrationWarning, Screen
+from haptix.model.terms import TERMS
 
 REDUCED, FIT, NEEDS = "reduced.csv", "fit.json", "terms.json"
 REPORT, ARCHIVE = "report.html", "archive.zip"

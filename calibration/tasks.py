@@ -36,8 +36,8 @@ if TYPE_CHECKING:
     from calibration.session import Session
     from calibration.sources import ForceSource
     from calibration.steps import PlannedSession
-    from haptix.finger import Finger
-    from haptix.screen import Screen
+    from haptix.model.finger import Finger
+    from haptix.model.screen import Screen
 
 INPUTS = "inputs.toml"
 """Instruments of a rig, in the folder of its calibration: a client names no files."""
@@ -77,7 +77,7 @@ class Planned(Task):
     def plan(self, name: str | None = None) -> tuple[Finger, Screen, PlannedSession]:
         """Return finger, screen, which gets a name, and the plan."""
         from calibration.steps import plan_strokes
-        from haptix.pair import profiles
+        from haptix.model.pair import profiles
 
         finger, screen = profiles(self.finger, self.screen)
         repeats = self.repeatability_percent
@@ -245,9 +245,9 @@ class Measure(Measuring, command="calibrate measure"):
         """Begin a session, or open the one that is continued."""
         from calibration.profile import check_name
         from calibration.session import Session, SessionInfo
-        from haptix.finger import Finger
-        from haptix.pair import profiles
-        from haptix.screen import Screen
+        from haptix.model.finger import Finger
+        from haptix.model.pair import profiles
+        from haptix.model.screen import Screen
 
         if self.resume and (plan is None or (self.folder / "session.json").exists()):
             before = Session.open(self.folder)
@@ -289,7 +289,7 @@ class RunCalibration(Planned, Measuring, command="calibrate run"):
         from calibration.rig import RIG
         from calibration.session import Session
         from calibration.steps import REPORT, finish_decided, written_screen
-        from haptix.pair import SCREEN
+        from haptix.model.pair import SCREEN
 
         if self.practice:
             virtual = {"source": "virtual", "device": self.device or "mock:"}
@@ -501,7 +501,7 @@ class CalibrationJob(
         from calibration.sources import open_inputs
         from calibration.steps import finish_decided, written_screen
         from haptix.devices import install_profile, open_device
-        from haptix.pair import FINGER, SCREEN
+        from haptix.model.pair import FINGER, SCREEN
 
         assert context.folder is not None
         folder = context.folder / self.name

@@ -27,8 +27,8 @@ from calibration.reduction import Point, Reduced
 from calibration.rig import RigCheck
 from calibration.steadiness import LEVEL, TOLERANCE_JND, Steadiness, steadiness
 from haptix.base.report import Heading, HeadingsOf
-from haptix.perception import WEBER_FRACTION
-from haptix.screen import VerifiedRange
+from haptix.model.perception.thresholds import WEBER_FRACTION
+from haptix.model.screen import VerifiedRange
 
 Verdict = Literal["passed", "provisional", "failed"]
 

@@ -29,7 +29,7 @@ from calibration.protocol import (
 from calibration.reduction import Point, Reduced
 from calibration.steadiness import TOLERANCE_JND
 from calibration.verification import HeldOutStroke, Verification, fit_bound, groups_of
-from haptix.perception import WEBER_FRACTION
+from haptix.model.perception.thresholds import WEBER_FRACTION
 
 ENOUGH = 0.95
 """Chance of a good screen from which a plan needs no more strokes.

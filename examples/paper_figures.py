@@ -24,11 +24,11 @@ from torch import Tensor
 import haptix
 from haptix import ContactModel, Finger, Screen, Status
 from haptix.base.files import csv_text
-from haptix.contact import THEORIES, GapDistribution, HalfSpace, RoughnessSpectrum, Theory
-from haptix.electro import Pull, SkinDielectric
-from haptix.electro.breakdown import NARROW_GAP_FIELD_V_PER_M
-from haptix.fidelity import Contact, Load, MeanFieldBalance
-from haptix.finger import Roughness
+from haptix.model.contact import THEORIES, GapDistribution, HalfSpace, RoughnessSpectrum, Theory
+from haptix.model.electro import Pull, SkinDielectric
+from haptix.model.electro.breakdown import NARROW_GAP_FIELD_V_PER_M
+from haptix.model.fidelity import Contact, Load, MeanFieldBalance
+from haptix.model.finger import Roughness
 
 try:
     import matplotlib

@@ -32,9 +32,9 @@ from firmware_io.limits import (
 )
 from haptix.base.errors import InputError
 from haptix.base.files import write_folder
-from haptix.finger import Finger
-from haptix.pair import FINGER, SCREEN, check_measured_with, profile_names
-from haptix.screen import CalibrationWarning, Screen
+from haptix.model.finger import Finger
+from haptix.model.pair import FINGER, SCREEN, check_measured_with, profile_names
+from haptix.model.screen import CalibrationWarning, Screen
 
 __all__ = [
     "BODY_CAPACITANCE_F",

@@ -17,12 +17,12 @@ from haptix.base.errors import InputError
 from haptix.base.executors import executor_of
 from haptix.base.files import csv_text
 from haptix.base.task import Context, Result, Task
-from haptix.contact.boundary_elements import estimated_bytes
-from haptix.fidelity import BoundaryElementBox
-from haptix.finger import Finger
-from haptix.friction import ContactModel
-from haptix.screen import Screen
-from haptix.status import Status
+from haptix.model.contact.boundary_elements import estimated_bytes
+from haptix.model.fidelity import BoundaryElementBox
+from haptix.model.finger import Finger
+from haptix.model.friction import ContactModel
+from haptix.model.screen import Screen
+from haptix.model.status import Status
 
 _AXES = ("normal_force_n", "voltage_v", "frequency_hz")
 _SOLVED = ("mu", "area_fraction", "pressure_pa", "mean_gap_m")

@@ -20,15 +20,15 @@ from pydantic import (
 from haptix.base.documents import Document, Part, renamed
 from haptix.base.errors import InputError
 from haptix.base.kinds import in_folder
-from haptix.contact import TheoryName
-from haptix.fidelity import FIDELITIES, FidelityName
-from haptix.finger import Finger
-from haptix.friction import ContactModel
 from haptix.materials.panels import material_of
-from haptix.pair import finger_beside
-from haptix.screen import Screen
-from haptix.surface.axes import AXES, low_and_high
-from haptix.terms import TERMS, possible_terms
+from haptix.model.contact import TheoryName
+from haptix.model.fidelity import FIDELITIES, FidelityName
+from haptix.model.finger import Finger
+from haptix.model.friction import ContactModel
+from haptix.model.pair import finger_beside
+from haptix.model.screen import Screen
+from haptix.model.surface.axes import AXES, low_and_high
+from haptix.model.terms import TERMS, possible_terms
 from haptix.texture.material import AnyMaterial
 
 DtypeName = Literal["float32", "float64"]
@@ -167,7 +167,7 @@ class Scene(Document):
     materials : tuple of material
         Materials of the scene: tables, or paths of their files relative to `folder`.
     not_shown : {"warn", "refuse"}
-        What planning does where the theory's accuracy was not shown, see `haptix.contact.Accuracy`.
+        What planning does where the theory's accuracy was not shown, see `haptix.model.contact.Accuracy`.
     budget_jnd : float
         Largest error of friction in just-noticeable differences (JND) of ``0.11 mu``.
     override : Override

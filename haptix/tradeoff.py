@@ -27,9 +27,12 @@ from haptix.base.files import check_folder, csv_text, json_text, write_folder
 from haptix.base.report import Heading, titles_of
 from haptix.base.task import Context, Result, Task
 from haptix.base.version import __version__
-from haptix.fidelity import BoundaryElementBox, FidelityName
-from haptix.finger import Finger
-from haptix.friction import ContactModel
+from haptix.model.fidelity import BoundaryElementBox, FidelityName
+from haptix.model.finger import Finger
+from haptix.model.friction import ContactModel
+from haptix.model.screen import Screen
+from haptix.model.status import Status
+from haptix.model.surface import FrictionSurface, MeasuredPoints, MeasuringJob
 from haptix.planning import Effect, plan_scene
 from haptix.planning.trials import (
     COARSE,
@@ -43,9 +46,6 @@ from haptix.planning.trials import (
     middle,
 )
 from haptix.scene import DirectDrive, Scene
-from haptix.screen import Screen
-from haptix.status import Status
-from haptix.surface import FrictionSurface, MeasuredPoints, MeasuringJob
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -23,10 +23,10 @@ import figures  # noqa: E402  # beside this file
 import gallery_pictures  # noqa: E402, F401  # the blocks of docs/gallery import it from here
 
 PACKAGES = (
-    "haptix", "haptix.contact", "haptix.electro", "haptix.fidelity", "haptix.surface",
+    "haptix", "haptix.model.contact", "haptix.model.electro", "haptix.model.fidelity", "haptix.model.surface",
     "haptix.planning", "haptix.tradeoff", "haptix.texture", "haptix.materials",
     "haptix.gallery", "haptix.layout", "haptix.motion", "haptix.touch", "haptix.render",
-    "haptix.virtual_finger", "haptix.simulation", "haptix.perception", "haptix.stimuli",
+    "haptix.virtual_finger", "haptix.simulation", "haptix.model.perception.thresholds", "haptix.stimuli",
     "haptix.client", "haptix.base.errors", "firmware_io", "calibration",
 )  # fmt: skip
 OUTSIDE = {

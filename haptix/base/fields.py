@@ -46,11 +46,11 @@ SCREENS: dict[str, dict[str, Any]] = {"3m-sct3250": {}}
 TERMS = tuple(
     re.findall(
         r'^    name = "([\w-]+)"$',
-        (Path(__file__).parents[1] / "terms.py").read_text(encoding="utf-8"),
+        (Path(__file__).parents[1] / "model" / "terms.py").read_text(encoding="utf-8"),
         re.MULTILINE,
     )
 )
-"""Names of the terms of `haptix.terms.TERMS`, from its text, since importing it loads torch."""
+"""Names of the terms of `haptix.model.terms.TERMS`, from its text, since importing it loads torch."""
 
 
 @dataclass(frozen=True)

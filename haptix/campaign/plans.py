@@ -22,10 +22,10 @@ from haptix.base.files import file_at, read_json, read_text, read_toml
 from haptix.base.results import result_key
 from haptix.base.task import Task, first_wrong, task_at
 from haptix.base.units import with_numbers
-from haptix.finger import Finger
+from haptix.model.finger import Finger
+from haptix.model.screen import Screen
 from haptix.population import DrawnPeople, Population, SolveStates
 from haptix.scene import Scene
-from haptix.screen import Screen
 
 if TYPE_CHECKING:
     from haptix.stimuli.stimulus_set import StimulusSet
@@ -275,7 +275,7 @@ class BoundaryElementSets(FrictionOfPeople):
     seed : int
         Seed of the first surface; it rises by one for each of the others.
     box : mapping
-        Their grid: fields of `haptix.fidelity.BoundaryElementBox`.
+        Their grid: fields of `haptix.model.fidelity.BoundaryElementBox`.
     """
 
     maps = (("area_first", "area_last"),)

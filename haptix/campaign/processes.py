@@ -25,7 +25,7 @@ def processes_that_fit(needed_bytes: int, most: int | None = None) -> int:
     """Return how many processes cores and half of the free memory allow, at least 1."""
     import torch
 
-    from haptix.contact.boundary_elements.ensemble import free_bytes
+    from haptix.model.contact.boundary_elements.ensemble import free_bytes
 
     if hasattr(os, "sched_getaffinity"):
         cores = len(os.sched_getaffinity(0))

@@ -193,7 +193,7 @@ def _check_firmware() -> dict[str, Any]:
 
 
 def _check_solver() -> dict[str, Any]:
-    from haptix.contact import HalfSpace, MeanField, RoughnessSpectrum
+    from haptix.model.contact import HalfSpace, MeanField, RoughnessSpectrum
 
     # Physics page, section 5: H = 0.8, q1/q0 = 1e3, no roll-off, h_rms = q0 = E* = 1, p = 1e-2.
     contact = MeanField(RoughnessSpectrum.self_affine(1, 0.8, 1, 1, 1e3), HalfSpace(0.75, 0.5))

@@ -7,7 +7,7 @@ from typing import Literal, Self
 
 from haptix.base.checks import Positive, check_fields, choice, number, positive
 from haptix.base.errors import InputError
-from haptix.screen import Screen
+from haptix.model.screen import Screen
 
 INCH_MM = 25.4
 
@@ -91,7 +91,7 @@ class ScreenGeometry:
 
         Examples
         --------
-        >>> from haptix.screen import Screen
+        >>> from haptix.model.screen import Screen
         >>> screen = Screen(width_mm=300.0, height_mm=200.0)
         >>> ScreenGeometry.on(screen, 1920, 1280).mm(960, 640)
         (150.0, 100.0)

@@ -211,7 +211,7 @@ def effects_of_steps(material: Material, lowest_mu: float, highest_mu: float) ->
         changes by its whole height: that is what a finger would feel at a place, not how well it
         could tell both patterns apart.
     """
-    from haptix.perception import WEBER_FRACTION  # with torch
+    from haptix.model.perception.thresholds import WEBER_FRACTION  # with torch
 
     motion = _motion(material)
     before = _friction(material, motion, lowest_mu, highest_mu)

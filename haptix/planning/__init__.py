@@ -13,9 +13,14 @@ from haptix.base.checks import Array
 from haptix.base.errors import InputError, ToleranceError
 from haptix.base.report import Heading, HeadingsOf
 from haptix.base.task import Context, Result, Task
-from haptix.fidelity import FIDELITIES, Ability
-from haptix.friction import ContactModel
-from haptix.friction.placeholders import largest_spread
+from haptix.model.fidelity import FIDELITIES, Ability
+from haptix.model.friction import ContactModel
+from haptix.model.friction.placeholders import largest_spread
+from haptix.model.status import Status, limits_passed
+from haptix.model.surface import LARGEST_BYTES, FrictionSurface
+from haptix.model.surface.axes import AXIS_NAMES
+from haptix.model.surface.tolerance import LEAST, Tolerance
+from haptix.model.terms import TERMS, Term, chosen_terms
 from haptix.motion import Depends, Motion
 from haptix.planning.trials import (
     COARSE,
@@ -31,11 +36,6 @@ from haptix.planning.trials import (
     reporting_terms,
 )
 from haptix.scene import Scene
-from haptix.status import Status, limits_passed
-from haptix.surface import LARGEST_BYTES, FrictionSurface
-from haptix.surface.axes import AXIS_NAMES
-from haptix.surface.tolerance import LEAST, Tolerance
-from haptix.terms import TERMS, Term, chosen_terms
 from haptix.texture import as_mu
 from haptix.texture.material import Material
 
@@ -123,7 +123,7 @@ class Plan:
     lowest_x: float
     """Lowest ``p0/(E* slope)`` of the scene."""
     accuracy: str
-    """Intervals at the scene's highest drives, see `haptix.contact.Accuracy`."""
+    """Intervals at the scene's highest drives, see `haptix.model.contact.Accuracy`."""
     warnings: tuple[str, ...]
     """Where the scene lies below what was validated, or its highest voltages past a limit."""
 

@@ -15,14 +15,14 @@ import torch
 from torch import Tensor
 
 from haptix.base.report import Heading
-from haptix.fidelity import FIDELITIES, Ability, FidelityName
-from haptix.friction import ContactModel
-from haptix.perception import WEBER_FRACTION
+from haptix.model.fidelity import FIDELITIES, Ability, FidelityName
+from haptix.model.friction import ContactModel
+from haptix.model.perception.thresholds import WEBER_FRACTION
+from haptix.model.states import ContactState
+from haptix.model.surface import PULL_IN_SHARE
+from haptix.model.surface.axes import AXES, AXIS_NAMES, between
+from haptix.model.terms import TERMS, Term
 from haptix.scene import Scene
-from haptix.states import ContactState
-from haptix.surface import PULL_IN_SHARE
-from haptix.surface.axes import AXES, AXIS_NAMES, between
-from haptix.terms import TERMS, Term
 
 Kind = Literal["term", "axis", "fidelity", "material"]
 

@@ -13,10 +13,10 @@ import numpy as np
 from firmware_io import CurrentReading
 from haptix.base.checks import Array, boolean
 from haptix.base.errors import InputError
-from haptix.perception import WEBER_FRACTION
+from haptix.model.perception.thresholds import WEBER_FRACTION
+from haptix.model.surface import FrictionSurface, Slice
 from haptix.render.drive import Drive
 from haptix.sensing import ContactCurrent, FingerEstimate, FingerObserver
-from haptix.surface import FrictionSurface, Slice
 from haptix.touch import ForceModel, TouchTracker
 
 _LOG = logging.getLogger("haptix.render")

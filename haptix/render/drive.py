@@ -15,7 +15,7 @@ from haptix.base import checks
 from haptix.base.checks import Array
 from haptix.base.display import Displayed
 from haptix.base.errors import InputError
-from haptix.waves import Waveform, sine_table, turns
+from haptix.model.waves import Waveform, sine_table, turns
 
 _LEAST_DC_FREE = 1e-6
 """Largest mean of a waveform over its peak, as the rounding of a thousand samples may leave it."""
@@ -167,7 +167,7 @@ class SineCarrier(Drive):
 
     def wave(self, first_sample: int, count: int, sample_rate_hz: float) -> Array:
         """Samples of the sine, see `Drive.wave`."""
-        # For blocks of a millisecond this is twice as fast as `haptix.waves.sine`.
+        # For blocks of a millisecond this is twice as fast as `haptix.model.waves.sine`.
         phase = turns(first_sample, count, self.frequency_hz, sample_rate_hz)
         return np.sin(2 * np.pi * phase)
 

@@ -20,6 +20,7 @@ from firmware_io.progress import MOST_MARKS
 from firmware_io.revisable import Revisable
 from haptix.base.checks import Array, whole
 from haptix.base.errors import InputError, OverloadWarning
+from haptix.model.surface import FrictionSurface
 from haptix.render.adapting import Adaptation
 from haptix.render.drive import Drive
 from haptix.render.fingers import PredictedFingers
@@ -28,7 +29,6 @@ from haptix.render.samples import Fingers, RenderCore, RenderedBlock
 from haptix.render.settings import LiveSettings
 from haptix.render.stream import LONGEST_GAP_S, RenderStream
 from haptix.sensing import FingerObserver
-from haptix.surface import FrictionSurface
 from haptix.texture import Feelable
 from haptix.touch import TouchCounts, TouchEvent
 

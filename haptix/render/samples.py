@@ -15,18 +15,18 @@ from firmware_io.reviser import percentile
 from haptix.base.checks import Array, instance
 from haptix.base.errors import InputError
 from haptix.base.native import DOUBLES, NULL, Struct, ffi, library
-from haptix.finger import FingerResponse
 from haptix.layout import Layout
+from haptix.model.finger import FingerResponse
+from haptix.model.status import LIMITS, Status
+from haptix.model.surface import FrictionSurface, Slice
+from haptix.model.waves import turns
 from haptix.motion import Motion
 from haptix.render.adapting import Adaptation
 from haptix.render.drive import Drive, DriverCarrier, SineCarrier
 from haptix.render.master import Mix
 from haptix.render.settings import Combination, RenderSettings
 from haptix.sensing import FingerEstimate
-from haptix.status import LIMITS, Status
-from haptix.surface import FrictionSurface, Slice
 from haptix.texture import Evaluator, Feelable, TargetKind, check_feelable
-from haptix.waves import turns
 
 CONTROL_HZ = 12_000.0
 """Rate of the control points, at which friction is evaluated and inverted. Between them the

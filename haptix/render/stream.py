@@ -31,14 +31,14 @@ from firmware_io import Device
 from haptix.base.checks import Array, instance, number
 from haptix.base.errors import InputError, LimitError
 from haptix.layout import Layout, LayoutEvent, LayoutEventKind, Listeners
+from haptix.model.screen import VerifiedRange
+from haptix.model.surface import FrictionSurface
 from haptix.motion import Report, Trajectory
 from haptix.render.drive import Drive, DriverCarrier
 from haptix.render.fingers import RecordedFingers
 from haptix.render.master import EffectEnd, Master
 from haptix.render.samples import RenderCore, RenderedBlock, RenderStats
 from haptix.render.settings import RenderSettings
-from haptix.screen import VerifiedRange
-from haptix.surface import FrictionSurface
 from haptix.texture import Feelable, check_feelable
 from haptix.touch import ForceModel, TouchEvent
 from haptix.touch.events import problem_of

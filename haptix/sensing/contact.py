@@ -24,11 +24,11 @@ from haptix.base.checks import Array, check_fields, positive
 from haptix.base.display import Displayed
 from haptix.base.documents import Document
 from haptix.base.errors import InputError
-from haptix.finger import Finger
-from haptix.friction import ContactModel
-from haptix.screen import Screen
-from haptix.status import Status
-from haptix.surface import FrictionSurface
+from haptix.model.finger import Finger
+from haptix.model.friction import ContactModel
+from haptix.model.screen import Screen
+from haptix.model.status import Status
+from haptix.model.surface import FrictionSurface
 
 LATENT = ("stiffness", "roughness", "area", "skin", "force", "form")
 """What is not known of a finger, as logarithms of ratios: its moduli, its heights, its apparent

@@ -21,11 +21,11 @@ from haptix.base.task import Context, task_at
 from haptix.texture.decoded import PICTURES
 
 if TYPE_CHECKING:
-    from haptix.finger import Finger
     from haptix.layout import Patch
     from haptix.materials import Material
-    from haptix.screen import Screen
-    from haptix.surface import Column, FrictionSurface
+    from haptix.model.finger import Finger
+    from haptix.model.screen import Screen
+    from haptix.model.surface import Column, FrictionSurface
 
 EXPORT = "haptix.tasks.materials:ExportLayout"
 """The task that writes layouts in forms of interchange."""
@@ -107,7 +107,7 @@ class DocumentWork:
     def check(self, material: dict[str, Any], normal_force_n: float) -> dict[str, Any]:
         """All fields of a document, its range, and what a step of each changes [JND]."""
         from haptix.materials.panels import effects_of_steps
-        from haptix.perception import WEBER_FRACTION
+        from haptix.model.perception.thresholds import WEBER_FRACTION
 
         parsed = self.read(material)
         column = self.reach(normal_force_n)
@@ -184,9 +184,9 @@ class DocumentWork:
             return parsed
 
     def _solve_currents(self, carrier_hz: float, highest_v: float) -> dict[str, Any]:
-        from haptix.finger import Finger
-        from haptix.friction import ContactModel
-        from haptix.screen import Screen
+        from haptix.model.finger import Finger
+        from haptix.model.friction import ContactModel
+        from haptix.model.screen import Screen
 
         finger, screen = (self._opening[name] for name in ("finger", "screen"))
         model = ContactModel(Finger.named(finger), Screen.named(screen))
@@ -206,11 +206,11 @@ class DocumentWork:
 
 def surface_of(opening: dict[str, Any]) -> FrictionSurface:
     """Load the surface that was given, or load or build one for the finger and screen."""
-    from haptix.finger import Finger
-    from haptix.friction import ContactModel
+    from haptix.model.finger import Finger
+    from haptix.model.friction import ContactModel
+    from haptix.model.screen import Screen
+    from haptix.model.surface import FrictionSurface, cached_surface
     from haptix.render.samples import DEFAULT_CARRIER_HZ
-    from haptix.screen import Screen
-    from haptix.surface import FrictionSurface, cached_surface
 
     if opening["surface"] is not None:
         return FrictionSurface.load(opening["surface"])

@@ -49,10 +49,10 @@ from haptix.service.wire import (
 from haptix.touch.events import ForceModel, TouchEvent
 
 if TYPE_CHECKING:
-    from haptix.finger import Finger
     from haptix.layout import LayoutEvent
+    from haptix.model.finger import Finger
+    from haptix.model.screen import Screen
     from haptix.render.master import EffectEnd
-    from haptix.screen import Screen
     from haptix.sensing import FingerEstimate, FingerObserver
     from haptix.service.document_work import SessionLayout
 
@@ -66,8 +66,8 @@ _LAYOUTS = ("layout_set", "layout_change", "layout_restore", "forget")
 _OF_DEVICE = ("arm", "disarm", "open", "lend", "take_back")
 _RENDERS = (
     "haptix.devices",
-    "haptix.friction.model",
-    "haptix.surface.surface",
+    "haptix.model.friction.model",
+    "haptix.model.surface.friction_surface",
     "haptix.materials.panels",
     "haptix.render.live",
     "haptix.layout.layout",
@@ -358,10 +358,10 @@ class EngineServer:
         """Open the device, and load or build the surface that its finger and screen need."""
         from haptix.base.threads import return_freed_memory
         from haptix.devices import open_device, profiles_for
-        from haptix.finger import Finger
         from haptix.materials import KINDS
+        from haptix.model.finger import Finger
+        from haptix.model.screen import Screen
         from haptix.render.samples import carrier_hz
-        from haptix.screen import Screen
         from haptix.service.document_work import profiles_of, surface_of
         from haptix.texture.decoded import FOLDER, keep_in
 
@@ -465,7 +465,7 @@ class EngineServer:
 
     def _load_sensing(self, finger: Finger, screen: Screen) -> None:
         """Prepare what takes seconds, where a driver senses; a virtual finger loads a mock."""
-        from haptix.friction import ContactModel
+        from haptix.model.friction import ContactModel
         from haptix.render.samples import carrier_hz
         from haptix.sensing import ContactCurrent
         from haptix.virtual_finger import LiveCurrent, VirtualCurrent

@@ -11,6 +11,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from haptix.base.errors import FileFormatError, InputError
 from haptix.base.kinds import AnyAsset
+from haptix.model.waves import Waveform, sine, turns
 from haptix.signals.audio_files import HIGHEST_RATE_HZ, MOST_SAMPLES, file_hash, read_audio
 from haptix.signals.signal import (
     AnySignal,
@@ -22,7 +23,6 @@ from haptix.signals.signal import (
     Row,
     Signal,
 )
-from haptix.waves import Waveform, sine, turns
 
 _HOP = 1 << 16
 _FADE = np.sin(np.pi / 2 * (np.arange(_HOP) + 0.5) / _HOP)

@@ -20,10 +20,10 @@ from haptix.base.errors import MissingExtraError, from_extra
 from haptix.base.files import check_folder, csv_text, json_text, write_folder
 from haptix.base.report import record, row
 from haptix.base.version import __version__
-from haptix.contact import Accuracy
+from haptix.model.contact import Accuracy
+from haptix.model.pair import described
+from haptix.model.perception.thresholds import WEBER_FRACTION
 from haptix.motion import LIFTED_BELOW_N, Motion
-from haptix.pair import described
-from haptix.perception import WEBER_FRACTION
 from haptix.render import SineCarrier
 from haptix.simulation.simulation import PARTS, Simulation
 from haptix.texture import Texture

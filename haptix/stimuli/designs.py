@@ -16,8 +16,8 @@ from haptix.base.checks import choice, number, positive, whole
 from haptix.base.documents import Part
 from haptix.base.errors import InputError
 from haptix.devices import DriveLimits
-from haptix.perception import Perception
-from haptix.screen import Screen
+from haptix.model.perception.thresholds import Perception
+from haptix.model.screen import Screen
 from haptix.signals.shapes import Sine
 from haptix.signals.signal import signal_from
 from haptix.stimuli.stimulus import DEFAULT_CARRIER_HZ, Stimulus, stimulus_from

@@ -14,7 +14,7 @@ import numpy as np
 from haptix.base.errors import from_extra
 from haptix.base.files import read_json, reading
 from haptix.base.terminal import placeholder_note
-from haptix.perception import Perception, components_of_pull
+from haptix.model.perception.thresholds import Perception, components_of_pull
 from haptix.render.drive import SineCarrier
 from haptix.signals.audio_files import Array, read_drive
 from haptix.stimuli.rendering import over_period

@@ -22,7 +22,7 @@ from haptix.base.errors import InputError
 from haptix.base.files import csv_text
 from haptix.base.report import record
 from haptix.base.task import Context, Result, Task
-from haptix.perception.sensation import Loudest, SensationInTime
+from haptix.model.perception.sensation import Loudest, SensationInTime
 from haptix.stimuli.adaptive.methods import Method
 from haptix.stimuli.adaptive.psychometric import function_named
 from haptix.stimuli.adaptive.session_plan import TASKS

@@ -21,13 +21,14 @@ from haptix.base.files import digest
 from haptix.base.kinds import call, in_folder
 from haptix.base.task import Context, Result, Task
 from haptix.devices import Device
-from haptix.finger import Finger
-from haptix.perception import Perception
+from haptix.model.finger import Finger
+from haptix.model.perception.thresholds import Perception
+from haptix.model.screen import Screen
+from haptix.model.status import Status
+from haptix.model.surface import Column
 from haptix.population import DrawnPeople, Population
-from haptix.screen import Screen
 from haptix.signals.audio_files import Container, Encoding
 from haptix.signals.signal import Array, Constant, Product, Signal, signal_from
-from haptix.status import Status
 from haptix.stimuli.adaptive import (
     METHODS,
     Catch,
@@ -48,7 +49,6 @@ from haptix.stimuli.rendering import Apparatus, Rendering
 from haptix.stimuli.set_plan import TrialPlan, drive_limits
 from haptix.stimuli.stimulus import Stimulus, stimulus_from
 from haptix.stimuli.stimulus_set import StimulusSet
-from haptix.surface import Column
 
 
 class PopulationTable(DrawnPeople):

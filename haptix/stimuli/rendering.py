@@ -18,16 +18,16 @@ from haptix.base.checks import Array
 from haptix.base.errors import InputError
 from haptix.base.files import digest
 from haptix.devices import BODY_CAPACITANCE_F, Current, DriveLimits
-from haptix.finger import Finger, FingerResponse
-from haptix.friction import ContactModel
-from haptix.perception.sensation import SensationInTime
+from haptix.model.finger import Finger, FingerResponse
+from haptix.model.friction import ContactModel
+from haptix.model.perception.sensation import SensationInTime
+from haptix.model.screen import Screen
+from haptix.model.status import Status
+from haptix.model.surface import Column, FrictionSurface, cached_surface
+from haptix.model.waves import sine
 from haptix.population import Population
 from haptix.render.drive import DirectWave
-from haptix.screen import Screen
-from haptix.status import Status
 from haptix.stimuli.stimulus import Stimulus
-from haptix.surface import Column, FrictionSurface, cached_surface
-from haptix.waves import sine
 
 MEMORY_S = 0.1
 """The drive this long before an instant counts: skin relaxes in some 10 ms."""
@@ -119,7 +119,7 @@ class ContactTable:
     conductance_s: Array
     pull_past_breakdown: Array
     x: float
-    """``p0/(E* slope)``, see `haptix.states.ContactState`."""
+    """``p0/(E* slope)``, see `haptix.model.states.ContactState`."""
 
     def at(self, name: str, amplitude_v: float) -> float:
         """Return one of the tables at an amplitude; that of the last node above it."""

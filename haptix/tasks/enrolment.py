@@ -16,7 +16,7 @@ from haptix.base.task import Context, Result
 from haptix.tasks.strokes import FORCES_N, OnScreen
 
 if TYPE_CHECKING:
-    from haptix.friction import ContactModel
+    from haptix.model.friction import ContactModel
     from haptix.render import LiveRenderer
     from haptix.sensing import FingerObserver
     from haptix.virtual_finger import VirtualCurrent
@@ -57,10 +57,10 @@ class Enroll(OnScreen, command="enroll"):
         import numpy as np
 
         from haptix.devices import open_device
+        from haptix.model.surface import cached_surface
         from haptix.render import LiveRenderer, LiveSettings
         from haptix.render.samples import DEFAULT_CARRIER_HZ
         from haptix.sensing import ContactCurrent, FingerObserver
-        from haptix.surface import cached_surface
         from haptix.texture import Texture
 
         model = self.model()
@@ -133,8 +133,8 @@ class Enroll(OnScreen, command="enroll"):
 
     def _virtual(self, model: ContactModel) -> VirtualCurrent:
         """Return the current of the finger that slides on a mock."""
-        from haptix.finger import Finger
-        from haptix.friction import ContactModel
+        from haptix.model.finger import Finger
+        from haptix.model.friction import ContactModel
         from haptix.render.samples import DEFAULT_CARRIER_HZ
         from haptix.virtual_finger import VirtualCurrent
 

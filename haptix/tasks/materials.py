@@ -141,9 +141,9 @@ class FitMaterial(Task, command="material fit"):
         import tomlkit
 
         from haptix.base.files import write_whole
-        from haptix.finger import Finger
-        from haptix.friction import ContactModel
-        from haptix.screen import Screen
+        from haptix.model.finger import Finger
+        from haptix.model.friction import ContactModel
+        from haptix.model.screen import Screen
         from haptix.simulation.simulation import WITHIN_DB, band_name, felt_errors
         from haptix.texture.spectral import fit, stretches
 
@@ -271,9 +271,9 @@ class ExportLayout(Task):
     def _line(self, layout: Material, folder: Path) -> None:
         import numpy as np
 
-        from haptix.finger import Finger
+        from haptix.model.finger import Finger
+        from haptix.model.screen import Screen
         from haptix.motion import Motion
-        from haptix.screen import Screen
         from haptix.signals.shapes import Points
         from haptix.stimuli import StimulusSet
         from haptix.stimuli.along_path import MaterialSignal

@@ -34,9 +34,9 @@ from haptix.base.task import Context, Result, Task
 from haptix.base.terminal import accuracy_note, breakdown_note, placeholder_note, warning_note
 
 if TYPE_CHECKING:
-    from haptix.friction import ContactModel
+    from haptix.model.friction import ContactModel
+    from haptix.model.surface import FrictionSurface
     from haptix.simulation import Setting
-    from haptix.surface import FrictionSurface
     from haptix.texture import Feelable
     from haptix.virtual_finger import Evaluation
 
@@ -75,8 +75,8 @@ class OnScreen(Task):
 
     def model(self) -> ContactModel:
         """Return the contact model."""
-        from haptix.friction import ContactModel
-        from haptix.pair import profiles
+        from haptix.model.friction import ContactModel
+        from haptix.model.pair import profiles
 
         return ContactModel(*profiles(self.finger, self.screen))
 
@@ -168,7 +168,7 @@ class Demo(OfPhotograph, command="demo"):
         # torch and matplotlib load here: the bar should already cover these seconds.
         context.progress("solve the contact, build the surface", 0.0)
         from haptix.base.files import check_folder
-        from haptix.pair import first_line
+        from haptix.model.pair import first_line
         from haptix.simulation import FILES, simulate, write
         from haptix.texture import Texture
 
@@ -244,7 +244,7 @@ class OfPath(OfPhotograph):
 
     def built(self, setting: Setting, context: Context) -> FrictionSurface:
         """Return the surface of a file, or one that is built for the setting."""
-        from haptix.surface import FrictionSurface
+        from haptix.model.surface import FrictionSurface
 
         if self.surface is not None:
             return FrictionSurface.load(self.surface, setting.model)
@@ -286,7 +286,7 @@ class Render(OfPath, command="render", route="renderings", kind="rendering"):
         context.progress("build the surface", 0.0)
         from haptix.base.files import check_folder
         from haptix.devices import open_device, profiles_for
-        from haptix.pair import first_line
+        from haptix.model.pair import first_line
         from haptix.render import LiveSettings
         from haptix.simulation import FILES, errors_of, simulate, write
         from haptix.simulation.folder import summary_of
@@ -348,7 +348,7 @@ class PlayPath(OfPath, command="play"):
         """Play it."""
         context.progress("build the surface", 0.0)
         from haptix.devices import open_device, profiles_for
-        from haptix.pair import described, first_line
+        from haptix.model.pair import described, first_line
         from haptix.render import LiveRenderer, LiveSettings
         from haptix.touch import events_of, paced
 
@@ -409,9 +409,9 @@ class Headroom(OnScreen, route="headroom", kind="headroom"):
         """Shares of a material's places that are out of reach, and the range."""
         from haptix.materials import material_of
         from haptix.materials.picture import picture
+        from haptix.model.status import Status
+        from haptix.model.surface import cached_surface
         from haptix.render.samples import DEFAULT_CARRIER_HZ
-        from haptix.status import Status
-        from haptix.surface import cached_surface
         from haptix.texture import as_mu
 
         scene = {"normal_force_n": self.normal_force_n, "frequency_hz": DEFAULT_CARRIER_HZ}
@@ -443,8 +443,8 @@ class KeepSurface(OnScreen, route="surfaces", kind="surface"):
 
     def run(self, context: Context) -> Result:
         """Build a surface as the service does at its start."""
+        from haptix.model.surface import cached_surface
         from haptix.render.samples import DEFAULT_CARRIER_HZ
-        from haptix.surface import cached_surface
 
         scene = {"normal_force_n": FORCES_N, "frequency_hz": DEFAULT_CARRIER_HZ}
         tolerance = f"{self.tolerance_jnd:g} JND"

@@ -42,8 +42,8 @@ from haptix.base.task import Context, Result, Task
 from haptix.base.terminal import accuracy_note, breakdown_note, placeholder_note, warning_note
 
 if TYPE_CHECKING:
-    from haptix.friction import ContactModel
-    from haptix.surface import FrictionSurface
+    from haptix.model.friction import ContactModel
+    from haptix.model.surface import FrictionSurface
 
 
 _VERIFIED = "normal_force_n", "voltage_v", "frequency_hz"
@@ -103,8 +103,8 @@ class OfModel(Task):
 
     def model(self) -> ContactModel:
         """Return the contact model."""
-        from haptix.friction import ContactModel
-        from haptix.pair import profiles
+        from haptix.model.friction import ContactModel
+        from haptix.model.pair import profiles
 
         if both := {*self.with_terms} & {*self.without_terms}:
             raise InputError(f"--with and --without: expected one of them, both name {both.pop()}")
@@ -116,7 +116,7 @@ class OfModel(Task):
 
 
 def _tolerance(value: str) -> str:
-    from haptix.surface.tolerance import Tolerance
+    from haptix.model.surface.tolerance import Tolerance
 
     try:
         Tolerance.read(value)
@@ -168,7 +168,7 @@ class Build(OfModel, command="build"):
 
     def run(self, context: Context) -> Result:
         """Build it, and write it."""
-        from haptix.pair import first_line
+        from haptix.model.pair import first_line
 
         scene = self.what if self.what.suffix == ".toml" else None
         if scene is None and self.out is not None:
@@ -199,7 +199,7 @@ class Build(OfModel, command="build"):
     def _built(self, context: Context, scene: Path | None, target: Path) -> FrictionSurface:
         """Tabulate a model; boundary elements correct the mean field and resume if interrupted."""
         context.progress("plan the scene" if scene else "build the surface", 0.0)
-        from haptix.surface import FrictionSurface, MeasuringJob
+        from haptix.model.surface import FrictionSurface, MeasuringJob
 
         update = partial(context.progress, "build the surface")
         largest_bytes = int(min(self.largest_mb, 1e6) * 1e6)
@@ -257,10 +257,10 @@ class Query(OfModel, command="query", route="queries"):
 
     def run(self, context: Context) -> Result:
         """Solve all combinations."""
-        from haptix.friction import placeholder_spread
-        from haptix.pair import described, first_line
-        from haptix.screen import Screen
-        from haptix.surface import FrictionSurface
+        from haptix.model.friction import placeholder_spread
+        from haptix.model.pair import described, first_line
+        from haptix.model.screen import Screen
+        from haptix.model.surface import FrictionSurface
 
         inputs = _product(self, "normal_force_n", "voltage_v", "frequency_hz", "h0_m")
         spread: dict[str, Any] = {}
@@ -327,9 +327,9 @@ class Reach(OfModel, command="reach", route="reaches"):
 
     def run(self, context: Context) -> Result:
         """Tabulate the forces, and read where the columns end."""
-        from haptix.pair import described, first_line
-        from haptix.perception import WEBER_FRACTION
-        from haptix.surface import FrictionSurface
+        from haptix.model.pair import described, first_line
+        from haptix.model.perception.thresholds import WEBER_FRACTION
+        from haptix.model.surface import FrictionSurface
 
         model, force_n = self.model(), [*self.normal_force_n]
         ends = {"normal_force_n": (min(force_n), max(force_n)), "frequency_hz": self.frequency_hz}
@@ -367,8 +367,8 @@ class Invert(Task, command="invert"):
 
     def run(self, context: Context) -> Result:
         """Invert all combinations."""
-        from haptix.pair import first_line
-        from haptix.surface import FrictionSurface
+        from haptix.model.pair import first_line
+        from haptix.model.surface import FrictionSurface
 
         inputs = _product(self, "mu", "normal_force_n", "frequency_hz", "h0_m")
         table = FrictionSurface.load(self.surface)
@@ -388,7 +388,7 @@ class Export(Task, command="export"):
 
     def run(self, context: Context) -> Result:
         """Write the file."""
-        from haptix.surface import FrictionSurface
+        from haptix.model.surface import FrictionSurface
 
         check_new(self.out, self.overwrite, self.surface)
         table = FrictionSurface.load(self.surface)
@@ -452,8 +452,8 @@ def _spread_at_corners(model: ContactModel, ranges: dict[str, Any]) -> dict[str,
     """Largest placeholder spread [JND] at the corners of a surface, at its highest voltage."""
     import torch
 
-    from haptix.friction.placeholders import largest_spread
-    from haptix.surface.axes import AXIS_NAMES, read_ranges
+    from haptix.model.friction.placeholders import largest_spread
+    from haptix.model.surface.axes import AXIS_NAMES, read_ranges
 
     whole = read_ranges(model, ranges)
     ends = {name: whole[name] for name in (*AXIS_NAMES, "voltage_v")}
@@ -507,7 +507,7 @@ def _product(task: Task, *names: str) -> dict[str, Any]:
 
 def _rows(inputs: dict[str, Any], outputs: dict[str, Any], status: Any) -> list[dict[str, Any]]:
     """Rows for JSON: None where a number is not finite, as an interval that was not shown."""
-    from haptix.status import Status
+    from haptix.model.status import Status
 
     columns = {name: column for name, column in (inputs | outputs).items() if column is not None}
     return [
@@ -537,7 +537,7 @@ class PlanScene(Task, command="plan"):
     def run(self, context: Context) -> Result:
         """Plan it."""
         context.progress("plan the scene", 0.0)  # the bar appears before torch loads, for seconds
-        from haptix.pair import described, first_line
+        from haptix.model.pair import described, first_line
         from haptix.planning import plan_scene
         from haptix.scene import Scene
 
@@ -579,7 +579,7 @@ class TradeOff(Task, command="tradeoff", route="tradeoffs", keeps="results"):
     def run(self, context: Context) -> Result:
         """Measure, and write the files."""
         context.progress(_STAGES["run"], 0.0)
-        from haptix.pair import described, first_line
+        from haptix.model.pair import described, first_line
         from haptix.scene import Scene
         from haptix.tradeoff import default_scene, write_tradeoff
 

@@ -11,9 +11,9 @@ import numpy as np
 from pydantic import Field, PositiveFloat
 
 from haptix.base.checks import Array
+from haptix.model.waves import Shape, Waveform
 from haptix.texture.field import FrictionField
 from haptix.texture.material import Scaled
-from haptix.waves import Shape, Waveform
 
 _MOST_HARMONICS = 1024
 _POINTS_PER_WAVE = 16  # for a table's highest harmonic, of which interpolation then loses 2 %

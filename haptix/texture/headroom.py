@@ -13,16 +13,16 @@ from haptix.base import checks
 from haptix.base.checks import Array
 from haptix.base.display import Displayed
 from haptix.base.errors import InputError, from_extra
+from haptix.model.perception.thresholds import WEBER_FRACTION
+from haptix.model.status import LIMITS, Status
 from haptix.motion import Motion
-from haptix.perception import WEBER_FRACTION
-from haptix.status import LIMITS, Status
 from haptix.texture.field import Feelable, as_mu
 from haptix.texture.texture import Texture
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from haptix.surface import FrictionSurface
+    from haptix.model.surface import FrictionSurface
 
 _ABOVE = (Status.ABOVE, *LIMITS)
 _NAMES = ("reachable", "below: lower than without voltage", "above: more than the highest gives")

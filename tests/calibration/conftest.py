@@ -7,7 +7,7 @@ import haptix
 from calibration import Parameters, Stroke, StrokePredictor, StrokeRecording
 from calibration.predict import StrokeConditions
 from calibration.reduction import Point, Reduced
-from haptix.friction import in_theory
+from haptix.model.friction import in_theory
 
 
 @pytest.fixture(scope="session")

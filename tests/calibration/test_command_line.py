@@ -18,7 +18,7 @@ from haptix.campaign import run_campaign
 from haptix.campaign.plans import CalibrationFits
 from haptix.cli.application import app as whole
 from haptix.cli.application import group_of
-from haptix.screen import NO_INSTRUMENT
+from haptix.model.screen import NO_INSTRUMENT
 
 app = group_of("calibrate", "Calibrate a screen.")
 

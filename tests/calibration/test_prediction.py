@@ -6,7 +6,7 @@ import pytest
 import haptix
 from calibration import StrokePredictor
 from calibration.predict import StrokeConditions
-from haptix.finger import Roughness
+from haptix.model.finger import Roughness
 
 FORCE, VOLTS = (a.ravel() for a in np.meshgrid([0.1, 0.5, 0.9], [1e-3, 100.0, 170.0]))
 STROKES = StrokeConditions(FORCE, VOLTS, np.resize([125.0, 60.0, 500.0], 9), np.full(9, 50.0))

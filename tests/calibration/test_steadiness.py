@@ -12,7 +12,7 @@ from calibration.predict import StrokeConditions
 from calibration.reduction import Point, Reduced, reduce_stroke
 from calibration.steadiness import steadiness
 from haptix.base.report import record
-from haptix.perception import WEBER_FRACTION
+from haptix.model.perception.thresholds import WEBER_FRACTION
 
 CREEP = 0.03  # for each e-fold of the time in contact
 

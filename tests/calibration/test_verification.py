@@ -26,8 +26,8 @@ from calibration.profile import write_archive
 from calibration.reduction import Reduced
 from calibration.rig import VoltsRead
 from calibration.session_report import farthest_stroke
-from haptix.perception import WEBER_FRACTION
-from haptix.screen import CALIBRATION_VALID_DAYS, CalibrationWarning, VerifiedRange
+from haptix.model.perception.thresholds import WEBER_FRACTION
+from haptix.model.screen import CALIBRATION_VALID_DAYS, CalibrationWarning, VerifiedRange
 
 H0_M = 1.6e-7
 

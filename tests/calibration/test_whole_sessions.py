@@ -27,7 +27,7 @@ VOLTS = 100.0
 # Some of these sessions fail, and the profile that is written warns of it.
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.filterwarnings("default::haptix.screen.CalibrationWarning"),
+    pytest.mark.filterwarnings("default::haptix.model.screen.CalibrationWarning"),
 ]
 
 

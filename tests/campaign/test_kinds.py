@@ -10,14 +10,14 @@ from haptix.base.errors import InputError
 from haptix.base.task import task_at
 from haptix.campaign import CampaignTask, load_campaign, run_campaign
 from haptix.cli.application import app
-from haptix.fidelity import BoundaryElementBox
-from haptix.finger import Finger
-from haptix.friction import ContactModel
+from haptix.model.fidelity import BoundaryElementBox
+from haptix.model.finger import Finger
+from haptix.model.friction import ContactModel
+from haptix.model.screen import Screen
+from haptix.model.surface import FrictionSurface
 from haptix.planning import plan_scene
 from haptix.population import Population
-from haptix.screen import Screen
 from haptix.stimuli.recipe import Recipe
-from haptix.surface import FrictionSurface
 from haptix.tradeoff import run_tradeoff
 
 

@@ -36,9 +36,9 @@ def test_words_and_files_that_are_none_are_refused_before_anything_is_read(
     (own_folder / "file").write_text("x")
     for name in (
         "torch",
-        "haptix.surface.surface",
-        "haptix.friction",
-        "haptix.finger",
+        "haptix.model.surface.friction_surface",
+        "haptix.model.friction",
+        "haptix.model.finger",
         "haptix.scene",
     ):
         monkeypatch.setitem(sys.modules, name, None)  # importing it would be an error

@@ -89,7 +89,7 @@ def test_a_cache_that_cannot_be_read_is_told(haptix_cli, kept, monkeypatch):
 
 def test_what_the_commands_keep_is_listed(haptix_cli, private_cache, model):
     # The names in the tests above are made up; these are not.
-    from haptix.surface import cached_surface
+    from haptix.model.surface import cached_surface
 
     cached_surface(model, {"normal_force_n": 0.5, "voltage_v": (0.0, 50.0)}, 0.01)
     assert by_kind(haptix_cli("cache", "--json"))["surfaces"]["files"] == 2

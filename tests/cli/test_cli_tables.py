@@ -11,7 +11,7 @@ import pytest
 import haptix
 from haptix.base.terminal import show
 from haptix.cli import COMMANDS as LISTED
-from haptix.surface import FrictionSurface
+from haptix.model.surface import FrictionSurface
 
 ROOT = Path(haptix.__file__).parents[1]
 COMMANDS = ["demo", "build", "query", "invert", "devices", "doctor", "cache"]
@@ -325,7 +325,7 @@ def test_doctor_fails_a_cache_that_is_a_file(haptix_cli, monkeypatch, things):
 
 
 def test_doctor_fails_a_wrong_solver(haptix_cli, monkeypatch):
-    from haptix.contact import MeanField
+    from haptix.model.contact import MeanField
 
     right = MeanField.area_fraction
     monkeypatch.setattr(MeanField, "area_fraction", lambda self, p: 1.01 * right(self, p))

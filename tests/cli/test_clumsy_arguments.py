@@ -9,7 +9,7 @@ from typer.main import get_command
 
 from haptix.base import fields
 from haptix.cli.application import app
-from haptix.terms import TERMS
+from haptix.model.terms import TERMS
 from tests.command_line import run_haptix
 
 LONG = "a" * 5000

@@ -8,10 +8,10 @@ from fastapi import FastAPI
 import haptix
 from haptix.campaign.plans import load_campaign
 from haptix.campaign.run import run_campaign
+from haptix.model.status import Status
+from haptix.model.surface import PULL_IN_SHARE
 from haptix.service.rest import jobs_router
 from haptix.service.worker import JobWork
-from haptix.status import Status
-from haptix.surface import PULL_IN_SHARE
 from tests.cli.test_desk import Board
 from tests.command_line import run_haptix
 
@@ -34,7 +34,9 @@ def test_the_command_says_what_the_model_gives_up_to_its_limits(finger, frequenc
             # The command's own tolerance of 0.02 JND, of 11 % of the friction each.
             assert mu == pytest.approx(float(solved.mu), rel=0.0022)
             assert Status(int(solved.status)) is Status.OK
-        steps = (row["mu_high"] / row["mu_low"] - 1) / haptix.perception.WEBER_FRACTION
+        steps = (
+            row["mu_high"] / row["mu_low"] - 1
+        ) / haptix.model.perception.thresholds.WEBER_FRACTION
         assert row["range_jnd"] == pytest.approx(steps)
         if row["limited_by"] == "VOLTAGE":
             assert voltage_v == pytest.approx(screen.max_voltage_v)

@@ -323,7 +323,7 @@ def all_of(folder):
 
 
 @pytest.mark.parametrize("case", CASES)
-@pytest.mark.filterwarnings("ignore::haptix.contact.boundary_elements.ResolutionWarning")
+@pytest.mark.filterwarnings("ignore::haptix.model.contact.boundary_elements.ResolutionWarning")
 def test_it_is_one_sentence_and_nothing_is_written(haptix_cli, lying_around, monkeypatch, case):
     monkeypatch.chdir(lying_around)
     before = all_of(lying_around)

@@ -12,10 +12,10 @@ from scipy.optimize import brentq
 
 from benchmarks.attracted_contacts import falling
 from benchmarks.attraction_theory import MODULUS_PA, SIDE_M, shape_heights
-from haptix.contact import HalfSpace
-from haptix.contact.boundary_elements.bounded import BoundedProblem
-from haptix.contact.boundary_elements.coupled import AttractedContacts
-from haptix.contact.boundary_elements.elements import corrected_area
+from haptix.model.contact import HalfSpace
+from haptix.model.contact.boundary_elements.bounded import BoundedProblem
+from haptix.model.contact.boundary_elements.coupled import AttractedContacts
+from haptix.model.contact.boundary_elements.elements import corrected_area
 from tests.contact.adhesive_sphere import AdhesiveSphere, Array
 
 RADIUS_M, CONTACT_M = 0.05, 1e-4

@@ -8,9 +8,9 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from haptix.contact import HalfSpace, Layered, RoughnessSpectrum
-from haptix.contact.boundary_elements import BoundaryElements, Surfaces
-from haptix.contact.elasticity import ElasticSolid
+from haptix.model.contact import HalfSpace, Layered, RoughnessSpectrum
+from haptix.model.contact.boundary_elements import BoundaryElements, Surfaces
+from haptix.model.contact.elasticity import ElasticSolid
 from tests.contact.closed_forms import (
     HertzSphere,
     WavySurface,

@@ -9,10 +9,15 @@ import pytest
 import torch
 
 from haptix.base.errors import FileFormatError, InputError
-from haptix.contact import HalfSpace, RoughnessSpectrum
-from haptix.contact.boundary_elements import BoundaryElements, Surfaces, ensemble, estimated_bytes
-from haptix.contact.boundary_elements.bounded import BoundedProblem
-from haptix.contact.boundary_elements.coupled import AttractedContacts
+from haptix.model.contact import HalfSpace, RoughnessSpectrum
+from haptix.model.contact.boundary_elements import (
+    BoundaryElements,
+    Surfaces,
+    ensemble,
+    estimated_bytes,
+)
+from haptix.model.contact.boundary_elements.bounded import BoundedProblem
+from haptix.model.contact.boundary_elements.coupled import AttractedContacts
 
 UNIT = HalfSpace(1.0, 0.0)
 WAVE = 2 * pi

@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 import torch
 
-from haptix.contact import HalfSpace, RoughnessSpectrum
-from haptix.contact.boundary_elements import BoundaryElements, ContactSolution, Surfaces
+from haptix.model.contact import HalfSpace, RoughnessSpectrum
+from haptix.model.contact.boundary_elements import BoundaryElements, ContactSolution, Surfaces
 
 WAVE = 2 * pi
 EPS0 = 8.8541878128e-12

@@ -7,9 +7,9 @@ import pytest
 import torch
 
 from haptix.base.errors import InputError
-from haptix.contact import RoughnessSpectrum
-from haptix.contact.boundary_elements import ResolutionWarning, Surfaces
-from haptix.contact.boundary_elements.elements import corrected_area
+from haptix.model.contact import RoughnessSpectrum
+from haptix.model.contact.boundary_elements import ResolutionWarning, Surfaces
+from haptix.model.contact.boundary_elements.elements import corrected_area
 
 WAVE = 2 * pi
 

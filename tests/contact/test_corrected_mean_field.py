@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptix import ContactModel, Finger, InputError, Screen
-from haptix.contact import THEORIES, AreaLaw, HalfSpace, MeanField, RoughnessSpectrum
+from haptix.model.contact import THEORIES, AreaLaw, HalfSpace, MeanField, RoughnessSpectrum
 from tests.programs import load
 
 CORRECTED = THEORIES["corrected"]

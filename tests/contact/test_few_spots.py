@@ -11,10 +11,10 @@ import pytest
 import torch
 from scipy.special import erf
 
-from haptix.contact import THEORIES, AreaLaw, HalfSpace, Layered, MeanField, RoughnessSpectrum
-from haptix.contact.accuracy import SHOWN_ERRORS, VALIDATED_X
-from haptix.contact.boundary_elements import Surfaces
-from haptix.contact.finite_size import Touching, highest_peak, once_for_equals, peaks_per_area
+from haptix.model.contact import THEORIES, AreaLaw, HalfSpace, Layered, MeanField, RoughnessSpectrum
+from haptix.model.contact.accuracy import SHOWN_ERRORS, VALIDATED_X
+from haptix.model.contact.boundary_elements import Surfaces
+from haptix.model.contact.finite_size import Touching, highest_peak, once_for_equals, peaks_per_area
 
 ROWS = Path(__file__).parents[1] / "data" / "few-spots.csv"
 CORRECTED = THEORIES["corrected"]

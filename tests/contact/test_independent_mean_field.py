@@ -9,7 +9,7 @@ import pytest
 from scipy.interpolate import interp1d
 from scipy.special import erfinv
 
-from haptix.contact import HalfSpace, Layered, MeanField, RoughnessSpectrum
+from haptix.model.contact import HalfSpace, Layered, MeanField, RoughnessSpectrum
 
 Function = Callable[[np.ndarray], np.ndarray]
 

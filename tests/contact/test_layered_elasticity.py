@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptix.base.errors import InputError
-from haptix.contact import HalfSpace, Layered
+from haptix.model.contact import HalfSpace, Layered
 
 
 def response(x: float, e0: float, nu0: float, e1: float, nu1: float) -> float:

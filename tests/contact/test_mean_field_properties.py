@@ -13,7 +13,7 @@ from scipy import special
 from scipy.integrate import quad
 
 from haptix.base.errors import InputError
-from haptix.contact import (
+from haptix.model.contact import (
     THEORIES,
     AreaLaw,
     GapDistribution,
@@ -22,7 +22,7 @@ from haptix.contact import (
     MeanField,
     RoughnessSpectrum,
 )
-from haptix.contact.tables import SeparationIntegral
+from haptix.model.contact.tables import SeparationIntegral
 
 
 def tenth_powers(low: float, high: float) -> st.SearchStrategy[float]:

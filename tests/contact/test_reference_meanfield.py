@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 import torch
 
-from haptix.contact import HalfSpace, Layered, MeanField, RoughnessSpectrum
+from haptix.model.contact import HalfSpace, Layered, MeanField, RoughnessSpectrum
 
 NAMES = [
     "self-affine, half space",

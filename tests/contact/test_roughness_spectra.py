@@ -13,8 +13,8 @@ from scipy.integrate import quad
 
 from haptix import ContactModel, Finger, Screen
 from haptix.base.errors import InputError
-from haptix.contact import HalfSpace, MeanField, RoughnessSpectrum
-from haptix.finger import MeasuredRoughness
+from haptix.model.contact import HalfSpace, MeanField, RoughnessSpectrum
+from haptix.model.finger import MeasuredRoughness
 
 SURFACES = [
     (22e-6, 0.86, 1e3, 3992.9, 1e9),

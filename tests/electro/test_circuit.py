@@ -6,9 +6,9 @@ import pytest
 import torch
 
 from haptix import ContactModel, Finger, Screen
-from haptix.electro import VACUUM_PERMITTIVITY
-from haptix.electro.attraction import Circuit, bin_inverse
-from haptix.finger import Roughness
+from haptix.model.electro import VACUUM_PERMITTIVITY
+from haptix.model.electro.attraction import Circuit, bin_inverse
+from haptix.model.finger import Roughness
 
 SCREEN = Screen(max_voltage_v=1000.0)
 GEL = Finger(name="gel")

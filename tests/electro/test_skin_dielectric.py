@@ -16,8 +16,8 @@ from scipy.interpolate import PchipInterpolator
 
 from haptix import Finger, Screen
 from haptix.base.errors import InputError
-from haptix.contact import MeanField
-from haptix.electro import (
+from haptix.model.contact import MeanField
+from haptix.model.electro import (
     SKIN_DIELECTRICS,
     VACUUM_PERMITTIVITY,
     AttractionTable,
@@ -27,7 +27,7 @@ from haptix.electro import (
     drive_strength,
     drive_voltage,
 )
-from haptix.terms import ActiveTerms, Properties
+from haptix.model.terms import ActiveTerms, Properties
 
 CONSTANT = SkinDielectric(
     frequency_hz=(1e3,), permittivity=(2000.0,), resistivity_ohm_m=(1e5,), source="constant"

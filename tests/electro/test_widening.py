@@ -21,10 +21,10 @@ from benchmarks.attraction_theory import (
     shape_errors,
 )
 from haptix import ContactModel, Finger, Screen
-from haptix.contact import THEORIES, HalfSpace, MeanField, RoughnessSpectrum
-from haptix.electro import AttractionTable, Pull, drive_voltage
-from haptix.electro.widening import edge_weight
-from haptix.fidelity import Balance, Contact, Load, MeanFieldBalance
+from haptix.model.contact import THEORIES, HalfSpace, MeanField, RoughnessSpectrum
+from haptix.model.electro import AttractionTable, Pull, drive_voltage
+from haptix.model.electro.widening import edge_weight
+from haptix.model.fidelity import Balance, Contact, Load, MeanFieldBalance
 
 H_RMS_M = 1e-6
 ROWS = Path(__file__).parents[1] / "data" / "boundary-elements-own" / "attracted.csv"

@@ -17,8 +17,8 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 from haptix import ContactModel, Finger, FrictionSurface, InputError, Screen, Status
-from haptix.surface import Interpolant
-from haptix.surface.axes import Axes
+from haptix.model.surface import Interpolant
+from haptix.model.surface.axes import Axes
 
 SOURCE = Path(__file__).parents[2] / "examples" / "read_surface.c"
 POINTS = 1000

@@ -8,8 +8,8 @@ import torch
 from torch import Tensor
 
 from haptix import ContactModel, ContactState, Finger, Screen, Status
-from haptix.electro import AttractionTable
-from haptix.finger import Roughness
+from haptix.model.electro import AttractionTable
+from haptix.model.finger import Roughness
 
 AT = {
     "normal_force_n": 0.5,
@@ -197,7 +197,7 @@ def test_backward_runs_on_one_thread_and_gives_the_others_back(
 def test_one_table_serves_all_blocks_of_a_material_that_is_differentiated(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("haptix.friction.solver.BLOCK", 2)
+    monkeypatch.setattr("haptix.model.friction.solver.BLOCK", 2)
     solve_table = Mock(wraps=AttractionTable.solve)
     monkeypatch.setattr(AttractionTable, "solve", solve_table)
     modulus = torch.tensor(40e6, dtype=torch.float64).requires_grad_()

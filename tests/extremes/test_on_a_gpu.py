@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from haptix import ContactModel, Finger, FrictionSurface, Screen
-from haptix.fidelity import BoundaryElementBox
+from haptix.model.fidelity import BoundaryElementBox
 from haptix.simulation.simulation import exact_amplitude
 from haptix.stimuli import Constant, Rendering, Stimulus
 from haptix.texture import Grating, headroom

@@ -15,10 +15,10 @@ from scipy.linalg import solve_banded
 from torch import Tensor
 
 from haptix import ContactModel, Finger, Screen, Status
-from haptix.contact import THEORIES
-from haptix.finger import Roughness
-from haptix.friction import in_theory
-from haptix.terms import TERMS
+from haptix.model.contact import THEORIES
+from haptix.model.finger import Roughness
+from haptix.model.friction import in_theory
+from haptix.model.terms import TERMS
 from tests.programs import load
 
 # What is asked of the package's grids in I, as in test_independent_mean_field. The oracle's own

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from haptix import ContactModel, ContactState, Finger, Screen, Status
-from haptix.finger import Roughness
+from haptix.model.finger import Roughness
 
 FORCE = torch.tensor([0.02, 0.2, 2.0], dtype=torch.float64)[:, None]
 VOLTAGE = torch.tensor([0.0, 60.0, 150.0, 250.0], dtype=torch.float64)

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from haptix import ContactModel, ContactState, Finger, Screen, Status
-from haptix.contact import GapDistribution, RoughnessSpectrum
-from haptix.finger import Roughness
+from haptix.model.contact import GapDistribution, RoughnessSpectrum
+from haptix.model.finger import Roughness
 
 FLOATS = [field.name for field in fields(ContactState) if field.type == "Tensor"]
 FLOATS += ["pull_past_breakdown", "capacitance_f", "conductance_s"]

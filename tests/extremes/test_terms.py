@@ -10,10 +10,10 @@ import torch
 from torch import Tensor
 
 from haptix import ContactModel, Finger, InputError, Screen, Status
-from haptix.contact.area import elastoplastic_area
-from haptix.contact.finite_size import highest_asperity
-from haptix.electro import drive_strength
-from haptix.terms import TERMS
+from haptix.model.contact.area import elastoplastic_area
+from haptix.model.contact.finite_size import highest_asperity
+from haptix.model.electro import drive_strength
+from haptix.model.terms import TERMS
 
 EPS0 = 8.8541878128e-12
 SCREEN = Screen(max_voltage_v=5000.0)

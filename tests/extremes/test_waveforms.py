@@ -9,12 +9,12 @@ from torch import Tensor
 
 from haptix import ContactModel, Finger, Screen, Status
 from haptix.base.errors import InputError
-from haptix.contact import HalfSpace, MeanField, RoughnessSpectrum
-from haptix.contact.meanfield import GapHistogram
-from haptix.electro import Pull, SkinDielectric
-from haptix.electro.attraction import field_in_time
-from haptix.terms import ActiveTerms, Properties
-from haptix.waves import Waveform
+from haptix.model.contact import HalfSpace, MeanField, RoughnessSpectrum
+from haptix.model.contact.persson import GapHistogram
+from haptix.model.electro import Pull, SkinDielectric
+from haptix.model.electro.attraction import field_in_time
+from haptix.model.terms import ActiveTerms, Properties
+from haptix.model.waves import Waveform
 
 EPS0 = 8.8541878128e-12
 H0, VOLTAGE, FREQUENCY = 2e-7, 100.0, 200.0

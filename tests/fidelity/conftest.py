@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from haptix import Finger, Screen
-from haptix.contact import RoughnessSpectrum
-from haptix.fidelity import BoundaryElementBox
-from haptix.finger import MeasuredRoughness
+from haptix.model.contact import RoughnessSpectrum
+from haptix.model.fidelity import BoundaryElementBox
+from haptix.model.finger import MeasuredRoughness
 
 
 @pytest.fixture
@@ -23,7 +23,7 @@ def gel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     Screen(insulator_thickness_m=8e-6, max_voltage_v=1000.0).save(tmp_path / "screen.toml")
     # There is no option for the box: the usual one takes ten times as long.
     monkeypatch.setattr(
-        "haptix.friction.model.BoundaryElementBox",
+        "haptix.model.friction.model.BoundaryElementBox",
         lambda: BoundaryElementBox(points=64, surfaces=2, q_high_per_m=3.6e5),
     )
     return ["--finger", f"{tmp_path / 'gel.toml'}", "--screen", f"{tmp_path / 'screen.toml'}"]

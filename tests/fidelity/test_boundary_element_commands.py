@@ -7,15 +7,15 @@ from typing import Any
 import pytest
 
 from haptix import FrictionSurface
-from haptix.contact.boundary_elements import ensemble
-from haptix.fidelity import BoundaryElementBalance
+from haptix.model.contact.boundary_elements import ensemble
+from haptix.model.fidelity import BoundaryElementBalance
 from tests.command_line import CommandLine
 
 EXACT = ["--fidelity", "boundary-element"]
 LOADS = ["--normal-force-n", "0.5,1", "--voltage-v", "150", "--frequency-hz", "125"]
 
 pytestmark = pytest.mark.filterwarnings(
-    "ignore::haptix.contact.boundary_elements.ResolutionWarning"
+    "ignore::haptix.model.contact.boundary_elements.ResolutionWarning"
 )
 
 

@@ -8,11 +8,11 @@ import torch
 from torch import Tensor
 
 from haptix import ContactModel, Finger, InputError, LimitError, Screen, Status
-from haptix.contact import RoughnessSpectrum
-from haptix.contact.boundary_elements import BoundaryElements, ResolutionWarning, ensemble
-from haptix.fidelity import BoundaryElementBalance, BoundaryElementBox, UnsettledWarning
-from haptix.finger import MeasuredRoughness
-from haptix.terms import chosen_terms
+from haptix.model.contact import RoughnessSpectrum
+from haptix.model.contact.boundary_elements import BoundaryElements, ResolutionWarning, ensemble
+from haptix.model.fidelity import BoundaryElementBalance, BoundaryElementBox, UnsettledWarning
+from haptix.model.finger import MeasuredRoughness
+from haptix.model.terms import chosen_terms
 
 # Rough on a scale that a small box resolves: 2 roll-off wavelengths, 8 pixels per shortest one.
 SPECTRUM = RoughnessSpectrum.self_affine(1e-6, 0.8, 4.5e4, 9e4, 3.6e5)
@@ -27,7 +27,7 @@ H0 = 1e-6
 BOX = BoundaryElementBox(points=64, surfaces=4, q_high_per_m=3.6e5)
 
 pytestmark = pytest.mark.filterwarnings(
-    "ignore::haptix.contact.boundary_elements.ResolutionWarning"
+    "ignore::haptix.model.contact.boundary_elements.ResolutionWarning"
 )
 
 

@@ -6,11 +6,11 @@ import pytest
 import torch
 
 from haptix import ContactModel, Finger, FrictionSurface, InputError, Scene, Screen
-from haptix.contact import RoughnessSpectrum
-from haptix.fidelity import BoundaryElementBox
-from haptix.finger import MeasuredRoughness
+from haptix.model.contact import RoughnessSpectrum
+from haptix.model.fidelity import BoundaryElementBox
+from haptix.model.finger import MeasuredRoughness
+from haptix.model.surface import MeasuredPoints, MeasuringJob
 from haptix.planning import plan_scene
-from haptix.surface import MeasuredPoints, MeasuringJob
 
 FINGER = Finger(
     name="gel",
@@ -22,7 +22,7 @@ SCENE = {"normal_force_n": (0.5, 1.0), "frequency_hz": 125.0}
 POINTS = MeasuredPoints(forces=3, drives=2, axis_values=1, band="box")
 
 pytestmark = pytest.mark.filterwarnings(
-    "ignore::haptix.contact.boundary_elements.ResolutionWarning"
+    "ignore::haptix.model.contact.boundary_elements.ResolutionWarning"
 )
 
 

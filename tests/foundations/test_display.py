@@ -10,7 +10,7 @@ import torch
 import haptix
 from calibration import StrokeRecording
 from calibration.protocol import Stroke
-from haptix.contact import RoughnessSpectrum
+from haptix.model.contact import RoughnessSpectrum
 from haptix.simulation import Setting, simulate
 from haptix.texture import Grating, Texture
 

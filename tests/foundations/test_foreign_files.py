@@ -30,11 +30,12 @@ from haptix import HaptixError
 from haptix.base.errors import FileFormatError
 from haptix.base.files import digest, read_csv, read_json, read_toml
 from haptix.cli.application import app
-from haptix.contact.boundary_elements.ensemble import run_ensemble
-from haptix.finger import Finger
-from haptix.perception import Perception
+from haptix.model.contact.boundary_elements.ensemble import run_ensemble
+from haptix.model.finger import Finger
+from haptix.model.perception.thresholds import Perception
+from haptix.model.screen import Screen
+from haptix.model.surface import FrictionSurface
 from haptix.scene import Scene
-from haptix.screen import Screen
 from haptix.signals.audio_files import read_drive
 from haptix.signals.shapes import Recorded
 from haptix.stimuli.adaptive.trial_log import TrialLog
@@ -42,7 +43,6 @@ from haptix.stimuli.drawing import draw_stimulus, read_for_drawing
 from haptix.stimuli.interchange import FrictionMap, read_ahap, read_hjif
 from haptix.stimuli.recipe import ExperimentRecipe, Recipe
 from haptix.stimuli.stimulus_set import check_manifest
-from haptix.surface import FrictionSurface
 from haptix.texture import PennModel, Texture
 from tests.command_line import run_haptix
 
@@ -585,7 +585,7 @@ def spoiled(draw, tree):
         return tree
 
 
-@pytest.mark.filterwarnings("ignore::haptix.screen.CalibrationWarning")
+@pytest.mark.filterwarnings("ignore::haptix.model.screen.CalibrationWarning")
 @pytest.mark.parametrize("name", DOCUMENTS)
 @settings(
     max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]

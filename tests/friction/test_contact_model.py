@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from haptix import ContactModel, ContactState, Finger, Screen, Status
-from haptix.contact import MeanField
+from haptix.model.contact import MeanField
 
 EPS0 = 8.8541878128e-12
 FIELDS = (

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from haptix import ContactModel, Finger, Screen, Status
-from haptix.status import LIMITS
+from haptix.model.status import LIMITS
 
 STATES = 18_000
 

@@ -8,10 +8,10 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from haptix.contact.tables import UniformCubic
-from haptix.electro import Attraction
-from haptix.fidelity.balance import LIGHT_CONTACT_LIMIT
-from haptix.fidelity.mean_field import lowest_branch
+from haptix.model.contact.tables import UniformCubic
+from haptix.model.electro import Attraction
+from haptix.model.fidelity.balance import LIGHT_CONTACT_LIMIT
+from haptix.model.fidelity.mean_field import lowest_branch
 
 STEP = 0.1
 SCALE = 1e-3  # I at p = 1 Pa

@@ -6,9 +6,9 @@ import pytest
 import torch
 
 from haptix import ContactModel, Finger, Screen
-from haptix.electro import SKIN_DIELECTRICS
-from haptix.finger import Roughness
-from haptix.friction.placeholders import alike, placeholder_spread
+from haptix.model.electro import SKIN_DIELECTRICS
+from haptix.model.finger import Roughness
+from haptix.model.friction.placeholders import alike, placeholder_spread
 
 SCREEN = Screen.preset("3m-sct3250")
 SEMI_WET = Finger.preset("semi-wet")

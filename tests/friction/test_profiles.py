@@ -9,9 +9,9 @@ import torch
 
 from haptix import Finger, InputError, Screen
 from haptix.base.errors import FileFormatError
-from haptix.electro import SkinDielectric
-from haptix.finger import Roughness
-from haptix.friction import in_theory
+from haptix.model.electro import SkinDielectric
+from haptix.model.finger import Roughness
+from haptix.model.friction import in_theory
 
 # Physics page, section 3: E [Pa], nu, sigma_Y [Pa], tau_f [Pa].
 SKINS = [

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from haptix import ContactModel, Finger, Screen, Status
-from haptix.finger import Roughness
+from haptix.model.finger import Roughness
 
 AREA_M2 = 1e-4
 CASES = json.loads((Path(__file__).parents[1] / "data" / "meanfield.json").read_text())["cases"]

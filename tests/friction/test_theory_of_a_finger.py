@@ -7,7 +7,7 @@ import torch
 
 from benchmarks.preset_shear_stress import PAPER_PA, refitted
 from haptix import ContactModel, Finger, InputError, Screen
-from haptix.friction import in_theory
+from haptix.model.friction import in_theory
 
 SCREEN = Screen.preset("3m-sct3250")
 THEORIES = ("local", "corrected", "open-gaps", "as-published")

@@ -6,8 +6,8 @@ import pytest
 import torch
 
 from haptix import ContactModel, Finger, Screen
-from haptix.contact import Accuracy
-from haptix.contact.accuracy import (
+from haptix.model.contact import Accuracy
+from haptix.model.contact.accuracy import (
     HEAVIEST_X,
     UNDER_VOLTAGE,
     VALIDATED_WAVES,

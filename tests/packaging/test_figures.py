@@ -10,7 +10,7 @@ import pytest
 
 import haptix
 from firmware_io.limits import ABSOLUTE_CEILING_V
-from haptix.perception import WEBER_FRACTION
+from haptix.model.perception.thresholds import WEBER_FRACTION
 from tests.programs import load
 
 ROOT = Path(haptix.__file__).parents[1]

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from haptix import Finger, Screen
 from haptix.cli.application import app
-from haptix.electro.dielectric import VACUUM_PERMITTIVITY, SkinDielectric
+from haptix.model.electro.dielectric import VACUUM_PERMITTIVITY, SkinDielectric
 
 KEPT = Path(__file__).parents[1] / "data" / "kept-files"
 EXPECTED = json.loads((KEPT / "expected.json").read_text())

@@ -44,7 +44,7 @@ SEARCHES = {
     "slider": "howto/slider.html",
     "stop": "howto/stop.html",
     "plot": "howto/plot.html",
-    "FrictionSurface.build": "reference/haptix.surface.html#haptix.surface.FrictionSurface.build",
+    "FrictionSurface.build": "reference/haptix.surface.html#haptix.model.surface.FrictionSurface.build",
     "ContactModel.solve": "reference/haptix.html#haptix.ContactModel.solve",
     "install": "index.html",
     "safety": "safety.html",

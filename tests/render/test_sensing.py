@@ -5,8 +5,8 @@ import pytest
 
 import haptix
 from firmware_io.protocol import codes_to_volts
+from haptix.model.perception.thresholds import WEBER_FRACTION
 from haptix.motion import Trajectory
-from haptix.perception import WEBER_FRACTION
 from haptix.render import DirectWave, LiveRenderer, LiveSettings
 from haptix.render.adapting import Adaptation
 from haptix.sensing import ContactCurrent, FingerObserver, Knowledge

@@ -6,8 +6,8 @@ import pytest
 
 import haptix
 from haptix import LiveRenderer, Renderer, Texture
+from haptix.model.screen import Calibration, VerifiedRange
 from haptix.render.stream import VerifiedUse
-from haptix.screen import Calibration, VerifiedRange
 from haptix.touch import TouchEvent
 
 RANGE = VerifiedRange(

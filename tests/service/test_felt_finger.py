@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from haptix import FrictionSurface, Texture
+from haptix.model.perception.thresholds import WEBER_FRACTION
 from haptix.motion import Trajectory
-from haptix.perception import WEBER_FRACTION
 from haptix.service.felt_finger import FeltFinger
 from haptix.simulation import Played, Setting
 from haptix.touch import TouchEvent

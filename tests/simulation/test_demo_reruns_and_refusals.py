@@ -10,7 +10,7 @@ from skimage.io import imread, imsave
 
 import haptix
 from haptix.base.results import folder_of
-from haptix.surface import cached_surface
+from haptix.model.surface import cached_surface
 
 
 @pytest.fixture(autouse=True)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from haptix.perception import Perception
+from haptix.model.perception.thresholds import Perception
 from haptix.stimuli.rendering import Block
 from haptix.stimuli.sidecar import a_weighting_db, heard
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import haptix
-from haptix.perception import Perception
-from haptix.perception.sensation import SensationInTime
+from haptix.model.perception.sensation import SensationInTime
+from haptix.model.perception.thresholds import Perception
 from haptix.signals.shapes import Sine, Square
 from haptix.stimuli import Stimulus
 from haptix.stimuli.along_path import grating

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from haptix.base.errors import HaptixError, InputError
-from haptix.perception import (
+from haptix.model.perception.thresholds import (
     DEFAULT_FILE,
     WEBER_FRACTION,
     Channel,

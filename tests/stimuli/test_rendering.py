@@ -9,8 +9,9 @@ import torch
 
 from haptix import ContactModel, FrictionSurface, Screen
 from haptix.base.errors import InputError, RangeError
-from haptix.perception import WEBER_FRACTION
-from haptix.status import Status
+from haptix.model.perception.thresholds import WEBER_FRACTION
+from haptix.model.status import Status
+from haptix.model.surface import Column
 from haptix.stimuli import (
     Apparatus,
     Constant,
@@ -23,7 +24,6 @@ from haptix.stimuli import (
     TimeNoise,
     grating,
 )
-from haptix.surface import Column
 from haptix.virtual_finger import VirtualFinger
 
 

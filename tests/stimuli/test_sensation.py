@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from haptix.perception import Perception, components_of_pull, detection
-from haptix.perception.sensation import SensationInTime
+from haptix.model.perception.sensation import SensationInTime
+from haptix.model.perception.thresholds import Perception, components_of_pull, detection
 
 RATE = 48_000.0
 SUMMATION_S = 0.2

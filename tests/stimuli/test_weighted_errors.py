@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from haptix.perception import Channel, Perception, weighted_error
+from haptix.model.perception.thresholds import Channel, Perception, weighted_error
 
 RATE = 8000.0
 T = np.arange(8000) / RATE

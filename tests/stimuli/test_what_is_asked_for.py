@@ -11,7 +11,7 @@ import pytest
 
 from firmware_io import DriveLimits
 from haptix.base.errors import HaptixError, InputError
-from haptix.perception import Perception
+from haptix.model.perception.thresholds import Perception
 from haptix.signals.signal import signal_from
 from haptix.stimuli import (
     Morph,
@@ -223,9 +223,9 @@ def test_a_jnd_is_chosen_by_its_name_or_file(tmp_path, monkeypatch, chosen, jnd)
 def test_one_jnd_reaches_tolerances_plans_and_verdicts():
     code = (
         "import inspect, torch\n"
-        "from haptix.perception import WEBER_FRACTION\n"
+        "from haptix.model.perception.thresholds import WEBER_FRACTION\n"
         "from haptix.planning import Effect\n"
-        "from haptix.surface.tolerance import Tolerance\n"
+        "from haptix.model.surface.tolerance import Tolerance\n"
         "from haptix.virtual_finger.sensing import evaluate\n"
         "mu = torch.tensor([0.5])\n"
         "unit = Tolerance.read('1 JND').unit_in_mu(mu, 0.1, 0.9)\n"

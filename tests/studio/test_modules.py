@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from haptix.perception import WEBER_FRACTION
+from haptix.model.perception.thresholds import WEBER_FRACTION
 from tests.service.service_under_test import Service
 
 

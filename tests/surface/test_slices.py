@@ -6,8 +6,8 @@ import torch
 
 import haptix
 from haptix import InputError, Status
+from haptix.model.surface import Slice
 from haptix.render import DirectWave
-from haptix.surface import Slice
 
 
 @pytest.fixture(scope="module")

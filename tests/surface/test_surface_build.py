@@ -10,8 +10,8 @@ import torch
 
 from haptix import ContactModel, Finger, FrictionSurface, InputError, LimitError, Screen, Status
 from haptix.base.errors import ToleranceError
-from haptix.finger import Roughness
-from haptix.surface import Tolerance, build, cached_surface, surface_key
+from haptix.model.finger import Roughness
+from haptix.model.surface import Tolerance, build, cached_surface, surface_key
 
 SMALL = {"normal_force_n": (0.4, 0.5), "voltage_v": (0.0, 100.0)}
 

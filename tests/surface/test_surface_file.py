@@ -18,7 +18,7 @@ from safetensors.torch import save_file
 from haptix import ContactModel, Finger, FrictionSurface, Screen
 from haptix.base.errors import FileFormatError
 from haptix.base.files import digest
-from haptix.surface.file import surface_key
+from haptix.model.surface.file import surface_key
 
 
 @pytest.fixture(scope="module")

@@ -11,8 +11,8 @@ import torch
 
 from haptix import ContactModel, Finger, FrictionSurface, Screen, Status
 from haptix.base.errors import InputError
-from haptix.status import LIMITS
-from haptix.surface import Slice
+from haptix.model.status import LIMITS
+from haptix.model.surface import Slice
 from tests.command_line import CommandLine
 
 RANGES = {"normal_force_n": (0.1, 0.5), "frequency_hz": 60.0}

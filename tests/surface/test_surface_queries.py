@@ -19,7 +19,7 @@ from haptix import (
     Status,
 )
 from haptix.base.errors import RangeError
-from haptix.surface.axes import Cells
+from haptix.model.surface.axes import Cells
 
 OK, PULL_IN, BELOW, ABOVE, OUT = (
     int(Status[name]) for name in ("OK", "PULL_IN", "BELOW", "ABOVE", "OUT_OF_RANGE")

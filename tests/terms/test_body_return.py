@@ -11,7 +11,7 @@ from calibration.predict import StrokeConditions
 from firmware_io.limits import BODY_CAPACITANCE_F
 from haptix import ContactModel, Finger, Screen, Status
 from haptix.base.errors import InputError
-from haptix.electro import VACUUM_PERMITTIVITY
+from haptix.model.electro import VACUUM_PERMITTIVITY
 from haptix.virtual_finger import VirtualFinger
 
 FINGER, SCREEN = Finger(name="gel"), Screen()

@@ -11,13 +11,13 @@ from calibration import Parameters, StrokePredictor
 from calibration.predict import StrokeConditions
 from haptix import ContactModel, Finger, FrictionSurface, Screen, Status
 from haptix.base.errors import InputError
-from haptix.electro import VACUUM_PERMITTIVITY, Pull, drive_strength
-from haptix.electro.attraction import field_in_time
-from haptix.electro.breakdown import bearable_field
-from haptix.fidelity import ClosedForm
-from haptix.terms import chosen_terms
+from haptix.model.electro import VACUUM_PERMITTIVITY, Pull, drive_strength
+from haptix.model.electro.attraction import field_in_time
+from haptix.model.electro.breakdown import bearable_field
+from haptix.model.fidelity import ClosedForm
+from haptix.model.terms import chosen_terms
+from haptix.model.waves import Waveform
 from haptix.virtual_finger import VirtualFinger
-from haptix.waves import Waveform
 
 FINGER, SCREEN = Finger(name="gel"), Screen(max_voltage_v=300.0)
 HELD = {"field-limit": True}

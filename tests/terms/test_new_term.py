@@ -10,14 +10,14 @@ import pytest
 import torch
 from torch import Tensor
 
-import haptix.terms
+import haptix.model.terms
 from calibration import Parameters, StrokePredictor
 from calibration.fitting import comparable_terms
 from calibration.predict import StrokeConditions
 from haptix import ContactModel, Finger, Scene, Screen, Status
-from haptix.fidelity import FIDELITIES
+from haptix.model.fidelity import FIDELITIES
+from haptix.model.terms import TERMS, Properties, Stage, Term
 from haptix.planning import plan_scene
-from haptix.terms import TERMS, Properties, Stage, Term
 from haptix.virtual_finger import VirtualFinger
 
 ROOT = Path(__file__).parents[2]
@@ -132,7 +132,7 @@ def test_a_fidelity_refuses_what_it_does_not_honour() -> None:
     assert limits["mean-field"] == frozenset()
     for name, missing in limits.items():
         refused = {term.name for term in TERMS.values() if term.stages & missing}
-        possible = haptix.terms.possible_terms(
+        possible = haptix.model.terms.possible_terms(
             FINGER.replace(bulk_modulus_pa=1e4, hardness_pa=1e7),
             SCREEN.replace(gap_resistivity_ohm_m=1e7),
             FIDELITIES[name],
@@ -145,7 +145,7 @@ def test_every_term_is_complete(monkeypatch: pytest.MonkeyPatch) -> None:
     page = (ROOT / "docs" / "terms.md").read_text(encoding="utf-8")
     assert set(re.findall(r"^## (\S+)$", page, re.M)) == set(TERMS), "docs/terms.md"
     for name, term in TERMS.items():
-        assert type(term).__module__ == "haptix.terms"
+        assert type(term).__module__ == "haptix.model.terms"
         assert term.name == name
         assert term.stages, f"{name} changes nothing"
         assert term.summary and term.source and term.uses

@@ -6,11 +6,11 @@ import pytest
 from matplotlib.image import imread
 
 from haptix import Finger, Scene, Screen
-from haptix.contact import RoughnessSpectrum
-from haptix.finger import MeasuredRoughness
+from haptix.model.contact import RoughnessSpectrum
+from haptix.model.finger import MeasuredRoughness
 
 pytestmark = pytest.mark.filterwarnings(
-    "ignore::haptix.contact.boundary_elements.ResolutionWarning"
+    "ignore::haptix.model.contact.boundary_elements.ResolutionWarning"
 )
 
 

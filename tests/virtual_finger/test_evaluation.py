@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from haptix import FrictionSurface, InputError, Status
-from haptix.perception import WEBER_FRACTION
+from haptix.model.perception.thresholds import WEBER_FRACTION
 from haptix.virtual_finger import Felt, VirtualFinger, evaluate
 
 N = 2001

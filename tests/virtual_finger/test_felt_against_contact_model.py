@@ -7,9 +7,9 @@ import pytest
 
 import haptix.virtual_finger.virtual_finger
 from haptix import ContactModel, Finger, Screen, Status
-from haptix.perception import WEBER_FRACTION
+from haptix.model.perception.thresholds import WEBER_FRACTION
+from haptix.model.waves import Waveform
 from haptix.virtual_finger import VirtualFinger
-from haptix.waves import Waveform
 
 RATE = 48_000
 FORCE, VOLTAGE = 0.5, 150.0

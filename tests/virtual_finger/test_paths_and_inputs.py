@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from haptix import ContactModel, Finger, InputError, LimitError, Screen, Status
-from haptix.fidelity import BoundaryElementBox
+from haptix.model.fidelity import BoundaryElementBox
 from haptix.virtual_finger import Felt, VirtualFinger
 
 RATE = 48_000

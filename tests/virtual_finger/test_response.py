@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from haptix import ContactModel
-from haptix.finger import FingerResponse
+from haptix.model.finger import FingerResponse
 from haptix.virtual_finger import VirtualFinger
 
 A_LENGTH = FingerResponse(1 / (2 * np.pi))  # 1/e is left after 1 mm

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from haptix.waves import Waveform, sine, turns
+from haptix.model.waves import Waveform, sine, turns
 
 RATE = 48_000.0
 PERIOD = np.random.default_rng(3).uniform(-1, 1, 12)

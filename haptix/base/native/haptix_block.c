@@ -4,7 +4,7 @@
 
 #include "haptix_native.h"
 
-/* Numbers of haptix.status.Status. */
+/* Numbers of haptix.model.status.Status. */
 enum { OK = 0, PULL_IN = 1, BELOW = 2, ABOVE = 3, OUT_OF_RANGE = 4 };
 
 static const double slack = 1e-9;     /* relative: rounding puts no end of a column out of range */

@@ -8,7 +8,7 @@
 #include <stdint.h>
 
 /* cffi: begin */
-/* Cells between increasing nodes; see haptix.surface.axes.Cells. */
+/* Cells between increasing nodes; see haptix.model.surface.axes.Cells. */
 typedef struct {
     double start, per_width;
     int64_t places, cells, steps;
@@ -16,7 +16,7 @@ typedef struct {
     const double *upper, *scale, *offset; /* [cells] */
 } hx_cells;
 
-/* A friction surface; see haptix.surface.interpolant.Interpolant. */
+/* A friction surface; see haptix.model.surface.interpolant.Interpolant. */
 typedef struct {
     int64_t axes;              /* that vary, 0 to 3 */
     hx_cells axis[3];          /* of their logarithms, */
@@ -33,7 +33,7 @@ typedef struct {
 void hx_surface_evaluate(const hx_surface *surface, const double *voltage_v,
                          const double *const *log_place, int64_t n, double *mu, int64_t *status);
 
-/* A surface at one frequency and thickness; see haptix.surface.interpolant.Slice. */
+/* A surface at one frequency and thickness; see haptix.model.surface.interpolant.Slice. */
 typedef struct {
     int64_t forces, drives;
     const double *log_force; /* [forces] */

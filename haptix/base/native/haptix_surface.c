@@ -8,7 +8,7 @@
 
 enum { CHUNK = 256, CORNERS = 8 };
 
-/* Numbers of haptix.status.Status. */
+/* Numbers of haptix.model.status.Status. */
 enum { OK = 0, PULL_IN = 1, OUT_OF_RANGE = 4 };
 
 static const double slack = 1 + 1e-9; /* rounding puts no end of a column out of range */

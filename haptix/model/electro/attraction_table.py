@@ -1,0 +1,414 @@
+"""The whole contact's attraction against pressure, tabulated once per solid.
+
+`AttractionTable` holds the gaps of a contact at the pressures of a lattice. `Attraction` is the
+attraction that loads a batch of states; `WideningAttraction` replaces it where the attraction
+beside the spots widens them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from math import ceil, exp, floor, log
+
+import torch
+from torch import Tensor
+
+from haptix.model.contact import MeanField
+from haptix.model.contact.finite_size import Touching
+from haptix.model.contact.persson import LATTICE_STEP, GapHistogram
+from haptix.model.contact.tables import UniformCubic, polynomial, polynomial_with_slope
+from haptix.model.electro.attraction import Circuit, Pull, bin_inverse
+from haptix.model.electro.widening import LARGEST_RISE, LOWER_NODES, LiftedGaps, by_rise
+
+_MARGIN = 3  # nodes beyond the ends, so that every slope in use has its full stencil
+_LIFTED_MARGIN = 2  # further nodes: lifted gaps are themselves differences from node to node
+_TINY = 1e-300
+_LIMIT_STEPS = 2
+_STEEPNESS = 0.05, 1.0  # bounds of the slope of ln(p0 + gaps' attraction) against ln p_A
+
+WIDEST = 4.0
+"""Largest ratio of p_A to the sum of applied pressure and the gaps' attraction."""
+
+AreaFraction = Callable[[Tensor], Tensor]
+"""A/A0 at pressures [Pa]: elastic, or elastoplastic."""
+
+VoltageShare = Callable[[Tensor], Tensor]
+"""Complex share of the drive's voltage that lies on a contact, from its capacitance [F]."""
+
+
+@dataclass(frozen=True)
+class AttractionTable:
+    """Gap distributions and mean gaps at pressures on a logarithmic lattice."""
+
+    contact: MeanField
+    log_pressure: Tensor
+    """ln p [Pa] of the nodes."""
+    gaps: GapHistogram
+    """Gap distribution at each node."""
+    log_mean_gap: UniformCubic
+    """ln of the mean gap [m] against ln p."""
+    lifted: LiftedGaps | None = None
+    """The gaps lifted by the attraction, where it widens the spots."""
+
+    @classmethod
+    def solve(
+        cls, contact: MeanField, lowest_pa: float, highest_pa: float, widened: bool = False
+    ) -> AttractionTable:
+        """Tabulate from `lowest_pa` to `highest_pa`; `widened` also tabulates the lifted gaps.
+
+        Parameters
+        ----------
+        contact : MeanField
+            The rough contact.
+        lowest_pa, highest_pa : float
+            Pressures [Pa] that the table must cover.
+        widened : bool
+            Whether the attraction widens the contact spots.
+        """
+        anchor = float(torch.log(contact.stress_rms_pa.detach()))
+        margin = _MARGIN + _LIFTED_MARGIN
+        first = floor((log(lowest_pa) - anchor) / LATTICE_STEP) - margin
+        last = ceil((log(highest_pa) - anchor) / LATTICE_STEP) + margin
+        log_pressure = contact.log_lattice(first, last)
+        gaps = GapHistogram(contact.gap_edges_m, contact.lattice_mass(first, last))
+        more = LOWER_NODES if widened else 0
+        mean_gap = contact.lattice_mean_gap(first - more, last)
+        lifted = None
+        if widened:
+            area = contact.area_fraction(torch.exp(log_pressure))
+            lifted = LiftedGaps.of_table(gaps.edges_m, gaps.mass, area, mean_gap, LATTICE_STEP)
+        log_gap = torch.log(mean_gap[more:].clamp(min=_TINY))
+        log_mean_gap = UniformCubic.through(log_pressure[0], LATTICE_STEP, log_gap)
+        return cls(contact, log_pressure, gaps, log_mean_gap, lifted)
+
+    def covers(self, lowest_pa: float, highest_pa: float) -> bool:
+        """Whether every slope between these pressures has its full stencil.
+
+        Parameters
+        ----------
+        lowest_pa, highest_pa : float
+        """
+        margin = _MARGIN + _LIFTED_MARGIN
+        low = exp(float(self.log_pressure[margin].detach()))
+        high = exp(float(self.log_pressure[-1 - margin].detach()))
+        return low <= lowest_pa and highest_pa <= high
+
+    def part(self, lowest_pa: float, highest_pa: float) -> AttractionTable:
+        """Return the nodes that are used between these pressures, which must be covered.
+
+        Parameters
+        ----------
+        lowest_pa, highest_pa : float
+        """
+        start, last = self.log_pressure[0].detach(), len(self.log_pressure)
+        first = max(0, floor((log(lowest_pa) - float(start)) / LATTICE_STEP) - _MARGIN)
+        last = min(last, ceil((log(highest_pa) - float(start)) / LATTICE_STEP) + _MARGIN + 1)
+        at, gap = slice(first, last), self.log_mean_gap
+        log_pressure = self.log_pressure[at]
+        return replace(
+            self,
+            log_pressure=log_pressure,
+            gaps=replace(self.gaps, mass=self.gaps.mass[at]),
+            log_mean_gap=replace(
+                gap, start=log_pressure[0], values=gap.values[at], slopes=gap.slopes[at]
+            ),
+            lifted=None if self.lifted is None else self.lifted.part(at),
+        )
+
+    def mass_at(self, log_pressure: Tensor) -> Tensor:
+        """Share of the area in each bin of gaps at ln p, shape (states, bins)."""
+        cell, part = self._cell(log_pressure)
+        low, high = (self.gaps.mass.index_select(0, cell + k) for k in (0, 1))
+        return torch.lerp(low, high, part[:, None])
+
+    def attraction(
+        self,
+        pull: Pull,
+        spots: AreaFraction | None = None,
+        touching: Touching | None = None,
+        supply: Tensor | None = None,
+        applied_pa: Tensor | None = None,
+    ) -> Attraction:
+        """Attraction of a batch of states against pressure.
+
+        Parameters
+        ----------
+        pull : Pull
+            Attraction of each gap.
+        spots, touching
+            Fields of `Attraction`.
+        supply : Tensor, shape (nodes, states), optional
+            ln of the squared share of the voltage, from the method `supply`.
+        applied_pa : Tensor, shape (states,), optional
+            p0 [Pa], needed where the attraction widens the spots.
+        """
+        if self.lifted is not None and applied_pa is not None:
+            return self._widening(self.lifted, pull, touching, supply, applied_pa)
+        log_gaps, column = torch.log(pull.on_gaps(self.gaps.mass)), pull.own_column
+        spot_pull = None if spots is None else pull.on_spots()
+        log_supply = None
+        if supply is not None:  # the share of the voltage differs by state: so does the column
+            log_supply = self._against_pressure(supply)
+            log_gaps = log_gaps[:, column]
+            spot_pull = None if spot_pull is None else spot_pull[column]
+            column = torch.arange(len(column), device=column.device)
+        gaps = self._against_pressure(log_gaps)
+        return Attraction(gaps, column, spot_pull, spots, touching, log_supply)
+
+    def _widening(
+        self,
+        lifted: LiftedGaps,
+        pull: Pull,
+        touching: Touching | None,
+        supply: Tensor | None,
+        applied_pa: Tensor,
+    ) -> WideningAttraction:
+        rise, column = None, pull.own_column
+        log_applied = torch.log(applied_pa)
+        if pull.column is None:  # every column belongs to one state, and so has one p0
+            rise = self.log_pressure[:, None] - log_applied
+            rise = rise.clamp(min=-_MARGIN * LATTICE_STEP)
+        on_lattice = None if rise is not None else pull.on_lattice(self.gaps.edges_m)
+        if on_lattice is None:
+            effect = by_rise(lifted, pull.on_gaps, rise)
+        else:  # the effect is smooth in h0, and an interpolation is far cheaper than computing it
+            lattice, weights = on_lattice
+            effect = by_rise(lifted, lattice.on_gaps) @ weights
+        if supply is not None and rise is None:
+            effect, column = effect[..., column], torch.arange(len(column), device=column.device)
+        total, pulled, lift = (self._against_pressure(part.movedim(0, 1)) for part in effect)
+        log_supply = None if supply is None else self._against_pressure(supply)
+        return WideningAttraction(
+            total, column, None, None, touching, log_supply, log_applied, pulled, lift
+        )
+
+    def supply(
+        self,
+        circuit: Circuit,
+        area_m2: Tensor,
+        share: VoltageShare,
+        area_fraction: AreaFraction,
+        touching: Touching | None,
+    ) -> Tensor:
+        """Return ln of the squared share of the voltage at each node, shape (nodes, states).
+
+        Parameters
+        ----------
+        circuit : Circuit
+            Insulators and gaps of the states.
+        area_m2 : Tensor, shape (states,)
+            Apparent areas A0 [m^2].
+        share : callable
+            Share of the voltage that a capacitance [F] gets.
+        area_fraction : callable
+            A/A0 at pressures [Pa].
+        touching : Touching or None
+            Finite size of each state.
+        """
+        mass, edges = self.gaps.mass, self.gaps.edges_m
+        inverse = bin_inverse(edges, circuit.thickness_m)
+        gaps = mass.to(inverse.dtype) @ inverse.T
+        if touching is None:
+            gaps = gaps[:, circuit.column]
+        else:
+            cell, part = self._cell(touching.of_pull(self.log_pressure[:, None])[0])
+            low, high = (gaps[cell + k, circuit.column] for k in (0, 1))
+            gaps = torch.lerp(low, high, part.to(gaps.dtype))
+        spots = area_fraction(torch.exp(self.log_pressure))[:, None]
+        left = share(circuit.capacitance_f(gaps, spots, area_m2))
+        return 2 * torch.log(left.abs())
+
+    def at(self, supply: Tensor | None, pressure_pa: Tensor) -> Tensor:
+        """Squared share of the voltage of each state at a pressure [Pa], see `supply`.
+
+        Parameters
+        ----------
+        supply : Tensor or None
+            What `supply` returned; None for the whole voltage.
+        pressure_pa : Tensor, shape (states,)
+            Pressure of each state [Pa].
+        """
+        if supply is None:
+            return torch.ones_like(pressure_pa)
+        states = torch.arange(len(pressure_pa), device=pressure_pa.device)
+        return torch.exp(self._against_pressure(supply)(torch.log(pressure_pa), states))
+
+    def _cell(self, log_pressure: Tensor) -> tuple[Tensor, Tensor]:
+        """Node below ln p of any shape, and the share of the step to the next one."""
+        place = (log_pressure - self.log_pressure[0]) / LATTICE_STEP
+        cell = place.detach().floor().clamp(0, len(self.log_pressure) - 2).long()
+        return cell, place - cell
+
+    def _against_pressure(self, values: Tensor) -> UniformCubic:
+        return UniformCubic.through(self.log_pressure[0], LATTICE_STEP, values)
+
+
+@dataclass(frozen=True)
+class Attraction:
+    """``I(p)`` of a batch of states: the attraction that loads the contact, per drive strength."""
+
+    log_gaps: UniformCubic
+    """ln of the gaps' share against ln p, one column per thickness."""
+    column: Tensor
+    """The column of each state."""
+    spot_pull: Tensor | None = None
+    """Attraction of a contact spot in each column, such as ``1/|h0|^2``."""
+    spots: AreaFraction | None = None
+    """A/A0 at pressures [Pa], where the attraction inside the spots loads the contact."""
+    touching: Touching | None = None
+    """Finite size of each state, which makes its gaps narrower than those of an infinite
+    contact."""
+    log_supply: UniformCubic | None = None
+    """ln of the squared share of the drive's voltage on the contact, against ln p."""
+
+    def gaps(self, log_pressure: Tensor) -> Tensor:
+        """I of the gaps alone at ln p, shape (states,)."""
+        return torch.exp(self._log_gaps(log_pressure)[0]) * self.supply(log_pressure)
+
+    def of_gap(self, log_pressure: Tensor) -> Tensor:
+        """Ln of the pressure whose mean gap a contact at ln p has, shape (states,)."""
+        return log_pressure if self.touching is None else self.touching.of_gap(log_pressure)
+
+    def limit(self, log_limit: Tensor) -> Tensor:
+        """Ln p at which ln of applied pressure plus gaps' attraction is `log_limit`, by state."""
+        return log_limit
+
+    def supply(self, log_pressure: Tensor) -> Tensor:
+        """Squared share of the drive's voltage on the contact at ln p, shape (states,)."""
+        if self.log_supply is None:
+            return torch.ones_like(log_pressure)
+        return torch.exp(self.log_supply(log_pressure, self.column))
+
+    def __call__(self, log_pressure: Tensor) -> tuple[Tensor, Tensor]:
+        """I and dI/dlnp at ln p, shape (states,)."""
+        log_gaps, slope = self._log_gaps(log_pressure)
+        value = torch.exp(log_gaps)
+        slope = value * slope
+        if self.spot_pull is not None and self.spots is not None:
+            area, area_slope = _with_slope(self.spots, log_pressure)
+            weight = self.spot_pull[self.column]
+            value, slope = value + weight * area, slope + weight * area_slope
+        if self.log_supply is not None:
+            log_share, log_slope = self.log_supply.with_slope(log_pressure, self.column)
+            share = torch.exp(log_share)
+            value, slope = value * share, (slope + value * log_slope) * share
+        return value, slope
+
+    def _log_gaps(self, log_pressure: Tensor) -> tuple[Tensor, Tensor]:
+        if self.touching is None:
+            return self.log_gaps.with_slope(log_pressure, self.column)
+        at, share = self.touching.of_pull(log_pressure)
+        value, slope = self.log_gaps.with_slope(at, self.column)
+        return value, slope * share
+
+    @property
+    def slope_varies(self) -> bool:
+        """Whether dlnI/dlnp of states of one column differs from `log_slopes`."""
+        return self.touching is not None
+
+    @property
+    def nodes(self) -> Tensor:
+        """Return ln p of the table's nodes."""
+        count = self.log_gaps.values.shape[0]
+        steps = torch.arange(count, dtype=torch.float64, device=self.column.device)
+        return self.log_gaps.start + self.log_gaps.step * steps
+
+    def log_slopes(self) -> Tensor:
+        """dlnI/dlnp at the nodes of each column, shape (nodes, columns), for infinite size.
+
+        These slopes suffice to exclude a fold: finite size only lowers the gaps' part of the slope,
+        and the spots' part is below 1.
+        """
+        slope = self.log_gaps.slopes
+        if self.spot_pull is not None and self.spots is not None:
+            gaps = torch.exp(self.log_gaps.values)
+            area, area_slope = _with_slope(self.spots, self.nodes)
+            area, area_slope = area[:, None] * self.spot_pull, area_slope[:, None] * self.spot_pull
+            slope = (gaps * slope + area_slope) / (gaps + area)
+        return slope if self.log_supply is None else slope + self.log_supply.slopes
+
+
+@dataclass(frozen=True)
+class WideningAttraction(Attraction):
+    """``I(p_A)`` of attractions that widen the contact spots, at p0 of each state.
+
+    `log_gaps` holds ln I. Its parts are coefficients of the powers of ``ln p_A/p0``. Where each
+    column has one p0, there is a single coefficient (`haptix.model.electro.widening`). The gaps are
+    always those at p_A, as the size law "mean-gap" has it.
+    """
+
+    log_applied: Tensor = field(default_factory=lambda: torch.empty(0))
+    """ln p0 [Pa] of each state."""
+    log_share: UniformCubic | None = None
+    """ln of the gaps' share of I, in the same form."""
+    lift: UniformCubic | None = None
+    """ln of p_A over the pressure whose mean gap the contact has, in the same form."""
+
+    def gaps(self, log_pressure: Tensor) -> Tensor:
+        """I of the gaps alone at ln p, shape (states,)."""
+        share = self._at(self.log_share, log_pressure).clamp(max=0.0)
+        return torch.exp(self._at(self.log_gaps, log_pressure) + share) * self.supply(log_pressure)
+
+    def of_gap(self, log_pressure: Tensor) -> Tensor:
+        """Ln of the pressure whose mean gap a contact at ln p has, shape (states,)."""
+        return super().of_gap(log_pressure - self._at(self.lift, log_pressure).clamp(min=0.0))
+
+    @property
+    def slope_varies(self) -> bool:
+        """Whether dlnI/dlnp of states of one column differs from `log_slopes`."""
+        return self.log_gaps.values.shape[1] > 1
+
+    def limit(self, log_limit: Tensor) -> Tensor:
+        """Ln p at which ln of applied pressure plus gaps' attraction is `log_limit`, by state."""
+        last, at = log_limit + log(WIDEST), log_limit + log(WIDEST) / 2
+        with torch.no_grad():
+            for _ in range(_LIMIT_STEPS):
+                at = (at + self._limit_step(log_limit, at)).clamp(log_limit, last)
+        # One more step, recorded by autograd: load and material move the limit. The gaps'
+        # attraction is at most the whole one, so that the result is at least `log_limit`.
+        return (at + self._limit_step(log_limit, at)).clamp(log_limit, last)
+
+    def _limit_step(self, log_limit: Tensor, log_pressure: Tensor) -> Tensor:
+        """Newton's step of ln p to the limit."""
+        log_share, slope = self._with_slope(self.log_share, log_pressure)
+        rise, share = log_pressure - self.log_applied, torch.exp(log_share)
+        gaps = torch.expm1(rise) * share  # over p0
+        steepness = ((torch.exp(rise) * share + gaps * slope) / (1 + gaps)).detach()
+        lack = log_limit - self.log_applied - torch.log1p(gaps)
+        return lack / steepness.clamp(*_STEEPNESS)
+
+    def log_slopes(self) -> Tensor:
+        """Largest dlnI/dlnp over all rises, at the nodes of each column, taken as p0."""
+        rises = torch.linspace(0, LARGEST_RISE, 13, dtype=torch.float64, device=self.column.device)
+        values = self.log_gaps.values.detach()[..., None].unbind(1)
+        slopes = self.log_gaps.slopes[..., None].unbind(1)
+        steep = polynomial(slopes, rises) + polynomial_with_slope(values, rises)[1]
+        steepest: Tensor = steep.amax(-1)
+        return steepest if self.log_supply is None else steepest + self.log_supply.slopes
+
+    def _log_gaps(self, log_pressure: Tensor) -> tuple[Tensor, Tensor]:
+        return self._with_slope(self.log_gaps, log_pressure)
+
+    def _at(self, table: UniformCubic | None, log_pressure: Tensor) -> Tensor:
+        """Value at ln p of a table whose parts are coefficients."""
+        assert table is not None
+        cubics, t = table.cubic(log_pressure, self.column)
+        return polynomial(polynomial(cubics.unbind(1), log_pressure - self.log_applied).unbind(), t)
+
+    def _with_slope(self, table: UniformCubic | None, at: Tensor) -> tuple[Tensor, Tensor]:
+        """Value and slope at ln p of a table whose parts are coefficients."""
+        assert table is not None
+        cubics, t = table.cubic(at, self.column)
+        # Of each coefficient of the cubic, the polynomial in the rise.
+        values, by_rise = polynomial_with_slope(cubics.unbind(1), at - self.log_applied)
+        value, slope = polynomial_with_slope(values.unbind(), t)
+        return value, slope / table.step + polynomial(by_rise.unbind(), t)
+
+
+def _with_slope(area_fraction: AreaFraction, log_pressure: Tensor) -> tuple[Tensor, Tensor]:
+    """A/A0 and dA/dlnp; the slope serves Newton's steps only and carries no gradient."""
+    with torch.enable_grad():
+        at = log_pressure.detach().requires_grad_()
+        (slope,) = torch.autograd.grad(area_fraction(torch.exp(at)).sum(), at)
+    return area_fraction(torch.exp(log_pressure)), slope

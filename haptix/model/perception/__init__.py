@@ -1,0 +1,1 @@
+"""What people can feel: detection thresholds, JND and sensation levels."""

@@ -1,0 +1,14 @@
+from .answers import Inversion as Inversion
+from .answers import SurfaceSample as SurfaceSample
+from .axes import PULL_IN_DRIVE as PULL_IN_DRIVE
+from .axes import PULL_IN_SHARE as PULL_IN_SHARE
+from .boundary_elements import MeasuredPoints as MeasuredPoints
+from .boundary_elements import MeasuringJob as MeasuringJob
+from .file import LARGEST_BYTES as LARGEST_BYTES
+from .file import surface_key as surface_key
+from .friction_surface import FrictionSurface as FrictionSurface
+from .friction_surface import cached_surface as cached_surface
+from .interpolant import Column as Column
+from .interpolant import Interpolant as Interpolant
+from .interpolant import Slice as Slice
+from .tolerance import Tolerance as Tolerance

@@ -1,0 +1,591 @@
+"""Build a friction surface: place the nodes, solve the columns, and check at held-out points."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise, product
+from math import floor, inf, log, log2, prod, sqrt
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from haptix.base.errors import InputError, ToleranceError
+from haptix.base.files import digest
+from haptix.base.version import __version__
+from haptix.model.friction import ContactModel
+from haptix.model.pair import described
+from haptix.model.states import ContactState
+from haptix.model.status import LIMITS, Status, limits_passed
+from haptix.model.surface.answers import record_of
+from haptix.model.surface.axes import (
+    AXIS_NAMES,
+    PULL_IN_DRIVE,
+    Axes,
+    Axis,
+    Ranges,
+    between,
+    read_ranges,
+)
+from haptix.model.surface.file import surface_key
+from haptix.model.surface.interpolant import Interpolant
+from haptix.model.surface.tolerance import Tolerance
+
+CellError = Callable[[int, int], float]
+"""Largest error inside a cell between two points; it grows with the cell."""
+
+_NARROWEST = 1e-5  # relative width of the narrowest axis with several cells, by float32
+_LINES = 6  # lines along an axis at random places, besides those at all corners of the other axes
+_LEVELS = 5  # drives on each line
+_INSULATORS = 512  # held-out pairs of f and h0; each needs a separate table of attraction
+_DIRECT_BELOW_HZ = 1000.0  # skin feels up to this frequency: it feels a slower drive directly
+_INSTANTS_SHARE = 0.5  # a sine's squared voltage is above its mean for half of the period
+_HELD_OUT = 8192  # points of an error estimate; 80 of them lie above the 99th percentile
+UnitInMu = Callable[[Tensor], Tensor]
+"""Size of the tolerance's unit in mu, at frictions of any shape."""
+
+_PILOT_POINTS = 97  # along an axis at first; doubled where a cell would be a single step
+_MOST_PILOT_POINTS = 3000
+_FIRST_CHECK = 0.9  # share of the tolerance that the first held-out points may use
+_MOST_ROUNDS = 16
+_COARSER = 8.0  # factor on the share after a table was too large
+_HALVINGS = 16  # bisection steps to the drive at which a limit of the model is reached
+_BOUNDARY = 0.01  # largest relative error of the breakdown voltage, where that ends the surface
+_CLOSE = 1.2  # stop if the smallest share that fits and the largest that does not are this close
+_LN2 = log(2)
+# The errors of the axes peak at different places, so their sum may exceed the tolerance.
+_FIRST_SHARE = 1.8
+Progress = Callable[[float], None]
+
+
+def fewest_nodes(points: int, error: CellError, tolerance: float) -> list[int]:
+    """Choose nodes among points so that the error of no cell exceeds the tolerance.
+
+    First each cell is made as long as possible, which may leave a short last cell. Then all cells
+    are made shorter by equal shares of the tolerance, if that needs no more nodes. The first and
+    the last point are always nodes. The error of a cell between neighbouring points is taken as 0.
+    """
+    nodes = _longest_cells(points, error, tolerance, points)
+    for share in (0.5, 0.7, 0.85):
+        shorter = _longest_cells(points, error, share * tolerance, len(nodes))
+        if shorter[-1] == points - 1:
+            return shorter
+    return nodes
+
+
+def _longest_cells(points: int, error: CellError, tolerance: float, most: int) -> list[int]:
+    """Nodes from the first point on, up to the last point, but no more than `most`."""
+    nodes = [0]
+    while nodes[-1] < points - 1 and len(nodes) < most:
+        start, good, bad = nodes[-1], nodes[-1] + 1, points
+        reach = 2
+        while good < bad - 1:  # doubling first: most cells are short
+            end = min(start + reach, (good + bad) // 2 if bad < points else points - 1)
+            end = max(end, good + 1)
+            if error(start, end) <= tolerance:
+                good, reach = end, 2 * reach
+            else:
+                bad = end
+        nodes.append(good)
+    return nodes
+
+
+def chord_error(values: Tensor, at: Tensor, start: int, end: int) -> Tensor:
+    """Chord minus curve inside a cell, shape (inner points, ...).
+
+    The curves have `values`, shape (points, ...), at positions `at`, shape (points,).
+    """
+    share = (at[start + 1 : end] - at[start]) / (at[end] - at[start])
+    share = share.reshape(-1, *([1] * (values.ndim - 1)))
+    return torch.lerp(values[start], values[end], share) - values[start + 1 : end]
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Solved columns: shape (...,), and (..., drives) of `inverse`."""
+
+    inverse: Tensor
+    """-1/mu at each drive."""
+    log_pull_in: Tensor
+    """ln of the pull-in voltage [V]."""
+    log_breakdown: Tensor
+    """ln of the voltage [V] of breakdown, or of an earlier limit of the model."""
+
+
+@dataclass(frozen=True)
+class HeldOutPoints:
+    """Solved points of one shape that were not used to choose the nodes.
+
+    Parameters
+    ----------
+    places : dict of Tensor or None
+        Values of each axis.
+    voltage_v, mu : Tensor
+        Amplitude [V] and solved friction.
+    end_v, end_drive : Tensor
+        Amplitude [V] and drive at which the contact's column ends.
+    log_breakdown : Tensor or None
+        ln of the breakdown voltage [V] as in `Columns`; None where it ends no column.
+    """
+
+    places: Mapping[str, Tensor | None]
+    voltage_v: Tensor
+    mu: Tensor
+    end_v: Tensor
+    end_drive: Tensor
+    log_breakdown: Tensor | None
+
+    def error(self, table: Interpolant) -> Tensor:
+        """Absolute error of mu at every point."""
+        # A point that rounding puts past a column's end is compared with the end.
+        mu, _ = table.evaluate(self.voltage_v, self.places)
+        return (mu - self.mu).abs()
+
+    def boundary_error(self, table: Interpolant) -> Tensor:
+        """Absolute error of ln V_breakdown at every point; 0 if breakdown ends no column."""
+        if self.log_breakdown is None:
+            return torch.zeros(1, dtype=torch.float64)
+        log_breakdown = torch.log(table.breakdown(self.places))
+        return (log_breakdown - self.log_breakdown).abs()
+
+
+@dataclass(frozen=True)
+class Pilot:
+    """Points along one axis or the drive, solved on a few lines."""
+
+    at: Tensor
+    """ln of the axis, or the drive, shape (points,)."""
+    error: CellError
+    """Largest error of mu between two points that become nodes, in units of the tolerance."""
+
+
+@dataclass(frozen=True)
+class Sampler:
+    """Solves a model within ranges."""
+
+    model: ContactModel
+    ranges: Ranges
+    past_limits: bool = False
+    """Whether columns go on past the limits of the model."""
+
+    @property
+    def limit_v(self) -> float:
+        """Highest amplitude of the surface [V]."""
+        return self.span("voltage_v")[1]
+
+    @property
+    def peak_attraction(self) -> float:
+        """Largest attraction within a period over its mean: 2 for a direct sine, 1 for a carrier.
+
+        Friction over a period of a direct drive is averaged from the friction of its instants.
+        """
+        frequency = self.ranges["frequency_hz"]
+        return 2.0 if frequency is not None and frequency[0] < _DIRECT_BELOW_HZ else 1.0
+
+    @cached_property
+    def limited_by(self) -> Status:
+        """The status that ends columns besides pull-in and the voltage limit; OK for none."""
+        breaks = self.model.reports(Status.BREAKDOWN)
+        return self._limit or (Status.BREAKDOWN if breaks else Status.OK)
+
+    @cached_property
+    def _limit(self) -> Status:
+        """The limit of the model that ends most columns at corners and random places; OK for none.
+
+        Every limited quantity rises with the voltage, so that it suffices to look at the ends.
+        """
+        if self.past_limits:
+            return Status.OK
+        places, no_drive = self._lines(), torch.zeros((), dtype=torch.float64)
+        rest = self.model.at_drive(drive=no_drive, **places)
+        if past := limits_passed(rest.status):
+            raise InputError(
+                f"finger {self.model.finger.name!r}: {'; '.join(past)}, without voltage already; "
+                "take another finger or other ranges, or pass past_limits (--past-limits)"
+            )
+        expected = {Status.PULL_IN}  # limits that end columns in any case
+        end = torch.full_like(rest.mu, self.limit_v, dtype=torch.float64)
+        if self.model.reports(Status.BREAKDOWN):
+            expected.add(Status.BREAKDOWN)
+            end = torch.minimum(end, rest.breakdown_voltage_v)
+        drive = (end / rest.pull_in_voltage_v).square().clamp(max=PULL_IN_DRIVE)
+        counts = Counter(self.model.at_drive(drive=drive, **places).status.flatten().tolist())
+        passed = [
+            (counts[limit], limit) for limit in LIMITS if limit not in expected and counts[limit]
+        ]
+        return max(passed)[1] if passed else Status.OK
+
+    def columns(self, places: Mapping[str, Tensor | None], drive: Tensor) -> Columns:
+        """Solve at places that broadcast, for every drive, shape (drives,)."""
+        by_drive = {name: None if at is None else at[..., None] for name, at in places.items()}
+        state = self.model.at_drive(drive=drive, **by_drive)
+        log_pull_in = torch.log(state.pull_in_voltage_v[..., 0].to("cpu", torch.float64))
+        if self._limit:
+            log_breakdown = log_pull_in + torch.log(self._last_ok(places, log_pull_in)) / 2
+        else:
+            log_breakdown = torch.log(state.breakdown_voltage_v[..., 0].to("cpu", torch.float64))
+        return Columns(-1 / state.mu.to("cpu", torch.float64), log_pull_in, log_breakdown)
+
+    def _last_ok(self, places: Mapping[str, Tensor | None], like: Tensor) -> Tensor:
+        """Drive up to which each column's states are OK."""
+        low, high = torch.zeros_like(like), torch.ones_like(like)
+        for _ in range(_HALVINGS):
+            middle = (low + high) / 2
+            is_ok = self.model.at_drive(drive=middle, **places).status.cpu() == int(Status.OK)
+            low, high = torch.where(is_ok, middle, low), torch.where(is_ok, high, middle)
+        return (low + high) / 2
+
+    def top(self, columns: Columns) -> Tensor:
+        """Drive at which each column ends."""
+        end = torch.full_like(columns.log_pull_in, log(self.limit_v))
+        if self.limited_by:
+            end = torch.minimum(end, columns.log_breakdown)
+        return torch.exp(2 * (end - columns.log_pull_in)).clamp(max=PULL_IN_DRIVE)
+
+    def at_ends(self) -> ContactState:
+        """Return the states where columns end, at all corners of the axes and a few random places.
+
+        The corners include the thinnest insulator. There the share of the attraction beyond
+        breakdown is largest, and the interval of the accuracy widest.
+        """
+        return self.ends_of(self._lines())
+
+    def ends_of(self, places: Mapping[str, Tensor | None]) -> ContactState:
+        """Return the states where the columns of these places end."""
+        drive = self.top(self.columns(places, torch.zeros(1, dtype=torch.float64)))
+        return self.model.at_drive(drive=drive, **places)
+
+    def span(self, name: str) -> tuple[float, float]:
+        """``(low, high)`` of a range that is not absent."""
+        ends = self.ranges[name]
+        assert ends is not None
+        return ends
+
+    def varying(self) -> list[str]:
+        """Names of the axes that have more than one value."""
+        return [
+            name
+            for name in AXIS_NAMES
+            if self.ranges[name] is not None
+            and self.span(name)[1] > self.span(name)[0] * (1 + _NARROWEST)
+        ]
+
+    def positions(self, name: str, points: int) -> Tensor:
+        """Values along an axis, evenly spaced in the logarithm."""
+        low, high = self.span(name)
+        even = torch.exp(torch.linspace(log(low), log(high), points, dtype=torch.float64))
+        even[0], even[-1] = low, high
+        return even
+
+    def along(
+        self, name: str, points: int, last_drive: float, unit: UnitInMu, boundary_error: float
+    ) -> Pilot:
+        """Solve lines along one axis; `boundary_error` is the error of ln V_breakdown per unit."""
+        values = self.positions(name, points)
+        places = self._lines(without=name)
+        places[name] = values[:, None]
+        drive = torch.linspace(0, last_drive, _LEVELS, dtype=torch.float64)
+        columns = self.columns(places, drive)
+        at, inverse = torch.log(values), columns.inverse
+        slope = torch.gradient(inverse, spacing=(drive,), dim=-1)[0]
+        level = torch.minimum(drive, self.top(columns)[..., None])
+        weight = 1 / (inverse**2 * unit(-1 / inverse))
+        # An error of the pull-in voltage shifts the drive, and so tilts the friction.
+        tilt = 2 * level * slope * weight
+        boundary = columns.log_breakdown / boundary_error
+
+        def error(start: int, end: int) -> float:
+            inner = slice(start + 1, end)
+            wrong = chord_error(inverse, at, start, end) * weight[inner]
+            shift = chord_error(columns.log_pull_in, at, start, end)[..., None]
+            worst = float((wrong - shift * tilt[inner]).abs().max())
+            if not self.limited_by:
+                return worst
+            return max(worst, float(chord_error(boundary, at, start, end).abs().max()))
+
+        return Pilot(at, error)
+
+    def along_drive(self, points: int, last_drive: float, unit: UnitInMu) -> Pilot:
+        """Solve columns finely along the drive.
+
+        Beyond its end a column serves the instants of a direct drive. There an error is weighted by
+        its effect on the mean friction over the period.
+        """
+        drive = torch.linspace(0, last_drive, points, dtype=torch.float64)
+        columns = self.columns(self._lines(), drive)
+        top, inverse = self.top(columns), columns.inverse.T
+        last = self.peak_attraction * top
+        in_mu = unit(-1 / inverse)
+        at_top = inverse.gather(0, torch.searchsorted(drive, top).clamp(max=points - 1)[None])
+        instants = in_mu * (at_top / inverse) / _INSTANTS_SHARE
+        in_mu = torch.where(drive[:, None] <= top, in_mu, instants)
+        weight = torch.where(drive[:, None] <= last, 1 / (inverse**2 * in_mu), 0.0)
+
+        def error(start: int, end: int) -> float:
+            wrong = chord_error(inverse, drive, start, end) * weight[start + 1 : end]
+            return float(wrong.abs().max())
+
+        return Pilot(drive, error)
+
+    def held_out(self, seed: int) -> HeldOutPoints:
+        """Draw points within the ranges, some at their ends, and solve them."""
+        generator = torch.Generator().manual_seed(seed)
+
+        def draw(*shape: int) -> Tensor:
+            stretched = 1.16 * torch.rand(shape, generator=generator, dtype=torch.float64) - 0.08
+            return stretched.clamp(0.0, 1.0)
+
+        insulators = _INSULATORS if set(self.varying()) - {"normal_force_n"} else 1
+        counts = {"normal_force_n": _HELD_OUT // insulators}  # forces for each pair of f and h0
+        places = {
+            name: self._place(name, draw(insulators, counts.get(name, 1))) for name in AXIS_NAMES
+        }
+        at_rest = self.columns(places, torch.zeros(1, dtype=torch.float64))
+        top = self.top(at_rest)
+        drive = top * draw(*top.shape)
+        mu = self.model.at_drive(drive=drive, **places).mu.to("cpu", torch.float64)
+        pull_in = torch.exp(at_rest.log_pull_in)
+        voltage = (pull_in * drive.sqrt()).clamp(max=self.limit_v)
+        boundary = at_rest.log_breakdown if self.limited_by else None
+        return HeldOutPoints(places, voltage, mu, pull_in * top.sqrt(), top, boundary)
+
+    def _lines(self, without: str = "") -> dict[str, Tensor | None]:
+        """Corners of the axes that vary, and random places: shape (lines,) each."""
+        others = [name for name in self.varying() if name != without]
+        corners = torch.tensor(list(product((0.0, 1.0), repeat=len(others))), dtype=torch.float64)
+        generator = torch.Generator().manual_seed(len(others))
+        random = torch.rand((_LINES if others else 0, len(others)), generator=generator)
+        shares = torch.cat([corners, random.to(torch.float64)])
+        places = {}
+        for name in AXIS_NAMES:
+            share = shares[:, others.index(name)] if name in others else torch.zeros(len(shares))
+            places[name] = self._place(name, share)
+        return places
+
+    def _place(self, name: str, share: Tensor) -> Tensor | None:
+        if self.ranges[name] is None:
+            return None
+        return between(*self.span(name), share.to(torch.float64))
+
+
+def build_table(
+    model: ContactModel,
+    scene: Any,
+    tolerance: Tolerance,
+    on_progress: Progress | None,
+    largest_bytes: int,
+    notes: Mapping[str, Any] | None,
+    past_limits: bool = False,
+) -> tuple[Interpolant, dict[str, Any]]:
+    """Solve a table and describe it; see `FrictionSurface.build`.
+
+    If the tolerance cannot be met, the result is the best table, with ``"tolerance_met": False``.
+    """
+    ranges, notes = read_ranges(model, scene), dict(notes or {})
+    try:
+        json.dumps(notes, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"notes: expected plain values that JSON can hold: {error}") from None
+    build = _Build(Sampler(model, ranges, past_limits), tolerance, largest_bytes)
+    attempt = build.run(on_progress or (lambda _: None))
+    at_ends = build.sampler.at_ends()
+    info = {
+        "haptix": __version__,
+        "key": surface_key(model, scene, tolerance, largest_bytes, past_limits),
+        "model": model.describe(),
+        "model_hash": digest(model.describe()),
+        "profiles": described(model.finger, model.screen),
+        "friction": "at the period's mean attraction",
+        "ranges": ranges,
+        "screen_h0_m": model.screen.h0_m,
+        "response_hz_per_mm_per_s": model.finger.response_hz_per_mm_per_s,
+        "notes": notes,
+        "tolerance": {"value": tolerance.value, "unit": tolerance.unit},
+        "tolerance_met": attempt.is_met,
+        "mu_low": build.low,
+        "mu_high": build.high,
+        "pull_past_breakdown": float(at_ends.pull_past_breakdown.max()),
+        "accuracy": at_ends.accuracy.record(),
+        "intervals": build.intervals(attempt.table.axes),
+        "error_max": float(attempt.error.max()),
+        "error_p99": float(attempt.error.quantile(0.99)),
+        "error_max_in_units": attempt.worst,
+        "held_out_points": attempt.error.numel(),
+        "monotone_corrections": attempt.corrections,
+    }
+    return attempt.table, info
+
+
+@dataclass(frozen=True)
+class _Attempt:
+    """A table, its errors in mu at held-out points, and the worst in units of the tolerance."""
+
+    table: Interpolant
+    corrections: int
+    error: Tensor
+    worst: float
+    is_met: bool
+
+
+class _Build:
+    """One build: divide the tolerance among the axes until the held-out points agree."""
+
+    def __init__(self, sampler: Sampler, tolerance: Tolerance, largest_bytes: int) -> None:
+        self.sampler = sampler
+        self.tolerance = tolerance
+        self.largest_bytes = largest_bytes
+        self.axes = self.sampler.varying()
+        self.points = dict.fromkeys([*self.axes, "drive"], _PILOT_POINTS)
+        self.pilots: dict[str, Pilot] = {}
+
+    def run(self, report: Progress) -> _Attempt:
+        held_out = self.sampler.held_out(seed=1)
+        self._check_reach(held_out)
+        self.low, self.high = float(held_out.mu.min()), float(held_out.mu.max())
+        # 5 % more, for states between the points.
+        end_drive = 1.05 * float(held_out.end_drive.max())
+        self.end_drive = min(end_drive, PULL_IN_DRIVE)
+        self.last_drive = min(self.sampler.peak_attraction * end_drive, PULL_IN_DRIVE)
+        report(0.3)
+        share, best = _FIRST_SHARE, None
+        fits, exceeds = inf, 0.0  # smallest share that fits into the size, largest that does not
+        for round_ in range(_MOST_ROUNDS):
+            nodes = self._place(share)
+            if self._size(nodes) > self.largest_bytes:
+                exceeds = max(exceeds, share)
+            else:
+                report(0.3 + 0.6 * (1 - 0.5 ** (round_ + 1)))
+                attempt = self._attempt(nodes, held_out)
+                if attempt.is_met:
+                    report(1.0)
+                    return attempt
+                if best is None or attempt.worst < best.worst:
+                    best = attempt
+                fits = min(fits, share)
+            if not exceeds:
+                wanted = 0.9 * _FIRST_CHECK * self.tolerance.value / attempt.worst
+                share *= min(0.8, max(0.2, wanted))
+            elif fits == inf:
+                share = _COARSER * exceeds
+            elif fits > _CLOSE * exceeds:
+                share = sqrt(fits * exceeds)
+            else:
+                break
+        if best is None:
+            raise ToleranceError(
+                f"tolerance {self.tolerance}: not even a coarse surface fits into "
+                f"{self.largest_bytes:,} bytes; allow more, or narrow the ranges"
+            )
+        # Without a smaller error to be had, the reserve of the first check is not asked for.
+        return self._confirmed(best) if best.worst <= self.tolerance.value else best
+
+    def intervals(self, axes: Axes) -> dict[str, Any]:
+        """Intervals of the theory in each cell, see `haptix.model.surface.answers`."""
+        return record_of(axes, self.sampler.ends_of(_places_of(axes)).accuracy)
+
+    def _attempt(self, nodes: Mapping[str, Tensor], held_out: HeldOutPoints) -> _Attempt:
+        table, corrections = self._tabulate(nodes)
+        error = held_out.error(table)
+        worst = self._worst(error, held_out, table)
+        attempt = _Attempt(table, corrections, error.reshape(-1), worst, is_met=False)
+        enough = worst <= _FIRST_CHECK * self.tolerance.value
+        return self._confirmed(attempt) if enough else attempt
+
+    def _confirmed(self, attempt: _Attempt) -> _Attempt:
+        """Whether the attempt meets the tolerance at fresh points as well."""
+        fresh = self.sampler.held_out(seed=2)
+        other = fresh.error(attempt.table)
+        worst = max(attempt.worst, self._worst(other, fresh, attempt.table))
+        error = torch.cat([attempt.error, other.reshape(-1)])
+        return replace(attempt, error=error, worst=worst, is_met=worst <= self.tolerance.value)
+
+    def _check_reach(self, held_out: HeldOutPoints) -> None:
+        lowest = self.sampler.span("voltage_v")[0]
+        highest = float(held_out.end_v.max())
+        if lowest > highest:
+            raise InputError(
+                f"voltage_v: all of the range from {lowest:g} V lies past the end of the light "
+                f"contact, {highest:g} V at most in these ranges; lower it, or raise force or h0_m"
+            )
+
+    def _place(self, share: float) -> dict[str, Tensor]:
+        """Nodes of every axis, if the axes divide `share` of the tolerance equally."""
+        tolerance = share * self.tolerance.value / len(self.points)
+        nodes = {}
+        for name in self.points:
+            while True:
+                pilot = self._pilot(name)
+                chosen = fewest_nodes(len(pilot.at), pilot.error, tolerance)
+                # A cell of one pilot step has no inner point, so its error is unknown.
+                shortest = min(b - a for a, b in pairwise(chosen))
+                if shortest > 1 or self.points[name] >= _MOST_PILOT_POINTS:
+                    break
+                self.points[name] = 2 * self.points[name] - 1
+                del self.pilots[name]
+            nodes[name] = pilot.at[chosen]
+        return nodes
+
+    def _pilot(self, name: str) -> Pilot:
+        if name not in self.pilots:
+            points = self.points[name]
+            self.pilots[name] = (
+                self.sampler.along_drive(points, self.last_drive, self._unit)
+                if name == "drive"
+                else self.sampler.along(
+                    name, points, self.end_drive, self._unit, _BOUNDARY / self.tolerance.value
+                )
+            )
+        return self.pilots[name]
+
+    def _tabulate(self, nodes: Mapping[str, Tensor]) -> tuple[Interpolant, int]:
+        axes = Axes(tuple(self._axis(name, nodes) for name in AXIS_NAMES))
+        columns = self.sampler.columns(_places_of(axes), nodes["drive"])
+        # Friction rises with voltage; `cummax` makes this true of the last bit as well.
+        inverse = columns.inverse.cummax(-1).values
+        corrections = int((inverse != columns.inverse).sum())
+        voltages = torch.stack([columns.log_pull_in, columns.log_breakdown], -1)
+        # In a unit well below all voltages their logarithms are above 0; a power of two is exact.
+        unit_v = 2.0 ** (floor(float(voltages.min()) / _LN2) - 2)
+        table = Interpolant(
+            axes,
+            nodes["drive"],
+            torch.cat([inverse, voltages - log2(unit_v) * _LN2], -1),
+            unit_v,
+            self.sampler.limit_v,
+            self.sampler.limited_by,
+        )
+        return table, corrections
+
+    def _axis(self, name: str, nodes: Mapping[str, Tensor]) -> Axis:
+        if self.sampler.ranges[name] is None:
+            return Axis.absent(name)
+        low, high = self.sampler.span(name)
+        if name not in nodes:
+            return Axis(name, torch.tensor([low], dtype=torch.float64))
+        values = torch.exp(nodes[name])
+        values[0], values[-1] = low, high
+        return Axis(name, values)
+
+    def _size(self, nodes: Mapping[str, Tensor]) -> int:
+        shape = [len(nodes[name]) if name in nodes else 1 for name in AXIS_NAMES]
+        drives = len(nodes["drive"])
+        return 8 * (prod(shape) * (drives + 2) + sum(shape) + drives)
+
+    def _unit(self, mu: Tensor) -> Tensor:
+        unit = self.tolerance.unit_in_mu(mu, self.low, self.high)
+        return torch.as_tensor(unit, dtype=mu.dtype).expand_as(mu)
+
+    def _worst(self, error: Tensor, held_out: HeldOutPoints, table: Interpolant) -> float:
+        """Largest error in units of the tolerance, the breakdown voltage included."""
+        boundary = held_out.boundary_error(table) * (self.tolerance.value / _BOUNDARY)
+        return max(float((error / self._unit(held_out.mu)).max()), float(boundary.max()))
+
+
+def _places_of(axes: Axes) -> dict[str, Tensor | None]:
+    """Place of each column, of the shape of the axes."""
+    grid = torch.meshgrid(*(axis.nodes for axis in axes), indexing="ij")
+    return {axis.name: None if axis.is_absent else at for axis, at in zip(axes, grid, strict=True)}
