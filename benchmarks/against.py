@@ -86,7 +86,7 @@ def blocks(surface: Any, texture: Any, fingers: int) -> Callable[[], list[float]
 def recorded(surface: Any, texture: Any, bare: bool) -> Callable[[], list[float]]:
     import haptix
     from firmware_io import open_device
-    from haptix.motion import Trajectory
+    from haptix.feel.motion import Trajectory
 
     t = np.arange(0, PATH_S, 0.01)
     x, y, force = 30 + 20 * np.sin(2 * t), 20 + 10 * np.cos(2.1 * t), 0.5 + 0.2 * np.sin(t)

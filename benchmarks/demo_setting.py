@@ -7,7 +7,7 @@ import torch
 from skimage.data import brick
 
 import haptix
-from haptix.motion import Trajectory
+from haptix.feel.motion import Trajectory
 from haptix.simulation import FINGER_PATH, Setting
 
 

@@ -17,9 +17,9 @@ import numpy as np
 import torch
 
 import haptix
-from haptix.materials import WebEffect
-from haptix.materials.timeline import EffectName
-from haptix.motion import Trajectory
+from haptix.feel.materials import WebEffect
+from haptix.feel.materials.timeline import EffectName
+from haptix.feel.motion import Trajectory
 from haptix.population import Population
 from haptix.simulation import Setting, simulate
 

@@ -50,7 +50,7 @@ def texture_of(name: str, photograph: Any) -> Any:
         return sprites(photograph, 0.3)
     if name == "side by side":
         return sprites(photograph, 37.0)
-    return haptix.materials.load(HERE / f"examples/materials/{name}.toml")
+    return haptix.feel.materials.load(HERE / f"examples/materials/{name}.toml")
 
 
 def sprites(photograph: Any, step_mm: float) -> Any:

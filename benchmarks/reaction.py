@@ -27,7 +27,7 @@ from demo_setting import demo_setting
 import haptix
 from firmware_io import Device, MockDriver, MockLink
 from firmware_io.links.tcp import TcpLink
-from haptix.motion import Trajectory
+from haptix.feel.motion import Trajectory
 from haptix.render import LiveSettings
 from haptix.simulation import Played, Setting, evaluate_live
 from haptix.simulation.simulation import play_live

@@ -20,8 +20,8 @@ from skimage.data import brick
 
 import haptix
 from firmware_io import open_device
+from haptix.feel.motion import Trajectory
 from haptix.model.surface import Slice
-from haptix.motion import Trajectory
 from haptix.render import (
     DirectWave,
     LiveSettings,

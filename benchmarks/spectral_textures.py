@@ -17,7 +17,14 @@ from pathlib import Path
 
 import numpy as np
 
-from haptix.texture.spectral import BANDS_HZ, Energies, Stretch, band_energies, distance_db, fit
+from haptix.feel.materials.spectral import (
+    BANDS_HZ,
+    Energies,
+    Stretch,
+    band_energies,
+    distance_db,
+    fit,
+)
 
 SPEEDS = np.linspace(20, 100, 9)
 

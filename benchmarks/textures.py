@@ -14,7 +14,7 @@ import timeit
 import numpy as np
 from skimage.data import brick
 
-from haptix.texture import (
+from haptix.feel.materials import (
     FrictionField,
     Grating,
     Noise,

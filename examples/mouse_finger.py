@@ -15,11 +15,10 @@ import numpy as np
 import typer
 
 import haptix
-from haptix.layout import LayoutEvent, Patch, ScreenGeometry
-from haptix.materials import Button, Slider
+from haptix.feel.layout import LayoutEvent, Patch, ScreenGeometry
+from haptix.feel.materials import Button, Grating, Slider
 from haptix.render import LiveSettings
 from haptix.render.live import COLUMNS, PlayedRecord
-from haptix.texture import Grating
 from haptix.touch import TouchEvent
 
 try:

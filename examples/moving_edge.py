@@ -16,7 +16,7 @@ import numpy as np
 import typer
 
 import haptix
-from haptix.texture import Grating, as_mu
+from haptix.feel.materials import Grating, as_mu
 from haptix.touch import events_of, paced
 from haptix.virtual_finger import VirtualFinger, evaluate
 

@@ -17,8 +17,8 @@ import numpy as np
 import typer
 
 import haptix
+from haptix.feel.materials import as_mu
 from haptix.simulation import FINGER_PATH
-from haptix.texture import as_mu
 from haptix.touch import TouchEvent, events_of, paced
 from haptix.virtual_finger import TouchPanel, VirtualFinger, evaluate
 

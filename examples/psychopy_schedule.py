@@ -19,7 +19,7 @@ from pathlib import Path
 
 from firmware_io import Device, open_device
 from haptix.base.files import read_json
-from haptix.signals.audio_files import read_drive
+from haptix.feel.signals.audio_files import read_drive
 from haptix.stimuli import check_manifest
 
 Show = Callable[[str], None]

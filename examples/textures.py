@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 import haptix
-from haptix.motion import Motion
-from haptix.texture import (
+from haptix.feel.materials import (
     Grating,
     Noise,
     RecordedProfile,
@@ -22,6 +21,7 @@ from haptix.texture import (
     headroom,
     power_law,
 )
+from haptix.feel.motion import Motion
 
 try:
     from matplotlib.figure import Figure

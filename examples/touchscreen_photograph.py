@@ -15,7 +15,7 @@ from typing import Annotated
 import typer
 
 import haptix
-from haptix.layout import LayoutEvent
+from haptix.feel.layout import LayoutEvent
 from haptix.render import LiveSettings
 from haptix.touch import Touchscreen, find_touchscreens
 

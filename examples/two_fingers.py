@@ -17,9 +17,9 @@ import numpy as np
 import typer
 
 import haptix
-from haptix.motion import Motion
+from haptix.feel.materials import Grating, Texture, as_mu
+from haptix.feel.motion import Motion
 from haptix.render import LiveSettings
-from haptix.texture import Grating, Texture, as_mu
 from haptix.touch import events_of, paced
 from haptix.virtual_finger import VirtualFinger, evaluate
 

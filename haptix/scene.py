@@ -20,7 +20,8 @@ from pydantic import (
 from haptix.base.documents import Document, Part, renamed
 from haptix.base.errors import InputError
 from haptix.base.kinds import in_folder
-from haptix.materials.panels import material_of
+from haptix.feel.materials.material import AnyMaterial
+from haptix.feel.materials.panels import material_of
 from haptix.model.contact import TheoryName
 from haptix.model.fidelity import FIDELITIES, FidelityName
 from haptix.model.finger import Finger
@@ -29,7 +30,6 @@ from haptix.model.pair import finger_beside
 from haptix.model.screen import Screen
 from haptix.model.surface.axes import AXES, low_and_high
 from haptix.model.terms import TERMS, possible_terms
-from haptix.texture.material import AnyMaterial
 
 DtypeName = Literal["float32", "float64"]
 

@@ -359,11 +359,11 @@ class ClientLayout:
         Parameters
         ----------
         material : Material or dict
-            One of `haptix.materials` that names no files, or its document.
+            One of `haptix.feel.materials` that names no files, or its document.
         name : str, optional
             For `contact` events; made where none is given.
         **fields
-            Those of `haptix.region.RegionFields`.
+            Those of `haptix.feel.layout.region.RegionFields`.
 
         Raises
         ------

@@ -7,8 +7,8 @@ from matplotlib import colormaps
 from PIL import Image
 
 from haptix.base.files import write_whole
-from haptix.gallery import FOLDER, Preset, presets
-from haptix.materials.picture import picture
+from haptix.feel.gallery import FOLDER, Preset, presets
+from haptix.feel.materials.picture import picture
 
 COLUMNS, ROWS = 96, 72
 FINE = ("ribs", "weaves", "grains")

@@ -29,7 +29,7 @@ from typing import Any
 from filelock import FileLock
 
 from haptix.base.version import __version__
-from haptix.materials import schema as kinds
+from haptix.feel.materials import schema as kinds
 from haptix.service.messages.reading import asyncapi, schema
 
 ROOT = Path(__file__).parents[1]

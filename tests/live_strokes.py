@@ -6,9 +6,9 @@ import numpy as np
 
 import haptix
 from haptix import Texture
+from haptix.feel.materials import FrictionField
 from haptix.render import LiveRenderer, LiveSettings, Sliding
 from haptix.render.live import COLUMNS, PlayedRecord
-from haptix.texture import FrictionField
 from haptix.touch import TouchEvent
 
 RATE = 48_000.0

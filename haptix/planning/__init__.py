@@ -13,6 +13,9 @@ from haptix.base.checks import Array
 from haptix.base.errors import InputError, ToleranceError
 from haptix.base.report import Heading, HeadingsOf
 from haptix.base.task import Context, Result, Task
+from haptix.feel.materials import as_mu
+from haptix.feel.materials.material import Material
+from haptix.feel.motion import Depends, Motion
 from haptix.model.fidelity import FIDELITIES, Ability
 from haptix.model.friction import ContactModel
 from haptix.model.friction.placeholders import largest_spread
@@ -21,7 +24,6 @@ from haptix.model.surface import LARGEST_BYTES, FrictionSurface
 from haptix.model.surface.axes import AXIS_NAMES
 from haptix.model.surface.tolerance import LEAST, Tolerance
 from haptix.model.terms import TERMS, Term, chosen_terms
-from haptix.motion import Depends, Motion
 from haptix.planning.trials import (
     COARSE,
     FULL,
@@ -36,8 +38,6 @@ from haptix.planning.trials import (
     reporting_terms,
 )
 from haptix.scene import Scene
-from haptix.texture import as_mu
-from haptix.texture.material import Material
 
 __all__ = ["BuildSurface", "Effect", "Plan", "Row", "holding", "plan_scene"]
 

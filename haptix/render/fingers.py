@@ -12,8 +12,8 @@ import numpy as np
 from haptix.base.checks import Array
 from haptix.base.errors import InputError
 from haptix.base.native import DOUBLES, Struct, ffi, library
-from haptix.motion import VELOCITY_OVER_S, History, Motion, Report
-from haptix.motion.block import React, Reactions, unmoved
+from haptix.feel.motion import VELOCITY_OVER_S, History, Motion, Report
+from haptix.feel.motion.block import React, Reactions, unmoved
 from haptix.render.samples import Fingers
 from haptix.render.settings import LiveSettings, Sliding
 from haptix.touch import Touches, TouchEvent, TouchState, TouchTracker

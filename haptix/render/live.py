@@ -20,6 +20,7 @@ from firmware_io.progress import MOST_MARKS
 from firmware_io.revisable import Revisable
 from haptix.base.checks import Array, whole
 from haptix.base.errors import InputError, OverloadWarning
+from haptix.feel.materials import Feelable
 from haptix.model.surface import FrictionSurface
 from haptix.render.adapting import Adaptation
 from haptix.render.drive import Drive
@@ -29,7 +30,6 @@ from haptix.render.samples import Fingers, RenderCore, RenderedBlock
 from haptix.render.settings import LiveSettings
 from haptix.render.stream import LONGEST_GAP_S, RenderStream
 from haptix.sensing import FingerObserver
-from haptix.texture import Feelable
 from haptix.touch import TouchCounts, TouchEvent
 
 _LOG = logging.getLogger("haptix.render")
@@ -479,7 +479,7 @@ class LiveRenderer(RenderStream):
         Parameters
         ----------
         effect : Material
-            Such as `haptix.materials.Transient`; a share of the reachable friction. Its time and
+            Such as `haptix.feel.materials.Transient`; a share of the reachable friction. Its time and
             all events from which it may begin are now.
         priority : int
             Of more than 8 at once, the oldest of the lowest priority is dropped.

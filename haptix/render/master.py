@@ -12,9 +12,9 @@ import numpy.typing as npt
 
 from haptix.base.checks import Array, number, whole
 from haptix.base.errors import InputError
-from haptix.layout.region_state import Glide
-from haptix.motion import Facts, Motion
-from haptix.texture import Evaluator, Feelable, check_feelable
+from haptix.feel.layout.region_state import Glide
+from haptix.feel.materials import Evaluator, Feelable, check_feelable
+from haptix.feel.motion import Facts, Motion
 
 _LOG = logging.getLogger("haptix.render")
 
@@ -229,7 +229,7 @@ class Master:
         if length_s is None or not isfinite(length_s) or evaluator.target == "mu":
             raise InputError(
                 "effect: expected one that ends and is a share or a contrast of friction, such as "
-                f"haptix.materials.Transient, got a {type(effect).__name__}"
+                f"haptix.feel.materials.Transient, got a {type(effect).__name__}"
             )
         whole("priority", priority, -(10**6))
         now_s = now()

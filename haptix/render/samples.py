@@ -15,18 +15,18 @@ from firmware_io.reviser import percentile
 from haptix.base.checks import Array, instance
 from haptix.base.errors import InputError
 from haptix.base.native import DOUBLES, NULL, Struct, ffi, library
-from haptix.layout import Layout
+from haptix.feel.layout import Layout
+from haptix.feel.materials import Evaluator, Feelable, TargetKind, check_feelable
+from haptix.feel.motion import Motion
 from haptix.model.finger import FingerResponse
 from haptix.model.status import LIMITS, Status
 from haptix.model.surface import FrictionSurface, Slice
 from haptix.model.waves import turns
-from haptix.motion import Motion
 from haptix.render.adapting import Adaptation
 from haptix.render.drive import Drive, DriverCarrier, SineCarrier
 from haptix.render.master import Mix
 from haptix.render.settings import Combination, RenderSettings
 from haptix.sensing import FingerEstimate
-from haptix.texture import Evaluator, Feelable, TargetKind, check_feelable
 
 CONTROL_HZ = 12_000.0
 """Rate of the control points, at which friction is evaluated and inverted. Between them the
@@ -373,7 +373,7 @@ class RenderCore:
         >>> import haptix
         >>> model = haptix.ContactModel(haptix.Finger(), haptix.Screen(), fidelity="closed-form")
         >>> surface = haptix.FrictionSurface.build(model, {"frequency_hz": 240.0}, 0.01)
-        >>> ribs = haptix.texture.Grating(period_mm=2.0)
+        >>> ribs = haptix.feel.materials.Grating(period_mm=2.0)
         >>> with haptix.Renderer(surface, ribs, haptix.open_device("mock:")) as renderer:
         ...     low, high = renderer.reachable(np.array([0.5]), np.array([50.0]))
         >>> bool((low < high).all())

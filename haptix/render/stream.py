@@ -30,16 +30,16 @@ import numpy as np
 from firmware_io import Device
 from haptix.base.checks import Array, instance, number
 from haptix.base.errors import InputError, LimitError
-from haptix.layout import Layout, LayoutEvent, LayoutEventKind, Listeners
+from haptix.feel.layout import Layout, LayoutEvent, LayoutEventKind, Listeners
+from haptix.feel.materials import Feelable, check_feelable
+from haptix.feel.motion import Report, Trajectory
 from haptix.model.screen import VerifiedRange
 from haptix.model.surface import FrictionSurface
-from haptix.motion import Report, Trajectory
 from haptix.render.drive import Drive, DriverCarrier
 from haptix.render.fingers import RecordedFingers
 from haptix.render.master import EffectEnd, Master
 from haptix.render.samples import RenderCore, RenderedBlock, RenderStats
 from haptix.render.settings import RenderSettings
-from haptix.texture import Feelable, check_feelable
 from haptix.touch import ForceModel, TouchEvent
 from haptix.touch.events import problem_of
 
@@ -369,7 +369,7 @@ class Renderer(RenderStream):
     >>> import haptix
     >>> model = haptix.ContactModel(haptix.Finger(), haptix.Screen(), fidelity="closed-form")
     >>> surface = haptix.FrictionSurface.build(model, {"frequency_hz": 240.0}, 0.01)
-    >>> ribs = haptix.texture.Grating(period_mm=2.0)
+    >>> ribs = haptix.feel.materials.Grating(period_mm=2.0)
     >>> with haptix.open_device("mock:") as device, Renderer(surface, ribs, device) as renderer:
     ...     renderer.touch(0.0, x_mm=10.0, y_mm=20.0, normal_force_n=0.5)
     ...     renderer.touch(0.1, x_mm=15.0, y_mm=20.0, normal_force_n=0.5)

@@ -16,8 +16,8 @@ from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from haptix.feel.materials.decoded import FOLDER, PICTURES, is_kept
 from haptix.service.messages import Limits, Problem
-from haptix.texture.decoded import FOLDER, PICTURES, is_kept
 
 if TYPE_CHECKING:
     from haptix.service.pool import Pool

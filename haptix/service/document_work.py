@@ -18,11 +18,11 @@ from pydantic import BaseModel
 
 from haptix.base.errors import HaptixError, InputError
 from haptix.base.task import Context, task_at
-from haptix.texture.decoded import PICTURES
+from haptix.feel.materials.decoded import PICTURES
 
 if TYPE_CHECKING:
-    from haptix.layout import Patch
-    from haptix.materials import Material
+    from haptix.feel.layout import Patch
+    from haptix.feel.materials import Material
     from haptix.model.finger import Finger
     from haptix.model.screen import Screen
     from haptix.model.surface import Column, FrictionSurface
@@ -59,14 +59,14 @@ class DocumentWork:
 
     def load(self) -> dict[str, Any]:
         """Load what all answers but that of `decode` need."""
-        from haptix.materials import panels, picture  # noqa: F401
+        from haptix.feel.materials import panels, picture  # noqa: F401
 
         self.reach(_FORCE_N)
         return {}
 
     def schema(self) -> dict[str, Any]:
         """JSON Schema of all kinds of material and signal."""
-        from haptix.materials import schema
+        from haptix.feel.materials import schema
 
         return schema()
 
@@ -82,8 +82,8 @@ class DocumentWork:
         frame_s: float = 0.05,
     ) -> dict[str, Any]:
         """Shares of the reachable friction on a grid, with how much of it is out of reach."""
-        from haptix.materials.picture import picture
-        from haptix.texture import as_mu
+        from haptix.feel.materials import as_mu
+        from haptix.feel.materials.picture import picture
 
         parsed = self.read(material)
         times = t_s + frame_s * np.arange(frames)
@@ -106,7 +106,7 @@ class DocumentWork:
 
     def check(self, material: dict[str, Any], normal_force_n: float) -> dict[str, Any]:
         """All fields of a document, its range, and what a step of each changes [JND]."""
-        from haptix.materials.panels import effects_of_steps
+        from haptix.feel.materials.panels import effects_of_steps
         from haptix.model.perception.thresholds import WEBER_FRACTION
 
         parsed = self.read(material)
@@ -129,14 +129,14 @@ class DocumentWork:
         """
         path = next(iter(self._assets.glob(f"{digest}.*")))
         if path.suffix in PICTURES:
-            from haptix.texture.pictures import read_pixels
+            from haptix.feel.materials.pictures import read_pixels
 
             pixels, _ = read_pixels("image", path)
             return {"bytes": pixels.shape[0] * pixels.shape[1] * BYTES_PER_PIXEL}
         with path.open("rb") as file:
             head = file.read(4)
         if head in (b"RIFF", b"fLaC"):
-            from haptix.signals.audio_files import count_samples
+            from haptix.feel.signals.audio_files import count_samples
 
             count = count_samples(path)
             if count > MOST_SAMPLES:
@@ -175,7 +175,7 @@ class DocumentWork:
     def read(self, document: dict[str, Any]) -> Material:
         """Read a document, whose files are those of the service."""
         from haptix.base.kinds import in_folder
-        from haptix.materials import material_of
+        from haptix.feel.materials import material_of
 
         with in_folder(self._assets, is_sealed=True):
             parsed = material_of(document)
@@ -288,7 +288,7 @@ class SessionLayout:
     """
 
     def __init__(self, assets: Path) -> None:
-        from haptix.layout import Layout
+        from haptix.feel.layout import Layout
 
         self._assets = assets
         self.layout = Layout()
@@ -382,7 +382,7 @@ class SessionLayout:
 
     def _read(self, fields: dict[str, Any]) -> dict[str, Any]:
         from haptix.base.kinds import in_folder
-        from haptix.materials import material_of
+        from haptix.feel.materials import material_of
 
         if "material" in fields:
             with in_folder(self._assets, is_sealed=True):

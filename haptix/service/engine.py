@@ -49,7 +49,7 @@ from haptix.service.wire import (
 from haptix.touch.events import ForceModel, TouchEvent
 
 if TYPE_CHECKING:
-    from haptix.layout import LayoutEvent
+    from haptix.feel.layout import LayoutEvent
     from haptix.model.finger import Finger
     from haptix.model.screen import Screen
     from haptix.render.master import EffectEnd
@@ -68,9 +68,9 @@ _RENDERS = (
     "haptix.devices",
     "haptix.model.friction.model",
     "haptix.model.surface.friction_surface",
-    "haptix.materials.panels",
+    "haptix.feel.materials.panels",
     "haptix.render.live",
-    "haptix.layout.layout",
+    "haptix.feel.layout.layout",
 )
 _SETTLED_S = 0.015  # a driver tells within its status' period which revisions it refused
 _MOST_STATS_HZ = 50.0
@@ -358,12 +358,12 @@ class EngineServer:
         """Open the device, and load or build the surface that its finger and screen need."""
         from haptix.base.threads import return_freed_memory
         from haptix.devices import open_device, profiles_for
-        from haptix.materials import KINDS
+        from haptix.feel.materials import KINDS
+        from haptix.feel.materials.decoded import FOLDER, keep_in
         from haptix.model.finger import Finger
         from haptix.model.screen import Screen
         from haptix.render.samples import carrier_hz
         from haptix.service.document_work import profiles_of, surface_of
-        from haptix.texture.decoded import FOLDER, keep_in
 
         self._assets = Path(assets)
         keep_in(self._assets.parent / FOLDER, makes=False)
@@ -517,7 +517,7 @@ class EngineServer:
 
     def _do_play(self, effect: dict[str, Any]) -> dict[str, Any]:
         from haptix.base.kinds import in_folder
-        from haptix.materials import material_of
+        from haptix.feel.materials import material_of
 
         with in_folder(self._assets, is_sealed=True):
             material = material_of(effect)

@@ -15,10 +15,10 @@ import numpy as np
 
 from haptix.base.checks import Array
 from haptix.base.errors import HaptixError
+from haptix.feel.motion import Trajectory
 from haptix.model.finger import Finger
 from haptix.model.friction import ContactModel
 from haptix.model.screen import Screen
-from haptix.motion import Trajectory
 from haptix.service.batches import TelemetryFrame, write_frame
 from haptix.service.wire import AMPLITUDE, TELEMETRY, TOUCHES, amplitude_of, frame, touches_of
 from haptix.touch.events import ForceModel, TouchEvent

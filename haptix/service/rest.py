@@ -28,7 +28,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from haptix.base.fields import FOLDER_NAME, JsonObject
 from haptix.base.files import write_whole
 from haptix.base.task import Task, all_tasks, task_at
-from haptix.gallery import FOLDER, presets
+from haptix.feel.gallery import FOLDER, presets
 from haptix.service.document_work import EXPORT
 from haptix.service.jobs import JobBoard
 from haptix.service.messages import Error, JobMessage, LayoutDocument, Problem
@@ -40,7 +40,7 @@ Force = Annotated[float, Field(gt=0, le=100, allow_inf_nan=False)]
 
 
 class PresetMessage(BaseModel):
-    """A preset of the gallery; see `haptix.gallery.Preset`."""
+    """A preset of the gallery; see `haptix.feel.gallery.Preset`."""
 
     name: str
     title: str

@@ -16,7 +16,7 @@ from typing import Any
 
 from haptix.base.errors import DeviceError, from_extra
 from haptix.base.log import without_secrets
-from haptix.gallery import ASSETS as GALLERY_ASSETS
+from haptix.feel.gallery import ASSETS as GALLERY_ASSETS
 from haptix.service import messages as m
 from haptix.service.access import Access, Listen, check_certificate, listens, service_folder
 from haptix.service.assets import AssetStore, Decoding

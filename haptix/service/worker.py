@@ -108,9 +108,9 @@ class Worker:
 
     def _do_open(self, assets: str, **opening: Any) -> dict[str, Any]:
         """Get ready for questions about files and materials."""
+        from haptix.feel.materials import pictures  # noqa: F401
+        from haptix.feel.materials.decoded import FOLDER, keep_in
         from haptix.service.document_work import DocumentWork
-        from haptix.texture import pictures  # noqa: F401
-        from haptix.texture.decoded import FOLDER, keep_in
 
         keep_in(Path(assets).parent / FOLDER, makes=True)
         self._documents = DocumentWork(Path(assets), opening)

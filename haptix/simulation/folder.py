@@ -20,13 +20,13 @@ from haptix.base.errors import MissingExtraError, from_extra
 from haptix.base.files import check_folder, csv_text, json_text, write_folder
 from haptix.base.report import record, row
 from haptix.base.version import __version__
+from haptix.feel.materials import Texture
+from haptix.feel.motion import LIFTED_BELOW_N, Motion
 from haptix.model.contact import Accuracy
 from haptix.model.pair import described
 from haptix.model.perception.thresholds import WEBER_FRACTION
-from haptix.motion import LIFTED_BELOW_N, Motion
 from haptix.render import SineCarrier
 from haptix.simulation.simulation import PARTS, Simulation
-from haptix.texture import Texture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -17,16 +17,23 @@ from firmware_io import Device, open_device
 from haptix.base.checks import Array
 from haptix.base.display import Displayed, axes_or_new
 from haptix.base.errors import InputError
+from haptix.feel.materials import Feelable, RecordedProfile, as_mu
+from haptix.feel.materials.spectral import (
+    BANDS_HZ,
+    Energies,
+    Spectral,
+    Stretch,
+    band_energies,
+    decibels,
+)
+from haptix.feel.motion import LIFTED_BELOW_N, Motion, Trajectory
+from haptix.feel.motion.block import facts_on
 from haptix.model.friction import ContactModel
 from haptix.model.states import ContactState
 from haptix.model.status import Status
 from haptix.model.surface import FrictionSurface, cached_surface
-from haptix.motion import LIFTED_BELOW_N, Motion, Trajectory
-from haptix.motion.block import facts_on
 from haptix.render import DirectWave, Drive, LiveRenderer, LiveSettings, Renderer
 from haptix.render.samples import DEFAULT_CARRIER_HZ
-from haptix.texture import Feelable, RecordedProfile, as_mu
-from haptix.texture.spectral import BANDS_HZ, Energies, Spectral, Stretch, band_energies, decibels
 from haptix.touch import TouchEvent, events_of
 from haptix.virtual_finger import (
     FELT_WITHIN_S,

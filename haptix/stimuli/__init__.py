@@ -1,7 +1,16 @@
 """Offline stimuli: signals, sets, files, and the methods that choose among them."""
 
-from haptix.population import Population
-from haptix.signals.shapes import (
+from haptix.feel.along_path import (
+    AlongPath,
+    MaterialSignal,
+    Path,
+    SpeedProfile,
+    SteadySpeed,
+    Strokes,
+    grating,
+    relief,
+)
+from haptix.feel.signals.shapes import (
     Chirp,
     Morph,
     Points,
@@ -13,7 +22,7 @@ from haptix.signals.shapes import (
     Step,
     TimeNoise,
 )
-from haptix.signals.signal import (
+from haptix.feel.signals.signal import (
     Concatenation,
     Constant,
     Excerpt,
@@ -24,16 +33,7 @@ from haptix.signals.signal import (
     Window,
     signal_from,
 )
-from haptix.stimuli.along_path import (
-    AlongPath,
-    MaterialSignal,
-    Path,
-    SpeedProfile,
-    SteadySpeed,
-    Strokes,
-    grating,
-    relief,
-)
+from haptix.population import Population
 from haptix.stimuli.rendering import Apparatus, Rendering
 from haptix.stimuli.set_plan import TrialPlan
 from haptix.stimuli.stimulus import Stimulus

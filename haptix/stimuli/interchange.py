@@ -42,9 +42,9 @@ from haptix.base.files import (
     write_folder,
     write_whole,
 )
-from haptix.signals.shapes import Points
-from haptix.signals.signal import Signal
-from haptix.stimuli.along_path import AlongPath, SpeedProfile, relief
+from haptix.feel.along_path import AlongPath, SpeedProfile, relief
+from haptix.feel.signals.shapes import Points
+from haptix.feel.signals.signal import Signal
 
 MapQuantity = Literal["mu", "contrast"]
 
@@ -125,8 +125,8 @@ class FrictionMap(Displayed):
         with from_extra("stimuli"):
             from PIL import Image
 
-            from haptix.texture.decoded import MOST_KEPT
-            from haptix.texture.pictures import check_picture
+            from haptix.feel.materials.decoded import MOST_KEPT
+            from haptix.feel.materials.pictures import check_picture
 
         path = Path(path)
         beside = path.with_suffix(".json")

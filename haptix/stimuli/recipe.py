@@ -21,14 +21,14 @@ from haptix.base.files import digest
 from haptix.base.kinds import call, in_folder
 from haptix.base.task import Context, Result, Task
 from haptix.devices import Device
+from haptix.feel.signals.audio_files import Container, Encoding
+from haptix.feel.signals.signal import Array, Constant, Product, Signal, signal_from
 from haptix.model.finger import Finger
 from haptix.model.perception.thresholds import Perception
 from haptix.model.screen import Screen
 from haptix.model.status import Status
 from haptix.model.surface import Column
 from haptix.population import DrawnPeople, Population
-from haptix.signals.audio_files import Container, Encoding
-from haptix.signals.signal import Array, Constant, Product, Signal, signal_from
 from haptix.stimuli.adaptive import (
     METHODS,
     Catch,

@@ -14,9 +14,9 @@ import numpy as np
 from haptix.base.checks import Positive, check_fields, choice
 from haptix.base.errors import InputError
 from haptix.base.kinds import Kind
-from haptix.materials import material_of
-from haptix.signals.signal import Signal, signal_from
-from haptix.stimuli.along_path import MaterialSignal, SpeedProfile, speed_from
+from haptix.feel.along_path import MaterialSignal, SpeedProfile, speed_from
+from haptix.feel.materials import material_of
+from haptix.feel.signals.signal import Signal, signal_from
 
 Quantity = Literal["mu", "contrast", "share", "volts"]
 

@@ -28,11 +28,11 @@ from haptix.base.files import (
 )
 from haptix.base.version import __version__
 from haptix.devices import DriveWindow
+from haptix.feel.signals.audio_files import AudioWriter, file_hash, step_v
 from haptix.model.finger import Finger
 from haptix.model.perception.sensation import SensationInTime
 from haptix.model.screen import Screen
 from haptix.population import Population
-from haptix.signals.audio_files import AudioWriter, file_hash, step_v
 from haptix.stimuli.rendering import TOLERANCE, Apparatus, Rendering, Tally
 from haptix.stimuli.set_plan import SetPlan, Trigger, events, pulses
 from haptix.stimuli.sidecar import reach, sidecar

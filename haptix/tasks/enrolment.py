@@ -57,11 +57,11 @@ class Enroll(OnScreen, command="enroll"):
         import numpy as np
 
         from haptix.devices import open_device
+        from haptix.feel.materials import Texture
         from haptix.model.surface import cached_surface
         from haptix.render import LiveRenderer, LiveSettings
         from haptix.render.samples import DEFAULT_CARRIER_HZ
         from haptix.sensing import ContactCurrent, FingerObserver
-        from haptix.texture import Texture
 
         model = self.model()
         with closing(open_device(self.device)) as device:

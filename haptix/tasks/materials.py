@@ -30,7 +30,7 @@ from haptix.base.fields import (
 from haptix.base.task import Context, Result, Task
 
 if TYPE_CHECKING:
-    from haptix.materials import Material
+    from haptix.feel.materials import Material
 
 
 class ShowMaterial(Task, command="material show"):
@@ -44,8 +44,8 @@ class ShowMaterial(Task, command="material show"):
     def run(self, context: Context) -> Result:
         """Write the picture."""
         from haptix.base.files import write_whole
-        from haptix.gallery import load
-        from haptix.materials import draw
+        from haptix.feel.gallery import load
+        from haptix.feel.materials import draw
 
         material = load(self.file)
         name = self.file.name.removeprefix("gallery:")
@@ -68,7 +68,7 @@ class ListKinds(Task, command="material kinds"):
 
     def run(self, context: Context) -> Result:
         """List them."""
-        from haptix.materials import KINDS
+        from haptix.feel.materials import KINDS
 
         rows: list[dict[str, Any]] = []
         for name, kind in sorted(KINDS.items()):
@@ -95,7 +95,7 @@ class ListGallery(Task, command="material gallery"):
 
     def run(self, context: Context) -> Result:
         """List them."""
-        from haptix.gallery import presets
+        from haptix.feel.gallery import presets
 
         rows = [
             {
@@ -114,7 +114,7 @@ class PrintSchema(Task, command="material schema"):
 
     def run(self, context: Context) -> Result:
         """Print it."""
-        from haptix.materials import schema
+        from haptix.feel.materials import schema
 
         document = schema()
         return Result(document, lines=[json.dumps(document, indent=2)])
@@ -141,11 +141,11 @@ class FitMaterial(Task, command="material fit"):
         import tomlkit
 
         from haptix.base.files import write_whole
+        from haptix.feel.materials.spectral import fit, stretches
         from haptix.model.finger import Finger
         from haptix.model.friction import ContactModel
         from haptix.model.screen import Screen
         from haptix.simulation.simulation import WITHIN_DB, band_name, felt_errors
-        from haptix.texture.spectral import fit, stretches
 
         out = self.out or self.recording.with_suffix(".toml")
         refuse_input(out, self.recording)
@@ -192,8 +192,8 @@ class CompareMaterials(Task, command="material distance"):
 
     def run(self, context: Context) -> Result:
         """Compare them."""
-        from haptix.materials import load
-        from haptix.texture.spectral import Energies, distance_db, stretch_of, stretches
+        from haptix.feel.materials import load
+        from haptix.feel.materials.spectral import Energies, distance_db, stretch_of, stretches
 
         def energies(path: Path) -> Energies:
             is_recording = path.suffix == ".csv"
@@ -229,7 +229,7 @@ class ExportLayout(Task):
 
     def run(self, context: Context) -> Result:
         """Pack the files of the form; the layout's own are in the context's folder."""
-        from haptix.materials import material_of
+        from haptix.feel.materials import material_of
 
         layout = material_of(self.document)
         left, right, top, bottom = layout.extent_mm
@@ -258,9 +258,9 @@ class ExportLayout(Task):
     def _friction_map(self, layout: Material, folder: Path) -> None:
         import numpy as np
 
-        from haptix.materials.picture import picture
+        from haptix.feel.materials import as_mu
+        from haptix.feel.materials.picture import picture
         from haptix.stimuli.interchange import FrictionMap
-        from haptix.texture import as_mu
 
         left, right, top, bottom = layout.extent_mm
         width_mm = right - left
@@ -271,17 +271,17 @@ class ExportLayout(Task):
     def _line(self, layout: Material, folder: Path) -> None:
         import numpy as np
 
+        from haptix.feel.along_path import MaterialSignal
+        from haptix.feel.along_path import Path as Along
+        from haptix.feel.materials import as_mu
+        from haptix.feel.materials.field import FORCE_N, SPEED_MM_S
+        from haptix.feel.motion import Motion
+        from haptix.feel.signals.shapes import Points
         from haptix.model.finger import Finger
         from haptix.model.screen import Screen
-        from haptix.motion import Motion
-        from haptix.signals.shapes import Points
         from haptix.stimuli import StimulusSet
-        from haptix.stimuli.along_path import MaterialSignal
-        from haptix.stimuli.along_path import Path as Along
         from haptix.stimuli.interchange import write_ahap, write_hjif
         from haptix.stimuli.stimulus import Stimulus
-        from haptix.texture import as_mu
-        from haptix.texture.field import FORCE_N, SPEED_MM_S
 
         left, right, _, _ = layout.extent_mm
         seconds = (right - left) / SPEED_MM_S

@@ -34,10 +34,10 @@ from haptix.base.task import Context, Result, Task
 from haptix.base.terminal import accuracy_note, breakdown_note, placeholder_note, warning_note
 
 if TYPE_CHECKING:
+    from haptix.feel.materials import Feelable
     from haptix.model.friction import ContactModel
     from haptix.model.surface import FrictionSurface
     from haptix.simulation import Setting
-    from haptix.texture import Feelable
     from haptix.virtual_finger import Evaluation
 
 
@@ -102,7 +102,7 @@ class OfPhotograph(OnScreen):
 
     def setting(self, model: ContactModel, polarity: str = "bright-high") -> tuple[Setting, str]:
         """Return what the parameters describe, and a name for what is felt."""
-        from haptix.motion import Trajectory
+        from haptix.feel.motion import Trajectory
         from haptix.render import SineCarrier
         from haptix.simulation import FINGER_PATH, Setting
 
@@ -126,8 +126,8 @@ class OfPhotograph(OnScreen):
 
     def texture(self, polarity: Any) -> tuple[Feelable, str]:
         """Return the photograph, and what it is called."""
-        from haptix.gallery import load
-        from haptix.texture import Sidecar, Texture
+        from haptix.feel.gallery import load
+        from haptix.feel.materials import Sidecar, Texture
 
         image, width_mm = self.image, self.width_mm
         if image is None:
@@ -168,9 +168,9 @@ class Demo(OfPhotograph, command="demo"):
         # torch and matplotlib load here: the bar should already cover these seconds.
         context.progress("solve the contact, build the surface", 0.0)
         from haptix.base.files import check_folder
+        from haptix.feel.materials import Texture
         from haptix.model.pair import first_line
         from haptix.simulation import FILES, simulate, write
-        from haptix.texture import Texture
 
         check_folder(self.out, ("demo.png", *FILES))
         setting, photograph = self.setting(self.model(), self.polarity)
@@ -234,7 +234,7 @@ class OfPath(OfPhotograph):
 
     def texture(self, polarity: Any) -> tuple[Feelable, str]:
         """Return the material or the photograph, and what it is called."""
-        from haptix.gallery import load
+        from haptix.feel.gallery import load
 
         if self.material_file is None:
             return super().texture(polarity)
@@ -329,8 +329,8 @@ class Render(OfPath, command="render", route="renderings", kind="rendering"):
 
     def setting(self, model: ContactModel, polarity: str = "bright-high") -> tuple[Setting, str]:
         """Return what the parameters describe, with a client's stroke in place of files."""
-        from haptix.materials import material_of
-        from haptix.motion import Trajectory
+        from haptix.feel.materials import material_of
+        from haptix.feel.motion import Trajectory
         from haptix.simulation import Setting
 
         if self.material is None:
@@ -407,12 +407,11 @@ class Headroom(OnScreen, route="headroom", kind="headroom"):
 
     def run(self, context: Context) -> Result:
         """Shares of a material's places that are out of reach, and the range."""
-        from haptix.materials import material_of
-        from haptix.materials.picture import picture
+        from haptix.feel.materials import as_mu, material_of
+        from haptix.feel.materials.picture import picture
         from haptix.model.status import Status
         from haptix.model.surface import cached_surface
         from haptix.render.samples import DEFAULT_CARRIER_HZ
-        from haptix.texture import as_mu
 
         scene = {"normal_force_n": self.normal_force_n, "frequency_hz": DEFAULT_CARRIER_HZ}
         update = partial(context.progress, "build the surface")

@@ -16,7 +16,7 @@ from haptix.base import checks
 from haptix.base.checks import NotNegative, Positive, check_fields, instance, number, positive
 from haptix.base.errors import InputError
 from haptix.base.files import read_csv
-from haptix.motion import HARDEST_N, LIFTED_BELOW_N, Trajectory
+from haptix.feel.motion import HARDEST_N, LIFTED_BELOW_N, Trajectory
 
 TouchKind = Literal["down", "move", "up"]
 KINDS: tuple[TouchKind, ...] = ("down", "move", "up")
@@ -200,7 +200,7 @@ def events_of(path: Trajectory, touch_id: int = 0) -> list[TouchEvent]:
 
     Examples
     --------
-    >>> from haptix.motion import Trajectory
+    >>> from haptix.feel.motion import Trajectory
     >>> first, *_ = events_of(Trajectory.of([0.0, 0.1], [5.0, 10.0], 20.0, 0.5))
     >>> first.t_s, first.x_mm, first.normal_force_n
     (0.0, 5.0, 0.5)

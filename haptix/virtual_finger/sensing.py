@@ -12,9 +12,9 @@ from haptix.base.checks import Array, NotNegative, Positive, check_fields, choic
 from haptix.base.display import Displayed, Table
 from haptix.base.errors import InputError
 from haptix.base.report import Heading
+from haptix.feel.motion import LIFTED_BELOW_N, Trajectory
 from haptix.model.perception.thresholds import WEBER_FRACTION, WeightedError, weighted_error
 from haptix.model.status import Status
-from haptix.motion import LIFTED_BELOW_N, Trajectory
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from haptix.base.checks import Array
 from haptix.base.display import Displayed
 from haptix.base.errors import InputError, LimitError
 from haptix.base.threads import one_thread
+from haptix.feel.motion import LIFTED_BELOW_N, STANDING_BELOW_MM_PER_S, Trajectory
 from haptix.model.electro import Circuit
 from haptix.model.electro.attraction import Pull, representative_gaps
 from haptix.model.fidelity import Ability
@@ -25,7 +26,6 @@ from haptix.model.friction.placeholders import with_finger
 from haptix.model.friction.solver import FrictionSolver
 from haptix.model.status import Status, past_limits
 from haptix.model.terms import Occlusion, SlidingSpeed
-from haptix.motion import LIFTED_BELOW_N, STANDING_BELOW_MM_PER_S, Trajectory
 from haptix.virtual_finger.sensing import Felt, SensedForce, SensorModel
 from haptix.virtual_finger.squared_field import (
     Amplitude,

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 import haptix
-from haptix.materials import KINDS
+from haptix.feel.materials import KINDS
 
 HERE = Path(haptix.__file__).parents[1]
 EXAMPLES = HERE / "examples" / "materials"
@@ -36,7 +36,7 @@ def test_kinds_lists_every_kind_with_its_fields(haptix_cli):
 
 @pytest.mark.parametrize("kind", OWN)
 def test_every_kind_has_an_example_a_picture_and_a_paragraph(kind):
-    assert haptix.materials.load(EXAMPLES / f"{kind}.toml").kind == kind
+    assert haptix.feel.materials.load(EXAMPLES / f"{kind}.toml").kind == kind
     page = (HERE / "docs" / "materials.md").read_text()
     assert f"### {kind}\n" in page
     assert f"materials/{kind}.png" in page
@@ -80,8 +80,8 @@ def test_fit_writes_a_small_material_and_says_in_which_bands_it_is_near(haptix_c
     made_up_recording(own_folder / "ridges.csv")
     rows = json.loads(haptix_cli("material", "fit", "ridges.csv", "--json").out)
     assert (own_folder / "ridges.toml").stat().st_size <= 300
-    material = haptix.materials.load(own_folder / "ridges.toml")
-    assert isinstance(material, haptix.texture.Spectral)
+    material = haptix.feel.materials.load(own_folder / "ridges.toml")
+    assert isinstance(material, haptix.feel.materials.Spectral)
     assert [round(period, 1) for period, _ in material.waves] == [1.6, 0.3]
     near = {row["band"]: row["within"] for row in rows}
     # 1.6 mm are 62.5 Hz at 100 mm/s; 0.31 mm are 64.5, 145 and 323 Hz at 20, 45 and 100. Where

@@ -6,7 +6,7 @@ import runpy
 import shutil
 import subprocess
 
-from haptix.materials import material_of
+from haptix.feel.materials import material_of
 from haptix.service.jobs import Job
 from haptix.service.messages import JobMessage, LayoutDocument
 from tests.clients.compiled import compiled, compiled_sources

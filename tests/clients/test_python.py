@@ -177,7 +177,7 @@ def test_a_layout_by_calls_plain_and_with_await(service, connect):
         patch.change(opacity=0.5)
         patch.set_value(0.25)
         assert patch.remove().revision == 1
-        named = h.layout.add(haptix.materials.Button(), name="ok")
+        named = h.layout.add(haptix.feel.materials.Button(), name="ok")
         assert (patch.name, named.name) == ("region 1", "ok")
         with pytest.raises(haptix.client.Refused, match="less than or equal to 1"):
             patch.set_value(2.0)

@@ -11,10 +11,10 @@ import pytest
 import torch
 
 from haptix import ContactModel, Finger, FrictionSurface, Screen
+from haptix.feel.materials import Grating, headroom
 from haptix.model.fidelity import BoundaryElementBox
 from haptix.simulation.simulation import exact_amplitude
 from haptix.stimuli import Constant, Rendering, Stimulus
-from haptix.texture import Grating, headroom
 from haptix.virtual_finger import VirtualFinger
 from tests.pretend_gpu import OnGpu, PretendGpu
 

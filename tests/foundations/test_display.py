@@ -10,9 +10,9 @@ import torch
 import haptix
 from calibration import StrokeRecording
 from calibration.protocol import Stroke
+from haptix.feel.materials import Grating, Texture
 from haptix.model.contact import RoughnessSpectrum
 from haptix.simulation import Setting, simulate
-from haptix.texture import Grating, Texture
 
 FORCES_N, VOLTAGES_V = [0.2, 0.5], [0.0, 60.0, 120.0]
 
@@ -125,7 +125,7 @@ def test_plots_draw_into_the_axes_that_are_given(
     drawn = [
         (surface.plot, {}), (state.plot, along), (period.plot, {}), (path.plot, {}),
         (simulation.plot, {}), (texture.plot, {}), (recording.plot, {}),
-        (haptix.gallery.load("gallery:honey").plot, {}), (Grating(period_mm=2.0).plot, {}),
+        (haptix.feel.gallery.load("gallery:honey").plot, {}), (Grating(period_mm=2.0).plot, {}),
         (haptix.Layout().plot, {}),
     ]  # fmt: skip
     for plot, options in drawn:

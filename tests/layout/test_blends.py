@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptix import InputError, Layout
-from haptix.motion import Motion
-from haptix.texture import Grating, RecordedProfile, Texture
+from haptix.feel.materials import Grating, RecordedProfile, Texture
+from haptix.feel.motion import Motion
 
 LEVEL = np.random.default_rng(0).random((10, 16))
 PICTURE = Texture(LEVEL, 8.0)

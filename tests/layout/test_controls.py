@@ -8,10 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptix import InputError, Layout
-from haptix.layout import Listeners
-from haptix.materials import Dial, Slider, Toggle
-from haptix.motion import Motion, Report
-from haptix.texture import Grating
+from haptix.feel.layout import Listeners
+from haptix.feel.materials import Dial, Grating, Slider, Toggle
+from haptix.feel.motion import Motion, Report
 from tests.hand_clock import HandClock
 
 

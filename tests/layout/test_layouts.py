@@ -10,12 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptix import InputError, Layout, Screen, Texture
-from haptix.layout import ScreenGeometry, regions
-from haptix.layout.regions import FADE_S, GLIDE_S
-from haptix.motion import Depends, Facts, Motion, Report
-from haptix.texture import Grating
-from haptix.texture.field import Evaluator
-from haptix.texture.pyramid import Pyramid
+from haptix.feel.layout import ScreenGeometry, regions
+from haptix.feel.layout.regions import FADE_S, GLIDE_S
+from haptix.feel.materials import Grating
+from haptix.feel.materials.field import Evaluator
+from haptix.feel.materials.pyramid import Pyramid
+from haptix.feel.motion import Depends, Facts, Motion, Report
 from tests.hand_clock import HandClock
 
 STRIPES = Grating(period_mm=4.0, low=0.2, high=0.8)

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from pydantic import PositiveFloat
 
-from haptix.materials import Scaled
+from haptix.feel.materials import Scaled
 from haptix.stimuli import Signal
 
 
@@ -54,10 +54,10 @@ version = "1.0"
 [tool.hatch.build.targets.wheel]
 include = ["wool.py"]
 
-[project.entry-points."haptix.materials"]
+[project.entry-points."haptix.feel.materials"]
 wool = "wool:Wool"
 
-[project.entry-points."haptix.signals"]
+[project.entry-points."haptix.feel.signals"]
 fall = "wool:Fall"
 """
 

@@ -3,7 +3,7 @@
 import pytest
 
 from haptix.base.errors import InputError
-from haptix.materials import KINDS, material_of, schema
+from haptix.feel.materials import KINDS, material_of, schema
 
 DEFINITIONS = {kind: schema()["$defs"][model.__name__] for kind, model in KINDS.items()
                if model.__module__.startswith("haptix.")}  # fmt: skip

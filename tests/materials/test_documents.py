@@ -11,21 +11,24 @@ import numpy as np
 import pytest
 from skimage.io import imsave
 
-from haptix import Layout, materials
+from haptix import Layout
 from haptix.base.errors import FileFormatError, InputError
 from haptix.base.kinds import in_folder
-from haptix.materials import KINDS, Material, material_of
-from haptix.motion import Depends, Motion
-from haptix.signals.signal import KINDS as SIGNALS
-from haptix.texture import (
+from haptix.feel import materials
+from haptix.feel.materials import (
+    KINDS,
     Grating,
+    Material,
     Noise,
     PennModel,
     RecordedProfile,
     Texture,
+    material_of,
     power_law,
 )
-from haptix.texture.material import table_of
+from haptix.feel.materials.material import table_of
+from haptix.feel.motion import Depends, Motion
+from haptix.feel.signals.signal import KINDS as SIGNALS
 
 MODEL = Path(materials.__file__).parents[2] / "examples" / "materials" / "made-up.xml"
 GRATING = {"kind": "grating", "period_mm": 2.0, "wave": "square", "low": 0.1, "high": 0.9}

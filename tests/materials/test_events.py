@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 import haptix
 from haptix.base.errors import InputError
-from haptix.materials import Button, Dial, Slider, Toggle, Transient, WebEffect, material_of
-from haptix.motion import Facts, Motion, Report, Trajectory
-from haptix.motion.block import Reactions, facts_on
+from haptix.feel.materials import Button, Dial, Slider, Toggle, Transient, WebEffect, material_of
+from haptix.feel.motion import Facts, Motion, Report, Trajectory
+from haptix.feel.motion.block import Reactions, facts_on
 from haptix.simulation import Setting, simulate
 
 STEP_S = 1 / 12_000
@@ -182,7 +182,7 @@ def test_an_audio_clip_is_felt_below_a_kilohertz(tmp_path):
     (tmp_path / "click.toml").write_text(
         'kind = "transient"\nbegins = "start"\ncurve = {kind = "recorded", file = "click.wav"}\n'
     )
-    felt = haptix.materials.load(tmp_path / "click.toml")
+    felt = haptix.feel.materials.load(tmp_path / "click.toml")
     at = np.arange(240, 1000) / 12_000
     values = felt.wanted(Motion.of(0.0, 0.0, at))
     delayed = 0.4 * np.sin(2 * np.pi * 200 * (at - 0.001))

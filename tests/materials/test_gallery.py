@@ -8,11 +8,11 @@ import pytest
 from PIL import Image
 
 import haptix
-from haptix import materials
 from haptix.base.errors import InputError
-from haptix.gallery import ASSETS, FAMILIES, FOLDER, load, preset, presets
-from haptix.materials.picture import picture
-from haptix.motion import Trajectory
+from haptix.feel import materials
+from haptix.feel.gallery import ASSETS, FAMILIES, FOLDER, load, preset, presets
+from haptix.feel.materials.picture import picture
+from haptix.feel.motion import Trajectory
 from haptix.simulation import Setting, simulate
 from tests import programs
 

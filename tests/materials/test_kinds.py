@@ -9,8 +9,8 @@ from skimage.io import imsave
 
 import haptix
 from haptix.base.kinds import in_folder
-from haptix.materials import KINDS, material_of
-from haptix.motion import Trajectory
+from haptix.feel.materials import KINDS, material_of
+from haptix.feel.motion import Trajectory
 from haptix.simulation import Setting, simulate
 
 JND_FELT = 0.05

@@ -27,7 +27,7 @@ def test_a_kind_of_another_package_is_found_in_python(environment, tmp_path):
     (tmp_path / "wool.toml").write_text('kind = "wool"\nloop_mm = "0.8 cm"\n')
     program = f"""
 from haptix import materials
-from haptix.motion import Motion
+from haptix.feel.motion import Motion
 one = materials.load({str(tmp_path / "wool.toml")!r})
 print(type(one).__module__, one.loop_mm, one.wanted(Motion.of([0.0, 4.0], 0.0)).tolist())
 print("wool" in materials.KINDS, materials.schema()["$defs"]["Wool"]["properties"]["loop_mm"])
@@ -59,7 +59,7 @@ for kind in ("button", "plain-button"):
 
 def test_a_signal_of_another_package_is_found_in_materials_and_recipes(environment):
     program = """
-from haptix.materials import material_of
+from haptix.feel.materials import material_of
 from haptix.stimuli import signal_from
 one = signal_from({"kind": "fall", "value": 8, "half_s": 0.1}) + 1
 print(type(one.parts[0]).__module__, one.values(0, 3, 10.0).tolist())
@@ -89,9 +89,9 @@ def test_a_kind_of_another_package_is_found_on_the_command_line(environment):
     ],
 )
 def test_an_entry_point_that_brings_no_kind_is_named(monkeypatch, value, message):
-    entry = EntryPoint("wool", value, "haptix.materials")
+    entry = EntryPoint("wool", value, "haptix.feel.materials")
     monkeypatch.setattr("haptix.base.kinds.entry_points", lambda group: [entry])
-    kinds = Kinds("haptix.materials", {})
+    kinds = Kinds("haptix.feel.materials", {})
     assert list(kinds) == ["wool"]
     with pytest.raises(InputError, match=message):
         kinds["wool"]

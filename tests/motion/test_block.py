@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptix.base.errors import InputError
-from haptix.motion import VELOCITY_OVER_S, Facts, LocalFrame, Motion, Trajectory
+from haptix.feel.motion import VELOCITY_OVER_S, Facts, LocalFrame, Motion, Trajectory
 from haptix.render.fingers import PredictedFingers, RecordedFingers
 from haptix.render.settings import LiveSettings, Sliding
 from haptix.touch import TouchEvent

@@ -132,10 +132,10 @@ def test_a_misspelt_attribute_is_answered_by_what_is_like_it():
     misspelt = {
         "haptix.FrictionSurfce": "FrictionSurface",
         "haptix.Finger.preset('wet').youngs_modulus": "youngs_modulus_pa",
-        "haptix.texture.Grating(period_mm=2.0).period_m": "period_mm",
+        "haptix.feel.materials.Grating(period_mm=2.0).period_m": "period_mm",
     }
     code = f"""
-import sys, haptix, haptix.texture
+import sys, haptix, haptix.feel.materials
 for expression in {[*misspelt]}:
     try:
         eval(expression)

@@ -23,7 +23,7 @@ ROOT = Path(haptix.__file__).parents[1]
 SEARCHES = {
     "unity": "howto/unity.html",
     "how do I calibrate": "howto/calibrate.html",
-    "Texture.from_image": "reference/haptix.texture.html#haptix.texture.Texture.from_image",
+    "Texture.from_image": "reference/haptix.texture.html#haptix.feel.materials.Texture.from_image",
     "photograph": "howto/texture.html",
     "material": "howto/material.html",
     "write a material": "howto/material.html",

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import haptix
-from haptix.materials import KINDS
-from haptix.motion import Depends, Motion
+from haptix.feel.materials import KINDS
+from haptix.feel.motion import Depends, Motion
 from haptix.planning import HOLDABLE, effects_of_materials, holding, plan_scene
 from haptix.scene import Scene
 
@@ -58,7 +58,7 @@ OWN = sorted(kind for kind, of in KINDS.items() if of.__module__.startswith("hap
 
 @pytest.mark.parametrize("kind", OWN)
 def test_every_kind_is_planned_and_can_be_held(model, kind):
-    one = scene(haptix.materials.load(EXAMPLES / f"{kind}.toml"))
+    one = scene(haptix.feel.materials.load(EXAMPLES / f"{kind}.toml"))
     evaluator = one.materials[0].evaluator
     can = {flag for flag in HOLDABLE if flag & evaluator.depends_on}
     found = {name.split()[-1].upper() for name, _ in effects_of_materials(one, model)}

@@ -8,8 +8,8 @@ import torch
 
 import haptix
 from haptix import ContactModel, Finger, FrictionSurface, InputError, Screen, Texture, Trajectory
-from haptix.materials import Slider
-from haptix.motion import Motion
+from haptix.feel.materials import Slider
+from haptix.feel.motion import Motion
 from haptix.render import LiveRenderer, LiveSettings, Renderer, RenderSettings, SineCarrier, Sliding
 from haptix.touch import (
     ForceModel,
@@ -98,7 +98,7 @@ OTHERS = {
     "a reaction in ms": (lambda: LiveSettings(reaction_s=3), "reaction_s: expected 0.1 s at most"),
     "a long horizon": (lambda: LiveSettings(horizon_s=1.0), "horizon_s: expected 0.11 s at most"),
     "fields without names": (lambda: Slider(60, 9), "Slider: .*by name, such as .*got 60"),  # type: ignore[call-arg]
-    "no path": (lambda: haptix.materials.load(3), "load: expected the path"),
+    "no path": (lambda: haptix.feel.materials.load(3), "load: expected the path"),
     "reaction with a unit": (lambda: LiveSettings(reaction_s="3ms"), "reaction_s: .*3ms"),
     "reaction in ms": (lambda: LiveSettings(reaction_s=3), "reaction_s: .*in ms"),
     "a horizon of days": (lambda: LiveSettings(horizon_s=1e6), "horizon_s: .*1e"),

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import haptix
 from firmware_io import open_device
 from haptix import InputError, Status
-from haptix.motion import Motion
+from haptix.feel.motion import Motion
 from haptix.render import RenderCore, RenderSettings, SineCarrier
 from haptix.render.master import Mix
 from haptix.render.samples import Fingers

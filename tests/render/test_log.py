@@ -4,7 +4,7 @@ import logging
 
 from firmware_io import open_device
 from haptix import LiveRenderer
-from haptix.texture import Grating
+from haptix.feel.materials import Grating
 
 
 def test_a_stroke_and_what_was_turned(surface, caplog):

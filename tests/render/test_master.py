@@ -5,10 +5,9 @@ import pytest
 
 import haptix
 from haptix import InputError, Layout, Renderer
-from haptix.layout import LayoutEvent
-from haptix.materials import Button, Slider, Transient
+from haptix.feel.layout import LayoutEvent
+from haptix.feel.materials import Button, Grating, Slider, Transient
 from haptix.render import LiveRenderer, LiveSettings, Sliding
-from haptix.texture import Grating
 from haptix.touch import TouchEvent
 from tests.live_strokes import SteppedRenderer, row_times, target_mu
 

@@ -17,11 +17,10 @@ from firmware_io.clock import ready_interpreter
 from firmware_io.limits import WATCHDOG_S
 from haptix import InputError, LiveRenderer, Texture
 from haptix.base.errors import OverloadWarning
-from haptix.materials import Moving
-from haptix.motion import Motion
+from haptix.feel.materials import Grating, Moving
+from haptix.feel.motion import Motion
 from haptix.render import LiveSettings, RenderStats, Sliding
 from haptix.render.live import COLUMNS, PlayedRecord
-from haptix.texture import Grating
 from tests.faulty_link import FaultyLink
 from tests.steady_clock import SteadyClock, steady_driver
 from tests.waiting import PATIENCE_S

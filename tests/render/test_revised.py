@@ -5,7 +5,7 @@ import pytest
 
 from firmware_io import Device, MockDriver, MockLink, Playback
 from haptix import Layout, LiveRenderer, Texture
-from haptix.materials import Transient
+from haptix.feel.materials import Transient
 from haptix.render import LiveSettings
 from haptix.render.fingers import PredictedFingers
 from haptix.render.live import RenderSource

@@ -5,12 +5,12 @@ import pytest
 
 import haptix
 from firmware_io.protocol import codes_to_volts
+from haptix.feel.materials import FrictionField
+from haptix.feel.motion import Trajectory
 from haptix.model.perception.thresholds import WEBER_FRACTION
-from haptix.motion import Trajectory
 from haptix.render import DirectWave, LiveRenderer, LiveSettings
 from haptix.render.adapting import Adaptation
 from haptix.sensing import ContactCurrent, FingerObserver, Knowledge
-from haptix.texture import FrictionField
 from haptix.virtual_finger import LiveCurrent, VirtualCurrent
 from tests.live_strokes import CARRIER_HZ, HALF, RATE, SteppedRenderer, stroke
 

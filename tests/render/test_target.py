@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 import haptix
 from firmware_io import open_device
 from haptix import InputError, Status
-from haptix.motion import Motion
+from haptix.feel.motion import Motion
 from haptix.render import RenderCore, RenderSettings, SineCarrier
 from haptix.render.samples import Fingers
 from tests.render.block_oracle import Given

@@ -11,7 +11,7 @@ import pytest
 
 import haptix
 from firmware_io import CurrentReading
-from haptix.motion import Trajectory
+from haptix.feel.motion import Trajectory
 from haptix.sensing import (
     ContactCurrent,
     FingerObserver,

@@ -17,12 +17,12 @@ import numpy as np
 import pytest
 import soundfile
 
+from haptix.feel.materials import decoded
 from haptix.service import document_work
 from haptix.service.assets import MOST_BYTES, AssetStore, Decoding
 from haptix.service.document_work import DocumentWork
 from haptix.service.front import MOST_BODY_BYTES
 from haptix.service.messages import Problem
-from haptix.texture import decoded
 from tests.service.service_under_test import Service
 from tests.service.test_decoding import OPENING, bomb, kept
 from tests.service.test_sessions import Client

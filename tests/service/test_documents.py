@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import haptix
-from haptix.gallery import ASSETS, presets
+from haptix.feel.gallery import ASSETS, presets
 from haptix.service import pool as pool_module
 from haptix.service.assets import AssetStore
 from haptix.service.document_work import DocumentWork
@@ -224,7 +224,7 @@ def test_an_exported_document_is_felt_the_same_from_its_own_folder(work, tmp_pat
     answer = work.export(document={"kind": "layout", "regions": regions}, form="document")
     zipfile.ZipFile(io.BytesIO(base64.b64decode(answer["content"]))).extractall(tmp_path)
     assert len(list((tmp_path / "assets").iterdir())) == 1  # not all that the service has
-    read = haptix.materials.load(tmp_path / "layout.json")
+    read = haptix.feel.materials.load(tmp_path / "layout.json")
     motion = haptix.Motion.of(np.linspace(3, 48, 300), 20.0)
     here = work.read({"kind": "layout", "regions": regions})
     np.testing.assert_array_equal(read.wanted(motion), here.wanted(motion))

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from haptix import FrictionSurface, Texture
+from haptix.feel.motion import Trajectory
 from haptix.model.perception.thresholds import WEBER_FRACTION
-from haptix.motion import Trajectory
 from haptix.service.felt_finger import FeltFinger
 from haptix.simulation import Played, Setting
 from haptix.touch import TouchEvent

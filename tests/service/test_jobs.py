@@ -14,7 +14,7 @@ import pytest
 
 import haptix
 from haptix.base.task import Context
-from haptix.motion import Trajectory
+from haptix.feel.motion import Trajectory
 from haptix.render import LiveSettings
 from haptix.service.messages.reading import asyncapi
 from haptix.service.worker import JobWork
@@ -207,7 +207,9 @@ def test_a_rendering_has_the_numbers_of_haptix_render(tmp_path, model, monkeypat
     work = JobWork(context, lambda share: shares.append(share), None)
     lists = {name: column.tolist() for name, column in stroke.items()}
     found = work.rendering(material=GRATING, **lists, touch_latency_ms=20.0, reaction_ms=3.0)
-    setting = Setting(model, haptix.materials.material_of(GRATING), Trajectory.of(*stroke.values()))
+    setting = Setting(
+        model, haptix.feel.materials.material_of(GRATING), Trajectory.of(*stroke.values())
+    )
     surface, was_kept = setting.surface()
     assert was_kept  # the job has built the very surface that `haptix render` takes
     whole = simulate(setting, surface, TouchPanel(100.0, 0.02), LiveSettings(reaction_s=0.003))

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from haptix.motion import Motion
+from haptix.feel.materials.pyramid import Pyramid
+from haptix.feel.motion import Motion
 from haptix.service.document_work import RegionError, SessionLayout
-from haptix.texture.pyramid import Pyramid
 
 PLAIN = {"kind": "grating", "period_mm": 2.0, "low": 0.5, "high": 0.5 + 1e-6}
 

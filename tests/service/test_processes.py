@@ -25,7 +25,7 @@ import haptix.client
 from firmware_io import MockDriver
 from firmware_io.serve import DriverServer
 from haptix.base.errors import DeviceError
-from haptix.gallery import ASSETS
+from haptix.feel.gallery import ASSETS
 from tests.waiting import PATIENCE_S, pause, wait_for
 
 pytestmark = pytest.mark.slow  # each starts the whole service

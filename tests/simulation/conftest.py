@@ -35,7 +35,7 @@ def path():
 @pytest.fixture(scope="session")
 def hills():
     """Smooth waves between 0.15 and 0.85 of what is reachable."""
-    return haptix.texture.Grating(period_mm=6.0, wave="sine", low=0.15, high=0.85)
+    return haptix.feel.materials.Grating(period_mm=6.0, wave="sine", low=0.15, high=0.85)
 
 
 @pytest.fixture(scope="session")

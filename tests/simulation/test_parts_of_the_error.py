@@ -107,13 +107,13 @@ def test_a_finger_that_follows_at_once_has_no_part(model, surface, path):
     found = simulate(Setting(model, flat, level), surface, PANEL)
     # The end of fading in, whose tail the last twentieth still holds: 4e-4 JND.
     assert found.parts["finger"].error_p95_mu < 1e-5
-    waves = haptix.texture.Grating(period_mm=1.0, wave="square", low=0.15, high=0.85)
+    waves = haptix.feel.materials.Grating(period_mm=1.0, wave="square", low=0.15, high=0.85)
     rough = simulate(Setting(model, waves, level), surface, PANEL)
     assert rough.parts["finger"].error_p95_mu > 1e-4
 
 
 def test_direct_drive_has_its_parts(model, path, of_direct_drive):
-    wide = haptix.texture.Grating(period_mm=20.0, wave="sine", low=0.2, high=0.7)
+    wide = haptix.feel.materials.Grating(period_mm=20.0, wave="sine", low=0.2, high=0.7)
     found = simulate(
         Setting(model, wide, path, DirectWave(125.0, "square")), of_direct_drive, PANEL
     )
@@ -126,7 +126,7 @@ def test_a_direct_sine_gives_each_period_its_mean_and_leaves_ripple(
     model, path, usual, of_direct_drive
 ):
     # Bricks: edges within a period, 0.48 mm here.
-    edges = haptix.texture.Grating(period_mm=6.0, wave="square", low=0.15, high=0.85)
+    edges = haptix.feel.materials.Grating(period_mm=6.0, wave="square", low=0.15, high=0.85)
     found = simulate(Setting(model, edges, path, DirectWave(125.0)), of_direct_drive, PANEL)
     assert found.periods.average_s == 1 / 125.0
     # The figure for 125 Hz; the pulses between are felt beside it.

@@ -8,6 +8,7 @@ import pytest
 from skimage.io import imsave
 
 from haptix.base.errors import HaptixError, InputError
+from haptix.feel.materials import RecordedProfile
 from haptix.stimuli import AlongPath, Chirp, Constant, Ramp, Sine, Step
 from haptix.stimuli.interchange import (
     FrictionMap,
@@ -16,7 +17,6 @@ from haptix.stimuli.interchange import (
     write_ahap,
     write_hjif,
 )
-from haptix.texture import RecordedProfile
 
 RATE = 48_000.0
 

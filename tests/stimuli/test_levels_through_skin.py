@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 import haptix
+from haptix.feel.along_path import grating
+from haptix.feel.signals.shapes import Sine, Square
 from haptix.model.perception.sensation import SensationInTime
 from haptix.model.perception.thresholds import Perception
-from haptix.signals.shapes import Sine, Square
 from haptix.stimuli import Stimulus
-from haptix.stimuli.along_path import grating
 from haptix.stimuli.rendering import Apparatus, Rendering, Skin, Tally
 
 RATE = 48_000.0

@@ -9,9 +9,9 @@ import pytest
 
 import haptix
 from haptix.base.errors import InputError
-from haptix.materials import KINDS, Slider, Transient, load
-from haptix.materials.timeline import Timeline
-from haptix.signals.shapes import Pulse
+from haptix.feel.materials import KINDS, Slider, Transient, load
+from haptix.feel.materials.timeline import Timeline
+from haptix.feel.signals.shapes import Pulse
 from haptix.stimuli import MaterialSignal, Rendering, SteadySpeed, Strokes
 from haptix.stimuli.recipe import Recipe
 from haptix.stimuli.stimulus import stimulus_from
@@ -51,7 +51,7 @@ def test_relief_is_the_other_way_round_on_the_way_back():
 def test_a_transient_begins_where_a_detent_is_crossed():
     """Detents of 10 mm at 50 mm/s: the first ridge is passed at 0.1 s, heard 5 % later."""
     tick = Transient(begins="detent", curve=Pulse(0.5, 0.03, length_s=0.03))
-    both = haptix.materials.material_of(
+    both = haptix.feel.materials.material_of(
         {"kind": "layout", "regions": [
             {"material": Slider(travel_mm=40.0, detents=5, high=0.4), "width_mm": 50,
              "height_mm": 20},
@@ -70,7 +70,9 @@ def test_a_material_that_crosses_detents_tells_what_is_within_it():
         """A slider that ticks."""
 
         kind: Literal["test-ticking"] = "test-ticking"  # type: ignore[assignment]
-        depends_on = Slider.depends_on | haptix.motion.Depends.FACTS | haptix.motion.Depends.TIME
+        depends_on = (
+            Slider.depends_on | haptix.feel.motion.Depends.FACTS | haptix.feel.motion.Depends.TIME
+        )
 
         def wanted(self, motion):
             return Timeline.of(Pulse(0.5, 0.03, length_s=0.03), "rest").at(

@@ -18,8 +18,8 @@ from firmware_io import LimitError
 from haptix import ContactModel, Screen
 from haptix.base.errors import FileFormatError, HaptixError, InputError, RangeError
 from haptix.base.files import json_table
+from haptix.feel.signals.audio_files import AudioWriter, read_drive
 from haptix.model.finger import MeasuredRoughness
-from haptix.signals.audio_files import AudioWriter, read_drive
 from haptix.stimuli import (
     Constant,
     Excerpt,

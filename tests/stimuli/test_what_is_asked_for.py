@@ -11,8 +11,9 @@ import pytest
 
 from firmware_io import DriveLimits
 from haptix.base.errors import HaptixError, InputError
+from haptix.feel.along_path import speed_from
+from haptix.feel.signals.signal import signal_from
 from haptix.model.perception.thresholds import Perception
-from haptix.signals.signal import signal_from
 from haptix.stimuli import (
     Morph,
     Sine,
@@ -22,7 +23,6 @@ from haptix.stimuli import (
     TrialPlan,
     grating,
 )
-from haptix.stimuli.along_path import speed_from
 from haptix.stimuli.designs import equal_mean, highest_level, matched_intensity, variants_of
 from haptix.stimuli.recipe import Recipe
 from haptix.stimuli.set_plan import CODES, Trigger, events, pulses

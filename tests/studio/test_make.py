@@ -14,7 +14,7 @@ from skimage import data
 from skimage.io import imsave
 
 from haptix.base.errors import HaptixError
-from haptix.gallery import ASSETS
+from haptix.feel.gallery import ASSETS
 from haptix.service.assets import AssetStore
 from haptix.service.document_work import DocumentWork
 from haptix.service.messages import Problem

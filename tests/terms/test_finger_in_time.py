@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from haptix import ContactModel, Finger, Scene, Screen
-from haptix.motion import Trajectory
+from haptix.feel.motion import Trajectory
 from haptix.planning import plan_scene
 from haptix.virtual_finger import VirtualFinger
 from haptix.virtual_finger.virtual_finger import LiveVirtualFinger

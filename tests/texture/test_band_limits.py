@@ -12,8 +12,7 @@ import pytest
 from skimage.data import brick, gravel
 
 from haptix import Layout
-from haptix.motion import Motion
-from haptix.texture import (
+from haptix.feel.materials import (
     FrictionField,
     Grating,
     Noise,
@@ -21,6 +20,7 @@ from haptix.texture import (
     Texture,
     power_law,
 )
+from haptix.feel.motion import Motion
 
 DENSE = 32
 PIXELS = 256

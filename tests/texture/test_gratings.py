@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from haptix import InputError
-from haptix.texture import Grating
+from haptix.feel.materials import Grating
 
 ALONG = np.linspace(-7.3, 9.1, 3001)
 

@@ -8,7 +8,7 @@ from PIL import Image
 
 import haptix
 from haptix import InputError, Status
-from haptix.texture import Grating, Texture, headroom
+from haptix.feel.materials import Grating, Texture, headroom
 
 FORCE_N = 0.5
 

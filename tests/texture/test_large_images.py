@@ -9,8 +9,8 @@ import pytest
 from PIL import Image
 
 from haptix import InputError, Texture
-from haptix.texture import pictures
-from haptix.texture.pictures import read_pixels
+from haptix.feel.materials import pictures
+from haptix.feel.materials.pictures import read_pixels
 
 
 def png(path, width, height):

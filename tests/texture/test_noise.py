@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from haptix import InputError
-from haptix.texture import Noise, power_law
+from haptix.feel.materials import Noise, power_law
 
 
 def tile_of(noise):

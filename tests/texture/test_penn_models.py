@@ -11,8 +11,8 @@ from scipy.interpolate import LinearNDInterpolator
 
 from haptix import HaptixError, InputError
 from haptix.base.errors import FileFormatError
-from haptix.texture import PennModel
-from haptix.texture.penn import lsf_of_polynomial, polynomial_of_lsf
+from haptix.feel.materials import PennModel
+from haptix.feel.materials.penn import lsf_of_polynomial, polynomial_of_lsf
 
 RATE_HZ = 10_000.0
 # Four models at the corners of a region of speed [mm/s] and force [N], two triangles.

@@ -6,7 +6,7 @@ import tifffile
 from PIL import Image, ImageCms
 
 from haptix import InputError
-from haptix.texture.pictures import read_grey, read_normals
+from haptix.feel.materials.pictures import read_grey, read_normals
 
 GREY = np.random.default_rng(5).integers(0, 256, (12, 20)).astype(np.uint8)
 COLOUR = np.random.default_rng(6).integers(0, 256, (12, 20, 3)).astype(np.uint8)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from haptix.base.errors import InputError
-from haptix.texture import (
+from haptix.feel.materials import (
     FrictionField,
     Grating,
     Noise,

@@ -5,7 +5,7 @@ import pytest
 
 from haptix import HaptixError, InputError
 from haptix.base.errors import FileFormatError
-from haptix.texture import RecordedProfile
+from haptix.feel.materials import RecordedProfile
 
 POSITION = np.array([2.0, 2.5, 4.0, 4.5, 7.0])
 MU = np.array([0.3, 0.6, 0.2, 0.5, 0.4])

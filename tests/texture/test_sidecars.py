@@ -10,7 +10,7 @@ from skimage.io import imsave
 
 from haptix import HaptixError, InputError, Texture
 from haptix.base.errors import FileFormatError
-from haptix.texture import Sidecar
+from haptix.feel.materials import Sidecar
 
 GREY = np.random.default_rng(5).integers(0, 256, (24, 32)).astype(np.uint8)
 MINIMAL = {"width_mm": 40, "polarity": "dark-high"}

@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 
 from haptix.base.errors import FileFormatError, InputError
-from haptix.materials import load, material_of
-from haptix.motion import Motion
-from haptix.texture import Spectral
-from haptix.texture.spectral import (
+from haptix.feel.materials import Spectral, load, material_of
+from haptix.feel.materials.spectral import (
     BANDS_HZ,
     Energies,
     Stretch,
@@ -17,6 +15,7 @@ from haptix.texture.spectral import (
     stretch_of,
     stretches,
 )
+from haptix.feel.motion import Motion
 
 RATE_HZ = 4000.0
 

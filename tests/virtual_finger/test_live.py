@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from haptix import InputError
-from haptix.motion import Trajectory
+from haptix.feel.motion import Trajectory
 from haptix.virtual_finger import VirtualFinger
 from haptix.virtual_finger.virtual_finger import LiveVirtualFinger
 

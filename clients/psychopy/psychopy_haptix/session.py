@@ -19,7 +19,7 @@ import haptix
 from firmware_io import Device, DeviceBusyError
 from firmware_io.clock import HOST_CLOCK
 from haptix.base.errors import InputError
-from haptix.signals.audio_files import file_hash, read_drive
+from haptix.feel.signals.audio_files import file_hash, read_drive
 
 _CHUNK_S = 0.05
 _AHEAD_S = 0.1  # samples in the driver, which are played out when a stimulus is stopped

@@ -129,7 +129,7 @@ void hx_slice_friction(const hx_slice *slice, const double *force_n, const doubl
     }
 }
 
-/* As haptix.texture.as_mu. */
+/* As haptix.feel.materials.as_mu. */
 static double as_mu(int64_t target, double value, double lowest, double highest)
 {
     return target == 0   ? value

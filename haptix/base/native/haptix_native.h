@@ -87,7 +87,7 @@ typedef struct {
 void hx_render(const hx_rendering *rendering, const hx_block *block, double *numbers,
                int8_t *status);
 
-/* One resolution of a map; see haptix.texture.pyramid. */
+/* One resolution of a map; see haptix.feel.materials.pyramid. */
 typedef struct {
     const double *values; /* [rows][columns][channels] */
     int64_t columns;

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from haptix.region import Number, PixelPlaces, Place, RegionFields
+from haptix.feel.layout.region import Number, PixelPlaces, Place, RegionFields
 
 PROTOCOL = (1, 0)
 """Version, major and minor. Another major is another language; a minor only adds."""

@@ -1,0 +1,5 @@
+"""What a finger feels: signals, materials, layouts, and how fingers move."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,94 @@
+"""A layout as a document: materials of every kind in regions of the screen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import PlainSerializer, PlainValidator, WithJsonSchema, model_validator
+
+from haptix.base.checks import plain
+from haptix.base.errors import InputError
+from haptix.feel.layout import Layout, Patch, Region
+from haptix.feel.materials import TargetKind
+from haptix.feel.materials.material import ANY_KIND, KINDS, Material, material_of, table_of
+
+
+def _number_or_material(value: Any) -> float | Material:
+    number = plain(value)
+    return material_of(value) if number is None else number
+
+
+NumberOrMaterial = Annotated[
+    float | Material,
+    PlainValidator(_number_or_material),
+    PlainSerializer(lambda value: value if isinstance(value, float) else table_of(value)),
+    WithJsonSchema({"anyOf": [{"type": "number"}, {"title": ANY_KIND}]}),
+]
+
+
+class LayoutMaterial(Material):
+    """Materials of every kind in regions; see `haptix.Layout`, which its evaluator is.
+
+    Parameters
+    ----------
+    regions : list of tables
+        Each a `haptix.feel.layout.Region`; with a ``name`` it is found by `patch`.
+    background : float or material
+        Friction below all regions.
+    target : {"share", "mu", "contrast"}
+        What the answers are.
+    """
+
+    kind: Literal["layout"] = "layout"
+    regions: tuple[Region, ...] = ()
+    background: NumberOrMaterial = 0.0
+    target: Annotated[TargetKind, WithJsonSchema({"enum": ["share", "mu", "contrast"]})] = "share"
+
+    @model_validator(mode="after")
+    def _has_names_of_its_own(self) -> Self:
+        names = [region.name for region in self.regions if region.name is not None]
+        if len(set(names)) < len(names):
+            raise ValueError("expected regions of different names")
+        if self.target == "plain":
+            raise ValueError("expected a target of share, mu or contrast")
+        return self
+
+    @cached_property
+    def evaluator(self) -> Layout:
+        """A `haptix.Layout`, which an app may change while it is felt."""
+        layout = Layout(self.background, self.target)
+        for region in self.regions:
+            layout.put(region)
+        return layout
+
+    @classmethod
+    def upgrade(cls, fields: dict[str, Any], version: int) -> dict[str, Any]:
+        """Read a document of the former kind "composition", whose regions were called sprites."""
+        if fields.get("kind") != "composition":
+            return fields
+        sprites = fields.pop("sprites", fields.get("regions", ()))
+        regions = [
+            {("material" if key == "of" else key): value for key, value in sprite.items()}
+            if isinstance(sprite, Mapping)
+            else sprite
+            for sprite in sprites
+        ]
+        below = fields.get("background")
+        below = below if isinstance(below, Mapping) else {}
+        kind = KINDS.get(str(below.get("kind")))
+        target = below.get("target", getattr(kind, "target", "share"))
+        return fields | {"kind": "layout", "regions": regions, "target": target}
+
+    def patch(self, name: str) -> Patch:
+        """Return the patch of a region by its name."""
+        names = [region.name for region in self.regions]
+        if name not in names:
+            raise InputError(f"patch: expected the name of a region, got {name!r:.80}")
+        return self.evaluator.patches[1 + names.index(name)]
+
+    @property
+    def extent_mm(self) -> tuple[float, float, float, float]:
+        """Box around its regions."""
+        return self.evaluator.extent_mm
