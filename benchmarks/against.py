@@ -50,13 +50,13 @@ def works() -> Iterator[tuple[str, Callable[[], list[float]]]]:
 
 def blocks(surface: Any, texture: Any, fingers: int) -> Callable[[], list[float]]:
     from firmware_io import open_device
-    from haptix.render import LiveSettings, RenderCore, RenderSettings, SineCarrier
-    from haptix.touch import TouchEvent, TouchSettings
+    from haptix.play.render import LiveSettings, RenderCore, RenderSettings, SineCarrier
+    from haptix.play.touch import TouchEvent, TouchSettings
 
     try:
-        fingers_of: Any = importlib.import_module("haptix.render.fingers").PredictedFingers
+        fingers_of: Any = importlib.import_module("haptix.play.render.fingers").PredictedFingers
     except ImportError:  # of a version before
-        fingers_of = importlib.import_module("haptix.render.revised_fingers").RevisedFingers
+        fingers_of = importlib.import_module("haptix.play.render.revised_fingers").RevisedFingers
 
     touches = fingers_of(LiveSettings(touch=TouchSettings(lost_after_s=600.0)))
     for i in range(30):

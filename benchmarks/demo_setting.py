@@ -8,7 +8,7 @@ from skimage.data import brick
 
 import haptix
 from haptix.feel.motion import Trajectory
-from haptix.simulation import FINGER_PATH, Setting
+from haptix.play.simulation import FINGER_PATH, Setting
 
 
 def demo_setting(seconds: float) -> tuple[Setting, haptix.FrictionSurface]:

@@ -20,9 +20,9 @@ from live_cost import Clock, play
 
 from firmware_io import MockDriver, MockLink
 from firmware_io.protocol import REPORT_BYTES, to_reports
-from haptix.render import LiveSettings
-from haptix.simulation import Setting
-from haptix.virtual_finger import TouchPanel
+from haptix.play.render import LiveSettings
+from haptix.play.simulation import Setting
+from haptix.play.virtual_finger import TouchPanel
 
 PIECE_BYTES = 32  # that arrive together
 BUFFER_BYTES = 4096  # of a serial port: a host that writes more waits

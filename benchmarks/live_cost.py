@@ -28,11 +28,11 @@ from demo_setting import demo_setting
 
 import haptix
 from firmware_io import Device, MockConverter, MockDriver, MockLink
-from haptix.render import LiveSettings
-from haptix.sensing import ContactCurrent, FingerObserver
-from haptix.simulation import Played, Setting, evaluate_live
-from haptix.touch import TouchEvent
-from haptix.virtual_finger import LiveCurrent, TouchPanel, VirtualCurrent
+from haptix.play.render import LiveSettings
+from haptix.play.sensing import ContactCurrent, FingerObserver
+from haptix.play.simulation import Played, Setting, evaluate_live
+from haptix.play.touch import TouchEvent
+from haptix.play.virtual_finger import LiveCurrent, TouchPanel, VirtualCurrent
 
 RATE_HZ = 48_000
 CARRIER_HZ = 4000.0

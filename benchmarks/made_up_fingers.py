@@ -14,7 +14,7 @@ import numpy.typing as npt
 from scipy.interpolate import make_interp_spline
 
 from haptix.base.checks import choice, positive
-from haptix.touch.events import TouchEvent
+from haptix.play.touch.events import TouchEvent
 
 Array = npt.NDArray[np.float64]
 Place = Callable[[Array], Array]

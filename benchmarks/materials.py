@@ -66,9 +66,9 @@ def sprites(photograph: Any, step_mm: float) -> Any:
 def block_of(surface: Any, texture: Any) -> Callable[[], None]:
     """One finger at 50 mm/s: prediction, texture, surface, fades, wave; regions move meanwhile."""
     import haptix
-    from haptix.render import LiveSettings, RenderCore, RenderSettings, SineCarrier
-    from haptix.render.fingers import PredictedFingers
-    from haptix.touch import TouchEvent, TouchSettings
+    from haptix.play.render import LiveSettings, RenderCore, RenderSettings, SineCarrier
+    from haptix.play.render.fingers import PredictedFingers
+    from haptix.play.touch import TouchEvent, TouchSettings
 
     touches = PredictedFingers(LiveSettings(touch=TouchSettings(lost_after_s=60.0)))
     for i in range(30):
@@ -208,8 +208,8 @@ def in_real_time(seconds: float) -> dict[str, Any]:
 def felt() -> dict[str, Any]:
     """Relief both ways and detents at 100 mm/s, under the virtual finger, recorded touches."""
     import haptix
-    from haptix.simulation import Setting, simulate
-    from haptix.virtual_finger import TouchPanel
+    from haptix.play.simulation import Setting, simulate
+    from haptix.play.virtual_finger import TouchPanel
 
     model, surface = surface_of({"normal_force_n": (0.3, 0.8), "frequency_hz": 4000.0})
     t = np.arange(0, 0.9, 0.005)

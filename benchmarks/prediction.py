@@ -22,9 +22,9 @@ from demo_setting import demo_setting
 from live_cost import play
 from made_up_fingers import FingerPath
 
-from haptix.render import LiveSettings
-from haptix.render.fingers import PredictedFingers
-from haptix.touch import (
+from haptix.play.render import LiveSettings
+from haptix.play.render.fingers import PredictedFingers
+from haptix.play.touch import (
     ConstantVelocityKalman,
     InteractingSinger,
     OneEuroFilter,
@@ -32,7 +32,7 @@ from haptix.touch import (
     SingerKalman,
     TouchSettings,
 )
-from haptix.virtual_finger import TouchPanel
+from haptix.play.virtual_finger import TouchPanel
 
 KINDS = ("strokes", "scribble", "zigzag", "circles")
 SEEDS = tuple(range(1, 9))

@@ -28,11 +28,11 @@ import haptix
 from firmware_io import Device, MockDriver, MockLink
 from firmware_io.links.tcp import TcpLink
 from haptix.feel.motion import Trajectory
-from haptix.render import LiveSettings
-from haptix.simulation import Played, Setting, evaluate_live
-from haptix.simulation.simulation import play_live
-from haptix.touch import TouchEvent
-from haptix.virtual_finger import SensedTouch, TouchPanel
+from haptix.play.render import LiveSettings
+from haptix.play.simulation import Played, Setting, evaluate_live
+from haptix.play.simulation.run import play_live
+from haptix.play.touch import TouchEvent
+from haptix.play.virtual_finger import SensedTouch, TouchPanel
 
 RENDERER_STALL_S, RENDERER_EVERY_S = 0.1, 0.97
 LINK_STALL_S, LINK_EVERY_S = 0.02, 0.61

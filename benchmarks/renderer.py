@@ -22,17 +22,17 @@ import haptix
 from firmware_io import open_device
 from haptix.feel.motion import Trajectory
 from haptix.model.surface import Slice
-from haptix.render import (
+from haptix.play.render import (
     DirectWave,
     LiveSettings,
     RenderCore,
     RenderSettings,
     SineCarrier,
 )
-from haptix.render.fingers import PredictedFingers
-from haptix.simulation import FINGER_PATH, Setting, simulate
-from haptix.touch import TouchEvent, TouchSettings
-from haptix.virtual_finger import TouchPanel
+from haptix.play.render.fingers import PredictedFingers
+from haptix.play.simulation import FINGER_PATH, Setting, simulate
+from haptix.play.touch import TouchEvent, TouchSettings
+from haptix.play.virtual_finger import TouchPanel
 
 RATE, STEP, BLOCK = 48_000.0, 4, 48
 POINTS = BLOCK // STEP

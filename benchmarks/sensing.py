@@ -2,7 +2,7 @@
 
 The truth is ``independent_finger.py``: other contact laws and other distributions of the gaps, by
 tables that it makes. The current through panel, contact and body is worked out here, of its gaps.
-Nothing of the package stands in the truth; `haptix.sensing` sees readings and touches alone.
+Nothing of the package stands in the truth; `haptix.play.sensing` sees readings and touches alone.
 
     python benchmarks/independent_finger.py contacts.npz     # once
     python benchmarks/sensing.py contacts.npz                # 100 fingers of each contact
@@ -43,15 +43,15 @@ from oracle import thickness
 import haptix
 from firmware_io import CurrentReading
 from haptix.model.surface import Slice
-from haptix.render.adapting import Adaptation
-from haptix.sensing import (
+from haptix.play.render.adapting import Adaptation
+from haptix.play.sensing import (
     ContactCurrent,
     EnrolledFinger,
     FingerObserver,
     Knowledge,
     contact_change,
 )
-from haptix.sensing.finger_observer import SensorWatch
+from haptix.play.sensing.finger_observer import SensorWatch
 
 Array = npt.NDArray[np.float64]
 
@@ -279,7 +279,7 @@ def hostile(streams: int, seed: int) -> int:
 
     That is: a drive beyond the surface's limit, what is no number, more than 0.25 JND in 10 ms.
     """
-    logging.getLogger("haptix.sensing").setLevel(logging.ERROR)
+    logging.getLogger("haptix.play.sensing").setLevel(logging.ERROR)
     random = np.random.default_rng(seed)
     known = haptix.ContactModel(haptix.Finger.preset("semi-wet"), haptix.Screen())
     surface = haptix.FrictionSurface.build(

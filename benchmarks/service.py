@@ -56,7 +56,7 @@ def engine() -> None:
     """Render as the engine does, and write what was noted to HAPTIX_NOTES at the end."""
     import firmware_io.playback
     from firmware_io.reviser import Reviser
-    from haptix.render import LiveRenderer
+    from haptix.play.render import LiveRenderer
     from haptix.service.engine import main
 
     taken: list[float] = []

@@ -24,6 +24,7 @@ import soundfile
 
 from haptix import ContactModel, Finger, Screen
 from haptix.model.perception.thresholds import WEBER_FRACTION
+from haptix.play.virtual_finger import VirtualFinger
 from haptix.stimuli import (
     Apparatus,
     Rendering,
@@ -33,7 +34,6 @@ from haptix.stimuli import (
     TimeNoise,
     grating,
 )
-from haptix.virtual_finger import VirtualFinger
 
 FINGER, SCREEN = Finger.preset("semi-wet"), Screen.preset("3m-sct3250")
 RATE = 48_000.0

@@ -16,7 +16,7 @@ import torch
 from haptix import ContactModel, Finger, Screen
 from haptix.model.perception.thresholds import WEBER_FRACTION
 from haptix.model.waves import Waveform
-from haptix.virtual_finger import VirtualFinger
+from haptix.play.virtual_finger import VirtualFinger
 
 RATE, FORCE, VOLTAGE = 48_000, 0.5, 150.0
 

@@ -27,7 +27,7 @@ from haptix.model.friction import ContactModel
 from haptix.model.pair import FINGER, SCREEN
 from haptix.model.perception.thresholds import WEBER_FRACTION
 from haptix.model.screen import NO_INSTRUMENT, Screen
-from haptix.virtual_finger import SensorModel, VirtualFinger
+from haptix.play.virtual_finger import SensorModel, VirtualFinger
 
 _TOUCH_S = 0.08  # to press
 _REST_S = 0.12  # between pressing and sliding, at each turn and before lifting

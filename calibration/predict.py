@@ -3,7 +3,7 @@
 The mean over a drive period differs by some 10 % from the friction at the mean attraction. So each
 stroke is solved at instants of the period, as `ContactModel.over_period` does, and averaged as the
 reduction averages. The finger's first-order response smooths the attraction, as in
-`haptix.virtual_finger`.
+`haptix.play.virtual_finger`.
 
 A fit asks for hundreds of fingers, and a contact table takes half a second. Two scalings, both
 exact for an elastic skin, need one table for all of them: with all moduli times e and all heights

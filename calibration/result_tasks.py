@@ -200,7 +200,7 @@ class Check(Task, command="calibrate check"):
     def _by_current(self, model: ContactModel, about: dict[str, Any]) -> Result:
         """Compare what one person's finger drew then and draws now."""
         from haptix.model.pair import first_line
-        from haptix.sensing import ContactCurrent, EnrolledFinger, contact_change
+        from haptix.play.sensing import ContactCurrent, EnrolledFinger, contact_change
 
         before, after = (EnrolledFinger.load(file) for file in (self.before, self.after) if file)
         for person in (before, after):
@@ -275,8 +275,8 @@ class Install(Task, command="calibrate install"):
     def run(self, context: Context) -> Result:
         """Install it."""
         from firmware_io import open_device
-        from haptix.devices import install_profile
         from haptix.model.screen import Screen
+        from haptix.play.devices import install_profile
 
         if (self.serial is None) == (self.device is None):
             raise InputError("expected --serial or --device, one of the two")

@@ -500,8 +500,8 @@ class CalibrationJob(
         from calibration.session import Session
         from calibration.sources import open_inputs
         from calibration.steps import finish_decided, written_screen
-        from haptix.devices import install_profile, open_device
         from haptix.model.pair import FINGER, SCREEN
+        from haptix.play.devices import install_profile, open_device
 
         assert context.folder is not None
         folder = context.folder / self.name

@@ -17,9 +17,9 @@ import typer
 import haptix
 from haptix.feel.layout import LayoutEvent, Patch, ScreenGeometry
 from haptix.feel.materials import Button, Grating, Slider
-from haptix.render import LiveSettings
-from haptix.render.live import COLUMNS, PlayedRecord
-from haptix.touch import TouchEvent
+from haptix.play.render import LiveSettings
+from haptix.play.render.live import COLUMNS, PlayedRecord
+from haptix.play.touch import TouchEvent
 
 try:
     from skimage import data

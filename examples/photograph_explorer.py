@@ -18,9 +18,9 @@ import typer
 
 import haptix
 from haptix.feel.materials import as_mu
-from haptix.simulation import FINGER_PATH
-from haptix.touch import TouchEvent, events_of, paced
-from haptix.virtual_finger import TouchPanel, VirtualFinger, evaluate
+from haptix.play.simulation import FINGER_PATH
+from haptix.play.touch import TouchEvent, events_of, paced
+from haptix.play.virtual_finger import TouchPanel, VirtualFinger, evaluate
 
 try:
     from matplotlib.figure import Figure

@@ -11,7 +11,7 @@ import argparse
 import numpy as np
 
 import haptix
-from haptix.simulation import Setting, simulate
+from haptix.play.simulation import Setting, simulate
 
 try:
     from matplotlib.figure import Figure

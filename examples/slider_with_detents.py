@@ -16,8 +16,8 @@ import typer
 
 import haptix
 from haptix.feel.materials import RecordedProfile, as_mu
-from haptix.touch import events_of, paced
-from haptix.virtual_finger import VirtualFinger, evaluate
+from haptix.play.touch import events_of, paced
+from haptix.play.virtual_finger import VirtualFinger, evaluate
 
 try:
     from matplotlib.figure import Figure

@@ -16,8 +16,8 @@ import typer
 
 import haptix
 from haptix.feel.layout import LayoutEvent
-from haptix.render import LiveSettings
-from haptix.touch import Touchscreen, find_touchscreens
+from haptix.play.render import LiveSettings
+from haptix.play.touch import Touchscreen, find_touchscreens
 
 
 def follow(renderer: haptix.LiveRenderer, screen: Touchscreen, seconds: float) -> None:

@@ -19,9 +19,9 @@ import typer
 import haptix
 from haptix.feel.materials import Grating, Texture, as_mu
 from haptix.feel.motion import Motion
-from haptix.render import LiveSettings
-from haptix.touch import events_of, paced
-from haptix.virtual_finger import VirtualFinger, evaluate
+from haptix.play.render import LiveSettings
+from haptix.play.touch import events_of, paced
+from haptix.play.virtual_finger import VirtualFinger, evaluate
 
 try:
     from matplotlib.figure import Figure

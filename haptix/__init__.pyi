@@ -1,15 +1,12 @@
 from . import client as client
 from . import feel as feel
 from . import model as model
-from . import render as render
+from . import play as play
 from . import stimuli as stimuli
-from . import touch as touch
-from . import virtual_finger as virtual_finger
 from .base.errors import HaptixError as HaptixError
 from .base.errors import InputError as InputError
 from .base.errors import LimitError as LimitError
 from .base.version import __version__ as __version__
-from .devices import open_device as open_device
 from .feel.layout import Layout as Layout
 from .feel.materials import Texture as Texture
 from .feel.motion import Motion as Motion
@@ -20,6 +17,7 @@ from .model.screen import Screen as Screen
 from .model.states import ContactState as ContactState
 from .model.status import Status as Status
 from .model.surface import FrictionSurface as FrictionSurface
-from .render import LiveRenderer as LiveRenderer
-from .render import Renderer as Renderer
+from .play.devices import open_device as open_device
+from .play.render import LiveRenderer as LiveRenderer
+from .play.render import Renderer as Renderer
 from .scene import Scene as Scene

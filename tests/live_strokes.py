@@ -7,9 +7,9 @@ import numpy as np
 import haptix
 from haptix import Texture
 from haptix.feel.materials import FrictionField
-from haptix.render import LiveRenderer, LiveSettings, Sliding
-from haptix.render.live import COLUMNS, PlayedRecord
-from haptix.touch import TouchEvent
+from haptix.play.render import LiveRenderer, LiveSettings, Sliding
+from haptix.play.render.live import COLUMNS, PlayedRecord
+from haptix.play.touch import TouchEvent
 
 RATE = 48_000.0
 CARRIER_HZ = 3000.0

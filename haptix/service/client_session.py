@@ -11,11 +11,11 @@ from dataclasses import dataclass, field
 from math import ceil
 from typing import Any, NamedTuple
 
+from haptix.play.touch.events import TouchEvent
 from haptix.service import messages as m
 from haptix.service.access import Limiter
 from haptix.service.batches import TelemetryFrame, numbered, write_frame
 from haptix.service.client_touches import ClientClock, TouchInbox
-from haptix.touch.events import TouchEvent
 
 _LOG = logging.getLogger("haptix.service")
 

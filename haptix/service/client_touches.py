@@ -18,9 +18,9 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
+from haptix.play.touch.events import TouchEvent
 from haptix.service.batches import ClientTouch
 from haptix.service.messages import Geometry, Problem, TouchMessage
-from haptix.touch.events import TouchEvent
 
 FUTURE_S, PAST_S = 0.005, 0.5
 """How far ahead of now a touch may be, and how old."""

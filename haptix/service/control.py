@@ -16,10 +16,10 @@ import logging
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
+from haptix.play.touch.events import TouchEvent
 from haptix.service import messages as m
 from haptix.service.client_session import ServiceSession, Settings
 from haptix.service.messages import Problem
-from haptix.touch.events import TouchEvent
 
 _LOG = logging.getLogger("haptix.service")
 

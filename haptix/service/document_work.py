@@ -198,7 +198,7 @@ class DocumentWork:
 
     def _reach(self, normal_force_n: float) -> Column:
         """Friction that the screen can give at a force."""
-        from haptix.render.samples import DEFAULT_CARRIER_HZ
+        from haptix.play.render.samples import DEFAULT_CARRIER_HZ
 
         surface = surface_of(self._opening).driven_at(DEFAULT_CARRIER_HZ)
         return surface.column(normal_force_n, None)
@@ -210,7 +210,7 @@ def surface_of(opening: dict[str, Any]) -> FrictionSurface:
     from haptix.model.friction import ContactModel
     from haptix.model.screen import Screen
     from haptix.model.surface import FrictionSurface, cached_surface
-    from haptix.render.samples import DEFAULT_CARRIER_HZ
+    from haptix.play.render.samples import DEFAULT_CARRIER_HZ
 
     if opening["surface"] is not None:
         return FrictionSurface.load(opening["surface"])

@@ -30,6 +30,7 @@ import numpy as np
 from haptix.base.checks import Array
 from haptix.base.errors import HaptixError, InputError
 from haptix.base.files import parse_json
+from haptix.play.touch.events import ForceModel, TouchEvent
 from haptix.service.batches import TelemetryFrame, write_frame
 from haptix.service.client_touches import TouchGate
 from haptix.service.messages import Stream
@@ -46,14 +47,13 @@ from haptix.service.wire import (
     frame_output,
     touches_of,
 )
-from haptix.touch.events import ForceModel, TouchEvent
 
 if TYPE_CHECKING:
     from haptix.feel.layout import LayoutEvent
     from haptix.model.finger import Finger
     from haptix.model.screen import Screen
-    from haptix.render.master import EffectEnd
-    from haptix.sensing import FingerEstimate, FingerObserver
+    from haptix.play.render.master import EffectEnd
+    from haptix.play.sensing import FingerEstimate, FingerObserver
     from haptix.service.document_work import SessionLayout
 
 _LOG = logging.getLogger("haptix.service.engine")
@@ -65,11 +65,11 @@ _LAYOUTS = ("layout_set", "layout_change", "layout_restore", "forget")
 """What is done beside all else: one session's large pictures hold nobody else up."""
 _OF_DEVICE = ("arm", "disarm", "open", "lend", "take_back")
 _RENDERS = (
-    "haptix.devices",
+    "haptix.play.devices",
     "haptix.model.friction.model",
     "haptix.model.surface.friction_surface",
     "haptix.feel.materials.panels",
-    "haptix.render.live",
+    "haptix.play.render.live",
     "haptix.feel.layout.layout",
 )
 _SETTLED_S = 0.015  # a driver tells within its status' period which revisions it refused
@@ -105,7 +105,7 @@ class Telemetry:
             renderer.record = None
             return
         if renderer.record is None:
-            from haptix.render.live import PlayedRecord
+            from haptix.play.render.live import PlayedRecord
 
             renderer.record = PlayedRecord(renderer)
         part = renderer.record.take(now_s - _SETTLED_S)
@@ -357,12 +357,12 @@ class EngineServer:
     ) -> dict[str, Any]:
         """Open the device, and load or build the surface that its finger and screen need."""
         from haptix.base.threads import return_freed_memory
-        from haptix.devices import open_device, profiles_for
         from haptix.feel.materials import KINDS
         from haptix.feel.materials.decoded import FOLDER, keep_in
         from haptix.model.finger import Finger
         from haptix.model.screen import Screen
-        from haptix.render.samples import carrier_hz
+        from haptix.play.devices import open_device, profiles_for
+        from haptix.play.render.samples import carrier_hz
         from haptix.service.document_work import profiles_of, surface_of
 
         self._assets = Path(assets)
@@ -412,8 +412,8 @@ class EngineServer:
         self._layouts.pop(session, None)
 
     def _do_arm(self, session: int) -> dict[str, Any]:
-        from haptix.render import LiveRenderer, LiveSettings
-        from haptix.render.samples import carrier_hz
+        from haptix.play.render import LiveRenderer, LiveSettings
+        from haptix.play.render.samples import carrier_hz
 
         if self._device is None:
             raise InputError("arm: a job has the device; wait for it, or cancel it")
@@ -452,7 +452,7 @@ class EngineServer:
 
     def _observer(self) -> FingerObserver | Literal[False]:
         """Return a new observer, which knows no finger; say if the driver measures no current."""
-        from haptix.sensing import FingerObserver
+        from haptix.play.sensing import FingerObserver
 
         if self._contact_current is None:
             self._outbox.say(
@@ -466,9 +466,9 @@ class EngineServer:
     def _load_sensing(self, finger: Finger, screen: Screen) -> None:
         """Prepare what takes seconds, where a driver senses; a virtual finger loads a mock."""
         from haptix.model.friction import ContactModel
-        from haptix.render.samples import carrier_hz
-        from haptix.sensing import ContactCurrent
-        from haptix.virtual_finger import LiveCurrent, VirtualCurrent
+        from haptix.play.render.samples import carrier_hz
+        from haptix.play.sensing import ContactCurrent
+        from haptix.play.virtual_finger import LiveCurrent, VirtualCurrent
 
         device, hertz = self._device, carrier_hz(self._surface)
         if not device.capabilities.sense_rate_hz or device.mode != "envelope":
@@ -555,7 +555,7 @@ class EngineServer:
 
     def _do_take_back(self) -> None:
         """Open the device again."""
-        from haptix.devices import open_device
+        from haptix.play.devices import open_device
 
         if self._device is None:
             self._device = open_device(self._address)

@@ -11,10 +11,10 @@ from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from typing import Any
 
+from haptix.play.touch.events import TouchEvent
 from haptix.service.messages import Problem
 from haptix.service.pool import BEAT_S, IDLE_S, LONGEST_SILENCE_S, Process
 from haptix.service.wire import AMPLITUDE, TELEMETRY, frame, touch_frame
-from haptix.touch.events import TouchEvent
 
 
 class LayoutRecord:

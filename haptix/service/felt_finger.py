@@ -19,11 +19,11 @@ from haptix.feel.motion import Trajectory
 from haptix.model.finger import Finger
 from haptix.model.friction import ContactModel
 from haptix.model.screen import Screen
+from haptix.play.touch.events import ForceModel, TouchEvent
+from haptix.play.virtual_finger import VirtualFinger
+from haptix.play.virtual_finger.finger import LiveVirtualFinger
 from haptix.service.batches import TelemetryFrame, write_frame
 from haptix.service.wire import AMPLITUDE, TELEMETRY, TOUCHES, amplitude_of, frame, touches_of
-from haptix.touch.events import ForceModel, TouchEvent
-from haptix.virtual_finger import VirtualFinger
-from haptix.virtual_finger.virtual_finger import LiveVirtualFinger
 
 _FORCES_N = (0.02, 5.0)
 _ROW_S = 0.001

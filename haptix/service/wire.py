@@ -21,7 +21,7 @@ import numpy as np
 
 from haptix.base.checks import Array
 from haptix.base.errors import HaptixError
-from haptix.touch.events import KINDS, TouchEvent
+from haptix.play.touch.events import KINDS, TouchEvent
 
 HEADER = struct.Struct("<IB")
 JSON, TOUCHES, TELEMETRY, AMPLITUDE, BEAT = range(5)

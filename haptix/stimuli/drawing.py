@@ -16,7 +16,7 @@ from haptix.base.files import read_json, reading
 from haptix.base.terminal import placeholder_note
 from haptix.feel.signals.audio_files import Array, read_drive
 from haptix.model.perception.thresholds import Perception, components_of_pull
-from haptix.render.drive import SineCarrier
+from haptix.play.render.drive import SineCarrier
 from haptix.stimuli.rendering import over_period
 from haptix.stimuli.sidecar import spectrum
 

@@ -20,7 +20,6 @@ from haptix.base.errors import InputError
 from haptix.base.files import digest
 from haptix.base.kinds import call, in_folder
 from haptix.base.task import Context, Result, Task
-from haptix.devices import Device
 from haptix.feel.signals.audio_files import Container, Encoding
 from haptix.feel.signals.signal import Array, Constant, Product, Signal, signal_from
 from haptix.model.finger import Finger
@@ -28,6 +27,7 @@ from haptix.model.perception.thresholds import Perception
 from haptix.model.screen import Screen
 from haptix.model.status import Status
 from haptix.model.surface import Column
+from haptix.play.devices import Device
 from haptix.population import DrawnPeople, Population
 from haptix.stimuli.adaptive import (
     METHODS,

@@ -17,7 +17,6 @@ from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
 from haptix.base.checks import Array
 from haptix.base.errors import InputError
 from haptix.base.files import digest
-from haptix.devices import BODY_CAPACITANCE_F, Current, DriveLimits
 from haptix.model.finger import Finger, FingerResponse
 from haptix.model.friction import ContactModel
 from haptix.model.perception.sensation import SensationInTime
@@ -25,8 +24,9 @@ from haptix.model.screen import Screen
 from haptix.model.status import Status
 from haptix.model.surface import Column, FrictionSurface, cached_surface
 from haptix.model.waves import sine
+from haptix.play.devices import BODY_CAPACITANCE_F, Current, DriveLimits
+from haptix.play.render.drive import DirectWave
 from haptix.population import Population
-from haptix.render.drive import DirectWave
 from haptix.stimuli.stimulus import Stimulus
 
 MEMORY_S = 0.1

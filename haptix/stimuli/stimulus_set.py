@@ -27,11 +27,11 @@ from haptix.base.files import (
     write_whole,
 )
 from haptix.base.version import __version__
-from haptix.devices import DriveWindow
 from haptix.feel.signals.audio_files import AudioWriter, file_hash, step_v
 from haptix.model.finger import Finger
 from haptix.model.perception.sensation import SensationInTime
 from haptix.model.screen import Screen
+from haptix.play.devices import DriveWindow
 from haptix.population import Population
 from haptix.stimuli.rendering import TOLERANCE, Apparatus, Rendering, Tally
 from haptix.stimuli.set_plan import SetPlan, Trigger, events, pulses

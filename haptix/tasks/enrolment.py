@@ -17,9 +17,9 @@ from haptix.tasks.strokes import FORCES_N, OnScreen
 
 if TYPE_CHECKING:
     from haptix.model.friction import ContactModel
-    from haptix.render import LiveRenderer
-    from haptix.sensing import FingerObserver
-    from haptix.virtual_finger import VirtualCurrent
+    from haptix.play.render import LiveRenderer
+    from haptix.play.sensing import FingerObserver
+    from haptix.play.virtual_finger import VirtualCurrent
 
 _WAITS_S = 60.0
 """Longest time for a slide."""
@@ -56,12 +56,12 @@ class Enroll(OnScreen, command="enroll"):
         check_new(self.out, self.overwrite)
         import numpy as np
 
-        from haptix.devices import open_device
         from haptix.feel.materials import Texture
         from haptix.model.surface import cached_surface
-        from haptix.render import LiveRenderer, LiveSettings
-        from haptix.render.samples import DEFAULT_CARRIER_HZ
-        from haptix.sensing import ContactCurrent, FingerObserver
+        from haptix.play.devices import open_device
+        from haptix.play.render import LiveRenderer, LiveSettings
+        from haptix.play.render.samples import DEFAULT_CARRIER_HZ
+        from haptix.play.sensing import ContactCurrent, FingerObserver
 
         model = self.model()
         with closing(open_device(self.device)) as device:
@@ -104,8 +104,8 @@ class Enroll(OnScreen, command="enroll"):
         A virtual finger slides on a mock. Returns the time of sliding that counted [s]; less than
         `seconds` if that took over `_WAITS_S`.
         """
-        from haptix.sensing import Knowledge
-        from haptix.virtual_finger import LiveCurrent
+        from haptix.play.sensing import Knowledge
+        from haptix.play.virtual_finger import LiveCurrent
 
         device, force_n, slid_s = renderer.device, self.normal_force_n, 0.0
         live = None if virtual is None else LiveCurrent.on(device, virtual)
@@ -135,8 +135,8 @@ class Enroll(OnScreen, command="enroll"):
         """Return the current of the finger that slides on a mock."""
         from haptix.model.finger import Finger
         from haptix.model.friction import ContactModel
-        from haptix.render.samples import DEFAULT_CARRIER_HZ
-        from haptix.virtual_finger import VirtualCurrent
+        from haptix.play.render.samples import DEFAULT_CARRIER_HZ
+        from haptix.play.virtual_finger import VirtualCurrent
 
         slider = model.finger if self.slider is None else Finger.named(self.slider)
         contact = ContactModel(slider, model.screen, terms=model.terms)

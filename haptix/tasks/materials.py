@@ -145,7 +145,7 @@ class FitMaterial(Task, command="material fit"):
         from haptix.model.finger import Finger
         from haptix.model.friction import ContactModel
         from haptix.model.screen import Screen
-        from haptix.simulation.simulation import WITHIN_DB, band_name, felt_errors
+        from haptix.play.simulation.run import WITHIN_DB, band_name, felt_errors
 
         out = self.out or self.recording.with_suffix(".toml")
         refuse_input(out, self.recording)

@@ -220,7 +220,7 @@ class RunExperiment(Task, command="stimuli run"):
         if self.study is not None and self.participant is None:
             raise InputError("--participant: a study needs one, such as 07")
         who = self.participant or "1"
-        from haptix.devices import open_device
+        from haptix.play.devices import open_device
         from haptix.stimuli.adaptive import TASKS, Keys, SimulatedObserver
         from haptix.stimuli.adaptive.session_plan import seed_of
         from haptix.stimuli.recipe import ExperimentRecipe
@@ -247,7 +247,7 @@ class RunExperiment(Task, command="stimuli run"):
         with ExitStack() as stack:
             device = stack.enter_context(closing(open_device(self.device)))
             if self.lsl:
-                from haptix.render.lab_streams import LabOutlets
+                from haptix.play.render.lab_streams import LabOutlets
 
                 around["outlets"] = stack.enter_context(closing(LabOutlets(device)))
             around["another_program"] = self.another_program
@@ -304,7 +304,7 @@ class ExperimentJob(Task, route="experiments", kind="experiment", plays=True, ke
                 raise InputError(f"{kind}: expected {used} or one of {words}, got {name!r:.80}")
             recipe[kind] = name
         from haptix.base.units import with_numbers
-        from haptix.devices import open_device
+        from haptix.play.devices import open_device
         from haptix.stimuli.adaptive.session_plan import seed_of
         from haptix.stimuli.recipe import ExperimentRecipe
 

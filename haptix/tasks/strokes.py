@@ -37,8 +37,8 @@ if TYPE_CHECKING:
     from haptix.feel.materials import Feelable
     from haptix.model.friction import ContactModel
     from haptix.model.surface import FrictionSurface
-    from haptix.simulation import Setting
-    from haptix.virtual_finger import Evaluation
+    from haptix.play.simulation import Setting
+    from haptix.play.virtual_finger import Evaluation
 
 
 _ENDS_S = 0.05  # playing goes on after the last touch, until its effect has been played
@@ -103,8 +103,8 @@ class OfPhotograph(OnScreen):
     def setting(self, model: ContactModel, polarity: str = "bright-high") -> tuple[Setting, str]:
         """Return what the parameters describe, and a name for what is felt."""
         from haptix.feel.motion import Trajectory
-        from haptix.render import SineCarrier
-        from haptix.simulation import FINGER_PATH, Setting
+        from haptix.play.render import SineCarrier
+        from haptix.play.simulation import FINGER_PATH, Setting
 
         drive = None if self.carrier_hz is None else SineCarrier(self.carrier_hz)
         path = Trajectory.from_csv(self.trajectory or FINGER_PATH)
@@ -170,7 +170,7 @@ class Demo(OfPhotograph, command="demo"):
         from haptix.base.files import check_folder
         from haptix.feel.materials import Texture
         from haptix.model.pair import first_line
-        from haptix.simulation import FILES, simulate, write
+        from haptix.play.simulation import FILES, simulate, write
 
         check_folder(self.out, ("demo.png", *FILES))
         setting, photograph = self.setting(self.model(), self.polarity)
@@ -223,7 +223,7 @@ class OfPath(OfPhotograph):
 
     def setting(self, model: ContactModel, polarity: str = "bright-high") -> tuple[Setting, str]:
         """Return what the parameters describe, and a name for what is felt."""
-        from haptix.render import DirectWave
+        from haptix.play.render import DirectWave
 
         if self.carrier_hz is not None and self.direct_hz is not None:
             raise InputError("expected --carrier-hz or --direct-hz, got both")
@@ -285,12 +285,12 @@ class Render(OfPath, command="render", route="renderings", kind="rendering"):
         """Build, play and feel; write the files if there is a folder."""
         context.progress("build the surface", 0.0)
         from haptix.base.files import check_folder
-        from haptix.devices import open_device, profiles_for
         from haptix.model.pair import first_line
-        from haptix.render import LiveSettings
-        from haptix.simulation import FILES, errors_of, simulate, write
-        from haptix.simulation.folder import summary_of
-        from haptix.virtual_finger import TouchPanel
+        from haptix.play.devices import open_device, profiles_for
+        from haptix.play.render import LiveSettings
+        from haptix.play.simulation import FILES, errors_of, simulate, write
+        from haptix.play.simulation.folder import summary_of
+        from haptix.play.virtual_finger import TouchPanel
 
         finger, screen = self.finger, self.screen
         if context.folder is not None:
@@ -331,7 +331,7 @@ class Render(OfPath, command="render", route="renderings", kind="rendering"):
         """Return what the parameters describe, with a client's stroke in place of files."""
         from haptix.feel.materials import material_of
         from haptix.feel.motion import Trajectory
-        from haptix.simulation import Setting
+        from haptix.play.simulation import Setting
 
         if self.material is None:
             return super().setting(model, polarity)
@@ -347,10 +347,10 @@ class PlayPath(OfPath, command="play"):
     def run(self, context: Context) -> Result:
         """Play it."""
         context.progress("build the surface", 0.0)
-        from haptix.devices import open_device, profiles_for
         from haptix.model.pair import described, first_line
-        from haptix.render import LiveRenderer, LiveSettings
-        from haptix.touch import events_of, paced
+        from haptix.play.devices import open_device, profiles_for
+        from haptix.play.render import LiveRenderer, LiveSettings
+        from haptix.play.touch import events_of, paced
 
         with closing(open_device(self.device)) as opened:
             finger, screen = profiles_for(opened, self.finger, self.screen)
@@ -411,7 +411,7 @@ class Headroom(OnScreen, route="headroom", kind="headroom"):
         from haptix.feel.materials.picture import picture
         from haptix.model.status import Status
         from haptix.model.surface import cached_surface
-        from haptix.render.samples import DEFAULT_CARRIER_HZ
+        from haptix.play.render.samples import DEFAULT_CARRIER_HZ
 
         scene = {"normal_force_n": self.normal_force_n, "frequency_hz": DEFAULT_CARRIER_HZ}
         update = partial(context.progress, "build the surface")
@@ -443,7 +443,7 @@ class KeepSurface(OnScreen, route="surfaces", kind="surface"):
     def run(self, context: Context) -> Result:
         """Build a surface as the service does at its start."""
         from haptix.model.surface import cached_surface
-        from haptix.render.samples import DEFAULT_CARRIER_HZ
+        from haptix.play.render.samples import DEFAULT_CARRIER_HZ
 
         scene = {"normal_force_n": FORCES_N, "frequency_hz": DEFAULT_CARRIER_HZ}
         tolerance = f"{self.tolerance_jnd:g} JND"

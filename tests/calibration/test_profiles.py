@@ -18,8 +18,8 @@ from calibration.steadiness import Drift
 from firmware_io import Device, MockDriver, MockLink
 from haptix.cli.application import app as whole
 from haptix.cli.application import group_of
-from haptix.devices import install_profile, installed_profile, profile_of, profiles_for
 from haptix.model.screen import NO_INSTRUMENT, Calibration, CalibrationWarning, VerifiedRange
+from haptix.play.devices import install_profile, installed_profile, profile_of, profiles_for
 
 app = group_of("calibrate", "Calibrate a screen.")
 

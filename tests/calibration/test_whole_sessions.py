@@ -20,7 +20,7 @@ from calibration.protocol import short_protocol
 from calibration.rig import RIG, VoltsRead
 from calibration.steps import finish_decided
 from haptix.base.task import Context
-from haptix.devices import open_device
+from haptix.play.devices import open_device
 
 VOLTS = 100.0
 

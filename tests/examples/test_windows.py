@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from haptix import InputError
-from haptix.touch import TouchEvent
+from haptix.play.touch import TouchEvent
 from tests.hand_clock import HandClock
 from tests.programs import load
 from tests.waiting import pause, wait_for

@@ -12,7 +12,7 @@ from calibration import StrokeRecording
 from calibration.protocol import Stroke
 from haptix.feel.materials import Grating, Texture
 from haptix.model.contact import RoughnessSpectrum
-from haptix.simulation import Setting, simulate
+from haptix.play.simulation import Setting, simulate
 
 FORCES_N, VOLTAGES_V = [0.2, 0.5], [0.0, 60.0, 120.0]
 

@@ -11,7 +11,7 @@ import pytest
 
 from haptix.base import files
 from haptix.base.errors import FileFormatError, InputError
-from haptix.render.intervals import TouchSample
+from haptix.play.render.intervals import TouchSample
 from haptix.stimuli.adaptive.trial_log import TouchLog, TrialLog
 
 NOBODY, SOMEBODY = 65534, 12345

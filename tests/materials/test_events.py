@@ -13,7 +13,7 @@ from haptix.base.errors import InputError
 from haptix.feel.materials import Button, Dial, Slider, Toggle, Transient, WebEffect, material_of
 from haptix.feel.motion import Facts, Motion, Report, Trajectory
 from haptix.feel.motion.block import Reactions, facts_on
-from haptix.simulation import Setting, simulate
+from haptix.play.simulation import Setting, simulate
 
 STEP_S = 1 / 12_000
 ROUNDING = 1e-9

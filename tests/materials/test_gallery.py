@@ -13,7 +13,7 @@ from haptix.feel import materials
 from haptix.feel.gallery import ASSETS, FAMILIES, FOLDER, load, preset, presets
 from haptix.feel.materials.picture import picture
 from haptix.feel.motion import Trajectory
-from haptix.simulation import Setting, simulate
+from haptix.play.simulation import Setting, simulate
 from tests import programs
 
 NAMES = [one.name for one in presets()]

@@ -11,7 +11,7 @@ import haptix
 from haptix.base.kinds import in_folder
 from haptix.feel.materials import KINDS, material_of
 from haptix.feel.motion import Trajectory
-from haptix.simulation import Setting, simulate
+from haptix.play.simulation import Setting, simulate
 
 JND_FELT = 0.05
 """The surface's tolerance is 0.03 JND; modulation and 16 bits add little."""

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 from haptix.base.errors import InputError
 from haptix.feel.motion import VELOCITY_OVER_S, Facts, LocalFrame, Motion, Trajectory
-from haptix.render.fingers import PredictedFingers, RecordedFingers
-from haptix.render.settings import LiveSettings, Sliding
-from haptix.touch import TouchEvent
+from haptix.play.render.fingers import PredictedFingers, RecordedFingers
+from haptix.play.render.settings import LiveSettings, Sliding
+from haptix.play.touch import TouchEvent
 
 STEP_S = 1 / 12_000
 ROUNDING = 1e-9

@@ -36,8 +36,8 @@ NEEDS = {
     "netcdf": "surface.to_netcdf('my.nc')",
     "serial": "haptix.open_device('serial:port=COM3')",
     "cluster": "import_module('haptix.campaign.cluster').DaskWorkers.on('dask')",
-    "lab": "import_module('haptix.render.lab_streams').LabOutlets(None)",
-    "evdev": "import_module('haptix.touch').Touchscreen('/dev/input/event5')",
+    "lab": "import_module('haptix.play.render.lab_streams').LabOutlets(None)",
+    "evdev": "import_module('haptix.play.touch').Touchscreen('/dev/input/event5')",
 }
 COMMANDS = {
     "figures": ("tradeoff", "--quick"),

@@ -8,7 +8,7 @@ import numpy as np
 
 from haptix import Status
 from haptix.feel.materials import FrictionField, as_mu
-from haptix.render import RenderCore
+from haptix.play.render import RenderCore
 
 JOIN_S = 0.002
 SLACK = 1e-9

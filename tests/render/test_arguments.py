@@ -10,8 +10,15 @@ import haptix
 from haptix import ContactModel, Finger, FrictionSurface, InputError, Screen, Texture, Trajectory
 from haptix.feel.materials import Slider
 from haptix.feel.motion import Motion
-from haptix.render import LiveRenderer, LiveSettings, Renderer, RenderSettings, SineCarrier, Sliding
-from haptix.touch import (
+from haptix.play.render import (
+    LiveRenderer,
+    LiveSettings,
+    Renderer,
+    RenderSettings,
+    SineCarrier,
+    Sliding,
+)
+from haptix.play.touch import (
     ForceModel,
     SingerKalman,
     Touches,

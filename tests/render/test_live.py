@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 from firmware_io import DeviceFaultError
 from haptix import Texture
-from haptix.render import LiveSettings, Sliding
-from haptix.touch import SingerKalman, TouchEvent, TouchSettings
-from haptix.touch.filters import Course
+from haptix.play.render import LiveSettings, Sliding
+from haptix.play.touch import SingerKalman, TouchEvent, TouchSettings
+from haptix.play.touch.filters import Course
 from tests.live_strokes import (
     ALWAYS,
     FULL,

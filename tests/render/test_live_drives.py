@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 import haptix
 from haptix import Texture
-from haptix.render import DirectWave, RenderSettings
-from haptix.touch import TouchEvent
+from haptix.play.render import DirectWave, RenderSettings
+from haptix.play.touch import TouchEvent
 from tests.live_strokes import (
     ALWAYS,
     CARRIER_HZ,

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from haptix import InputError
-from haptix.render import LiveSettings
-from haptix.touch import ForceModel, TouchEvent, TouchSettings
+from haptix.play.render import LiveSettings
+from haptix.play.touch import ForceModel, TouchEvent, TouchSettings
 from tests.live_strokes import FULL, HALF, RATE, Ruler, SteppedRenderer, render, row_times, stroke
 
 

@@ -8,7 +8,7 @@ from haptix.feel.materials import Grating
 
 
 def test_a_stroke_and_what_was_turned(surface, caplog):
-    caplog.set_level(logging.DEBUG, "haptix.render")
+    caplog.set_level(logging.DEBUG, "haptix.play.render")
     device = open_device("mock:pace=stepped")
     texture = Grating(period_mm=2.0)
     with LiveRenderer(surface, texture, device) as renderer:
@@ -18,7 +18,7 @@ def test_a_stroke_and_what_was_turned(surface, caplog):
         renderer.mute()
         renderer.run_until(began_s + 0.2)
     device.close()
-    said = [each.getMessage() for each in caplog.records if each.name == "haptix.render"]
+    said = [each.getMessage() for each in caplog.records if each.name == "haptix.play.render"]
     limit = f"{surface.voltage_limit_v:g}"
     assert said[0] == f"LiveRenderer begins, up to {limit} V on mock"
     assert said[1] == f"touch 0 move at {began_s:.6f} s, 10, 5 mm"

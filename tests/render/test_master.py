@@ -7,8 +7,8 @@ import haptix
 from haptix import InputError, Layout, Renderer
 from haptix.feel.layout import LayoutEvent
 from haptix.feel.materials import Button, Grating, Slider, Transient
-from haptix.render import LiveRenderer, LiveSettings, Sliding
-from haptix.touch import TouchEvent
+from haptix.play.render import LiveRenderer, LiveSettings, Sliding
+from haptix.play.touch import TouchEvent
 from tests.live_strokes import SteppedRenderer, row_times, target_mu
 
 RATE = 48_000

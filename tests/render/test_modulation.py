@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptix import InputError
-from haptix.render import DirectWave, SineCarrier
+from haptix.play.render import DirectWave, SineCarrier
 
 RATE = 48_000.0
 frequencies = st.floats(200.0, RATE / 4)

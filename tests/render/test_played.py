@@ -6,12 +6,12 @@ import torch
 
 from firmware_io import Device, MockDriver, MockLink
 from haptix import Texture
-from haptix.render import LiveSettings
-from haptix.render.fingers import PredictedFingers
-from haptix.render.live import COLUMNS, PlayedRecord, RenderSource
-from haptix.render.master import Master
-from haptix.render.samples import RenderCore
-from haptix.touch import TouchEvent
+from haptix.play.render import LiveSettings
+from haptix.play.render.fingers import PredictedFingers
+from haptix.play.render.live import COLUMNS, PlayedRecord, RenderSource
+from haptix.play.render.master import Master
+from haptix.play.render.samples import RenderCore
+from haptix.play.touch import TouchEvent
 
 RATE_HZ, STEP_S, START_S = 48_000, 1 / 12_000, 0.2
 STRIPES = Texture(

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from haptix.render import LiveSettings
-from haptix.render.fingers import PredictedFingers
-from haptix.touch import (
+from haptix.play.render import LiveSettings
+from haptix.play.render.fingers import PredictedFingers
+from haptix.play.touch import (
     ConstantVelocityKalman,
     InteractingSinger,
     OneEuroFilter,

@@ -10,7 +10,7 @@ from scipy.ndimage import map_coordinates
 import haptix
 from firmware_io import DeviceError, DeviceFaultError
 from haptix import InputError, LimitError, Renderer, Texture
-from haptix.render import DirectWave, RenderSettings, SineCarrier
+from haptix.play.render import DirectWave, RenderSettings, SineCarrier
 
 RATE = 48_000.0
 CARRIER_HZ = 3000.0

@@ -6,12 +6,12 @@ import pytest
 from firmware_io import Device, MockDriver, MockLink, Playback
 from haptix import Layout, LiveRenderer, Texture
 from haptix.feel.materials import Transient
-from haptix.render import LiveSettings
-from haptix.render.fingers import PredictedFingers
-from haptix.render.live import RenderSource
-from haptix.render.master import Master
-from haptix.render.samples import RenderCore
-from haptix.touch import TouchEvent
+from haptix.play.render import LiveSettings
+from haptix.play.render.fingers import PredictedFingers
+from haptix.play.render.live import RenderSource
+from haptix.play.render.master import Master
+from haptix.play.render.samples import RenderCore
+from haptix.play.touch import TouchEvent
 
 STEP_S = 1 / 12_000
 STRIPES = Texture(

@@ -8,10 +8,10 @@ from firmware_io.protocol import codes_to_volts
 from haptix.feel.materials import FrictionField
 from haptix.feel.motion import Trajectory
 from haptix.model.perception.thresholds import WEBER_FRACTION
-from haptix.render import DirectWave, LiveRenderer, LiveSettings
-from haptix.render.adapting import Adaptation
-from haptix.sensing import ContactCurrent, FingerObserver, Knowledge
-from haptix.virtual_finger import LiveCurrent, VirtualCurrent
+from haptix.play.render import DirectWave, LiveRenderer, LiveSettings
+from haptix.play.render.adapting import Adaptation
+from haptix.play.sensing import ContactCurrent, FingerObserver, Knowledge
+from haptix.play.virtual_finger import LiveCurrent, VirtualCurrent
 from tests.live_strokes import CARRIER_HZ, HALF, RATE, SteppedRenderer, stroke
 
 BEGIN_S, END_S = 0.6, 1.4

@@ -9,8 +9,8 @@ import haptix
 from firmware_io import open_device
 from haptix import InputError, Status
 from haptix.feel.motion import Motion
-from haptix.render import RenderCore, RenderSettings, SineCarrier
-from haptix.render.samples import Fingers
+from haptix.play.render import RenderCore, RenderSettings, SineCarrier
+from haptix.play.render.samples import Fingers
 from tests.render.block_oracle import Given
 
 

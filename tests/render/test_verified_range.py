@@ -7,8 +7,8 @@ import pytest
 import haptix
 from haptix import LiveRenderer, Renderer, Texture
 from haptix.model.screen import Calibration, VerifiedRange
-from haptix.render.stream import VerifiedUse
-from haptix.touch import TouchEvent
+from haptix.play.render.stream import VerifiedUse
+from haptix.play.touch import TouchEvent
 
 RANGE = VerifiedRange(
     normal_force_n=(0.2, 0.6),

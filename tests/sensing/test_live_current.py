@@ -3,7 +3,7 @@
 import pytest
 
 import haptix
-from haptix.virtual_finger import Converter, LiveCurrent, PanelCircuit, VirtualCurrent
+from haptix.play.virtual_finger import Converter, LiveCurrent, PanelCircuit, VirtualCurrent
 
 HERTZ = 4000.0
 QUIET = Converter(noise=0.0, hum_a=0.0, pole_hz=1e12)  # turns 2 nF by 8e-18 F

@@ -12,14 +12,14 @@ import pytest
 import haptix
 from firmware_io import CurrentReading
 from haptix.feel.motion import Trajectory
-from haptix.sensing import (
+from haptix.play.sensing import (
     ContactCurrent,
     FingerObserver,
     Knowledge,
     PopulationSpread,
     SensingSettings,
 )
-from haptix.virtual_finger import Converter, PanelCircuit, VirtualCurrent
+from haptix.play.virtual_finger import Converter, PanelCircuit, VirtualCurrent
 
 HERTZ, RATE = 4000.0, 48_000.0
 KNOWN = haptix.Finger.preset("semi-wet")

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import haptix
-from haptix.sensing import ContactCurrent, EnrolledFinger, contact_change
-from haptix.sensing.contact import FORCE, Averaged, parts
+from haptix.play.sensing import ContactCurrent, EnrolledFinger, contact_change
+from haptix.play.sensing.contact import FORCE, Averaged, parts
 
 BODY_F = haptix.Screen().body_capacitance_f
 

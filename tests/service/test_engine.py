@@ -9,10 +9,10 @@ from types import SimpleNamespace
 import pytest
 
 from haptix.base.errors import DeviceError
+from haptix.play.touch.events import TouchEvent
 from haptix.service import engine as engine_module
 from haptix.service.engine import EngineServer
 from haptix.service.wire import JSON, read_frame, touch_frame
-from haptix.touch.events import TouchEvent
 from tests.waiting import wait_for
 
 
@@ -117,8 +117,8 @@ def test_who_arms_after_a_silent_holder_is_felt(monkeypatch):
     renderer = FakeRenderer()
     monkeypatch.setattr(EngineServer, "_works", lambda self, work: None)
     monkeypatch.setattr("haptix.service.engine.Telemetry.tell", lambda *what: None)
-    monkeypatch.setattr("haptix.render.LiveRenderer", lambda *_, **__: renderer)
-    monkeypatch.setattr("haptix.render.samples.carrier_hz", lambda surface: 4000.0)
+    monkeypatch.setattr("haptix.play.render.LiveRenderer", lambda *_, **__: renderer)
+    monkeypatch.setattr("haptix.play.render.samples.carrier_hz", lambda surface: 4000.0)
     server = EngineServer(io.BytesIO())
     server._device = SimpleNamespace(close=lambda: None)
     server._layouts[2] = SimpleNamespace(layout=None)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptix.render.live import COLUMNS as PLAYED
+from haptix.play.render.live import COLUMNS as PLAYED
 from haptix.service.batches import COLUMNS, TelemetryFrame, read_frame
 from haptix.service.client_session import ServiceSession
 

@@ -6,10 +6,10 @@ import pytest
 from haptix import FrictionSurface, Texture
 from haptix.feel.motion import Trajectory
 from haptix.model.perception.thresholds import WEBER_FRACTION
+from haptix.play.simulation import Played, Setting
+from haptix.play.touch import TouchEvent
+from haptix.play.virtual_finger import TouchPanel, VirtualFinger
 from haptix.service.felt_finger import FeltFinger
-from haptix.simulation import Played, Setting
-from haptix.touch import TouchEvent
-from haptix.virtual_finger import TouchPanel, VirtualFinger
 from tests.live_strokes import SteppedRenderer
 
 START_S, END_S = 100.0, 100.4

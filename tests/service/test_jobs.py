@@ -15,12 +15,12 @@ import pytest
 import haptix
 from haptix.base.task import Context
 from haptix.feel.motion import Trajectory
-from haptix.render import LiveSettings
+from haptix.play.render import LiveSettings
+from haptix.play.simulation import Setting, simulate
+from haptix.play.virtual_finger import TouchPanel
 from haptix.service.messages.reading import asyncapi
 from haptix.service.worker import JobWork
-from haptix.simulation import Setting, simulate
 from haptix.tasks.stimuli import judgement
-from haptix.virtual_finger import TouchPanel
 from tests.service.service_under_test import Service
 from tests.service.test_sessions import Client
 from tests.waiting import PATIENCE_S, wait_for

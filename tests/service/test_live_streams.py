@@ -5,7 +5,7 @@ from math import log
 import numpy as np
 import pytest
 
-from haptix.sensing import Knowledge
+from haptix.play.sensing import Knowledge
 from haptix.service.batches import COLUMNS
 from tests.service.test_processes import LAYOUT, Running
 from tests.waiting import pause, wait_for

@@ -11,8 +11,8 @@ from skimage.io import imsave
 
 import haptix
 from firmware_io import Device, open_device
-from haptix.simulation import Setting, simulate
-from haptix.virtual_finger import TouchPanel
+from haptix.play.simulation import Setting, simulate
+from haptix.play.virtual_finger import TouchPanel
 from tests.command_line import CommandLine, CommandResult
 
 CARRIER_HZ = 4000.0
@@ -73,7 +73,7 @@ def own_folder(own_folder, path, surface):
 @pytest.fixture
 def undrawn(monkeypatch):
     """No picture, which takes longer than the rest: where other outputs are looked at."""
-    draw = "haptix.simulation.folder.draw"
+    draw = "haptix.play.simulation.folder.draw"
     monkeypatch.setattr(draw, lambda simulation, file: file.write_bytes(b"no picture"))
 
 
@@ -119,7 +119,7 @@ def demo(tmp_path_factory, haptix_cli):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("HAPTIX_CACHE", str(cache))
-        patch.setattr("haptix.simulation.simulation.open_device", opening)
+        patch.setattr("haptix.play.simulation.run.open_device", opening)
         done = DemoRun(inputs, folder, {}, None, cache, haptix_cli).again(folder)
     assert (done.code, done.err) == (0, "")
     (device,), (summary,) = devices, json.loads(done.out)

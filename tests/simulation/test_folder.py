@@ -10,8 +10,8 @@ from skimage.io import imread
 
 import haptix
 from haptix import InputError
-from haptix.simulation import simulate, summary_of, write
-from haptix.virtual_finger import TouchPanel
+from haptix.play.simulation import simulate, summary_of, write
+from haptix.play.virtual_finger import TouchPanel
 
 FILES = {"simulation.png", "summary.json", "felt.csv", "drive.wav", "drive.json"}
 
@@ -53,7 +53,7 @@ def test_a_path_that_cannot_be_evaluated_is_told_without_nan(setting, surface, t
 
 
 def test_a_folder_is_whole_or_as_it_was(simulation, tmp_path, monkeypatch):
-    draw = "haptix.simulation.folder.draw"
+    draw = "haptix.play.simulation.folder.draw"
     monkeypatch.setattr(draw, lambda _, file: file.write_bytes(b"first"))
     write(tmp_path, simulation, {"run": 1})
     before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import haptix
-from haptix.render import DirectWave, LiveSettings
-from haptix.simulation import PARTS, Setting, simulate
-from haptix.virtual_finger import TouchPanel
+from haptix.play.render import DirectWave, LiveSettings
+from haptix.play.simulation import PARTS, Setting, simulate
+from haptix.play.virtual_finger import TouchPanel
 
 CARRIER_HZ = 4000.0
 #: 0.7 mA through 150 pF. The driver's samples differ by whole codes, of 250 V in 32767, so that
@@ -136,7 +136,7 @@ def test_a_direct_sine_gives_each_period_its_mean_and_leaves_ripple(
 
 def test_only_a_mock_can_be_felt(setting, surface, monkeypatch):
     opened = []
-    monkeypatch.setattr("haptix.simulation.simulation.open_device", opened.append)
+    monkeypatch.setattr("haptix.play.simulation.run.open_device", opened.append)
     with pytest.raises(haptix.InputError, match=r"mock device.*usb:"):
         simulate(setting, surface, address="usb:")
     assert not opened

@@ -123,7 +123,7 @@ def test_a_square_ripples_as_the_virtual_finger_feels_it():
     model = haptix.ContactModel(
         haptix.Finger.preset("semi-wet"), haptix.Screen.preset("3m-sct3250")
     )
-    finger = haptix.virtual_finger.VirtualFinger(model, has_response=False)
+    finger = haptix.play.virtual_finger.VirtualFinger(model, has_response=False)
     skin = Skin(model, 0.5, 120.0)
     t = np.arange(round(0.3 * RATE)) / RATE
     ripples = []

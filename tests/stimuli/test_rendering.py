@@ -12,6 +12,7 @@ from haptix.base.errors import InputError, RangeError
 from haptix.model.perception.thresholds import WEBER_FRACTION
 from haptix.model.status import Status
 from haptix.model.surface import Column
+from haptix.play.virtual_finger import VirtualFinger
 from haptix.stimuli import (
     Apparatus,
     Constant,
@@ -24,7 +25,6 @@ from haptix.stimuli import (
     TimeNoise,
     grating,
 )
-from haptix.virtual_finger import VirtualFinger
 
 
 @pytest.mark.parametrize("force", [0.3, 0.437, 0.8])

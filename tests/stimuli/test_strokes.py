@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from firmware_io import Device, MockDriver, MockLink
 from haptix.base.errors import InputError
-from haptix.render.intervals import TouchSample
+from haptix.play.render.intervals import TouchSample
 from haptix.stimuli.adaptive import ConstantStimuli, Experiment, Keys, StrokeRanges, Touch, UpDown
 from haptix.stimuli.analysis import analyse
 from tests.hand_clock import HandClock

@@ -226,7 +226,7 @@ def test_one_jnd_reaches_tolerances_plans_and_verdicts():
         "from haptix.model.perception.thresholds import WEBER_FRACTION\n"
         "from haptix.planning import Effect\n"
         "from haptix.model.surface.tolerance import Tolerance\n"
-        "from haptix.virtual_finger.sensing import evaluate\n"
+        "from haptix.play.virtual_finger.felt import evaluate\n"
         "mu = torch.tensor([0.5])\n"
         "unit = Tolerance.read('1 JND').unit_in_mu(mu, 0.1, 0.9)\n"
         "verdict = inspect.signature(evaluate).parameters['weber_fraction'].default\n"

@@ -10,10 +10,10 @@ import pytest
 
 from calibration.tasks import RunCalibration
 from firmware_io import open_device
-from haptix.devices import profile_of
 from haptix.model.finger import Finger
 from haptix.model.friction import in_theory
 from haptix.model.screen import Screen
+from haptix.play.devices import profile_of
 from tests.studio.conftest import a_page, address, keep
 
 LONG_MS = 600_000  # of a busy machine: the fit takes half a minute of a free one

@@ -7,7 +7,7 @@ import torch
 import haptix
 from haptix import InputError, Status
 from haptix.model.surface import Slice
-from haptix.render import DirectWave
+from haptix.play.render import DirectWave
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from firmware_io.limits import BODY_CAPACITANCE_F
 from haptix import ContactModel, Finger, Screen, Status
 from haptix.base.errors import InputError
 from haptix.model.electro import VACUUM_PERMITTIVITY
-from haptix.virtual_finger import VirtualFinger
+from haptix.play.virtual_finger import VirtualFinger
 
 FINGER, SCREEN = Finger(name="gel"), Screen()
 ON = {"body-return": True}

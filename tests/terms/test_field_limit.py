@@ -17,7 +17,7 @@ from haptix.model.electro.breakdown import bearable_field
 from haptix.model.fidelity import ClosedForm
 from haptix.model.terms import chosen_terms
 from haptix.model.waves import Waveform
-from haptix.virtual_finger import VirtualFinger
+from haptix.play.virtual_finger import VirtualFinger
 
 FINGER, SCREEN = Finger(name="gel"), Screen(max_voltage_v=300.0)
 HELD = {"field-limit": True}

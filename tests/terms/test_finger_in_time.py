@@ -7,8 +7,8 @@ import torch
 from haptix import ContactModel, Finger, Scene, Screen
 from haptix.feel.motion import Trajectory
 from haptix.planning import plan_scene
-from haptix.virtual_finger import VirtualFinger
-from haptix.virtual_finger.virtual_finger import LiveVirtualFinger
+from haptix.play.virtual_finger import VirtualFinger
+from haptix.play.virtual_finger.finger import LiveVirtualFinger
 
 SCREEN = Screen.preset("3m-sct3250")
 GEL = Finger(name="gel")  # a half-space: its tables are cheap

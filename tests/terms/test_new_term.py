@@ -18,7 +18,7 @@ from haptix import ContactModel, Finger, Scene, Screen, Status
 from haptix.model.fidelity import FIDELITIES
 from haptix.model.terms import TERMS, Properties, Stage, Term
 from haptix.planning import plan_scene
-from haptix.virtual_finger import VirtualFinger
+from haptix.play.virtual_finger import VirtualFinger
 
 ROOT = Path(__file__).parents[2]
 FINGER = Finger(name="gel")  # a half-space: its tables are cheap

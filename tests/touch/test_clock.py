@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptix import InputError
-from haptix.touch import AppClock, TouchCounts, Touches, TouchEvent, TouchSettings
+from haptix.play.touch import AppClock, TouchCounts, Touches, TouchEvent, TouchSettings
 
 NOW_S = 5000.0
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.linalg import expm, solve_discrete_are
 
 from haptix import InputError
-from haptix.touch import (
+from haptix.play.touch import (
     ConstantVelocityKalman,
     InteractingSinger,
     OneEuroFilter,

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptix import Finger, InputError
-from haptix.touch import AreaProxy, ForceModel
+from haptix.play.touch import AreaProxy, ForceModel
 
 PROXY = AreaProxy(1e-4, 0.5, 0.2)
 

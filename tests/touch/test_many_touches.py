@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptix import InputError
-from haptix.touch import TouchCounts, Touches, TouchEvent, TouchSettings
+from haptix.play.touch import TouchCounts, Touches, TouchEvent, TouchSettings
 
 
 def stroke(touch_id=0, count=20, x0=0.0, vx=100.0, t0=0.0):

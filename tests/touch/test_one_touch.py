@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptix import InputError
-from haptix.touch import (
+from haptix.play.touch import (
     ConstantVelocityKalman,
     ForceModel,
     OneEuroFilter,

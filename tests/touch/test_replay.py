@@ -6,8 +6,8 @@ import re
 import pytest
 
 from haptix import HaptixError, InputError, Trajectory
-from haptix.simulation import FINGER_PATH
-from haptix.touch import Touches, TouchEvent, events_of, paced, read_events
+from haptix.play.simulation import FINGER_PATH
+from haptix.play.touch import Touches, TouchEvent, events_of, paced, read_events
 
 
 def write(tmp_path, text):

@@ -6,8 +6,8 @@ import struct
 import pytest
 
 from haptix import InputError
-from haptix.touch import AxisRange, ScreenAxes, SlotDecoder, Touches
-from haptix.touch import touchscreen as codes
+from haptix.play.touch import AxisRange, ScreenAxes, SlotDecoder, Touches
+from haptix.play.touch import touchscreen as codes
 
 # A screen of 160 x 90 mm with 20 and 25 units per mm, whose x starts at 100.
 AXES = ScreenAxes(AxisRange(100, 3300, 20.0), AxisRange(0, 2250, 25.0), force_n_per_unit=0.01)

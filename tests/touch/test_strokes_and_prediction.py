@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from haptix import InputError
-from haptix.touch import Touches, TouchSettings
+from haptix.play.touch import Touches, TouchSettings
 
 MADE_UP = runpy.run_path(
     str(Path(__file__).parents[2] / "benchmarks" / "made_up_fingers.py"), run_name="made_up_fingers"

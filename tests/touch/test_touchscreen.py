@@ -5,7 +5,7 @@ import sys
 import pytest
 
 from haptix.base.errors import DeviceError, MissingExtraError
-from haptix.touch import Touchscreen
+from haptix.play.touch import Touchscreen
 
 
 def test_without_the_package_it_says_what_to_install(monkeypatch):

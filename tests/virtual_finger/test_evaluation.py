@@ -5,7 +5,7 @@ import pytest
 
 from haptix import FrictionSurface, InputError, Status
 from haptix.model.perception.thresholds import WEBER_FRACTION
-from haptix.virtual_finger import Felt, VirtualFinger, evaluate
+from haptix.play.virtual_finger import Felt, VirtualFinger, evaluate
 
 N = 2001
 TIME = np.arange(N) / 10_000.0

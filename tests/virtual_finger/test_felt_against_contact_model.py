@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
-import haptix.virtual_finger.virtual_finger
+import haptix.play.virtual_finger.finger
 from haptix import ContactModel, Finger, Screen, Status
 from haptix.model.perception.thresholds import WEBER_FRACTION
 from haptix.model.waves import Waveform
-from haptix.virtual_finger import VirtualFinger
+from haptix.play.virtual_finger import VirtualFinger
 
 RATE = 48_000
 FORCE, VOLTAGE = 0.5, 150.0
@@ -191,7 +191,7 @@ def test_long_paths_are_felt_in_parts_without_seams(model, stroke, monkeypatch):
     random = np.random.default_rng(4)
     drive = np.clip(random.normal(0, 60, RATE), -190, 190)
     whole = VirtualFinger(model).feel(drive, RATE, **stroke(1.0, speed_mm_per_s=5.0))
-    monkeypatch.setattr(haptix.virtual_finger.virtual_finger, "PART_S", 0.3)
+    monkeypatch.setattr(haptix.play.virtual_finger.finger, "PART_S", 0.3)
     parts = VirtualFinger(model).feel(drive, RATE, **stroke(1.0, speed_mm_per_s=5.0))
     # Each part has half a second of the drive on both sides, faded out: what lies beyond, and the
     # slowest part of it, are forgotten. A ten-thousandth of a JND.

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptix.base.errors import InputError
-from haptix.virtual_finger.squared_field import GapField, Samples
+from haptix.play.virtual_finger.squared_field import GapField, Samples
 
 EPS0 = 8.8541878128e-12
 RATE, COUNT = 48_000.0, 4800

@@ -7,8 +7,8 @@ import pytest
 
 from haptix import InputError
 from haptix.feel.motion import Trajectory
-from haptix.virtual_finger import VirtualFinger
-from haptix.virtual_finger.virtual_finger import LiveVirtualFinger
+from haptix.play.virtual_finger import VirtualFinger
+from haptix.play.virtual_finger.finger import LiveVirtualFinger
 
 RATE_HZ, CARRIER_HZ, AMPLITUDE_HZ = 1000.0, 4000.0, 12_000.0
 

@@ -5,7 +5,7 @@ import pytest
 
 from haptix import ContactModel, Finger, InputError, LimitError, Screen, Status
 from haptix.model.fidelity import BoundaryElementBox
-from haptix.virtual_finger import Felt, VirtualFinger
+from haptix.play.virtual_finger import Felt, VirtualFinger
 
 RATE = 48_000
 DRIVE = 100.0 * np.sin(2 * np.pi * 4000.0 * np.arange(RATE // 2) / RATE)

@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 from haptix import ContactModel
 from haptix.model.finger import FingerResponse
-from haptix.virtual_finger import VirtualFinger
+from haptix.play.virtual_finger import VirtualFinger
 
 A_LENGTH = FingerResponse(1 / (2 * np.pi))  # 1/e is left after 1 mm
 

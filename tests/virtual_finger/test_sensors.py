@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from haptix import InputError, Trajectory
-from haptix.virtual_finger import Felt, SensorModel, TouchPanel, VirtualFinger
+from haptix.play.virtual_finger import Felt, SensorModel, TouchPanel, VirtualFinger
 
 N = 20_001
 TIME = 3.0 + np.arange(N) / 10_000.0

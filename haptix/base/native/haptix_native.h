@@ -51,7 +51,7 @@ void hx_slice_reach(const hx_slice *slice, const double *force_n, int64_t n, dou
 void hx_slice_friction(const hx_slice *slice, const double *force_n, const double *amplitude_v,
                        int64_t n, double *mu);
 
-/* How numbers of a texture become samples; see haptix.render.samples.RenderCore. */
+/* How numbers of a texture become samples; see haptix.play.render.samples.RenderCore. */
 typedef struct {
     int64_t target;      /* 0: friction, 1: contrast, 2: share of the reachable range */
     int64_t compresses;  /* whether numbers from span_low to span_high fill the range */
@@ -106,7 +106,7 @@ typedef struct {
  * depth of 1.5 is half way between the levels 1 and 2. */
 void hx_map_sample(const hx_map *map, const double *x_mm, const double *y_mm, double depth,
                    const double *depths, int64_t n, double *values);
-/* How touches are followed; see haptix.touch.TouchSettings. */
+/* How touches are followed; see haptix.play.touch.TouchSettings. */
 typedef struct {
     double latency_s, lost_after_s, blend_s, fade_s;
 } hx_following;

@@ -20,8 +20,8 @@ from haptix.base.checks import Array
 from haptix.base.documents import Part, first_error
 from haptix.base.errors import FileFormatError, InputError, LimitError
 from haptix.base.files import digest
-from haptix.devices import Device
-from haptix.render.intervals import TouchSample, code_of, name_of, on_log_time, play, reported
+from haptix.play.devices import Device
+from haptix.play.render.intervals import TouchSample, code_of, name_of, on_log_time, play, reported
 from haptix.stimuli.adaptive.methods import Method, MethodsByCondition
 from haptix.stimuli.adaptive.observer import AnswerTo, Question, Source
 from haptix.stimuli.adaptive.psychometric import Estimate
@@ -37,7 +37,7 @@ from haptix.stimuli.adaptive.session_plan import (
 from haptix.stimuli.adaptive.trial_log import TouchLog, TrialLog, program
 
 if TYPE_CHECKING:
-    from haptix.render.lab_streams import LabOutlets
+    from haptix.play.render.lab_streams import LabOutlets
 
 
 _GAP_S = 0.1  # between two reports of one touch

@@ -34,7 +34,7 @@ from haptix.base.files import (
     write_whole,
 )
 from haptix.base.version import __version__
-from haptix.render.intervals import TouchSample
+from haptix.play.render.intervals import TouchSample
 
 COLUMNS = (
     "trial", "attempt", "time_s", "level_asked", "level", "lowered_to_ceiling", "right", "answer",

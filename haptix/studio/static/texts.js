@@ -107,7 +107,7 @@ export const texts = {
       title: "This finger, by its current",
       on: "Learn it",
       help: "The driver's sensor measures the current through the finger; the drive then fits this finger. A mock has a sensor with --device mock:pace=real,mode=envelope,sense_rate_hz=250.",
-      // In the order of `Knowledge` in haptix/sensing/finger_observer.py.
+      // In the order of `Knowledge` in haptix/play/sensing/finger_observer.py.
       states: [
         "no reading of the current has come", "nothing yet", "learns", "the finger rests", "no finger",
         "several fingers", "voltage too low", "the panel was not measured untouched", "sensor not trusted",

@@ -6,8 +6,8 @@ from contextlib import contextmanager
 from typing import Any
 
 from haptix.base.errors import DeviceError, InputError
-from haptix.touch import Touches, Touchscreen, find_touchscreens
-from haptix.touch import touchscreen as codes
+from haptix.play.touch import Touches, Touchscreen, find_touchscreens
+from haptix.play.touch import touchscreen as codes
 from tests.devices.guest.ways import check, error_of, require
 
 _NAME = "haptix test touchscreen"

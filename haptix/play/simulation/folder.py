@@ -25,8 +25,8 @@ from haptix.feel.motion import LIFTED_BELOW_N, Motion
 from haptix.model.contact import Accuracy
 from haptix.model.pair import described
 from haptix.model.perception.thresholds import WEBER_FRACTION
-from haptix.render import SineCarrier
-from haptix.simulation.simulation import PARTS, Simulation
+from haptix.play.render import SineCarrier
+from haptix.play.simulation.run import PARTS, Simulation
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -1,7 +1,7 @@
 """Rendering without hardware: a virtual finger feels what a mock device plays."""
 
-from haptix.simulation.folder import FILES, errors_of, summary_of, write
-from haptix.simulation.simulation import (
+from haptix.play.simulation.folder import FILES, errors_of, summary_of, write
+from haptix.play.simulation.run import (
     FINGER_PATH,
     PARTS,
     Played,

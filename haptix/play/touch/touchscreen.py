@@ -15,7 +15,7 @@ from typing import Any, Self
 from haptix.base import checks
 from haptix.base.checks import Positive, check_fields
 from haptix.base.errors import DeviceError, InputError, from_extra
-from haptix.touch.events import TouchEvent
+from haptix.play.touch.events import TouchEvent
 
 # linux/input-event-codes.h
 EV_SYN, EV_ABS = 0x00, 0x03

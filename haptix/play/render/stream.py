@@ -35,15 +35,15 @@ from haptix.feel.materials import Feelable, check_feelable
 from haptix.feel.motion import Report, Trajectory
 from haptix.model.screen import VerifiedRange
 from haptix.model.surface import FrictionSurface
-from haptix.render.drive import Drive, DriverCarrier
-from haptix.render.fingers import RecordedFingers
-from haptix.render.master import EffectEnd, Master
-from haptix.render.samples import RenderCore, RenderedBlock, RenderStats
-from haptix.render.settings import RenderSettings
-from haptix.touch import ForceModel, TouchEvent
-from haptix.touch.events import problem_of
+from haptix.play.render.drive import Drive, DriverCarrier
+from haptix.play.render.fingers import RecordedFingers
+from haptix.play.render.master import EffectEnd, Master
+from haptix.play.render.samples import RenderCore, RenderedBlock, RenderStats
+from haptix.play.render.settings import RenderSettings
+from haptix.play.touch import ForceModel, TouchEvent
+from haptix.play.touch.events import problem_of
 
-_LOG = logging.getLogger("haptix.render")
+_LOG = logging.getLogger("haptix.play.render")
 
 LONGEST_GAP_S = 60.0
 """Longest pause between recorded touches that is rendered."""

@@ -157,7 +157,7 @@ def open_device(address: str) -> Device:
     -----
     CalibrationWarning
         If the device names a calibration other than the profile that is installed for its serial
-        number (`haptix.devices`).
+        number (`haptix.play.devices`).
 
     Examples
     --------

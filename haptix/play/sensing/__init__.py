@@ -1,6 +1,6 @@
 """Sensing: an unknown finger, known by the current that it draws."""
 
-from haptix.sensing.contact import (
+from haptix.play.sensing.contact import (
     LATENT,
     ContactChange,
     ContactCurrent,
@@ -8,7 +8,7 @@ from haptix.sensing.contact import (
     PopulationSpread,
     contact_change,
 )
-from haptix.sensing.finger_observer import (
+from haptix.play.sensing.finger_observer import (
     FingerEstimate,
     FingerObserver,
     Knowledge,

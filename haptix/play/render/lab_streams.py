@@ -18,9 +18,9 @@ from firmware_io.progress import Marked
 from firmware_io.protocol import TouchReport
 from haptix.base.checks import Array, positive, row
 from haptix.base.errors import InputError, from_extra
-from haptix.render.intervals import NO_FORCE
-from haptix.render.live import COLUMNS, LiveRenderer, PlayedRecord
-from haptix.touch import TouchEvent
+from haptix.play.render.intervals import NO_FORCE
+from haptix.play.render.live import COLUMNS, LiveRenderer, PlayedRecord
+from haptix.play.touch import TouchEvent
 
 _READINGS = 5  # of two clocks, one after the other; the quickest pair counts
 

@@ -14,9 +14,9 @@ from haptix.base.errors import InputError
 from haptix.base.native import DOUBLES, Struct, ffi, library
 from haptix.feel.motion import VELOCITY_OVER_S, History, Motion, Report
 from haptix.feel.motion.block import React, Reactions, unmoved
-from haptix.render.samples import Fingers
-from haptix.render.settings import LiveSettings, Sliding
-from haptix.touch import Touches, TouchEvent, TouchState, TouchTracker
+from haptix.play.render.samples import Fingers
+from haptix.play.render.settings import LiveSettings, Sliding
+from haptix.play.touch import Touches, TouchEvent, TouchState, TouchTracker
 
 LOST_S = 0.1
 """A recorded finger counts as lifted if it has no touch for this time while others go on."""

@@ -1,6 +1,6 @@
 """Touch: from a touchscreen's reports to the finger's place and normal force now."""
 
-from haptix.touch.events import (
+from haptix.play.touch.events import (
     AppClock,
     AreaProxy,
     ForceEstimate,
@@ -11,15 +11,15 @@ from haptix.touch.events import (
     paced,
     read_events,
 )
-from haptix.touch.filters import (
+from haptix.play.touch.filters import (
     ConstantVelocityKalman,
     InteractingSinger,
     OneEuroFilter,
     PlaceFilter,
     SingerKalman,
 )
-from haptix.touch.touches import Touches, TouchSettings, TouchState, TouchTracker
-from haptix.touch.touchscreen import (
+from haptix.play.touch.touches import Touches, TouchSettings, TouchState, TouchTracker
+from haptix.play.touch.touchscreen import (
     AxisRange,
     ScreenAxes,
     SlotDecoder,

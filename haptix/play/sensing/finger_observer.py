@@ -17,8 +17,8 @@ import numpy as np
 
 from haptix.base.checks import Array, check_fields, number, positive
 from haptix.base.display import Displayed
-from haptix.devices import CurrentReading
-from haptix.sensing.contact import (
+from haptix.play.devices import CurrentReading
+from haptix.play.sensing.contact import (
     FORCE,
     LATENT,
     ROUGHNESS,
@@ -30,7 +30,7 @@ from haptix.sensing.contact import (
     parts,
 )
 
-_LOG = logging.getLogger("haptix.sensing")
+_LOG = logging.getLogger("haptix.play.sensing")
 
 _PANEL = len(LATENT)  # the state behind the latent ones
 _STATES = _PANEL + 1

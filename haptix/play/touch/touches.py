@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from haptix.base import checks
 from haptix.base.checks import NotNegative, Positive, check_fields, instance
 from haptix.base.errors import InputError
-from haptix.touch.events import (
+from haptix.play.touch.events import (
     LARGEST_S,
     ForceEstimate,
     ForceModel,
@@ -23,9 +23,9 @@ from haptix.touch.events import (
     misplaced,
     problem_of,
 )
-from haptix.touch.filters import Course, FilterState, InteractingSinger, PlaceFilter
+from haptix.play.touch.filters import Course, FilterState, InteractingSinger, PlaceFilter
 
-_LOG = logging.getLogger("haptix.touch")
+_LOG = logging.getLogger("haptix.play.touch")
 # Longest history of reports. It holds `reorder_s` of them at `least_interval_s` by the defaults.
 _HISTORY_LENGTH = 64
 # Reports closer than this count as simultaneous: the speed between them would be noise over
@@ -89,7 +89,7 @@ class TouchSettings:
 
     def __post_init__(self) -> None:
         check_fields(self)
-        instance("filter", self.filter, PlaceFilter, "such as haptix.touch.SingerKalman()")
+        instance("filter", self.filter, PlaceFilter, "such as haptix.play.touch.SingerKalman()")
         instance("force", self.force, ForceModel)
         if self.latency_s > 0.5:
             raise InputError(

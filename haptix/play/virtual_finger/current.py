@@ -14,9 +14,9 @@ from haptix.base.checks import Array, NotNegative, Positive, check_fields, numbe
 from haptix.base.display import Displayed
 from haptix.base.errors import InputError
 from haptix.base.threads import one_thread
-from haptix.devices import CurrentReading, Device
 from haptix.feel.motion import LIFTED_BELOW_N, STANDING_BELOW_MM_PER_S, Trajectory
 from haptix.model.friction import ContactModel
+from haptix.play.devices import CurrentReading, Device
 
 _FORCES_N = np.geomspace(0.02, 2.0, 9)
 _VOLTAGES = 7

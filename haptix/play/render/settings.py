@@ -16,7 +16,7 @@ from haptix.base.checks import (
     instance,
 )
 from haptix.base.errors import InputError
-from haptix.touch import TouchSettings
+from haptix.play.touch import TouchSettings
 
 Combination = Literal["strongest", "first", "mean"]
 """Which finger sets the amplitude of the one electrode that all fingers share."""

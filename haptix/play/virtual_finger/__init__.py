@@ -1,7 +1,7 @@
 """The virtual finger, which feels a played voltage by the contact model itself."""
 
-from haptix.virtual_finger.current import Converter, LiveCurrent, PanelCircuit, VirtualCurrent
-from haptix.virtual_finger.sensing import (
+from haptix.play.virtual_finger.current import Converter, LiveCurrent, PanelCircuit, VirtualCurrent
+from haptix.play.virtual_finger.felt import (
     FELT_WITHIN_S,
     Evaluation,
     Felt,
@@ -11,7 +11,7 @@ from haptix.virtual_finger.sensing import (
     TouchPanel,
     evaluate,
 )
-from haptix.virtual_finger.virtual_finger import VirtualFinger
+from haptix.play.virtual_finger.finger import VirtualFinger
 
 __all__ = [
     "FELT_WITHIN_S",

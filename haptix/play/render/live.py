@@ -22,17 +22,17 @@ from haptix.base.checks import Array, whole
 from haptix.base.errors import InputError, OverloadWarning
 from haptix.feel.materials import Feelable
 from haptix.model.surface import FrictionSurface
-from haptix.render.adapting import Adaptation
-from haptix.render.drive import Drive
-from haptix.render.fingers import PredictedFingers
-from haptix.render.master import EffectEnd, Master, PlayingEffect
-from haptix.render.samples import Fingers, RenderCore, RenderedBlock
-from haptix.render.settings import LiveSettings
-from haptix.render.stream import LONGEST_GAP_S, RenderStream
-from haptix.sensing import FingerObserver
-from haptix.touch import TouchCounts, TouchEvent
+from haptix.play.render.adapting import Adaptation
+from haptix.play.render.drive import Drive
+from haptix.play.render.fingers import PredictedFingers
+from haptix.play.render.master import EffectEnd, Master, PlayingEffect
+from haptix.play.render.samples import Fingers, RenderCore, RenderedBlock
+from haptix.play.render.settings import LiveSettings
+from haptix.play.render.stream import LONGEST_GAP_S, RenderStream
+from haptix.play.sensing import FingerObserver
+from haptix.play.touch import TouchCounts, TouchEvent
 
-_LOG = logging.getLogger("haptix.render")
+_LOG = logging.getLogger("haptix.play.render")
 
 ROW_S = 0.001
 """Time between rows, as nearly as the control points allow; friction is felt up to 1 kHz."""

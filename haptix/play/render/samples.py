@@ -22,11 +22,11 @@ from haptix.model.finger import FingerResponse
 from haptix.model.status import LIMITS, Status
 from haptix.model.surface import FrictionSurface, Slice
 from haptix.model.waves import turns
-from haptix.render.adapting import Adaptation
-from haptix.render.drive import Drive, DriverCarrier, SineCarrier
-from haptix.render.master import Mix
-from haptix.render.settings import Combination, RenderSettings
-from haptix.sensing import FingerEstimate
+from haptix.play.render.adapting import Adaptation
+from haptix.play.render.drive import Drive, DriverCarrier, SineCarrier
+from haptix.play.render.master import Mix
+from haptix.play.render.settings import Combination, RenderSettings
+from haptix.play.sensing import FingerEstimate
 
 CONTROL_HZ = 12_000.0
 """Rate of the control points, at which friction is evaluated and inverted. Between them the
@@ -203,7 +203,7 @@ class RenderCore:
         check_feelable("texture", texture)
         instance("device", device, Device, f"{order}; haptix.open_device('mock:') opens one")
         if drive is not None:
-            instance("drive", drive, Drive, "such as haptix.render.SineCarrier(4000)")
+            instance("drive", drive, Drive, "such as haptix.play.render.SineCarrier(4000)")
         if settings is not None:
             instance("settings", settings, self._settings_kind)
         self.settings = settings = RenderSettings() if settings is None else settings

@@ -287,9 +287,11 @@ def about_clock(t_s: float, arrival_s: float, oldest_s: float, uncertainty_s: fl
         for unit, per_s in _UNITS.items():
             is_close = abs(t_s / per_s - now_s) < _SAME_CLOCK_S
             if abs(off_s) > _SAME_CLOCK_S < now_s and is_close:
-                return f"{problem}; that is {clock} in {unit}: map it with haptix.touch.AppClock"
+                return (
+                    f"{problem}; that is {clock} in {unit}: map it with haptix.play.touch.AppClock"
+                )
     return (
-        f"{problem}; map the clock of the stamps with haptix.touch.AppClock, or, if the program "
+        f"{problem}; map the clock of the stamps with haptix.play.touch.AppClock, or, if the program "
         "stalled, drop such touches with strict=False"
     )
 

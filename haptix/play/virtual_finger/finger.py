@@ -26,8 +26,8 @@ from haptix.model.friction.placeholders import with_finger
 from haptix.model.friction.solver import FrictionSolver
 from haptix.model.status import Status, past_limits
 from haptix.model.terms import Occlusion, SlidingSpeed
-from haptix.virtual_finger.sensing import Felt, SensedForce, SensorModel
-from haptix.virtual_finger.squared_field import (
+from haptix.play.virtual_finger.felt import Felt, SensedForce, SensorModel
+from haptix.play.virtual_finger.squared_field import (
     Amplitude,
     ComplexArray,
     Drive,

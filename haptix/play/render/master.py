@@ -16,7 +16,7 @@ from haptix.feel.layout.region_state import Glide
 from haptix.feel.materials import Evaluator, Feelable, check_feelable
 from haptix.feel.motion import Facts, Motion
 
-_LOG = logging.getLogger("haptix.render")
+_LOG = logging.getLogger("haptix.play.render")
 
 MOST_EFFECTS = 8
 """Largest number of effects at once; one more drops the oldest of the lowest priority."""

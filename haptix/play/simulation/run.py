@@ -32,10 +32,10 @@ from haptix.model.friction import ContactModel
 from haptix.model.states import ContactState
 from haptix.model.status import Status
 from haptix.model.surface import FrictionSurface, cached_surface
-from haptix.render import DirectWave, Drive, LiveRenderer, LiveSettings, Renderer
-from haptix.render.samples import DEFAULT_CARRIER_HZ
-from haptix.touch import TouchEvent, events_of
-from haptix.virtual_finger import (
+from haptix.play.render import DirectWave, Drive, LiveRenderer, LiveSettings, Renderer
+from haptix.play.render.samples import DEFAULT_CARRIER_HZ
+from haptix.play.touch import TouchEvent, events_of
+from haptix.play.virtual_finger import (
     FELT_WITHIN_S,
     Evaluation,
     Felt,

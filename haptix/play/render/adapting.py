@@ -15,11 +15,11 @@ from haptix.base.checks import Array, boolean
 from haptix.base.errors import InputError
 from haptix.model.perception.thresholds import WEBER_FRACTION
 from haptix.model.surface import FrictionSurface, Slice
-from haptix.render.drive import Drive
-from haptix.sensing import ContactCurrent, FingerEstimate, FingerObserver
-from haptix.touch import ForceModel, TouchTracker
+from haptix.play.render.drive import Drive
+from haptix.play.sensing import ContactCurrent, FingerEstimate, FingerObserver
+from haptix.play.touch import ForceModel, TouchTracker
 
-_LOG = logging.getLogger("haptix.render")
+_LOG = logging.getLogger("haptix.play.render")
 
 MOST_LOG_GAIN = 1.2
 """Largest ln of a finger's attraction over the known finger's, either way: a factor of 3.3, or two

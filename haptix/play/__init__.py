@@ -1,0 +1,5 @@
+"""From touches to the driver: touchscreens, rendering, sensing, runs without hardware."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
