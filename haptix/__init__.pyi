@@ -17,7 +17,7 @@ from .model.screen import Screen as Screen
 from .model.states import ContactState as ContactState
 from .model.status import Status as Status
 from .model.surface import FrictionSurface as FrictionSurface
+from .plan.scene import Scene as Scene
 from .play.devices import open_device as open_device
 from .play.render import LiveRenderer as LiveRenderer
 from .play.render import Renderer as Renderer
-from .scene import Scene as Scene

@@ -24,7 +24,7 @@ import gallery_pictures  # noqa: E402, F401  # the blocks of docs/gallery import
 
 PACKAGES = (
     "haptix", "haptix.model.contact", "haptix.model.electro", "haptix.model.fidelity", "haptix.model.surface",
-    "haptix.planning", "haptix.tradeoff", "haptix.feel.materials", "haptix.feel.materials",
+    "haptix.plan.planning", "haptix.plan.tradeoff", "haptix.feel.materials", "haptix.feel.materials",
     "haptix.feel.gallery", "haptix.feel.layout", "haptix.feel.motion", "haptix.play.touch", "haptix.play.render",
     "haptix.play.virtual_finger", "haptix.play.simulation", "haptix.model.perception.thresholds", "haptix.stimuli",
     "haptix.client", "haptix.base.errors", "firmware_io", "calibration",

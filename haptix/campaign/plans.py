@@ -24,8 +24,8 @@ from haptix.base.task import Task, first_wrong, task_at
 from haptix.base.units import with_numbers
 from haptix.model.finger import Finger
 from haptix.model.screen import Screen
+from haptix.plan.scene import Scene
 from haptix.population import DrawnPeople, Population, SolveStates
-from haptix.scene import Scene
 
 if TYPE_CHECKING:
     from haptix.stimuli.stimulus_set import StimulusSet
@@ -206,7 +206,7 @@ class SurfacesOfPeople(PeopleOnScreens):
 
     def of_pair(self, finger: Finger, screen: Screen) -> Iterator[tuple[Task, Labels]]:
         """Yield one."""
-        from haptix.planning import BuildSurface
+        from haptix.plan.planning import BuildSurface
 
         yield BuildSurface(scene=self.scene_of(finger, screen)), {}
 
@@ -219,7 +219,7 @@ class SurfacesOfPeople(PeopleOnScreens):
 
 
 class Tradeoffs(SurfacesOfPeople):
-    """A task for each model and tolerance, see `haptix.tradeoff`.
+    """A task for each model and tolerance, see `haptix.plan.tradeoff`.
 
     Parameters
     ----------
@@ -236,7 +236,7 @@ class Tradeoffs(SurfacesOfPeople):
 
     def of_pair(self, finger: Finger, screen: Screen) -> Iterator[tuple[Task, Labels]]:
         """Yield each setting of the scene."""
-        from haptix.tradeoff import settings
+        from haptix.plan.tradeoff import settings
 
         scene = self.scene_of(finger, screen)
         for task in settings(scene, self.quick, self.boundary_elements):

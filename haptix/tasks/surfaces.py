@@ -204,8 +204,8 @@ class Build(OfModel, command="build"):
         update = partial(context.progress, "build the surface")
         largest_bytes = int(min(self.largest_mb, 1e6) * 1e6)
         if scene is not None:
-            from haptix.planning import plan_scene
-            from haptix.scene import Scene
+            from haptix.plan.planning import plan_scene
+            from haptix.plan.scene import Scene
 
             plan = plan_scene(Scene.load(scene), partial(context.progress, "plan the scene"))
             return plan.build(update, self.tolerance, largest_bytes, self.past_limits)
@@ -538,8 +538,8 @@ class PlanScene(Task, command="plan"):
         """Plan it."""
         context.progress("plan the scene", 0.0)  # the bar appears before torch loads, for seconds
         from haptix.model.pair import described, first_line
-        from haptix.planning import plan_scene
-        from haptix.scene import Scene
+        from haptix.plan.planning import plan_scene
+        from haptix.plan.scene import Scene
 
         plan = plan_scene(Scene.load(self.scene), partial(context.progress, "plan the scene"))
         dtype = str(plan.dtype).removeprefix("torch.")
@@ -580,8 +580,8 @@ class TradeOff(Task, command="tradeoff", route="tradeoffs", keeps="results"):
         """Measure, and write the files."""
         context.progress(_STAGES["run"], 0.0)
         from haptix.model.pair import described, first_line
-        from haptix.scene import Scene
-        from haptix.tradeoff import default_scene, write_tradeoff
+        from haptix.plan.scene import Scene
+        from haptix.plan.tradeoff import default_scene, write_tradeoff
 
         scene = default_scene() if self.scene is None else Scene.load(self.scene)
         study = write_tradeoff(

@@ -15,10 +15,10 @@ from haptix.model.finger import Finger
 from haptix.model.friction import ContactModel
 from haptix.model.screen import Screen
 from haptix.model.surface import FrictionSurface
-from haptix.planning import plan_scene
+from haptix.plan.planning import plan_scene
+from haptix.plan.tradeoff import run_tradeoff
 from haptix.population import Population
 from haptix.stimuli.recipe import Recipe
-from haptix.tradeoff import run_tradeoff
 
 
 @pytest.fixture(autouse=True)
@@ -206,8 +206,8 @@ def test_a_document_survives_its_way_to_a_worker(load):
 
 @pytest.mark.slow
 def test_the_trade_off_is_that_of_the_command(load, tmp_path, monkeypatch):
-    monkeypatch.setattr("haptix.tradeoff.TABULATED", ("closed-form",))
-    monkeypatch.setattr("haptix.tradeoff.QUICK", (100, 1000, (0.5,)))
+    monkeypatch.setattr("haptix.plan.tradeoff.TABULATED", ("closed-form",))
+    monkeypatch.setattr("haptix.plan.tradeoff.QUICK", (100, 1000, (0.5,)))
     plan = load('name = "a"\nkind = "trade-off"\nquick = true\nfingers = ["gel.toml"]\n' + SCENE)
     scene = next(plan.tasks()).task.scene
     done = run_campaign(plan, tmp_path / "out")

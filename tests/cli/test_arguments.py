@@ -39,7 +39,7 @@ def test_words_and_files_that_are_none_are_refused_before_anything_is_read(
         "haptix.model.surface.friction_surface",
         "haptix.model.friction",
         "haptix.model.finger",
-        "haptix.scene",
+        "haptix.plan.scene",
     ):
         monkeypatch.setitem(sys.modules, name, None)  # importing it would be an error
     shown = haptix_cli(*arguments)

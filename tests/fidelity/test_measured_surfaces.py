@@ -10,7 +10,7 @@ from haptix.model.contact import RoughnessSpectrum
 from haptix.model.fidelity import BoundaryElementBox
 from haptix.model.finger import MeasuredRoughness
 from haptix.model.surface import MeasuredPoints, MeasuringJob
-from haptix.planning import plan_scene
+from haptix.plan.planning import plan_scene
 
 FINGER = Finger(
     name="gel",

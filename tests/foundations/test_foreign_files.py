@@ -38,7 +38,7 @@ from haptix.model.finger import Finger
 from haptix.model.perception.thresholds import Perception
 from haptix.model.screen import Screen
 from haptix.model.surface import FrictionSurface
-from haptix.scene import Scene
+from haptix.plan.scene import Scene
 from haptix.stimuli.adaptive.trial_log import TrialLog
 from haptix.stimuli.drawing import draw_stimulus, read_for_drawing
 from haptix.stimuli.interchange import FrictionMap, read_ahap, read_hjif

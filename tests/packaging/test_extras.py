@@ -29,7 +29,7 @@ BLOCKED = (
 # What a person would do that needs each extra.
 NEEDS = {
     "photographs": "haptix.Texture.from_image('photo.png', 60)",
-    "figures": "import_module('haptix.tradeoff').write_tradeoff(None, None)",
+    "figures": "import_module('haptix.plan.tradeoff').write_tradeoff(None, None)",
     "calibration": "calibration.StrokeRecording",
     "stimuli": "import_module('haptix.stimuli.drawing')",
     "serve": "import_module('haptix.client')",

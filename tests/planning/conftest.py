@@ -6,7 +6,7 @@ import pytest
 
 import haptix
 from haptix import Finger, Scene, Screen
-from haptix.planning import plan_scene
+from haptix.plan.planning import plan_scene
 
 EXAMPLES = Path(haptix.__file__).parents[1] / "examples" / "scenes"
 

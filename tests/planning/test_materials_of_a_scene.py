@@ -8,8 +8,8 @@ import pytest
 import haptix
 from haptix.feel.materials import KINDS
 from haptix.feel.motion import Depends, Motion
-from haptix.planning import HOLDABLE, effects_of_materials, holding, plan_scene
-from haptix.scene import Scene
+from haptix.plan.planning import HOLDABLE, effects_of_materials, holding, plan_scene
+from haptix.plan.scene import Scene
 
 SLOW = {"kind": "moving", "velocity_mm_s": [1e-4, 0.0], "of": {"kind": "grating", "period_mm": 9.0}}
 FAST = {**SLOW, "velocity_mm_s": [20.0, 0.0]}

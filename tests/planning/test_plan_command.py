@@ -15,7 +15,7 @@ def scene_file(plain, tmp_path):
 def test_a_table_and_the_same_as_json(haptix_cli, scene_file, plain_plan, monkeypatch):
     table = haptix_cli("plan", scene_file)
     # The second time only the form is new.
-    monkeypatch.setattr("haptix.planning.plan_scene", lambda scene, on_progress: plain_plan)
+    monkeypatch.setattr("haptix.plan.planning.plan_scene", lambda scene, on_progress: plain_plan)
     assert table.code == 0
     assert max(map(len, table.out.splitlines())) <= 80
     rows = json.loads(haptix_cli("plan", scene_file, "--json").out)

@@ -9,8 +9,8 @@ import pytest
 import torch
 
 from haptix import ContactModel, InputError
-from haptix.planning import plan_scene
-from haptix.planning.trials import Choice, Trials
+from haptix.plan.planning import plan_scene
+from haptix.plan.trials import Choice, Trials
 
 WEBER_FRACTION = 0.11  # physics page, section 7
 

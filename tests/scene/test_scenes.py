@@ -6,7 +6,7 @@ import pytest
 
 import haptix
 from haptix import Finger, InputError, Scene, Screen
-from haptix.scene import CarrierDrive, DirectDrive, Override
+from haptix.plan.scene import CarrierDrive, DirectDrive, Override
 
 EXAMPLES = Path(haptix.__file__).parents[1] / "examples" / "scenes"
 SMALL = """

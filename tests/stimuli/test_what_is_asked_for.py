@@ -224,7 +224,7 @@ def test_one_jnd_reaches_tolerances_plans_and_verdicts():
     code = (
         "import inspect, torch\n"
         "from haptix.model.perception.thresholds import WEBER_FRACTION\n"
-        "from haptix.planning import Effect\n"
+        "from haptix.plan.planning import Effect\n"
         "from haptix.model.surface.tolerance import Tolerance\n"
         "from haptix.play.virtual_finger.felt import evaluate\n"
         "mu = torch.tensor([0.5])\n"

@@ -6,7 +6,7 @@ import torch
 
 from haptix import ContactModel, Finger, Scene, Screen
 from haptix.feel.motion import Trajectory
-from haptix.planning import plan_scene
+from haptix.plan.planning import plan_scene
 from haptix.play.virtual_finger import VirtualFinger
 from haptix.play.virtual_finger.finger import LiveVirtualFinger
 

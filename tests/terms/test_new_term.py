@@ -17,7 +17,7 @@ from calibration.predict import StrokeConditions
 from haptix import ContactModel, Finger, Scene, Screen, Status
 from haptix.model.fidelity import FIDELITIES
 from haptix.model.terms import TERMS, Properties, Stage, Term
-from haptix.planning import plan_scene
+from haptix.plan.planning import plan_scene
 from haptix.play.virtual_finger import VirtualFinger
 
 ROOT = Path(__file__).parents[2]

@@ -33,8 +33,8 @@ def smooth(tmp_path):
 @pytest.mark.slow
 def test_the_tier_has_its_rows(haptix_cli, smooth, tmp_path, monkeypatch):
     # The other rows are tested beside this: of them the cheapest is enough.
-    monkeypatch.setattr("haptix.tradeoff.TABULATED", ("closed-form",))
-    monkeypatch.setattr("haptix.tradeoff.QUICK", (500, 50_000, (0.5,)))
+    monkeypatch.setattr("haptix.plan.tradeoff.TABULATED", ("closed-form",))
+    monkeypatch.setattr("haptix.plan.tradeoff.QUICK", (500, 50_000, (0.5,)))
     done = haptix_cli(
         "tradeoff", smooth, "--quick", "--boundary-elements", "--out", tmp_path / "out", "--json"
     )

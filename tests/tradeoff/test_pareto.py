@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptix.tradeoff import pareto_front
+from haptix.plan.tradeoff import pareto_front
 
 costs = st.lists(st.tuples(st.integers(0, 5), st.integers(0, 5)), max_size=12)
 

@@ -8,7 +8,7 @@ import pytest
 import torch
 from matplotlib.image import imread
 
-from haptix.tradeoff import default_scene
+from haptix.plan.tradeoff import default_scene
 
 
 def chosen(rows, **wanted):

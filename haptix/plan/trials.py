@@ -22,7 +22,7 @@ from haptix.model.states import ContactState
 from haptix.model.surface import PULL_IN_SHARE
 from haptix.model.surface.axes import AXES, AXIS_NAMES, between
 from haptix.model.terms import TERMS, Term
-from haptix.scene import Scene
+from haptix.plan.scene import Scene
 
 Kind = Literal["term", "axis", "fidelity", "material"]
 

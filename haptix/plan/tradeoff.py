@@ -33,8 +33,9 @@ from haptix.model.friction import ContactModel
 from haptix.model.screen import Screen
 from haptix.model.status import Status
 from haptix.model.surface import FrictionSurface, MeasuredPoints, MeasuringJob
-from haptix.planning import Effect, plan_scene
-from haptix.planning.trials import (
+from haptix.plan.planning import Effect, plan_scene
+from haptix.plan.scene import DirectDrive, Scene
+from haptix.plan.trials import (
     COARSE,
     COLLAPSIBLE,
     FULL,
@@ -45,7 +46,6 @@ from haptix.planning.trials import (
     kept_reports,
     middle,
 )
-from haptix.scene import DirectDrive, Scene
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

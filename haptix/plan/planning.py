@@ -24,7 +24,8 @@ from haptix.model.surface import LARGEST_BYTES, FrictionSurface
 from haptix.model.surface.axes import AXIS_NAMES
 from haptix.model.surface.tolerance import LEAST, Tolerance
 from haptix.model.terms import TERMS, Term, chosen_terms
-from haptix.planning.trials import (
+from haptix.plan.scene import Scene
+from haptix.plan.trials import (
     COARSE,
     FULL,
     Choice,
@@ -37,7 +38,6 @@ from haptix.planning.trials import (
     omissions,
     reporting_terms,
 )
-from haptix.scene import Scene
 
 __all__ = ["BuildSurface", "Effect", "Plan", "Row", "holding", "plan_scene"]
 

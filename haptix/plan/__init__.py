@@ -1,0 +1,5 @@
+"""What a scene requires of the model, and what that costs."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
