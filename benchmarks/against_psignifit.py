@@ -16,8 +16,8 @@ from math import exp
 import numpy as np
 from experiments import METHODS, OBSERVERS, run
 
-from haptix.stimuli.adaptive.methods import ThresholdMethod
-from haptix.stimuli.adaptive.psychometric import counted
+from haptix.lab.experiment.methods import ThresholdMethod
+from haptix.lab.experiment.psychometric import counted
 
 try:
     import psignifit

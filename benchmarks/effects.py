@@ -20,8 +20,8 @@ import haptix
 from haptix.feel.materials import WebEffect
 from haptix.feel.materials.timeline import EffectName
 from haptix.feel.motion import Trajectory
+from haptix.lab.population import Population
 from haptix.play.simulation import Setting, simulate
-from haptix.population import Population
 
 SPREAD = {
     "frictional_shear_stress_pa": 0.3,

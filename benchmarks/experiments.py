@@ -18,8 +18,8 @@ from random import Random
 
 import numpy as np
 
-from haptix.stimuli.adaptive import ConstantStimuli, Quest, UpDown
-from haptix.stimuli.adaptive.methods import ThresholdMethod
+from haptix.lab.experiment import ConstantStimuli, Quest, UpDown
+from haptix.lab.experiment.methods import ThresholdMethod
 
 GRID = np.arange(6.0, 45.0, 1.0)
 COARSE = np.arange(6.0, 45.0, 2.0)

@@ -20,9 +20,7 @@ from typing import Any
 import numpy as np
 
 from haptix.base.checks import Array
-from haptix.stimuli.adaptive import Magnitudes, Pairs
-from haptix.stimuli.adaptive.methods import Method, bradley_terry
-from haptix.stimuli.analysis import (
+from haptix.lab.analysis.results import (
     ALL,
     Row,
     RunOfMethod,
@@ -32,6 +30,8 @@ from haptix.stimuli.analysis import (
     scale_over_all,
     scale_rows,
 )
+from haptix.lab.experiment import Magnitudes, Pairs
+from haptix.lab.experiment.methods import Method, bradley_terry
 
 LEVELS = [10.0, 17.0, 24.0, 31.0, 38.0]
 STEPS = np.arange(5) - 2.0

@@ -23,9 +23,7 @@ import numpy as np
 import soundfile
 
 from haptix import ContactModel, Finger, Screen
-from haptix.model.perception.thresholds import WEBER_FRACTION
-from haptix.play.virtual_finger import VirtualFinger
-from haptix.stimuli import (
+from haptix.lab.stimuli import (
     Apparatus,
     Rendering,
     Sine,
@@ -34,6 +32,8 @@ from haptix.stimuli import (
     TimeNoise,
     grating,
 )
+from haptix.model.perception.thresholds import WEBER_FRACTION
+from haptix.play.virtual_finger import VirtualFinger
 
 FINGER, SCREEN = Finger.preset("semi-wet"), Screen.preset("3m-sct3250")
 RATE = 48_000.0

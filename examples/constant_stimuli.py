@@ -14,10 +14,10 @@ from pathlib import Path
 
 import haptix
 from firmware_io import open_device
-from haptix.stimuli import Sine, Stimulus, StimulusSet, TrialPlan
-from haptix.stimuli.adaptive import ConstantStimuli, Experiment, SimulatedObserver
-from haptix.stimuli.designs import constant_stimuli
-from haptix.stimuli.recipe import presentation_of
+from haptix.lab.experiment import ConstantStimuli, Experiment, SimulatedObserver
+from haptix.lab.experiment.recipe import presentation_of
+from haptix.lab.stimuli import Sine, Stimulus, StimulusSet, TrialPlan
+from haptix.lab.stimuli.designs import constant_stimuli
 
 STEPS_DB = [-9, -6, -3, 0, 3, 6]
 THRESHOLD = 0.03  # contrast of friction, which the experiment has to find

@@ -26,7 +26,7 @@ PACKAGES = (
     "haptix", "haptix.model.contact", "haptix.model.electro", "haptix.model.fidelity", "haptix.model.surface",
     "haptix.plan.planning", "haptix.plan.tradeoff", "haptix.feel.materials", "haptix.feel.materials",
     "haptix.feel.gallery", "haptix.feel.layout", "haptix.feel.motion", "haptix.play.touch", "haptix.play.render",
-    "haptix.play.virtual_finger", "haptix.play.simulation", "haptix.model.perception.thresholds", "haptix.stimuli",
+    "haptix.play.virtual_finger", "haptix.play.simulation", "haptix.model.perception.thresholds", "haptix.lab.stimuli",
     "haptix.client", "haptix.base.errors", "firmware_io", "calibration",
 )  # fmt: skip
 OUTSIDE = {

@@ -22,13 +22,13 @@ from haptix.base.files import file_at, read_json, read_text, read_toml
 from haptix.base.results import result_key
 from haptix.base.task import Task, first_wrong, task_at
 from haptix.base.units import with_numbers
+from haptix.lab.population import DrawnPeople, Population, SolveStates
 from haptix.model.finger import Finger
 from haptix.model.screen import Screen
 from haptix.plan.scene import Scene
-from haptix.population import DrawnPeople, Population, SolveStates
 
 if TYPE_CHECKING:
-    from haptix.stimuli.stimulus_set import StimulusSet
+    from haptix.lab.stimuli.stimulus_set import StimulusSet
 
 Value = str | float | int | bool | None
 Labels = dict[str, Value]
@@ -368,7 +368,7 @@ class StimulusSets(Campaign):
 
     def tasks(self) -> Iterator[CampaignTask]:
         """Yield a task for each recipe and finger."""
-        from haptix.stimuli.recipe import MakeStimuli, Recipe
+        from haptix.lab.experiment.recipe import MakeStimuli, Recipe
 
         for path in places_of(self.recipes, self.folder):
             parts = Recipe.load(path).stimulus_set()
@@ -432,8 +432,8 @@ class ExperimentSimulations(Campaign):
 
     def tasks(self) -> Iterator[CampaignTask]:
         """Yield a task for each experiment and observer, and for each comparison."""
-        from haptix.stimuli.power import simulations
-        from haptix.stimuli.recipe import ExperimentRecipe
+        from haptix.lab.analysis.power import simulations
+        from haptix.lab.experiment.recipe import ExperimentRecipe
 
         comparisons: list[dict[str, Any]] = [{}]
         if (more := self.comparison) is not None:

@@ -260,7 +260,7 @@ class ExportLayout(Task):
 
         from haptix.feel.materials import as_mu
         from haptix.feel.materials.picture import picture
-        from haptix.stimuli.interchange import FrictionMap
+        from haptix.lab.stimuli.interchange import FrictionMap
 
         left, right, top, bottom = layout.extent_mm
         width_mm = right - left
@@ -277,11 +277,11 @@ class ExportLayout(Task):
         from haptix.feel.materials.field import FORCE_N, SPEED_MM_S
         from haptix.feel.motion import Motion
         from haptix.feel.signals.shapes import Points
+        from haptix.lab.stimuli import StimulusSet
+        from haptix.lab.stimuli.interchange import write_ahap, write_hjif
+        from haptix.lab.stimuli.stimulus import Stimulus
         from haptix.model.finger import Finger
         from haptix.model.screen import Screen
-        from haptix.stimuli import StimulusSet
-        from haptix.stimuli.interchange import write_ahap, write_hjif
-        from haptix.stimuli.stimulus import Stimulus
 
         left, right, _, _ = layout.extent_mm
         seconds = (right - left) / SPEED_MM_S

@@ -38,7 +38,7 @@ from haptix.base.task import Context, Result, Task
 from haptix.base.terminal import breakdown_note, placeholder_note
 
 if TYPE_CHECKING:
-    from haptix.stimuli.adaptive import Experiment
+    from haptix.lab.experiment import Experiment
 
 _STAGES = {
     "surface": "build the friction surfaces",
@@ -95,7 +95,7 @@ class MakeSet(Task, command="stimuli make"):
         context.progress(_STAGES["surface"], 0.0)
         from haptix.base.files import file_name
         from haptix.campaign.processes import Processes
-        from haptix.stimuli.recipe import Recipe
+        from haptix.lab.experiment.recipe import Recipe
 
         def update(stage: str, share: float) -> None:
             context.progress(_STAGES[stage], share)
@@ -123,7 +123,7 @@ class MakeAgain(Task, command="stimuli again"):
 
     def run(self, context: Context) -> Result:
         """Make it."""
-        from haptix.stimuli.stimulus_set import make_again
+        from haptix.lab.stimuli.stimulus_set import make_again
 
         drive_file = make_again(self.sidecar, self.out)
         return Result([{"file": str(drive_file)}], lines=[f"{drive_file}: the same, byte for byte"])
@@ -143,7 +143,7 @@ class ShowStimulus(Task, command="stimuli show"):
 
         path = self.what
         if path.is_dir():
-            from haptix.stimuli.stimulus_set import check_manifest, read_manifest
+            from haptix.lab.stimuli.stimulus_set import check_manifest, read_manifest
 
             wrong = check_manifest(path)
             if wrong:
@@ -158,7 +158,7 @@ class ShowStimulus(Task, command="stimuli show"):
                 files = [name for name in manifest["files"] if name.endswith((".wav", ".flac"))]
             sidecars = [(path / name).with_suffix(".json") for name in files]
         else:
-            from haptix.stimuli.drawing import draw_stimulus
+            from haptix.lab.stimuli.drawing import draw_stimulus
 
             sidecars = [place := path.with_suffix(".json")]
             picture = self.out or path.with_suffix(".png")
@@ -220,17 +220,17 @@ class RunExperiment(Task, command="stimuli run"):
         if self.study is not None and self.participant is None:
             raise InputError("--participant: a study needs one, such as 07")
         who = self.participant or "1"
+        from haptix.lab.experiment import TASKS, Keys, SimulatedObserver
+        from haptix.lab.experiment.recipe import ExperimentRecipe
+        from haptix.lab.experiment.session_plan import seed_of
         from haptix.play.devices import open_device
-        from haptix.stimuli.adaptive import TASKS, Keys, SimulatedObserver
-        from haptix.stimuli.adaptive.session_plan import seed_of
-        from haptix.stimuli.recipe import ExperimentRecipe
 
         plan = ExperimentRecipe.load(self.recipe)
         labels = who, self.session, self.task or re.sub("[^A-Za-z0-9]", "", plan.name)
         table = self.log
         # Without a participant, trials are in the order of the recipe.
         seed = None if self.participant is None else seed_of(plan.seed, who, self.session)
-        from haptix.stimuli.study import keep_recipe, session_log
+        from haptix.lab.analysis.study import keep_recipe, session_log
 
         if self.study is not None:
             table = session_log(self.study, *labels)
@@ -258,7 +258,7 @@ class RunExperiment(Task, command="stimuli run"):
                 experiment.run()
             finally:
                 if self.study is not None and experiment.log.rows:
-                    from haptix.stimuli.study import export
+                    from haptix.lab.analysis.study import export
 
                     export(table, self.study, *labels)
         rows, warnings = [], []
@@ -304,9 +304,9 @@ class ExperimentJob(Task, route="experiments", kind="experiment", plays=True, ke
                 raise InputError(f"{kind}: expected {used} or one of {words}, got {name!r:.80}")
             recipe[kind] = name
         from haptix.base.units import with_numbers
+        from haptix.lab.experiment.recipe import ExperimentRecipe
+        from haptix.lab.experiment.session_plan import seed_of
         from haptix.play.devices import open_device
-        from haptix.stimuli.adaptive.session_plan import seed_of
-        from haptix.stimuli.recipe import ExperimentRecipe
 
         plan = ExperimentRecipe(**with_numbers("recipe", recipe))
         assert context.folder is not None
@@ -372,8 +372,8 @@ class Simulate(Task, command="stimuli simulate"):
             )
         from haptix.base.executors import Here
         from haptix.campaign.processes import Processes
-        from haptix.stimuli.power import SimulateObserver, simulations
-        from haptix.stimuli.recipe import ExperimentRecipe
+        from haptix.lab.analysis.power import SimulateObserver, simulations
+        from haptix.lab.experiment.recipe import ExperimentRecipe
 
         plan = ExperimentRecipe.load(self.recipe)
         observers = self.threshold_db, self.slope, self.lapse
@@ -397,8 +397,8 @@ class Simulate(Task, command="stimuli simulate"):
     def _predicted(self, context: Context) -> Result:
         if self.threshold_db is not None:
             raise InputError("--predict: thresholds are those of the set; leave --threshold-db out")
-        from haptix.stimuli.power import People, predictions
-        from haptix.stimuli.recipe import Recipe
+        from haptix.lab.analysis.power import People, predictions
+        from haptix.lab.experiment.recipe import Recipe
 
         plan = Recipe.load(self.recipe).stimulus_set()
         people = People(self.between_db, self.slope, self.lapse)
@@ -441,7 +441,7 @@ class NewStudy(Task, command="stimuli new"):
 
     def run(self, context: Context) -> Result:
         """Write it."""
-        from haptix.stimuli.study import begin
+        from haptix.lab.analysis.study import begin
 
         rows = [{"file": str(path)} for path in begin(self.study, self.study.absolute().name)]
         title = f"{self.study}: change code/experiment.toml, then simulate and run it"
@@ -466,7 +466,7 @@ class ExportBids(Task, command="stimuli bids"):
 
     def run(self, context: Context) -> Result:
         """Write it."""
-        from haptix.stimuli.study import export
+        from haptix.lab.analysis.study import export
 
         labels = self.participant, self.session, self.task
         files = export(self.log, self.study, *labels, self.recipe)
@@ -495,7 +495,7 @@ class Analyse(Task, command="stimuli analyse"):
 
     def run(self, context: Context) -> Result:
         """Analyse, and write tables and report."""
-        from haptix.stimuli.analysis import analyse, write_analysis
+        from haptix.lab.analysis.results import analyse, write_analysis
 
         source, analysis = self.source, analyse(self.source)
         is_study = (source / "dataset_description.json").exists()

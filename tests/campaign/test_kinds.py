@@ -10,6 +10,8 @@ from haptix.base.errors import InputError
 from haptix.base.task import task_at
 from haptix.campaign import CampaignTask, load_campaign, run_campaign
 from haptix.cli.application import app
+from haptix.lab.experiment.recipe import Recipe
+from haptix.lab.population import Population
 from haptix.model.fidelity import BoundaryElementBox
 from haptix.model.finger import Finger
 from haptix.model.friction import ContactModel
@@ -17,8 +19,6 @@ from haptix.model.screen import Screen
 from haptix.model.surface import FrictionSurface
 from haptix.plan.planning import plan_scene
 from haptix.plan.tradeoff import run_tradeoff
-from haptix.population import Population
-from haptix.stimuli.recipe import Recipe
 
 
 @pytest.fixture(autouse=True)

@@ -12,10 +12,10 @@ import torch
 
 from haptix import ContactModel, Finger, FrictionSurface, Screen
 from haptix.feel.materials import Grating, headroom
+from haptix.lab.stimuli import Constant, Rendering, Stimulus
 from haptix.model.fidelity import BoundaryElementBox
 from haptix.play.simulation.run import exact_amplitude
 from haptix.play.virtual_finger import VirtualFinger
-from haptix.stimuli import Constant, Rendering, Stimulus
 from tests.pretend_gpu import OnGpu, PretendGpu
 
 RANGES = {"normal_force_n": (0.3, 0.6), "frequency_hz": (1e3, 2e3), "voltage_v": (0.0, 50.0)}

@@ -11,8 +11,8 @@ import pytest
 
 from haptix.base import files
 from haptix.base.errors import FileFormatError, InputError
+from haptix.lab.experiment.trial_log import TouchLog, TrialLog
 from haptix.play.render.intervals import TouchSample
-from haptix.stimuli.adaptive.trial_log import TouchLog, TrialLog
 
 NOBODY, SOMEBODY = 65534, 12345
 SECRET = 0o600

@@ -33,17 +33,17 @@ from haptix.cli.application import app
 from haptix.feel.materials import PennModel, Texture
 from haptix.feel.signals.audio_files import read_drive
 from haptix.feel.signals.shapes import Recorded
+from haptix.lab.experiment.recipe import ExperimentRecipe, Recipe
+from haptix.lab.experiment.trial_log import TrialLog
+from haptix.lab.stimuli.drawing import draw_stimulus, read_for_drawing
+from haptix.lab.stimuli.interchange import FrictionMap, read_ahap, read_hjif
+from haptix.lab.stimuli.stimulus_set import check_manifest
 from haptix.model.contact.boundary_elements.ensemble import run_ensemble
 from haptix.model.finger import Finger
 from haptix.model.perception.thresholds import Perception
 from haptix.model.screen import Screen
 from haptix.model.surface import FrictionSurface
 from haptix.plan.scene import Scene
-from haptix.stimuli.adaptive.trial_log import TrialLog
-from haptix.stimuli.drawing import draw_stimulus, read_for_drawing
-from haptix.stimuli.interchange import FrictionMap, read_ahap, read_hjif
-from haptix.stimuli.recipe import ExperimentRecipe, Recipe
-from haptix.stimuli.stimulus_set import check_manifest
 from tests.command_line import run_haptix
 
 KEPT = Path(__file__).parents[1] / "data" / "kept-files"

@@ -31,7 +31,7 @@ NEEDS = {
     "photographs": "haptix.Texture.from_image('photo.png', 60)",
     "figures": "import_module('haptix.plan.tradeoff').write_tradeoff(None, None)",
     "calibration": "calibration.StrokeRecording",
-    "stimuli": "import_module('haptix.stimuli.drawing')",
+    "stimuli": "import_module('haptix.lab.stimuli.drawing')",
     "serve": "import_module('haptix.client')",
     "netcdf": "surface.to_netcdf('my.nc')",
     "serial": "haptix.open_device('serial:port=COM3')",

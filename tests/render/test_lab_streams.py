@@ -15,10 +15,10 @@ from firmware_io.progress import Marked
 from firmware_io.protocol import TouchPhase
 from haptix import InputError, LiveRenderer, Texture
 from haptix.base.errors import OverloadWarning
+from haptix.lab.experiment import ConstantStimuli, Experiment, Presentation
 from haptix.play.render import LiveSettings, Sliding
 from haptix.play.render.intervals import play
 from haptix.play.render.lab_streams import LabOutlets, LiveOutlets
-from haptix.stimuli.adaptive import ConstantStimuli, Experiment, Presentation
 from tests.hand_clock import HandClock
 from tests.waiting import PATIENCE_S
 

@@ -13,13 +13,13 @@ import pytest
 
 import haptix
 from haptix.feel.gallery import ASSETS, presets
+from haptix.lab.stimuli.interchange import FrictionMap
 from haptix.service import pool as pool_module
 from haptix.service.assets import AssetStore
 from haptix.service.document_work import DocumentWork
 from haptix.service.messages import Problem
 from haptix.service.pool import Pool
 from haptix.service.rest import KeptTexts, documents_router
-from haptix.stimuli.interchange import FrictionMap
 from tests.service.service_under_test import Service
 from tests.waiting import PATIENCE_S
 

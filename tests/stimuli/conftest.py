@@ -5,7 +5,7 @@ import pytest
 
 from firmware_io import open_device
 from haptix import ContactModel, FrictionSurface
-from haptix.stimuli import rendering
+from haptix.lab.stimuli import rendering
 
 
 @pytest.fixture(scope="session")

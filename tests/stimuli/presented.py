@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from haptix.stimuli.adaptive import Presentation
+from haptix.lab.experiment import Presentation
 
 
 def at_level(wave: Any, scale: float = 1.0) -> Presentation:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.stats import norm
 
 from haptix.base.errors import InputError
-from haptix.stimuli.adaptive import (
+from haptix.lab.experiment import (
     ConstantStimuli,
     Quest,
     Question,
@@ -21,7 +21,7 @@ from haptix.stimuli.adaptive import (
     fit,
     weighted_up_down,
 )
-from haptix.stimuli.adaptive.psychometric import normal, symmetric_normal, weibull
+from haptix.lab.experiment.psychometric import normal, symmetric_normal, weibull
 
 PUBLISHED = tomllib.loads((Path(__file__).parent / "data" / "watson2017.toml").read_text())
 GRIDS = {"threshold": {}, "threshold-slope": {"slope": [2, 3, 4, 5]}}

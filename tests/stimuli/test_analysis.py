@@ -12,8 +12,9 @@ from scipy.stats import bootstrap, ttest_1samp
 
 from firmware_io import open_device
 from haptix.base.errors import FileFormatError, InputError
-from haptix.stimuli import analysis
-from haptix.stimuli.adaptive import (
+from haptix.lab.analysis.results import analyse, report_html, write_analysis
+from haptix.lab.analysis.study import export
+from haptix.lab.experiment import (
     Catch,
     ConstantStimuli,
     Exclude,
@@ -26,9 +27,8 @@ from haptix.stimuli.adaptive import (
     SimulatedObserver,
     UpDown,
 )
-from haptix.stimuli.adaptive.methods import bradley_terry, bradley_terry_intervals
-from haptix.stimuli.analysis import analyse, report_html, write_analysis
-from haptix.stimuli.study import export
+from haptix.lab.experiment.methods import bradley_terry, bradley_terry_intervals
+from haptix.lab.stimuli import analysis
 from tests.stimuli.presented import at_level
 
 WAVE = np.sin(2 * np.pi * 1000 * np.arange(48) / 48_000)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from haptix.lab.stimuli.rendering import Block
+from haptix.lab.stimuli.sidecar import a_weighting_db, heard
 from haptix.model.perception.thresholds import Perception
-from haptix.stimuli.rendering import Block
-from haptix.stimuli.sidecar import a_weighting_db, heard
 
 RATE, KNOWN, FARAD = 48_000.0, Perception.default().audibility, 1e-9
 T = np.arange(24_000) / RATE

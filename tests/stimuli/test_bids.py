@@ -15,14 +15,14 @@ import pytest
 from firmware_io import Device, MockDriver, MockLink
 from haptix.base.errors import FileFormatError, InputError
 from haptix.base.files import write_whole
-from haptix.stimuli.adaptive import (
+from haptix.lab.analysis.study import begin, export
+from haptix.lab.experiment import (
     ConstantStimuli,
     Experiment,
     Practice,
     SessionPlan,
 )
-from haptix.stimuli.recipe import ExperimentRecipe
-from haptix.stimuli.study import begin, export
+from haptix.lab.experiment.recipe import ExperimentRecipe
 from tests.hand_clock import HandClock
 from tests.stimuli.chained import rows_of, stopped_after, write_rows
 from tests.stimuli.presented import at_level
@@ -159,7 +159,7 @@ def test_no_stimulus_is_lost_however_short_its_trial(log, tmp_path, scale):
 
 def test_a_stimulus_that_has_no_sample_is_counted_in_the_data(log, tmp_path, monkeypatch):
     """Trials milliseconds apart, and a long rest: a table so long is not made so fine."""
-    monkeypatch.setattr("haptix.stimuli.study.MOST_SAMPLES", 500)
+    monkeypatch.setattr("haptix.lab.analysis.study.MOST_SAMPLES", 500)
     path, _ = log
     rows = at_other_times(path, lambda t_s: 0.01 * t_s + (5.0 if t_s > 1 else 0.0))
     assert [float(row["onset_s"]) < 1 for row in rows] == [True, True, False, False, False]
@@ -245,7 +245,7 @@ def test_an_export_that_was_stopped_is_done_again(log, tmp_path, monkeypatch):
             write_whole(file, content)
 
         with monkeypatch.context() as patch:
-            patch.setattr("haptix.stimuli.study.write_whole", write)
+            patch.setattr("haptix.lab.analysis.study.write_whole", write)
             with pytest.raises(KeyboardInterrupt):
                 export(path, study, "07", "1", "detection")
         export(path, study, "07", "1", "detection")

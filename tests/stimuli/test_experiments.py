@@ -11,8 +11,7 @@ import pytest
 
 from firmware_io import open_device
 from haptix.base.errors import HaptixError, InputError, LimitError
-from haptix.stimuli import Constant, Rendering, Sine, Stimulus
-from haptix.stimuli.adaptive import (
+from haptix.lab.experiment import (
     ConstantStimuli,
     Experiment,
     Keys,
@@ -23,7 +22,8 @@ from haptix.stimuli.adaptive import (
     Touch,
     UpDown,
 )
-from haptix.stimuli.recipe import presentation_of
+from haptix.lab.experiment.recipe import presentation_of
+from haptix.lab.stimuli import Constant, Rendering, Sine, Stimulus
 from tests.hand_clock import HandClock
 from tests.stimuli.chained import stopped_after
 from tests.stimuli.presented import at_level

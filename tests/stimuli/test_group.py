@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal, ttest_1samp, ttest_rel
 
-from haptix.stimuli.adaptive.psychometric import group
+from haptix.lab.experiment.psychometric import group
 
 A, B = np.array([1.0, 0.0]), np.array([0.0, 1.0])
 RUNS = 60

@@ -9,8 +9,8 @@ from skimage.io import imsave
 
 from haptix.base.errors import HaptixError, InputError
 from haptix.feel.materials import RecordedProfile
-from haptix.stimuli import AlongPath, Chirp, Constant, Ramp, Sine, Step
-from haptix.stimuli.interchange import (
+from haptix.lab.stimuli import AlongPath, Chirp, Constant, Ramp, Sine, Step
+from haptix.lab.stimuli.interchange import (
     FrictionMap,
     read_ahap,
     read_hjif,

@@ -6,10 +6,10 @@ import pytest
 import haptix
 from haptix.feel.along_path import grating
 from haptix.feel.signals.shapes import Sine, Square
+from haptix.lab.stimuli import Stimulus
+from haptix.lab.stimuli.rendering import Apparatus, Rendering, Skin, Tally
 from haptix.model.perception.sensation import SensationInTime
 from haptix.model.perception.thresholds import Perception
-from haptix.stimuli import Stimulus
-from haptix.stimuli.rendering import Apparatus, Rendering, Skin, Tally
 
 RATE = 48_000.0
 

@@ -5,7 +5,7 @@ import logging
 import numpy as np
 
 from firmware_io import open_device
-from haptix.stimuli.adaptive import ConstantStimuli, Experiment, Presentation
+from haptix.lab.experiment import ConstantStimuli, Experiment, Presentation
 
 
 def test_intervals_are_logged_and_no_answer(tmp_path, caplog):

@@ -16,8 +16,9 @@ import pytest
 from firmware_io import open_device
 from haptix.base.errors import FileFormatError, InputError
 from haptix.base.files import read_bytes
-from haptix.stimuli import Constant, Stimulus, StimulusSet
-from haptix.stimuli.adaptive import (
+from haptix.lab.analysis.results import analyse
+from haptix.lab.analysis.study import export
+from haptix.lab.experiment import (
     ConstantStimuli,
     Experiment,
     Keys,
@@ -27,9 +28,8 @@ from haptix.stimuli.adaptive import (
     UpDown,
     trial_log,
 )
-from haptix.stimuli.analysis import analyse
-from haptix.stimuli.recipe import ExperimentRecipe
-from haptix.stimuli.study import export
+from haptix.lab.experiment.recipe import ExperimentRecipe
+from haptix.lab.stimuli import Constant, Stimulus, StimulusSet
 from tests.stimuli.chained import hash_of, rows_of, write_rows
 from tests.stimuli.presented import at_level
 
@@ -72,7 +72,9 @@ def test_another_drive_does_not_continue_a_log(device, tmp_path):
 def test_a_log_is_of_one_stimulus_finger_screen_and_recipe(what, tmp_path, monkeypatch, surface):
     """Whatever else is the same: each has its hash in the head."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("haptix.stimuli.rendering.cached_surface", lambda *given: (surface, True))
+    monkeypatch.setattr(
+        "haptix.lab.stimuli.rendering.cached_surface", lambda *given: (surface, True)
+    )
     shutil.copy(KEPT / "session" / "finger.toml", "finger.toml")
     Path("screen.toml").write_text('name = "one"\ninsulator_thickness_m = "1.4 um"')
     recipe = {
@@ -151,8 +153,8 @@ def test_what_is_added_from_elsewhere_is_not_written_over(device, tmp_path):
 
 def test_another_program_continues_only_on_request(device, tmp_path, monkeypatch):
     path = tmp_path / "t.tsv"
-    monkeypatch.setattr("haptix.stimuli.adaptive.trial_log.program", lambda: "0.0.9+aaaa")
-    monkeypatch.setattr("haptix.stimuli.adaptive.experiment.program", lambda: "0.0.9+aaaa")
+    monkeypatch.setattr("haptix.lab.experiment.trial_log.program", lambda: "0.0.9+aaaa")
+    monkeypatch.setattr("haptix.lab.experiment.trials.program", lambda: "0.0.9+aaaa")
     begin(device, path, 2)
     monkeypatch.undo()
     with pytest.raises(FileFormatError, match=r"0\.0\.9\+aaaa"):
@@ -252,7 +254,7 @@ def test_a_disk_that_was_full_has_cost_no_trial(device, tmp_path, monkeypatch):
         raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr("haptix.stimuli.adaptive.trial_log.os.fsync", full)
+        patch.setattr("haptix.lab.experiment.trial_log.os.fsync", full)
         run = experiment(device, path)
         with pytest.raises(InputError, match="No space left"):
             run.run()
@@ -554,7 +556,9 @@ def test_kills_at_random_places_lose_nothing_and_repeat_nothing(tmp_path):
 
 @pytest.mark.usefixtures("own_cache")
 def test_make_never_replaces_a_trial_table_that_was_added_to(finger, screen, tmp_path, monkeypatch):
-    monkeypatch.setattr("haptix.stimuli.drawing.contact_sheet", lambda *given: b"")  # takes long
+    monkeypatch.setattr(
+        "haptix.lab.stimuli.drawing.contact_sheet", lambda *given: b""
+    )  # takes long
 
     def make(volts):
         one = Stimulus("one", Constant(volts).lasting(0.01), "volts")

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from haptix.base.errors import HaptixError, InputError
+from haptix.lab.stimuli.designs import matched_intensity
 from haptix.model.perception.thresholds import (
     DEFAULT_FILE,
     WEBER_FRACTION,
@@ -13,7 +14,6 @@ from haptix.model.perception.thresholds import (
     components_of_pull,
     detection,
 )
-from haptix.stimuli.designs import matched_intensity
 
 RATE = 48_000.0
 
@@ -78,7 +78,7 @@ def test_energies_add_within_a_channel_and_not_between():
 
 @pytest.mark.parametrize("drive", ["direct", "carrier"])
 def test_matched_tones_are_at_one_sensation_level(drive, response):
-    from haptix.stimuli import Rendering
+    from haptix.lab.stimuli import Rendering
 
     made = matched_intensity("m", [170.0, 250.0, 500.0, 750.0], 9.0, 1.0, drive, fade_s=0.0)
     for one in made:

@@ -5,8 +5,8 @@ import pytest
 from skimage.io import imread
 
 from haptix.base.errors import FileFormatError
-from haptix.stimuli import Population, Sine, Stimulus, StimulusSet, TimeNoise
-from haptix.stimuli.drawing import contact_sheet, draw_stimulus, read_for_drawing
+from haptix.lab.stimuli import Population, Sine, Stimulus, StimulusSet, TimeNoise
+from haptix.lab.stimuli.drawing import contact_sheet, draw_stimulus, read_for_drawing
 
 pytestmark = pytest.mark.usefixtures("own_cache")
 

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from haptix.stimuli.power import People
+from haptix.lab.analysis.power import People
 
 SET = """name = "tones"
 [stimuli.faint]

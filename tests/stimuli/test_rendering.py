@@ -9,11 +9,7 @@ import torch
 
 from haptix import ContactModel, FrictionSurface, Screen
 from haptix.base.errors import InputError, RangeError
-from haptix.model.perception.thresholds import WEBER_FRACTION
-from haptix.model.status import Status
-from haptix.model.surface import Column
-from haptix.play.virtual_finger import VirtualFinger
-from haptix.stimuli import (
+from haptix.lab.stimuli import (
     Apparatus,
     Constant,
     Points,
@@ -25,6 +21,10 @@ from haptix.stimuli import (
     TimeNoise,
     grating,
 )
+from haptix.model.perception.thresholds import WEBER_FRACTION
+from haptix.model.status import Status
+from haptix.model.surface import Column
+from haptix.play.virtual_finger import VirtualFinger
 
 
 @pytest.mark.parametrize("force", [0.3, 0.437, 0.8])

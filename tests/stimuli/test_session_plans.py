@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from scipy.stats import nct, t
 
 from haptix.base.errors import InputError
-from haptix.stimuli.adaptive import (
+from haptix.lab.analysis.power import Observer, accuracy, paired_power
+from haptix.lab.experiment import (
     TASKS,
     Catch,
     ConstantStimuli,
@@ -32,14 +33,13 @@ from haptix.stimuli.adaptive import (
     StopRules,
     UpDown,
 )
-from haptix.stimuli.adaptive.session_plan import (
+from haptix.lab.experiment.recipe import ExperimentRecipe
+from haptix.lab.experiment.session_plan import (
     detection,
     latin_square,
     order_for,
     williams_square,
 )
-from haptix.stimuli.power import Observer, accuracy, paired_power
-from haptix.stimuli.recipe import ExperimentRecipe
 from tests.stimuli.presented import at_level
 
 WAVE = np.sin(2 * np.pi * 120 * np.arange(240) / 48_000)
@@ -292,7 +292,7 @@ def test_the_power_of_a_plan_is_that_of_theory(monkeypatch):
             return Estimate(self.threshold, 1.0, {})
 
     monkeypatch.setattr(
-        "haptix.stimuli.power.one_run",
+        "haptix.lab.analysis.power.one_run",
         lambda make, observer, seed, ceiling: (Reads(observer.threshold), 1),
     )
     for difference in (0.0, 1.0, 2.0):

@@ -19,8 +19,7 @@ from haptix import ContactModel, Screen
 from haptix.base.errors import FileFormatError, HaptixError, InputError, RangeError
 from haptix.base.files import json_table
 from haptix.feel.signals.audio_files import AudioWriter, read_drive
-from haptix.model.finger import MeasuredRoughness
-from haptix.stimuli import (
+from haptix.lab.stimuli import (
     Constant,
     Excerpt,
     Population,
@@ -33,9 +32,10 @@ from haptix.stimuli import (
     check_manifest,
     grating,
 )
-from haptix.stimuli.designs import constant_stimuli, equal_friction, full_factorial
-from haptix.stimuli.set_plan import Trigger
-from haptix.stimuli.stimulus import stimulus_from
+from haptix.lab.stimuli.designs import constant_stimuli, equal_friction, full_factorial
+from haptix.lab.stimuli.set_plan import Trigger
+from haptix.lab.stimuli.stimulus import stimulus_from
+from haptix.model.finger import MeasuredRoughness
 
 RATE = 48_000.0
 

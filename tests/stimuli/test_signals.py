@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy import signal as scipy_signal
 
 from haptix.base.errors import HaptixError, InputError
-from haptix.stimuli import (
+from haptix.lab.stimuli import (
     Chirp,
     Constant,
     Path,

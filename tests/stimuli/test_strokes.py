@@ -9,9 +9,9 @@ from pydantic import ValidationError
 
 from firmware_io import Device, MockDriver, MockLink
 from haptix.base.errors import InputError
+from haptix.lab.analysis.results import analyse
+from haptix.lab.experiment import ConstantStimuli, Experiment, Keys, StrokeRanges, Touch, UpDown
 from haptix.play.render.intervals import TouchSample
-from haptix.stimuli.adaptive import ConstantStimuli, Experiment, Keys, StrokeRanges, Touch, UpDown
-from haptix.stimuli.analysis import analyse
 from tests.hand_clock import HandClock
 from tests.stimuli.chained import rows_of, stopped_after
 from tests.stimuli.presented import at_level

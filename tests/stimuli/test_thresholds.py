@@ -7,7 +7,7 @@ from random import Random
 import numpy as np
 import pytest
 
-from haptix.stimuli.adaptive import ConstantStimuli, Quest, UpDown, fit
+from haptix.lab.experiment import ConstantStimuli, Quest, UpDown, fit
 
 GRID = np.arange(6.0, 45.0, 1.0)
 COARSE = np.arange(6.0, 45.0, 2.0)

@@ -13,8 +13,8 @@ from firmware_io import DriveLimits
 from haptix.base.errors import HaptixError, InputError
 from haptix.feel.along_path import speed_from
 from haptix.feel.signals.signal import signal_from
-from haptix.model.perception.thresholds import Perception
-from haptix.stimuli import (
+from haptix.lab.experiment.recipe import Recipe
+from haptix.lab.stimuli import (
     Morph,
     Sine,
     Stimulus,
@@ -23,10 +23,10 @@ from haptix.stimuli import (
     TrialPlan,
     grating,
 )
-from haptix.stimuli.designs import equal_mean, highest_level, matched_intensity, variants_of
-from haptix.stimuli.recipe import Recipe
-from haptix.stimuli.set_plan import CODES, Trigger, events, pulses
-from haptix.stimuli.stimulus_set import make_again
+from haptix.lab.stimuli.designs import equal_mean, highest_level, matched_intensity, variants_of
+from haptix.lab.stimuli.set_plan import CODES, Trigger, events, pulses
+from haptix.lab.stimuli.stimulus_set import make_again
+from haptix.model.perception.thresholds import Perception
 
 RATE = 48_000.0
 

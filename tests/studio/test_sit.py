@@ -10,10 +10,10 @@ from typing import Any
 
 import pytest
 
+from haptix.lab.experiment.recipe import ExperimentRecipe
+from haptix.lab.experiment.session_plan import TASKS
 from haptix.service.jobs import Job
 from haptix.service.messages import JobMessage
-from haptix.stimuli.adaptive.session_plan import TASKS
-from haptix.stimuli.recipe import ExperimentRecipe
 from haptix.tasks.stimuli import refuse_files_and_volts
 from tests.studio.conftest import ROOT, address, keep, violations
 

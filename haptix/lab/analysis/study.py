@@ -28,8 +28,8 @@ from haptix.base.files import (
     write_whole,
 )
 from haptix.base.version import __version__
-from haptix.stimuli.adaptive.session_plan import replayed
-from haptix.stimuli.adaptive.trial_log import COLUMNS, SETTINGS, End, TouchLog, read_log
+from haptix.lab.experiment.session_plan import replayed
+from haptix.lab.experiment.trial_log import COLUMNS, SETTINGS, End, TouchLog, read_log
 
 BIDS_VERSION = "1.10.0"
 HED_VERSION = "8.3.0"

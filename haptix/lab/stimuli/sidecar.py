@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from haptix.base.checks import Array
+from haptix.lab.stimuli.rendering import Apparatus, Block, Rendering, Tally
 from haptix.model.perception.thresholds import Audibility, Perception
 from haptix.model.status import Status
 from haptix.model.surface import Column
 from haptix.play.devices import MAX_PEAK_A, MAX_RMS_A, series_capacitance_f
-from haptix.stimuli.rendering import Apparatus, Block, Rendering, Tally
 
 _LOOK_S = 2.0  # length of the middle of a stimulus whose spectra are taken
 _BAND = (5.0, 50.0, 95.0)

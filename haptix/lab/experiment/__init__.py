@@ -1,17 +1,16 @@
 """Adaptive methods that choose levels by the answers, and the experiment that presents them."""
 
-from haptix.stimuli.adaptive.experiment import Experiment, Presentation, StrokeRanges, Touch
-from haptix.stimuli.adaptive.methods import (
+from haptix.lab.experiment.methods import (
     ConstantStimuli,
     Magnitudes,
     Method,
     MethodsByCondition,
     Pairs,
 )
-from haptix.stimuli.adaptive.observer import Keys, Question, SimulatedObserver
-from haptix.stimuli.adaptive.procedures import METHODS, Quest, UpDown, weighted_up_down
-from haptix.stimuli.adaptive.psychometric import Estimate, fit
-from haptix.stimuli.adaptive.session_plan import (
+from haptix.lab.experiment.observer import Keys, Question, SimulatedObserver
+from haptix.lab.experiment.procedures import METHODS, Quest, UpDown, weighted_up_down
+from haptix.lab.experiment.psychometric import Estimate, fit
+from haptix.lab.experiment.session_plan import (
     TASKS,
     Catch,
     Exclude,
@@ -20,7 +19,8 @@ from haptix.stimuli.adaptive.session_plan import (
     StopRules,
     TrialTask,
 )
-from haptix.stimuli.adaptive.trial_log import TrialLog
+from haptix.lab.experiment.trial_log import TrialLog
+from haptix.lab.experiment.trials import Experiment, Presentation, StrokeRanges, Touch
 
 __all__ = [
     "METHODS",

@@ -33,11 +33,11 @@ from haptix.feel.signals.signal import (
     Window,
     signal_from,
 )
-from haptix.population import Population
-from haptix.stimuli.rendering import Apparatus, Rendering
-from haptix.stimuli.set_plan import TrialPlan
-from haptix.stimuli.stimulus import Stimulus
-from haptix.stimuli.stimulus_set import SetResult, StimulusSet, check_manifest
+from haptix.lab.population import Population
+from haptix.lab.stimuli.rendering import Apparatus, Rendering
+from haptix.lab.stimuli.set_plan import TrialPlan
+from haptix.lab.stimuli.stimulus import Stimulus
+from haptix.lab.stimuli.stimulus_set import SetResult, StimulusSet, check_manifest
 
 __all__ = [
     "AlongPath",

@@ -28,15 +28,15 @@ from haptix.base.files import (
 )
 from haptix.base.version import __version__
 from haptix.feel.signals.audio_files import AudioWriter, file_hash, step_v
+from haptix.lab.population import Population
+from haptix.lab.stimuli.rendering import TOLERANCE, Apparatus, Rendering, Tally
+from haptix.lab.stimuli.set_plan import SetPlan, Trigger, events, pulses
+from haptix.lab.stimuli.sidecar import reach, sidecar
+from haptix.lab.stimuli.stimulus import Stimulus, stimulus_from
 from haptix.model.finger import Finger
 from haptix.model.perception.sensation import SensationInTime
 from haptix.model.screen import Screen
 from haptix.play.devices import DriveWindow
-from haptix.population import Population
-from haptix.stimuli.rendering import TOLERANCE, Apparatus, Rendering, Tally
-from haptix.stimuli.set_plan import SetPlan, Trigger, events, pulses
-from haptix.stimuli.sidecar import reach, sidecar
-from haptix.stimuli.stimulus import Stimulus, stimulus_from
 
 
 def write_drive(
@@ -109,7 +109,7 @@ class Batch:
     first: int
     """Place of its first stimulus in the whole set."""
     pulses: int
-    """Of an onset's trigger, see `haptix.stimuli.set_plan.pulses`."""
+    """Of an onset's trigger, see `haptix.lab.stimuli.set_plan.pulses`."""
 
 
 class SetFiles:
@@ -289,7 +289,7 @@ class MakingJob:
         on_progress: Progress,
         executor: Any = None,
     ) -> None:
-        from haptix.stimuli.drawing import contact_sheet  # a missing extra is said at the start
+        from haptix.lab.stimuli.drawing import contact_sheet  # a missing extra is said at the start
 
         self.contact_sheet = contact_sheet
         self.parts, self.folder, self.threads = parts, folder, threads

@@ -18,12 +18,12 @@ from haptix.base.errors import MissingExtraError, from_extra
 from haptix.base.files import digest, json_text, reading, write_folder
 from haptix.base.report import page, paragraph, picture, table
 from haptix.base.version import __version__
-from haptix.stimuli.adaptive import Estimate, Magnitudes, Method, MethodsByCondition, Pairs
-from haptix.stimuli.adaptive.methods import ThresholdMethod, bradley_terry, bradley_terry_intervals
-from haptix.stimuli.adaptive.psychometric import counted, function_named, group
-from haptix.stimuli.adaptive.session_plan import SessionPlan, estimate_of, replayed, summary
-from haptix.stimuli.adaptive.trial_log import LoggedSession, read_sessions
-from haptix.stimuli.study import BIDS_VERSION
+from haptix.lab.analysis.study import BIDS_VERSION
+from haptix.lab.experiment import Estimate, Magnitudes, Method, MethodsByCondition, Pairs
+from haptix.lab.experiment.methods import ThresholdMethod, bradley_terry, bradley_terry_intervals
+from haptix.lab.experiment.psychometric import counted, function_named, group
+from haptix.lab.experiment.session_plan import SessionPlan, estimate_of, replayed, summary
+from haptix.lab.experiment.trial_log import LoggedSession, read_sessions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

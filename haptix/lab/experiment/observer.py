@@ -13,7 +13,7 @@ from typing import ClassVar, Literal, TextIO
 import numpy as np
 
 from haptix.base.errors import InputError
-from haptix.stimuli.adaptive.psychometric import function_named
+from haptix.lab.experiment.psychometric import function_named
 
 AnswerTo = Callable[["Question"], str]
 """Takes a question, returns one of its choices."""

@@ -20,10 +20,10 @@ from haptix.base.checks import choice, whole
 from haptix.base.documents import Part
 from haptix.base.errors import FileFormatError, InputError
 from haptix.base.files import reading
-from haptix.stimuli.adaptive.methods import Method, MethodsByCondition
-from haptix.stimuli.adaptive.procedures import METHODS
-from haptix.stimuli.adaptive.psychometric import CHANCE_P, Estimate, without
-from haptix.stimuli.adaptive.trial_log import LoggedSession, cell, program
+from haptix.lab.experiment.methods import Method, MethodsByCondition
+from haptix.lab.experiment.procedures import METHODS
+from haptix.lab.experiment.psychometric import CHANCE_P, Estimate, without
+from haptix.lab.experiment.trial_log import LoggedSession, cell, program
 
 
 @dataclass(frozen=True)

@@ -17,10 +17,10 @@ from haptix.base.documents import Part
 from haptix.base.errors import InputError
 from haptix.feel.signals.shapes import Sine
 from haptix.feel.signals.signal import signal_from
+from haptix.lab.stimuli.stimulus import DEFAULT_CARRIER_HZ, Stimulus, stimulus_from
 from haptix.model.perception.thresholds import Perception
 from haptix.model.screen import Screen
 from haptix.play.devices import DriveLimits
-from haptix.stimuli.stimulus import DEFAULT_CARRIER_HZ, Stimulus, stimulus_from
 
 _MOST_STIMULI = 10_000  # of a design; an experiment has some hundreds
 _BLOCK = 1 << 16  # samples

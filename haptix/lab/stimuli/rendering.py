@@ -17,6 +17,8 @@ from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
 from haptix.base.checks import Array
 from haptix.base.errors import InputError
 from haptix.base.files import digest
+from haptix.lab.population import Population
+from haptix.lab.stimuli.stimulus import Stimulus
 from haptix.model.finger import Finger, FingerResponse
 from haptix.model.friction import ContactModel
 from haptix.model.perception.sensation import SensationInTime
@@ -26,8 +28,6 @@ from haptix.model.surface import Column, FrictionSurface, cached_surface
 from haptix.model.waves import sine
 from haptix.play.devices import BODY_CAPACITANCE_F, Current, DriveLimits
 from haptix.play.render.drive import DirectWave
-from haptix.population import Population
-from haptix.stimuli.stimulus import Stimulus
 
 MEMORY_S = 0.1
 """The drive this long before an instant counts: skin relaxes in some 10 ms."""

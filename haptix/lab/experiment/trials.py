@@ -20,12 +20,10 @@ from haptix.base.checks import Array
 from haptix.base.documents import Part, first_error
 from haptix.base.errors import FileFormatError, InputError, LimitError
 from haptix.base.files import digest
-from haptix.play.devices import Device
-from haptix.play.render.intervals import TouchSample, code_of, name_of, on_log_time, play, reported
-from haptix.stimuli.adaptive.methods import Method, MethodsByCondition
-from haptix.stimuli.adaptive.observer import AnswerTo, Question, Source
-from haptix.stimuli.adaptive.psychometric import Estimate
-from haptix.stimuli.adaptive.session_plan import (
+from haptix.lab.experiment.methods import Method, MethodsByCondition
+from haptix.lab.experiment.observer import AnswerTo, Question, Source
+from haptix.lab.experiment.psychometric import Estimate
+from haptix.lab.experiment.session_plan import (
     SessionPlan,
     TrialSequence,
     check_plan,
@@ -34,7 +32,9 @@ from haptix.stimuli.adaptive.session_plan import (
     summary,
     task_named,
 )
-from haptix.stimuli.adaptive.trial_log import TouchLog, TrialLog, program
+from haptix.lab.experiment.trial_log import TouchLog, TrialLog, program
+from haptix.play.devices import Device
+from haptix.play.render.intervals import TouchSample, code_of, name_of, on_log_time, play, reported
 
 if TYPE_CHECKING:
     from haptix.play.render.lab_streams import LabOutlets
@@ -178,7 +178,7 @@ class Presentation:
         return {**self.identity, "drive": digest({"drive": [drive.tolist() for drive in drives]})}
 
 
-_LOG = logging.getLogger("haptix.stimuli")
+_LOG = logging.getLogger("haptix.lab.stimuli")
 
 _CLOSE = 1e-9
 _MOST_ATTEMPTS = 20  # at one trial

@@ -22,14 +22,7 @@ from haptix.base.kinds import call, in_folder
 from haptix.base.task import Context, Result, Task
 from haptix.feel.signals.audio_files import Container, Encoding
 from haptix.feel.signals.signal import Array, Constant, Product, Signal, signal_from
-from haptix.model.finger import Finger
-from haptix.model.perception.thresholds import Perception
-from haptix.model.screen import Screen
-from haptix.model.status import Status
-from haptix.model.surface import Column
-from haptix.play.devices import Device
-from haptix.population import DrawnPeople, Population
-from haptix.stimuli.adaptive import (
+from haptix.lab.experiment import (
     METHODS,
     Catch,
     Exclude,
@@ -42,13 +35,20 @@ from haptix.stimuli.adaptive import (
     StopRules,
     StrokeRanges,
 )
-from haptix.stimuli.adaptive.observer import AnswerTo
-from haptix.stimuli.adaptive.session_plan import BlockOrder, order_for, task_named
-from haptix.stimuli.designs import Design, equal_friction, put
-from haptix.stimuli.rendering import Apparatus, Rendering
-from haptix.stimuli.set_plan import TrialPlan, drive_limits
-from haptix.stimuli.stimulus import Stimulus, stimulus_from
-from haptix.stimuli.stimulus_set import StimulusSet
+from haptix.lab.experiment.observer import AnswerTo
+from haptix.lab.experiment.session_plan import BlockOrder, order_for, task_named
+from haptix.lab.population import DrawnPeople, Population
+from haptix.lab.stimuli.designs import Design, equal_friction, put
+from haptix.lab.stimuli.rendering import Apparatus, Rendering
+from haptix.lab.stimuli.set_plan import TrialPlan, drive_limits
+from haptix.lab.stimuli.stimulus import Stimulus, stimulus_from
+from haptix.lab.stimuli.stimulus_set import StimulusSet
+from haptix.model.finger import Finger
+from haptix.model.perception.thresholds import Perception
+from haptix.model.screen import Screen
+from haptix.model.status import Status
+from haptix.model.surface import Column
+from haptix.play.devices import Device
 
 
 class PopulationTable(DrawnPeople):
@@ -80,7 +80,7 @@ class Recipe(Document):
     screens : list of str
         Presets or TOML files.
     stimuli : mapping of name to table
-        Single stimuli, see `haptix.stimuli.stimulus.stimulus_from`.
+        Single stimuli, see `haptix.lab.stimuli.stimulus.stimulus_from`.
     designs : list of tables
         Designs, each with its `kind`.
     format, encoding, sample_rate_hz, full_scale_v, ceiling_v, trigger, unreachable, trials
@@ -244,7 +244,7 @@ class ExperimentRecipe(Document):
     method : table
         ``kind`` is "up-down", "quest+" or "constant-stimuli"; the rest are its parameters.
     task : str
-        A name of `haptix.stimuli.adaptive.TASKS`: "2ifc" in two intervals, "2afc" on the two sides
+        A name of `haptix.lab.experiment.TASKS`: "2ifc" in two intervals, "2afc" on the two sides
         of one stroke, "3afc", "yes-no", "same-different", "pairs", "magnitude".
     finger, screen : str
         Presets or TOML files.
@@ -254,9 +254,9 @@ class ExperimentRecipe(Document):
         "interleaved": each trial's condition is drawn; or the order of blocks, by the number of the
         participant: "williams", "latin-square", "random", or "as-listed".
     touch : table
-        Ranges of the stroke that counts, as `haptix.stimuli.adaptive.StrokeRanges` has them.
+        Ranges of the stroke that counts, as `haptix.lab.experiment.StrokeRanges` has them.
     practice, catch, stop, exclude, break_every, feedback
-        As in `haptix.stimuli.adaptive.SessionPlan`.
+        As in `haptix.lab.experiment.SessionPlan`.
     """
 
     name: str

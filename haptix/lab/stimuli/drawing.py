@@ -15,10 +15,10 @@ from haptix.base.errors import from_extra
 from haptix.base.files import read_json, reading
 from haptix.base.terminal import placeholder_note
 from haptix.feel.signals.audio_files import Array, read_drive
+from haptix.lab.stimuli.rendering import over_period
+from haptix.lab.stimuli.sidecar import spectrum
 from haptix.model.perception.thresholds import Perception, components_of_pull
 from haptix.play.render.drive import SineCarrier
-from haptix.stimuli.rendering import over_period
-from haptix.stimuli.sidecar import spectrum
 
 with from_extra("stimuli"):
     from matplotlib.axes import Axes

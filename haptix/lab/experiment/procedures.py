@@ -14,14 +14,14 @@ import numpy as np
 
 from haptix.base.checks import Array, increasing, number, positive, row, whole
 from haptix.base.errors import InputError
-from haptix.stimuli.adaptive.methods import (
+from haptix.lab.experiment.methods import (
     ConstantStimuli,
     Magnitudes,
     Method,
     Pairs,
     ThresholdMethod,
 )
-from haptix.stimuli.adaptive.psychometric import function_named
+from haptix.lab.experiment.psychometric import function_named
 
 
 @dataclass(eq=False)

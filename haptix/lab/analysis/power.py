@@ -22,13 +22,13 @@ from haptix.base.errors import InputError
 from haptix.base.files import csv_text
 from haptix.base.report import record
 from haptix.base.task import Context, Result, Task
+from haptix.lab.experiment.methods import Method
+from haptix.lab.experiment.psychometric import function_named
+from haptix.lab.experiment.recipe import ExperimentRecipe
+from haptix.lab.experiment.session_plan import TASKS
+from haptix.lab.stimuli.rendering import Rendering, Tally
+from haptix.lab.stimuli.set_plan import SetPlan
 from haptix.model.perception.sensation import Loudest, SensationInTime
-from haptix.stimuli.adaptive.methods import Method
-from haptix.stimuli.adaptive.psychometric import function_named
-from haptix.stimuli.adaptive.session_plan import TASKS
-from haptix.stimuli.recipe import ExperimentRecipe
-from haptix.stimuli.rendering import Rendering, Tally
-from haptix.stimuli.set_plan import SetPlan
 
 _DRAWS = 2000  # of samples of participants from those that were simulated
 _PEOPLE = 4000  # drawn for a share

@@ -14,13 +14,13 @@ import numpy.typing as npt
 from haptix.base.checks import NotNegative, Positive, check_fields, choice, whole
 from haptix.base.errors import InputError, LimitError
 from haptix.feel.signals.audio_files import Container, Encoding, check_format
+from haptix.lab.population import Population
+from haptix.lab.stimuli.rendering import Apparatus
+from haptix.lab.stimuli.stimulus import Stimulus
 from haptix.model.finger import Finger
 from haptix.model.perception.thresholds import Perception
 from haptix.model.screen import Screen
 from haptix.play.devices import BODY_CAPACITANCE_F, DriveLimits
-from haptix.population import Population
-from haptix.stimuli.rendering import Apparatus
-from haptix.stimuli.stimulus import Stimulus
 
 END_CODE = 255
 

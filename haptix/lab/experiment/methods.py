@@ -12,7 +12,7 @@ import numpy as np
 
 from haptix.base.checks import Array, positive, row, whole
 from haptix.base.errors import InputError
-from haptix.stimuli.adaptive.psychometric import Answers, Estimate, fit, function_named
+from haptix.lab.experiment.psychometric import Answers, Estimate, fit, function_named
 
 
 @dataclass(eq=False)

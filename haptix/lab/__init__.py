@@ -1,0 +1,5 @@
+"""Perception experiments: stimuli, trials, analysis, populations of fingers."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

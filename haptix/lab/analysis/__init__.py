@@ -1,0 +1,1 @@
+"""Logs of trials: thresholds, scales, power, and studies in BIDS."""
