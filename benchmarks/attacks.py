@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from service import Service, serving  # type: ignore[import-not-found]
 
-import haptix.client
+import haptix.service.client.connection
 
 GRATING = {"kind": "grating", "period_mm": 2.0, "low": 0.6, "high": 0.9}
 PLACE = {"x_mm": 0.0, "y_mm": 0.0, "width_mm": 100.0, "height_mm": 60.0}
@@ -49,7 +49,7 @@ def sliding(service: Service) -> Iterator[tuple[Any, list[tuple[float, str]], li
         if frame.stream == "friction" and np.nan_to_num(frame.rows[:, 7]).max() > 0:
             felt.append(time.monotonic())
 
-    with haptix.client.connect("attacked") as client:
+    with haptix.service.client.connection.connect("attacked") as client:
         client.on("output", lambda output: states.append((time.monotonic(), output.state)))
         client.on("frame", feels)
         client.layout_set(LAYOUT)
@@ -181,7 +181,7 @@ def flood(kind: str) -> dict[str, Any]:
         token = json.loads((folder / "service.json").read_text())["token"]
         address = f"ws://127.0.0.1:{service.port}/v1/session"
         own, others, worked, disconnected = [], [], [], 0
-        with haptix.client.connect("another") as another:
+        with haptix.service.client.connection.connect("another") as another:
             for _ in range(10):
                 with connect(
                     address, subprotocols=[Subprotocol("haptix.v1")], max_size=None

@@ -43,7 +43,7 @@ def front() -> None:
     start = asyncio.create_subprocess_exec
 
     def starts(program: str, *arguments: str, **options: Any) -> Any:
-        if "haptix.service.engine" in arguments:
+        if "haptix.service.engine.process" in arguments:
             arguments = (__file__, "--engine")
         return start(program, *arguments, **options)
 
@@ -57,7 +57,7 @@ def engine() -> None:
     import firmware_io.playback
     from firmware_io.reviser import Reviser
     from haptix.play.render import LiveRenderer
-    from haptix.service.engine import main
+    from haptix.service.engine.process import main
 
     taken: list[float] = []
     obeyed: list[tuple[float, float]] = []
@@ -214,14 +214,16 @@ def latency(client: str, count: int, interval_s: float) -> dict[str, Any]:
 
 def load(seconds: float, every_s: float = 10.0) -> Iterator[dict[str, Any]]:
     """Ten fingers at 1 kHz and five observers: what it takes, every so often."""
-    import haptix.client
+    import haptix.service.client.connection
 
     with serving() as service:
         os.environ["HAPTIX_SERVICE"] = service.environment["HAPTIX_SERVICE"]
         run = [sys.executable, str(HERE / "touching" / "touching.py"), "ten"]
         ten = subprocess.Popen(run, env=service.environment)
         rows: deque[Any] = deque(maxlen=1)
-        observers = [haptix.client.connect(f"observer {number}") for number in range(5)]
+        observers = [
+            haptix.service.client.connection.connect(f"observer {number}") for number in range(5)
+        ]
         for observer in observers:
             observer.on("frame", lambda frame: rows.append(frame.rows[-1]))
             observer.ask("subscribe", streams={"stats": 20.0})

@@ -1,8 +1,8 @@
-from . import client as client
 from . import feel as feel
 from . import lab as lab
 from . import model as model
 from . import play as play
+from . import service as service
 from .base.errors import HaptixError as HaptixError
 from .base.errors import InputError as InputError
 from .base.errors import LimitError as LimitError

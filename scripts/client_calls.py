@@ -17,8 +17,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from haptix.service import messages as m
-from haptix.service.messages import reading
+from haptix.service.protocol import messages as m
+from haptix.service.protocol.messages import reading
 
 ROOT = Path(__file__).parents[1]
 BANNER = "Made by scripts/client_calls.py from the description of the session; do not edit."

@@ -30,7 +30,7 @@ from filelock import FileLock
 
 from haptix.base.version import __version__
 from haptix.feel.materials import schema as kinds
-from haptix.service.messages.reading import asyncapi, schema
+from haptix.service.protocol.messages.reading import asyncapi, schema
 
 ROOT = Path(__file__).parents[1]
 CLIENTS = ROOT / "clients"

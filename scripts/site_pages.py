@@ -27,7 +27,7 @@ PACKAGES = (
     "haptix.plan.planning", "haptix.plan.tradeoff", "haptix.feel.materials", "haptix.feel.materials",
     "haptix.feel.gallery", "haptix.feel.layout", "haptix.feel.motion", "haptix.play.touch", "haptix.play.render",
     "haptix.play.virtual_finger", "haptix.play.simulation", "haptix.model.perception.thresholds", "haptix.lab.stimuli",
-    "haptix.client", "haptix.base.errors", "firmware_io", "calibration",
+    "haptix.service.client.connection", "haptix.base.errors", "firmware_io", "calibration",
 )  # fmt: skip
 OUTSIDE = {
     "protocol.md": "firmware_io/PROTOCOL.md",

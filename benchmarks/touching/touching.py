@@ -22,7 +22,7 @@ from typing import Any
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
-import haptix.client
+import haptix.service.client.connection
 
 MATERIAL = {"kind": "grating", "period_mm": 2.0, "low": 0.6, "high": 0.9}
 REGION = {"name": "ribs", "x_mm": 0, "y_mm": 0, "width_mm": 100, "height_mm": 60}
@@ -31,7 +31,7 @@ LAYOUT = {"regions": [REGION | {"material": MATERIAL}]}
 
 def plain(count: int, interval_s: float) -> list[float]:
     sent_s = []
-    with haptix.client.connect("Python") as h:
+    with haptix.service.client.connection.connect("Python") as h:
         h.layout_set(LAYOUT)
         h.acquire()
         h.arm()
@@ -46,7 +46,7 @@ def plain(count: int, interval_s: float) -> list[float]:
 
 async def concurrent(count: int, interval_s: float) -> list[float]:
     sent_s = []
-    async with await haptix.client.connect_async("asyncio") as h:
+    async with await haptix.service.client.connection.connect_async("asyncio") as h:
         await h.layout_set(LAYOUT)
         await h.acquire()
         await h.arm()

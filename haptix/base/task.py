@@ -8,7 +8,7 @@
         def run(self, context: Context) -> Result: ...
 
 The doors are the command line (`haptix.cli.application`), the service's routes, jobs and forms
-(`haptix.service.rest`), and campaigns (`haptix.campaign`), which also do tasks that have no other
+(`haptix.service.front.rest`), and campaigns (`haptix.campaign`), which also do tasks that have no other
 door. The list of all tasks is read from the text of `MODULES`, so that it loads nothing.
 """
 

@@ -19,8 +19,8 @@ from haptix.base.fields import Address, FileThere, FingerName, NewFile, ScreenNa
 from haptix.cli.application import option
 
 if TYPE_CHECKING:
-    from haptix.service.access import Access
-    from haptix.service.messages import Inventory
+    from haptix.service.front.access import Access
+    from haptix.service.protocol.messages import Inventory
 
 Device = Annotated[str, option("The driver, see `haptix devices`.", Address)]
 Surface = Annotated[
@@ -114,8 +114,8 @@ def studio(
 
 def _serve(log: Path | None, beyond: tuple[str, Path, Path] | None, **how: Any) -> None:
     from haptix.base.log import into
-    from haptix.service.access import Listen
-    from haptix.service.startup import serve as serve_until_interrupted
+    from haptix.service.front.access import Listen
+    from haptix.service.front.startup import serve as serve_until_interrupted
 
     if log is not None:
         into(log)

@@ -16,8 +16,8 @@ from haptix import cli
 from haptix.base import task as desk
 from haptix.campaign.plans import load_campaign
 from haptix.campaign.run import run_campaign
-from haptix.service.rest import jobs_router
-from haptix.service.worker import JobWork
+from haptix.service.front.rest import jobs_router
+from haptix.service.worker.process import JobWork
 from haptix.tasks.strokes import Render
 from tests.command_line import run_haptix
 from tests.one_task import ONE_FILE, put_in

@@ -10,8 +10,8 @@ from haptix.campaign.plans import load_campaign
 from haptix.campaign.run import run_campaign
 from haptix.model.status import Status
 from haptix.model.surface import PULL_IN_SHARE
-from haptix.service.rest import jobs_router
-from haptix.service.worker import JobWork
+from haptix.service.front.rest import jobs_router
+from haptix.service.worker.process import JobWork
 from tests.cli.test_desk import Board
 from tests.command_line import run_haptix
 

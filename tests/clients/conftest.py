@@ -6,8 +6,8 @@ import time
 import numpy as np
 import pytest
 
-from haptix.service.batches import TelemetryFrame, write_frame
-from haptix.service.hub import Hub
+from haptix.service.front.hub import Hub
+from haptix.service.protocol.batches import TelemetryFrame, write_frame
 from tests.service.service_under_test import Service, WrittenEngine
 
 

@@ -9,9 +9,9 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
-from haptix.service.batches import write_touches
-from haptix.service.messages import TouchMessage
-from haptix.service.messages.reading import read_server
+from haptix.service.protocol.batches import write_touches
+from haptix.service.protocol.messages import TouchMessage
+from haptix.service.protocol.messages.reading import read_server
 from tests.waiting import PATIENCE_S
 
 GOLDEN = Path(__file__).parents[2] / "clients" / "golden"

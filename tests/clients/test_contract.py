@@ -13,10 +13,10 @@ from functools import partial
 
 import pytest
 
-import haptix.client
-from haptix.service import messages as m
-from haptix.service.jobs import Job
-from haptix.service.messages import reading
+import haptix.service.client.connection
+from haptix.service.front.jobs import Job
+from haptix.service.protocol import messages as m
+from haptix.service.protocol.messages import reading
 from tests.clients.compiled import compiled
 from tests.made_clients import CSHARP, ROOT, TYPESCRIPT, node_tools
 from tests.waiting import PATIENCE_S, wait_for
@@ -75,7 +75,7 @@ def is_heard(heard, kind, expected):
 
 
 def test_python(keeps, tmp_path):
-    with haptix.client.connect("contract") as h:
+    with haptix.service.client.connection.connect("contract") as h:
         heard = []
         for kind in ("contact", "error", "frame"):
             h.on(kind, partial(note, heard, kind))
@@ -91,12 +91,12 @@ def test_python(keeps, tmp_path):
                 fields = {"path": file}
             heard.clear()
             if "refuses" in line:
-                with pytest.raises(haptix.client.Refused) as refused:
+                with pytest.raises(haptix.service.client.connection.Refused) as refused:
                     call(**fields)
                 assert fits(line["refuses"], refused.value), line
                 continue
             if "fails" in line:
-                with pytest.raises(haptix.client.Lost, match=line["fails"]):
+                with pytest.raises(haptix.service.client.connection.Lost, match=line["fails"]):
                     call(**fields)
                 continue
             answer = call(**fields)

@@ -7,8 +7,8 @@ import shutil
 import subprocess
 
 from haptix.feel.materials import material_of
-from haptix.service.jobs import Job
-from haptix.service.messages import JobMessage, LayoutDocument
+from haptix.service.front.jobs import Job
+from haptix.service.protocol.messages import JobMessage, LayoutDocument
 from tests.clients.compiled import compiled, compiled_sources
 from tests.made_clients import CSHARP, ROOT, make_clients
 from tests.waiting import PATIENCE_S, wait_for

@@ -6,7 +6,7 @@ from math import nan
 import numpy as np
 import pytest
 
-from haptix.service.batches import read_frame, read_touches
+from haptix.service.protocol.batches import read_frame, read_touches
 from tests.clients.golden import SESSIONS, Run, lines, written
 
 

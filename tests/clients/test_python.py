@@ -6,11 +6,11 @@ import threading
 
 import pytest
 
-import haptix.client
+import haptix.service.client.connection
 from haptix.base.errors import DeviceError, InputError
-from haptix.service.access import Limiter
-from haptix.service.jobs import Job
-from haptix.service.messages import JobMessage
+from haptix.service.front.access import Limiter
+from haptix.service.front.jobs import Job
+from haptix.service.protocol.messages import JobMessage
 from tests.waiting import PATIENCE_S, wait_for
 
 
@@ -18,7 +18,7 @@ from tests.waiting import PATIENCE_S, wait_for
 def connect(service, monkeypatch):
     monkeypatch.setenv("HAPTIX_SERVICE", str(service.access.folder))
     service.engine.reports.clear()
-    return haptix.client.connect
+    return haptix.service.client.connection.connect
 
 
 def test_touches_go_out_in_order_and_contacts_come_back(service, connect):
@@ -59,7 +59,7 @@ def test_touches_that_wait_keep_their_order(service, connect, monkeypatch):
 
 
 def test_a_broken_connection_is_opened_again_with_the_lease_and_disarmed(service, connect, caplog):
-    caplog.set_level(logging.INFO, "haptix.client")
+    caplog.set_level(logging.INFO, "haptix.service.client.connection")
     with connect("test") as h:
         told = []
         for kind in ("lost", "resumed"):
@@ -75,13 +75,19 @@ def test_a_broken_connection_is_opened_again_with_the_lease_and_disarmed(service
         assert "cut" in lost.reason and not lost.is_final
         assert welcome is h.welcome and welcome.session != first
         assert welcome.lease.is_mine and welcome.output.state == "off"
-        logged = [each.getMessage() for each in caplog.records if each.name == "haptix.client"]
+        logged = [
+            each.getMessage()
+            for each in caplog.records
+            if each.name == "haptix.service.client.connection"
+        ]
         assert logged[0] == "the connection is lost: cut"
         assert logged[1].startswith("connects again in ")
         assert logged[-1] == f"connected again as session {welcome.session}"
         h.arm()
         count = len(service.engine.reports)
-        h.touches([haptix.service.messages.TouchMessage(t_s=h.now_s(), x_px=40.0, y_px=0.0)])
+        h.touches(
+            [haptix.service.protocol.messages.TouchMessage(t_s=h.now_s(), x_px=40.0, y_px=0.0)]
+        )
         wait_for(lambda: len(service.engine.reports) > count)
         assert service.engine.reports[-1].x_mm == 10.0  # the geometry was told again
 
@@ -144,7 +150,7 @@ def test_after_close_nothing_is_sent_and_no_thread_is_left(service, connect):
 
 def test_a_wrong_token_is_no_reason_to_try_again(service, connect):
     address = f"ws://127.0.0.1:{service.port}/v1/session"
-    with pytest.raises(haptix.client.Refused) as refused:
+    with pytest.raises(haptix.service.client.connection.Refused) as refused:
         connect("test", address, "guess")
     assert (refused.value.code, refused.value.path) == ("access", "/token")
     with pytest.raises(DeviceError, match="start haptix serve"):
@@ -153,7 +159,7 @@ def test_a_wrong_token_is_no_reason_to_try_again(service, connect):
 
 def test_with_await(service, connect):
     async def plays():
-        async with await haptix.client.connect_async("test") as h:
+        async with await haptix.service.client.connection.connect_async("test") as h:
             await h.acquire()
             await h.arm()
             await h.touch(7.0, 8.0)
@@ -179,9 +185,11 @@ def test_a_layout_by_calls_plain_and_with_await(service, connect):
         assert patch.remove().revision == 1
         named = h.layout.add(haptix.feel.materials.Button(), name="ok")
         assert (patch.name, named.name) == ("region 1", "ok")
-        with pytest.raises(haptix.client.Refused, match="less than or equal to 1"):
+        with pytest.raises(
+            haptix.service.client.connection.Refused, match="less than or equal to 1"
+        ):
             patch.set_value(2.0)
-        with pytest.raises(haptix.client.Refused, match="no job") as refused:
+        with pytest.raises(haptix.service.client.connection.Refused, match="no job") as refused:
             h.watch("none")
         assert refused.value.code == "unknown"
     ops = [fields["ops"][0] for do, fields, _ in service.engine.told if do == "layout_change"]
@@ -209,7 +217,7 @@ def test_streams_that_were_asked_for_one_by_one_are_all_asked_for_again(service,
 
 def test_a_flood_of_touches_does_not_bury_the_client_s_own_stop(service, connect):
     async def floods():
-        async with await haptix.client.connect_async("test") as h:
+        async with await haptix.service.client.connection.connect_async("test") as h:
             h._batches = Limiter(1.0, h.now_s, 64)  # a rate that no machine is too slow for
             await h.acquire()
             await h.arm()
@@ -233,11 +241,13 @@ def test_files_effects_streams_mute_and_pause_have_their_calls(service, connect,
         assert service.folder.joinpath("assets", f"{name.removeprefix('sha256:')}.csv").is_file()
         assert h.asset(path) == name  # it is there already
         (tmp_path / "notes.txt").write_bytes(path.read_bytes())
-        with pytest.raises(haptix.client.Refused, match="expected one of"):
+        with pytest.raises(haptix.service.client.connection.Refused, match="expected one of"):
             h.asset(tmp_path / "notes.txt")
         with (tmp_path / "large.jpg").open("wb") as large:
             large.truncate(h.welcome.limits.asset_bytes + 1)
-        with pytest.raises(haptix.client.Refused, match=r"large.jpg has 33554433 bytes"):
+        with pytest.raises(
+            haptix.service.client.connection.Refused, match=r"large.jpg has 33554433 bytes"
+        ):
             h.asset(tmp_path / "large.jpg")
         h.acquire(takeover=True)  # from the client of a test before
         h.arm()

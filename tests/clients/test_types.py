@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 
 from haptix.base.version import __version__
-from haptix.service import messages as m
-from haptix.service.messages import reading
+from haptix.service.protocol import messages as m
+from haptix.service.protocol.messages import reading
 from tests.made_clients import CSHARP, ROOT, TYPESCRIPT, make_clients, node_tools
 
 SIDES = ("ClientMessage", "ServerMessage")

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-import haptix.client
+import haptix.service.client.connection
 from tests.clients.compiled import compiled
 from tests.clients.golden import GOLDEN, SESSIONS, Run
 from tests.made_clients import CSHARP, ROOT, TYPESCRIPT, node_tools
@@ -58,7 +58,7 @@ def test_csharp(environment, tmp_path):
 def test_a_slider_tells_the_numbers_of_its_detents(environment):
     found = json.loads((Path(environment["HAPTIX_SERVICE"]) / "service.json").read_text())
     address = f"ws://127.0.0.1:{found['port']}/v1/session"
-    with haptix.client.connect("slider", address, found["token"]) as h:
+    with haptix.service.client.connection.connect("slider", address, found["token"]) as h:
         contacts = []
         h.on("contact", contacts.append)
         slider = {"kind": "slider", "travel_mm": 40, "detents": 5, "start_mm": 3}

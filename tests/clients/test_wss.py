@@ -6,7 +6,7 @@ import subprocess
 
 import pytest
 
-import haptix.client
+import haptix.service.client.connection
 from haptix.base.errors import DeviceError
 from tests.clients.compiled import compiled
 from tests.made_clients import TYPESCRIPT, node_tools
@@ -70,9 +70,9 @@ def far(tmp_path):
 
 def test_python(far, monkeypatch):
     with pytest.raises(DeviceError, match="certificate"):
-        haptix.client.connect("far", far.url, far.access.native)
+        haptix.service.client.connection.connect("far", far.url, far.access.native)
     monkeypatch.setenv("SSL_CERT_FILE", str(far.certificate))
-    with haptix.client.connect("far", far.url, far.access.native) as h:
+    with haptix.service.client.connection.connect("far", far.url, far.access.native) as h:
         h.acquire()
         h.arm()
         h.touch(7.0, 8.0)

@@ -32,7 +32,7 @@ NEEDS = {
     "figures": "import_module('haptix.plan.tradeoff').write_tradeoff(None, None)",
     "calibration": "calibration.StrokeRecording",
     "stimuli": "import_module('haptix.lab.stimuli.drawing')",
-    "serve": "import_module('haptix.client')",
+    "serve": "import_module('haptix.service.client.connection')",
     "netcdf": "surface.to_netcdf('my.nc')",
     "serial": "haptix.open_device('serial:port=COM3')",
     "cluster": "import_module('haptix.campaign.cluster').DaskWorkers.on('dask')",

@@ -8,12 +8,12 @@ import time
 
 import pytest
 
-from haptix.service.access import Access, Listen, listens
-from haptix.service.assets import AssetStore
-from haptix.service.connections import HttpServer
-from haptix.service.front import application
-from haptix.service.hub import Hub
-from haptix.service.messages import DeviceMessage, Inventory, Problem
+from haptix.service.front.access import Access, Listen, listens
+from haptix.service.front.application import application
+from haptix.service.front.assets import AssetStore
+from haptix.service.front.connections import HttpServer
+from haptix.service.front.hub import Hub
+from haptix.service.protocol.messages import DeviceMessage, Inventory, Problem
 from tests.waiting import wait_for
 
 

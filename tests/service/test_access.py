@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from haptix.service.access import CODE_S, Access
-from haptix.service.messages import Problem
+from haptix.service.front.access import CODE_S, Access
+from haptix.service.protocol.messages import Problem
 from tests.hand_clock import HandClock
 
 PAGE = "https://example.org"

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptix.service.batches import (
+from haptix.service.protocol.batches import (
     ClientTouch,
     TelemetryFrame,
     numbered,
@@ -18,8 +18,8 @@ from haptix.service.batches import (
     write_frame,
     write_touches,
 )
-from haptix.service.messages import Problem, TouchMessage
-from haptix.service.wire import FrameReader, frame
+from haptix.service.protocol.messages import Problem, TouchMessage
+from haptix.service.protocol.wire import FrameReader, frame
 
 TOUCHES = st.builds(
     TouchMessage,

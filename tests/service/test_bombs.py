@@ -18,11 +18,11 @@ import pytest
 import soundfile
 
 from haptix.feel.materials import decoded
-from haptix.service import document_work
-from haptix.service.assets import MOST_BYTES, AssetStore, Decoding
-from haptix.service.document_work import DocumentWork
-from haptix.service.front import MOST_BODY_BYTES
-from haptix.service.messages import Problem
+from haptix.service.front.application import MOST_BODY_BYTES
+from haptix.service.front.assets import MOST_BYTES, AssetStore, Decoding
+from haptix.service.protocol.messages import Problem
+from haptix.service.worker import document_work
+from haptix.service.worker.document_work import DocumentWork
 from tests.service.service_under_test import Service
 from tests.service.test_decoding import OPENING, bomb, kept
 from tests.service.test_sessions import Client
@@ -197,7 +197,7 @@ def test_many_large_pictures_are_as_bad_as_one(service, monkeypatch):
 
 
 def test_a_layout_that_takes_long_stops_nobody(service, monkeypatch):
-    monkeypatch.setattr("haptix.service.connections.LAYOUT_WAIT_S", 0.05)
+    monkeypatch.setattr("haptix.service.front.connections.LAYOUT_WAIT_S", 0.05)
 
     async def takes_long(do, **fields):
         await asyncio.sleep(60.0 if do == "layout_set" else 0.0)

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from haptix.service.client_touches import ClientClock
-from haptix.service.messages import Problem
+from haptix.service.front.client_touches import ClientClock
+from haptix.service.protocol.messages import Problem
 
 
 def exchanges(clock, offset_s, drift, times, rng, start=1000.0):

@@ -15,9 +15,9 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
-from haptix.service import connections
-from haptix.service.connections import MOST_CONNECTIONS, MOST_OF_PEER
-from haptix.service.front import SUBPROTOCOL
+from haptix.service.front import connections
+from haptix.service.front.application import SUBPROTOCOL
+from haptix.service.front.connections import MOST_CONNECTIONS, MOST_OF_PEER
 from tests.service.service_under_test import Service, certified
 from tests.service.test_sessions import Client
 from tests.waiting import PATIENCE_S, wait_for
@@ -219,7 +219,7 @@ def test_a_full_disk_and_a_fault_of_ours_are_said_as_such(
     def fails(*_):
         raise error
 
-    monkeypatch.setattr("haptix.service.assets.tempfile.mkstemp", lambda **_: fails())
+    monkeypatch.setattr("haptix.service.front.assets.tempfile.mkstemp", lambda **_: fails())
     answer = httpx.put(
         f"http://127.0.0.1:{service.port}/v1/assets/{'0' * 64}?suffix=.png",
         headers={"authorization": f"Bearer {service.access.native}"},

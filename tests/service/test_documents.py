@@ -14,12 +14,12 @@ import pytest
 import haptix
 from haptix.feel.gallery import ASSETS, presets
 from haptix.lab.stimuli.interchange import FrictionMap
-from haptix.service import pool as pool_module
-from haptix.service.assets import AssetStore
-from haptix.service.document_work import DocumentWork
-from haptix.service.messages import Problem
-from haptix.service.pool import Pool
-from haptix.service.rest import KeptTexts, documents_router
+from haptix.service.front import pool as pool_module
+from haptix.service.front.assets import AssetStore
+from haptix.service.front.pool import Pool
+from haptix.service.front.rest import KeptTexts, documents_router
+from haptix.service.protocol.messages import Problem
+from haptix.service.worker.document_work import DocumentWork
 from tests.service.service_under_test import Service
 from tests.waiting import PATIENCE_S
 
@@ -140,7 +140,7 @@ def test_only_the_newest_versions_and_drafts_are_kept(tmp_path, monkeypatch):
     for number in range(7):
         revision = f'"{store.write("a", str(number), revision)}"'
     assert [store.read("a", one.revision)[0] for one in store.versions("a")] == ["6", "5", "4"]
-    monkeypatch.setattr("haptix.service.rest.MOST_REMOVED", 2)
+    monkeypatch.setattr("haptix.service.front.rest.MOST_REMOVED", 2)
     for number in range(4):
         path = tmp_path / f"b{number}" / "1.json"
         store.write(f"b{number}", "x", None)

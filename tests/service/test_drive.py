@@ -4,7 +4,7 @@ import httpx
 import pytest
 from fastapi import Depends, Request
 
-from haptix.service.in_use import drive_router
+from haptix.service.front.in_use import drive_router
 from tests.service.service_under_test import Service
 
 CURRENTS = {"normal_force_n": [0.5, 1.0], "current_a": [9e-5, 1.4e-4]}

@@ -10,9 +10,9 @@ import pytest
 
 from haptix.base.errors import DeviceError
 from haptix.play.touch.events import TouchEvent
-from haptix.service import engine as engine_module
-from haptix.service.engine import EngineServer
-from haptix.service.wire import JSON, read_frame, touch_frame
+from haptix.service.engine import process as engine_module
+from haptix.service.engine.process import EngineServer
+from haptix.service.protocol.wire import JSON, read_frame, touch_frame
 from tests.waiting import wait_for
 
 
@@ -95,7 +95,7 @@ def test_a_driver_that_fails_while_the_front_is_silent_ends_at_0_v(monkeypatch, 
     monkeypatch.setattr(EngineServer, "_works", lambda self, work: None)
     if isinstance(error, ZeroDivisionError):
         monkeypatch.setattr("sys.excepthook", lambda *what: None)
-    monkeypatch.setattr("haptix.service.engine.Telemetry.tell", lambda *what: None)
+    monkeypatch.setattr("haptix.service.engine.process.Telemetry.tell", lambda *what: None)
     output = io.BytesIO()
     server = EngineServer(output)
     failing = [FakeRenderer(error, at) for _ in range(2)]
@@ -116,7 +116,7 @@ def test_a_driver_that_fails_while_the_front_is_silent_ends_at_0_v(monkeypatch, 
 def test_who_arms_after_a_silent_holder_is_felt(monkeypatch):
     renderer = FakeRenderer()
     monkeypatch.setattr(EngineServer, "_works", lambda self, work: None)
-    monkeypatch.setattr("haptix.service.engine.Telemetry.tell", lambda *what: None)
+    monkeypatch.setattr("haptix.service.engine.process.Telemetry.tell", lambda *what: None)
     monkeypatch.setattr("haptix.play.render.LiveRenderer", lambda *_, **__: renderer)
     monkeypatch.setattr("haptix.play.render.samples.carrier_hz", lambda surface: 4000.0)
     server = EngineServer(io.BytesIO())

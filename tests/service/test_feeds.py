@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptix.play.render.live import COLUMNS as PLAYED
-from haptix.service.batches import COLUMNS, TelemetryFrame, read_frame
-from haptix.service.client_session import ServiceSession
+from haptix.service.front.client_session import ServiceSession
+from haptix.service.protocol.batches import COLUMNS, TelemetryFrame, read_frame
 
 STEP_S = 0.001
 

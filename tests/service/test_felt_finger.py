@@ -9,7 +9,7 @@ from haptix.model.perception.thresholds import WEBER_FRACTION
 from haptix.play.simulation import Played, Setting
 from haptix.play.touch import TouchEvent
 from haptix.play.virtual_finger import TouchPanel, VirtualFinger
-from haptix.service.felt_finger import FeltFinger
+from haptix.service.worker.felt_finger import FeltFinger
 from tests.live_strokes import SteppedRenderer
 
 START_S, END_S = 100.0, 100.4

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from haptix.play.touch.events import TouchEvent
-from haptix.service.batches import read_frame
-from haptix.service.engine_process import FeltFingerProcess
-from haptix.service.wire import amplitude_frame, touch_frame
+from haptix.service.front.engine_process import FeltFingerProcess
+from haptix.service.protocol.batches import read_frame
+from haptix.service.protocol.wire import amplitude_frame, touch_frame
 from tests.waiting import PATIENCE_S
 
 pytestmark = pytest.mark.slow  # loads torch three times

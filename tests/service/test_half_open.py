@@ -16,7 +16,7 @@ pytestmark = pytest.mark.slow  # silence without a network is tested with the se
 SCRIPT = """
     import subprocess, sys, time
     from pathlib import Path
-    import haptix.client
+    import haptix.service.client.connection
     from tests.service.service_under_test import Service
     from tests.waiting import wait_for
 
@@ -26,7 +26,7 @@ SCRIPT = """
     loopback("up")
     service = Service(Path(sys.argv[1]))
     address = f"ws://127.0.0.1:{service.port}/v1/session"
-    client = haptix.client.connect("far", address, service.access.native)
+    client = haptix.service.client.connection.connect("far", address, service.access.native)
     try:
         client.acquire()
         client.arm()

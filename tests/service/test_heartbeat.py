@@ -6,11 +6,11 @@ import signal
 
 import pytest
 
-from haptix.service import messages as m
-from haptix.service import pool as pool_module
-from haptix.service.access import Access
-from haptix.service.hub import Hub
-from haptix.service.pool import Process
+from haptix.service.front import pool as pool_module
+from haptix.service.front.access import Access
+from haptix.service.front.hub import Hub
+from haptix.service.front.pool import Process
+from haptix.service.protocol import messages as m
 from tests.hand_clock import HandClock
 from tests.service.service_under_test import WrittenEngine
 from tests.service.test_decoding import OPENING

@@ -18,8 +18,8 @@ from haptix.feel.motion import Trajectory
 from haptix.play.render import LiveSettings
 from haptix.play.simulation import Setting, simulate
 from haptix.play.virtual_finger import TouchPanel
-from haptix.service.messages.reading import asyncapi
-from haptix.service.worker import JobWork
+from haptix.service.protocol.messages.reading import asyncapi
+from haptix.service.worker.process import JobWork
 from haptix.tasks.stimuli import judgement
 from tests.service.service_under_test import Service
 from tests.service.test_sessions import Client
@@ -265,7 +265,7 @@ def test_the_page_of_routes_and_messages_is_whole_and_loads_nothing(service):
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such limit")
 def test_what_takes_too_much_memory_is_refused_it():
     program = (
-        "from haptix.service.worker import limit_memory; limit_memory(200 * 2**20)\n"
+        "from haptix.service.worker.process import limit_memory; limit_memory(200 * 2**20)\n"
         "try: bytearray(400 * 2**20)\n"
         "except MemoryError: print('refused')"
     )

@@ -12,8 +12,8 @@ import time
 
 import pytest
 
-from haptix.service.messages import Problem
-from haptix.service.rest import KeptTexts
+from haptix.service.front.rest import KeptTexts
+from haptix.service.protocol.messages import Problem
 
 SEQUENCES = int(os.environ.get("HAPTIX_SEQUENCES", "30"))
 

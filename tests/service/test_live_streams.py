@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from haptix.play.sensing import Knowledge
-from haptix.service.batches import COLUMNS
+from haptix.service.protocol.batches import COLUMNS
 from tests.service.test_processes import LAYOUT, Running
 from tests.waiting import pause, wait_for
 

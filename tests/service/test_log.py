@@ -10,10 +10,10 @@ import sys
 
 import pytest
 
-import haptix.client
+import haptix.service.client.connection
 from haptix.base.errors import HaptixError
-from haptix.service.jobs import Job
-from haptix.service.messages import JobMessage, Problem
+from haptix.service.front.jobs import Job
+from haptix.service.protocol.messages import JobMessage, Problem
 from tests.service.service_under_test import Service
 from tests.waiting import PATIENCE_S, wait_for
 
@@ -30,14 +30,14 @@ def test_a_session_is_told_without_its_token(service, caplog):
     url = f"ws://127.0.0.1:{service.port}/v1/session"
     token, code = service.access.native, service.access.code()
     paired = service.access.pair(code, "https://lab.example", "page")
-    with haptix.client.connect("a program", url, token) as h:
+    with haptix.service.client.connection.connect("a program", url, token) as h:
         h.acquire()
         h.arm()
         h.touch(7.0, 8.0)
         h.intensity(0.5)
         resume = next(iter(service.hub.sessions.values())).resume
     with pytest.raises(HaptixError):
-        haptix.client.connect("a guess", url, "Geheim-token")
+        haptix.service.client.connection.connect("a guess", url, "Geheim-token")
     said = [record.getMessage() for record in caplog.records if record.name == "haptix.service"]
     assert "session 1: hello of 'a program', free" in said
     assert "lease: session 1, acquired" in said
@@ -84,7 +84,7 @@ def test_all_processes_of_a_service_log(tmp_path):
             assert "haptix serves" in process.stdout.readline()
             found = json.loads((tmp_path / "service" / "service.json").read_text())
             url = f"ws://127.0.0.1:{found['port']}/v1/session"
-            with haptix.client.connect("a program", url, found["token"]) as h:
+            with haptix.service.client.connection.connect("a program", url, found["token"]) as h:
                 h.layout.add({"kind": "grating", "period_mm": 2.0}, width_mm=60.0, height_mm=60.0)
                 h.acquire()
                 h.arm()
@@ -97,9 +97,9 @@ def test_all_processes_of_a_service_log(tmp_path):
     assert found["token"] not in text
     for line in (
         "haptix.base.log INFO haptix.cli begins",
-        "haptix.base.log INFO haptix.service.engine begins",
+        "haptix.base.log INFO haptix.service.engine.process begins",
         "haptix.service INFO lease: session 1, acquired",
-        "haptix.service.engine INFO armed for session 1",
+        "haptix.service.engine.process INFO armed for session 1",
         "firmware_io.stream INFO mock: armed for revisions",
         "firmware_io.protocol DEBUG mock > Revise ",
         "firmware_io.protocol DEBUG mock < ",

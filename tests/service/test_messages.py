@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from haptix.service.messages import Problem, reading
-from haptix.service.messages.reading import REPLIES
+from haptix.service.protocol.messages import Problem, reading
+from haptix.service.protocol.messages.reading import REPLIES
 from tests.clients.golden import GOLDEN
 
 SCALARS = st.sampled_from([None, True, -1, 0, 7, 2**60, 1.5, nan, inf, "", "1", "up", [], {}])
@@ -101,7 +101,7 @@ def test_what_would_take_long_to_refuse_is_not_parsed(inner, monkeypatch):
     text = '{"type": "layout_set", "id": 7, ' + inner + "}"
     monkeypatch.setattr(reading, "CLIENT", None)
     monkeypatch.setattr(reading, "_depth", None)
-    monkeypatch.setattr("haptix.service.messages.reading.json.loads", None)
+    monkeypatch.setattr("haptix.service.protocol.messages.reading.json.loads", None)
     with pytest.raises(Problem, match="16384 keys, 32768 lists and 100000 values") as caught:
         reading.read_client(text)
     assert (caught.value.code, reading.id_of(text)) == ("limit", 7)

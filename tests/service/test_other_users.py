@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from haptix.service.access import Access
-from haptix.service.assets import AssetStore
+from haptix.service.front.access import Access
+from haptix.service.front.assets import AssetStore
 
 NOBODY = 65534
 

@@ -9,17 +9,17 @@ import sys
 
 import pytest
 
-from haptix.service import pool as pool_module
-from haptix.service.messages import Problem
-from haptix.service.pool import MOST_WAITING, Pool
-from haptix.service.wire import json_frame
+from haptix.service.front import pool as pool_module
+from haptix.service.front.pool import MOST_WAITING, Pool
+from haptix.service.protocol.messages import Problem
+from haptix.service.protocol.wire import json_frame
 from tests.service.test_decoding import OPENING, bomb
 from tests.waiting import PATIENCE_S
 
 BUSY = """
 import sys
-from haptix.service.wire import Outbox
-from haptix.service.worker import frames
+from haptix.service.protocol.wire import Outbox
+from haptix.service.worker.process import frames
 for _, data in frames(Outbox(sys.stderr.buffer), last_s=0.1):
     print(data.decode(), flush=True)
     while True:
@@ -43,7 +43,7 @@ def test_a_worker_that_computes_ends_when_its_input_does():
 def test_a_worker_whose_front_has_gone_says_nothing(do):
     """Both pipes close, as when the front is killed while an answer is on its way."""
     with subprocess.Popen(
-        [sys.executable, "-m", "haptix.service.worker", "15"],
+        [sys.executable, "-m", "haptix.service.worker.process", "15"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

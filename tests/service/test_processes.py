@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import haptix.client
+import haptix.service.client.connection
 from firmware_io import MockDriver
 from firmware_io.serve import DriverServer
 from haptix.base.errors import DeviceError
@@ -104,7 +104,7 @@ class Running:
 
     def connect(self, name="test", **fields):
         os.environ["HAPTIX_SERVICE"] = self.environment["HAPTIX_SERVICE"]
-        return haptix.client.connect(name, **fields)
+        return haptix.service.client.connection.connect(name, **fields)
 
     @contextlib.contextmanager
     def at_0_v_within(self, limit_s):
@@ -253,8 +253,8 @@ def test_what_a_finger_does_is_told_and_what_an_app_sets_is_obeyed(running):
 CLIENT = """
     import sys, time
     from math import sin
-    import haptix.client
-    with haptix.client.connect("to be killed") as h:
+    import haptix.service.client.connection
+    with haptix.service.client.connection.connect("to be killed") as h:
         h.layout_set({layout})
         h.acquire()
         h.arm()
@@ -291,7 +291,7 @@ def is_armed(client):
     """Arm, once the new engine is there."""
     try:
         return client.arm().state == "armed"
-    except haptix.client.Refused as refused:
+    except haptix.service.client.connection.Refused as refused:
         assert refused.code == "device"
         return False
 

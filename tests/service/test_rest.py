@@ -10,14 +10,14 @@ from schemathesis.specs.openapi.checks import positive_data_acceptance
 
 from haptix import Finger, Screen
 from haptix.base.task import all_tasks
-from haptix.service.access import Access
-from haptix.service.assets import AssetStore
-from haptix.service.document_work import profiles_of
-from haptix.service.front import application
-from haptix.service.hub import Hub
-from haptix.service.jobs import JobBoard
-from haptix.service.messages import Inventory, Problem
-from haptix.service.rest import documents_router
+from haptix.service.front.access import Access
+from haptix.service.front.application import application
+from haptix.service.front.assets import AssetStore
+from haptix.service.front.hub import Hub
+from haptix.service.front.jobs import JobBoard
+from haptix.service.front.rest import documents_router
+from haptix.service.protocol.messages import Inventory, Problem
+from haptix.service.worker.document_work import profiles_of
 
 PORT = 7421
 

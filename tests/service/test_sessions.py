@@ -13,10 +13,10 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
-from haptix.service.access import listens
-from haptix.service.batches import write_touches
-from haptix.service.front import SUBPROTOCOL
-from haptix.service.messages import TouchMessage
+from haptix.service.front.access import listens
+from haptix.service.front.application import SUBPROTOCOL
+from haptix.service.protocol.batches import write_touches
+from haptix.service.protocol.messages import TouchMessage
 from tests.service.service_under_test import Service
 from tests.waiting import PATIENCE_S, wait_for
 

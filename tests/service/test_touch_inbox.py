@@ -7,9 +7,8 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from haptix.service.batches import ClientTouch, write_touches
-from haptix.service.client_session import ServiceSession
-from haptix.service.client_touches import (
+from haptix.service.front.client_session import ServiceSession
+from haptix.service.front.client_touches import (
     OLD_S,
     PAST_S,
     ClientClock,
@@ -17,7 +16,8 @@ from haptix.service.client_touches import (
     TouchInbox,
     touch_events,
 )
-from haptix.service.messages import Problem, TouchMessage
+from haptix.service.protocol.batches import ClientTouch, write_touches
+from haptix.service.protocol.messages import Problem, TouchMessage
 from tests.service.test_sessions import Client, running, service
 from tests.waiting import PATIENCE_S, pause, wait_for
 

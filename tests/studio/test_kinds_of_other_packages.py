@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-import haptix.client
+import haptix.service.client.connection
 from tests.materials.strangers_kind import installed
 from tests.studio.conftest import a_page, a_studio
 from tests.waiting import wait_for
@@ -22,7 +22,7 @@ def test_a_kind_of_another_package_is_felt_by_the_service_and_edited_in_the_stud
     (folder / "layouts" / "wool.json").write_text(json.dumps(document))
     monkeypatch.setenv("HAPTIX_SERVICE", str(folder))
     with a_studio(installed(tmp_path / "stranger")) as address, a_page(browser) as page:
-        with haptix.client.connect("test") as client:
+        with haptix.service.client.connection.connect("test") as client:
             assert "wool" in client.ask("inventory").kinds
         page.goto(address)
         page.get_by_role("link", name="Make").click()

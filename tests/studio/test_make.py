@@ -15,10 +15,10 @@ from skimage.io import imsave
 
 from haptix.base.errors import HaptixError
 from haptix.feel.gallery import ASSETS
-from haptix.service.assets import AssetStore
-from haptix.service.document_work import DocumentWork
-from haptix.service.messages import Problem
-from haptix.service.rest import documents_router
+from haptix.service.front.assets import AssetStore
+from haptix.service.front.rest import documents_router
+from haptix.service.protocol.messages import Problem
+from haptix.service.worker.document_work import DocumentWork
 from tests.studio.conftest import a_front, a_page, address, keep, violations
 from tests.waiting import wait_for
 

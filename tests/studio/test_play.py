@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from fastapi import APIRouter
 
-from haptix.service.batches import TelemetryFrame, write_frame
+from haptix.service.protocol.batches import TelemetryFrame, write_frame
 from tests.studio.conftest import a_front, a_page, address, keep, violations
 from tests.waiting import wait_for
 

@@ -12,8 +12,8 @@ import pytest
 
 from haptix.lab.experiment.recipe import ExperimentRecipe
 from haptix.lab.experiment.session_plan import TASKS
-from haptix.service.jobs import Job
-from haptix.service.messages import JobMessage
+from haptix.service.front.jobs import Job
+from haptix.service.protocol.messages import JobMessage
 from haptix.tasks.stimuli import refuse_files_and_volts
 from tests.studio.conftest import ROOT, address, keep, violations
 

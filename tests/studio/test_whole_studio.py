@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import TimeoutError
 
-from haptix.service.batches import COLUMNS, read_frame
+from haptix.service.protocol.batches import COLUMNS, read_frame
 from tests.service.test_processes import Running
 from tests.studio.conftest import a_page, keep, violations
 from tests.waiting import PATIENCE_S, wait_for

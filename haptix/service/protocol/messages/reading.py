@@ -9,7 +9,7 @@ from typing import Any, get_args
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 from pydantic.json_schema import models_json_schema
 
-from haptix.service.messages import (
+from haptix.service.protocol.messages import (
     MOST_DEPTH,
     MOST_KEYS,
     MOST_LISTS,

@@ -1,4 +1,4 @@
-"""``python -m haptix.service.worker NICE``: a process that works for one owner, and ends.
+"""``python -m haptix.service.worker.process NICE``: a process that works for one owner, and ends.
 
 It decodes files, draws, checks and exports materials, does a job, or runs the virtual finger, so
 that neither the front nor the engine waits for that. It answers one question after the other; the
@@ -24,11 +24,19 @@ from haptix.base.errors import InputError
 from haptix.base.fields import FINGERS, SCREENS
 from haptix.base.files import parse_json, write_folder
 from haptix.base.task import Context, Task, all_tasks
-from haptix.service.wire import BEAT, JSON, Outbox, answer_of, frame, frame_output, read_frame
+from haptix.service.protocol.wire import (
+    BEAT,
+    JSON,
+    Outbox,
+    answer_of,
+    frame,
+    frame_output,
+    read_frame,
+)
 
 if TYPE_CHECKING:
-    from haptix.service.document_work import DocumentWork
-    from haptix.service.felt_finger import FeltFingerThread
+    from haptix.service.worker.document_work import DocumentWork
+    from haptix.service.worker.felt_finger import FeltFingerThread
 
 MOST_MEMORY_BYTES = 6 * 2**30
 _LAST_S = 1.0  # to end in order once the service is gone
@@ -110,7 +118,7 @@ class Worker:
         """Get ready for questions about files and materials."""
         from haptix.feel.materials import pictures  # noqa: F401
         from haptix.feel.materials.decoded import FOLDER, keep_in
-        from haptix.service.document_work import DocumentWork
+        from haptix.service.worker.document_work import DocumentWork
 
         keep_in(Path(assets).parent / FOLDER, makes=True)
         self._documents = DocumentWork(Path(assets), opening)
@@ -124,13 +132,13 @@ class Worker:
 
     def _do_get_ready(self) -> dict[str, Any]:
         """Import what a virtual finger needs."""
-        from haptix.service import felt_finger  # noqa: F401
+        from haptix.service.worker import felt_finger
 
         return {}
 
     def _do_feel(self, finger: str, screen: str, carrier_hz: float) -> dict[str, Any]:
         """Feel, from now on, what comes as touches and amplitudes."""
-        from haptix.service.felt_finger import FeltFinger, FeltFingerThread
+        from haptix.service.worker.felt_finger import FeltFinger, FeltFingerThread
 
         self._felt_finger = FeltFingerThread(
             FeltFinger(finger, screen, carrier_hz), self._outbox.tell

@@ -1,4 +1,4 @@
-"""``python -m haptix.service.engine``: the process that owns the surface, renderer and device.
+"""``python -m haptix.service.engine.process``: the process that owns the surface, renderer and device.
 
 It reads frames from its standard input and answers on its standard output. Four threads:
 
@@ -31,10 +31,10 @@ from haptix.base.checks import Array
 from haptix.base.errors import HaptixError, InputError
 from haptix.base.files import parse_json
 from haptix.play.touch.events import ForceModel, TouchEvent
-from haptix.service.batches import TelemetryFrame, write_frame
-from haptix.service.client_touches import TouchGate
-from haptix.service.messages import Stream
-from haptix.service.wire import (
+from haptix.service.front.client_touches import TouchGate
+from haptix.service.protocol.batches import TelemetryFrame, write_frame
+from haptix.service.protocol.messages import Stream
+from haptix.service.protocol.wire import (
     BEAT,
     JSON,
     TELEMETRY,
@@ -54,9 +54,9 @@ if TYPE_CHECKING:
     from haptix.model.screen import Screen
     from haptix.play.render.master import EffectEnd
     from haptix.play.sensing import FingerEstimate, FingerObserver
-    from haptix.service.document_work import SessionLayout
+    from haptix.service.worker.document_work import SessionLayout
 
-_LOG = logging.getLogger("haptix.service.engine")
+_LOG = logging.getLogger("haptix.service.engine.process")
 
 SLEEP_S, STOP_S = 0.1, 2.0
 _LOOK_S = 0.02
@@ -363,7 +363,7 @@ class EngineServer:
         from haptix.model.screen import Screen
         from haptix.play.devices import open_device, profiles_for
         from haptix.play.render.samples import carrier_hz
-        from haptix.service.document_work import profiles_of, surface_of
+        from haptix.service.worker.document_work import profiles_of, surface_of
 
         self._assets = Path(assets)
         keep_in(self._assets.parent / FOLDER, makes=False)
@@ -400,7 +400,7 @@ class EngineServer:
         self._layouts[session].revision = revision
 
     def _changed(self, session: int, how: str, change: Any) -> dict[str, Any]:
-        from haptix.service.document_work import SessionLayout
+        from haptix.service.worker.document_work import SessionLayout
 
         layout = self._layouts.get(session)
         if layout is None:

@@ -32,12 +32,12 @@ from starlette.websockets import WebSocketDisconnect
 from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
-from haptix.service import messages as m
-from haptix.service.access import Listen
-from haptix.service.batches import COLUMNS
-from haptix.service.client_session import ServiceSession
-from haptix.service.hub import Hub
-from haptix.service.messages import MOST_TEXT_BYTES, Problem, reading
+from haptix.service.front.access import Listen
+from haptix.service.front.client_session import ServiceSession
+from haptix.service.front.hub import Hub
+from haptix.service.protocol import messages as m
+from haptix.service.protocol.batches import COLUMNS
+from haptix.service.protocol.messages import MOST_TEXT_BYTES, Problem, reading
 
 MOST_CONNECTIONS, MOST_OF_PEER = 256, 192
 _FILES = 1024  # that the process may have open; some systems grant 256 until asked
@@ -234,7 +234,7 @@ class HttpServer(uvicorn.Server):
     Parameters
     ----------
     app : ASGI application
-        What `haptix.service.front.application` returns.
+        What `haptix.service.front.application.application` returns.
     hub : Hub
         Is stopped first.
     listen : Listen, optional

@@ -1,7 +1,7 @@
 """The service's processes as its front sees them, and the worker pool.
 
 The front spawns the engine and the workers, and exchanges frames with them; they end when their
-input ends. A worker (``haptix.service.worker``) works for one owner in its life: a session whose
+input ends. A worker (``haptix.service.worker.process``) works for one owner in its life: a session whose
 files it decodes, the holder of a token who asks for pictures, a job, or the virtual finger. So a
 file that takes over a decoder finds no data of another owner, and a file that blocks it delays its
 sender alone.
@@ -25,8 +25,8 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
-from haptix.service.messages import Problem
-from haptix.service.wire import BEAT, HEADER, JSON, MOST_BYTES, frame, json_frame
+from haptix.service.protocol.messages import Problem
+from haptix.service.protocol.wire import BEAT, HEADER, JSON, MOST_BYTES, frame, json_frame
 
 _LOG = logging.getLogger("haptix.service")
 
@@ -91,7 +91,7 @@ class Process:
         return await asyncio.create_subprocess_exec(
             sys.executable,
             "-m",
-            f"haptix.service.{self.name}",
+            f"haptix.service.{self.name}.process",
             *([str(self._nice)] if self._nice else []),
             stdin=asyncio.subprocess.PIPE,
             stdout=asyncio.subprocess.PIPE,

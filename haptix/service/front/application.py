@@ -26,14 +26,14 @@ from starlette.exceptions import HTTPException
 from haptix.base.errors import HaptixError
 from haptix.base.files import FULL_DISK, write_failure
 from haptix.base.version import __version__
-from haptix.service import messages as m
-from haptix.service.access import Access, Limiter
-from haptix.service.assets import AssetStore
-from haptix.service.connections import serve_session
-from haptix.service.hub import TICK_S, Hub
-from haptix.service.in_use import profiles_router
-from haptix.service.messages import Problem, reading
-from haptix.service.rest import jobs_router
+from haptix.service.front.access import Access, Limiter
+from haptix.service.front.assets import AssetStore
+from haptix.service.front.connections import serve_session
+from haptix.service.front.hub import TICK_S, Hub
+from haptix.service.front.in_use import profiles_router
+from haptix.service.front.rest import jobs_router
+from haptix.service.protocol import messages as m
+from haptix.service.protocol.messages import Problem, reading
 
 _LOG = logging.getLogger("haptix.service")
 
@@ -364,7 +364,7 @@ async def _ticks(hub: Hub) -> None:
         await asyncio.sleep(TICK_S)
 
 
-_STUDIO = Path(__file__).parents[1] / "studio"
+_STUDIO = Path(__file__).parents[2] / "studio"
 _COPY = _STUDIO / "client"  # of the client for pages, in a wheel
 _CHECKOUT = _STUDIO.parents[1] / "clients" / "typescript" / "src"
 FOLDERS = {"studio": _STUDIO / "static", "client": _COPY if _COPY.is_dir() else _CHECKOUT}

@@ -29,10 +29,10 @@ from haptix.base.fields import FOLDER_NAME, JsonObject
 from haptix.base.files import write_whole
 from haptix.base.task import Task, all_tasks, task_at
 from haptix.feel.gallery import FOLDER, presets
-from haptix.service.document_work import EXPORT
-from haptix.service.jobs import JobBoard
-from haptix.service.messages import Error, JobMessage, LayoutDocument, Problem
-from haptix.service.pool import Pool
+from haptix.service.front.jobs import JobBoard
+from haptix.service.front.pool import Pool
+from haptix.service.protocol.messages import Error, JobMessage, LayoutDocument, Problem
+from haptix.service.worker.document_work import EXPORT
 
 _MOST_COLUMNS_MOVING = 160
 Size = Annotated[float, Field(gt=0, le=1e4, allow_inf_nan=False)]

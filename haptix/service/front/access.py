@@ -24,7 +24,7 @@ import platformdirs
 
 from haptix.base.errors import DeviceError, InputError
 from haptix.base.files import read_json, write_whole
-from haptix.service.messages import Problem
+from haptix.service.protocol.messages import Problem
 
 CODE_S = 300.0  # a code is good for so long, and for one page
 _LETTERS = "ABCDEFGHJKLMNPQRSTUVWXYZ23456789"  # without letters that look alike

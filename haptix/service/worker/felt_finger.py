@@ -22,8 +22,15 @@ from haptix.model.screen import Screen
 from haptix.play.touch.events import ForceModel, TouchEvent
 from haptix.play.virtual_finger import VirtualFinger
 from haptix.play.virtual_finger.finger import LiveVirtualFinger
-from haptix.service.batches import TelemetryFrame, write_frame
-from haptix.service.wire import AMPLITUDE, TELEMETRY, TOUCHES, amplitude_of, frame, touches_of
+from haptix.service.protocol.batches import TelemetryFrame, write_frame
+from haptix.service.protocol.wire import (
+    AMPLITUDE,
+    TELEMETRY,
+    TOUCHES,
+    amplitude_of,
+    frame,
+    touches_of,
+)
 
 _FORCES_N = (0.02, 5.0)
 _ROW_S = 0.001

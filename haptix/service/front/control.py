@@ -17,9 +17,9 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
 from haptix.play.touch.events import TouchEvent
-from haptix.service import messages as m
-from haptix.service.client_session import ServiceSession, Settings
-from haptix.service.messages import Problem
+from haptix.service.front.client_session import ServiceSession, Settings
+from haptix.service.protocol import messages as m
+from haptix.service.protocol.messages import Problem
 
 _LOG = logging.getLogger("haptix.service")
 

@@ -12,14 +12,14 @@ from fastapi import APIRouter, Depends, Request
 from pydantic import BaseModel, Field
 
 from haptix.base.files import write_whole
-from haptix.service.document_work import Profile
-from haptix.service.messages import Error, Problem
+from haptix.service.protocol.messages import Error, Problem
+from haptix.service.worker.document_work import Profile
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
 
-    from haptix.service.hub import Hub
-    from haptix.service.pool import Pool
+    from haptix.service.front.hub import Hub
+    from haptix.service.front.pool import Pool
 
 
 def profiles_router(hub: Hub, token: Callable[..., Awaitable[None]]) -> APIRouter:

@@ -19,8 +19,8 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from haptix.play.touch.events import TouchEvent
-from haptix.service.batches import ClientTouch
-from haptix.service.messages import Geometry, Problem, TouchMessage
+from haptix.service.protocol.batches import ClientTouch
+from haptix.service.protocol.messages import Geometry, Problem, TouchMessage
 
 FUTURE_S, PAST_S = 0.005, 0.5
 """How far ahead of now a touch may be, and how old."""

@@ -17,13 +17,13 @@ from typing import Any
 from haptix.base.errors import DeviceError, from_extra
 from haptix.base.log import without_secrets
 from haptix.feel.gallery import ASSETS as GALLERY_ASSETS
-from haptix.service import messages as m
-from haptix.service.access import Access, Listen, check_certificate, listens, service_folder
-from haptix.service.assets import AssetStore, Decoding
-from haptix.service.engine_process import EngineProcess
-from haptix.service.hub import Hub
-from haptix.service.messages import Problem, reading
-from haptix.service.pool import Pool
+from haptix.service.front.access import Access, Listen, check_certificate, listens, service_folder
+from haptix.service.front.assets import AssetStore, Decoding
+from haptix.service.front.engine_process import EngineProcess
+from haptix.service.front.hub import Hub
+from haptix.service.front.pool import Pool
+from haptix.service.protocol import messages as m
+from haptix.service.protocol.messages import Problem, reading
 
 DEFAULT_PORT = 7421
 
@@ -108,10 +108,10 @@ def serve(
         await asyncio.sleep(0)  # its process starts here, and loads while this one does
         from fastapi import APIRouter
 
-        from haptix.service.connections import HttpServer
-        from haptix.service.front import application
-        from haptix.service.in_use import drive_router
-        from haptix.service.rest import documents_router
+        from haptix.service.front.application import application
+        from haptix.service.front.connections import HttpServer
+        from haptix.service.front.in_use import drive_router
+        from haptix.service.front.rest import documents_router
 
         reading.build()
         pool = Pool({}, tell=hub.warn)

@@ -54,7 +54,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from haptix.base.checks import Array
-from haptix.service.messages import MOST_TOUCHES, Problem, Stream, TouchMessage
+from haptix.service.protocol.messages import MOST_TOUCHES, Problem, Stream, TouchMessage
 
 _HEADER = struct.Struct("<BBHId")
 _RECORD = struct.Struct("<iBBHffff")

@@ -12,9 +12,9 @@ from contextlib import suppress
 from typing import Any
 
 from haptix.play.touch.events import TouchEvent
-from haptix.service.messages import Problem
-from haptix.service.pool import BEAT_S, IDLE_S, LONGEST_SILENCE_S, Process
-from haptix.service.wire import AMPLITUDE, TELEMETRY, frame, touch_frame
+from haptix.service.front.pool import BEAT_S, IDLE_S, LONGEST_SILENCE_S, Process
+from haptix.service.protocol.messages import Problem
+from haptix.service.protocol.wire import AMPLITUDE, TELEMETRY, frame, touch_frame
 
 
 class LayoutRecord:

@@ -17,10 +17,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from haptix.feel.materials.decoded import FOLDER, PICTURES, is_kept
-from haptix.service.messages import Limits, Problem
+from haptix.service.protocol.messages import Limits, Problem
 
 if TYPE_CHECKING:
-    from haptix.service.pool import Pool
+    from haptix.service.front.pool import Pool
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".wav", ".flac", ".csv", ".xml")
 MOST_BYTES = 4 * 2**30

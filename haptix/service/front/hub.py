@@ -15,14 +15,14 @@ from collections.abc import Awaitable, Callable, Sequence
 from typing import Any
 
 from haptix.base.version import __version__
-from haptix.service import messages as m
-from haptix.service.access import Access
-from haptix.service.batches import ClientTouch, read_frame, read_touches
-from haptix.service.client_session import ServiceSession
-from haptix.service.client_touches import Stalls, touch_events
-from haptix.service.control import Engine, OutputControl
-from haptix.service.jobs import JobBoard
-from haptix.service.messages import Problem, reading
+from haptix.service.front.access import Access
+from haptix.service.front.client_session import ServiceSession
+from haptix.service.front.client_touches import Stalls, touch_events
+from haptix.service.front.control import Engine, OutputControl
+from haptix.service.front.jobs import JobBoard
+from haptix.service.protocol import messages as m
+from haptix.service.protocol.batches import ClientTouch, read_frame, read_touches
+from haptix.service.protocol.messages import Problem, reading
 
 _LOG = logging.getLogger("haptix.service")
 

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel
 
-from haptix.service import messages as m
+from haptix.service.protocol import messages as m
 
 Document = BaseModel | Mapping[str, object]
 """A material, a layout or a change: an object of its class, or its document."""

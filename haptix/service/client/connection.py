@@ -2,7 +2,7 @@
 
 ::
 
-    with haptix.client.connect("demo") as h:
+    with haptix.service.client.connection.connect("demo") as h:
         h.layout_set({"regions": [...]})
         h.acquire()
         h.arm()
@@ -35,11 +35,11 @@ from pydantic import BaseModel
 
 from haptix.base.errors import DeviceError, HaptixError, InputError, from_extra
 from haptix.base.files import read_json
-from haptix.service import messages as m
-from haptix.service.access import Limiter, service_folder
-from haptix.service.batches import TelemetryFrame, read_frame, write_touches
-from haptix.service.client_calls import AsyncCalls, ClientLayout, PlainCalls, PlainLayout, given
-from haptix.service.messages import reading
+from haptix.service.client.calls import AsyncCalls, ClientLayout, PlainCalls, PlainLayout, given
+from haptix.service.front.access import Limiter, service_folder
+from haptix.service.protocol import messages as m
+from haptix.service.protocol.batches import TelemetryFrame, read_frame, write_touches
+from haptix.service.protocol.messages import reading
 
 with from_extra("serve"):
     from websockets.asyncio.client import ClientConnection
@@ -47,7 +47,7 @@ with from_extra("serve"):
     from websockets.exceptions import WebSocketException
     from websockets.typing import Subprotocol
 
-_LOG = logging.getLogger("haptix.client")
+_LOG = logging.getLogger("haptix.service.client.connection")
 _SUBPROTOCOL = Subprotocol("haptix.v1")
 # The service gives up what takes more than 20 s, and says so.
 _WAIT_S, _CLOSE_S, _FILE_S = 25.0, 1.0, 60.0
@@ -445,12 +445,12 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
 async def connect_async(
     name: str, address: str = "", token: str = "", resume: str = ""
 ) -> AsyncClient:
-    """Open a session; see `haptix.client.connect`.
+    """Open a session; see `haptix.service.client.connection.connect`.
 
     Parameters
     ----------
     name, address, token, resume : str
-        As in `haptix.client.connect`.
+        As in `haptix.service.client.connection.connect`.
     """
 
     def find() -> tuple[str, str]:
@@ -482,7 +482,7 @@ class Client(ReportsTouches[None], PlainCalls):
     Parameters
     ----------
     name, address, token, resume : str
-        As in `haptix.client.connect`.
+        As in `haptix.service.client.connection.connect`.
     """
 
     def __init__(self, name: str, address: str = "", token: str = "", resume: str = "") -> None:

@@ -1,0 +1,1 @@
+"""The process that owns the surface, the renderer and the device."""

@@ -1,0 +1,1 @@
+"""The process that serves HTTP and sockets, without torch."""

@@ -1,0 +1,1 @@
+"""What the processes and clients of the service say to each other."""

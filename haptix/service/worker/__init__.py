@@ -1,0 +1,1 @@
+"""Processes that decode, draw and compute for one owner."""
