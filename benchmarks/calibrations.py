@@ -48,9 +48,9 @@ from calibration.predict import Prediction, StrokeConditions
 from calibration.profile import finger_at
 from calibration.rig import RigCheck
 from haptix.base.task import Context, Result, Task
-from haptix.campaign import Campaign, CampaignTask
 from haptix.feel.signals.audio_files import file_hash
 from haptix.model.perception.thresholds import WEBER_FRACTION
+from haptix.tasks.campaign import Campaign, CampaignTask
 
 VOLTAGES_V = (200.0, 170.0, 140.0, 120.0, 100.0, 80.0, 60.0, 45.0)
 FORMS = ("own", "plain", "own", "open-gaps")

@@ -15,8 +15,8 @@ from tempfile import TemporaryDirectory
 
 from campaign_faults import tree
 
-from haptix.campaign import load_campaign, run_campaign
-from haptix.campaign.processes import Processes
+from haptix.tasks.campaign import load_campaign, run_campaign
+from haptix.tasks.campaign.processes import Processes
 
 
 def main() -> None:

@@ -27,9 +27,9 @@ from typing import Any
 from haptix.base.results import ResultStore
 from haptix.base.task import Context, Result, Task
 from haptix.base.version import __version__
-from haptix.campaign import Campaign, CampaignTask, run_campaign
-from haptix.campaign.cluster import DaskWorkers
-from haptix.campaign.plans import kind_named
+from haptix.tasks.campaign import Campaign, CampaignTask, run_campaign
+from haptix.tasks.campaign.cluster import DaskWorkers
+from haptix.tasks.campaign.plans import kind_named
 
 HOSTS = {"haptix-a": "10.77.0.1", "haptix-b": "10.77.0.2"}
 

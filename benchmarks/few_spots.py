@@ -26,12 +26,12 @@ import torch
 
 from haptix.base.files import csv_text, write_whole
 from haptix.base.task import Context, Result, Task
-from haptix.campaign import Campaign, CampaignTask
 from haptix.model.contact import HalfSpace, Layered, MeanField, RoughnessSpectrum, Theory
 from haptix.model.contact.boundary_elements import BoundaryElements, Surfaces, estimated_bytes
 from haptix.model.contact.boundary_elements.elements import corrected_area
 from haptix.model.contact.boundary_elements.rough_surfaces import _on_grid
 from haptix.model.contact.elasticity import ElasticSolid
+from haptix.tasks.campaign import Campaign, CampaignTask
 
 FILE = Path(__file__).parents[1] / "tests" / "data" / "few-spots.csv"
 SEED = 16

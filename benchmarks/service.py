@@ -38,7 +38,7 @@ CLIENTS = ("Python", "asyncio", "TypeScript", "C#")
 
 def front() -> None:
     """Serve as `haptix serve` does, with an engine that takes notes."""
-    from haptix.cli import main
+    from haptix.tasks.cli import main
 
     start = asyncio.create_subprocess_exec
 
@@ -107,7 +107,7 @@ class Service:
         folder.mkdir(exist_ok=True)
         self.environment = os.environ | {"HAPTIX_SERVICE": str(folder / "service")}
         self.environment |= {"HAPTIX_NOTES": str(self.notes), "PYTHONPATH": str(HERE.parent)}
-        how = [__file__, "--front"] if notes else ["-m", "haptix.cli", "serve", "--port", "0"]
+        how = [__file__, "--front"] if notes else ["-m", "haptix.tasks.cli", "serve", "--port", "0"]
         began_s = time.monotonic()
         self.process = subprocess.Popen(
             [sys.executable, *how], stdout=subprocess.PIPE, text=True, env=self.environment

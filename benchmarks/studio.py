@@ -105,7 +105,7 @@ class Hand:
 
 def measure(seconds, fingers):
     environment = os.environ | {"HAPTIX_SERVICE": tempfile.mkdtemp()}
-    command = [sys.executable, "-m", "haptix.cli", "studio", "--port", "0", "--no-open"]
+    command = [sys.executable, "-m", "haptix.tasks.cli", "studio", "--port", "0", "--no-open"]
     began_s = time.monotonic()
     with (
         subprocess.Popen(

@@ -40,7 +40,7 @@ def main():
     """Make them all."""
     folder = Path(sys.argv[1] if len(sys.argv) > 1 else "docs")
     environment = os.environ | {"HAPTIX_SERVICE": tempfile.mkdtemp()}
-    command = [sys.executable, "-m", "haptix.cli", "studio", "--port", "0", "--no-open"]
+    command = [sys.executable, "-m", "haptix.tasks.cli", "studio", "--port", "0", "--no-open"]
     with (
         subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as service,
         sync_playwright() as playwright,

@@ -9,7 +9,7 @@ from typing import Protocol
 
 import pytest
 
-from haptix.cli import main
+from haptix.tasks.cli import main
 
 _PROGRESS = re.compile(r"^haptix: [^\n]*: \d+%(?:, \d+ s left)?\n", re.MULTILINE)
 

@@ -2,9 +2,9 @@
 
 import os
 
-from haptix import cli
 from haptix.base import task as desk
 from haptix.base import task_list
+from haptix.tasks import cli
 
 ONE_FILE = '''
 """A task of somebody's own."""

@@ -7,8 +7,8 @@
 
         def run(self, context: Context) -> Result: ...
 
-The doors are the command line (`haptix.cli.application`), the service's routes, jobs and forms
-(`haptix.service.front.rest`), and campaigns (`haptix.campaign`), which also do tasks that have no other
+The doors are the command line (`haptix.tasks.cli.application`), the service's routes, jobs and forms
+(`haptix.service.front.rest`), and campaigns (`haptix.tasks.campaign`), which also do tasks that have no other
 door. The list of all tasks is read from the text of `MODULES`, so that it loads nothing.
 """
 

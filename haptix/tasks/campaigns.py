@@ -17,7 +17,7 @@ from haptix.base.fields import Argument, FileThere, Local, Positive, Text, folde
 from haptix.base.task import CancelledError, Context, Result, Task
 
 if TYPE_CHECKING:
-    from haptix.campaign import Campaign, CampaignResult
+    from haptix.tasks.campaign import Campaign, CampaignResult
 
 _SAY_EVERY_S = 10.0
 
@@ -74,8 +74,8 @@ class RunCampaign(Task, command="campaign"):
 
     def run(self, context: Context) -> Result:
         """Run the campaign, or estimate its costs."""
-        from haptix.campaign.plans import load_campaign
-        from haptix.campaign.run import estimate, run_campaign
+        from haptix.tasks.campaign.plans import load_campaign
+        from haptix.tasks.campaign.run import estimate, run_campaign
 
         plan = load_campaign(self.plan)
         where = self.out or plan.name
@@ -103,13 +103,13 @@ class RunCampaign(Task, command="campaign"):
         """Open the executor of the tasks; if the body ends early, end it at once."""
         memory = None if self.memory_gb is None else int(self.memory_gb * 1e9)
         if self.on == "processes":
-            from haptix.campaign.processes import Processes, processes_that_fit
+            from haptix.tasks.campaign.processes import Processes, processes_that_fit
 
             first = next(plan.tasks(), None)
             needed = memory or (0 if first is None else first.task.needed_bytes)
             opened: Any = Processes(processes_that_fit(needed, self.processes), memory)
         else:
-            from haptix.campaign.cluster import DaskWorkers
+            from haptix.tasks.campaign.cluster import DaskWorkers
 
             opened = DaskWorkers.on(
                 self.on, self.processes, memory, lambda why: context.tell(step=why)

@@ -94,8 +94,8 @@ class MakeSet(Task, command="stimuli make"):
         """Make it."""
         context.progress(_STAGES["surface"], 0.0)
         from haptix.base.files import file_name
-        from haptix.campaign.processes import Processes
         from haptix.lab.experiment.recipe import Recipe
+        from haptix.tasks.campaign.processes import Processes
 
         def update(stage: str, share: float) -> None:
             context.progress(_STAGES[stage], share)
@@ -371,9 +371,9 @@ class Simulate(Task, command="stimuli simulate"):
                 "--threshold-db: an experiment needs the thresholds of its observers, such as 22,26"
             )
         from haptix.base.executors import Here
-        from haptix.campaign.processes import Processes
         from haptix.lab.analysis.power import SimulateObserver, simulations
         from haptix.lab.experiment.recipe import ExperimentRecipe
+        from haptix.tasks.campaign.processes import Processes
 
         plan = ExperimentRecipe.load(self.recipe)
         observers = self.threshold_db, self.slope, self.lapse

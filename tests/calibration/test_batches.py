@@ -13,7 +13,7 @@ from calibration.register import Register
 from calibration.tasks import RunCalibration
 from haptix.base.errors import InputError
 from haptix.base.task import Result
-from haptix.cli.application import group_of
+from haptix.tasks.cli.application import group_of
 
 app = group_of("calibrate", "Calibrate a screen.")
 

@@ -14,11 +14,11 @@ from calibration.practice import VIRTUAL_RIG
 from calibration.rig import RIG
 from calibration.steps import RESTS_ON, fit_folder, reduce_folder, verify_folder
 from haptix.base.errors import InputError
-from haptix.campaign import run_campaign
-from haptix.campaign.plans import CalibrationFits
-from haptix.cli.application import app as whole
-from haptix.cli.application import group_of
 from haptix.model.screen import NO_INSTRUMENT
+from haptix.tasks.campaign import run_campaign
+from haptix.tasks.campaign.plans import CalibrationFits
+from haptix.tasks.cli.application import app as whole
+from haptix.tasks.cli.application import group_of
 
 app = group_of("calibrate", "Calibrate a screen.")
 

@@ -12,7 +12,7 @@ import haptix
 from calibration.gauge import ControlChart, GaugeStudy
 from calibration.register import Panel, Register, StandardReading, update_register
 from calibration.session import Instrument, Instruments
-from haptix.cli.application import group_of
+from haptix.tasks.cli.application import group_of
 
 app = group_of("calibrate", "Calibrate a screen.")
 DAY = date(2026, 3, 1)

@@ -23,7 +23,7 @@ from calibration.protocol import (
 )
 from calibration.reduction import Reduced
 from calibration.verification_power import ENOUGH, chance_of_passing, with_enough_strokes
-from haptix.cli.application import group_of
+from haptix.tasks.cli.application import group_of
 
 app = group_of("calibrate", "Calibrate a screen.")
 VOLTS = 150.0

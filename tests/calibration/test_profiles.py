@@ -16,10 +16,10 @@ from calibration.profile import check_profile, match_screens
 from calibration.reduction import Reduced
 from calibration.steadiness import Drift
 from firmware_io import Device, MockDriver, MockLink
-from haptix.cli.application import app as whole
-from haptix.cli.application import group_of
 from haptix.model.screen import NO_INSTRUMENT, Calibration, CalibrationWarning, VerifiedRange
 from haptix.play.devices import install_profile, installed_profile, profile_of, profiles_for
+from haptix.tasks.cli.application import app as whole
+from haptix.tasks.cli.application import group_of
 
 app = group_of("calibrate", "Calibrate a screen.")
 

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 import haptix
 from calibration.rig import RigCheck, measure_rig, tap_response
-from haptix.cli.application import group_of
+from haptix.tasks.cli.application import group_of
 
 app = group_of("calibrate", "Calibrate a screen.")
 

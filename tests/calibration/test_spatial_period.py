@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 import haptix
 from calibration import ColumnMap
 from calibration.segmentation import spatial_period
-from haptix.cli.application import group_of
+from haptix.tasks.cli.application import group_of
 
 app = group_of("calibrate", "Calibrate a screen.")
 

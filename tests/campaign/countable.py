@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 
 from haptix.base.task import Result, Task
-from haptix.campaign import Campaign, CampaignTask
+from haptix.tasks.campaign import Campaign, CampaignTask
 
 
 class Square(Task):

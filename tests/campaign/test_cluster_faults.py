@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from haptix.campaign import load_campaign, run_campaign
+from haptix.tasks.campaign import load_campaign, run_campaign
 from tests.campaign.test_local_campaigns import KIND, pages, results  # noqa: F401
 from tests.waiting import PATIENCE_S, wait_for
 
@@ -76,7 +76,15 @@ def plan_of(folder, **fields):
 
 
 def start_command(cluster, plan, out):
-    words = ["haptix.cli", "campaign", str(plan), "--on", str(cluster.file), "--out", str(out)]
+    words = [
+        "haptix.tasks.cli",
+        "campaign",
+        str(plan),
+        "--on",
+        str(cluster.file),
+        "--out",
+        str(out),
+    ]
     return subprocess.Popen(
         [sys.executable, "-m", *words], stderr=subprocess.PIPE, text=True,
         env={**os.environ, "PYTHONPATH": str(ROOT)},

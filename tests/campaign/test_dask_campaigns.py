@@ -5,8 +5,8 @@ from concurrent.futures import BrokenExecutor
 import pytest
 
 from haptix.base.errors import HaptixError
-from haptix.campaign import run_campaign
-from haptix.campaign.cluster import DaskWorkers
+from haptix.tasks.campaign import run_campaign
+from haptix.tasks.campaign.cluster import DaskWorkers
 from tests.campaign.test_local_campaigns import pages, plan, results  # noqa: F401
 from tests.waiting import PATIENCE_S
 

@@ -8,8 +8,6 @@ from typer.testing import CliRunner
 
 from haptix.base.errors import InputError
 from haptix.base.task import task_at
-from haptix.campaign import CampaignTask, load_campaign, run_campaign
-from haptix.cli.application import app
 from haptix.lab.experiment.recipe import Recipe
 from haptix.lab.population import Population
 from haptix.model.fidelity import BoundaryElementBox
@@ -19,12 +17,14 @@ from haptix.model.screen import Screen
 from haptix.model.surface import FrictionSurface
 from haptix.plan.planning import plan_scene
 from haptix.plan.tradeoff import run_tradeoff
+from haptix.tasks.campaign import CampaignTask, load_campaign, run_campaign
+from haptix.tasks.cli.application import app
 
 
 @pytest.fixture(autouse=True)
 def page(monkeypatch):
     """Reports are tested elsewhere."""
-    monkeypatch.setattr("haptix.campaign.run.report_html", lambda campaign, tasks: "page")
+    monkeypatch.setattr("haptix.tasks.campaign.run.report_html", lambda campaign, tasks: "page")
 
 
 @pytest.fixture

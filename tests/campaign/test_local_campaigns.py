@@ -18,10 +18,10 @@ import pytest
 
 from haptix.base.errors import HaptixError, InputError
 from haptix.base.results import ResultStore, folder_of
-from haptix.campaign import load_campaign, run_campaign
-from haptix.campaign.processes import Processes
-from haptix.campaign.run import estimate, report_html
-from haptix.campaign.task_worker import as_seen_here, do
+from haptix.tasks.campaign import load_campaign, run_campaign
+from haptix.tasks.campaign.processes import Processes
+from haptix.tasks.campaign.run import estimate, report_html
+from haptix.tasks.campaign.task_worker import as_seen_here, do
 from tests.campaign.countable import Countable, Square
 from tests.waiting import PATIENCE_S, wait_for
 
@@ -36,7 +36,7 @@ def plan(**fields):
 def pages(monkeypatch, request):
     """Reports without pictures, which take half a second each; tests of pictures ask for them."""
     if "pictures" not in request.fixturenames:
-        monkeypatch.setattr("haptix.campaign.run.report_html", lambda campaign, tasks: "page")
+        monkeypatch.setattr("haptix.tasks.campaign.run.report_html", lambda campaign, tasks: "page")
 
 
 @pytest.fixture
@@ -341,7 +341,7 @@ def test_a_place_of_fsspec_that_breaks_half_way_never_has_a_half_result(
 
 def test_another_version_does_not_mix_its_results(tmp_path, monkeypatch):
     run_campaign(plan(numbers=1), tmp_path)
-    monkeypatch.setattr("haptix.campaign.task_worker.code_digest", lambda: "other")
+    monkeypatch.setattr("haptix.tasks.campaign.task_worker.code_digest", lambda: "other")
     with pytest.raises(InputError, match=r"code .*--out"):
         run_campaign(plan(numbers=2), tmp_path)
 
@@ -431,7 +431,7 @@ def test_what_a_killed_worker_left_is_no_result_and_goes(tmp_path):
 def start(folder, *options):
     """The command, in a process group of its own."""
     return subprocess.Popen(
-        [sys.executable, "-m", "haptix.cli", "campaign", str(folder / "plan.toml"),
+        [sys.executable, "-m", "haptix.tasks.cli", "campaign", str(folder / "plan.toml"),
          "--out", str(folder / "out"), *options],
         start_new_session=True, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
@@ -493,7 +493,9 @@ class Calling(Executor):
 
 
 def test_short_tasks_share_calls_and_a_lost_answer_costs_no_task_twice(tmp_path, monkeypatch):
-    monkeypatch.setattr("haptix.campaign.run.SHORT_CALL_S", 1e9)  # however slow this machine is
+    monkeypatch.setattr(
+        "haptix.tasks.campaign.run.SHORT_CALL_S", 1e9
+    )  # however slow this machine is
     calls, numbers, real = [], [], Square.run
 
     def run(task, context):
@@ -524,9 +526,9 @@ def test_a_kind_that_workers_cannot_import_is_said_before_the_first_task(tmp_pat
     )
     script = (
         "import sys\n"
-        "from haptix.campaign import run_campaign\n"
-        "from haptix.campaign.plans import kind_named\n"
-        "from haptix.campaign.processes import Processes\n"
+        "from haptix.tasks.campaign import run_campaign\n"
+        "from haptix.tasks.campaign.plans import kind_named\n"
+        "from haptix.tasks.campaign.processes import Processes\n"
         "if __name__ == '__main__':\n"
         f"    with Processes(1) as workers:\n"
         "        workers.submit(len, 'abc').result()  # they have started, with today's paths\n"

@@ -4,8 +4,8 @@ import logging
 from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
 
-from haptix.campaign import run_campaign
-from haptix.campaign.task_worker import do
+from haptix.tasks.campaign import run_campaign
+from haptix.tasks.campaign.task_worker import do
 from tests.campaign.countable import Countable
 
 
@@ -25,7 +25,7 @@ class DiesOnce(Executor):
 
 
 def test_what_is_done_again_is_told(tmp_path, caplog):
-    caplog.set_level(logging.INFO, "haptix.campaign")
+    caplog.set_level(logging.INFO, "haptix.tasks.campaign")
     plan = Countable(name="squares", kind="tests.campaign.countable:Countable", numbers=2)
     done = run_campaign(plan, tmp_path, DiesOnce())
     first, second = (str(row["key"]) for row in done.rows)

@@ -10,8 +10,8 @@ import pytest
 
 import haptix
 from haptix.base.terminal import show
-from haptix.cli import COMMANDS as LISTED
 from haptix.model.surface import FrictionSurface
+from haptix.tasks.cli import COMMANDS as LISTED
 
 ROOT = Path(haptix.__file__).parents[1]
 COMMANDS = ["demo", "build", "query", "invert", "devices", "doctor", "cache"]
@@ -86,7 +86,7 @@ def test_a_typing_error_names_the_command_that_is_nearest(haptix_cli):
 def test_help_loads_nothing_heavy():
     code = f"""
 import sys
-from haptix.cli import main
+from haptix.tasks.cli import main
 for command in {[None, *COMMANDS]!r}:
     sys.argv = ["haptix", *([command] if command else []), "--help"]
     try:
@@ -410,7 +410,7 @@ def test_no_json_of_nan(haptix_cli):
 
 def test_as_a_module_in_a_process(monkeypatch):
     in_a_folder(monkeypatch)
-    query = ("-m", "haptix.cli", "query", "--normal-force-n", "0.5", "--voltage-v")
+    query = ("-m", "haptix.tasks.cli", "query", "--normal-force-n", "0.5", "--voltage-v")
     done = in_a_process(*query, "100", "--json")
     assert (done.returncode, done.stderr) == (0, "")
     (row,) = json.loads(done.stdout)
@@ -421,7 +421,7 @@ def test_as_a_module_in_a_process(monkeypatch):
 def test_an_ascii_terminal(monkeypatch):
     in_a_folder(monkeypatch)
     monkeypatch.setenv("PYTHONIOENCODING", "ascii")
-    build = ("-m", "haptix.cli", "build", "a.surface", "--normal-force-n", "0.5")
+    build = ("-m", "haptix.tasks.cli", "build", "a.surface", "--normal-force-n", "0.5")
     done = in_a_process(*build)
     assert done.returncode == 0, done.stderr
     assert "a.surface" in done.stdout

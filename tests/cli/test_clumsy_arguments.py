@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from typer.main import get_command
 
 from haptix.base import fields
-from haptix.cli.application import app
 from haptix.model.terms import TERMS
+from haptix.tasks.cli.application import app
 from tests.command_line import run_haptix
 
 LONG = "a" * 5000
@@ -100,7 +100,7 @@ def typed(own_folder, monkeypatch):
     """Type one option in a folder with a file and a folder; a command that would begin exits 99."""
     (own_folder / "file").write_text("x")
     (own_folder / "folder").mkdir()
-    monkeypatch.setattr("haptix.cli.application.app", DEFINITION)
+    monkeypatch.setattr("haptix.tasks.cli.application.app", DEFINITION)
     monkeypatch.setitem(sys.modules, "torch", None)  # importing it would be an error
     for command in COMMANDS.values():
         monkeypatch.setattr(command, "callback", lambda *args, **kwargs: sys.exit(99))

@@ -12,12 +12,12 @@ from fastapi import FastAPI
 import calibration
 import firmware_io
 import haptix
-from haptix import cli
 from haptix.base import task as desk
-from haptix.campaign.plans import load_campaign
-from haptix.campaign.run import run_campaign
 from haptix.service.front.rest import jobs_router
 from haptix.service.worker.process import JobWork
+from haptix.tasks import cli
+from haptix.tasks.campaign.plans import load_campaign
+from haptix.tasks.campaign.run import run_campaign
 from haptix.tasks.strokes import Render
 from tests.command_line import run_haptix
 from tests.one_task import ONE_FILE, put_in
@@ -44,7 +44,7 @@ def test_a_new_file_beside_the_others_is_found_by_no_list(tmp_path):
         shutil.copytree(folder, tmp_path / folder.name, ignore=shutil.ignore_patterns("static"))
     (tmp_path / "haptix" / "tasks" / "charging.py").write_text(ONE_FILE)
     for words in (["--help"], ["charge", "--voltage-v", "1.5 V"]):
-        command = [sys.executable, "-m", "haptix.cli", *words]
+        command = [sys.executable, "-m", "haptix.tasks.cli", *words]
         done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
         assert done.returncode == 0 and "charge" in done.stdout, done.stderr
 

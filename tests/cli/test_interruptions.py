@@ -17,7 +17,7 @@ ROOT = Path(haptix.__file__).parents[1]
 
 def run(*arguments, **options):
     return subprocess.run(
-        [sys.executable, "-m", "haptix.cli", *arguments], stderr=subprocess.PIPE, text=True,
+        [sys.executable, "-m", "haptix.tasks.cli", *arguments], stderr=subprocess.PIPE, text=True,
         cwd=ROOT, check=False, **options,
     )  # fmt: skip
 
@@ -39,7 +39,7 @@ def test_there_is_a_script_that_completes(haptix_cli, shell):
 
 def test_a_shell_that_completes_gets_the_options():
     asked = {"COMP_WORDS": "haptix query --f", "COMP_CWORD": "2"}
-    code = "import sys; from haptix.cli import main; sys.argv = ['haptix']; main()"
+    code = "import sys; from haptix.tasks.cli import main; sys.argv = ['haptix']; main()"
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False,
         env=os.environ | asked | {"_HAPTIX_COMPLETE": "complete_bash"},
@@ -80,7 +80,7 @@ def test_ctrl_c_is_no_traceback_from_the_first_command_on(where):
         f"import {module}\n"
         f"def interrupted(*_): raise KeyboardInterrupt\n"
         f"{module}.{name} = interrupted\n"
-        "from haptix.cli import main; main()"
+        "from haptix.tasks.cli import main; main()"
     )
     command = [sys.executable, "-c", code]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)

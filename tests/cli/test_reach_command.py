@@ -6,12 +6,12 @@ import pytest
 from fastapi import FastAPI
 
 import haptix
-from haptix.campaign.plans import load_campaign
-from haptix.campaign.run import run_campaign
 from haptix.model.status import Status
 from haptix.model.surface import PULL_IN_SHARE
 from haptix.service.front.rest import jobs_router
 from haptix.service.worker.process import JobWork
+from haptix.tasks.campaign.plans import load_campaign
+from haptix.tasks.campaign.run import run_campaign
 from tests.cli.test_desk import Board
 from tests.command_line import run_haptix
 

@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from firmware_io.links.usb import RULE_FILE, udev_rule, udev_rule_is_installed
-from haptix.cli.application import app
+from haptix.tasks.cli.application import app
 
 
 def doctor(root, *arguments, answer=None):

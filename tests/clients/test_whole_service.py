@@ -23,7 +23,7 @@ pytestmark = pytest.mark.slow  # the same sessions run against the front alone
 @pytest.fixture(scope="module")
 def environment(tmp_path_factory):
     environment = os.environ | {"HAPTIX_SERVICE": str(tmp_path_factory.mktemp("service"))}
-    command = [sys.executable, "-m", "haptix.cli", "serve", "--port", "0"]
+    command = [sys.executable, "-m", "haptix.tasks.cli", "serve", "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as process:
         assert "haptix serves" in process.stdout.readline()
         yield environment

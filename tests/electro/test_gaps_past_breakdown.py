@@ -8,8 +8,8 @@ import torch
 from typer.testing import CliRunner
 
 from haptix import ContactModel, Finger, Screen
-from haptix.cli.application import app
 from haptix.model.electro.breakdown import bearable_field, breakdown_voltage, share_past
+from haptix.tasks.cli.application import app
 
 SCREEN = Screen.preset("3m-sct3250")
 GEL = Finger(name="gel")  # a half-space: its tables are cheap

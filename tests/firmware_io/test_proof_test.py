@@ -14,7 +14,7 @@ from firmware_io import MockDriver, MockLink
 from firmware_io.clock import SteppedClock
 from firmware_io.firmware.core import compiled
 from firmware_io.proof_test import proof_test
-from haptix.cli.application import app
+from haptix.tasks.cli.application import app
 
 
 def test_each_limit_trips_without_a_volt():

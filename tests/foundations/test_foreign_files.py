@@ -29,7 +29,6 @@ from calibration.session import SessionInfo
 from haptix import HaptixError
 from haptix.base.errors import FileFormatError
 from haptix.base.files import digest, read_csv, read_json, read_toml
-from haptix.cli.application import app
 from haptix.feel.materials import PennModel, Texture
 from haptix.feel.signals.audio_files import read_drive
 from haptix.feel.signals.shapes import Recorded
@@ -44,6 +43,7 @@ from haptix.model.perception.thresholds import Perception
 from haptix.model.screen import Screen
 from haptix.model.surface import FrictionSurface
 from haptix.plan.scene import Scene
+from haptix.tasks.cli.application import app
 from tests.command_line import run_haptix
 
 KEPT = Path(__file__).parents[1] / "data" / "kept-files"

@@ -75,7 +75,7 @@ print(transient.describe()["curve"])
 
 
 def test_a_kind_of_another_package_is_found_on_the_command_line(environment):
-    found = run(environment, "-m", "haptix.cli", "material", "kinds", "--json").stdout
+    found = run(environment, "-m", "haptix.tasks.cli", "material", "kinds", "--json").stdout
     rows = {row["kind"]: row for row in json.loads(found)}
     assert rows["wool"]["fields"]["loop_mm"] == "4.0"
     assert rows["wool"]["what"] == "Loops of a thread across the stroke."

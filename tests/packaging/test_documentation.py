@@ -15,8 +15,8 @@ from typer.main import get_command
 
 import haptix
 from calibration.practice import compare_with_truth
-from haptix.cli import COMMANDS
-from haptix.cli.application import app
+from haptix.tasks.cli import COMMANDS
+from haptix.tasks.cli.application import app
 
 ROOT = Path(haptix.__file__).parents[1]
 MODULES = sorted(

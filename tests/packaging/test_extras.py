@@ -35,7 +35,7 @@ NEEDS = {
     "serve": "import_module('haptix.service.client.connection')",
     "netcdf": "surface.to_netcdf('my.nc')",
     "serial": "haptix.open_device('serial:port=COM3')",
-    "cluster": "import_module('haptix.campaign.cluster').DaskWorkers.on('dask')",
+    "cluster": "import_module('haptix.tasks.campaign.cluster').DaskWorkers.on('dask')",
     "lab": "import_module('haptix.play.render.lab_streams').LabOutlets(None)",
     "evdev": "import_module('haptix.play.touch').Touchscreen('/dev/input/event5')",
 }
@@ -56,7 +56,7 @@ class Blocker:
 
 sys.meta_path.insert(0, Blocker())
 import calibration, haptix
-from haptix.cli import main
+from haptix.tasks.cli import main
 
 open("photo.png", "wb").write(b"PNG")
 surface = haptix.FrictionSurface.load({str(KEPT)!r})

@@ -33,9 +33,9 @@ def foreign(tmp_path):
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("calibration", ("-m", "haptix.cli", "calibrate", "--help")),
-        ("firmware_io", ("-m", "haptix.cli", "demo")),
-        ("firmware_io", ("-m", "haptix.cli", "doctor")),
+        ("calibration", ("-m", "haptix.tasks.cli", "calibrate", "--help")),
+        ("firmware_io", ("-m", "haptix.tasks.cli", "demo")),
+        ("firmware_io", ("-m", "haptix.tasks.cli", "doctor")),
     ],
 )
 def test_a_command_says_so_in_a_sentence(foreign, tmp_path, name, words):
@@ -47,7 +47,7 @@ def test_a_command_says_so_in_a_sentence(foreign, tmp_path, name, words):
 
 
 def test_the_doctor_says_so_of_what_it_can_do_without(foreign, tmp_path):
-    done = foreign("calibration", "-m", "haptix.cli", "doctor", "--json")
+    done = foreign("calibration", "-m", "haptix.tasks.cli", "doctor", "--json")
     assert done.returncode == 1
     rows = {row["check"]: row for row in json.loads(done.stdout)}
     assert rows["packages"]["ok"] == "no"
@@ -55,7 +55,7 @@ def test_the_doctor_says_so_of_what_it_can_do_without(foreign, tmp_path):
 
 
 def test_commands_without_it_work(foreign):
-    done = foreign("calibration", "-m", "haptix.cli", "--version")
+    done = foreign("calibration", "-m", "haptix.tasks.cli", "--version")
     assert done.stdout == f"haptix {haptix.__version__}\n"
 
 

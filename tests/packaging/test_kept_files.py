@@ -14,8 +14,8 @@ import torch
 from typer.testing import CliRunner
 
 from haptix import Finger, Screen
-from haptix.cli.application import app
 from haptix.model.electro.dielectric import VACUUM_PERMITTIVITY, SkinDielectric
+from haptix.tasks.cli.application import app
 
 KEPT = Path(__file__).parents[1] / "data" / "kept-files"
 EXPECTED = json.loads((KEPT / "expected.json").read_text())

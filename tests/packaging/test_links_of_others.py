@@ -57,16 +57,16 @@ def test_a_device_plays_through_it(environment, tmp_path):
 
 def test_the_command_line_knows_its_keys(environment):
     for command in (["play", "--device"], ["serve", "--port", "0", "--device"]):
-        done = run(environment, "-m", "haptix.cli", *command, "kept:colour=red")
+        done = run(environment, "-m", "haptix.tasks.cli", *command, "kept:colour=red")
         assert done.returncode == 2
         assert re.search(r"the\s+keys\s+are\s+file,\s+ceiling_v", done.stderr)
-        done = run(environment, "-m", "haptix.cli", *command, "kept:ceiling_v=high")
+        done = run(environment, "-m", "haptix.tasks.cli", *command, "kept:ceiling_v=high")
         assert re.search(r"must\s+be\s+a\s+number", done.stderr)
 
 
 def test_the_service_opens_it(environment, tmp_path):
     file = tmp_path / "host.bin"
-    command = ["-m", "haptix.cli", "serve", "--port", "0", "--device", f"kept:file={file}"]
+    command = ["-m", "haptix.tasks.cli", "serve", "--port", "0", "--device", f"kept:file={file}"]
     with subprocess.Popen(
         [sys.executable, *command], stdout=subprocess.PIPE, text=True, env=environment, cwd=ROOT
     ) as process:

@@ -71,7 +71,7 @@ def test_a_job_is_told_without_what_it_asks_and_is_answered(caplog):
 
 @pytest.mark.slow  # starts the whole service; what its parts log is tested above
 def test_all_processes_of_a_service_log(tmp_path):
-    command = [sys.executable, "-m", "haptix.cli", "serve", "--port", "0"]
+    command = [sys.executable, "-m", "haptix.tasks.cli", "serve", "--port", "0"]
     environment = os.environ | {"HAPTIX_SERVICE": str(tmp_path / "service")}
 
     def logged() -> str:
@@ -96,7 +96,7 @@ def test_all_processes_of_a_service_log(tmp_path):
     text = logged()
     assert found["token"] not in text
     for line in (
-        "haptix.base.log INFO haptix.cli begins",
+        "haptix.base.log INFO haptix.tasks.cli begins",
         "haptix.base.log INFO haptix.service.engine.process begins",
         "haptix.service INFO lease: session 1, acquired",
         "haptix.service.engine.process INFO armed for session 1",

@@ -79,7 +79,7 @@ class Running:
         self.environment = os.environ | {"HAPTIX_SERVICE": str(folder)}
         self.process = subprocess.Popen(
             [
-                *(sys.executable, "-m", "haptix.cli", "serve", "--port", "0"),
+                *(sys.executable, "-m", "haptix.tasks.cli", "serve", "--port", "0"),
                 *("--device", device or self.server.address),
             ],
             stdout=subprocess.PIPE,

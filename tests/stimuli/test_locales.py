@@ -38,7 +38,7 @@ IN_LOCALE = """
 import locale, sys
 locale.setlocale(locale.LC_ALL, "")
 assert locale.localeconv()["decimal_point"] == sys.argv.pop(1)
-from haptix.cli import main
+from haptix.tasks.cli import main
 main()
 """
 # Times, and the hash of the line above, which has times in it.

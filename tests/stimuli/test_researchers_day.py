@@ -29,7 +29,10 @@ def haptix(line, **more):
     name, *arguments = shlex.split(line)
     assert name == "haptix"
     return subprocess.Popen(
-        [sys.executable, "-m", "haptix.cli", *arguments], stdout=subprocess.PIPE, text=True, **more
+        [sys.executable, "-m", "haptix.tasks.cli", *arguments],
+        stdout=subprocess.PIPE,
+        text=True,
+        **more,
     )
 
 

@@ -61,7 +61,7 @@ def studio(tmp_path_factory):
 @contextlib.contextmanager
 def a_studio(environment):
     """Run `haptix studio` in an environment; its address, with a code."""
-    command = [sys.executable, "-m", "haptix.cli", "studio", "--port", "0", "--no-open"]
+    command = [sys.executable, "-m", "haptix.tasks.cli", "studio", "--port", "0", "--no-open"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as process:
         found = re.search(r"http://127.0.0.1:\d+/#code=\w{8}", process.stdout.readline())
         assert found

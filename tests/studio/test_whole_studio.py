@@ -199,7 +199,15 @@ def test_the_service_that_ends_is_said_and_a_new_one_is_found(tmp_path, browser)
     environment = {"HAPTIX_SERVICE": str(tmp_path)}
 
     def start(port):
-        command = [sys.executable, "-m", "haptix.cli", "studio", "--port", str(port), "--no-open"]
+        command = [
+            sys.executable,
+            "-m",
+            "haptix.tasks.cli",
+            "studio",
+            "--port",
+            str(port),
+            "--no-open",
+        ]
         process = subprocess.Popen(
             command, stdout=subprocess.PIPE, text=True, env=os.environ | environment
         )

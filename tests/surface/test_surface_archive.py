@@ -9,7 +9,7 @@ import torch
 
 from haptix import FrictionSurface, HaptixError
 from haptix.base.errors import FileFormatError
-from haptix.cli import main
+from haptix.tasks.cli import main
 
 
 @pytest.fixture

@@ -21,23 +21,23 @@ LOG_HELP = "Log to the standard error what happens, see docs/log.md: info or deb
 COMMANDS = {
     **commands(),
     "serve": (
-        "haptix.cli.service:serve",
+        "haptix.tasks.cli.service:serve",
         "Serve apps in any language on this machine: touches and materials in, friction out.",
     ),
     "studio": (
-        "haptix.cli.service:studio",
+        "haptix.tasks.cli.service:studio",
         "Open the studio in a browser: feel textures by mouse, pen or touch, make and test them.",
     ),
     "completion": (
-        "haptix.cli.application:completion",
+        "haptix.tasks.cli.application:completion",
         'Print the script that completes commands in a shell: eval "$(haptix completion bash)".',
     ),
     "devices": (
-        "haptix.cli.hardware:devices",
+        "haptix.tasks.cli.hardware:devices",
         "List what can be opened, and what the buses show: USB, HID, serial, audio, NI outputs.",
     ),
     "doctor": (
-        "haptix.cli.hardware:doctor",
+        "haptix.tasks.cli.hardware:doctor",
         "Check this machine: packages, system libraries, cache, and a solve against known numbers.",
     ),
 }
@@ -61,7 +61,7 @@ def main() -> None:
                     sys.stderr.write(f"haptix: {advice}\n")
                     sys.exit(2)
                 from haptix.base.terminal import run
-                from haptix.cli.application import app
+                from haptix.tasks.cli.application import app
 
                 run(app, "haptix")
         sys.stdout.flush()
@@ -89,7 +89,7 @@ def help_text() -> str:
     """Return the help of the command line, line for line as Typer would write it."""
     width = max(min(shutil.get_terminal_size().columns, 80) - 2, 50)
     is_module = sys.argv[0].endswith("__main__.py")
-    name = "python -m haptix.cli" if is_module else os.path.basename(sys.argv[0])  # noqa: PTH119
+    name = "python -m haptix.tasks.cli" if is_module else os.path.basename(sys.argv[0])  # noqa: PTH119
     options = {
         "--version": "Print the version.",
         "--log LEVEL": LOG_HELP,

@@ -26,7 +26,7 @@ from haptix.base.task_list import MODULES, tasks_of
 from haptix.base.terminal import AsJson, ProgressBar, show
 from haptix.base.units import unit_of
 from haptix.base.version import __version__
-from haptix.cli import ABOUT, COMMANDS, LOG_HELP
+from haptix.tasks.cli import ABOUT, COMMANDS, LOG_HELP
 
 _UNDERSTOOD = "haptix.understood"
 

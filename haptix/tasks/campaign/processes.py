@@ -121,7 +121,7 @@ def _end_with(end: Connection) -> None:
     """Wait until the parent closes the other end, or dies, and end."""
     with suppress(EOFError, OSError):
         end.recv()
-    from haptix.campaign.task_worker import release
+    from haptix.tasks.campaign.task_worker import release
 
     release()
     os._exit(0)

@@ -181,7 +181,7 @@ def differences(seen: Mapping[str, Any], here: Mapping[str, str]) -> list[str]:
 @cache
 def code_digest() -> str:
     """Hash of the source code of everything that results may depend on."""
-    code, root = hashlib.sha256(), Path(__file__).parents[2]
+    code, root = hashlib.sha256(), Path(__file__).parents[3]
     for package in _PACKAGES:
         for file in sorted((root / package).rglob("*.*")):
             inside = file.relative_to(root).parts[1] not in _NO_RESULT

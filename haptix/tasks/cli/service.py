@@ -16,7 +16,7 @@ import typer
 
 from haptix.base.errors import InputError
 from haptix.base.fields import Address, FileThere, FingerName, NewFile, ScreenName, Text
-from haptix.cli.application import option
+from haptix.tasks.cli.application import option
 
 if TYPE_CHECKING:
     from haptix.service.front.access import Access

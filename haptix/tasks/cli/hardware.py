@@ -20,7 +20,7 @@ from haptix.base.errors import FileFormatError
 from haptix.base.fields import Address, Folder
 from haptix.base.terminal import AsJson, show
 from haptix.base.version import __version__, foreign_package
-from haptix.cli.application import option
+from haptix.tasks.cli.application import option
 
 
 def devices(as_json: AsJson = False) -> None:

@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from haptix.base.errors import HaptixError, InputError, from_extra
-from haptix.campaign.processes import PROCESS_BYTES, processes_that_fit
-from haptix.campaign.task_worker import as_seen_here, differences
+from haptix.tasks.campaign.processes import PROCESS_BYTES, processes_that_fit
+from haptix.tasks.campaign.task_worker import as_seen_here, differences
 
-_LOG = logging.getLogger("haptix.campaign")
+_LOG = logging.getLogger("haptix.tasks.campaign")
 
 Result = TypeVar("Result")
 

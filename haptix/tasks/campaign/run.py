@@ -25,13 +25,13 @@ from haptix.base.files import csv_text, json_text
 from haptix.base.report import page, paragraph, picture, table
 from haptix.base.results import ResultStore, folder_of
 from haptix.base.version import __version__
-from haptix.campaign.plans import Campaign, Value
-from haptix.campaign.task_worker import as_seen_here, differences, do, identity, record_of
+from haptix.tasks.campaign.plans import Campaign, Value
+from haptix.tasks.campaign.task_worker import as_seen_here, differences, do, identity, record_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_LOG = logging.getLogger("haptix.campaign")
+_LOG = logging.getLogger("haptix.tasks.campaign")
 
 PILOTS = 2
 """Tasks that an `estimate` does if none was measured yet; their results are kept."""
@@ -212,7 +212,7 @@ def _workers(executor: Any, store: ResultStore, kind: str) -> Iterator[Executor]
     """Yield the executor of the tasks, with its workers checked before the first task."""
     client = executor if hasattr(executor, "get_executor") else None  # of Dask
     if client is not None:
-        from haptix.campaign.cluster import DaskWorkers
+        from haptix.tasks.campaign.cluster import DaskWorkers
 
         executor = DaskWorkers(client)
     try:

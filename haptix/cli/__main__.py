@@ -1,5 +1,0 @@
-"""``python -m haptix.cli``."""
-
-from haptix.cli import main
-
-main()

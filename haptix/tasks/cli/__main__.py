@@ -1,0 +1,5 @@
+"""``python -m haptix.tasks.cli``."""
+
+from haptix.tasks.cli import main
+
+main()
