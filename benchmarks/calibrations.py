@@ -43,10 +43,10 @@ from calibration import (
     short_protocol,
     verify,
 )
-from calibration.fitting import fit_in_best_theory, other_forms
-from calibration.predict import Prediction, StrokeConditions
-from calibration.profile import finger_at
-from calibration.rig import RigCheck
+from calibration.fit.fitting import fit_in_best_theory, other_forms
+from calibration.keep.profile import finger_at
+from calibration.measure.rig import RigCheck
+from calibration.plan.predict import Prediction, StrokeConditions
 from haptix.base.task import Context, Result, Task
 from haptix.feel.signals.audio_files import file_hash
 from haptix.model.perception.thresholds import WEBER_FRACTION

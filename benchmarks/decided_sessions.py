@@ -23,13 +23,13 @@ from independent_finger import Finger, contacts
 
 import haptix
 from calibration import Parameters, StrokePredictor, fit_strokes, short_protocol, verify
-from calibration.parameters import PER_FINGER
-from calibration.practice import VIRTUAL_RIG
-from calibration.predict import StrokeConditions
-from calibration.profile import calibrated_screen, finger_at, match_screens
-from calibration.reduction import Point, Reduced
-from calibration.rig import VoltsRead
-from calibration.verification_power import MOST_HELD_OUT, extended_plan, with_enough_strokes
+from calibration.keep.practice import VIRTUAL_RIG
+from calibration.keep.profile import calibrated_screen, finger_at, match_screens
+from calibration.measure.reduction import Point, Reduced
+from calibration.measure.rig import VoltsRead
+from calibration.plan.parameters import PER_FINGER
+from calibration.plan.predict import StrokeConditions
+from calibration.verify.verification_power import MOST_HELD_OUT, extended_plan, with_enough_strokes
 from haptix.model.friction import in_theory
 from haptix.model.perception.thresholds import WEBER_FRACTION
 

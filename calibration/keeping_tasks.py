@@ -16,7 +16,7 @@ from haptix.base.report import record
 from haptix.base.task import Context, Result, Task
 
 if TYPE_CHECKING:
-    from calibration.gauge import GaugeStudy
+    from calibration.keep.gauge import GaugeStudy
 
 RegisterFile = Annotated[NewFile, Argument, Field(description="The register: a JSON file.")]
 
@@ -36,12 +36,12 @@ class CheckInstruments(Task, command="calibrate instruments"):
 
     def run(self, context: Context) -> Result:
         """Check them."""
-        from calibration.session import Instruments
+        from calibration.measure.session import Instruments
 
         known, today = Instruments.load(self.file), _today()
         faults = {instrument: instrument.fault(today) for instrument in known.instruments}
         if self.session is not None:
-            from calibration.session import Session
+            from calibration.measure.session import Session
 
             known.check_strokes(Session.open(self.session).recordings)
         rows = [{**record(one), "holds": not fault, "remarks": fault}
@@ -67,9 +67,9 @@ class Certify(Task, command="calibrate certificate"):
 
     def run(self, context: Context) -> Result:
         """Write it."""
-        from calibration.fit import Fit
-        from calibration.session import INSTRUMENTS, Instruments, Session
-        from calibration.session_report import CERTIFICATE, write_certificate
+        from calibration.fit.result import Fit
+        from calibration.keep.session_report import CERTIFICATE, write_certificate
+        from calibration.measure.session import INSTRUMENTS, Instruments, Session
         from calibration.steps import FIT, Finished, rig_check, verify_folder, written_screen
         from haptix.model.finger import Finger
         from haptix.model.pair import FINGER
@@ -202,10 +202,10 @@ class ChartStandard(Task, command="calibrate standard"):
 
     def run(self, context: Context) -> Result:
         """Enter and chart."""
-        from calibration.predict import StrokePredictor
-        from calibration.profile import check_profile
+        from calibration.keep.profile import check_profile
+        from calibration.measure.session import Session
+        from calibration.plan.predict import StrokePredictor
         from calibration.register import Register, StandardReading, update_register
-        from calibration.session import Session
         from calibration.steps import reduce_folder
         from haptix.model.friction import ContactModel
         from haptix.model.pair import profiles
@@ -258,7 +258,7 @@ class StudyGauge(Task, command="calibrate gauge"):
         """Read the table, in any order of its rows."""
         import numpy as np
 
-        from calibration.gauge import GaugeStudy
+        from calibration.keep.gauge import GaugeStudy
         from haptix.base.files import read_csv
 
         lines = list(read_csv(self.table, []))

@@ -14,9 +14,9 @@ from typing import Annotated, Literal
 from filelock import FileLock, Timeout
 from pydantic import Field
 
-from calibration.gauge import ControlChart
-from calibration.session import Session
-from calibration.session_report import chart_picture
+from calibration.keep.gauge import ControlChart
+from calibration.keep.session_report import chart_picture
+from calibration.measure.session import Session
 from calibration.steps import Finished, written_screen
 from haptix.base.documents import Document, Part
 from haptix.base.errors import InputError

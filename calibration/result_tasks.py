@@ -26,7 +26,7 @@ from haptix.base.report import record, row
 from haptix.base.task import Context, Result, Task
 
 if TYPE_CHECKING:
-    from calibration.parameters import Array
+    from calibration.plan.parameters import Array
     from haptix.model.friction import ContactModel
     from haptix.model.screen import Screen
 
@@ -167,8 +167,8 @@ class Check(Task, command="calibrate check"):
 
     def run(self, context: Context) -> Result:
         """Compare."""
-        from calibration.predict import StrokePredictor
-        from calibration.profile import check_profile
+        from calibration.keep.profile import check_profile
+        from calibration.plan.predict import StrokePredictor
         from calibration.steps import reduce_folder
         from haptix.model.friction import ContactModel
         from haptix.model.pair import described, first_line, profiles
@@ -242,7 +242,7 @@ class MatchScreens(Task, command="calibrate match"):
 
     def run(self, context: Context) -> Result:
         """Match them."""
-        from calibration.profile import match_screens
+        from calibration.keep.profile import match_screens
         from haptix.model.pair import described, first_line, profiles
 
         named: tuple[str | None, ...] = self.finger or (None,)
@@ -314,7 +314,7 @@ class Period(Task, command="calibrate period"):
 
     def run(self, context: Context) -> Result:
         """Find it."""
-        from calibration.segmentation import spatial_period
+        from calibration.measure.segmentation import spatial_period
 
         periods = [
             spatial_period(*self.signals(file), self.shortest_mm, self.longest_mm)
@@ -333,11 +333,11 @@ class Period(Task, command="calibrate period"):
         import numpy as np
 
         if file.suffix == ".h5":
-            from calibration.recording import StrokeRecording
+            from calibration.measure.recording import StrokeRecording
 
             stroke = StrokeRecording.load(file)
             return stroke.t_s, stroke.x_mm, stroke.tangential_force_n
-        from calibration.sources import ColumnMap, CsvColumn
+        from calibration.measure.sources import ColumnMap, CsvColumn
 
         if self.columns is None:
             raise InputError(f"--columns: expected a column map, to read {file}")
@@ -359,7 +359,7 @@ def _days_between(screen: Screen, folder: Path) -> int | None:
     """Days from a calibration to the strokes of a session."""
     from datetime import date
 
-    from calibration.session import Session
+    from calibration.measure.session import Session
 
     started = min(
         (recording.conditions.started for recording in Session.open(folder).recordings), default=""

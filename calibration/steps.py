@@ -13,20 +13,24 @@ from typing import Any, NamedTuple
 
 from pydantic import ConfigDict, TypeAdapter
 
-from calibration.budget import uncertainty_budget
-from calibration.fit import Fit, TermNeed
-from calibration.fitting import compare_terms, fit_in_best_theory, fit_strokes, other_forms
-from calibration.parameters import Parameters
-from calibration.practice import TRUTH, PracticeResult, compare_with_truth
-from calibration.predict import StrokeConditions, StrokePredictor
-from calibration.profile import (
+from calibration.fit.fitting import compare_terms, fit_in_best_theory, fit_strokes, other_forms
+from calibration.fit.result import Fit, TermNeed
+from calibration.keep.practice import TRUTH, PracticeResult, compare_with_truth
+from calibration.keep.profile import (
     calibrated_finger,
     calibrated_screen,
     check_name,
     instruments_of,
     write_archive,
 )
-from calibration.protocol import (
+from calibration.keep.session_report import write_report
+from calibration.measure.recording import StrokeRecording
+from calibration.measure.reduction import Reduced, reduce_session
+from calibration.measure.rig import RIG, RigCheck
+from calibration.measure.session import Session
+from calibration.plan.parameters import Parameters
+from calibration.plan.predict import StrokeConditions, StrokePredictor
+from calibration.plan.protocol import (
     CARRIER_HZ,
     FREQUENCY_HZ,
     MU_ERROR,
@@ -37,14 +41,10 @@ from calibration.protocol import (
     paper_protocol,
     short_protocol,
 )
-from calibration.recording import StrokeRecording
-from calibration.reduction import Reduced, reduce_session
-from calibration.rig import RIG, RigCheck
-from calibration.session import Session
-from calibration.session_report import write_report
-from calibration.steadiness import TOLERANCE_JND
-from calibration.verification import Verification, verify
-from calibration.verification_power import (
+from calibration.verify.budget import uncertainty_budget
+from calibration.verify.steadiness import TOLERANCE_JND
+from calibration.verify.verification import Verification, verify
+from calibration.verify.verification_power import (
     MOST_HELD_OUT,
     chance_of_passing,
     extended_plan,

@@ -32,9 +32,9 @@ from haptix.base.report import record
 from haptix.base.task import Context, Result, Task
 
 if TYPE_CHECKING:
-    from calibration.rig import RigCheck
-    from calibration.session import Session
-    from calibration.sources import ForceSource
+    from calibration.measure.rig import RigCheck
+    from calibration.measure.session import Session
+    from calibration.measure.sources import ForceSource
     from calibration.steps import PlannedSession
     from haptix.model.finger import Finger
     from haptix.model.screen import Screen
@@ -99,7 +99,7 @@ class PlanStrokes(Planned, command="calibrate plan"):
 
     def run(self, context: Context) -> Result:
         """Plan."""
-        from calibration.fitting import reported_within
+        from calibration.fit.fitting import reported_within
 
         finger, screen, planned = self.plan()
         planned.protocol.save(self.out)
@@ -151,10 +151,10 @@ class Measuring(Task):
     def opening(self) -> Callable[[Session], ForceSource]:
         """Return what opens the source of the forces; what it could not open is refused at once."""
         if self.source == "virtual":
-            from calibration.practice import virtual_source
+            from calibration.keep.practice import virtual_source
 
             return lambda session: virtual_source(session, self.seed or 0)
-        from calibration.sources import ColumnMap, CsvSource, Inputs, open_inputs
+        from calibration.measure.sources import ColumnMap, CsvSource, Inputs, open_inputs
 
         if self.source == "csv":
             if self.csv is None or self.columns is None:
@@ -175,10 +175,10 @@ class Measuring(Task):
         humidity_percent: float | None = None,
     ) -> Result:
         """Make the open strokes; where some stay open it has failed."""
-        from calibration.measuring import measure_guided
-        from calibration.recording import Conditions
-        from calibration.rig import today
-        from calibration.session import DRIVER, INSTRUMENTS, Instruments
+        from calibration.measure.measuring import measure_guided
+        from calibration.measure.recording import Conditions
+        from calibration.measure.rig import today
+        from calibration.measure.session import DRIVER, INSTRUMENTS, Instruments
         from firmware_io import open_device
 
         source = self.opening()(session)
@@ -231,7 +231,7 @@ class Measure(Measuring, command="calibrate measure"):
 
     def run(self, context: Context) -> Result:
         """Measure what is open."""
-        from calibration.protocol import Protocol
+        from calibration.plan.protocol import Protocol
 
         plan = None if self.protocol is None else Protocol.load(self.protocol)
         if plan is None and not self.resume:
@@ -243,8 +243,8 @@ class Measure(Measuring, command="calibrate measure"):
 
     def session(self, plan: Any) -> Session:
         """Begin a session, or open the one that is continued."""
-        from calibration.profile import check_name
-        from calibration.session import Session, SessionInfo
+        from calibration.keep.profile import check_name
+        from calibration.measure.session import Session, SessionInfo
         from haptix.model.finger import Finger
         from haptix.model.pair import profiles
         from haptix.model.screen import Screen
@@ -284,10 +284,10 @@ class RunCalibration(Planned, Measuring, command="calibrate run"):
 
     def run(self, context: Context) -> Result:
         """Do all steps that are left."""
-        from calibration.measuring import GO, STOP
-        from calibration.practice import TRUTH
-        from calibration.rig import RIG
-        from calibration.session import Session
+        from calibration.keep.practice import TRUTH
+        from calibration.measure.measuring import GO, STOP
+        from calibration.measure.rig import RIG
+        from calibration.measure.session import Session
         from calibration.steps import REPORT, finish_decided, written_screen
         from haptix.model.pair import SCREEN
 
@@ -349,9 +349,9 @@ class RunCalibration(Planned, Measuring, command="calibrate run"):
 
     def begin(self) -> tuple[Session, PlannedSession]:
         """Plan, and begin the session; a practice draws a truth."""
-        from calibration.practice import draw_practice
-        from calibration.profile import check_name
-        from calibration.session import Session, SessionInfo
+        from calibration.keep.practice import draw_practice
+        from calibration.keep.profile import check_name
+        from calibration.measure.session import Session, SessionInfo
 
         if self.name is None:
             raise InputError(_NO_NAME)
@@ -406,7 +406,7 @@ class CheckRig(Task, command="calibrate rig"):
 
     def run(self, context: Context) -> Result:
         """Check it."""
-        from calibration.rig import RIG
+        from calibration.measure.rig import RIG
 
         checked = self.stated() if self.inputs is None else _recorded(self.inputs, self, context)
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -423,7 +423,7 @@ class CheckRig(Task, command="calibrate rig"):
 
     def stated(self) -> RigCheck:
         """Check a rig by readings that a person has written down."""
-        from calibration.rig import RigCheck, VoltsRead, tap_response, today
+        from calibration.measure.rig import RigCheck, VoltsRead, tap_response, today
         from haptix.base.files import read_csv
 
         names = "normal_reading_n", "tangential_reading_n", "monitor_v", "voltmeter_v"
@@ -495,10 +495,10 @@ class CalibrationJob(
 
         A practice plays on a mock, and is installed for that alone.
         """
-        from calibration.measuring import GO, STOP, measure_guided
-        from calibration.practice import TRUTH, virtual_source
-        from calibration.session import Session
-        from calibration.sources import open_inputs
+        from calibration.keep.practice import TRUTH, virtual_source
+        from calibration.measure.measuring import GO, STOP, measure_guided
+        from calibration.measure.session import Session
+        from calibration.measure.sources import open_inputs
         from calibration.steps import finish_decided, written_screen
         from haptix.model.pair import FINGER, SCREEN
         from haptix.play.devices import install_profile, open_device
@@ -564,8 +564,8 @@ class CalibrationJob(
 
 def _recorded(inputs: Path, task: RunCalibration | CheckRig, context: Context) -> RigCheck:
     """Check a rig with its own instruments, a person and a weight."""
-    from calibration.rig import measure_rig
-    from calibration.sources import open_inputs
+    from calibration.measure.rig import measure_rig
+    from calibration.measure.sources import open_inputs
     from firmware_io import open_device
 
     with ExitStack() as stack:

@@ -3,7 +3,7 @@
     python examples/calibrate_screen.py [folder]
 
 The finger is a virtual one, and its screen's insulator is 40 % thicker than assumed. For a real
-finger replace `VirtualFingerSource` by `calibration.sources.open_inputs("inputs.toml")`, the device
+finger replace `VirtualFingerSource` by `calibration.measure.sources.open_inputs("inputs.toml")`, the device
 by `haptix.open_device("usb:")`, and prompt the person in the `Watcher`.
 """
 
@@ -13,8 +13,8 @@ from pathlib import Path
 
 import haptix
 from calibration import Parameters, Session, SessionInfo, StrokePredictor, measure, short_protocol
-from calibration.measuring import Watcher
-from calibration.practice import VirtualFingerSource
+from calibration.keep.practice import VirtualFingerSource
+from calibration.measure.measuring import Watcher
 from calibration.steps import fit_folder, reduce_folder, verify_folder
 
 

@@ -5,8 +5,8 @@ import pytest
 
 import haptix
 from calibration import Parameters, Stroke, StrokePredictor, StrokeRecording
-from calibration.predict import StrokeConditions
-from calibration.reduction import Point, Reduced
+from calibration.measure.reduction import Point, Reduced
+from calibration.plan.predict import StrokeConditions
 from haptix.model.friction import in_theory
 
 

@@ -8,7 +8,7 @@ from filelock import FileLock
 from typer.testing import CliRunner
 
 from calibration import Session, SessionInfo, Stroke
-from calibration.protocol import Protocol
+from calibration.plan.protocol import Protocol
 from calibration.register import Register
 from calibration.tasks import RunCalibration
 from haptix.base.errors import InputError

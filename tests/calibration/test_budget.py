@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from calibration import Parameters, fit_strokes
-from calibration.budget import uncertainty_budget
-from calibration.practice import VIRTUAL_RIG, draw_parameters
-from calibration.predict import StrokeConditions
-from calibration.protocol import short_protocol
-from calibration.reduction import Reduced
-from calibration.residuals import TANGENTIAL_GAIN, VOLTAGE_GAIN
+from calibration.fit.residuals import TANGENTIAL_GAIN, VOLTAGE_GAIN
+from calibration.keep.practice import VIRTUAL_RIG, draw_parameters
+from calibration.measure.reduction import Reduced
+from calibration.plan.predict import StrokeConditions
+from calibration.plan.protocol import short_protocol
+from calibration.verify.budget import uncertainty_budget
 
 RIG = VIRTUAL_RIG
 VOLTS = 150.0

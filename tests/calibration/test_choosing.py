@@ -4,9 +4,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from calibration import Parameters, fitting
-from calibration.fit import FormFit
-from calibration.fitting import DECISIVE, fit_in_best_theory
+from calibration import Parameters
+from calibration.fit import fitting
+from calibration.fit.fitting import DECISIVE, fit_in_best_theory
+from calibration.fit.result import FormFit
 
 NAME = 'theory "open-gaps"'
 

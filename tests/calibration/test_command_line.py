@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 
 import haptix
 from calibration import Fit, Protocol, Session, steps
-from calibration.practice import VIRTUAL_RIG
-from calibration.rig import RIG
+from calibration.keep.practice import VIRTUAL_RIG
+from calibration.measure.rig import RIG
 from calibration.steps import RESTS_ON, fit_folder, reduce_folder, verify_folder
 from haptix.base.errors import InputError
 from haptix.model.screen import NO_INSTRUMENT
@@ -230,7 +230,7 @@ def edit_estimate(folder):
 def another_version(folder):
     fit = Fit.load(folder / "fit.json")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("calibration.fit.__version__", "0.0.9")
+        patch.setattr("calibration.fit.result.__version__", "0.0.9")
         fit.signed(fit.made_from).save(folder / "fit.json")
 
 

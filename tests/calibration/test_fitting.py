@@ -10,10 +10,10 @@ import pytest
 
 import haptix
 from calibration import Fit, Parameters, fit_strokes, full_protocol, paper_protocol
-from calibration.fit import FormFit
-from calibration.fitting import compare_terms
-from calibration.predict import StrokeConditions, StrokePredictor
-from calibration.reduction import Reduced
+from calibration.fit.fitting import compare_terms
+from calibration.fit.result import FormFit
+from calibration.measure.reduction import Reduced
+from calibration.plan.predict import StrokeConditions, StrokePredictor
 
 TRUTH = {
     "h0_m": 1.6e-7,

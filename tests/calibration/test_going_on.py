@@ -7,11 +7,11 @@ import pytest
 
 import calibration.steps as steps
 from calibration import Session, SessionInfo, Stroke
-from calibration.fit import Fit
-from calibration.protocol import Protocol
-from calibration.steadiness import Steadiness
+from calibration.fit.result import Fit
+from calibration.plan.protocol import Protocol
 from calibration.steps import Finished, finish_decided, plan_that_decides
-from calibration.verification import Verification
+from calibration.verify.steadiness import Steadiness
+from calibration.verify.verification import Verification
 from haptix.base.task import Context
 
 OPEN = Verification((), 0.5, ("open",), is_open=True, steadiness=Steadiness(0.2))

@@ -10,7 +10,7 @@ import pytest
 
 import haptix
 from calibration import Parameters, StrokePredictor
-from calibration.predict import StrokeConditions
+from calibration.plan.predict import StrokeConditions
 from haptix.model.perception.thresholds import WEBER_FRACTION
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"

@@ -18,9 +18,9 @@ from calibration import (
     StrokeRecording,
     measure,
 )
-from calibration.measuring import Watcher, drive_for
-from calibration.recording import SIGNALS
-from calibration.sources import InputChannel, Live, StrokeDrive, open_inputs
+from calibration.measure.measuring import Watcher, drive_for
+from calibration.measure.recording import SIGNALS
+from calibration.measure.sources import InputChannel, Live, StrokeDrive, open_inputs
 
 
 def protocol(count=3, volts=100.0):

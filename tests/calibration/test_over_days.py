@@ -9,9 +9,9 @@ import pytest
 from typer.testing import CliRunner
 
 import haptix
-from calibration.gauge import ControlChart, GaugeStudy
+from calibration.keep.gauge import ControlChart, GaugeStudy
+from calibration.measure.session import Instrument, Instruments
 from calibration.register import Panel, Register, StandardReading, update_register
-from calibration.session import Instrument, Instruments
 from haptix.tasks.cli.application import group_of
 
 app = group_of("calibrate", "Calibrate a screen.")

@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from calibration.fit import Input, Posterior
+from calibration.fit.result import Input, Posterior
 
 ALONG = np.ones(1)
 

@@ -9,11 +9,12 @@ import pytest
 from typer.testing import CliRunner
 
 from calibration import Parameters, Protocol, StrokePredictor, fit_strokes, verify
-from calibration.parameters import PER_FINGER
-from calibration.practice import VIRTUAL_RIG, draw_truth
-from calibration.predict import StrokeConditions
-from calibration.profile import finger_at
-from calibration.protocol import (
+from calibration.keep.practice import VIRTUAL_RIG, draw_truth
+from calibration.keep.profile import finger_at
+from calibration.measure.reduction import Reduced
+from calibration.plan.parameters import PER_FINGER
+from calibration.plan.predict import StrokeConditions
+from calibration.plan.protocol import (
     MU_ERROR,
     determining_strokes,
     expected_rows,
@@ -21,8 +22,7 @@ from calibration.protocol import (
     short_protocol,
     with_held_out,
 )
-from calibration.reduction import Reduced
-from calibration.verification_power import ENOUGH, chance_of_passing, with_enough_strokes
+from calibration.verify.verification_power import ENOUGH, chance_of_passing, with_enough_strokes
 from haptix.tasks.cli.application import group_of
 
 app = group_of("calibrate", "Calibrate a screen.")

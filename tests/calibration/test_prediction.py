@@ -5,7 +5,7 @@ import pytest
 
 import haptix
 from calibration import StrokePredictor
-from calibration.predict import StrokeConditions
+from calibration.plan.predict import StrokeConditions
 from haptix.model.finger import Roughness
 
 FORCE, VOLTS = (a.ravel() for a in np.meshgrid([0.1, 0.5, 0.9], [1e-3, 100.0, 170.0]))

@@ -11,10 +11,10 @@ from typer.testing import CliRunner
 import firmware_io
 import haptix
 from calibration import Parameters, StrokePredictor, full_protocol
-from calibration.practice import TRUTH, compare_with_truth, draw_truth
-from calibration.profile import check_profile, match_screens
-from calibration.reduction import Reduced
-from calibration.steadiness import Drift
+from calibration.keep.practice import TRUTH, compare_with_truth, draw_truth
+from calibration.keep.profile import check_profile, match_screens
+from calibration.measure.reduction import Reduced
+from calibration.verify.steadiness import Drift
 from firmware_io import Device, MockDriver, MockLink
 from haptix.model.screen import NO_INSTRUMENT, Calibration, CalibrationWarning, VerifiedRange
 from haptix.play.devices import install_profile, installed_profile, profile_of, profiles_for

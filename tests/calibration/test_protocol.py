@@ -5,9 +5,9 @@ import pytest
 
 import haptix
 from calibration import Protocol, full_protocol, paper_protocol, short_protocol
-from calibration.measuring import drive_for
-from calibration.predict import StrokeConditions
-from calibration.protocol import expected_spread
+from calibration.measure.measuring import drive_for
+from calibration.plan.predict import StrokeConditions
+from calibration.plan.protocol import expected_spread
 
 
 def used(protocol):

@@ -9,8 +9,8 @@ import pytest
 
 import haptix
 from calibration import ColumnMap, CsvSource, Stroke, StrokeRecording
-from calibration.recording import SIGNALS, Conditions
-from calibration.recording_checks import check_recording
+from calibration.measure.recording import SIGNALS, Conditions
+from calibration.measure.recording_checks import check_recording
 
 MAP = """
 skip_rows = 1

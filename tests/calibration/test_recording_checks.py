@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 
 from calibration import Stroke
-from calibration.recording_checks import check_recording
-from calibration.reduction import reduce_stroke
+from calibration.measure.recording_checks import check_recording
+from calibration.measure.reduction import reduce_stroke
 
 ONE_WAY = Stroke(
     number=1, normal_force_n=0.5, voltage_v=100, frequency_hz=125, there_and_back=False

@@ -5,8 +5,8 @@ import pytest
 
 import haptix
 from calibration import Reduced, Stroke, reduce_session
-from calibration.reduction import Point, reduce_stroke, without_drift
-from calibration.segmentation import full_slip, sliding_speed
+from calibration.measure.reduction import Point, reduce_stroke, without_drift
+from calibration.measure.segmentation import full_slip, sliding_speed
 
 
 def stroke(number=1, both=True, hertz=125.0, volts=100.0, force=0.5):

@@ -9,7 +9,7 @@ from scipy.signal import lti
 from typer.testing import CliRunner
 
 import haptix
-from calibration.rig import RigCheck, measure_rig, tap_response
+from calibration.measure.rig import RigCheck, measure_rig, tap_response
 from haptix.tasks.cli.application import group_of
 
 app = group_of("calibrate", "Calibrate a screen.")

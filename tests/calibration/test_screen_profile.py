@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calibration.profile import check_name
+from calibration.keep.profile import check_name
 from haptix import HaptixError, InputError, Screen
 
 SCREEN = Screen(

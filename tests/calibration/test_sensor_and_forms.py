@@ -6,8 +6,8 @@ import torch
 
 import haptix
 from calibration import Parameters, StrokePredictor, fit_strokes, short_protocol
-from calibration.fitting import other_forms, reported_within
-from calibration.predict import sensor_gain
+from calibration.fit.fitting import other_forms, reported_within
+from calibration.plan.predict import sensor_gain
 
 H0_M = 1.6e-7
 

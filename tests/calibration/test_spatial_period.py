@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 import haptix
 from calibration import ColumnMap
-from calibration.segmentation import spatial_period
+from calibration.measure.segmentation import spatial_period
 from haptix.tasks.cli.application import group_of
 
 app = group_of("calibrate", "Calibrate a screen.")

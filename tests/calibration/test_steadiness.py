@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from calibration import Parameters
-from calibration.fit import Repeatability
-from calibration.predict import StrokeConditions
-from calibration.reduction import Point, Reduced, reduce_stroke
-from calibration.steadiness import steadiness
+from calibration.fit.result import Repeatability
+from calibration.measure.reduction import Point, Reduced, reduce_stroke
+from calibration.plan.predict import StrokeConditions
+from calibration.verify.steadiness import steadiness
 from haptix.base.report import record
 from haptix.model.perception.thresholds import WEBER_FRACTION
 

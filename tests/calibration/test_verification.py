@@ -20,12 +20,12 @@ from calibration import (
     verify,
     write_report,
 )
-from calibration.practice import VIRTUAL_RIG
-from calibration.predict import StrokeConditions
-from calibration.profile import write_archive
-from calibration.reduction import Reduced
-from calibration.rig import VoltsRead
-from calibration.session_report import farthest_stroke
+from calibration.keep.practice import VIRTUAL_RIG
+from calibration.keep.profile import write_archive
+from calibration.keep.session_report import farthest_stroke
+from calibration.measure.reduction import Reduced
+from calibration.measure.rig import VoltsRead
+from calibration.plan.predict import StrokeConditions
 from haptix.model.perception.thresholds import WEBER_FRACTION
 from haptix.model.screen import CALIBRATION_VALID_DAYS, CalibrationWarning, VerifiedRange
 

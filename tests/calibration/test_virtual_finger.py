@@ -5,8 +5,8 @@ import pytest
 
 import haptix
 from calibration import Protocol, Session, SessionInfo, Stroke, measure, reduce_session
-from calibration.practice import Person, VirtualFingerSource
-from calibration.predict import StrokeConditions
+from calibration.keep.practice import Person, VirtualFingerSource
+from calibration.plan.predict import StrokeConditions
 
 STROKES = tuple(
     Stroke(

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from calibration import Parameters, Session, SessionInfo
-from calibration.measuring import measure
-from calibration.practice import (
+from calibration.keep.practice import (
     TRUTH,
     VIRTUAL_RIG,
     Person,
@@ -16,8 +15,9 @@ from calibration.practice import (
     VirtualFingerSource,
     draw_practice,
 )
-from calibration.protocol import short_protocol
-from calibration.rig import RIG, VoltsRead
+from calibration.measure.measuring import measure
+from calibration.measure.rig import RIG, VoltsRead
+from calibration.plan.protocol import short_protocol
 from calibration.steps import finish_decided
 from haptix.base.task import Context
 from haptix.play.devices import open_device

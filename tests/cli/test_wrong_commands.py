@@ -11,7 +11,7 @@ import torch
 from safetensors.torch import save_file
 from skimage.io import imsave
 
-from calibration.protocol import paper_protocol
+from calibration.plan.protocol import paper_protocol
 from tests.programs import ROOT
 
 # What is typed, and facts that the sentence must have: what was wrong, so that it can be mended.

@@ -9,7 +9,7 @@ import torch
 
 import haptix
 from calibration import StrokeRecording
-from calibration.protocol import Stroke
+from calibration.plan.protocol import Stroke
 from haptix.feel.materials import Grating, Texture
 from haptix.model.contact import RoughnessSpectrum
 from haptix.play.simulation import Setting, simulate

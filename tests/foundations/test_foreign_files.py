@@ -21,11 +21,11 @@ from safetensors import safe_open
 from safetensors.torch import save
 from typer.testing import CliRunner
 
-from calibration.fit import Fit
-from calibration.protocol import Protocol
-from calibration.recording import StrokeRecording
-from calibration.reduction import Reduced
-from calibration.session import SessionInfo
+from calibration.fit.result import Fit
+from calibration.measure.recording import StrokeRecording
+from calibration.measure.reduction import Reduced
+from calibration.measure.session import SessionInfo
+from calibration.plan.protocol import Protocol
 from haptix import HaptixError
 from haptix.base.errors import FileFormatError
 from haptix.base.files import digest, read_csv, read_json, read_toml

@@ -14,7 +14,7 @@ import pytest
 from typer.main import get_command
 
 import haptix
-from calibration.practice import compare_with_truth
+from calibration.keep.practice import compare_with_truth
 from haptix.tasks.cli import COMMANDS
 from haptix.tasks.cli.application import app
 

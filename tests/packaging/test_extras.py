@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 import haptix
-from calibration.sources import NationalInstrumentsReader
+from calibration.measure.sources import NationalInstrumentsReader
 from haptix.base.errors import MissingExtraError, from_extra
 
 ROOT = Path(haptix.__file__).parents[1]

@@ -222,7 +222,7 @@ def test_a_rendering_has_the_numbers_of_haptix_render(tmp_path, model, monkeypat
 @pytest.mark.slow  # plans a calibration, and makes a virtual screen
 def test_a_calibration_asks_before_each_stroke_and_is_continued(tmp_path, monkeypatch):
     # A drawn person presses 15 % off in one of some 400 strokes, and is asked once more.
-    monkeypatch.setattr("calibration.practice.randbelow", lambda most: 1)
+    monkeypatch.setattr("calibration.keep.practice.randbelow", lambda most: 1)
     context = {"finger": "semi-wet", "screen": "3m-sct3250", "device": "mock:"}
     context["calibrations"] = str(tmp_path)
     said, answers = [], iter(("go", "stop", "stop"))

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from calibration import Parameters, StrokePredictor
-from calibration.predict import StrokeConditions
+from calibration.plan.predict import StrokeConditions
 from firmware_io.limits import BODY_CAPACITANCE_F
 from haptix import ContactModel, Finger, Screen, Status
 from haptix.base.errors import InputError

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from calibration import Parameters, StrokePredictor
-from calibration.predict import StrokeConditions
+from calibration.plan.predict import StrokeConditions
 from haptix import ContactModel, Finger, FrictionSurface, Screen, Status
 from haptix.base.errors import InputError
 from haptix.model.electro import VACUUM_PERMITTIVITY, Pull, drive_strength

@@ -12,8 +12,8 @@ from torch import Tensor
 
 import haptix.model.terms
 from calibration import Parameters, StrokePredictor
-from calibration.fitting import comparable_terms
-from calibration.predict import StrokeConditions
+from calibration.fit.fitting import comparable_terms
+from calibration.plan.predict import StrokeConditions
 from haptix import ContactModel, Finger, Scene, Screen, Status
 from haptix.model.fidelity import FIDELITIES
 from haptix.model.terms import TERMS, Properties, Stage, Term

@@ -321,8 +321,8 @@ class CalibrationFits(Campaign):
 
     def tasks(self) -> Iterator[CampaignTask]:
         """Yield a task for each session with its usual priors, then for each other prior."""
-        from calibration.parameters import Parameters
-        from calibration.session import Session
+        from calibration.measure.session import Session
+        from calibration.plan.parameters import Parameters
         from calibration.steps import REDUCED, FitStrokes, rig_check
 
         tried: list[tuple[str, float | None]] = [("", None)]

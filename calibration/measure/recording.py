@@ -25,8 +25,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from calibration.parameters import Array
-from calibration.protocol import Stroke
+from calibration.plan.parameters import Array
+from calibration.plan.protocol import Stroke
 from haptix.base.display import Table, axes_or_new
 from haptix.base.documents import first_error
 from haptix.base.errors import FileFormatError, InputError, from_extra

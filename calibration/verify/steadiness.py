@@ -10,10 +10,10 @@ import numpy as np
 from scipy.stats import linregress, sem
 from scipy.stats import t as student
 
-from calibration.fit import Fit
-from calibration.parameters import Array
-from calibration.predict import StrokeConditions, StrokePredictor
-from calibration.reduction import Reduced
+from calibration.fit.result import Fit
+from calibration.measure.reduction import Reduced
+from calibration.plan.parameters import Array
+from calibration.plan.predict import StrokeConditions, StrokePredictor
 from haptix.base.report import Heading
 from haptix.model.perception.thresholds import WEBER_FRACTION
 

@@ -23,8 +23,8 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from calibration.protocol import Protocol, Stroke
-from calibration.recording import StrokeRecording
+from calibration.measure.recording import StrokeRecording
+from calibration.plan.protocol import Protocol, Stroke
 from haptix.base.documents import Document, Part
 from haptix.base.errors import FileFormatError, InputError
 from haptix.base.report import Heading

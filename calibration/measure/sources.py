@@ -14,10 +14,10 @@ import numpy as np
 from pydantic import Field, PositiveFloat, model_validator
 from scipy.interpolate import CubicSpline
 
-from calibration.parameters import Array
-from calibration.protocol import Stroke
-from calibration.recording import SIGNALS
-from calibration.segmentation import position_at_speed, sliding_speed
+from calibration.measure.recording import SIGNALS
+from calibration.measure.segmentation import position_at_speed, sliding_speed
+from calibration.plan.parameters import Array
+from calibration.plan.protocol import Stroke
 from haptix.base.display import Displayed
 from haptix.base.documents import Document, Part
 from haptix.base.errors import DeviceError, FileFormatError, InputError, from_extra
@@ -205,7 +205,7 @@ class ColumnMap(Document):
     Parameters
     ----------
     columns : mapping of str to CsvColumn
-        Keys of `calibration.recording.SIGNALS`, and any others to keep beside them.
+        Keys of `calibration.measure.recording.SIGNALS`, and any others to keep beside them.
     skip_rows : int
         Lines above the headings.
     delimiter : str

@@ -12,13 +12,13 @@ from typing import Annotated
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
-from calibration.parameters import Array, Parameters
-from calibration.predict import StrokeConditions, StrokePredictor
-from calibration.profile import finger_at
-from calibration.protocol import CARRIER_HZ, FORCES_N, FREQUENCY_HZ, Protocol, Stroke
-from calibration.rig import RIG, RigCheck, VoltsRead
-from calibration.session import Session
-from calibration.sources import ForceSource, Live, StrokeDrive
+from calibration.keep.profile import finger_at
+from calibration.measure.rig import RIG, RigCheck, VoltsRead
+from calibration.measure.session import Session
+from calibration.measure.sources import ForceSource, Live, StrokeDrive
+from calibration.plan.parameters import Array, Parameters
+from calibration.plan.predict import StrokeConditions, StrokePredictor
+from calibration.plan.protocol import CARRIER_HZ, FORCES_N, FREQUENCY_HZ, Protocol, Stroke
 from haptix.base.documents import Document
 from haptix.base.errors import InputError
 from haptix.base.report import Heading

@@ -11,10 +11,10 @@ import numpy.typing as npt
 import torch
 from scipy.optimize import brentq, least_squares
 
-from calibration.fit import Input, Repeatability
-from calibration.parameters import PER_RIG, Array, Parameters
-from calibration.predict import Prediction, StrokeConditions, StrokePredictor, sensor_gain
-from calibration.reduction import Point
+from calibration.fit.result import Input, Repeatability
+from calibration.measure.reduction import Point
+from calibration.plan.parameters import PER_RIG, Array, Parameters
+from calibration.plan.predict import Prediction, StrokeConditions, StrokePredictor, sensor_gain
 
 NORMAL_GAIN, TANGENTIAL_GAIN = "gain of the normal force", "gain of the tangential force"
 VOLTAGE_GAIN = "gain of the volts"

@@ -13,8 +13,8 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import Field, PositiveFloat, model_validator
 
-from calibration.parameters import Array, Mask, Parameters
-from calibration.predict import StrokeConditions, StrokePredictor
+from calibration.plan.parameters import Array, Mask, Parameters
+from calibration.plan.predict import StrokeConditions, StrokePredictor
 from firmware_io import DriveLimits
 from haptix.base.checks import positive
 from haptix.base.documents import Document, Part

@@ -12,13 +12,13 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from calibration.fit import Fit
-from calibration.parameters import PER_FINGER, Array
-from calibration.predict import StrokePredictor
-from calibration.recording import StrokeRecording
-from calibration.reduction import Reduced
-from calibration.steadiness import Drift
-from calibration.verification import FEWEST_OF_GROUP, HeldOutStroke, Verification
+from calibration.fit.result import Fit
+from calibration.measure.recording import StrokeRecording
+from calibration.measure.reduction import Reduced
+from calibration.plan.parameters import PER_FINGER, Array
+from calibration.plan.predict import StrokePredictor
+from calibration.verify.steadiness import Drift
+from calibration.verify.verification import FEWEST_OF_GROUP, HeldOutStroke, Verification
 from haptix.base.checks import positive
 from haptix.base.errors import InputError
 from haptix.base.files import write_whole
@@ -146,7 +146,7 @@ def finger_at(finger: Finger, values: Mapping[str, float]) -> Finger:
             update={"density_m4": tuple(share**2 * c for c in roughness.density_m4)}
         )
     bulk = finger.bulk_modulus_pa
-    if bulk is not None:  # in proportion: see calibration.predict
+    if bulk is not None:  # in proportion: see calibration.plan.predict
         bulk = float(bulk) * values["youngs_modulus_pa"] / float(finger.youngs_modulus_pa)
     scale = {"scale": values["skin_dielectric_scale"]}
     same = set(PER_FINGER) - {"h_rms_m", "skin_dielectric_scale"}

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.ndimage import median_filter, uniform_filter1d
 from scipy.stats import f as fisher
 
-from calibration.parameters import Array
+from calibration.plan.parameters import Array
 from haptix.base.errors import InputError
 from haptix.base.report import Heading
 

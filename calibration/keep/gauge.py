@@ -17,7 +17,7 @@ from scipy.stats import f as fisher
 from scipy.stats import linregress
 from scipy.stats import t as student
 
-from calibration.parameters import Array
+from calibration.plan.parameters import Array
 from haptix.base.errors import InputError
 from haptix.base.report import Heading
 

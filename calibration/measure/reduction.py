@@ -13,9 +13,9 @@ from typing import Annotated
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from calibration.recording import StrokeRecording
-from calibration.recording_checks import Zero, check_recording, drive_amplitude, idle_parts
-from calibration.segmentation import Segment, full_slip, sliding_speed
+from calibration.measure.recording import StrokeRecording
+from calibration.measure.recording_checks import Zero, check_recording, drive_amplitude, idle_parts
+from calibration.measure.segmentation import Segment, full_slip, sliding_speed
 from haptix.base.documents import first_error
 from haptix.base.errors import FileFormatError, InputError
 from haptix.base.files import csv_text, parse_json, read_csv, write_whole

@@ -17,17 +17,17 @@ from textwrap import wrap
 
 import numpy as np
 
-from calibration.fit import Fit, TermNeed
-from calibration.gauge import ControlChart
-from calibration.parameters import Array
-from calibration.predict import StrokeConditions, StrokePredictor
-from calibration.protocol import FORCES_N
-from calibration.recording import StrokeRecording
-from calibration.reduction import Point, Reduced
-from calibration.rig import RigCheck
-from calibration.segmentation import full_slip
-from calibration.session import Instruments
-from calibration.verification import Verification
+from calibration.fit.result import Fit, TermNeed
+from calibration.keep.gauge import ControlChart
+from calibration.measure.recording import StrokeRecording
+from calibration.measure.reduction import Point, Reduced
+from calibration.measure.rig import RigCheck
+from calibration.measure.segmentation import full_slip
+from calibration.measure.session import Instruments
+from calibration.plan.parameters import Array
+from calibration.plan.predict import StrokeConditions, StrokePredictor
+from calibration.plan.protocol import FORCES_N
+from calibration.verify.verification import Verification
 from haptix.base.errors import InputError, from_extra
 from haptix.base.files import write_whole
 from haptix.base.report import listed, page, paragraph, part, picture, row

@@ -21,7 +21,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from calibration.parameters import REQUIRED, Array, Mask, Parameters, fitted_terms
+from calibration.plan.parameters import REQUIRED, Array, Mask, Parameters, fitted_terms
 from haptix.base.display import Displayed
 from haptix.base.errors import InputError
 from haptix.base.threads import one_thread
@@ -135,7 +135,7 @@ class StrokePredictor:
     ) -> Prediction:
         """Predict strokes for parameters of which `log_values` are the logarithms, shape (names,).
 
-        The names are of `calibration.parameters.NAMES`, with all that are `REQUIRED`. Without
+        The names are of `calibration.plan.parameters.NAMES`, with all that are `REQUIRED`. Without
         `jacobian` the Jacobians are zero, and it is three times as fast.
         """
         missing = set(REQUIRED) - set(names)
@@ -169,7 +169,7 @@ class StrokePredictor:
         strokes : StrokeConditions
             Forces, amplitudes and frequencies.
         sensor : mapping, optional
-            Bandwidth of the force sensor (`calibration.parameters.PER_RIG`), which is in no
+            Bandwidth of the force sensor (`calibration.plan.parameters.PER_RIG`), which is in no
             profile; without it the ripples are those of a perfect sensor.
         """
         parameters = Parameters.of(self.model.finger, self.model.screen).fixed(**sensor or {})
@@ -247,7 +247,7 @@ class StrokePredictor:
 def sensor_gain(values: Mapping[str, Tensor], frequency_hz: Tensor) -> Tensor:
     """Gain of the force sensor at a frequency: a pole of first order, and a resonance.
 
-    1 where `values` has none of `calibration.parameters.PER_RIG`; the columns broadcast.
+    1 where `values` has none of `calibration.plan.parameters.PER_RIG`; the columns broadcast.
     """
     gain = torch.ones_like(frequency_hz)
     if "sensor_pole_hz" in values:

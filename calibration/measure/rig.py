@@ -20,13 +20,13 @@ import torch
 from pydantic import Field, PositiveFloat, model_validator
 from scipy.optimize import least_squares
 
-from calibration.measuring import record_stroke
-from calibration.parameters import PER_RIG, Array
-from calibration.predict import sensor_gain
-from calibration.protocol import CARRIER_HZ, FREQUENCY_HZ, Stroke
-from calibration.recording_checks import force_unit, sine_amplitude
-from calibration.reduction import Reduced
-from calibration.sources import ForceSource
+from calibration.measure.measuring import record_stroke
+from calibration.measure.recording_checks import force_unit, sine_amplitude
+from calibration.measure.reduction import Reduced
+from calibration.measure.sources import ForceSource
+from calibration.plan.parameters import PER_RIG, Array
+from calibration.plan.predict import sensor_gain
+from calibration.plan.protocol import CARRIER_HZ, FREQUENCY_HZ, Stroke
 from firmware_io import Device
 from haptix.base.checks import positive
 from haptix.base.documents import Document, Part
@@ -51,7 +51,7 @@ _TESTED_SHARES = (0.25, 0.6, 1.0)  # of the highest amplitude: an amplifier may 
 
 
 class TapResponse(NamedTuple):
-    """Bandwidth by a tap, see `calibration.predict.sensor_gain`.
+    """Bandwidth by a tap, see `calibration.plan.predict.sensor_gain`.
 
     A pole or resonance far above the recording's band is not seen in it.
     """
@@ -208,7 +208,7 @@ class RigCheck(Document):
         return abs((self.measured_on - day).days)
 
     def sensor(self) -> dict[str, tuple[float, float]]:
-        """Value and spread of each of `calibration.parameters.PER_RIG`; empty without a tap."""
+        """Value and spread of each of `calibration.plan.parameters.PER_RIG`; empty without a tap."""
         values = self.pole_hz, self.resonance_hz, self.quality
         return {
             name: (value, spread)

@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import eigh
 
-from calibration.fit import (
+from calibration.fit.residuals import Residuals, fit_residuals, profile, solve
+from calibration.fit.result import (
     Fit,
     FormFit,
     Need,
@@ -19,7 +20,8 @@ from calibration.fit import (
     Repeatability,
     TermNeed,
 )
-from calibration.parameters import (
+from calibration.measure.reduction import Reduced
+from calibration.plan.parameters import (
     EXPERIMENTS,
     OPTIONAL,
     PER_RIG,
@@ -29,9 +31,7 @@ from calibration.parameters import (
     fitted_terms,
     optional_parameters,
 )
-from calibration.predict import StrokePredictor
-from calibration.reduction import Reduced
-from calibration.residuals import Residuals, fit_residuals, profile, solve
+from calibration.plan.predict import StrokePredictor
 from haptix.base.errors import InputError
 from haptix.model.contact import THEORIES, TheoryName
 from haptix.model.contact.persson import GapDistribution

@@ -3,7 +3,7 @@
 Everything is relative: the fit is in logarithms, so a sensitivity is the change of a quantity's
 logarithm for each unit of an input's, and a standard uncertainty of 0.02 is 2 %. The standard
 uncertainty adds all sources; the interval of 90 % is that of the mixture of the model's forms
-(`calibration.fit.Posterior`), and k is half of it over the standard uncertainty. The table, the
+(`calibration.fit.result.Posterior`), and k is half of it over the standard uncertainty. The table, the
 JSON, the report and the certificate show these numbers.
 """
 
@@ -15,13 +15,13 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from calibration.fit import Fit, Input, Posterior
-from calibration.fitting import LEVEL
-from calibration.parameters import Array
-from calibration.predict import StrokeConditions, StrokePredictor
-from calibration.protocol import CARRIER_HZ, FREQUENCY_HZ
-from calibration.residuals import NORMAL_GAIN, TANGENTIAL_GAIN, VOLTAGE_GAIN
-from calibration.rig import RigCheck
+from calibration.fit.fitting import LEVEL
+from calibration.fit.residuals import NORMAL_GAIN, TANGENTIAL_GAIN, VOLTAGE_GAIN
+from calibration.fit.result import Fit, Input, Posterior
+from calibration.measure.rig import RigCheck
+from calibration.plan.parameters import Array
+from calibration.plan.predict import StrokeConditions, StrokePredictor
+from calibration.plan.protocol import CARRIER_HZ, FREQUENCY_HZ
 from haptix.base.report import Heading
 from haptix.model.perception.thresholds import WEBER_FRACTION
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.parameters import Array
-from calibration.recording import SIGNALS, StrokeRecording
-from calibration.segmentation import Segment, full_slip, sliding_speed
+from calibration.measure.recording import SIGNALS, StrokeRecording
+from calibration.measure.segmentation import Segment, full_slip, sliding_speed
+from calibration.plan.parameters import Array
 
 _IDLE_USED = 0.8  # of the untouched time, away from the touch
 _HIGHEST_MU = 5.0  # as in `haptix.model.status.LIMITS`: above it ozf or mN were read as N

@@ -15,7 +15,7 @@ from scipy.optimize import brentq
 from scipy.special import expit
 from scipy.stats import t as student
 
-from calibration.parameters import PER_FINGER, Array, FingerPrior
+from calibration.plan.parameters import PER_FINGER, Array, FingerPrior
 from haptix.base.display import Displayed
 from haptix.base.documents import Document, Part, renamed
 from haptix.base.errors import InputError
@@ -130,7 +130,7 @@ class ParameterEstimate(Part):
     Parameters
     ----------
     name : str
-        Of `calibration.parameters.NAMES`.
+        Of `calibration.plan.parameters.NAMES`.
     value : float or None
         Value in the unit that the name ends with; None where the strokes do not determine it.
     low, high : float

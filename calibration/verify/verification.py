@@ -18,14 +18,14 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from scipy.stats import t as student
 
-from calibration.budget import Budget
-from calibration.fit import Fit
-from calibration.parameters import PER_RIG, Array, Mask, Parameters
-from calibration.predict import StrokeConditions, StrokePredictor
-from calibration.protocol import CARRIER_HZ, FREQUENCY_HZ, USUAL_MM_PER_S
-from calibration.reduction import Point, Reduced
-from calibration.rig import RigCheck
-from calibration.steadiness import LEVEL, TOLERANCE_JND, Steadiness, steadiness
+from calibration.fit.result import Fit
+from calibration.measure.reduction import Point, Reduced
+from calibration.measure.rig import RigCheck
+from calibration.plan.parameters import PER_RIG, Array, Mask, Parameters
+from calibration.plan.predict import StrokeConditions, StrokePredictor
+from calibration.plan.protocol import CARRIER_HZ, FREQUENCY_HZ, USUAL_MM_PER_S
+from calibration.verify.budget import Budget
+from calibration.verify.steadiness import LEVEL, TOLERANCE_JND, Steadiness, steadiness
 from haptix.base.report import Heading, HeadingsOf
 from haptix.model.perception.thresholds import WEBER_FRACTION
 from haptix.model.screen import VerifiedRange

@@ -12,12 +12,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calibration.parameters import Array
-from calibration.protocol import Protocol, Stroke
-from calibration.recording import Conditions, StrokeRecording
-from calibration.recording_checks import Finding, check_recording
-from calibration.session import Session
-from calibration.sources import ForceSource, Live, StrokeDrive
+from calibration.measure.recording import Conditions, StrokeRecording
+from calibration.measure.recording_checks import Finding, check_recording
+from calibration.measure.session import Session
+from calibration.measure.sources import ForceSource, Live, StrokeDrive
+from calibration.plan.parameters import Array
+from calibration.plan.protocol import Protocol, Stroke
 from firmware_io import Device
 from haptix.base.checks import whole
 from haptix.base.errors import HaptixError, InputError

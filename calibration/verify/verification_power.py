@@ -1,7 +1,7 @@
 """Power of a verification: the chance that a good screen passes with a protocol, before a stroke.
 
 Sessions are drawn as the model expects them: a fit that is wrong by its own covariance, and
-held-out strokes that scatter by the rig's repeatability. `calibration.verification` tests each.
+held-out strokes that scatter by the rig's repeatability. `calibration.verify.verification` tests each.
 Fingers and screens are drawn too, from the priors: on each the fitted strokes determine d1/eps1 or
 do not.
 """
@@ -14,11 +14,12 @@ from typing import cast
 
 import numpy as np
 
-from calibration.fit import Fit, Repeatability
-from calibration.fitting import reported_within
-from calibration.parameters import Array, Parameters
-from calibration.predict import Prediction, StrokeConditions, StrokePredictor
-from calibration.protocol import (
+from calibration.fit.fitting import reported_within
+from calibration.fit.result import Fit, Repeatability
+from calibration.measure.reduction import Point, Reduced
+from calibration.plan.parameters import Array, Parameters
+from calibration.plan.predict import Prediction, StrokeConditions, StrokePredictor
+from calibration.plan.protocol import (
     MU_ERROR,
     RIPPLE_ERROR,
     Protocol,
@@ -26,9 +27,8 @@ from calibration.protocol import (
     expected_rows,
     with_held_out,
 )
-from calibration.reduction import Point, Reduced
-from calibration.steadiness import TOLERANCE_JND
-from calibration.verification import HeldOutStroke, Verification, fit_bound, groups_of
+from calibration.verify.steadiness import TOLERANCE_JND
+from calibration.verify.verification import HeldOutStroke, Verification, fit_bound, groups_of
 from haptix.model.perception.thresholds import WEBER_FRACTION
 
 ENOUGH = 0.95

@@ -1,0 +1,1 @@
+"""From strokes to parameters with intervals."""

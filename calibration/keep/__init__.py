@@ -1,0 +1,1 @@
+"""What is kept: profiles, reports, gauge studies, practice."""

@@ -1,0 +1,1 @@
+"""The strokes: sources of force, recordings, their checks and reduction."""

@@ -1,0 +1,1 @@
+"""Before the strokes: parameters, predicted strokes, the protocol."""

@@ -1,0 +1,1 @@
+"""Whether the fit holds: verification strokes, budget, steadiness."""
