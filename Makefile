@@ -19,7 +19,7 @@ test-slow: .venv/.ready ## the tests that make test leaves out for their time
 	.venv/bin/python -m pytest -n auto --dist worksteal -m slow $(ARGS)
 
 test-devices: .venv/.ready ## the tests through real USB, HID, touchscreen and audio stacks (first: bash scripts/setup-devices.sh)
-	.venv/bin/python -m pytest -m devices tests/devices tests/examples tests/stimuli $(ARGS)
+	.venv/bin/python -m pytest -m devices tests/devices tests/examples tests/lab $(ARGS)
 
 clients: .venv/.ready ## the clients' types and messages, from the schema; needs Node 20 (ARGS='--pack FOLDER' for a release)
 	.venv/bin/python scripts/make-clients.py $(ARGS)

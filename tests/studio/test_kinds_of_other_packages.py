@@ -5,7 +5,7 @@ import json
 import pytest
 
 import haptix.service.client.connection
-from tests.materials.strangers_kind import installed
+from tests.feel.materials.strangers_kind import installed
 from tests.studio.conftest import a_page, a_studio
 from tests.waiting import wait_for
 
