@@ -3,8 +3,8 @@
     python examples/calibrate_screen.py [folder]
 
 The finger is a virtual one, and its screen's insulator is 40 % thicker than assumed. For a real
-finger replace `VirtualFingerSource` by `calibration.measure.sources.open_inputs("inputs.toml")`, the device
-by `haptix.open_device("usb:")`, and prompt the person in the `Watcher`.
+finger replace `VirtualFingerSource` by `calibration.open_inputs("inputs.toml")`, the device by
+`haptix.open_device("usb:")`, and prompt the person in the `Watcher`.
 """
 
 import sys

@@ -14,9 +14,16 @@ from pathlib import Path
 
 import haptix
 from firmware_io import open_device
-from haptix.lab.experiment import ConstantStimuli, Experiment, SimulatedObserver
+from haptix.feel import Sine
+from haptix.lab import (
+    ConstantStimuli,
+    Experiment,
+    SimulatedObserver,
+    Stimulus,
+    StimulusSet,
+    TrialPlan,
+)
 from haptix.lab.experiment.recipe import presentation_of
-from haptix.lab.stimuli import Sine, Stimulus, StimulusSet, TrialPlan
 from haptix.lab.stimuli.designs import constant_stimuli
 
 STEPS_DB = [-9, -6, -3, 0, 3, 6]

@@ -15,11 +15,9 @@ import numpy as np
 import typer
 
 import haptix
-from haptix.feel.layout import LayoutEvent, Patch, ScreenGeometry
-from haptix.feel.materials import Button, Grating, Slider
-from haptix.play.render import LiveSettings
+from haptix.feel import Button, Grating, LayoutEvent, Patch, ScreenGeometry, Slider
+from haptix.play import LiveSettings, TouchEvent
 from haptix.play.render.live import COLUMNS, PlayedRecord
-from haptix.play.touch import TouchEvent
 
 try:
     from skimage import data

@@ -16,9 +16,8 @@ import numpy as np
 import typer
 
 import haptix
-from haptix.feel.materials import Grating, as_mu
-from haptix.play.touch import events_of, paced
-from haptix.play.virtual_finger import VirtualFinger, evaluate
+from haptix.feel import Grating, as_mu
+from haptix.play import VirtualFinger, evaluate, events_of, paced
 
 try:
     from matplotlib.figure import Figure

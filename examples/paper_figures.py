@@ -24,10 +24,19 @@ from torch import Tensor
 import haptix
 from haptix import ContactModel, Finger, Screen, Status
 from haptix.base.files import csv_text
-from haptix.model.contact import THEORIES, GapDistribution, HalfSpace, RoughnessSpectrum, Theory
-from haptix.model.electro import Pull, SkinDielectric
+from haptix.model import (
+    THEORIES,
+    Contact,
+    GapDistribution,
+    HalfSpace,
+    Load,
+    MeanFieldBalance,
+    Pull,
+    RoughnessSpectrum,
+    SkinDielectric,
+    Theory,
+)
 from haptix.model.electro.breakdown import NARROW_GAP_FIELD_V_PER_M
-from haptix.model.fidelity import Contact, Load, MeanFieldBalance
 from haptix.model.finger import Roughness
 
 try:

@@ -17,10 +17,16 @@ import numpy as np
 import typer
 
 import haptix
-from haptix.feel.materials import as_mu
-from haptix.play.simulation import FINGER_PATH
-from haptix.play.touch import TouchEvent, events_of, paced
-from haptix.play.virtual_finger import TouchPanel, VirtualFinger, evaluate
+from haptix.feel import as_mu
+from haptix.play import (
+    FINGER_PATH,
+    TouchEvent,
+    TouchPanel,
+    VirtualFinger,
+    evaluate,
+    events_of,
+    paced,
+)
 
 try:
     from matplotlib.figure import Figure

@@ -11,7 +11,7 @@ import argparse
 import numpy as np
 
 import haptix
-from haptix.play.simulation import Setting, simulate
+from haptix.play import Setting, simulate
 
 try:
     from matplotlib.figure import Figure

@@ -8,7 +8,7 @@
 import sys
 
 import haptix
-from haptix.play.simulation import FINGER_PATH
+from haptix.play import FINGER_PATH
 
 try:
     from skimage.data import brick

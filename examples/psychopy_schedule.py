@@ -20,7 +20,7 @@ from pathlib import Path
 from firmware_io import Device, open_device
 from haptix.base.files import read_json
 from haptix.feel.signals.audio_files import read_drive
-from haptix.lab.stimuli import check_manifest
+from haptix.lab import check_manifest
 
 Show = Callable[[str], None]
 Ask = Callable[[], str]

@@ -15,9 +15,8 @@ import numpy as np
 import typer
 
 import haptix
-from haptix.feel.materials import RecordedProfile, as_mu
-from haptix.play.touch import events_of, paced
-from haptix.play.virtual_finger import VirtualFinger, evaluate
+from haptix.feel import RecordedProfile, as_mu
+from haptix.play import VirtualFinger, evaluate, events_of, paced
 
 try:
     from matplotlib.figure import Figure

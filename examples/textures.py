@@ -13,15 +13,7 @@ from typing import Any
 import numpy as np
 
 import haptix
-from haptix.feel.materials import (
-    Grating,
-    Noise,
-    RecordedProfile,
-    Texture,
-    headroom,
-    power_law,
-)
-from haptix.feel.motion import Motion
+from haptix.feel import Grating, Motion, Noise, RecordedProfile, Texture, headroom, power_law
 
 try:
     from matplotlib.figure import Figure

@@ -15,9 +15,8 @@ from typing import Annotated
 import typer
 
 import haptix
-from haptix.feel.layout import LayoutEvent
-from haptix.play.render import LiveSettings
-from haptix.play.touch import Touchscreen, find_touchscreens
+from haptix.feel import LayoutEvent
+from haptix.play import LiveSettings, Touchscreen, find_touchscreens
 
 
 def follow(renderer: haptix.LiveRenderer, screen: Touchscreen, seconds: float) -> None:

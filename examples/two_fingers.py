@@ -17,11 +17,8 @@ import numpy as np
 import typer
 
 import haptix
-from haptix.feel.materials import Grating, Texture, as_mu
-from haptix.feel.motion import Motion
-from haptix.play.render import LiveSettings
-from haptix.play.touch import events_of, paced
-from haptix.play.virtual_finger import VirtualFinger, evaluate
+from haptix.feel import Grating, Motion, Texture, as_mu
+from haptix.play import LiveSettings, VirtualFinger, evaluate, events_of, paced
 
 try:
     from matplotlib.figure import Figure

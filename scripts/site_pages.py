@@ -23,11 +23,8 @@ import figures  # noqa: E402  # beside this file
 import gallery_pictures  # noqa: E402, F401  # the blocks of docs/gallery import it from here
 
 PACKAGES = (
-    "haptix", "haptix.model.contact", "haptix.model.electro", "haptix.model.fidelity", "haptix.model.surface",
-    "haptix.plan.planning", "haptix.plan.tradeoff", "haptix.feel.materials", "haptix.feel.materials",
-    "haptix.feel.gallery", "haptix.feel.layout", "haptix.feel.motion", "haptix.play.touch", "haptix.play.render",
-    "haptix.play.virtual_finger", "haptix.play.simulation", "haptix.model.perception.thresholds", "haptix.lab.stimuli",
-    "haptix.service.client.connection", "haptix.base.errors", "firmware_io", "calibration",
+    "haptix", "haptix.model", "haptix.feel", "haptix.play", "haptix.plan", "haptix.lab",
+    "haptix.service", "haptix.base.errors", "firmware_io", "calibration",
 )  # fmt: skip
 OUTSIDE = {
     "protocol.md": "firmware_io/PROTOCOL.md",

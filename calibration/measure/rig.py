@@ -208,7 +208,7 @@ class RigCheck(Document):
         return abs((self.measured_on - day).days)
 
     def sensor(self) -> dict[str, tuple[float, float]]:
-        """Value and spread of each of `calibration.plan.parameters.PER_RIG`; empty without a tap."""
+        """Value and spread of each of `PER_RIG`; empty without a tap."""
         values = self.pole_hz, self.resonance_hz, self.quality
         return {
             name: (value, spread)

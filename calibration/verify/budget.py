@@ -3,8 +3,8 @@
 Everything is relative: the fit is in logarithms, so a sensitivity is the change of a quantity's
 logarithm for each unit of an input's, and a standard uncertainty of 0.02 is 2 %. The standard
 uncertainty adds all sources; the interval of 90 % is that of the mixture of the model's forms
-(`calibration.fit.result.Posterior`), and k is half of it over the standard uncertainty. The table, the
-JSON, the report and the certificate show these numbers.
+(`calibration.fit.result.Posterior`), and k is half of it over the standard uncertainty. The
+table, the JSON, the report and the certificate show these numbers.
 """
 
 from __future__ import annotations

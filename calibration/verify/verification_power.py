@@ -1,9 +1,9 @@
 """Power of a verification: the chance that a good screen passes with a protocol, before a stroke.
 
 Sessions are drawn as the model expects them: a fit that is wrong by its own covariance, and
-held-out strokes that scatter by the rig's repeatability. `calibration.verify.verification` tests each.
-Fingers and screens are drawn too, from the priors: on each the fitted strokes determine d1/eps1 or
-do not.
+held-out strokes that scatter by the rig's repeatability. `calibration.verify.verification` tests
+each. Fingers and screens are drawn too, from the priors: on each the fitted strokes determine
+d1/eps1 or do not.
 """
 
 from __future__ import annotations

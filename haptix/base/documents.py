@@ -104,7 +104,7 @@ class Document(Part):
 
         Examples
         --------
-        >>> from haptix.model.finger import Finger
+        >>> from haptix.model import Finger
         >>> Finger.preset("wet").name
         'wet'
         """

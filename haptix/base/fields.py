@@ -50,7 +50,7 @@ TERMS = tuple(
         re.MULTILINE,
     )
 )
-"""Names of the terms of `haptix.model.terms.TERMS`, from its text, since importing it loads torch."""
+"""Names of the terms of `haptix.model.terms`, from its text, since importing it loads torch."""
 
 
 @dataclass(frozen=True)

@@ -233,7 +233,7 @@ class Kind(Part):
 
         Examples
         --------
-        >>> from haptix.feel.materials import Grating
+        >>> from haptix.feel import Grating
         >>> Grating(period_mm=2.0).describe()["period_mm"]
         2.0
         """
@@ -247,7 +247,7 @@ class Kind(Part):
 
         Examples
         --------
-        >>> from haptix.feel.materials import Grating
+        >>> from haptix.feel import Grating
         >>> Grating(period_mm=2.0).replace(period_mm=3.0).period_mm
         3.0
         """

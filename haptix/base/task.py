@@ -7,9 +7,10 @@
 
         def run(self, context: Context) -> Result: ...
 
-The doors are the command line (`haptix.tasks.cli.application`), the service's routes, jobs and forms
-(`haptix.service.front.rest`), and campaigns (`haptix.tasks.campaign`), which also do tasks that have no other
-door. The list of all tasks is read from the text of `MODULES`, so that it loads nothing.
+The doors are the command line (`haptix.tasks.cli.application`), the service's routes, jobs and
+forms (`haptix.service.front.rest`), and campaigns (`haptix.tasks.campaign`), which also do tasks
+that have no other door. The list of all tasks is read from the text of `MODULES`, so that it loads
+nothing.
 """
 
 from __future__ import annotations

@@ -100,7 +100,7 @@ class Finger(Document):
     """One fingertip. Presets: "semi-wet" (the paper's Fig. 3C), "dry" and "wet".
 
     Sources: physics page, section 3 (Ayyildiz et al., PNAS 2018). Their tau_f is the paper's,
-    carried over to the theory "local" by `haptix.model.friction.in_theory`.
+    carried over to the theory "local" by `haptix.model.in_theory`.
 
     Parameters
     ----------
@@ -115,9 +115,9 @@ class Finger(Document):
     frictional_shear_stress_pa
         tau_f, the friction force per real contact area.
     theory
-        The form of the mean field that tau_f was fitted with, see `haptix.model.contact.THEORIES`; a
-        `ContactModel` of the finger uses it. A finger without it is older than this field and keeps
-        its friction: "open-gaps".
+        The form of the mean field that tau_f was fitted with, see `haptix.model.THEORIES`;
+        a `ContactModel` of the finger uses it. A finger without it is older than this field and
+        keeps its friction: "open-gaps".
     apparent_area_at_1n_m2, apparent_area_exponent
         ``A0 = area * (F_N / 1 N)^exponent``, from 3 kPa at 0.1 N and 20 kPa at 0.9 N.
     fingers_on_screen : int
@@ -135,7 +135,7 @@ class Finger(Document):
         Share of the apparent area at rest that shear takes (term "shear-area").
     roughness, dielectric
         Roughness spectrum, and the skin's permittivity and resistivity: a table, or a name of
-        `haptix.model.electro.SKIN_DIELECTRICS`.
+        `haptix.model.SKIN_DIELECTRICS`.
 
     Examples
     --------

@@ -195,7 +195,7 @@ class Screen(Document):
         circuit (term "body-return"). Above 150 pF it lowers the highest amplitude of every drive;
         below, it raises none.
     width_mm, height_mm : float or None
-        Size of the picture on the screen, for `haptix.feel.layout.ScreenGeometry.on`.
+        Size of the picture on the screen, for `haptix.feel.ScreenGeometry.on`.
     is_placeholder : bool
         True where the numbers are a guess; everything that is made with it says so.
     calibration : Calibration or None

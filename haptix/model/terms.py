@@ -138,7 +138,7 @@ class Term:
     def supply(self, share: Tensor, capacitance_f: Tensor, properties: Properties) -> Tensor:
         """Complex share of the drive's voltage that a contact has; from all of it.
 
-        `capacitance_f` is the contact's own complex capacitance, see `haptix.model.electro.Circuit`.
+        `capacitance_f` is the contact's own complex capacitance, see `Circuit`.
         """
         return share
 
@@ -255,7 +255,8 @@ class FieldLimited(Term):
     """Each gap's field is held at what the gap bears: discharge leaks the rest.
 
     The attraction of a gap is then ``eps0/4 min(V0^2/|u + h0|^2, E_b(u)^2)``, with E_b of
-    `haptix.model.electro.breakdown.bearable_field`. Contact spots have no gap and keep their attraction.
+    `haptix.model.electro.breakdown.bearable_field`. Contact spots have no gap and keep their
+    attraction.
     """
 
     name = "field-limit"
@@ -406,9 +407,7 @@ def possible_terms(finger: Finger, screen: Screen, fidelity: Honouring) -> froze
 
     Examples
     --------
-    >>> from haptix.model.fidelity import FIDELITIES
-    >>> from haptix.model.finger import Finger
-    >>> from haptix.model.screen import Screen
+    >>> from haptix.model import FIDELITIES, Finger, Screen
     >>> possible_terms(Finger(), Screen(), FIDELITIES["mean-field"]) <= set(TERMS)
     True
     """

@@ -123,7 +123,7 @@ class Plan:
     lowest_x: float
     """Lowest ``p0/(E* slope)`` of the scene."""
     accuracy: str
-    """Intervals at the scene's highest drives, see `haptix.model.contact.Accuracy`."""
+    """Intervals at the scene's highest drives, see `haptix.model.Accuracy`."""
     warnings: tuple[str, ...]
     """Where the scene lies below what was validated, or its highest voltages past a limit."""
 

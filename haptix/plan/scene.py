@@ -167,7 +167,7 @@ class Scene(Document):
     materials : tuple of material
         Materials of the scene: tables, or paths of their files relative to `folder`.
     not_shown : {"warn", "refuse"}
-        What planning does where the theory's accuracy was not shown, see `haptix.model.contact.Accuracy`.
+        What planning does where the theory's accuracy was not shown, see `Accuracy`.
     budget_jnd : float
         Largest error of friction in just-noticeable differences (JND) of ``0.11 mu``.
     override : Override

@@ -8,8 +8,8 @@ import pytest
 
 import haptix.service.client.connection
 from haptix.base.errors import DeviceError, InputError
-from haptix.service.front.access import Limiter
 from haptix.service.front.jobs import Job
+from haptix.service.protocol.limiter import Limiter
 from haptix.service.protocol.messages import JobMessage
 from tests.waiting import PATIENCE_S, wait_for
 

@@ -12,6 +12,7 @@ from scipy.stats import bootstrap, ttest_1samp
 
 from firmware_io import open_device
 from haptix.base.errors import FileFormatError, InputError
+from haptix.lab.analysis import results as analysis
 from haptix.lab.analysis.results import analyse, report_html, write_analysis
 from haptix.lab.analysis.study import export
 from haptix.lab.experiment import (
@@ -28,7 +29,6 @@ from haptix.lab.experiment import (
     UpDown,
 )
 from haptix.lab.experiment.methods import bradley_terry, bradley_terry_intervals
-from haptix.lab.stimuli import analysis
 from tests.lab.presented import at_level
 
 WAVE = np.sin(2 * np.pi * 1000 * np.arange(48) / 48_000)

@@ -3,7 +3,7 @@
 from http.client import HTTPConnection
 
 from haptix.service.front import application as front
-from haptix.service.front.access import Limiter
+from haptix.service.protocol.limiter import Limiter
 from tests.hand_clock import HandClock
 from tests.service.service_under_test import Service
 from tests.waiting import PATIENCE_S

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptix.play.touch.events import TouchEvent
+from haptix.service.engine.touch_gate import TouchGate
 from haptix.service.front import client_touches
-from haptix.service.front.client_touches import TouchGate
 from tests.hand_clock import HandClock
 from tests.waiting import pause, wait_for
 

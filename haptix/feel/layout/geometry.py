@@ -91,7 +91,7 @@ class ScreenGeometry:
 
         Examples
         --------
-        >>> from haptix.model.screen import Screen
+        >>> from haptix.model import Screen
         >>> screen = Screen(width_mm=300.0, height_mm=200.0)
         >>> ScreenGeometry.on(screen, 1920, 1280).mm(960, 640)
         (150.0, 100.0)

@@ -73,7 +73,7 @@ class Patch:
 
         Examples
         --------
-        >>> from haptix.feel.materials import Grating
+        >>> from haptix.feel import Grating
         >>> layout = Layout()
         >>> ribs = layout.add(Grating(period_mm=2.0), x_mm=10, y_mm=5, width_mm=30, height_mm=20)
         >>> ribs.move(x_mm=20, y_mm=5)
@@ -106,7 +106,7 @@ class Patch:
 
         Examples
         --------
-        >>> from haptix.feel.materials import Grating
+        >>> from haptix.feel import Grating
         >>> layout = Layout()
         >>> ribs = layout.add(Grating(period_mm=2.0), x_mm=10, y_mm=5, width_mm=30, height_mm=20)
         >>> ribs.remove()
@@ -175,7 +175,7 @@ class Layout(Mapped):
 
     Examples
     --------
-    >>> from haptix.feel.materials import Grating
+    >>> from haptix.feel import Grating
     >>> layout = Layout()
     >>> ribs = layout.add(Grating(period_mm=2.0), x_mm=10, y_mm=5, width_mm=30, height_mm=20)
     >>> ribs.move(x_mm=20, y_mm=5)
@@ -219,7 +219,7 @@ class Layout(Mapped):
         width_mm, height_mm : float, optional
             Size; some materials have their own.
         **fields
-            The others of a `haptix.feel.layout.Region`: shape, rotation, scale, z, blend, opacity,
+            The others of a `haptix.feel.Region`: shape, rotation, scale, z, blend, opacity,
             mask and priority.
 
         Raises
@@ -229,7 +229,7 @@ class Layout(Mapped):
 
         Examples
         --------
-        >>> from haptix.feel.materials import Grating
+        >>> from haptix.feel import Grating
         >>> layout = Layout(background=0.1)
         >>> ribs = layout.add(Grating(period_mm=2.0), x_mm=10, y_mm=5, width_mm=30, height_mm=20)
         >>> ribs.x_mm, ribs.width_mm
@@ -255,7 +255,7 @@ class Layout(Mapped):
 
         Examples
         --------
-        >>> from haptix.feel.materials import Grating
+        >>> from haptix.feel import Grating
         >>> layout = Layout()
         >>> ribs = layout.add(Grating(period_mm=2.0), x_mm=10, y_mm=5, width_mm=30, height_mm=20)
         >>> layout.clear()
@@ -437,10 +437,10 @@ class Layout(Mapped):
 
         Examples
         --------
-        >>> from haptix.feel.materials import Grating
+        >>> from haptix.feel import Grating
         >>> layout = Layout()
         >>> ribs = layout.add(Grating(period_mm=2.0), x_mm=10, y_mm=5, width_mm=30, height_mm=20)
-        >>> from haptix.feel.motion import Report
+        >>> from haptix.feel import Report
         >>> layout.under(Report(0.0, x_mm=20.0, y_mm=10.0, normal_force_n=0.5)) == [ribs.key]
         True
         """

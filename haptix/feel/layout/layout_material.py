@@ -34,7 +34,7 @@ class LayoutMaterial(Material):
     Parameters
     ----------
     regions : list of tables
-        Each a `haptix.feel.layout.Region`; with a ``name`` it is found by `patch`.
+        Each a `haptix.feel.Region`; with a ``name`` it is found by `patch`.
     background : float or material
         Friction below all regions.
     target : {"share", "mu", "contrast"}

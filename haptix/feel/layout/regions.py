@@ -453,7 +453,6 @@ class Controls:
         control = control_of(self._regions.fields(key).material)
         if control is None:
             raise InputError(
-                "value: expected a control, such as haptix.feel.materials.Slider; this material has "
-                "no value"
+                "value: expected a control, such as haptix.feel.Slider; this material has no value"
             )
         return control

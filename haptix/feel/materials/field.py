@@ -253,7 +253,7 @@ class Evaluator(Protocol):
 
     @property
     def target(self) -> TargetKind:
-        """Quantity of the numbers, see `haptix.feel.materials.as_mu`."""
+        """Quantity of the numbers, see `haptix.feel.as_mu`."""
 
     @property
     def outside(self) -> float:

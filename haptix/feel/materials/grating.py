@@ -46,7 +46,7 @@ class Grating(FrictionField, Scaled):
 
     Examples
     --------
-    >>> from haptix.feel.motion import Motion
+    >>> from haptix.feel import Motion
     >>> grating = Grating(period_mm=2.0, wave="square", low=0.2, high=0.8)
     >>> slow = Motion.of([0.5, 1.5], 0.0, 0.0, 10.0, 0.0)
     >>> grating.evaluator.wanted(slow).tolist()  # a ridge, a valley

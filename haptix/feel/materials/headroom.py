@@ -176,7 +176,7 @@ def headroom(
     >>> import haptix
     >>> model = haptix.ContactModel(haptix.Finger(), haptix.Screen(), fidelity="closed-form")
     >>> surface = haptix.FrictionSurface.build(model, {"frequency_hz": 240.0}, 0.01)
-    >>> ribs = haptix.feel.materials.Grating(period_mm=2.0)
+    >>> ribs = haptix.feel.Grating(period_mm=2.0)
     >>> found = headroom(ribs, surface, normal_force_n=0.5, width_mm=10.0, height_mm=10.0)
     >>> found.lowest_mu < found.highest_mu
     True

@@ -111,7 +111,7 @@ class Material(Mapped, Kind):
 
 @dataclass(frozen=True)
 class Answering:
-    """A `haptix.feel.materials.Evaluator` whose properties and methods are passed to it."""
+    """A `haptix.feel.Evaluator` whose properties and methods are passed to it."""
 
     wanted: Callable[[Motion], Array]
     target: TargetKind = "share"
@@ -205,7 +205,7 @@ class Scaled(Material):
     ----------
     target : {"share", "mu", "contrast"}
         What `low` and `high` are: shares of what the screen can reach, friction coefficients, or
-        relative changes of friction; see `haptix.feel.materials.as_mu`.
+        relative changes of friction; see `haptix.feel.as_mu`.
     low, high : float
         Friction at the lowest and at the highest level.
     """

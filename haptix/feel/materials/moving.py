@@ -93,7 +93,7 @@ class Moving(Material):
 
     Examples
     --------
-    >>> from haptix.feel.materials import Grating
+    >>> from haptix.feel import Grating
     >>> belt = Moving(of=Grating(period_mm=2.0), velocity_mm_s=(10.0, 0.0))
     >>> belt.of.period_mm
     2.0

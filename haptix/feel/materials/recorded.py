@@ -38,7 +38,7 @@ class RecordedProfile(Displayed, FrictionField):
     value : array_like, shape (samples,)
         Recorded values there.
     target : {"mu", "contrast", "share"}
-        What the values are, see `haptix.feel.materials.as_mu`.
+        What the values are, see `haptix.feel.as_mu`.
     orientation_deg : float
         Direction of the line from the origin: 0 to the right, 90 down.
     beyond : {"outside", "hold"}
@@ -54,7 +54,7 @@ class RecordedProfile(Displayed, FrictionField):
 
     Examples
     --------
-    >>> from haptix.feel.motion import Motion
+    >>> from haptix.feel import Motion
     >>> profile = RecordedProfile([0.0, 10.0], [0.2, 0.4])
     >>> round(float(profile.wanted(Motion.of(5.0, 0.0))[0]), 6)
     0.3

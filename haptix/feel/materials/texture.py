@@ -81,7 +81,7 @@ class Sidecar(Document):
     polarity : {"bright-high", "dark-high"}
         Which end of the grey scale has the higher friction.
     target : {"mu", "contrast", "share"}
-        What `low` and `high` are, see `haptix.feel.materials.as_mu`.
+        What `low` and `high` are, see `haptix.feel.as_mu`.
     low, high : float
         Values of the two ends of the grey scale; 0 and 1 where the target is a share.
     """
@@ -150,7 +150,7 @@ class Texture(Displayed, FrictionField):
 
     Examples
     --------
-    >>> from haptix.feel.motion import Motion
+    >>> from haptix.feel import Motion
     >>> stripes = Texture([[0.0, 1.0, 0.0, 1.0]], width_mm=4.0)
     >>> stripes.pixel_mm, stripes.height_mm
     (1.0, 1.0)
@@ -239,7 +239,7 @@ class Texture(Displayed, FrictionField):
 
     @classmethod
     def load(cls, image: str | Path, largest_bytes: int = LARGEST_BYTES) -> Self:
-        """Read a photograph with the JSON beside it, see `haptix.feel.materials.Sidecar`.
+        """Read a photograph with the JSON beside it, see `haptix.feel.Sidecar`.
 
         Parameters
         ----------
@@ -278,7 +278,7 @@ class Texture(Displayed, FrictionField):
         heights : path or array_like
             An image file, or heights of shape (rows, columns) in any unit.
         rule : {"height", "slope-magnitude", "slope-along"}
-            What makes friction, see `haptix.feel.materials.HeightRule`.
+            What makes friction, see `haptix.feel.HeightRule`.
         direction_deg : float
             Direction of the stroke for "slope-along": 0 to the right, 90 down.
         width_mm, mu_range, contrast_range, share_range, largest_bytes

@@ -152,7 +152,7 @@ class Envelope(Material):
 
     Examples
     --------
-    >>> from haptix.feel.materials import Grating
+    >>> from haptix.feel import Grating
     >>> curve = {"kind": "ramp", "start": 0.0, "end": 1.0, "length_s": 0.5}
     >>> Envelope(of=Grating(period_mm=2.0), curve=curve).curve.length_s
     0.5

@@ -139,7 +139,7 @@ class Trajectory(Table):
 
         Examples
         --------
-        >>> from haptix.play.simulation import FINGER_PATH
+        >>> from haptix.play import FINGER_PATH
         >>> bool(Trajectory.from_csv(FINGER_PATH).duration_s > 1.0)
         True
         """

@@ -244,7 +244,7 @@ class ExperimentRecipe(Document):
     method : table
         ``kind`` is "up-down", "quest+" or "constant-stimuli"; the rest are its parameters.
     task : str
-        A name of `haptix.lab.experiment.TASKS`: "2ifc" in two intervals, "2afc" on the two sides
+        A name of `haptix.lab.TASKS`: "2ifc" in two intervals, "2afc" on the two sides
         of one stroke, "3afc", "yes-no", "same-different", "pairs", "magnitude".
     finger, screen : str
         Presets or TOML files.
@@ -254,9 +254,9 @@ class ExperimentRecipe(Document):
         "interleaved": each trial's condition is drawn; or the order of blocks, by the number of the
         participant: "williams", "latin-square", "random", or "as-listed".
     touch : table
-        Ranges of the stroke that counts, as `haptix.lab.experiment.StrokeRanges` has them.
+        Ranges of the stroke that counts, as `haptix.lab.StrokeRanges` has them.
     practice, catch, stop, exclude, break_every, feedback
-        As in `haptix.lab.experiment.SessionPlan`.
+        As in `haptix.lab.SessionPlan`.
     """
 
     name: str

@@ -119,7 +119,7 @@ class ContactTable:
     conductance_s: Array
     pull_past_breakdown: Array
     x: float
-    """``p0/(E* slope)``, see `haptix.model.states.ContactState`."""
+    """``p0/(E* slope)``, see `haptix.model.ContactState`."""
 
     def at(self, name: str, amplitude_v: float) -> float:
         """Return one of the tables at an amplitude; that of the last node above it."""

@@ -150,11 +150,11 @@ class MeanField:
         The energy of a wave follows the area that is in contact at waves this many times shorter, 1
         or more, since those break up the contact on which the wave's stress acts.
     size : {"capped", "smooth", "mean-gap"}
-        How a contact of finite size leaves that of infinite size (`haptix.model.contact.finite_size`).
+        How a contact of finite size leaves that of infinite size, see `finite_size`.
 
     Examples
     --------
-    >>> from haptix.model.contact import HalfSpace, MeanField, RoughnessSpectrum
+    >>> from haptix.model import HalfSpace, MeanField, RoughnessSpectrum
     >>> spectrum = RoughnessSpectrum.self_affine(1.0, 0.8, 1.0, 1.0, 1e3)
     >>> contact = MeanField(spectrum, HalfSpace(0.75, 0.5))
     >>> print(f"{float(contact.area_fraction(1e-2)):.4e}")  # physics page, section 5
@@ -292,7 +292,7 @@ class MeanField:
 
         Examples
         --------
-        >>> from haptix.model.contact import HalfSpace, RoughnessSpectrum
+        >>> from haptix.model import HalfSpace, RoughnessSpectrum
         >>> rough = RoughnessSpectrum.self_affine(1, 0.8, 1, 1, 1e3)
         >>> light, firm = MeanField(rough, HalfSpace(0.75, 0.5)).area_fraction([1e-2, 2e-2])
         >>> round(float(firm / light), 1)  # in proportion to the load while it is light
@@ -403,7 +403,7 @@ class MeanField:
 
         Examples
         --------
-        >>> from haptix.model.contact import HalfSpace, RoughnessSpectrum
+        >>> from haptix.model import HalfSpace, RoughnessSpectrum
         >>> rough = RoughnessSpectrum.self_affine(1, 0.8, 1, 1, 1e3)
         >>> light, firm = MeanField(rough, HalfSpace(0.75, 0.5)).mean_gap([1e-2, 2e-2])
         >>> bool(firm < light)
@@ -427,7 +427,7 @@ class MeanField:
 
         Examples
         --------
-        >>> from haptix.model.contact import HalfSpace, RoughnessSpectrum
+        >>> from haptix.model import HalfSpace, RoughnessSpectrum
         >>> rough = RoughnessSpectrum.self_affine(2e-6, hurst=0.8, q0=1e3, q_rolloff=1e4, q1=1e7)
         >>> contact = MeanField(rough, HalfSpace(youngs_modulus_pa=1e6, poisson_ratio=0.5))
         >>> thin, thick = (contact.inverse_square_gap(1e4, h0_m=h0_m) for h0_m in (1e-7, 1e-6))
@@ -460,7 +460,7 @@ class MeanField:
         Examples
         --------
         >>> import torch
-        >>> from haptix.model.contact import HalfSpace, RoughnessSpectrum
+        >>> from haptix.model import HalfSpace, RoughnessSpectrum
         >>> rough = RoughnessSpectrum.self_affine(2e-6, hurst=0.8, q0=1e3, q_rolloff=1e4, q1=1e7)
         >>> contact = MeanField(rough, HalfSpace(youngs_modulus_pa=1e6, poisson_ratio=0.5))
         >>> near, far = contact.gap_density(1e4, torch.tensor([1e-6, 1e-4], dtype=torch.float64))

@@ -148,7 +148,7 @@ THEORIES: Mapping[str, Theory] = {
         0.315,
         "mean-conserving",
         "widened",
-        "as corrected, and the attraction beside the spots widens them (haptix.model.electro.widening)",
+        "as corrected, and the attraction beside the spots widens them (electro/widening.py)",
         power=2.0,
         reach=1.3,
         size="mean-gap",

@@ -72,20 +72,20 @@ class ContactModel(Displayed):
     device : str
         Device of the tables.
     theory : {"local", "corrected", "open-gaps", "as-published"}, optional
-        Form of the mean field (`haptix.model.contact.THEORIES`). "local" agrees with boundary elements
-        with and without voltage, "corrected" without voltage; "open-gaps" is the paper without the
-        attraction inside the contact spots, "as-published" the paper as printed. By default the
-        finger's. In another form the model's `finger` has the tau_f of `haptix.model.friction.in_theory`.
+        Form of the mean field (`haptix.model.THEORIES`). "local" agrees with boundary
+        elements with and without voltage, "corrected" without voltage; "open-gaps" is the paper
+        without the attraction inside the contact spots, "as-published" the paper as printed. By
+        default the finger's. In another form the model's `finger` has the tau_f of `in_theory`.
     contact_spots : {"excluded", "included", "widened"}, optional
         Whether the attraction inside the contact spots loads the contact, or the attraction beside
         them widens them; by default the theory's.
     gap_distribution : {"plain", "combined", "mean-conserving"}, optional
-        See `haptix.model.contact.MeanField`; by default the theory's.
+        See `haptix.model.MeanField`; by default the theory's.
     gamma : float, optional
         Factor of the elastic energy in the separation; by default the theory's.
     terms : set of str, or mapping of str to bool, optional
         A set names all terms that are on; a mapping switches single terms on or off. By default the
-        terms are on for which finger and screen have values. `haptix.model.terms.TERMS` lists all terms.
+        terms are on for which finger and screen have values. `haptix.model.terms.TERMS` lists all.
     boundary_elements : BoundaryElementBox, optional
         Surfaces of fidelity "boundary-element". The default box holds only a part of a finger's
         roughness, and warns of it. `contact` and `theory` are then the mean field of that part.

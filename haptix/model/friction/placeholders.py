@@ -28,7 +28,7 @@ def placeholder_spread(
 ) -> dict[str, Tensor]:
     """Change of friction when other values replace the unmeasured ones, in JND of friction.
 
-    Each of `haptix.model.electro.SKIN_DIELECTRICS` replaces the skin's dielectric. Spectra of equal
+    Each of `haptix.model.SKIN_DIELECTRICS` replaces the skin's dielectric. Spectra of equal
     h_rms, rms slope and Hurst exponent that end at other wavelengths replace the roughness.
 
     Parameters

@@ -65,8 +65,8 @@ class SensationInTime:
 
     In each channel the attraction is filtered by the inverse of the detection thresholds and
     squared. The energy is summed with the channel's time constant T: ``E' = (e - E) / T``. A long
-    tone has the level of `haptix.model.perception.thresholds`; one of duration d has ``1 - exp(-d / T)`` of its
-    energy (the form of Zwislocki, J. Acoust. Soc. Am. 32, 1046 (1960)). The highest level in time
+    tone has the level of `thresholds`; one of duration d has ``1 - exp(-d / T)`` of its energy
+    (the form of Zwislocki, J. Acoust. Soc. Am. 32, 1046 (1960)). The highest level in time
     counts. The attraction is taken as constant before the first and after the last sample. Its
     sudden beginning and end are clicks, whose level is reported separately.
 

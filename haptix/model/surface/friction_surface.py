@@ -90,7 +90,7 @@ class FrictionSurface(Displayed):
         notes : mapping, optional
             Plain values to keep with the surface, in ``info["notes"]``.
         past_limits : bool
-            Include states past the model's limits (`haptix.model.status.LIMITS`), up to 90 % of pull-in.
+            Include states past the model's limits (`status.LIMITS`), up to 90 % of pull-in.
 
         Raises
         ------

@@ -89,7 +89,7 @@ class Drive(ABC):
         Examples
         --------
         >>> import numpy as np
-        >>> from haptix.play.render import SineCarrier
+        >>> from haptix.play import SineCarrier
         >>> SineCarrier(1000.0).modulate(np.full(4, 50.0), 0, 4000.0).round(6).tolist()
         [0.0, 50.0, 0.0, -50.0]
         """
@@ -114,7 +114,7 @@ class Drive(ABC):
         Examples
         --------
         >>> import numpy as np
-        >>> from haptix.play.render import SineCarrier
+        >>> from haptix.play import SineCarrier
         >>> drive_v = SineCarrier(1000.0).modulate(np.full(480, 50.0), 0, 48000.0)
         >>> _, amplitude_v = SineCarrier(1000.0).demodulate(drive_v, 48000.0)
         >>> float(amplitude_v.max().round(3))
@@ -145,7 +145,7 @@ class Drive(ABC):
 
         Examples
         --------
-        >>> from haptix.play.render import SineCarrier
+        >>> from haptix.play import SineCarrier
         >>> SineCarrier(1000.0).wave(0, 4, 4000.0).round(6).tolist()
         [0.0, 1.0, 0.0, -1.0]
         """

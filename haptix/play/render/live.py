@@ -479,8 +479,8 @@ class LiveRenderer(RenderStream):
         Parameters
         ----------
         effect : Material
-            Such as `haptix.feel.materials.Transient`; a share of the reachable friction. Its time and
-            all events from which it may begin are now.
+            Such as `haptix.feel.Transient`; a share of the reachable friction. Its time and all
+            events from which it may begin are now.
         priority : int
             Of more than 8 at once, the oldest of the lowest priority is dropped.
         done : callable, optional

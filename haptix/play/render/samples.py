@@ -373,7 +373,7 @@ class RenderCore:
         >>> import haptix
         >>> model = haptix.ContactModel(haptix.Finger(), haptix.Screen(), fidelity="closed-form")
         >>> surface = haptix.FrictionSurface.build(model, {"frequency_hz": 240.0}, 0.01)
-        >>> ribs = haptix.feel.materials.Grating(period_mm=2.0)
+        >>> ribs = haptix.feel.Grating(period_mm=2.0)
         >>> with haptix.Renderer(surface, ribs, haptix.open_device("mock:")) as renderer:
         ...     low, high = renderer.reachable(np.array([0.5]), np.array([50.0]))
         >>> bool((low < high).all())

@@ -369,7 +369,7 @@ class Renderer(RenderStream):
     >>> import haptix
     >>> model = haptix.ContactModel(haptix.Finger(), haptix.Screen(), fidelity="closed-form")
     >>> surface = haptix.FrictionSurface.build(model, {"frequency_hz": 240.0}, 0.01)
-    >>> ribs = haptix.feel.materials.Grating(period_mm=2.0)
+    >>> ribs = haptix.feel.Grating(period_mm=2.0)
     >>> with haptix.open_device("mock:") as device, Renderer(surface, ribs, device) as renderer:
     ...     renderer.touch(0.0, x_mm=10.0, y_mm=20.0, normal_force_n=0.5)
     ...     renderer.touch(0.1, x_mm=15.0, y_mm=20.0, normal_force_n=0.5)

@@ -200,7 +200,7 @@ def events_of(path: Trajectory, touch_id: int = 0) -> list[TouchEvent]:
 
     Examples
     --------
-    >>> from haptix.feel.motion import Trajectory
+    >>> from haptix.feel import Trajectory
     >>> first, *_ = events_of(Trajectory.of([0.0, 0.1], [5.0, 10.0], 20.0, 0.5))
     >>> first.t_s, first.x_mm, first.normal_force_n
     (0.0, 5.0, 0.5)
@@ -291,7 +291,7 @@ def about_clock(t_s: float, arrival_s: float, oldest_s: float, uncertainty_s: fl
                     f"{problem}; that is {clock} in {unit}: map it with haptix.play.touch.AppClock"
                 )
     return (
-        f"{problem}; map the clock of the stamps with haptix.play.touch.AppClock, or, if the program "
+        f"{problem}; map the clock of the stamps with haptix.play.AppClock, or, if the program "
         "stalled, drop such touches with strict=False"
     )
 

@@ -36,9 +36,9 @@ from pydantic import BaseModel
 from haptix.base.errors import DeviceError, HaptixError, InputError, from_extra
 from haptix.base.files import read_json
 from haptix.service.client.calls import AsyncCalls, ClientLayout, PlainCalls, PlainLayout, given
-from haptix.service.front.access import Limiter, service_folder
 from haptix.service.protocol import messages as m
 from haptix.service.protocol.batches import TelemetryFrame, read_frame, write_touches
+from haptix.service.protocol.limiter import Limiter, service_folder
 from haptix.service.protocol.messages import reading
 
 with from_extra("serve"):
@@ -445,12 +445,12 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
 async def connect_async(
     name: str, address: str = "", token: str = "", resume: str = ""
 ) -> AsyncClient:
-    """Open a session; see `haptix.service.client.connection.connect`.
+    """Open a session; see `haptix.service.connect`.
 
     Parameters
     ----------
     name, address, token, resume : str
-        As in `haptix.service.client.connection.connect`.
+        As in `haptix.service.connect`.
     """
 
     def find() -> tuple[str, str]:
@@ -482,7 +482,7 @@ class Client(ReportsTouches[None], PlainCalls):
     Parameters
     ----------
     name, address, token, resume : str
-        As in `haptix.service.client.connection.connect`.
+        As in `haptix.service.connect`.
     """
 
     def __init__(self, name: str, address: str = "", token: str = "", resume: str = "") -> None:

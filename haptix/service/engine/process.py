@@ -1,4 +1,4 @@
-"""``python -m haptix.service.engine.process``: the process that owns the surface, renderer and device.
+"""``python -m haptix.service.engine.process``: owns the surface, the renderer and the device.
 
 It reads frames from its standard input and answers on its standard output. Four threads:
 
@@ -31,7 +31,7 @@ from haptix.base.checks import Array
 from haptix.base.errors import HaptixError, InputError
 from haptix.base.files import parse_json
 from haptix.play.touch.events import ForceModel, TouchEvent
-from haptix.service.front.client_touches import TouchGate
+from haptix.service.engine.touch_gate import TouchGate
 from haptix.service.protocol.batches import TelemetryFrame, write_frame
 from haptix.service.protocol.messages import Stream
 from haptix.service.protocol.wire import (

@@ -11,7 +11,6 @@ from __future__ import annotations
 import hashlib
 import hmac
 import json
-import os
 import secrets
 import socket
 import ssl
@@ -20,10 +19,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-import platformdirs
-
 from haptix.base.errors import DeviceError, InputError
 from haptix.base.files import read_json, write_whole
+from haptix.service.protocol.limiter import Limiter
 from haptix.service.protocol.messages import Problem
 
 CODE_S = 300.0  # a code is good for so long, and for one page
@@ -37,50 +35,6 @@ their own origin alone: who makes up origins finds those letters once in 32,768 
 use up the tries of who reads them."""
 _SHOW_S = 3.0  # between two codes on the terminal
 _MOST_TOKENS = 100
-
-
-class Limiter:
-    """The rate limiter of all doors: messages, batches and touches of sessions, REST, codes.
-
-    It allows so many a second: more are delayed (`wait_s`) or refused (`takes`).
-
-    Parameters
-    ----------
-    per_s : float
-        The rate.
-    now_s : callable
-        The clock.
-    at_once : float, optional
-        How many may be taken at once after a rest; by default as many as in a second.
-    """
-
-    def __init__(
-        self, per_s: float, now_s: Callable[[], float], at_once: float | None = None
-    ) -> None:
-        self._per_s, self._now_s = per_s, now_s
-        self._most = per_s if at_once is None else at_once
-        self._left, self._at_s = self._most, now_s()
-
-    def wait_s(self, count: int = 1) -> float:
-        """Take `count` and return how long to wait."""
-        now_s = self._now_s()
-        self._left = min(self._left + (now_s - self._at_s) * self._per_s, self._most) - count
-        self._at_s = now_s
-        return max(-self._left / self._per_s, 0.0)
-
-    def takes(self) -> bool:
-        """Take one if there is one."""
-        self.wait_s(0)
-        is_there = self._left >= 1
-        self._left -= is_there
-        return is_there
-
-
-def service_folder() -> Path:
-    """Return ``$HAPTIX_SERVICE``, or ``haptix/service`` in the user's state folder."""
-    if chosen := os.environ.get("HAPTIX_SERVICE"):
-        return Path(chosen).expanduser()
-    return platformdirs.user_state_path("haptix", appauthor=False) / "service"
 
 
 class Listen(NamedTuple):

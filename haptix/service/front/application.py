@@ -26,13 +26,14 @@ from starlette.exceptions import HTTPException
 from haptix.base.errors import HaptixError
 from haptix.base.files import FULL_DISK, write_failure
 from haptix.base.version import __version__
-from haptix.service.front.access import Access, Limiter
+from haptix.service.front.access import Access
 from haptix.service.front.assets import AssetStore
 from haptix.service.front.connections import serve_session
 from haptix.service.front.hub import TICK_S, Hub
 from haptix.service.front.in_use import profiles_router
 from haptix.service.front.rest import jobs_router
 from haptix.service.protocol import messages as m
+from haptix.service.protocol.limiter import Limiter
 from haptix.service.protocol.messages import Problem, reading
 
 _LOG = logging.getLogger("haptix.service")

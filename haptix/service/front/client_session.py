@@ -12,10 +12,10 @@ from math import ceil
 from typing import Any, NamedTuple
 
 from haptix.play.touch.events import TouchEvent
-from haptix.service.front.access import Limiter
 from haptix.service.front.client_touches import ClientClock, TouchInbox
 from haptix.service.protocol import messages as m
 from haptix.service.protocol.batches import TelemetryFrame, numbered, write_frame
+from haptix.service.protocol.limiter import Limiter
 
 _LOG = logging.getLogger("haptix.service")
 

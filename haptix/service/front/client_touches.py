@@ -1,4 +1,4 @@
-"""Touches of a client, from its batches to the renderer: whose clock, which place, how many.
+"""Touches of a client, from its batches to the engine: whose clock, which place, how many.
 
     batch -> TouchInbox -> touch_events ---(front | engine)---> TouchGate -> renderer
              of a session  with ClientClock
@@ -6,16 +6,13 @@
 In the front, what came together is passed on together. A busy machine may keep the front from
 running for a while (`Stalls`). What waited in the sockets is then old, and newer touches wait
 behind it: of the moves from before, the newest of each finger is passed on, and the others are
-counted. No touch is refused for a delay of the service. In the engine, no more touches are passed
-on than the renderer can render in half of the time.
+counted. No touch is refused for a delay of the service.
 """
 
 from __future__ import annotations
 
-import threading
-import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from haptix.play.touch.events import TouchEvent
@@ -32,7 +29,6 @@ OLD_S = 0.1
 """A stall of the front for so long is noticed; of moves that are older, the newest is kept: the
 engine takes none of that age."""
 _LATE_S = 1.0  # after a stall: what had not been read yet is old, too
-_TIMED_PASSES, _REST, MOST_INTERVAL_S = 8, 16, 0.03  # of `TouchGate`
 
 Batch = list[ClientTouch | Problem | None]
 
@@ -299,85 +295,3 @@ def _place(geometry: Geometry | None, touch: TouchMessage | ClientTouch) -> tupl
     if touch.kind == "up" and touch.x_mm is None and touch.x_px is None:
         return 0.0, 0.0
     raise Problem("message", "expected x_mm and y_mm, or x_px and y_px")
-
-
-class TouchGate:
-    """Passes touches on at once, but moves not more often than every interval.
-
-    Of the moves that wait for it, one in each interval of stamps is kept of each finger: the
-    newest. So ten fingers at 1 kHz do not keep the renderer from playing. A down or an up passes at
-    once, and what waits before it.
-
-    Parameters
-    ----------
-    take : callable
-        Takes touches in their order, never from two threads at once.
-    interval_s : callable
-        Returns the interval [s]. Sixteen times what `take` takes is added, up to 30 ms: so ten
-        fingers are rendered anew each 10 ms or so, and one as often as it can be.
-    """
-
-    def __init__(
-        self, take: Callable[[list[TouchEvent]], None], interval_s: Callable[[], float]
-    ) -> None:
-        self._take, self._render_s = take, interval_s
-        self._pass_times_s: deque[float] = deque([0.0], maxlen=_TIMED_PASSES)
-        self._waiting: dict[int, list[TouchEvent]] = {}  # by finger
-        self._newest_s: dict[int, float] = {}  # stamps that were passed on
-        self._passed_s = float("-inf")
-        self._has_more = threading.Condition(threading.RLock())
-        threading.Thread(target=self._passes, name="haptix touch gate", daemon=True).start()
-
-    def put(self, touches: list[TouchEvent]) -> None:
-        """Take touches, and pass them on now or soon."""
-        with self._has_more:
-            interval_s, waited = self._interval_s(), bool(self._waiting)
-            for touch in touches:
-                self._keep(touch, interval_s)
-            is_due = time.monotonic() - self._passed_s >= interval_s
-            if is_due or any(touch.kind != "move" for touch in touches):
-                self._pass()
-            elif not waited:  # otherwise the thread sleeps until the interval is over
-                self._has_more.notify()
-
-    def forget(self) -> None:
-        """Drop what waits."""
-        with self._has_more:
-            self._waiting.clear()
-
-    def _interval_s(self) -> float:
-        # The quickest: nothing else held it up.
-        return min(self._render_s() + _REST * min(self._pass_times_s), MOST_INTERVAL_S)
-
-    def _keep(self, touch: TouchEvent, interval_s: float) -> None:
-        waiting = self._waiting.setdefault(touch.touch_id, [])
-        if waiting and touch.kind == waiting[-1].kind == "move":
-            last_s = waiting[-1].t_s
-            before_s = waiting[-2].t_s if len(waiting) > 1 else self._newest_s.get(touch.touch_id)
-            if before_s is not None and 0 <= last_s - before_s < interval_s:
-                waiting[-1] = touch  # the one it replaces was close to the one before
-                return
-        waiting.append(touch)
-
-    def _pass(self) -> None:
-        waiting, self._waiting = self._waiting, {}
-        self._passed_s = began_s = time.monotonic()
-        for touch_id, touches in waiting.items():
-            if touches[-1].kind == "up":
-                self._newest_s.pop(touch_id, None)
-            else:
-                self._newest_s[touch_id] = touches[-1].t_s
-        if waiting:
-            self._take([touch for touches in waiting.values() for touch in touches])
-            self._pass_times_s.append(time.monotonic() - began_s)
-
-    def _passes(self) -> None:
-        with self._has_more:
-            while True:
-                while not self._waiting:
-                    self._has_more.wait()
-                left_s = self._passed_s + self._interval_s() - time.monotonic()
-                if left_s > 0:
-                    self._has_more.wait(left_s)
-                else:
-                    self._pass()

@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import Any
 
 from haptix.base.task import all_tasks
-from haptix.service.front.access import service_folder
 from haptix.service.front.control import Engine
 from haptix.service.front.pool import NICE, Process
+from haptix.service.protocol.limiter import service_folder
 from haptix.service.protocol.messages import JobMessage, Problem, StrokeTrace
 
 _LOG = logging.getLogger("haptix.service")

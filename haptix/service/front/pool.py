@@ -1,7 +1,7 @@
 """The service's processes as its front sees them, and the worker pool.
 
 The front spawns the engine and the workers, and exchanges frames with them; they end when their
-input ends. A worker (``haptix.service.worker.process``) works for one owner in its life: a session whose
+input ends. A worker (``haptix.service.worker``) works for one owner in its life: a session whose
 files it decodes, the holder of a token who asks for pictures, a job, or the virtual finger. So a
 file that takes over a decoder finds no data of another owner, and a file that blocks it delays its
 sender alone.

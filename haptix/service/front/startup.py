@@ -17,12 +17,13 @@ from typing import Any
 from haptix.base.errors import DeviceError, from_extra
 from haptix.base.log import without_secrets
 from haptix.feel.gallery import ASSETS as GALLERY_ASSETS
-from haptix.service.front.access import Access, Listen, check_certificate, listens, service_folder
+from haptix.service.front.access import Access, Listen, check_certificate, listens
 from haptix.service.front.assets import AssetStore, Decoding
 from haptix.service.front.engine_process import EngineProcess
 from haptix.service.front.hub import Hub
 from haptix.service.front.pool import Pool
 from haptix.service.protocol import messages as m
+from haptix.service.protocol.limiter import service_folder
 from haptix.service.protocol.messages import Problem, reading
 
 DEFAULT_PORT = 7421

@@ -132,7 +132,7 @@ class Worker:
 
     def _do_get_ready(self) -> dict[str, Any]:
         """Import what a virtual finger needs."""
-        from haptix.service.worker import felt_finger
+        from haptix.service.worker import felt_finger  # noqa: F401
 
         return {}
 

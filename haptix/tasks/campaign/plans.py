@@ -275,7 +275,7 @@ class BoundaryElementSets(FrictionOfPeople):
     seed : int
         Seed of the first surface; it rises by one for each of the others.
     box : mapping
-        Their grid: fields of `haptix.model.fidelity.BoundaryElementBox`.
+        Their grid: fields of `haptix.model.BoundaryElementBox`.
     """
 
     maps = (("area_first", "area_last"),)

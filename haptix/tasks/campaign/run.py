@@ -1,7 +1,7 @@
 """Run a campaign: do the tasks that have no result yet, and keep the results of the others.
 
-A place has ``campaign.json`` (plan and versions), ``results/`` (see `haptix.base.results`), ``runs/``
-(the costs, deaths and errors of each task), ``table.csv`` and ``report.html``.
+A place has ``campaign.json`` (plan and versions), ``results/`` (see `haptix.base.results`),
+``runs/`` (the costs, deaths and errors of each task), ``table.csv`` and ``report.html``.
 """
 
 from __future__ import annotations

@@ -522,7 +522,7 @@ def test_short_tasks_share_calls_and_a_lost_answer_costs_no_task_twice(tmp_path,
 def test_a_kind_that_workers_cannot_import_is_said_before_the_first_task(tmp_path):
     (tmp_path / "here").mkdir()
     (tmp_path / "here" / "kind_of_here.py").write_text(
-        "from tests.tasks.campaign.countable import Countable\n\n\nclass Here(Countable):\n    pass\n"
+        "from tests.tasks.campaign import countable as c\n\n\nclass Here(c.Countable):\n    pass\n"
     )
     script = (
         "import sys\n"
