@@ -33,7 +33,7 @@ class Charge(Task, command="charge", route="charges"):
         document = {"rows": rows, "last_c": rows[-1]["charge_c"]}
         return Result(document, [("charge", rows)], files={"charges.csv": table})
 '''
-LISTED = "from haptix import task_list\ntask_list.MODULES.append('charging')\n"
+LISTED = "from haptix.base import task_list\ntask_list.MODULES.append('charging')\n"
 
 
 def put_in(folder, monkeypatch):

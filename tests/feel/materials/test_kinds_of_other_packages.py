@@ -26,7 +26,7 @@ def run(environment, *command):
 def test_a_kind_of_another_package_is_found_in_python(environment, tmp_path):
     (tmp_path / "wool.toml").write_text('kind = "wool"\nloop_mm = "0.8 cm"\n')
     program = f"""
-from haptix import materials
+from haptix.feel import materials
 from haptix.feel.motion import Motion
 one = materials.load({str(tmp_path / "wool.toml")!r})
 print(type(one).__module__, one.loop_mm, one.wanted(Motion.of([0.0, 4.0], 0.0)).tolist())
@@ -41,7 +41,7 @@ print("wool" in materials.KINDS, materials.schema()["$defs"]["Wool"]["properties
 def test_a_class_may_have_the_name_of_one_of_ours(environment):
     program = """
 from typing import Literal
-from haptix import materials
+from haptix.feel import materials
 
 class Button(materials.Material):
     kind: Literal["plain-button"] = "plain-button"
