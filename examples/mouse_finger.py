@@ -17,7 +17,7 @@ import typer
 import haptix
 from haptix.feel import Button, Grating, LayoutEvent, Patch, ScreenGeometry, Slider
 from haptix.play import LiveSettings, TouchEvent
-from haptix.play.render.live import COLUMNS, PlayedRecord
+from haptix.play.render.played import COLUMNS, PlayedRecord
 
 try:
     from skimage import data

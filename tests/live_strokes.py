@@ -8,7 +8,7 @@ import haptix
 from haptix import Texture
 from haptix.feel.materials import FrictionField
 from haptix.play.render import LiveRenderer, LiveSettings, Sliding
-from haptix.play.render.live import COLUMNS, PlayedRecord
+from haptix.play.render.played import COLUMNS, PlayedRecord
 from haptix.play.touch import TouchEvent
 
 RATE = 48_000.0

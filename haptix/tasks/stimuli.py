@@ -94,7 +94,7 @@ class MakeSet(Task, command="stimuli make"):
         """Make it."""
         context.progress(_STAGES["surface"], 0.0)
         from haptix.base.files import file_name
-        from haptix.lab.experiment.recipe import Recipe
+        from haptix.lab.stimuli.recipe import Recipe
         from haptix.tasks.campaign.processes import Processes
 
         def update(stage: str, share: float) -> None:
@@ -398,7 +398,7 @@ class Simulate(Task, command="stimuli simulate"):
         if self.threshold_db is not None:
             raise InputError("--predict: thresholds are those of the set; leave --threshold-db out")
         from haptix.lab.analysis.power import People, predictions
-        from haptix.lab.experiment.recipe import Recipe
+        from haptix.lab.stimuli.recipe import Recipe
 
         plan = Recipe.load(self.recipe).stimulus_set()
         people = People(self.between_db, self.slope, self.lapse)

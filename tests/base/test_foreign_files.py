@@ -32,10 +32,11 @@ from haptix.base.files import digest, read_csv, read_json, read_toml
 from haptix.feel.materials import PennModel, Texture
 from haptix.feel.signals.audio_files import read_drive
 from haptix.feel.signals.shapes import Recorded
-from haptix.lab.experiment.recipe import ExperimentRecipe, Recipe
+from haptix.lab.experiment.recipe import ExperimentRecipe
 from haptix.lab.experiment.trial_log import TrialLog
 from haptix.lab.stimuli.drawing import draw_stimulus, read_for_drawing
 from haptix.lab.stimuli.interchange import FrictionMap, read_ahap, read_hjif
+from haptix.lab.stimuli.recipe import Recipe
 from haptix.lab.stimuli.stimulus_set import check_manifest
 from haptix.model.contact.boundary_elements.ensemble import run_ensemble
 from haptix.model.finger import Finger

@@ -13,7 +13,6 @@ from firmware_io import DriveLimits
 from haptix.base.errors import HaptixError, InputError
 from haptix.feel.along_path import speed_from
 from haptix.feel.signals.signal import signal_from
-from haptix.lab.experiment.recipe import Recipe
 from haptix.lab.stimuli import (
     Morph,
     Sine,
@@ -24,6 +23,7 @@ from haptix.lab.stimuli import (
     grating,
 )
 from haptix.lab.stimuli.designs import equal_mean, highest_level, matched_intensity, variants_of
+from haptix.lab.stimuli.recipe import Recipe
 from haptix.lab.stimuli.set_plan import CODES, Trigger, events, pulses
 from haptix.lab.stimuli.stimulus_set import make_again
 from haptix.model.perception.thresholds import Perception

@@ -13,9 +13,10 @@ import haptix
 from haptix.feel.materials import decoded
 from haptix.feel.materials.decoded import FOLDER
 from haptix.feel.materials.pictures import read_grey
+from haptix.service.engine.session_layout import SessionLayout
 from haptix.service.front.assets import AssetStore, Decoding
 from haptix.service.protocol.messages import Problem
-from haptix.service.worker.document_work import DocumentWork, SessionLayout
+from haptix.service.worker.document_work import DocumentWork
 from haptix.service.worker.process import JobWork
 
 OPENING = {"surface": None, "finger": "semi-wet", "screen": "3m-sct3250"}

@@ -5,8 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptix.base.errors import InputError
+from haptix.service.engine.session_layout import RegionError, SessionLayout
 from haptix.service.front.engine_process import EngineReplay
-from haptix.service.worker.document_work import RegionError, SessionLayout
 from tests.service.test_layouts import felt, region
 
 NAMES = st.sampled_from(["a", "b", "c"])

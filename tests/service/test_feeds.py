@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptix.play.render.live import COLUMNS as PLAYED
+from haptix.play.render.played import COLUMNS as PLAYED
 from haptix.service.front.client_session import ServiceSession
 from haptix.service.protocol.batches import COLUMNS, TelemetryFrame, read_frame
 

@@ -8,7 +8,7 @@ from PIL import Image
 
 from haptix.feel.materials.pyramid import Pyramid
 from haptix.feel.motion import Motion
-from haptix.service.worker.document_work import RegionError, SessionLayout
+from haptix.service.engine.session_layout import RegionError, SessionLayout
 
 PLAIN = {"kind": "grating", "period_mm": 2.0, "low": 0.5, "high": 0.5 + 1e-6}
 

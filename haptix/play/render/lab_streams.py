@@ -19,7 +19,8 @@ from firmware_io.protocol import TouchReport
 from haptix.base.checks import Array, positive, row
 from haptix.base.errors import InputError, from_extra
 from haptix.play.render.intervals import NO_FORCE
-from haptix.play.render.live import COLUMNS, LiveRenderer, PlayedRecord
+from haptix.play.render.live import LiveRenderer
+from haptix.play.render.played import COLUMNS, PlayedRecord
 from haptix.play.touch import TouchEvent
 
 _READINGS = 5  # of two clocks, one after the other; the quickest pair counts

@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     from haptix.model.screen import Screen
     from haptix.play.render.master import EffectEnd
     from haptix.play.sensing import FingerEstimate, FingerObserver
-    from haptix.service.worker.document_work import SessionLayout
+    from haptix.service.engine.session_layout import SessionLayout
 
 _LOG = logging.getLogger("haptix.service.engine.process")
 
@@ -105,7 +105,7 @@ class Telemetry:
             renderer.record = None
             return
         if renderer.record is None:
-            from haptix.play.render.live import PlayedRecord
+            from haptix.play.render.played import PlayedRecord
 
             renderer.record = PlayedRecord(renderer)
         part = renderer.record.take(now_s - _SETTLED_S)
@@ -400,7 +400,7 @@ class EngineServer:
         self._layouts[session].revision = revision
 
     def _changed(self, session: int, how: str, change: Any) -> dict[str, Any]:
-        from haptix.service.worker.document_work import SessionLayout
+        from haptix.service.engine.session_layout import SessionLayout
 
         layout = self._layouts.get(session)
         if layout is None:

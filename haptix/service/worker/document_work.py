@@ -1,13 +1,12 @@
-"""Documents and files of clients: a worker checks them, the engine puts them on the screen.
+"""Documents and files of clients, as a worker checks, draws and exports them.
 
 A worker decodes, draws, checks and exports: questions of the front come in as calls of
-`DocumentWork`, answers go out as values for JSON. The engine has a `SessionLayout` per session.
+`DocumentWork`, answers go out as values for JSON.
 """
 
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterable, Mapping
 from datetime import UTC, date, datetime
 from functools import lru_cache
 from pathlib import Path
@@ -16,12 +15,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from pydantic import BaseModel
 
-from haptix.base.errors import HaptixError, InputError
+from haptix.base.errors import InputError
 from haptix.base.task import Context, task_at
 from haptix.feel.materials.decoded import PICTURES
 
 if TYPE_CHECKING:
-    from haptix.feel.layout import Patch
     from haptix.feel.materials import Material
     from haptix.model.finger import Finger
     from haptix.model.screen import Screen
@@ -38,7 +36,6 @@ MOST_SAMPLES, MOST_TABLE_BYTES = 48_000 * 60, 2_000_000
 _SURFACE_FORCES_N = (0.05, 3.0)
 """Forces [N] of the surface that is built where none is given: all that a finger slides with."""
 _TOLERANCE = "0.05 JND"
-MOST_REGIONS = 256
 
 
 class DocumentWork:
@@ -276,124 +273,3 @@ def profiles_of(finger: Finger, screen: Screen, sources: dict[str, str]) -> dict
         profile = Profile(name=used.name, source=source, document=document, **facts)
         profiles[kind] = profile.model_dump(mode="json")
     return profiles
-
-
-class SessionLayout:
-    """Regions by their names.
-
-    Parameters
-    ----------
-    assets : Path
-        Folder of the files that apps have sent; documents read nothing else.
-    """
-
-    def __init__(self, assets: Path) -> None:
-        from haptix.feel.layout import Layout
-
-        self._assets = assets
-        self.layout = Layout()
-        self.patches: dict[str, Patch] = {}
-        self.revision = 0
-
-    def set(self, document: Mapping[str, Any]) -> None:
-        """Replace all regions by those of a document, or change nothing.
-
-        Raises
-        ------
-        InputError
-            Naming the region, and what is wrong with it.
-        """
-        with self.layout.change():
-            patches = self.patches
-            self.patches = {}
-            try:
-                for patch in patches.values():
-                    patch.remove()
-                for number, region in enumerate(document["regions"]):
-                    self._do(f"/document/regions/{number}", {"op": "add", **region})
-            except BaseException:
-                self.patches = patches
-                raise
-        self.revision += 1
-
-    def change(self, ops: Iterable[Mapping[str, Any]]) -> None:
-        """Make all of the changes, or none.
-
-        Raises
-        ------
-        InputError
-            Naming the change, and what is wrong with it.
-        """
-        patches = dict(self.patches)
-        values: list[tuple[Patch, float]] = []
-        try:
-            with self.layout.change():
-                for number, op in enumerate(ops):
-                    if op["op"] == "value":
-                        values.append((self._control(f"/ops/{number}", op["name"]), op["value"]))
-                    else:
-                        self._do(f"/ops/{number}", op)
-                for patch, value in values:  # they cannot be taken back, and fail no more
-                    patch.set(value=value)
-        except BaseException:
-            self.patches = patches
-            raise
-        self.revision += 1
-
-    def _do(self, path: str, op: Mapping[str, Any]) -> None:
-        fields = dict(op)
-        kind, name = fields.pop("op"), fields.pop("name")
-        try:
-            if kind == "add":
-                self._add(name, fields)
-                return
-            patch = self._named(name)
-            if kind == "move":
-                patch.move(**fields)
-            elif kind == "change":
-                patch.set(**self._read(fields))
-            else:
-                patch.remove()
-                del self.patches[name]
-        except HaptixError as error:
-            raise RegionError(path, f"{name}: {error}") from None
-
-    def _control(self, path: str, name: str) -> Patch:
-        """Return a region that has a value."""
-        try:
-            patch = self._named(name)
-            _ = patch.value
-        except HaptixError as error:
-            raise RegionError(path, f"{name}: {error}") from None
-        return patch
-
-    def _named(self, name: str) -> Patch:
-        if name not in self.patches:
-            names = ", ".join(map(repr, [*self.patches][-5:])) or "none, as after a new start"
-            raise InputError(f"expected the name of a region (there are {names}), got {name!r:.80}")
-        return self.patches[name]
-
-    def _add(self, name: str, fields: dict[str, Any]) -> None:
-        if name in self.patches:
-            raise InputError("expected a name that no region has; change or remove that one")
-        if len(self.patches) >= MOST_REGIONS:
-            raise InputError(f"expected at most {MOST_REGIONS} regions")
-        self.patches[name] = self.layout.add(**self._read(fields))
-
-    def _read(self, fields: dict[str, Any]) -> dict[str, Any]:
-        from haptix.base.kinds import in_folder
-        from haptix.feel.materials import material_of
-
-        if "material" in fields:
-            with in_folder(self._assets, is_sealed=True):
-                material = fields["material"] = material_of(fields["material"])
-                _ = material.evaluator  # reads its files
-        return fields
-
-
-class RegionError(InputError):
-    """A region that cannot be; `path` points to it in the message."""
-
-    def __init__(self, path: str, sentence: str) -> None:
-        super().__init__(sentence)
-        self.path = path

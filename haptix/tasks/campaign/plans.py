@@ -368,7 +368,7 @@ class StimulusSets(Campaign):
 
     def tasks(self) -> Iterator[CampaignTask]:
         """Yield a task for each recipe and finger."""
-        from haptix.lab.experiment.recipe import MakeStimuli, Recipe
+        from haptix.lab.stimuli.recipe import MakeStimuli, Recipe
 
         for path in places_of(self.recipes, self.folder):
             parts = Recipe.load(path).stimulus_set()

@@ -8,8 +8,9 @@ from firmware_io import Device, MockDriver, MockLink
 from haptix import Texture
 from haptix.play.render import LiveSettings
 from haptix.play.render.fingers import PredictedFingers
-from haptix.play.render.live import COLUMNS, PlayedRecord, RenderSource
+from haptix.play.render.live import RenderSource
 from haptix.play.render.master import Master
+from haptix.play.render.played import COLUMNS, PlayedRecord
 from haptix.play.render.samples import RenderCore
 from haptix.play.touch import TouchEvent
 

@@ -20,7 +20,7 @@ from haptix.base.errors import OverloadWarning
 from haptix.feel.materials import Grating, Moving
 from haptix.feel.motion import Motion
 from haptix.play.render import LiveSettings, RenderStats, Sliding
-from haptix.play.render.live import COLUMNS, PlayedRecord
+from haptix.play.render.played import COLUMNS, PlayedRecord
 from tests.faulty_link import FaultyLink
 from tests.steady_clock import SteadyClock, steady_driver
 from tests.waiting import PATIENCE_S

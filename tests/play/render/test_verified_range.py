@@ -7,7 +7,7 @@ import pytest
 import haptix
 from haptix import LiveRenderer, Renderer, Texture
 from haptix.model.screen import Calibration, VerifiedRange
-from haptix.play.render.stream import VerifiedUse
+from haptix.play.render.verified import VerifiedUse
 from haptix.play.touch import TouchEvent
 
 RANGE = VerifiedRange(

@@ -8,8 +8,8 @@ from typer.testing import CliRunner
 
 from haptix.base.errors import InputError
 from haptix.base.task import task_at
-from haptix.lab.experiment.recipe import Recipe
 from haptix.lab.population import Population
+from haptix.lab.stimuli.recipe import Recipe
 from haptix.model.fidelity import BoundaryElementBox
 from haptix.model.finger import Finger
 from haptix.model.friction import ContactModel
