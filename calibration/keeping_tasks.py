@@ -11,9 +11,10 @@ from pydantic import Field
 
 from calibration.tasks import RunCalibration, SessionFolder, SessionThere
 from haptix.base.errors import InputError
-from haptix.base.fields import Argument, FileThere, FingerName, FolderThere, NewFile, Text
+from haptix.base.fields import Argument, FileThere, FolderThere, NewFile, Text
 from haptix.base.report import record
 from haptix.base.task import Context, Result, Task
+from haptix.model.presets import FingerName
 
 if TYPE_CHECKING:
     from calibration.keep.gauge import GaugeStudy

@@ -11,19 +11,10 @@ from pydantic import AfterValidator, Field
 
 from calibration.tasks import SessionThere
 from haptix.base.errors import InputError
-from haptix.base.fields import (
-    Address,
-    Argument,
-    FileThere,
-    FingerName,
-    FolderThere,
-    Positive,
-    TermName,
-    Text,
-    Typed,
-)
+from haptix.base.fields import Address, Argument, FileThere, FolderThere, Positive, Text, Typed
 from haptix.base.report import record, row
 from haptix.base.task import Context, Result, Task
+from haptix.model.presets import FingerName, TermName
 
 if TYPE_CHECKING:
     from calibration.plan.parameters import Array

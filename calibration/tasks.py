@@ -15,7 +15,6 @@ from haptix.base.fields import (
     Address,
     Argument,
     FileThere,
-    FingerName,
     Folder,
     FolderName,
     FolderThere,
@@ -23,13 +22,13 @@ from haptix.base.fields import (
     NewDocument,
     NotNegative,
     Positive,
-    ScreenName,
     Seed,
     Text,
     Typed,
 )
 from haptix.base.report import record
 from haptix.base.task import Context, Result, Task
+from haptix.model.presets import FingerName, ScreenName
 
 if TYPE_CHECKING:
     from calibration.measure.rig import RigCheck

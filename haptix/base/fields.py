@@ -1,7 +1,6 @@
-"""Types of parameters that tasks share: files, folders, presets, devices, labels, texts.
+"""Types of parameters that tasks share: files, folders, devices, labels, texts, numbers.
 
 Each checks its value before torch loads. The message leaves the parameter's name to the caller.
-The presets are known here without the classes that they describe.
 """
 
 from __future__ import annotations
@@ -18,39 +17,6 @@ from pydantic import AfterValidator, Field
 
 from haptix.base.errors import DeviceError, InputError
 from haptix.base.files import checked_values
-
-FINGERS: dict[str, dict[str, Any]] = {
-    "semi-wet": {
-        "bulk_modulus_pa": 10e3,
-        "frictional_shear_stress_pa": 5.531446e6,
-        "theory": "local",
-    },
-    "dry": {
-        "theory": "local",
-        "bulk_modulus_pa": 10e3,
-        "youngs_modulus_pa": 1e9,
-        "poisson_ratio": 0.3,
-        "hardness_pa": 50e6,
-        "frictional_shear_stress_pa": 13e6,
-    },
-    "wet": {
-        "bulk_modulus_pa": 10e3,
-        "youngs_modulus_pa": 10e6,
-        "frictional_shear_stress_pa": 3.46451e6,
-        "theory": "local",
-    },
-}
-
-SCREENS: dict[str, dict[str, Any]] = {"3m-sct3250": {}}
-
-TERMS = tuple(
-    re.findall(
-        r'^    name = "([\w-]+)"$',
-        (Path(__file__).parents[1] / "model" / "terms.py").read_text(encoding="utf-8"),
-        re.MULTILINE,
-    )
-)
-"""Names of the terms of `haptix.model.terms`, from its text, since importing it loads torch."""
 
 
 @dataclass(frozen=True)
@@ -84,8 +50,17 @@ JsonObject = Annotated[dict[str, Any], AfterValidator(checked_values)]
 """A document from an untrusted source, no larger than a file may be: see `checked_values`."""
 
 
+@dataclass(frozen=True)
 class ProfileName:
-    """Marks the name of a finger or a screen: the service knows which ones a client may use."""
+    """Marks the name of a finger or a screen: the service knows which ones a client may use.
+
+    Parameters
+    ----------
+    presets : tuple of str
+        Those that come with haptix.
+    """
+
+    presets: tuple[str, ...]
 
 
 def expected_words(words: Collection[str], value: str) -> str:
@@ -101,23 +76,6 @@ def one_of(*words: str) -> Callable[[str], str]:
     def check(value: str) -> str:
         if value not in words:
             raise ValueError(expected_words(words, value))
-        return value
-
-    return check
-
-
-def preset_or_file(presets: Collection[str]) -> Callable[[str], str]:
-    """Return a check that refuses a name of neither a preset nor an existing TOML file."""
-
-    def check(value: str) -> str:
-        if value.endswith(".toml"):
-            return str(is_there(Path(value)))
-        if value not in presets:
-            near = get_close_matches(value.lower(), presets, 1)
-            raise ValueError(
-                f"unknown preset {value!r:.80}: expected one of {', '.join(presets)}, or a file "
-                f"whose name ends in .toml{f'; did you mean {near[0]}?' if near else ''}"
-            )
         return value
 
     return check
@@ -249,11 +207,6 @@ FOLDER_NAME = r"^[A-Za-z0-9][A-Za-z0-9_\-]{0,79}$"
 FolderName = Annotated[str, Field(pattern=FOLDER_NAME)]
 Label = Annotated[str, AfterValidator(_label)]
 Text = Annotated[str, AfterValidator(_text)]
-FingerName = Annotated[str, AfterValidator(preset_or_file(FINGERS)), ProfileName()]
-ScreenName = Annotated[str, AfterValidator(preset_or_file(SCREENS)), ProfileName()]
-TermName = Annotated[
-    str, AfterValidator(one_of(*TERMS)), Field(json_schema_extra={"enum": [*TERMS]})
-]
 Positive = Annotated[float, Field(gt=0)]
 Force = Annotated[float, Field(gt=0, le=100)]  # [N]; a larger number is in another unit
 Frequency = Annotated[float, Field(gt=0, le=1e8)]  # [Hz]; above, the circuit is no capacitor

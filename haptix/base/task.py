@@ -29,15 +29,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError,
 from pydantic.fields import FieldInfo
 
 from haptix.base.errors import HaptixError, InputError
-from haptix.base.fields import (
-    FINGERS,
-    SCREENS,
-    ForClients,
-    Local,
-    ProfileName,
-    Typed,
-    expected_words,
-)
+from haptix.base.fields import ForClients, Local, ProfileName, Typed, expected_words
 from haptix.base.task_list import MODULES
 from haptix.base.units import decimal_comma, read_number, title_of, unit_of
 
@@ -192,8 +184,8 @@ class Task(BaseModel, ABC):
             extra: Any = {"x-unit": unit} if unit else None
             if ProfileName in marks:  # the names that a client may use are checked at the run
                 kind = Annotated[str, Field(min_length=1, max_length=200)] | None
-                known = SCREENS if name == "screen" else FINGERS
-                field = Field(None, description=parameter.description, examples=[*known])
+                known = [*marks[ProfileName].presets]
+                field = Field(None, description=parameter.description, examples=known)
             elif ForClients in marks and not parameter.is_required():
                 kind = get_args(kind)[0]
                 field = Field(  # title here: beside an Annotated type, one set later is lost

@@ -12,10 +12,10 @@ from torch import Tensor
 
 from haptix.base.checks import Array, positive
 from haptix.base.documents import Document, Part, Quantity
-from haptix.base.fields import FINGERS
 from haptix.base.files import digest
 from haptix.model.contact import ElasticSolid, HalfSpace, Layered, RoughnessSpectrum, TheoryName
 from haptix.model.electro.dielectric import AnySkinDielectric, SkinDielectric
+from haptix.model.presets import FINGERS
 
 _STANDING_MM_PER_S = 1e-3  # gains of slower fingers are those at this speed
 

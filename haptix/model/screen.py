@@ -13,8 +13,8 @@ from pydantic import Field
 
 from haptix.base.checks import Array
 from haptix.base.documents import Document, Part
-from haptix.base.fields import SCREENS
 from haptix.base.files import digest
+from haptix.model.presets import SCREENS
 
 Plain = Annotated[float, Field(gt=0, strict=True)]
 Permittivity = Annotated[float, Field(ge=1)]

@@ -1,7 +1,7 @@
 """The terms of the contact model: effects that can be switched on and off by name.
 
-Each term is one class of this file, whose methods change stages between a load and its friction.
-`ActiveTerms` applies those that are on, stage by stage.
+Each term is one class of this file and a name in `TERM_NAMES`. Its methods change stages between a
+load and its friction. `ActiveTerms` applies those that are on, stage by stage.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from haptix.model.contact import ElasticSolid, HalfSpace, Layered, MeanField
 from haptix.model.electro import VACUUM_PERMITTIVITY, FieldLimit
 from haptix.model.electro.breakdown import bearable_field, breaks_down
 from haptix.model.finger import Finger
+from haptix.model.presets import TERM_NAMES
 from haptix.model.screen import Screen
 from haptix.model.states import ContactState
 from haptix.model.status import Status
@@ -387,8 +388,9 @@ class ShearArea(Term):
         return area_m2 * (1 - properties.finger.shear_area_loss)
 
 
-TERMS: dict[str, Term] = {kind.name: kind() for kind in Term.__subclasses__()}
-"""All terms by name. They act in the order in which this file has them."""
+_KINDS = {kind.name: kind for kind in Term.__subclasses__()}
+TERMS: dict[str, Term] = {name: _KINDS[name]() for name in TERM_NAMES}
+"""All terms by name, in the order of `TERM_NAMES`, in which they act."""
 
 
 class Honouring(Protocol):

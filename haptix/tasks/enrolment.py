@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Annotated
 from pydantic import Field
 
 from haptix.base.errors import InputError
-from haptix.base.fields import Address, Argument, FingerName, Force, NewDocument, check_new
+from haptix.base.fields import Address, Argument, Force, NewDocument, check_new
 from haptix.base.report import record
 from haptix.base.task import Context, Result
+from haptix.model.presets import FingerName
 from haptix.tasks.strokes import FORCES_N, OnScreen
 
 if TYPE_CHECKING:

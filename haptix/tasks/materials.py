@@ -15,7 +15,6 @@ from haptix.base.errors import InputError
 from haptix.base.fields import (
     Argument,
     FileThere,
-    FingerName,
     ForClients,
     JsonObject,
     Local,
@@ -23,11 +22,11 @@ from haptix.base.fields import (
     NewDocument,
     NewPicture,
     Range,
-    ScreenName,
     Seed,
     refuse_input,
 )
 from haptix.base.task import Context, Result, Task
+from haptix.model.presets import FingerName, ScreenName
 
 if TYPE_CHECKING:
     from haptix.feel.materials import Material

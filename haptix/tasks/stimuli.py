@@ -14,13 +14,10 @@ from pydantic import AfterValidator, Field
 
 from haptix.base.errors import InputError
 from haptix.base.fields import (
-    FINGERS,
-    SCREENS,
     Address,
     Argument,
     FileOrFolder,
     FileThere,
-    FingerName,
     Folder,
     FolderName,
     ForClients,
@@ -31,11 +28,11 @@ from haptix.base.fields import (
     NewPicture,
     NotNegative,
     Positive,
-    ScreenName,
     refuse_input,
 )
 from haptix.base.task import Context, Result, Task
 from haptix.base.terminal import breakdown_note, placeholder_note
+from haptix.model.presets import FINGERS, SCREENS, FingerName, ScreenName
 
 if TYPE_CHECKING:
     from haptix.lab.experiment import Experiment

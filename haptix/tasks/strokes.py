@@ -17,7 +17,6 @@ from haptix.base.errors import InputError, MissingExtraError, OverloadWarning, f
 from haptix.base.fields import (
     Address,
     FileThere,
-    FingerName,
     Folder,
     Force,
     ForClients,
@@ -26,12 +25,12 @@ from haptix.base.fields import (
     MaterialFile,
     Positive,
     Range,
-    ScreenName,
     Typed,
 )
 from haptix.base.report import row
 from haptix.base.task import Context, Result, Task
 from haptix.base.terminal import accuracy_note, breakdown_note, placeholder_note, warning_note
+from haptix.model.presets import FingerName, ScreenName
 
 if TYPE_CHECKING:
     from haptix.feel.materials import Feelable

@@ -18,7 +18,6 @@ from haptix.base.errors import InputError, LimitError, ToleranceError
 from haptix.base.fields import (
     Argument,
     FileThere,
-    FingerName,
     Folder,
     Force,
     ForceRange,
@@ -29,8 +28,6 @@ from haptix.base.fields import (
     NotNegative,
     Positive,
     PositiveRange,
-    ScreenName,
-    TermName,
     Typed,
     check_new,
     file_to_write,
@@ -40,6 +37,7 @@ from haptix.base.files import cache_folder, reading
 from haptix.base.report import record
 from haptix.base.task import Context, Result, Task
 from haptix.base.terminal import accuracy_note, breakdown_note, placeholder_note, warning_note
+from haptix.model.presets import FingerName, ScreenName, TermName
 
 if TYPE_CHECKING:
     from haptix.model.friction import ContactModel

@@ -21,9 +21,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from haptix.base.errors import InputError
-from haptix.base.fields import FINGERS, SCREENS
 from haptix.base.files import parse_json, write_folder
 from haptix.base.task import Context, Task, all_tasks
+from haptix.model.presets import FINGERS, SCREENS
 from haptix.service.protocol.wire import (
     BEAT,
     JSON,

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from haptix.base.errors import InputError
-from haptix.base.fields import Address, FileThere, FingerName, NewFile, ScreenName, Text
+from haptix.base.fields import Address, FileThere, NewFile, Text
+from haptix.model.presets import FingerName, ScreenName
 from haptix.tasks.cli.application import option
 
 if TYPE_CHECKING:

@@ -16,6 +16,7 @@ from calibration.fit.fitting import comparable_terms
 from calibration.plan.predict import StrokeConditions
 from haptix import ContactModel, Finger, Scene, Screen, Status
 from haptix.model.fidelity import FIDELITIES
+from haptix.model.presets import TERM_NAMES
 from haptix.model.terms import TERMS, Properties, Stage, Term
 from haptix.plan.planning import plan_scene
 from haptix.play.virtual_finger import VirtualFinger
@@ -42,6 +43,12 @@ class ThinFilm(Term):
 def new_term(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setitem(TERMS, "thin-film", ThinFilm())
     yield
+
+
+def test_the_table_of_names_has_every_class() -> None:
+    classes = vars(haptix.model.terms).values()
+    terms = [c for c in classes if isinstance(c, type) and issubclass(c, Term) and c is not Term]
+    assert sorted(term.name for term in terms) == sorted(TERM_NAMES)
 
 
 def models(**options: Any) -> tuple[ContactModel, ContactModel]:

@@ -1,0 +1,82 @@
+"""Presets of fingers and screens and the names of the terms, known before torch loads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, Field
+
+from haptix.base.fields import ProfileName, is_there, one_of
+
+FINGERS: dict[str, dict[str, Any]] = {
+    "semi-wet": {
+        "bulk_modulus_pa": 10e3,
+        "frictional_shear_stress_pa": 5.531446e6,
+        "theory": "local",
+    },
+    "dry": {
+        "theory": "local",
+        "bulk_modulus_pa": 10e3,
+        "youngs_modulus_pa": 1e9,
+        "poisson_ratio": 0.3,
+        "hardness_pa": 50e6,
+        "frictional_shear_stress_pa": 13e6,
+    },
+    "wet": {
+        "bulk_modulus_pa": 10e3,
+        "youngs_modulus_pa": 10e6,
+        "frictional_shear_stress_pa": 3.46451e6,
+        "theory": "local",
+    },
+}
+
+
+SCREENS: dict[str, dict[str, Any]] = {"3m-sct3250": {}}
+
+
+TERM_NAMES = (
+    "layered-skin",
+    "apparent-area",
+    "finite-size",
+    "plasticity",
+    "skin-dielectric",
+    "leaky-gap",
+    "field-limit",
+    "body-return",
+    "breakdown",
+    "occlusion",
+    "sliding-speed",
+    "shear-area",
+)
+"""Names of the classes of `haptix.model.terms`, which loads torch, in the order of their action."""
+
+
+def preset_or_file(presets: Collection[str]) -> Callable[[str], str]:
+    """Return a check that refuses a name of neither a preset nor an existing TOML file."""
+
+    def check(value: str) -> str:
+        if value.endswith(".toml"):
+            return str(is_there(Path(value)))
+        if value not in presets:
+            near = get_close_matches(value.lower(), presets, 1)
+            raise ValueError(
+                f"unknown preset {value!r:.80}: expected one of {', '.join(presets)}, or a file "
+                f"whose name ends in .toml{f'; did you mean {near[0]}?' if near else ''}"
+            )
+        return value
+
+    return check
+
+
+FingerName = Annotated[str, AfterValidator(preset_or_file(FINGERS)), ProfileName(tuple(FINGERS))]
+
+
+ScreenName = Annotated[str, AfterValidator(preset_or_file(SCREENS)), ProfileName(tuple(SCREENS))]
+
+
+TermName = Annotated[
+    str, AfterValidator(one_of(*TERM_NAMES)), Field(json_schema_extra={"enum": [*TERM_NAMES]})
+]
