@@ -6,6 +6,7 @@ import os
 import random
 import shutil
 import signal
+import subprocess
 import sys
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -576,3 +577,12 @@ def test_make_never_replaces_a_trial_table_that_was_added_to(finger, screen, tmp
     json.loads((tmp_path / "manifest.json").read_text())
     table.rename(tmp_path / "mine.tsv")
     make(22.0)
+
+
+def test_the_program_of_a_log_is_all_that_its_trials_import():
+    code = (
+        "import sys, haptix.lab.experiment.recipe, haptix.lab.experiment.observer\n"
+        "print(*{m.split('.')[1] for m in sys.modules if m.startswith('haptix.')})"
+    )
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
+    assert set(loaded.stdout.decode().split()) == set(trial_log._TRIALS_DEPEND_ON)

@@ -49,15 +49,16 @@ _OF_BEFORE = (".estimate_by", ".lapse")  # of methods: what they once assumed of
 _FORMAT = 3
 _COLUMNS_OF = {1: COLUMNS[:13], 2: COLUMNS[:23], _FORMAT: COLUMNS}
 
-_OUTSIDE = ("cli", "client", "service", "studio", "tasks")  # rooms that no trial depends on
+_TRIALS_DEPEND_ON = ("base", "model", "feel", "play", "lab")
+"""Folders of haptix that make, present and count a trial. All others may change during a study."""
 
 
 @cache
 def program() -> str:
     """Version of haptix, and a hash of the code that makes and counts trials."""
     package, code = Path(__file__).parents[2], hashlib.sha256()
-    for file in sorted(package.rglob("*.py")):
-        if file.relative_to(package).parts[0] not in _OUTSIDE:
+    for folder in _TRIALS_DEPEND_ON:
+        for file in sorted((package / folder).rglob("*.py")):
             code.update(file.read_bytes())
     return f"{__version__}+{code.hexdigest()[:12]}"
 
