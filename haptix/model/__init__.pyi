@@ -48,9 +48,6 @@ from .finger import Finger as Finger
 from .friction import HIGHEST_FORCE_N as HIGHEST_FORCE_N
 from .friction import LOWEST_FORCE_N as LOWEST_FORCE_N
 from .friction import ContactModel as ContactModel
-from .friction import FrictionSolver as FrictionSolver
-from .friction import in_theory as in_theory
-from .friction import placeholder_spread as placeholder_spread
 from .perception.thresholds import AmplitudeStep as AmplitudeStep
 from .perception.thresholds import Audibility as Audibility
 from .perception.thresholds import Channel as Channel

@@ -76,16 +76,16 @@ FACE = {
     "open_device": ["address"],
     "Renderer": ["surface", "texture", "device"],
     "Renderer.touch": ["t_s", "x_mm", "y_mm", "normal_force_n"],
-    "contact.RoughnessSpectrum.self_affine": ["h_rms_m", "hurst", "q0", "q_rolloff", "q1"],
-    "contact.RoughnessSpectrum.from_table": ["q", "c"],
-    "contact.RoughnessSpectrum.from_topography": [],
-    "contact.MeanField": ["spectrum", "modulus", "gamma", "gap_distribution"],
-    "contact.MeanField.area_fraction": ["pressure_pa"],
-    "contact.MeanField.mean_gap": ["pressure_pa"],
-    "contact.MeanField.inverse_square_gap": ["pressure_pa", "h0_m", "contact_spots"],
-    "contact.MeanField.gap_density": ["pressure_pa", "gap_m"],
-    "contact.HalfSpace": ["youngs_modulus_pa", "poisson_ratio"],
-    "contact.Layered": [
+    "model.RoughnessSpectrum.self_affine": ["h_rms_m", "hurst", "q0", "q_rolloff", "q1"],
+    "model.RoughnessSpectrum.from_table": ["q", "c"],
+    "model.RoughnessSpectrum.from_topography": [],
+    "model.MeanField": ["spectrum", "modulus", "gamma", "gap_distribution"],
+    "model.MeanField.area_fraction": ["pressure_pa"],
+    "model.MeanField.mean_gap": ["pressure_pa"],
+    "model.MeanField.inverse_square_gap": ["pressure_pa", "h0_m", "contact_spots"],
+    "model.MeanField.gap_density": ["pressure_pa", "gap_m"],
+    "model.HalfSpace": ["youngs_modulus_pa", "poisson_ratio"],
+    "model.Layered": [
         "layer_modulus_pa",
         "layer_poisson_ratio",
         "thickness_m",
@@ -125,7 +125,7 @@ def test_the_command_and_the_data_files_ship():
     assert run_python(f"import {module} as m; print(callable(m.{function}))") == "True"
     for package in settings["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]:
         assert (ROOT / package / "py.typed").is_file()
-    assert (ROOT / "haptix" / "simulation" / "finger_path.csv").is_file()
+    assert (ROOT / "haptix" / "play" / "simulation" / "finger_path.csv").is_file()
 
 
 def test_a_misspelt_attribute_is_answered_by_what_is_like_it():

@@ -7,8 +7,6 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from typer.main import get_command
 
-from haptix.base import fields
-from haptix.model.terms import TERMS
 from haptix.tasks.cli.application import app
 from tests.command_line import run_haptix
 
@@ -156,10 +154,6 @@ def test_what_cannot_be_right_is_refused_in_a_sentence_that_names_the_option(typ
                 wrong.append((words, option, value[:20], shown.code, shown.err[-200:]))
     assert not wrong, "\n".join(map(repr, wrong))
     assert tried > 800
-
-
-def test_names_that_are_known_without_torch_are_those_that_it_knows():
-    assert tuple(TERMS) == fields.TERMS
 
 
 TYPED = st.one_of(
