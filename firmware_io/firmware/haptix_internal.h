@@ -1,4 +1,4 @@
-/* What the parts of the core say to each other. */
+/* Functions that the files of the core share. */
 #ifndef HAPTIX_INTERNAL_H
 #define HAPTIX_INTERNAL_H
 
@@ -33,8 +33,8 @@ void hx_meet_damage(hx_device *device, uint16_t sequence, uint32_t expected, uin
 /* The most that a header may announce and be believed. */
 uint32_t hx_longest_payload(const hx_device *device);
 
-/* The receiver may spend all that it ever may. */
-void hx_receive_init(hx_device *device);
+/* The most units of work that a receiver may save up. */
+uint32_t hx_most_work(const hx_device *device);
 
 /* Act on a whole frame. */
 void hx_take_frame(hx_device *device, const uint8_t *frame);

@@ -2,21 +2,7 @@
 #include <stddef.h>
 
 #include "haptix_internal.h"
-#include "haptix_sine.h"
 #include "haptix_window.h"
-
-/* The sine of a phase (2^32 is a turn) in 1/32767, interpolated in the table. */
-int32_t hx_sine_of(uint32_t phase) {
-    uint32_t index = phase >> 22;
-    int32_t fraction = (int32_t)(phase >> 6 & 0xffffu);
-    int32_t a = hx_sine[index], b = hx_sine[index + 1u];
-    return a + (b - a) * fraction / 65536;
-}
-
-void hx_drop_mark(hx_device *d, uint32_t at) {
-    d->marks--;
-    for (; at < d->marks; at++) d->mark[at] = d->mark[at + 1u];
-}
 
 /* The line rises with a sample that was marked. */
 static void meet_marks(hx_device *d, uint32_t index) {
@@ -26,21 +12,6 @@ static void meet_marks(hx_device *d, uint32_t index) {
         mark->is_due = 1;
         mark->clock = d->clock;
         d->line_ticks_left = d->line_ticks;
-    }
-}
-
-void hx_end_output(hx_device *d) {
-    for (uint32_t i = d->marks; i-- > 0;)
-        if (!d->mark[i].is_due) hx_drop_mark(d, i); /* its sample will not be played */
-    d->is_armed = 0;
-    d->has_begun = 0;
-    d->is_playing = 0;
-    d->head = 0;
-    d->queued = 0;
-    if (d->ramp_ticks_left == 0 && d->level != 0) {
-        d->ramp_from = d->level;
-        d->ramp_ticks_left = d->ramp_ticks;
-        d->ramp_step = 1;
     }
 }
 

@@ -6,12 +6,6 @@
  */
 #include "haptix_internal.h"
 
-static uint32_t most_work(const hx_device *d) {
-    return (hx_longest_payload(d) + HX_FRAME_OVERHEAD_BYTES) * HX_WORK_FRAMES;
-}
-
-void hx_receive_init(hx_device *d) { d->work = most_work(d); }
-
 static int spend(hx_device *d, uint32_t n) {
     if (d->work < n) {
         d->work = 0;
@@ -97,7 +91,7 @@ static void take_frames(hx_device *d) {
 }
 
 static void receive(hx_device *d, const uint8_t *bytes, uint32_t n) {
-    uint32_t most = most_work(d);
+    uint32_t most = hx_most_work(d);
     hx_look_again(d);
     if (n > 0) d->pause_ticks = 0;
     while (n > 0) {

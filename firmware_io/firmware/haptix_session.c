@@ -75,41 +75,15 @@ int hx_device_init(hx_device *d, const hx_config *config) {
     d->hold_ticks = config->output_rate_hz * HX_DRY_MS / 1000u - d->ramp_ticks;
     d->line_ticks = (config->output_rate_hz * HX_MARK_MS + 999u) / 1000u;
     hx_window_init(d);
-    hx_receive_init(d);
+    d->work = hx_most_work(d);
     forget_setup(d);
     hx_seal(d);
     return 1;
 }
 
-void hx_refuse(hx_device *d, enum hx_fault_code code, uint8_t field, uint16_t sequence,
-               uint32_t expected, uint32_t got) {
-    /* The first cause is the one to report; what follows from it is not counted again. */
-    if (d->fault.code == HX_FAULT_NONE) {
-        d->fault.code = (uint8_t)code;
-        d->fault.field = field;
-        d->fault.sequence = sequence;
-        d->fault.expected = expected;
-        d->fault.got = got;
-        d->fault.clock = d->clock;
-        d->faults++;
-    }
-    d->fault_due = 1;
-    hx_end_output(d);
-}
-
-void hx_cut(hx_device *d, enum hx_fault_code code, uint32_t expected, uint32_t got) {
-    hx_refuse(d, code, 0, 0, expected, got);
-    d->ramp_step = HX_CUT;
-}
-
 static void clear_fault(hx_device *d) {
     d->fault.code = HX_FAULT_NONE;
     d->fault_due = 0;
-}
-
-/* Noise at a port that is being opened is no fault; noise in a stream is. */
-void hx_meet_damage(hx_device *d, uint16_t sequence, uint32_t expected, uint32_t got) {
-    if (d->is_armed) hx_refuse(d, HX_FAULT_DAMAGED, 0, sequence, expected, got);
 }
 
 static void accept(hx_device *d, uint16_t sequence) { d->next_sequence = (uint16_t)(sequence + 1u); }
@@ -385,6 +359,10 @@ static uint32_t fixed_length(uint8_t kind) {
 uint32_t hx_longest_payload(const hx_device *d) {
     uint32_t revise = longest_stream(d) + HX_REVISE_HEAD_BYTES - HX_INDEX_BYTES;
     return revise > HX_SETUP_BYTES ? revise : HX_SETUP_BYTES;
+}
+
+uint32_t hx_most_work(const hx_device *d) {
+    return (hx_longest_payload(d) + HX_FRAME_OVERHEAD_BYTES) * HX_WORK_FRAMES;
 }
 
 void hx_take_frame(hx_device *d, const uint8_t *frame) {
