@@ -35,7 +35,8 @@ class EchoEngine(WrittenEngine):
         super().touch(reports)
         for report in reports:
             if report.kind == "down":
-                event = {"event": "contact", "what": "enter", "region": "ribs"}
+                layout = self.hub.control.holder.layout
+                event = {"event": "contact", "session": layout, "what": "enter", "region": "ribs"}
                 event |= {"touch_id": report.touch_id, "t_s": report.t_s}
                 self.hub.on_engine_event(event)
 

@@ -4,16 +4,22 @@ import io
 import json
 import time
 from functools import partial
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
 from haptix.base.errors import DeviceError
+from haptix.feel.layout.layout import Listeners
+from haptix.feel.motion import Report
 from haptix.play.touch.events import TouchEvent
 from haptix.service.engine import process as engine_module
 from haptix.service.engine.process import EngineServer
 from haptix.service.protocol.wire import JSON, read_frame, touch_frame
+from haptix.service.worker.document_work import SessionLayout
 from tests.waiting import wait_for
+
+SIZE = {"x_mm": 0.0, "y_mm": 0.0, "width_mm": 30.0, "height_mm": 20.0}
 
 
 class FakeRenderer:
@@ -109,8 +115,38 @@ def test_a_driver_that_fails_while_the_front_is_silent_ends_at_0_v(monkeypatch, 
             wait_for(partial(has_ended, one))
 
     server.run(Input(batches()))
-    assert [one["state"] for one in told(output)] == ["failed", "failed"]
-    assert all("starved" in one["reason"] or "fault" in one["reason"] for one in told(output))
+    failed = [one for one in told(output) if one["event"] == "output"]
+    assert [one["state"] for one in failed] == ["failed", "failed"]
+    assert all("starved" in one["reason"] or "fault" in one["reason"] for one in failed)
+
+
+def test_a_region_that_is_removed_under_a_finger_is_left_and_nothing_comes_after_the_end():
+    output = io.BytesIO()
+    server, layout = EngineServer(output), SessionLayout(Path())
+    layout.change(
+        [{"op": "add", "name": "ribs", "material": {"kind": "grating", "period_mm": 2.0}, **SIZE}]
+    )
+    renderer = FakeRenderer()
+    server._renderer = renderer
+    listeners = Listeners()
+    for kind in ("enter", "leave"):
+        listeners.on(kind, partial(server._contact, 7, layout))
+    on = Report(0.0, 5.0, 5.0, 0.5)
+    listeners.report(layout.layout, 1, 0.0, on)
+    listeners.report(layout.layout, 2, 0.0, on)
+    layout.change([{"op": "remove", "name": "ribs"}])
+    listeners.report(layout.layout, 1, 1.0, on._replace(t_s=1.0))
+    server._stop("it ends")
+    listeners.report(layout.layout, 2, 1.0, on._replace(t_s=1.0))
+    server._outbox.close()
+    heard = [(one["event"], one.get("what"), one.get("touch_id")) for one in told(output)]
+    assert heard == [
+        ("contact", "enter", 1),
+        ("contact", "enter", 2),
+        ("contact", "leave", 1),
+        ("all_left", None, None),
+    ]
+    assert {(one["session"], one["region"]) for one in told(output)[:3]} == {(7, "ribs")}
 
 
 def test_who_arms_after_a_silent_holder_is_felt(monkeypatch):

@@ -153,6 +153,12 @@ def test_no_message_speaks_of_volts():
     assert names == set()
 
 
+def test_the_docs_have_each_state_of_the_output():
+    states = reading.schema()["$defs"]["Output"]["properties"]["state"]["enum"]
+    page = (GOLDEN.parents[1] / "docs" / "service.md").read_text()
+    assert re.findall(r"^\| `(\w+)` \| .* \| (?:yes|no) \|", page, re.MULTILINE) == states
+
+
 def test_asyncapi_names_every_message_and_every_reference_leads_somewhere():
     document = reading.asyncapi()
     sides = {"ClientMessage": "receive", "ServerMessage": "send"}

@@ -338,6 +338,97 @@ def test_only_the_touches_that_cannot_be_used_are_left_out(service):
         assert places == [3.0, 5.0] * 3
 
 
+@pytest.mark.parametrize("as_json", [False, True])
+def test_nothing_keeps_a_lift_out(service, as_json):
+    """Its force is 0, as a page's pressure, its time another's, its pixels of no geometry."""
+    with Client(service).holds() as client:
+        now_s = client.now_s()
+        changes = [
+            {"normal_force_n": 0.0, "contact_area_m2": 0.0},
+            {"t_s": now_s - 100.0},
+            {"t_s": now_s + 100.0},
+            {"x_mm": None, "y_mm": None, "x_px": 3.0, "y_px": 4.0},
+            {"x_mm": 1e7},
+        ]
+        fields = {"t_s": now_s, "kind": "up", "x_mm": 1.0, "y_mm": 2.0}
+        for change in changes:
+            touch = fields | change
+            if as_json:
+                assert client.ask("touch", touches=[touch])["type"] == "done"
+                continue
+            data = bytearray(write_touches([TouchMessage(**touch)], 1))
+            data[16 + 5] |= 8 | 16  # the force and the area are known to be 0
+            client.socket.send(bytes(data))
+        reports = service.engine.reports
+        wait_for(lambda: len(reports) == len(changes))
+        assert {report.kind for report in reports} == {"up"}
+        assert {report.normal_force_n for report in reports} == {None}
+        age_s = [client.now_s() - client.offset_s - report.t_s for report in reports]
+        assert 0.5 < age_s[1] < PATIENCE_S and all(one >= 0.0 for one in age_s)
+
+
+def test_a_force_of_zero_of_a_finger_that_is_down_is_explained(service):
+    with Client(service).holds() as client:
+        data = bytearray(write_touches([TouchMessage(t_s=client.now_s(), x_mm=1, y_mm=2)], 1))
+        data[16 + 5] |= 8
+        client.socket.send(bytes(data))
+        refused = client.until(lambda message: message["type"] == "error")
+        assert "above 0" in refused["sentence"] and "leave it out" in refused["sentence"]
+
+
+def test_a_finger_whose_lift_was_lost_is_lifted(service, monkeypatch):
+    """As it comes down again, and else after ten seconds without a report."""
+    with Client(service).holds() as client:
+        down = {"x_mm": 1.0, "y_mm": 2.0, "kind": "down"}
+        for _ in range(2):
+            client.ask("touch", touches=[down | {"t_s": client.now_s(), "touch_id": 3}])
+        client.ask("touch", touches=[down | {"t_s": client.now_s(), "touch_id": 4}])
+        reports = service.engine.reports
+        assert [(one.touch_id, one.kind) for one in reports] == [
+            (3, "down"), (3, "up"), (3, "down"), (4, "down"),
+        ]  # fmt: skip
+        monkeypatch.setattr("haptix.service.front.client_session._FORGOTTEN_S", 0.01)
+        wait_for(lambda: len(reports) == 6)
+        assert {(one.touch_id, one.kind) for one in reports[4:]} == {(3, "up"), (4, "up")}
+
+
+def test_who_arms_while_armed_goes_on(service):
+    with Client(service).holds() as client:
+        again = client.ask("arm")
+        assert (again["type"], again["state"]) == ("output", "armed")
+        assert len(service.engine.when("arm")) == 1
+
+
+@pytest.mark.parametrize("end", ["all_left", "output"])
+def test_each_region_is_left_as_often_as_entered(service, end):
+    """By who is on it when the output stops, or the engine dies; not by a holder before."""
+
+    def told(**event):
+        loop = service.server.servers[0].get_loop()
+        loop.call_soon_threadsafe(service.hub.on_engine_event, event)
+
+    with Client(service).holds() as client:
+        contact = {"event": "contact", "touch_id": 0, "t_s": time.monotonic(), "value": None}
+        mine = contact | {"session": client.welcome["session"]}
+        told(**contact, session=-1, what="enter", region="of another")
+        for what, region in (
+            ("enter", "ribs"), ("press", "ok"), ("enter", "rim"), ("detent", "rim"),
+            ("leave", "rim"),
+        ):  # fmt: skip
+            told(**mine, what=what, region=region)
+        told(event=end, state="failed", reason="the engine died") if end == "output" else told(
+            event=end
+        )
+        told(event="warning", sentence="last")
+        client.until(lambda message: message["type"] == "warning")
+        heard = [(one["event"], one["region"]) for one in client.heard if one["type"] == "contact"]
+        assert heard == [
+            ("enter", "ribs"), ("press", "ok"), ("enter", "rim"), ("detent", "rim"),
+            ("leave", "rim"), ("leave", "ribs"), ("release", "ok"), ("leave", "ok"),
+        ]  # fmt: skip
+    service.hub.control.set(state="off", reason="the test ends")
+
+
 def test_touches_that_are_left_out_are_told_ten_times_a_second_at_most(service):
     with Client(service).holds() as client:
         stale = TouchMessage(t_s=client.now_s() - 9.0, x_mm=1.0, y_mm=2.0)

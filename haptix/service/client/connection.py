@@ -31,7 +31,7 @@ from typing import Any, Generic, Literal, NamedTuple, Self, TypeVar
 from urllib.error import HTTPError
 from urllib.request import ProxyHandler, Request, build_opener
 
-from pydantic import BaseModel
+from pydantic import BaseModel, ValidationError
 
 from haptix.base.errors import DeviceError, HaptixError, InputError, from_extra
 from haptix.base.files import read_json
@@ -89,16 +89,26 @@ class ReportsTouches(ABC, Generic[Sent]):
             "down", "move" or "up".
         t_s : float, optional
             Time of the session [s]; `now_s` if not given.
+
+        Raises
+        ------
+        InputError
+            If no finger makes such a touch.
         """
         stamp_s = self.now_s() if t_s is None else t_s
-        touch = m.TouchMessage(
-            t_s=stamp_s,
-            touch_id=touch_id,
-            kind=kind,
-            x_mm=x_mm,
-            y_mm=y_mm,
-            normal_force_n=normal_force_n,
-        )
+        try:
+            touch = m.TouchMessage(
+                t_s=stamp_s,
+                touch_id=touch_id,
+                kind=kind,
+                x_mm=x_mm,
+                y_mm=y_mm,
+                normal_force_n=normal_force_n,
+            )
+        except ValidationError as error:
+            wrong = error.errors(include_url=False)[0]
+            name, why = wrong["loc"][0], wrong["msg"].lower()
+            raise InputError(f"touch: {name}: {why}, got {wrong['input']!r:.80}") from None
         return self.touches([touch])
 
     def lift(self, touch_id: int = 0, t_s: float | None = None) -> Sent:

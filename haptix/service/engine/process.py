@@ -163,6 +163,7 @@ class EngineServer:
         self._live_current: Any = None  # of a virtual finger on a mock
         self._intensity = 1.0
         self._touching: set[int] = set()
+        self._entered: dict[tuple[int, int], str] = {}  # regions by finger and key of the patch
         self._touches = TouchGate(self._touch, self._touch_interval_s)
         self._effects: dict[int, Any] = {}
         self._next_effect = 1
@@ -299,6 +300,8 @@ class EngineServer:
             renderer.__exit__(InputError, error, None)
         except HaptixError as failure:
             self._outbox.say(event="output", state="failed", reason=str(failure))
+        self._entered.clear()
+        self._outbox.say(event="all_left")
 
     def _fail(self, error: Exception) -> None:
         """End at 0 V and say why; no thread ends by what a driver or a fault of ours raises."""
@@ -430,7 +433,7 @@ class EngineServer:
         )
         renderer.verified.on_warning = self._beyond_verified
         for kind in ("enter", "leave", "press", "release", "detent"):
-            renderer.on(kind, partial(self._contact, layout))
+            renderer.on(kind, partial(self._contact, session, layout))
         self._tick_s = time.monotonic()
         self._sleeps = False  # the client that arms is alive, even if an earlier holder fell silent
         renderer.__enter__()
@@ -481,19 +484,29 @@ class EngineServer:
     def _beyond_verified(self, sentence: str) -> None:
         self._outbox.say(event="warning", sentence=sentence)
 
-    def _contact(self, layout: SessionLayout, event: LayoutEvent) -> None:
-        names = (name for name, patch in layout.patches.items() if patch is event.patch)
-        region = next(names, None)
-        if region is not None:
-            value = None if event.kind != "detent" else event.detent
-            self._outbox.say(
-                event="contact",
-                what=event.kind,
-                region=region,
-                touch_id=event.touch_id,
-                t_s=event.t_s,
-                value=value,
-            )
+    def _contact(self, session: int, layout: SessionLayout, event: LayoutEvent) -> None:
+        if event.patch is None:
+            return
+        place = event.touch_id, event.patch.key
+        if event.kind == "enter":
+            names = (name for name, patch in layout.patches.items() if patch is event.patch)
+            self._entered[place] = next(names, "")
+        # One that was removed under a finger is left by the name that it had.
+        region = self._entered.get(place, "")
+        if event.kind == "leave":
+            self._entered.pop(place, None)
+        with self._lock:
+            if region and self._renderer is not None:  # nothing comes after `all_left`
+                value = None if event.kind != "detent" else event.detent
+                self._outbox.say(
+                    event="contact",
+                    session=session,
+                    what=event.kind,
+                    region=region,
+                    touch_id=event.touch_id,
+                    t_s=event.t_s,
+                    value=value,
+                )
 
     def _do_intensity(self, value: float) -> None:
         self._intensity = value

@@ -6,7 +6,7 @@ import asyncio
 import logging
 import secrets
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from math import ceil
 from typing import Any, NamedTuple
@@ -58,6 +58,7 @@ class ServiceSession:
         self.geometry: m.Geometry | None = None
         self.settings = Settings()
         self._fingers: dict[int, float] = {}  # time of each finger's last report
+        self._on: dict[tuple[int, str], bool] = {}  # regions under fingers, and whether pressed
         self.last_id = 0
         self.began_s = now_s()
         self.unanswered_s: float | None = None  # first ping that it has not answered
@@ -148,18 +149,51 @@ class ServiceSession:
             self.refuse(0, m.Problem(first.code, first.sentence + more, first.path))
             self._left_out = 0
 
-    def has_finger(self, touch: TouchEvent) -> bool:
-        """Take note of a finger; whether it is one of those that there may be at once."""
-        if touch.kind == "up":
-            self._fingers.pop(touch.touch_id, None)
-            return True
-        if touch.touch_id not in self._fingers:
-            last_s = self._fingers.items()
-            self._fingers = {f: t_s for f, t_s in last_s if touch.t_s - t_s < _FORGOTTEN_S}
-            if len(self._fingers) >= m.Limits().fingers:
-                return False
-        self._fingers[touch.touch_id] = touch.t_s
-        return True
+    def complete(self, touches: Sequence[TouchEvent]) -> tuple[list[TouchEvent], int]:
+        """Return touches of as many fingers as there may be, and how many are left out.
+
+        Where a finger comes down again its lift was lost, and is added.
+        """
+        events: list[TouchEvent] = []
+        left_out = 0
+        for touch in touches:
+            last_s = self._fingers.get(touch.touch_id)
+            if touch.kind == "up":
+                self._fingers.pop(touch.touch_id, None)
+            elif last_s is None and len(self._fingers) >= m.Limits().fingers:
+                left_out += 1
+                continue
+            else:
+                if touch.kind == "down" and last_s is not None and touch.t_s > last_s:
+                    events.append(touch._replace(kind="up"))
+                self._fingers[touch.touch_id] = max(touch.t_s, last_s or touch.t_s)
+            events.append(touch)
+        return events, left_out
+
+    def forgotten(self, now_s: float) -> list[TouchEvent]:
+        """Return the lifts of fingers of which nothing has come for ten seconds."""
+        lost = [finger for finger, t_s in self._fingers.items() if now_s - t_s > _FORGOTTEN_S]
+        for finger in lost:
+            del self._fingers[finger]
+        return [TouchEvent(now_s, finger, 0.0, 0.0, "up") for finger in lost]
+
+    def tell_contact(self, contact: m.ContactMessage) -> None:
+        """Tell what a finger does with a region, so that each is left as often as entered."""
+        place = contact.touch_id, contact.region
+        if contact.event == "leave":
+            self._on.pop(place, None)
+        elif contact.event != "detent":
+            self._on[place] = contact.event == "press"
+        self.send(contact)
+
+    def tell_all_left(self, now_s: float) -> None:
+        """Tell that no finger is on a region any more: the output has ended."""
+        t_s = self.clock.client_s(now_s)
+        for (touch_id, region), is_pressed in list(self._on.items()):
+            leave = m.ContactMessage(event="leave", region=region, touch_id=touch_id, t_s=t_s)
+            if is_pressed:
+                self.tell_contact(leave.model_copy(update={"event": "release"}))
+            self.tell_contact(leave)
 
     def warn_of_dropped(self, now_s: float) -> None:
         """Warn of touches that were left out because the service was late, every ten seconds."""

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import NamedTuple
 
 from haptix.play.touch.events import TouchEvent
@@ -258,6 +259,9 @@ def touch_events(
             if isinstance(touch, Problem):
                 raise touch
             t_s = touch.t_s
+            if touch.kind == "up":
+                events.append(_lift(clock, geometry, touch, now_s))
+                continue
             if oldest_s - late_s <= t_s < oldest_s:
                 t_s = oldest_s
             elif not oldest_s <= t_s <= newest_s:
@@ -287,11 +291,23 @@ def touch_events(
     return UsableTouches(events, left_out, first_problem)
 
 
+def _lift(
+    clock: ClientClock, geometry: Geometry | None, touch: TouchMessage | ClientTouch, now_s: float
+) -> TouchEvent:
+    """Return an up, which nothing keeps out: the finger would stay on the screen."""
+    t_s, x_mm, y_mm = now_s, 0.0, 0.0
+    if clock.is_known:
+        t_s = min(max(clock.service_s(touch.t_s), now_s - PAST_S), now_s)
+    with suppress(Problem):
+        x_mm, y_mm = _place(geometry, touch)
+    return TouchEvent(t_s, touch.touch_id, x_mm, y_mm, "up")
+
+
 def _place(geometry: Geometry | None, touch: TouchMessage | ClientTouch) -> tuple[float, float]:
     if touch.x_px is not None and touch.y_px is not None and touch.x_mm is None:
         if geometry is None:
             raise Problem("order", "x_px: send geometry first, or millimetres", "/x_px")
         return geometry.mm(touch.x_px, touch.y_px)
-    if touch.kind == "up" and touch.x_mm is None and touch.x_px is None:
-        return 0.0, 0.0
+    if touch.x_mm is not None and touch.y_mm is not None and touch.x_px is None:
+        return touch.x_mm, touch.y_mm
     raise Problem("message", "expected x_mm and y_mm, or x_px and y_px")

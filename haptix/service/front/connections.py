@@ -486,6 +486,8 @@ async def _answer(hub: Hub, session: ServiceSession, message: Any) -> m.Message 
         return control.set(number, **changed)
     elif message.type == "release":
         control.release("released")
+    elif message.type == "arm" and control.is_live:
+        return control.output.model_copy(update={"id": number})
     elif message.type == "arm":
         hub.full_drive = (await _ask(hub, "arm", session=session.layout)).get("full_drive")
         if control.holder is not session:  # it left, or lost the lease, while the engine armed

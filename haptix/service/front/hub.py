@@ -111,6 +111,8 @@ class Hub:
         self.stalls.look(now_s)
         self.engine.tell("tick")
         control.tick(now_s)
+        if control.holder is not None and (lifts := control.holder.forgotten(now_s)):
+            self.engine.touch(lifts)
         for session in list(self.sessions.values()):
             silent_s = 0.0 if session.unanswered_s is None else now_s - session.unanswered_s
             if not session.is_welcome:
@@ -209,9 +211,12 @@ class Hub:
         kind = event.pop("event")
         if kind == "output":
             self._on_output(event["state"], event["reason"])
-        elif kind == "contact" and self.control.holder is not None:
-            t_s = self.control.holder.clock.client_s(event.pop("t_s"))
-            self.control.holder.send(m.ContactMessage(event=event.pop("what"), t_s=t_s, **event))
+        elif kind == "contact" and (holder := self.control.holder) is not None:
+            if event.pop("session") == holder.layout:  # not of the holder before
+                t_s = holder.clock.client_s(event.pop("t_s"))
+                holder.tell_contact(m.ContactMessage(event=event.pop("what"), t_s=t_s, **event))
+        elif kind == "all_left":
+            self._all_left()
         elif kind == "effect_ended" and self.control.holder is not None:
             self.control.holder.send(m.EffectEnded(**event))
         elif kind == "warning":
@@ -231,12 +236,17 @@ class Hub:
         control, before = self.control, self.control.output.state
         was_live = control.is_live or (before == "failed" and self._was_live)
         control.set(state=state, reason=reason)
+        self._all_left()  # an engine that has died says no more of it
         self._was_live = was_live and state == "failed"
         is_back = was_live and before == "failed" and state == "off"
         is_real = any(device.is_real for device in self.inventory.devices)
         if is_back and not is_real and (holder := control.holder) is not None:
             holder.requests.append(m.Plain.model_construct(type="arm", id=0))
             holder.has_requests.set()
+
+    def _all_left(self) -> None:
+        for session in self.welcome():
+            session.tell_all_left(self.now_s())
 
     def on_job_change(self, job: m.JobMessage) -> None:
         """Pass a job's change on to those who watch it."""
@@ -335,15 +345,15 @@ class Hub:
         clock, geometry = session.clock, session.geometry
         usable = [touch_events(clock, geometry, touches, now_s, late_s) for touches in batches]
         sent = [event for touches in usable for event in touches.events]
-        events = [event for event in sent if session.has_finger(event)]
+        events, left_out = session.complete(sent)
         if events:
             self.engine.touch(events)
             _LOG.debug("session %d: %d touches", session.number, len(events))
         first = next((touches.problem for touches in usable if touches.problem is not None), None)
-        if first is None and len(events) < len(sent):
+        if first is None and left_out:
             most = m.Limits().fingers
             first = Problem("limit", f"touch_id: expected at most {most} fingers at once; lift one")
-        return sum(touches.left_out for touches in usable) + len(sent) - len(events), first
+        return sum(touches.left_out for touches in usable) + left_out, first
 
     def _note_answer(self, session: ServiceSession) -> None:
         session.unanswered_s = None

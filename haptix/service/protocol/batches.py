@@ -125,6 +125,9 @@ def read_touches(data: bytes) -> TouchBatch:
         force_n = force if flags & _FORCE else None
         area_m2 = area if flags & _AREA else None
         kind = _KINDS.get(flags & 3)
+        if kind == "up" and flags < 64 and not zero:  # a finger that is off has no force
+            x, y = (x, y) if isfinite(x + y) else (0.0, 0.0)
+            force_n = area_m2 = None
         # A thousand batches a second come here: one condition for what is right, a call for others.
         if not (
             kind
@@ -159,10 +162,17 @@ def _wrong(
     elif not (isfinite(x) and isfinite(y)):
         wrong = "expected a finite place"
     elif force_n is not None and not 0 < force_n <= _MOST_FORCE_N:
-        wrong = f"expected a force of 0 to {_MOST_FORCE_N:g} N, got {force_n:g}"
+        wrong = _beyond("normal_force_n", _MOST_FORCE_N, "N", force_n)
     else:
-        wrong = f"expected an area of 0 to {_MOST_AREA_M2:g} m^2, got {area_m2:g}"
+        wrong = _beyond("contact_area_m2", _MOST_AREA_M2, "m^2", area_m2)
     return Problem("message", wrong, f"/touches/{index}")
+
+
+def _beyond(name: str, most: float, unit: str, got: float | None) -> str:
+    return (
+        f"{name}: expected above 0 and at most {most:g} {unit}, got {got:g}; leave it out where "
+        "nothing measures it"
+    )
 
 
 def write_touches(touches: Sequence[TouchMessage | ClientTouch], number: int) -> bytes:

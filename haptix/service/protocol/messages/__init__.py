@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from haptix.feel.layout.region import Number, PixelPlaces, Place, RegionFields
 
@@ -121,6 +121,14 @@ class TouchMessage(Message):
     y_px: Number | None = None
     normal_force_n: Annotated[float, Field(gt=0, le=100, allow_inf_nan=False)] | None = None
     contact_area_m2: Annotated[float, Field(gt=0, le=0.1, allow_inf_nan=False)] | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _lifted(cls, fields: Any) -> Any:
+        """Drop the force and area of a finger that is off, such as a page's pressure of 0."""
+        if isinstance(fields, dict) and fields.get("kind") == "up":
+            return fields | {"normal_force_n": None, "contact_area_m2": None}
+        return fields
 
 
 class TouchesMessage(Message):
