@@ -142,13 +142,13 @@ namespace Haptix
             }
         }
 
-        /// <summary>Send a batch of touches, or let it wait; return whether it could be.</summary>
-        public bool SendTouches(byte[] bytes, int count)
+        /// <summary>Send a batch of touches, or let it wait; return whether it could be. A finger's lift is never left out.</summary>
+        public bool SendTouches(byte[] bytes, int count, bool lifts = false)
         {
             var batch = new KeyValuePair<byte[], int>(bytes, count);
             lock (_waiting)
             {
-                if (_outbox.IsAddingCompleted || _waiting.Count >= MostWaiting) return false;
+                if (_outbox.IsAddingCompleted || _waiting.Count >= MostWaiting && !lifts) return false;
                 if (_waiting.Count == 0 && Session.NowS >= _nextS) Pass(batch);
                 else _waiting.Enqueue(batch);
                 if (_waiting.Count == 1) _outbox.Add(new Message()); // who sends must look at the time

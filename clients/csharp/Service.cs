@@ -3,6 +3,8 @@ namespace Haptix
 {
     using System;
     using System.IO;
+    using System.Security.Cryptography;
+    using System.Text;
     using Newtonsoft.Json.Linq;
 
     public sealed class Service
@@ -22,6 +24,26 @@ namespace Haptix
             if (!File.Exists(path)) throw new Lost("no service runs for this user: start haptix serve");
             JObject found = JObject.Parse(File.ReadAllText(path));
             return new Service("ws://127.0.0.1:" + found["port"] + "/v1/session", (string)found["token"]);
+        }
+
+        /// <summary>Return the word by which the service knows an app again that crashed.</summary>
+        internal static string WordOf(string name)
+        {
+            try
+            {
+                string hash;
+                using (SHA256 sha = SHA256.Create())
+                    hash = BitConverter.ToString(sha.ComputeHash(Encoding.UTF8.GetBytes(name))).Replace("-", "").ToLowerInvariant();
+                string path = Path.Combine(Folder(), "apps", hash);
+                if (File.Exists(path)) return File.ReadAllText(path);
+                string word = Guid.NewGuid().ToString("N"), whole = path + "." + word;
+                Directory.CreateDirectory(Path.GetDirectoryName(path));
+                File.WriteAllText(whole, word);
+                File.Move(whole, path);
+                return word;
+            }
+            catch (IOException) { return ""; } // after a crash the output is then refused for 30 s
+            catch (UnauthorizedAccessException) { return ""; }
         }
 
         static string Folder()

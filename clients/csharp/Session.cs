@@ -4,6 +4,7 @@ namespace Haptix
     using System;
     using System.Collections.Concurrent;
     using System.Collections.Generic;
+    using System.Linq;
     using System.Threading;
     using System.Threading.Tasks;
     using Haptix.Messages;
@@ -34,7 +35,7 @@ namespace Haptix
         // The service gives up what takes more than 20 s, and says so.
         const double WaitS = 25.0, CloseS = 1.0;
         const double FirstS = 0.1, LastS = 5.0; // between two attempts to connect again
-        const int MostEvents = 1000; // that wait for `Pump`; then the oldest are dropped
+        const int MostEvents = 1000; // that wait for `Pump`; then frames of telemetry are dropped
         static readonly JsonSerializer Given = new JsonSerializer { NullValueHandling = NullValueHandling.Ignore };
         static readonly Dictionary<string, Type> Types = new Dictionary<string, Type>
         {
@@ -46,7 +47,8 @@ namespace Haptix
         // IL2CPP compiles ahead of time, so it must see each collection of numbers that JSON becomes.
         internal static readonly object[] Kept = { new List<double>(), new Dictionary<string, double>() };
 
-        readonly string _name;
+        readonly string _name, _app;
+        readonly Dictionary<string, Contact> _on = new Dictionary<string, Contact>(); // the last of each finger and region
         readonly Func<Service> _find;
         readonly object _gate = new object();
         readonly Dictionary<long, TaskCompletionSource<JObject>> _asked =
@@ -69,6 +71,7 @@ namespace Haptix
         Session(string name, Func<Service> find)
         {
             _name = name;
+            _app = Service.WordOf(name);
             _find = find;
             _thread = new Thread(Run) { IsBackground = true, Name = "haptix session" };
         }
@@ -134,7 +137,8 @@ namespace Haptix
         public bool Touches(IList<TouchReport> touches)
         {
             lock (_gate)
-                return _link != null && _isWelcome && _link.SendTouches(Batches.Write(touches, ++_batch), touches.Count);
+                return _link != null && _isWelcome && _link.SendTouches(Batches.Write(touches, ++_batch), touches.Count,
+                    touches.Any(each => each.Kind == TouchKind.Up));
         }
 
         /// <summary>Send a message and return its answer; throws `Refused` or `Lost`.</summary>

@@ -45,7 +45,7 @@ namespace Haptix
             {
                 _silentS = WaitS;
                 lock (_gate) _link = link;
-                var hello = new JObject { { "protocol", Protocol }, { "client", _name }, { "token", service.Token } };
+                var hello = new JObject { { "protocol", Protocol }, { "client", _name }, { "token", service.Token }, { "app", _app } };
                 if (Welcome != null) hello["resume"] = Welcome.Resume;
                 Task<Welcome> greeted = Ask<Welcome>("hello", hello);
                 try
@@ -55,6 +55,7 @@ namespace Haptix
                 finally
                 {
                     _isWelcome = false;
+                    LeaveAll();
                     lock (_gate)
                     {
                         _link = null;
@@ -142,11 +143,26 @@ namespace Haptix
             else answer.TrySetResult(message);
         }
 
+        /// <summary>Tell that fingers are on no region any more: nothing comes over a lost connection.</summary>
+        void LeaveAll()
+        {
+            foreach (Contact last in new List<Contact>(_on.Values))
+                foreach (string each in last.Event == "press" ? new[] { "release", "leave" } : new[] { "leave" })
+                    Tell(new Contact { Type = "contact", Event = each, Region = last.Region, TouchId = last.TouchId, TS = NowS });
+        }
+
+        void Note(Contact contact)
+        {
+            string place = contact.TouchId + " " + contact.Region;
+            if (contact.Event == "leave") _on.Remove(place);
+            else if (contact.Event != "detent") _on[place] = contact;
+        }
+
         void Tell(object happened)
         {
-            _events.Enqueue(happened);
-            object dropped;
-            while (_events.Count > MostEvents) _events.TryDequeue(out dropped);
+            var contact = happened as Contact;
+            if (contact != null) Note(contact);
+            if (!(happened is Frame) || _events.Count < MostEvents) _events.Enqueue(happened);
         }
 
         static TaskCompletionSource<T> NewSource<T>()

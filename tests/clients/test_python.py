@@ -61,17 +61,21 @@ def test_touches_that_wait_keep_their_order(service, connect, monkeypatch):
 def test_a_broken_connection_is_opened_again_with_the_lease_and_disarmed(service, connect, caplog):
     caplog.set_level(logging.INFO, "haptix.service.client.connection")
     with connect("test") as h:
-        told = []
+        told, contacts = [], []
         for kind in ("lost", "resumed"):
             h.on(kind, lambda event, kind=kind: told.append((kind, event)))
+        h.on("contact", contacts.append)
         h.ask("geometry", px_per_mm=4.0)
         h.acquire()
         h.arm()
+        h.touch(1.0, 1.0, touch_id=2, kind="down")
+        wait_for(lambda: contacts)
         first = h.welcome.session
         with pytest.raises(DeviceError):  # the echoing engine closes all sockets
             h.ask("play", effect={"kind": "cut"})
         wait_for(lambda: len(told) == 2)
         (_, lost), (_, welcome) = told
+        assert [(one.event, one.touch_id) for one in contacts] == [("enter", 2), ("leave", 2)]
         assert "cut" in lost.reason and not lost.is_final
         assert welcome is h.welcome and welcome.session != first
         assert welcome.lease.is_mine and welcome.output.state == "off"

@@ -257,6 +257,33 @@ def test_a_lost_connection_is_resumed_while_its_old_socket_looks_open(service):
             assert service.hub.control.output.state == "armed"
 
 
+def test_an_app_that_is_started_anew_has_the_lease_and_begins_with_an_empty_layout(service):
+    with Client(service, app="word") as first:
+        first.holds().ask("mute", on=True)
+        with Client(service, app="word") as second:  # the first one runs: nothing is taken
+            assert not second.welcome["lease"]["is_mine"]
+            assert second.ask("acquire")["code"] == "lease"
+        first.socket.socket.close()  # as when its process is killed
+        wait_for(lambda: service.engine.when("stop"))
+        with Client(service, app="another") as other:
+            assert other.ask("acquire")["code"] == "lease"
+        with Client(service, app="word") as again:
+            assert again.welcome["lease"]["is_mine"]
+            assert not again.welcome["output"]["muted"]
+            assert ("forget", {"session": first.welcome["session"]}) in [
+                one[:2] for one in service.engine.told
+            ]
+            assert again.ask("arm")["state"] == "armed"
+            assert service.engine.told[-1][1] == {"session": again.welcome["session"]}
+
+
+def test_an_app_that_hung_loses_the_lease_to_itself_started_anew(service):
+    with Client(service, app="word").holds():
+        wait_for(lambda: service.hub.control.output.state == "asleep")
+        with Client(service, app="word") as again:
+            assert again.welcome["lease"]["is_mine"]
+
+
 def test_who_says_goodbye_keeps_nothing(service):
     with Client(service).holds() as first:
         first.say("bye")

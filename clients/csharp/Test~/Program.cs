@@ -223,8 +223,12 @@ static class Program
             h.On<Job>(job => state += ", " + job.State);
             await h.Acquire();
             await h.Arm();
+            Check.Next<Contact>(h, () => h.Touch(1, 1, 0.5f, 2, TouchKind.Down));
+            string contacts = "";
+            h.On<Contact>(each => contacts += each.Event + " " + each.TouchId + ",");
             Task slow = h.Play(Material.Parse("{\"kind\": \"cut\"}")); // the engine of the tests closes the socket
             Resumed resumed = Check.Next<Resumed>(h, () => { });
+            Check.That(contacts == "leave 2,", "a leave for the enter, not " + contacts);
             Check.That(resumed.Welcome.Lease.IsMine && h.Output.State == "off", "the lease, disarmed");
             Check.That(state == "running, running", "the job is watched again: " + state);
             await h.Arm();

@@ -2,6 +2,7 @@
 
 import { readFrame } from "./batches.js";
 import { Calls } from "./calls.js";
+import { kept, wordOf } from "./keep.js";
 
 /** @import * as m from "../types/messages.js" */
 /** @import { Frame } from "./batches.js" */
@@ -17,8 +18,9 @@ import { Calls } from "./calls.js";
  * @typedef {object} Options
  * @property {string} name the client's name, shown in the list of sessions
  * @property {string} [url] where the service is
- * @property {string} [token] the access token: a page gets one by `pair`, a program by `find` of node.js
- * @property {() => Promise<{url?: string, token: string}>} [find] gives both, at each attempt
+ * @property {string} [token] the access token; a page has kept that of `pair`
+ * @property {(name: string) => Promise<{url?: string, token: string, app?: string}>} [find] gives both at
+ *   each attempt, and the app's word, by which it has its lease back after a crash: `find` of node.js
  * @property {new (url: string, protocol: string) => any} [WebSocket] where the runtime has none
  */
 
@@ -105,6 +107,8 @@ export class Connection extends Calls {
   #handlers = new Map();
   /** @type {Record<string, string[]>} names of the columns of each stream; @protected */
   columns = {};
+  /** @type {Map<string, m.Contact>} the last of each finger and region */
+  #on = new Map();
   /** @type {number[]} */
   #offsets = [];
   /** @type {{geometry?: object, subscribe?: {streams: object}}} what the service does not keep */
@@ -128,7 +132,10 @@ export class Connection extends Calls {
   async open() {
     this.#is_opening = true;
     try {
-      const { url = URL_HERE, token = "" } = await (this.#options.find?.() ?? this.#options);
+      const { name } = this.#options;
+      const found = (await this.#options.find?.(name)) ?? { ...this.#options, app: wordOf(name) };
+      const { url = URL_HERE, app = "" } = found;
+      const token = found.token ?? kept(`haptix token ${url}`);
       this.service = { url, token };
       if (this.#is_closing) throw new Lost("closed");
       const Socket = this.#options.WebSocket ?? globalThis.WebSocket;
@@ -146,8 +153,8 @@ export class Connection extends Calls {
       socket.onmessage = (/** @type {MessageEvent} */ event) => this.#onMessage(socket, event.data);
       socket.onclose = (/** @type {Ended} */ event) => this.#lost(socket, event);
       this.#offsets = []; // pings follow the welcome at once, perhaps in the same piece
-      const [client, resume] = [this.#options.name, this.welcome?.resume];
-      this.welcome = await this.ask("hello", { protocol: PROTOCOL, client, token, resume });
+      const resume = this.welcome?.resume;
+      this.welcome = await this.ask("hello", { protocol: PROTOCOL, client: name, token, resume, app });
       ({ lease: this.lease, output: this.output } = this.welcome);
       const { batches_per_s, touches_per_s, batch_touches } = this.welcome.limits;
       this.#limiters = [new Limiter(batches_per_s, MOST_AT_ONCE)];
@@ -169,7 +176,7 @@ export class Connection extends Calls {
     for (const [type, fields] of Object.entries(this.#replayed)) await this.ask(type, fields);
     for (const job of this.#watched) {
       await this.ask("watch", { job }).then(
-        (state) => this.#emit("job", state), // it may have ended since
+        (state) => this.emit("job", state), // it may have ended since
         (error) => {
           if (!(error instanceof Refused)) throw error;
           this.#watched.delete(job); // another service knows none
@@ -182,11 +189,12 @@ export class Connection extends Calls {
    * Send or queue a batch of touches; return whether that was possible.
    * @param {() => ArrayBuffer} write
    * @param {number} count touches in it
+   * @param {boolean} lifts whether a finger goes up: that is never left out
    * @protected
    */
-  send(write, count) {
+  send(write, count, lifts) {
     if (this.#socket?.readyState !== 1 || this.#is_opening) return false;
-    if (this.#waiting.length >= MOST_WAITING) return false;
+    if (this.#waiting.length >= MOST_WAITING && !lifts) return false;
     this.#waiting.push({ bytes: write(), count });
     this.#pass();
     return true;
@@ -284,7 +292,7 @@ export class Connection extends Calls {
     this.#last_message_s = now();
     if (typeof data !== "string") {
       const frame = readFrame(data);
-      this.#emit("frame", { ...frame, names: this.columns[frame.stream] ?? [] });
+      this.emit("frame", { ...frame, names: this.columns[frame.stream] ?? [] });
       return;
     }
     const message = JSON.parse(data);
@@ -297,13 +305,29 @@ export class Connection extends Calls {
     if (message.type === "output") this.output = message;
     if (message.type === "subscribed") this.columns = message.columns; // frames may follow at once
     const answer = this.#pending.get(message.id);
-    if (!answer) this.#emit(message.type, message);
+    if (!answer) this.emit(message.type, message);
     else if (message.type === "error") answer.reject(new Refused(message));
     else answer.resolve(message);
   }
 
-  /** @param {string} kind @param {any} event */
-  #emit(kind, event) {
+  /** Tell that fingers are on no region any more: nothing comes over a lost connection. */
+  #leaveAll() {
+    for (const contact of [...this.#on.values()]) {
+      const ends = contact.event === "press" ? ["release", "leave"] : ["leave"];
+      for (const event of ends) this.emit("contact", { ...contact, event, t_s: now(), value: null });
+    }
+  }
+
+  /** @param {m.Contact} contact */
+  #note(contact) {
+    const place = `${contact.touch_id} ${contact.region}`;
+    if (contact.event === "leave") this.#on.delete(place);
+    else if (contact.event !== "detent") this.#on.set(place, contact);
+  }
+
+  /** @param {string} kind @param {any} event @protected */
+  emit(kind, event) {
+    if (kind === "contact") this.#note(event);
     for (const handler of this.#handlers.get(kind) ?? []) {
       try {
         handler(event);
@@ -323,11 +347,12 @@ export class Connection extends Calls {
     clearTimeout(this.#later);
     this.#later = undefined;
     clearInterval(this.#watch);
+    this.#leaveAll();
     for (const { reject } of this.#pending.values()) reject(new Lost(`it closed: ${code} ${reason}`));
     if (this.#is_opening) return; // `open` throws
-    if (this.#is_closing) this.#emit("closed", { code, reason });
+    if (this.#is_closing) this.emit("closed", { code, reason });
     else {
-      this.#emit("lost", { code, reason });
+      this.emit("lost", { code, reason });
       void this.#reconnect();
     }
   }
@@ -338,16 +363,16 @@ export class Connection extends Calls {
       if (this.#is_closing) break;
       try {
         await this.open();
-        this.#emit("resumed", this.welcome);
+        this.emit("resumed", this.welcome);
         return;
       } catch (error) {
         if (error instanceof Refused) {
-          this.#emit("closed", { code: 4403, reason: error.message });
+          this.emit("closed", { code: 4403, reason: error.message });
           return;
         }
       }
     }
-    this.#emit("closed", { code: 1000, reason: "closed" });
+    this.emit("closed", { code: 1000, reason: "closed" });
   }
 
   /**

@@ -8,6 +8,7 @@
 
 import { writeTouches } from "./batches.js";
 import { Connection, http, now, Refused, URL_HERE } from "./connection.js";
+import { keep } from "./keep.js";
 import { Pointers } from "./pointers.js";
 
 /** @import * as m from "../types/messages.js" */
@@ -26,14 +27,16 @@ export async function connect(options) {
 }
 
 /**
- * Return a token for this page, for the code that the terminal shows. Keep it in localStorage.
+ * Return a token for this page, for the code that the terminal shows. It is kept for `connect`.
  * @param {{code: string, name: string, url?: string}} asked
  * @returns {Promise<string>}
  */
 export async function pair({ code, name, url = URL_HERE }) {
   const headers = { "content-type": "application/json" };
   const body = JSON.stringify({ code, name });
-  return (await (await http(url, "/v1/pair", { method: "POST", headers, body })).json()).token;
+  const { token } = await (await http(url, "/v1/pair", { method: "POST", headers, body })).json();
+  keep(`haptix token ${url}`, token);
+  return token;
 }
 
 export { Lost, now, Refused } from "./connection.js";
@@ -78,7 +81,8 @@ export class Session extends Connection {
     let sent = true;
     for (let at = 0; sent && at < touches.length; at += most) {
       const some = touches.slice(at, at + most);
-      sent = this.send(() => writeTouches(some, ++this.#batch), some.length);
+      const lifts = some.some(({ kind }) => kind === "up");
+      sent = this.send(() => writeTouches(some, ++this.#batch), some.length, lifts);
     }
     return sent;
   }

@@ -1,8 +1,9 @@
 /** Where the service is, for programs of this user under Node: what `service.json` says. */
 
-import { readFile } from "node:fs/promises";
+import { createHash, randomBytes } from "node:crypto";
+import { mkdir, readFile, rename, writeFile } from "node:fs/promises";
 import { homedir, platform } from "node:os";
-import { join } from "node:path";
+import { dirname, join } from "node:path";
 
 function folder() {
   const { HAPTIX_SERVICE, LOCALAPPDATA, XDG_STATE_HOME } = process.env;
@@ -18,10 +19,11 @@ function folder() {
 }
 
 /**
- * Return address and token of the service; for `connect({find})`.
- * @returns {Promise<{url: string, token: string}>}
+ * Return address and token of the service, and the word of an app; for `connect({find})`.
+ * @param {string} [name] of the app
+ * @returns {Promise<{url: string, token: string, app: string}>}
  */
-export async function find() {
+export async function find(name = "") {
   const path = join(folder(), "service.json");
   let text;
   try {
@@ -30,5 +32,21 @@ export async function find() {
     throw new Error(`${path} cannot be read: start haptix serve`, { cause: error });
   }
   const { port, token } = JSON.parse(text);
-  return { url: `ws://127.0.0.1:${port}/v1/session`, token };
+  return { url: `ws://127.0.0.1:${port}/v1/session`, token, app: await wordOf(name) };
+}
+
+/** @param {string} name */
+async function wordOf(name) {
+  const path = join(folder(), "apps", createHash("sha256").update(name).digest("hex"));
+  const known = await readFile(path, "utf8").catch(() => "");
+  if (known) return known;
+  const [word, whole] = [randomBytes(16).toString("hex"), `${path}.${process.pid}`];
+  try {
+    await mkdir(dirname(path), { recursive: true, mode: 0o700 });
+    await writeFile(whole, word, { mode: 0o600 });
+    await rename(whole, path);
+  } catch (error) {
+    console.warn(`after a crash the output is refused for 30 s: ${error}`);
+  }
+  return word;
 }

@@ -100,10 +100,16 @@ test("a broken connection is opened again, with the lease and disarmed", async (
   await h.acquire();
   await h.arm();
   const [resumed, frame] = [next(h, "resumed"), next(h, "frame")];
+  const entered = next(h, "contact");
+  h.touch({ x_mm: 1, y_mm: 1, kind: "down", touch_id: 2 });
+  await entered;
+  const left = next(h, "contact");
   const waits = h.ask("play", { effect: { kind: "slow" } });
   sockets.at(-1).terminate();
   await assert.rejects(waits, { name: "Lost" });
   assert.equal(h.touch({ x_mm: 1, y_mm: 1 }), false);
+  const { event, touch_id, region } = await left;
+  assert.deepEqual([event, touch_id, region], ["leave", 2, "ribs"]);
   await resumed;
   await frame; // the streams are asked for again
   assert.equal(h.lease.is_mine, true);
@@ -177,6 +183,7 @@ test("touches in a loop bury no question, and beyond 1000 batches they are refus
   const h = await connect({ name: "x", url: "ws://x", WebSocket: Slow });
   const taken = Array.from({ length: 2000 }, () => h.touch({ x_mm: 1, y_mm: 1 }));
   assert.equal(taken.filter(Boolean).length, 1065); // 64 at once, one on credit, and 1000 that wait
+  assert.equal(h.lift(), true); // never left out
   await h.stop();
   assert.equal(Slow.last.sent.length, 67);
   assert.equal(JSON.parse(Slow.last.sent.at(-1)).type, "stop");

@@ -2,7 +2,7 @@
 
 ::
 
-    with haptix.service.client.connection.connect("demo") as h:
+    with haptix.service.connect("demo") as h:
         h.layout_set({"regions": [...]})
         h.acquire()
         h.arm()
@@ -17,6 +17,7 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
+import secrets
 import threading
 import time
 from abc import ABC, abstractmethod
@@ -34,7 +35,7 @@ from urllib.request import ProxyHandler, Request, build_opener
 from pydantic import BaseModel, ValidationError
 
 from haptix.base.errors import DeviceError, HaptixError, InputError, from_extra
-from haptix.base.files import read_json
+from haptix.base.files import read_json, write_whole
 from haptix.service.client.calls import AsyncCalls, ClientLayout, PlainCalls, PlainLayout, given
 from haptix.service.protocol import messages as m
 from haptix.service.protocol.batches import TelemetryFrame, read_frame, write_touches
@@ -174,8 +175,6 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
         Name of the app, for others to see.
     find : callable
         Returns the service's address and token.
-    resume : str
-        Token of the session to go on with.
 
     Attributes
     ----------
@@ -187,8 +186,10 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
 
     welcome: m.Welcome
 
-    def __init__(self, name: str, find: Callable[[], tuple[str, str]], resume: str = "") -> None:
-        self._name, self._find, self._resume = name, find, resume
+    def __init__(self, name: str, find: Callable[[], tuple[str, str]]) -> None:
+        self._name, self._find, self._resume = name, find, ""
+        self._app = _word_of(name)
+        self._on: dict[tuple[int, str], m.ContactMessage] = {}  # the last of each region
         self.layout = ClientLayout(self)
         self._pending: dict[int, asyncio.Future[Any]] = {}
         self._handlers: dict[str, list[Callable[[Any], None]]] = {}
@@ -349,7 +350,12 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
         protocol = "{}.{}".format(*m.PROTOCOL)
         try:
             self.welcome = await self.ask(
-                "hello", protocol=protocol, client=self._name, token=token, resume=self._resume
+                "hello",
+                protocol=protocol,
+                client=self._name,
+                token=token,
+                resume=self._resume,
+                app=self._app,
             )
             self._resume = self.welcome.resume
             for kind, fields in list(self._replayed.items()):
@@ -426,6 +432,7 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
             self._ended = socket.close_reason or "it broke off"
         finally:
             self._ended = self._ended or "it was closed"
+            self._leave_all()
             for answer in self._pending.values():
                 if not answer.done():
                     answer.set_exception(Lost(f"the service is gone: {self._ended}"))
@@ -443,7 +450,19 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
         else:
             answer.set_result(message)
 
+    def _leave_all(self) -> None:
+        """Tell that fingers are on no region any more: nothing comes over a lost connection."""
+        on, self._on = self._on, {}
+        for contact in on.values():
+            for event in ("release", "leave") if contact.event == "press" else ("leave",):
+                ends = {"event": event, "t_s": self.now_s(), "value": None}
+                self._emit("contact", contact.model_copy(update=ends))
+
     def _emit(self, kind: str, event: m.Message | TelemetryFrame | LostConnection) -> None:
+        if isinstance(event, m.ContactMessage) and event.event != "detent":
+            self._on[event.touch_id, event.region] = event
+            if event.event == "leave":
+                del self._on[event.touch_id, event.region]
         for handler in tuple(self._handlers.get(kind, ())):
             try:
                 handler(event)
@@ -452,14 +471,12 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
                 asyncio.get_running_loop().call_exception_handler(context)
 
 
-async def connect_async(
-    name: str, address: str = "", token: str = "", resume: str = ""
-) -> AsyncClient:
+async def connect_async(name: str, address: str = "", token: str = "") -> AsyncClient:
     """Open a session; see `haptix.service.connect`.
 
     Parameters
     ----------
-    name, address, token, resume : str
+    name, address, token : str
         As in `haptix.service.connect`.
     """
 
@@ -470,7 +487,7 @@ async def connect_async(
         here = address or f"ws://127.0.0.1:{entry['port']}/v1/session"
         return here, token or str(entry["token"])
 
-    client = AsyncClient(name, find, resume)
+    client = AsyncClient(name, find)
     await client.open()
     return client
 
@@ -482,6 +499,19 @@ def _service_file() -> dict[str, Any]:
     return read_json(path)
 
 
+def _word_of(name: str) -> str:
+    """Return the word by which the service knows an app again that crashed."""
+    path = service_folder() / "apps" / sha256(name.encode()).hexdigest()
+    try:
+        if not path.exists():
+            path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            write_whole(path, secrets.token_urlsafe(16), is_secret=True)
+        return path.read_text()
+    except (OSError, HaptixError) as error:
+        _LOG.warning("after a crash the output is refused for 30 s: %s", error)
+        return ""
+
+
 class Client(ReportsTouches[None], PlainCalls):
     """The blocking form of `AsyncClient`: the same calls, without ``await``.
 
@@ -491,18 +521,18 @@ class Client(ReportsTouches[None], PlainCalls):
 
     Parameters
     ----------
-    name, address, token, resume : str
+    name, address, token : str
         As in `haptix.service.connect`.
     """
 
-    def __init__(self, name: str, address: str = "", token: str = "", resume: str = "") -> None:
+    def __init__(self, name: str, address: str = "", token: str = "") -> None:
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(
             target=self._loop.run_forever, name="haptix client", daemon=True
         )
         self._thread.start()
         try:
-            self._client: AsyncClient = self._run(connect_async(name, address, token, resume))
+            self._client: AsyncClient = self._run(connect_async(name, address, token))
         except BaseException:
             self._end()
             raise
@@ -570,8 +600,10 @@ class Client(ReportsTouches[None], PlainCalls):
         self._loop.close()
 
 
-def connect(name: str, address: str = "", token: str = "", resume: str = "") -> Client:
+def connect(name: str, address: str = "", token: str = "") -> Client:
     """Open a session with the service of this machine.
+
+    A program that crashed and is started again under its name has its lease back at once.
 
     Parameters
     ----------
@@ -579,8 +611,6 @@ def connect(name: str, address: str = "", token: str = "", resume: str = "") -> 
         Name of this program in the list of sessions.
     address, token : str
         Address and access token of the service; by default those in ``service.json``.
-    resume : str
-        `welcome.resume` of a session whose connection was lost within the last 30 s.
 
     Raises
     ------
@@ -589,4 +619,4 @@ def connect(name: str, address: str = "", token: str = "", resume: str = "") -> 
     Refused
         If the service does not admit this client.
     """
-    return Client(name, address, token, resume)
+    return Client(name, address, token)

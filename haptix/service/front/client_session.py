@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import hmac
 import logging
 import secrets
 from collections import deque
@@ -52,7 +53,7 @@ class ServiceSession:
     def __init__(self, number: int, origin: str | None, now_s: Callable[[], float]) -> None:
         self.number, self.origin = number, origin
         self.layout = number  # of its layout in the engine; a client that returns keeps the old one
-        self.name = self.owner = ""
+        self.name = self.owner = self.app = ""
         self.resume = secrets.token_urlsafe(16)
         self.clock = ClientClock()
         self.geometry: m.Geometry | None = None
@@ -91,6 +92,11 @@ class ServiceSession:
     def is_welcome(self) -> bool:
         """Whether hello was said."""
         return bool(self.name)
+
+    def is_same_app(self, other: ServiceSession) -> bool:
+        """Whether both are of one app, by the word that only it knows."""
+        known = hmac.compare_digest(self.app.encode(), other.app.encode())
+        return known and self.app != "" and self.owner == other.owner
 
     def ping(self, now_s: float) -> None:
         """Ask for a pong."""

@@ -38,12 +38,10 @@ class Engine(Protocol):
 
 
 class KeptLease(NamedTuple):
-    """The lease and layout of a holder whose socket closed, for its return."""
+    """A holder whose socket closed: its lease and layout are kept for its return."""
 
-    layout: int
-    resume: str
+    session: ServiceSession
     until_s: float
-    settings: Settings
 
 
 class OutputControl:
@@ -113,17 +111,25 @@ class OutputControl:
         if session is not None:
             reason = "the client that held the output is gone"
             self.engine.tell("stop", reason=reason)
-            self._kept = KeptLease(session.layout, session.resume, until_s, session.settings)
+            self._kept = KeptLease(session, until_s)
             self._give(None, "the holder is gone")
             self.set(state="off", reason=reason)
 
     def resumes(self, session: ServiceSession, resume: str) -> bool:
-        """Give a kept lease back to the client that knows its word; return whether one was kept."""
-        kept = self._kept
-        if kept is None or not hmac.compare_digest(resume.encode(), kept.resume.encode()):
+        """Give a kept lease back to the client that knows its word; return whether one was kept.
+
+        An app that was started anew begins with an empty layout and settings of its own.
+        """
+        if self._kept is None:
             return False
-        self._kept = None
-        session.layout, session.settings = kept.layout, kept.settings
+        kept = self._kept.session
+        if hmac.compare_digest(resume.encode(), kept.resume.encode()):
+            self._kept = None
+            session.layout, session.settings = kept.layout, kept.settings
+        elif session.is_same_app(kept):
+            self._forget()
+        else:
+            return False
         self._give(session, "resumed")
         return True
 
@@ -214,4 +220,4 @@ class OutputControl:
     def _forget(self) -> None:
         kept, self._kept = self._kept, None
         if kept is not None:
-            self.engine.tell("forget", session=kept.layout)
+            self.engine.tell("forget", session=kept.session.layout)

@@ -286,11 +286,13 @@ class Hub:
             session.close(4400 if wrong.code == "version" else 4403, wrong.sentence)
             return
         session.name, session.owner = message.client, self.access.owner_of(message.token)
+        session.app = message.app
         for old in list(self.sessions.values()):
+            if old is session:
+                continue
             # It noticed first that its connection was lost: the old socket looks open here.
-            if old is not session and hmac.compare_digest(
-                message.resume.encode(), old.resume.encode()
-            ):
+            is_same = hmac.compare_digest(message.resume.encode(), old.resume.encode())
+            if is_same or (session.is_same_app(old) and self._is_silent(old)):  # the latter hung
                 self.closed(old)
         reason = "resumed" if self.control.resumes(session, message.resume) else "free"
         _LOG.info("session %d: hello of %r, %s", session.number, message.client, reason)
@@ -311,6 +313,10 @@ class Hub:
         )
         for _ in range(_FIRST_PINGS):
             session.ping(self.now_s())
+
+    def _is_silent(self, session: ServiceSession) -> bool:
+        asked_s = session.unanswered_s
+        return asked_s is not None and self.now_s() - asked_s > self.keep_alive.silent_s
 
     def stop(self, reason: str, by: ServiceSession | None = None) -> None:
         """End at 0 V, for all sessions, and refuse requests that wait.

@@ -85,6 +85,10 @@ class HelloMessage(Message):
     client: Name
     token: Annotated[str, Field(max_length=200)] = ""
     resume: Annotated[str, Field(max_length=200)] = ""
+    """Of the last `welcome` in this run: lease and layout are the session's again."""
+    app: Annotated[str, Field(max_length=200)] = ""
+    """A word that only this app knows, the same at each start: after a crash the lease is its own
+    again, with an empty layout."""
 
 
 class Acquire(Message):
