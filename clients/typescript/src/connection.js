@@ -3,6 +3,7 @@
 import { readFrame } from "./batches.js";
 import { Calls } from "./calls.js";
 import { kept, wordOf } from "./keep.js";
+import { askPermission, obstacle } from "./local-network.js";
 
 /** @import * as m from "../types/messages.js" */
 /** @import { Frame } from "./batches.js" */
@@ -19,6 +20,8 @@ import { kept, wordOf } from "./keep.js";
  * @property {string} name the client's name, shown in the list of sessions
  * @property {string} [url] where the service is
  * @property {string} [token] the access token; a page has kept that of `pair`
+ * @property {() => string | Promise<string>} [code] asks a person for the code that the terminal shows, where
+ *   this page is not paired
  * @property {(name: string) => Promise<{url?: string, token: string, app?: string}>} [find] gives both at
  *   each attempt, and the app's word, by which it has its lease back after a crash: `find` of node.js
  * @property {new (url: string, protocol: string) => any} [WebSocket] where the runtime has none
@@ -52,7 +55,9 @@ export class Lost extends Error {
 
 /** @param {string} url @param {string} path @param {RequestInit} request */
 export async function http(url, path, request) {
-  const answer = await fetch(new URL(path, url.replace(/^ws/, "http")), request);
+  const answer = await fetch(new URL(path, url.replace(/^ws/, "http")), request).catch(async () => {
+    throw new Lost(await obstacle(url));
+  });
   if (!answer.ok) throw new Refused(await answer.json());
   return answer;
 }
@@ -142,13 +147,14 @@ export class Connection extends Calls {
       if (!Socket) {
         throw new TypeError("this runtime has no WebSocket: pass that of the package ws, as connect({WebSocket})");
       }
+      await askPermission(url);
       const socket = new Socket(url, SUBPROTOCOL);
       this.#socket = socket;
       socket.binaryType = "arraybuffer";
       await new Promise((resolve, reject) => {
         socket.onopen = resolve;
         socket.onerror = () => {}; // onclose follows
-        socket.onclose = () => reject(new Lost(`no service answers at ${url}: start haptix serve`));
+        socket.onclose = async () => reject(new Lost(await obstacle(url)));
       });
       socket.onmessage = (/** @type {MessageEvent} */ event) => this.#onMessage(socket, event.data);
       socket.onclose = (/** @type {Ended} */ event) => this.#lost(socket, event);

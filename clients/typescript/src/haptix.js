@@ -8,7 +8,7 @@
 
 import { writeTouches } from "./batches.js";
 import { Connection, http, now, Refused, URL_HERE } from "./connection.js";
-import { keep } from "./keep.js";
+import { keep, kept } from "./keep.js";
 import { Pointers } from "./pointers.js";
 
 /** @import * as m from "../types/messages.js" */
@@ -21,8 +21,14 @@ import { Pointers } from "./pointers.js";
  * @returns {Promise<Session>}
  */
 export async function connect(options) {
+  const { name, url = URL_HERE, code } = options;
+  const asks = async () => code !== undefined && (await pair({ code: await code(), name, url }));
+  if (!options.find && !options.token && !kept(`haptix token ${url}`)) await asks();
   const session = new Session(options);
-  await session.open();
+  await session.open().catch(async (error) => {
+    if (!(error instanceof Refused && error.code === "access" && (await asks()))) throw error;
+    await session.open(); // the token was of another service
+  });
   return session;
 }
 
@@ -41,15 +47,35 @@ export async function pair({ code, name, url = URL_HERE }) {
 
 export { Lost, now, Refused } from "./connection.js";
 
+const SLIDES_S = 0.15; // after the last report of another place
+const KINDS = ["pointerdown", "pointermove", "pointerup", "pointercancel", "pointerleave"];
+
 /** A session with the service, made by `connect`. */
 export class Session extends Connection {
   #batch = 0;
   #pointers = new Pointers(10);
+  #has_told_dropped = false;
+  #is_watching = false; // whether the page is hidden
+  /** @type {Map<number, string>} where fingers are */
+  #places = new Map();
+  #slid_s = -Infinity;
 
   /** Send again what the service does not keep for who resumes. @protected @override */
   async restore() {
-    this.#pointers = new Pointers(this.welcome.limits.fingers);
+    this.#pointers.fingers = this.welcome.limits.fingers;
+    this.#pointers.clear();
     await super.restore();
+  }
+
+  /** Whether a finger slides: where none does, friction is not felt. */
+  get slides() {
+    return now() - this.#slid_s < SLIDES_S;
+  }
+
+  /** Points of pointers that were left out so far; the first is told as `warning`, too. */
+  get dropped() {
+    const { late, fingers } = this.#pointers.dropped;
+    return late + fingers;
   }
 
   /** Send a file that materials read, once; return `sha256:...`, by which a document calls it.
@@ -79,6 +105,7 @@ export class Session extends Connection {
   touches(touches) {
     const most = this.welcome.limits.batch_touches;
     let sent = true;
+    for (const touch of touches) this.#follow(touch);
     for (let at = 0; sent && at < touches.length; at += most) {
       const some = touches.slice(at, at + most);
       const lifts = some.some(({ kind }) => kind === "up");
@@ -112,6 +139,58 @@ export class Session extends Connection {
   pointer(event, { element, normal_force_n } = {}) {
     const target = element ?? /** @type {Element | null} */ (event.currentTarget);
     if (!target) throw new TypeError("pointer: expected an element; pass it outside of a handler");
-    return this.touches(this.#pointers.touches(event, target, now(), normal_force_n));
+    this.#watchPage();
+    const touches = this.#pointers.touches(event, target, now(), normal_force_n);
+    if (this.dropped && !this.#has_told_dropped) {
+      this.#has_told_dropped = true;
+      const { late } = this.#pointers.dropped;
+      const why = late ? "it was told 0.4 s late, so the page is busy" : `the service takes ${this.#pointers.fingers} fingers`;
+      const sentence = `a touch was left out: ${why}; from now on \`dropped\` counts such touches`;
+      this.emit("warning", { type: "warning", id: 0, sentence });
+    }
+    return this.touches(touches);
+  }
+
+  /**
+   * Report the pointers of an element, until the function that is returned is called. Without `scroll` a
+   * finger on it scrolls nothing; with it, a stroke in that direction scrolls the page, and one across is felt.
+   * @param {HTMLElement | SVGElement} element
+   * @param {{scroll?: "none" | "vertical" | "horizontal", normal_force_n?: number}} [options]
+   * @returns {() => void}
+   */
+  follow(element, { scroll = "none", normal_force_n } = {}) {
+    const ends = new AbortController();
+    for (const kind of KINDS) {
+      const reports = (/** @type {Event} */ event) => this.pointer(/** @type {PointerEvent} */ (event), { element, normal_force_n });
+      element.addEventListener(kind, reports, { signal: ends.signal });
+    }
+    const before = element.style.touchAction;
+    element.style.touchAction = { none: "none", vertical: "pan-y pinch-zoom", horizontal: "pan-x pinch-zoom" }[scroll];
+    return () => {
+      ends.abort();
+      element.style.touchAction = before;
+      this.#lift();
+    };
+  }
+
+  /** @param {Touch} touch */
+  #follow({ touch_id = 0, kind, t_s, x_px, y_px, x_mm, y_mm }) {
+    if (kind === "up") return void this.#places.delete(touch_id);
+    const place = `${x_px ?? x_mm} ${y_px ?? y_mm}`;
+    const before = this.#places.get(touch_id);
+    if (kind !== "down" && before !== undefined && before !== place) this.#slid_s = t_s;
+    this.#places.set(touch_id, place);
+  }
+
+  /** A hidden page hears of no finger any more. */
+  #watchPage() {
+    if (this.#is_watching) return;
+    this.#is_watching = true;
+    globalThis.document?.addEventListener("visibilitychange", () => document.hidden && this.#lift());
+  }
+
+  #lift() {
+    const lifts = this.#pointers.lifts(now());
+    if (lifts.length) this.touches(lifts);
   }
 }

@@ -1,7 +1,11 @@
 /**
- * What a page keeps across a reload or crash: in `localStorage`, or in the entry of the history,
- * where a browser refuses storage to an iframe of another site.
+ * What a page keeps across a reload or crash: in `localStorage` or, where a browser refuses that to an
+ * iframe of another site, in a cookie that only this page within that site sees.
  */
+
+const YEAR_S = 31_536_000;
+/** @type {Map<string, string>} what this page has kept, should the browser keep nothing */
+const here = new Map();
 
 /**
  * Return what is kept under a key; "" where there is nothing, or no page.
@@ -9,10 +13,14 @@
  * @returns {string}
  */
 export function kept(key) {
+  const known = here.get(key);
+  if (known !== undefined) return known;
   try {
-    return localStorage.getItem(key) ?? history.state?.[key] ?? "";
+    return localStorage.getItem(key) ?? "";
   } catch {
-    return globalThis.history?.state?.[key] ?? "";
+    const begin = `${encodeURIComponent(key)}=`;
+    const found = globalThis.document?.cookie.split("; ").find((each) => each.startsWith(begin));
+    return decodeURIComponent(found?.slice(begin.length) ?? "");
   }
 }
 
@@ -22,10 +30,13 @@ export function kept(key) {
  * @param {string} text
  */
 export function keep(key, text) {
+  here.set(key, text);
   try {
     localStorage.setItem(key, text);
   } catch {
-    globalThis.history?.replaceState({ ...history.state, [key]: text }, "");
+    if (!globalThis.document) return;
+    const pair = `${encodeURIComponent(key)}=${encodeURIComponent(text)}`;
+    document.cookie = `${pair}; Secure; SameSite=None; Partitioned; Path=/; Max-Age=${YEAR_S}`;
   }
 }
 
@@ -35,7 +46,7 @@ export function keep(key, text) {
  * @returns {string}
  */
 export function wordOf(name) {
-  if (!globalThis.history) return ""; // no page
+  if (!globalThis.document) return ""; // no page
   const key = `haptix app ${name}`;
   if (!kept(key)) keep(key, crypto.getRandomValues(new Uint32Array(4)).join("-"));
   return kept(key);

@@ -7,15 +7,19 @@ const ENDS = ["pointerup", "pointercancel", "pointerleave", "lostpointercapture"
 
 /** Which pointers touch, and under which number. A pointer touches while a button is down. */
 export class Pointers {
+  /** points that were left out: too old, or of more fingers than the service takes */
+  dropped = { late: 0, fingers: 0 };
+  /** @type {Map<number, {touch_id: number, type: string}>} */
+  #down = new Map();
+
   /** @param {number} fingers */
   constructor(fingers) {
     this.fingers = fingers;
-    /** @type {Map<number, number>} */
-    this.ids = new Map();
   }
 
   /**
-   * Return the touches that an event tells, in CSS pixels from the corner of `element`.
+   * Return the touches that an event tells, in CSS pixels of `element` from its corner, as if it were
+   * not zoomed or scaled.
    * @param {PointerEvent} event
    * @param {Element} element
    * @param {number} now_s
@@ -23,47 +27,84 @@ export class Pointers {
    * @returns {Touch[]}
    */
   touches(event, element, now_s, normal_force_n) {
-    const { left, top } = element.getBoundingClientRect();
-    /** @type {Touch[]} */
-    const found = [];
-    const known = this.ids.get(event.pointerId);
+    const known = this.#down.get(event.pointerId);
     const ends = ENDS.includes(event.type) || event.buttons === 0;
-    if (ends && known === undefined) return found;
-    const touch_id = known ?? this.#free();
-    if (touch_id === undefined) return found; // more fingers than the service takes
+    if (ends && known === undefined) return [];
+    // The lifts of others were lost: the first of its type is down alone.
+    const isFirst = event.type === "pointerdown" && event.isPrimary;
+    const found = isFirst ? this.lifts(now_s, (id, type) => type === event.pointerType && id !== event.pointerId) : [];
+    const touch_id = known?.touch_id ?? this.#free();
+    if (touch_id === undefined) {
+      this.dropped.fingers += 1;
+      return found;
+    }
+    const { left, top, width, height } = element.getBoundingClientRect();
+    const { offsetWidth, offsetHeight } = /** @type {HTMLElement} */ (element);
+    const [zoom_x, zoom_y] = [zoom(width, offsetWidth), zoom(height, offsetHeight)];
+    const shift_s = ahead(event, now_s);
     /** @type {(each: PointerEvent, kind: "down" | "move" | "up") => Touch} */
     const touch = (each, kind) => ({
-      t_s: each.timeStamp / 1e3,
+      t_s: each.timeStamp / 1e3 + shift_s,
       touch_id,
       kind,
-      x_px: each.clientX - left,
-      y_px: each.clientY - top,
+      x_px: (each.clientX - left) / zoom_x,
+      y_px: (each.clientY - top) / zoom_y,
       normal_force_n,
     });
     if (ends) {
-      this.ids.delete(event.pointerId);
+      this.#down.delete(event.pointerId);
       const up = touch(event, "up");
       // A page that hung tells late of a lifted finger; it must not be refused for that.
-      return [{ ...up, t_s: Math.max(up.t_s, now_s - OLDEST_S) }];
+      return [{ ...up, t_s: Math.max(up.t_s, now_s - OLDEST_S), normal_force_n: undefined }];
     }
     const several = event.getCoalescedEvents?.() ?? [];
+    let comes = event.type === "pointerdown" || known === undefined;
     for (const each of several.length ? several : [event]) {
-      if (now_s - each.timeStamp / 1e3 > OLDEST_S) continue;
-      const kind = this.ids.has(event.pointerId) ? "move" : "down";
-      this.ids.set(event.pointerId, touch_id);
-      found.push({ ...touch(each, kind), coalesced: several.length > 1 });
+      const one = touch(each, comes ? "down" : "move");
+      if (now_s - one.t_s > OLDEST_S) {
+        this.dropped.late += 1;
+        continue;
+      }
+      comes = false;
+      this.#down.set(event.pointerId, { touch_id, type: event.pointerType });
+      found.push({ ...one, coalesced: several.length > 1 });
     }
     return found;
   }
 
+  /**
+   * Lift pointers, all unless told which; for a tab that is hidden, say, where their events end.
+   * @param {number} now_s
+   * @param {(pointerId: number, pointerType: string) => boolean} [which]
+   * @returns {Touch[]}
+   */
+  lifts(now_s, which = () => true) {
+    const some = [...this.#down].filter(([id, { type }]) => which(id, type));
+    for (const [id] of some) this.#down.delete(id);
+    return some.map(([, { touch_id }]) => ({ t_s: now_s, touch_id, kind: "up" }));
+  }
+
   /** Forget who touches: the next move of each is a down. */
   clear() {
-    this.ids.clear();
+    this.#down.clear();
   }
 
   #free() {
-    const taken = new Set(this.ids.values());
+    const taken = new Set([...this.#down.values()].map((one) => one.touch_id));
     for (let id = 0; id < this.fingers; id += 1) if (!taken.has(id)) return id;
     return undefined;
   }
+}
+
+/** Return our clock minus that of the event's document [s]: in an iframe it counts from another origin.
+ * @param {PointerEvent} event @param {number} now_s */
+function ahead(event, now_s) {
+  const clock = event.view?.performance;
+  return clock === undefined || clock === performance ? 0 : now_s - clock.now() / 1e3;
+}
+
+/** Return how many pixels one of the element takes, by CSS zoom or a transform.
+ * @param {number} shown @param {number} [own] a whole number */
+function zoom(shown, own) {
+  return own === undefined || Math.abs(shown - own) < 1 ? 1 : shown / own;
 }

@@ -4,20 +4,22 @@
  *     polyfill(() => session);
  *     navigator.playHaptics("tick", 0.5);
  *
- * Without a session that may play, `navigator.vibrate` does what it can; a browser's own comes first.
+ * Friction is felt by a finger that slides. For others, such as one that clicks, and without a session
+ * that may play, `navigator.vibrate` does what it can; a browser's own `playHaptics` comes first.
  */
 
 /** @import { Session } from "./haptix.js" */
+/** @typedef {"friction" | "vibration" | null} Felt */
 /** @typedef {"hint" | "edge" | "tick" | "align" | "success" | "error"} Effect */
 
 const VIBRATIONS_MS = { hint: [10], edge: [40], tick: [8], align: [10, 30, 10], success: [10, 60, 20], error: [40, 40, 40] };
 
 /**
- * Play an effect; return whether anything plays it. As the proposal has it, nothing rejects.
+ * Play an effect; return how it is felt, null where nothing is. As the proposal has it, nothing rejects.
  * @param {Session | null | undefined} session
  * @param {Effect} effect
  * @param {number} [intensity] 0 to 1
- * @returns {boolean}
+ * @returns {Felt}
  */
 export function playHaptics(session, effect, intensity = 1) {
   if (!(effect in VIBRATIONS_MS)) {
@@ -26,12 +28,18 @@ export function playHaptics(session, effect, intensity = 1) {
   if (!(intensity >= 0 && intensity <= 1)) {
     throw new RangeError(`intensity: expected 0 to 1, got ${intensity}`);
   }
-  if (session?.output?.state !== "armed" || !session.lease.is_mine) {
-    const pattern = VIBRATIONS_MS[effect].map((ms, at) => (at % 2 ? ms : Math.round(ms * intensity)));
-    return globalThis.navigator?.vibrate?.(pattern) ?? false;
+  if (session?.slides && isFelt(session)) {
+    void session.play({ kind: "effect", name: effect, intensity }).catch(() => {});
+    return "friction";
   }
-  void session.play({ kind: "effect", name: effect, intensity }).catch(() => {});
-  return true;
+  const pattern = VIBRATIONS_MS[effect].map((ms, at) => (at % 2 ? ms : Math.round(ms * intensity)));
+  return globalThis.navigator?.vibrate?.(pattern) ? "vibration" : null;
+}
+
+/** @param {Session} session */
+function isFelt({ lease, output }) {
+  const share = output.muted || output.paused || output.person_muted ? 0 : output.intensity * output.person_intensity;
+  return lease.is_mine && output.state === "armed" && share > 0;
 }
 
 /**

@@ -27,7 +27,8 @@ const next = (session, kind) =>
     const off = session.on(kind, (event) => (off(), resolve(event)));
   });
 
-const ELEMENT = { getBoundingClientRect: () => ({ left: 100, top: 50 }) };
+const BOX = { left: 100, top: 50, width: 200, height: 80 };
+const ELEMENT = { getBoundingClientRect: () => BOX, offsetWidth: 200, offsetHeight: 80 };
 function pointerEvent(type, { buttons = 1, coalesced = [], ...fields } = {}) {
   const at = { pointerId: 7, timeStamp: performance.now(), clientX: 140, clientY: 50, ...fields };
   const several = coalesced.map((each) => ({ ...at, ...each }));
@@ -239,6 +240,45 @@ test("pointers become touches of few numbers, and what is predicted or old is le
   const late = pointers.touches(pointerEvent("pointerup", { timeStamp: 0 }), ELEMENT, 99);
   assert.deepEqual([late[0].kind, late[0].t_s], ["up", 98.6]);
   assert.deepEqual(kinds(pointerEvent("pointercancel")), []); // it was lifted already
+  assert.deepEqual(pointers.dropped, { late: 1, fingers: 1 });
+  pointers.clear();
   assert.deepEqual(kinds(pointerEvent("pointermove", { pointerId: 5 })), [[0, "down"]]);
   assert.deepEqual(kinds(pointerEvent("pointermove", { pointerId: 5, buttons: 0 })), [[0, "up"]]);
+});
+
+test("a pointer whose end was lost is lifted as the first of its type comes down, or all at once", () => {
+  const pointers = new Pointers(10);
+  const pen = { pointerType: "pen" };
+  const touches = (event) => pointers.touches(event, ELEMENT, now()).map(({ touch_id, kind }) => [touch_id, kind]);
+  touches(pointerEvent("pointerdown", { pointerId: 1, isPrimary: true, pointerType: "touch" }));
+  touches(pointerEvent("pointerdown", { pointerId: 2, pointerType: "touch" }));
+  touches(pointerEvent("pointerdown", { pointerId: 3, isPrimary: true, ...pen }));
+  const first = pointerEvent("pointerdown", { pointerId: 4, isPrimary: true, pointerType: "touch" });
+  assert.deepEqual(touches(first), [[0, "up"], [1, "up"], [0, "down"]]);
+  // The same pointer comes down again: the service lifts it before.
+  assert.deepEqual(touches(pointerEvent("pointerdown", { pointerId: 3, isPrimary: true, ...pen })), [[2, "down"]]);
+  assert.deepEqual(pointers.lifts(5), [{ t_s: 5, touch_id: 2, kind: "up" }, { t_s: 5, touch_id: 0, kind: "up" }]);
+  assert.deepEqual(pointers.lifts(5), []);
+});
+
+test("times of another document's clock are ours, and places are those of an element that is not zoomed", () => {
+  const pointers = new Pointers(10);
+  const view = { performance: { now: () => performance.now() - 7000 } }; // an iframe that was made 7 s later
+  const event = pointerEvent("pointerdown", { timeStamp: view.performance.now() - 3, clientX: 140, clientY: 90 });
+  const zoomed = { getBoundingClientRect: () => ({ ...BOX, width: 400, height: 160 }), offsetWidth: 200, offsetHeight: 80 };
+  const [{ t_s, x_px, y_px }] = pointers.touches(Object.assign(event, { view }), zoomed, now());
+  assert.ok(Math.abs(now() - 0.003 - t_s) < 0.3, "as long ago as it was there");
+  assert.deepEqual([x_px, y_px], [20, 20]);
+  assert.equal(pointers.dropped.late, 0);
+});
+
+test("what is left out is counted and told once", async () => {
+  const h = await open();
+  const told = [];
+  h.on("warning", ({ sentence }) => told.push(sentence));
+  for (const timeStamp of [0, 1]) h.pointer(pointerEvent("pointerdown", { timeStamp: timeStamp - 1000 }));
+  assert.equal(h.dropped, 2);
+  assert.equal(told.length, 1);
+  assert.match(told[0], /left out.*busy.*dropped/);
+  await h.close();
 });
