@@ -35,6 +35,9 @@ namespace Haptix
 
         internal Layout(Session session) { _session = session; }
 
+        /// <summary>Return a region that is there, by its name.</summary>
+        public Region Of(string name) { return new Region(_session, name); }
+
         /// <summary>Remove all regions.</summary>
         public Task<LayoutReply> Clear() { return _session.LayoutSet(new LayoutDocument { Regions = new RegionDocument[0] }); }
 

@@ -3,13 +3,12 @@
 import os
 import re
 import runpy
-import shutil
 import subprocess
 
 from haptix.feel.materials import material_of
 from haptix.service.front.jobs import Job
 from haptix.service.protocol.messages import JobMessage, LayoutDocument
-from tests.clients.compiled import compiled, compiled_sources
+from tests.clients.compiled import compiled, compiled_for_unity
 from tests.made_clients import CSHARP, ROOT, make_clients
 from tests.waiting import PATIENCE_S, wait_for
 
@@ -47,14 +46,7 @@ SAMPLE = CSHARP / "Samples~" / "Ribs"
 
 
 def test_unity_s_package_compiles_as_unity_would(tmp_path):
-    """As three assemblies: Unity's (stubs), the package's, and a project's with the sample."""
-    make_clients()
-    (tmp_path / "stubs").mkdir()
-    shutil.copy(CSHARP / "Test~" / "UnityStubs.cs", tmp_path / "stubs")
-    unity = compiled_sources(tmp_path / "UnityEngine.dll", [tmp_path / "stubs"], [])
-    package = compiled_sources(tmp_path / "Haptix.dll", [CSHARP, CSHARP / "Unity"], [unity])
-    compiled_sources(tmp_path / "Assembly-CSharp.dll", [SAMPLE], [unity, package])
-    code = package.read_bytes()
+    code = compiled_for_unity(tmp_path, "legacy").with_name("Haptix.dll").read_bytes()
     for name in (b"System.Reflection.Emit", b"System.Linq.Expressions", b"MakeGeneric"):
         assert name not in code  # IL2CPP compiles ahead of time
 

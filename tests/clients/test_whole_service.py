@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import haptix.service.client.connection
-from tests.clients.compiled import compiled
+from tests.clients.compiled import compiled, compiled_for_unity
 from tests.clients.golden import GOLDEN, SESSIONS, Run
 from tests.made_clients import CSHARP, ROOT, TYPESCRIPT, node_tools
 from tests.waiting import PATIENCE_S, wait_for
@@ -73,6 +73,27 @@ def test_a_slider_tells_the_numbers_of_its_detents(environment):
     told = [one.value for one in contacts if one.event == "detent"]
     # Of moves that a busy machine delivers late, the service leaves out all but the newest.
     assert told == sorted({*told}) and {*told} <= {1.0, 2.0, 3.0, 4.0} and told[-1] == 4.0
+
+
+@pytest.mark.parametrize(
+    ("inputs", "pointer"),
+    [("legacy", "legacy"), ("new", "new"), ("new", "mouse"), ("both", "new")],
+)
+def test_unity_s_component_is_felt(environment, tmp_path, inputs, pointer):
+    """With regions of the inspector, a layout, time that stands, and second scenes."""
+    player = compiled_for_unity(tmp_path, inputs)
+    layout = CSHARP / "Samples~" / "Ribs" / "layout.json"
+    done = subprocess.run(
+        ["mono", player, pointer, inputs],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        env=environment | {"LAYOUT": str(layout)},
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    felt = re.findall(r"felt (\w+)", done.stdout)
+    assert felt == ["ribs", "ribs", "rim", "ribs", "rim", "ribs"]
+    assert "log enter ribs" in done.stdout  # of the sample
 
 
 def program(page, language):

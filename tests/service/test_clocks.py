@@ -75,6 +75,19 @@ def test_a_stamp_of_now_is_taken_however_slow_the_first_answers_were():
     assert clock.stamp(1991.0, 1991.0) == pytest.approx(1991.0, abs=clock.error_s + 1e-6)
 
 
+def test_quick_answers_after_slow_ones_are_no_jump():
+    """A busy machine answers the first pings late, all of the delay on one way."""
+    clock = ClientClock()
+    for n in range(8):
+        clock.add(1990.0 + n, 1990.2 + n, 1990.0 + n)
+    for n in range(20):
+        assert not clock.add(2000.0 + n, 2000.001 + n, 2000.0005 + n)
+    assert clock.client_s(2020.0) == pytest.approx(2020.0, abs=1e-3)
+    for n in range(3):
+        clock.add(2030.0 + n, 2030.001 + n, 2031.0 + n)
+    assert clock.jumps == 1  # a true one is seen as soon
+
+
 @pytest.mark.parametrize("off_s", [-0.501, -0.499, 0.0, 0.0049, 0.0071])
 def test_the_window_is_that_of_the_stamps(off_s):
     clock = ClientClock()

@@ -4,6 +4,8 @@ namespace Haptix
     using System;
     using System.Collections.Generic;
     using System.IO;
+    using System.Linq;
+    using System.Threading.Tasks;
     using Haptix.Messages;
     using Newtonsoft.Json.Linq;
     using UnityEngine;
@@ -22,7 +24,10 @@ namespace Haptix
         public float opacity = 1f;
     }
 
-    /// <summary>Shows a layout to the service, and reports the fingers of this screen, or the mouse.</summary>
+    /// <summary>
+    /// Shows a layout to the service, and reports the fingers of this screen, or the mouse. Components of
+    /// several scenes share one session; it ends with the last of them.
+    /// </summary>
     [AddComponentMenu("haptix/Layout under finger"), DisallowMultipleComponent]
     public sealed class LayoutUnderFinger : MonoBehaviour
     {
@@ -38,35 +43,43 @@ namespace Haptix
         public Vector2 originMm;
         [Range(0f, 1f)]
         public double intensity = 1.0;
-        [Tooltip("Arm when the layout is there. Otherwise call Session.Arm when a person asks for it.")]
+        [Tooltip("Arm when the layout is there; after a lost connection only a virtual driver. Otherwise call Session.Arm when a person asks for it.")]
         public bool arms = true;
 
+        static readonly List<LayoutUnderFinger> All = new List<LayoutUnderFinger>(); // that are enabled
+        static Task<Session> _shared;
+
+        readonly List<Region> _regions = new List<Region>();
+        readonly List<Action> _ends = new List<Action>();
         int _run;
 
         /// <summary>The session; null while there is none.</summary>
         public Session Session { get; private set; }
 
-        /// <summary>A finger entered or left a region, or pressed it.</summary>
+        /// <summary>A finger entered or left a region of this component, or pressed it.</summary>
         public event Action<Contact> OnContact;
 
         async void OnEnable()
         {
             int run = ++_run;
+            All.Add(this);
+            if (All.Count == 1)
+            {
+                Fingers.Begin();
+                _shared = Session.Connect(Application.productName);
+            }
             try
             {
-                Session session = await Session.Connect(Application.productName);
-                if (run != _run)
-                {
-                    session.Dispose(); // disabled meanwhile
-                    return;
-                }
+                Session session = await _shared;
+                if (run != _run) return; // disabled meanwhile
                 Session = session;
-                session.On<Contact>(e => { if (OnContact != null) OnContact(e); });
-                session.On<Output>(e => Debug.Log("haptix output " + e.State + ": " + e.Reason, this));
-                await Show(session);
-                await session.Acquire();
-                await session.Intensity(intensity);
-                if (arms && run == _run) await session.Arm();
+                _ends.Add(session.On<Contact>(e => {
+                    if (OnContact != null && _regions.Any(region => region.Name == e.Region)) OnContact(e);
+                }));
+                _ends.Add(session.On<Output>(e => Debug.Log("haptix output " + e.State + ": " + e.Reason, this)));
+                _ends.Add(session.On<Warning>(e => Debug.LogWarning("haptix: " + e.Sentence, this)));
+                _ends.Add(session.On<Resumed>(e => Resume(session, run, e.Welcome)));
+                await Begin(session, run, arms);
             }
             catch (Exception error)
             {
@@ -76,7 +89,26 @@ namespace Haptix
             }
         }
 
-        async System.Threading.Tasks.Task Show(Session session)
+        async void Resume(Session session, int run, Welcome welcome)
+        {
+            bool isVirtual = welcome.Inventory.Devices.All(device => !device.IsReal);
+            try
+            {
+                if (!welcome.Lease.IsMine) await Begin(session, run, arms && isVirtual); // another service knows nothing
+                else if (arms && isVirtual) await session.Arm();
+            }
+            catch (Exception error) { if (run == _run) Debug.LogException(error, this); }
+        }
+
+        async Task Begin(Session session, int run, bool arm)
+        {
+            await Show(session);
+            await session.Acquire();
+            await session.Intensity(intensity);
+            if (arm && run == _run) await session.Arm();
+        }
+
+        async Task Show(Session session)
         {
             double scale = pixelsPerMm > 0.0 ? pixelsPerMm : Screen.dpi / 25.4;
             if (!(scale > 0.0)) throw new InvalidOperationException("Screen.dpi is not known: set pixelsPerMm");
@@ -84,38 +116,30 @@ namespace Haptix
             if (files != "")
                 foreach (string path in Directory.GetFiles(Path.Combine(Application.streamingAssetsPath, files)))
                     if (!path.EndsWith(".meta")) await session.Asset(path);
+            _regions.Clear();
             if (layout != null)
-                await session.Ask<LayoutReply>("layout_set", new JObject { { "document", JObject.Parse(layout.text) } });
+                foreach (JObject region in JObject.Parse(layout.text)["regions"])
+                {
+                    region["op"] = "add";
+                    await session.LayoutChange(new object[] { region });
+                    _regions.Add(session.Layout.Of((string)region["name"]));
+                }
             foreach (FeltRegion region in regions)
-                await session.Layout.Add(Material.Parse(region.material), region.placeMm.x, region.placeMm.y,
-                    region.placeMm.width, region.placeMm.height, opacity: region.opacity, name: region.name);
+                _regions.Add(await session.Layout.Add(Material.Parse(region.material),
+                    xMm: region.placeMm.x, yMm: region.placeMm.y, widthMm: region.placeMm.width, heightMm: region.placeMm.height,
+                    opacity: region.opacity, name: region.name));
         }
 
         void Update()
         {
-            Session session = Session;
-            if (session == null) return;
-            session.Pump();
-            for (int i = 0; i < Input.touchCount; i++)
-            {
-                UnityEngine.Touch touch = Input.GetTouch(i);
-                bool ends = touch.phase == TouchPhase.Ended || touch.phase == TouchPhase.Canceled;
-                TouchKind kind = touch.phase == TouchPhase.Began ? TouchKind.Down : ends ? TouchKind.Up : TouchKind.Move;
-                Report(session, touch.fingerId, kind, touch.position);
-            }
-            if (Input.touchCount > 0) return;
-            if (Input.GetMouseButtonDown(0)) Report(session, Mouse, TouchKind.Down, Input.mousePosition);
-            else if (Input.GetMouseButtonUp(0)) Report(session, Mouse, TouchKind.Up, Input.mousePosition);
-            else if (Input.GetMouseButton(0)) Report(session, Mouse, TouchKind.Move, Input.mousePosition);
+            if (Session == null || All[0] != this) return; // one reports for all
+            Session.Pump();
+            if (Session != null) Fingers.Report(Session); // a handler may have disabled this
         }
 
-        const int Mouse = 255;
-
-        static void Report(Session session, int id, TouchKind kind, Vector2 place)
+        void OnApplicationFocus(bool hasFocus)
         {
-            // Unity tells no time of a touch: the frame's is the nearest. It counts pixels from below.
-            session.Touches(new[] { new TouchReport {
-                TimeS = Session.NowS, TouchId = id, Kind = kind, InPixels = true, X = place.x, Y = Screen.height - place.y } });
+            if (!hasFocus && Session != null) Fingers.Lift(Session);
         }
 
         /// <summary>0 V, whoever holds the output.</summary>
@@ -128,7 +152,19 @@ namespace Haptix
         void OnDisable()
         {
             _run++;
-            if (Session != null) Session.Dispose(); // 0 V, and the lease is free
+            if (!All.Remove(this)) return;
+            foreach (Action end in _ends) end();
+            _ends.Clear();
+            if (All.Count == 0)
+            {
+                Fingers.End();
+                // 0 V, and the lease is free; at once where there is a session, so that the next scene has it.
+                if (Session != null) Session.Dispose();
+                else _shared.ContinueWith(opened => opened.Result.Dispose(), TaskContinuationOptions.OnlyOnRanToCompletion);
+            }
+            else foreach (Region region in _regions)
+                region.Remove().ContinueWith(done => done.Exception, TaskContinuationOptions.OnlyOnFaulted);
+            _regions.Clear();
             Session = null;
         }
     }
