@@ -311,7 +311,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel
 
-from haptix.service import messages as m
+from haptix.service.protocol import messages as m
 
 Document = BaseModel | Mapping[str, object]
 \"""A material, a layout or a change: an object of its class, or its document.\"""
@@ -475,7 +475,7 @@ _CSHARP_REGION = """
     {"""
 
 WRITTEN = {
-    ROOT / "haptix" / "service" / "client_calls.py": python,
+    ROOT / "haptix" / "service" / "client" / "calls.py": python,
     ROOT / "clients" / "typescript" / "src" / "calls.js": javascript,
     ROOT / "clients" / "csharp" / "Calls.cs": csharp,
 }

@@ -12,8 +12,8 @@ from tests.waiting import wait_for
 
 PYTHON = """
 import sys
-import haptix.service.client.connection
-h = haptix.service.client.connection.connect("kiosk")
+import haptix
+h = haptix.service.connect("kiosk")
 h.layout.add({"kind": "grating", "period_mm": 2}, name="ribs")
 h.acquire()
 h.arm()

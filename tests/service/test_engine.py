@@ -15,8 +15,8 @@ from haptix.feel.motion import Report
 from haptix.play.touch.events import TouchEvent
 from haptix.service.engine import process as engine_module
 from haptix.service.engine.process import EngineServer
+from haptix.service.engine.session_layout import SessionLayout
 from haptix.service.protocol.wire import JSON, read_frame, touch_frame
-from haptix.service.worker.document_work import SessionLayout
 from tests.waiting import wait_for
 
 SIZE = {"x_mm": 0.0, "y_mm": 0.0, "width_mm": 30.0, "height_mm": 20.0}
