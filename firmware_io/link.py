@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
-from pathlib import Path
 from typing import Any
 
 from firmware_io.clock import HOST_CLOCK, Clock
@@ -183,6 +182,7 @@ def read_selector(scheme: str, selector: str, keys: Mapping[str, Read]) -> dict[
 
 
 _GROUP = "haptix.links"
+_SCHEMES = ("audio", "daq", "hid", "mock", "serial", "tcp", "usb")  # modules of firmware_io.links
 
 #: The note of a device whose numbers are not those of a haptix driver.
 OTHER_DEVICE = "Another device, not a haptix driver by its numbers."
@@ -288,9 +288,5 @@ def scheme(name: str) -> Scheme:
 @cache
 def _links() -> dict[str, EntryPoint]:
     """Entry points by scheme. Another package cannot replace a scheme of this one."""
-    ours = {
-        path.stem: EntryPoint(path.stem, f"firmware_io.links.{path.stem}:SCHEME", _GROUP)
-        for path in sorted(Path(__file__).with_name("links").glob("*.py"))
-        if "\nSCHEME = " in path.read_text(encoding="utf-8")
-    }
+    ours = {name: EntryPoint(name, f"firmware_io.links.{name}:SCHEME", _GROUP) for name in _SCHEMES}
     return {link.name: link for link in entry_points(group=_GROUP)} | ours

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -30,8 +29,6 @@ from haptix.base.documents import Part, first_error
 from haptix.base.errors import FileFormatError, InputError
 
 Made = TypeVar("Made")
-
-_KIND = re.compile(r'^    kind: Literal\["([\w-]+)"\] = ', re.MULTILINE)
 
 _FOLDER: ContextVar[Path | None] = ContextVar("folder", default=None)
 _IS_SEALED: ContextVar[bool] = ContextVar("sealed", default=False)
@@ -73,15 +70,6 @@ def document_path(name: str) -> Path:
     if _IS_SEALED.get():
         raise InputError(f"expected a table here, got the path {name!r:.80}")
     return (_FOLDER.get() or Path()) / name
-
-
-def kinds_of(package: str) -> dict[str, str]:
-    """Return the module of each kind in a package of haptix, from its text: no module loads."""
-    return {
-        kind: f"haptix.{package}.{path.stem}"
-        for path in sorted(Path(__file__).parents[1].joinpath(*package.split(".")).glob("*.py"))
-        for kind in _KIND.findall(path.read_text(encoding="utf-8"))
-    }
 
 
 class Kinds(Mapping[str, type[Any]]):

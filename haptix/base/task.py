@@ -9,8 +9,7 @@
 
 The doors are the command line (`haptix.tasks.cli.application`), the service's routes, jobs and
 forms (`haptix.service.front.rest`), and campaigns (`haptix.tasks.campaign`), which also do tasks
-that have no other door. The list of all tasks is read from the text of `MODULES`, so that it loads
-nothing.
+that have no other door. `haptix.base.task_list` lists all tasks and loads none.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ from pydantic.fields import FieldInfo
 
 from haptix.base.errors import HaptixError, InputError
 from haptix.base.fields import ForClients, Local, ProfileName, Typed, expected_words
-from haptix.base.task_list import MODULES
+from haptix.base.task_list import TASKS, WITHOUT_COMMAND
 from haptix.base.units import decimal_comma, read_number, title_of, unit_of
 
 _EXPECTED = {
@@ -297,7 +296,5 @@ def task_at(path: str) -> type[Task]:
 
 
 def all_tasks() -> list[type[Task]]:
-    """Return all tasks that have a door."""
-    values = [value for module in MODULES for value in vars(import_module(module)).values()]
-    tasks = [value for value in values if isinstance(value, type) and issubclass(value, Task)]
-    return [task for task in dict.fromkeys(tasks) if task.command or task.route]
+    """Return all tasks of the table."""
+    return [task_at(path) for path in (*(path for path, _ in TASKS.values()), *WITHOUT_COMMAND)]

@@ -1,71 +1,213 @@
-"""The list of all tasks, read from the text of their modules, so that it loads nothing."""
+"""The table of all tasks: their commands, classes and first sentences. It loads none of them.
+
+A new task is a class with its ``command`` or ``route``, and a row here; a test compares both.
+"""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
-from importlib.util import find_spec
-from pathlib import Path
+TASKS: dict[str, tuple[str, str]] = {
+    "demo": (
+        "haptix.tasks.strokes:Demo",
+        "From a photograph to volts: everything once, without hardware.",
+    ),
+    "render": (
+        "haptix.tasks.strokes:Render",
+        "Simulate live touches: a virtual finger feels what is played, and the error is split.",
+    ),
+    "play": (
+        "haptix.tasks.strokes:PlayPath",
+        "Play a recorded path on a device, in real time.",
+    ),
+    "build": (
+        "haptix.tasks.surfaces:Build",
+        "Solve the contact model once and write its friction surface.",
+    ),
+    "query": (
+        "haptix.tasks.surfaces:Query",
+        "Friction for a force and a voltage, from the model or from a surface.",
+    ),
+    "reach": (
+        "haptix.tasks.surfaces:Reach",
+        "Lowest and highest friction that a surface offers for a finger, and what limits it.",
+    ),
+    "invert": (
+        "haptix.tasks.surfaces:Invert",
+        "Voltage for a friction, with the status of each, such as OK, BELOW, ABOVE or FRICTION.",
+    ),
+    "export": (
+        "haptix.tasks.surfaces:Export",
+        "Write a surface's numbers as NetCDF, for other programs; needs xarray and h5netcdf.",
+    ),
+    "cache": (
+        "haptix.tasks.surfaces:ListCache",
+        "List the results that are kept so that they are not made twice, or remove them.",
+    ),
+    "plan": (
+        "haptix.tasks.surfaces:PlanScene",
+        "Measure the effect of each part of the model in a scene, and drop what its budget allows.",
+    ),
+    "tradeoff": (
+        "haptix.tasks.surfaces:TradeOff",
+        "Measure error, build time, query time and memory of many ways to build a scene's surface.",
+    ),
+    "material show": (
+        "haptix.tasks.materials:ShowMaterial",
+        "Draw a material: its friction by place, direction, speed, force and time.",
+    ),
+    "material kinds": (
+        "haptix.tasks.materials:ListKinds",
+        "List the kinds of materials with their fields.",
+    ),
+    "material gallery": (
+        "haptix.tasks.materials:ListGallery",
+        "List the presets of the gallery, which ``gallery:NAME`` names.",
+    ),
+    "material schema": (
+        "haptix.tasks.materials:PrintSchema",
+        "Print the JSON Schema of all materials.",
+    ),
+    "material fit": (
+        "haptix.tasks.materials:FitMaterial",
+        "Fit a compact material to a recording of friction in time, and compare what both give.",
+    ),
+    "material distance": (
+        "haptix.tasks.materials:CompareMaterials",
+        "Distance of two textures [dB]: recordings in time, or materials of mu or contrast.",
+    ),
+    "campaign": (
+        "haptix.tasks.campaigns:RunCampaign",
+        "Do many independent tasks: surfaces of many people and screens, calibrations, and more.",
+    ),
+    "enroll": (
+        "haptix.tasks.enrolment:Enroll",
+        "Learn a person's finger from the current that it draws while it slides for 5 s.",
+    ),
+    "stimuli make": (
+        "haptix.tasks.stimuli:MakeSet",
+        "Render a set: drive files with sidecars, trial table, contact sheet, manifest.",
+    ),
+    "stimuli again": (
+        "haptix.tasks.stimuli:MakeAgain",
+        "Make a drive file again from its sidecar and profiles.json; every byte must be the same.",
+    ),
+    "stimuli show": (
+        "haptix.tasks.stimuli:ShowStimulus",
+        "Draw a stimulus (waveform, spectrum, friction, thresholds, audibility), or check a set.",
+    ),
+    "stimuli run": (
+        "haptix.tasks.stimuli:RunExperiment",
+        "Run an adaptive experiment on a device; the task says which keys answer (1/2, l/r, y/n, s/d).",
+    ),
+    "stimuli simulate": (
+        "haptix.tasks.stimuli:Simulate",
+        "Simulate a plan before the first session: how good its thresholds are, and its power.",
+    ),
+    "stimuli new": (
+        "haptix.tasks.stimuli:NewStudy",
+        "Begin a study: the frame of a BIDS data set, with code/experiment.toml to change.",
+    ),
+    "stimuli bids": (
+        "haptix.tasks.stimuli:ExportBids",
+        "Write a log into a study in the Brain Imaging Data Structure (BIDS).",
+    ),
+    "stimuli analyse": (
+        "haptix.tasks.stimuli:Analyse",
+        "Analyse sessions: thresholds of each participant and condition, and over participants.",
+    ),
+    "calibrate plan": (
+        "calibration.tasks:PlanStrokes",
+        "Write the protocol, that is which strokes to make, and print the errors to expect.",
+    ),
+    "calibrate measure": (
+        "calibration.tasks:Measure",
+        "Play the protocol stroke by stroke. A stroke with a fault is repeated, a good one is kept.",
+    ),
+    "calibrate run": (
+        "calibration.tasks:RunCalibration",
+        "Check the rig, plan, measure, reduce, fit, verify. The same command again continues it.",
+    ),
+    "calibrate rig": (
+        "calibration.tasks:CheckRig",
+        "Check gain, sign and unit of both forces, the sensor's bandwidth, and the volts.",
+    ),
+    "calibrate reduce": (
+        "calibration.result_tasks:Reduce",
+        "Compute mu(F_N, V0, f) from the raw forces, and name the strokes that cannot be used.",
+    ),
+    "calibrate fit": (
+        "calibration.result_tasks:FitSession",
+        "Fit screen and finger, and report what the strokes determine.",
+    ),
+    "calibrate verify": (
+        "calibration.result_tasks:Verify",
+        "Verify the fit by strokes kept out of it; write profiles, report and archive.",
+    ),
+    "calibrate check": (
+        "calibration.result_tasks:Check",
+        "Compare new strokes with an existing profile: the drift since then, in JND.",
+    ),
+    "calibrate match": (
+        "calibration.result_tasks:MatchScreens",
+        "Find the friction that two screens can both give, and the voltages for it.",
+    ),
+    "calibrate install": (
+        "calibration.result_tasks:Install",
+        "Install a profile for a driver, by whose serial number `haptix render` and `play` find it.",
+    ),
+    "calibrate period": (
+        "calibration.result_tasks:Period",
+        "Find the spatial period of what was touched, with its significance and its harmonic.",
+    ),
+    "calibrate instruments": (
+        "calibration.keeping_tasks:CheckInstruments",
+        "Check the dates of the instruments in a file, and of those that a session used.",
+    ),
+    "calibrate certificate": (
+        "calibration.keeping_tasks:Certify",
+        "Write the certificate of a session that passed, as a PDF beside its report.",
+    ),
+    "calibrate register": (
+        "calibration.keeping_tasks:KeepRegister",
+        "Keep the register of all panels: enter sessions, print states and due dates, write a page.",
+    ),
+    "calibrate batch": (
+        "calibration.keeping_tasks:RunBatch",
+        "Run panel after panel, each in a folder of its own. The same command again continues.",
+    ),
+    "calibrate standard": (
+        "calibration.keeping_tasks:ChartStandard",
+        "Enter strokes on a check standard into the register, and chart them over days.",
+    ),
+    "calibrate gauge": (
+        "calibration.keeping_tasks:StudyGauge",
+        "Find how much of what was measured is the panels', and how much the operators' and the days'.",
+    ),
+}
+"""``module:Class`` and first sentence of each task by the words of its command, as help lists them."""
 
-_FIRST = ["strokes", "surfaces", "materials"]  # what a newcomer looks for in the help
+GROUPS = {
+    "material": "Tasks of materials, the documents that say what a surface feels like.",
+    "stimuli": "Tasks of stimuli for perception experiments: make and draw sets, run and analyse trials.",
+    "calibrate": "Calibrate a screen: plan, measure, reduce, fit, verify; each step can be repeated.",
+}
+"""Sentences of commands whose second word is the task."""
 
-
-def _modules() -> list[str]:
-    """Return the modules of tasks: those of `haptix.tasks`, and those of calibration by name."""
-    ours = [path.stem for path in _folder("haptix.tasks").glob("[!_]*.py")]
-    ours.sort(key=lambda name: (_FIRST.index(name) if name in _FIRST else len(_FIRST), name))
-    measuring = sorted(path.stem for path in _folder("calibration").glob("*tasks.py"))
-    measuring.sort(key=len)  # `tasks` itself first
-    return [f"haptix.tasks.{name}" for name in ours] + [f"calibration.{name}" for name in measuring]
-
-
-def _folder(package: str) -> Path:
-    """Return the folder of a package, this distribution's first, without importing it."""
-    folder = Path(__file__).parents[2].joinpath(*package.split("."))
-    if not folder.is_dir():
-        spec = find_spec(package)
-        assert spec is not None and spec.origin is not None
-        folder = Path(spec.origin).parent
-    return folder
-
-
-MODULES = _modules()
-"""Modules of tasks, in the order in which help lists them."""
-
-_TASK = re.compile(
-    r'^class (\w+)\([^)]*?command="([\w -]+)"[^)]*\):\n    """([^\n]*?)("""|\n)', re.MULTILINE
+WITHOUT_COMMAND = (
+    "haptix.tasks.strokes:Headroom",
+    "haptix.tasks.strokes:KeepSurface",
+    "haptix.tasks.stimuli:ExperimentJob",
+    "calibration.tasks:CalibrationJob",
 )
-
-
-def tasks_of(modules: Sequence[str]) -> dict[str, tuple[str, str]]:
-    """Return ``module:Class`` and first sentence of each task, by the words of its command."""
-    return {
-        command: (f"{module}:{name}", sentence)
-        for module in modules
-        for name, command, sentence, _ in _TASK.findall(_text(module))
-    }
+"""Tasks with a route of the service alone."""
 
 
 def commands() -> dict[str, tuple[str, str]]:
     """Return each task or group and its sentence, by the first word of its command.
 
-    A task is ``module:Class``. Tasks of one module whose commands share their first word, such as
-    ``material show``, are a group: the word with the first sentence of the module.
+    A task is ``module:Class``; a group has an empty path.
     """
     first_words: dict[str, tuple[str, str]] = {}
-    for command, (path, sentence) in tasks_of(MODULES).items():
+    for command, (path, sentence) in TASKS.items():
         word, _, rest = command.partition(" ")
-        if rest:
-            path, sentence = "", _text(path.partition(":")[0]).split("\n")[0].strip('"')
-        first_words.setdefault(word, (path, sentence))
+        first_words.setdefault(word, ("", GROUPS[word]) if rest else (path, sentence))
     return first_words
-
-
-def _text(module: str) -> str:
-    """Return the text of a module without importing it."""
-    package, _, name = module.rpartition(".")
-    if package:
-        return (_folder(package) / f"{name}.py").read_text(encoding="utf-8")
-    spec = find_spec(name)
-    assert spec is not None and spec.origin is not None
-    return Path(spec.origin).read_text(encoding="utf-8")

@@ -15,15 +15,28 @@ from pydantic import ConfigDict, PlainSerializer, PlainValidator, WithJsonSchema
 from haptix.base.checks import Array, shown
 from haptix.base.errors import FileFormatError, InputError
 from haptix.base.files import json_text, read_json, read_toml, write_whole
-from haptix.base.kinds import Kind, Kinds, document_path, in_folder, kinds_of
+from haptix.base.kinds import Kind, Kinds, document_path, in_folder
 from haptix.base.units import with_numbers
 from haptix.feel.materials.field import Evaluator, Mapped, TargetKind, check_range
 from haptix.feel.motion import Depends, Facts, Motion, Report
 from haptix.feel.motion.block import React, unmoved
 
+_MODULES = {
+    "feel.layout.layout_material": ("layout",),
+    "feel.materials.by_curve": ("by-force", "by-speed"),
+    "feel.materials.controls": ("button", "dial", "slider", "toggle"),
+    "feel.materials.grating": ("grating",),
+    "feel.materials.moving": ("moving",),
+    "feel.materials.penn": ("penn",),
+    "feel.materials.recorded": ("recording",),
+    "feel.materials.relief": ("relief",),
+    "feel.materials.spectral": ("noise", "spectral"),
+    "feel.materials.texture": ("heights", "photograph"),
+    "feel.materials.timeline": ("effect", "envelope", "transient"),
+}
 KINDS = Kinds(
     "haptix.feel.materials",
-    {**kinds_of("feel.materials"), **kinds_of("feel.layout")},
+    {kind: f"haptix.{module}" for module, kinds in _MODULES.items() for kind in kinds},
     {"composition": "layout"},
 )
 """Every kind of material by its name in documents; a subclass registers itself."""

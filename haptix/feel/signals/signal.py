@@ -29,16 +29,23 @@ from pydantic import (
 
 from haptix.base.checks import increasing, plain
 from haptix.base.errors import InputError
-from haptix.base.kinds import Kind, Kinds, kinds_of
+from haptix.base.kinds import Kind, Kinds
 
 Array = npt.NDArray[np.float64]
 
+_MODULES = {
+    "along_path": ("along-path", "material"),
+    "signals.shapes": (
+        "chirp", "morph", "points", "pulse", "ramp", "recorded", "sine", "square", "step",
+        "time-noise",
+    ),
+    "signals.signal": (
+        "concatenation", "constant", "excerpt", "product", "repetition", "sum", "window",
+    ),
+}  # fmt: skip
 KINDS = Kinds(
     "haptix.feel.signals",
-    {
-        **kinds_of("feel.signals"),
-        **dict.fromkeys(("along-path", "material"), "haptix.feel.along_path"),
-    },
+    {kind: f"haptix.feel.{module}" for module, kinds in _MODULES.items() for kind in kinds},
     {"grating": "along-path", "noise": "time-noise", "relief": "along-path"},
 )
 """Every kind of signal by its name in recipes and sidecars; a subclass enters itself."""

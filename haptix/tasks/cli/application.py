@@ -22,7 +22,7 @@ from typer.core import TyperGroup
 from haptix.base.errors import InputError
 from haptix.base.fields import Typed
 from haptix.base.task import Context, Task, inner, read, task_at, typed
-from haptix.base.task_list import MODULES, tasks_of
+from haptix.base.task_list import TASKS
 from haptix.base.terminal import AsJson, ProgressBar, show
 from haptix.base.units import unit_of
 from haptix.base.version import __version__
@@ -78,7 +78,7 @@ def group_of(word: str, about: str) -> typer.Typer:
     group = typer.Typer(
         help=about, no_args_is_help=True, add_completion=False, rich_markup_mode=None
     )
-    for command, (path, _) in tasks_of(MODULES).items():
+    for command, (path, _) in TASKS.items():
         first, _, rest = command.partition(" ")
         if first == word and rest:
             group.command(rest)(command_of(task_at(path)))

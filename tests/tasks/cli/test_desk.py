@@ -1,18 +1,18 @@
 """A new task is one class in one file: command, route, form, job and campaign come from it."""
 
 import json
-import shutil
-import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import pytest
 from fastapi import FastAPI
 
 import calibration
-import firmware_io
-import haptix
+import haptix.tasks
 from haptix.base import task as desk
+from haptix.base import task_list
+from haptix.base.task import Task
 from haptix.service.front.rest import jobs_router
 from haptix.service.worker.process import JobWork
 from haptix.tasks import cli
@@ -20,7 +20,7 @@ from haptix.tasks.campaign.plans import load_campaign
 from haptix.tasks.campaign.run import run_campaign
 from haptix.tasks.strokes import Render
 from tests.command_line import run_haptix
-from tests.one_task import ONE_FILE, put_in
+from tests.one_task import put_in
 
 
 @pytest.fixture
@@ -38,15 +38,20 @@ def test_its_command_has_help_units_and_defaults(charge):
     assert "--width-mm mm Width of a square electrode. [default: 10]" in shown
 
 
-def test_a_new_file_beside_the_others_is_found_by_no_list(tmp_path):
-    for package in (haptix, calibration, firmware_io):
-        folder = Path(package.__file__).parent
-        shutil.copytree(folder, tmp_path / folder.name, ignore=shutil.ignore_patterns("static"))
-    (tmp_path / "haptix" / "tasks" / "charging.py").write_text(ONE_FILE)
-    for words in (["--help"], ["charge", "--voltage-v", "1.5 V"]):
-        command = [sys.executable, "-m", "haptix.tasks.cli", *words]
-        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-        assert done.returncode == 0 and "charge" in done.stdout, done.stderr
+def test_the_table_has_every_task_with_its_command_and_sentence():
+    folders = Path(haptix.tasks.__file__).parent, Path(calibration.__file__).parent
+    names = [f"{p.parent.name}.{p.stem}" for folder in folders for p in folder.glob("*.py")]
+    modules = [f"haptix.{name}" if name.startswith("tasks.") else name for name in names]
+    values = [v for m in modules if "__" not in m for v in vars(import_module(m)).values()]
+    tasks = {v for v in values if isinstance(v, type) and issubclass(v, Task)}
+    tasks = {task for task in tasks if task.command or task.route}
+    with_command = {
+        task.command: (f"{task.__module__}:{task.__name__}", task.__doc__.split("\n")[0])
+        for task in tasks if task.command
+    }  # fmt: skip
+    assert with_command == task_list.TASKS
+    others = {f"{task.__module__}:{task.__name__}" for task in tasks if not task.command}
+    assert others == set(task_list.WITHOUT_COMMAND)
 
 
 def test_its_command_understands_units_and_says_so(charge):
