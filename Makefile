@@ -1,7 +1,7 @@
 # `make demo` and `make test` work from a bare clone: each sets up .venv first when it has to.
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help demo studio test test-slow test-devices clients docs lint types prove faults size setup clean
+.PHONY: help demo studio quick test test-slow test-devices clients docs lint types prove faults size setup clean
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-13s %s\n", $$1, $$2 }' Makefile
@@ -14,6 +14,9 @@ studio: .venv/.ready ## open the studio in a browser, no hardware needed (ARGS='
 
 test: .venv/.ready ## run the tests (ARGS='-k surface -x')
 	.venv/bin/python -m pytest -n auto --dist loadfile $(ARGS)
+
+quick: .venv/.ready ## the tests nearest to the files that you changed, for a minute (ARGS='haptix/model/screen.py -x')
+	.venv/bin/python scripts/quick.py $(ARGS)
 
 test-slow: .venv/.ready ## the tests that make test leaves out for their time
 	.venv/bin/python -m pytest -n auto --dist worksteal -m slow $(ARGS)
