@@ -1,7 +1,7 @@
 # `make demo` and `make test` work from a bare clone: each sets up .venv first when it has to.
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help demo studio quick test test-slow test-devices clients docs lint types prove faults size setup clean
+.PHONY: help demo studio quick test test-slow test-devices mutants clients docs lint types prove faults size setup clean
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-13s %s\n", $$1, $$2 }' Makefile
@@ -23,6 +23,9 @@ test-slow: .venv/.ready ## the tests that make test leaves out for their time
 
 test-devices: .venv/.ready ## the tests through real USB, HID, touchscreen and audio stacks (first: bash scripts/setup-devices.sh)
 	.venv/bin/python -m pytest -m devices tests/devices tests/examples tests/lab $(ARGS)
+
+mutants: .venv/.ready ## 300 small errors in the packages, each for the tests nearest to it (ARGS='--count 40 haptix/play/render'); hours
+	.venv/bin/python scripts/mutants.py $(ARGS)
 
 clients: .venv/.ready ## the clients' types and messages, from the schema; needs Node 20 (ARGS='--pack FOLDER' for a release)
 	.venv/bin/python scripts/make-clients.py $(ARGS)

@@ -167,8 +167,8 @@ class ForAMinute:
 
 def main() -> int:
     """Find the tests and run them."""
-    named = [Path(one) for one in sys.argv[1:] if not one.startswith("-")]
-    options = [one for one in sys.argv[1:] if one.startswith("-")]
+    named = [Path(one) for one in sys.argv[1:] if (ROOT / one).is_file()]
+    options = [one for one in sys.argv[1:] if not (ROOT / one).is_file()]
     files = named or changed_files()
     near = tests_near(files, Imports())
     sys.stdout.write(f"{len(files)} changed files, {len(near)} test files cover them\n")
