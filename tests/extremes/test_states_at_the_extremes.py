@@ -100,9 +100,7 @@ def test_every_field_is_a_number_of_its_own_sign(
     assert bool((fall[light[:, 1:] & light[:, :-1]] <= 1e-12).all())
 
 
-@settings(max_examples=8, deadline=None)
-@given(models(), forces, volts, thicknesses)
-def test_a_batch_equals_its_states_one_by_one(
+def a_batch_equals_its_states_one_by_one(
     model: ContactModel, force: float, voltages: list[float], h0: list[float]
 ) -> None:
     batch = model.solve(force, tensor(voltages)[:, None], None, tensor(h0))
@@ -116,9 +114,7 @@ def test_a_batch_equals_its_states_one_by_one(
             ), name
 
 
-@settings(max_examples=8, deadline=None)
-@given(models(), forces, volts)
-def test_an_insulator_without_end_leaves_no_attraction(
+def an_insulator_without_end_leaves_no_attraction(
     model: ContactModel, force: float, voltages: list[float]
 ) -> None:
     off = float(model.solve(force, 0.0).mu)
@@ -128,9 +124,7 @@ def test_an_insulator_without_end_leaves_no_attraction(
     assert on.status.tolist() == [int(model.solve(force, 0.0).status)] * 4
 
 
-@settings(max_examples=8, deadline=None)
-@given(models(), powers(1e-10, 1e-3))
-def test_a_heavy_load_closes_the_contact(model: ContactModel, h0: float) -> None:
+def a_heavy_load_closes_the_contact(model: ContactModel, h0: float) -> None:
     # A/A0 = erf(p/tau), and erf(6) is 1 in double precision. F/A0 = 7 tau with A0 = a F^m.
     finger = model.finger
     heavy = 7.0 * float(model.contact.stress_rms_pa) * finger.apparent_area_at_1n_m2
@@ -143,20 +137,34 @@ def test_a_heavy_load_closes_the_contact(model: ContactModel, h0: float) -> None
         assert float(state.mean_gap_m) < 1e-15 * float(model.contact.spectrum.h_rms_m)
 
 
-@settings(max_examples=8, deadline=None)
-@given(models(), forces, powers(1e-10, 1e-3), st.data())
-def test_the_status_changes_at_the_pull_in_voltage(
-    model: ContactModel, force: float, h0: float, data: st.DataObject
+def the_status_changes_at_the_pull_in_voltage(
+    model: ContactModel, force: float, h0: float, share: float
 ) -> None:
     end = float(model.solve(force, 0.0, None, h0).pull_in_voltage_v)
     if not 0.1 < end < 4000.0:
         return
-    share = data.draw(st.floats(0.5, 1 - 1e-9))
     state = model.solve(force, end * tensor([share, 1 - 1e-9, 1 + 1e-9, 1.2]), None, h0)
     assert [s == PULL_IN for s in state.status.tolist()] == [False, False, True, True]
     for name in FLOATS:
         assert bool(getattr(state, name).isfinite().all()), name
     assert float(state.mu[0]) <= float(state.mu[1]) <= float(state.mu[2]) * (1 + 1e-9)
+
+
+@settings(max_examples=5, deadline=None)
+@given(models(), forces, volts, thicknesses, powers(1e-10, 1e-3), st.floats(0.5, 1 - 1e-9))
+def test_the_ends_of_any_contact(
+    model: ContactModel,
+    force: float,
+    voltages: list[float],
+    thicknesses: list[float],
+    h0: float,
+    share: float,
+) -> None:
+    # One test, since the tables of a model take most of its time.
+    a_batch_equals_its_states_one_by_one(model, force, voltages, thicknesses)
+    an_insulator_without_end_leaves_no_attraction(model, force, voltages)
+    a_heavy_load_closes_the_contact(model, h0)
+    the_status_changes_at_the_pull_in_voltage(model, force, h0, share)
 
 
 @pytest.mark.slow
