@@ -37,9 +37,9 @@ def solve(length: float, modulus: float, fidelity: str) -> ContactState:
 @pytest.mark.parametrize(
     ("length", "modulus"),
     [
-        (3.7, 1.0),
-        (1.0, 8.2e-3),
         (137.0, 0.0171),
+        pytest.param(3.7, 1.0, marks=pytest.mark.slow),
+        pytest.param(1.0, 8.2e-3, marks=pytest.mark.slow),
         pytest.param(1e-3, 1.0, marks=pytest.mark.slow),
         pytest.param(211.0, 1.96, marks=pytest.mark.slow),
         pytest.param(1.0, 2.3, marks=pytest.mark.slow),

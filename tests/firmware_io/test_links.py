@@ -195,7 +195,7 @@ def test_another_device_with_the_same_numbers(usb):
 
 
 def test_a_device_that_never_stops_talking(usb, monkeypatch):
-    monkeypatch.setattr("firmware_io.protocol_client.ANSWER_S", 2.0)
+    monkeypatch.setattr("firmware_io.protocol_client.ANSWER_S", 0.2)
     usb[0].read = lambda endpoint, size, ms: np.zeros(64, np.uint8)
     with pytest.raises(ProtocolError, match="haptix driver"):
         open_device("usb:")
@@ -387,7 +387,7 @@ def test_tcp_plays(server):
     device = open_device(server.address)
     wave = WaveSource(lambda first, count: 100.0 * np.sin(np.arange(first, first + count) / 5))
     with Playback(device, wave) as playback:
-        while playback.stats.samples_played < 24_000:  # of which half a second is played
+        while playback.stats.samples_played < 4_800:
             time.sleep(0.01)
             assert playback.is_running
     time.sleep(2 * 0.005 / SPEED)  # of the driver's ramp
@@ -469,7 +469,8 @@ def test_nobody_serves():
         TcpLink("127.0.0.1", port)
 
 
-def test_somebody_else_listens():
+def test_somebody_else_listens(monkeypatch):
+    monkeypatch.setattr("firmware_io.protocol_client.ANSWER_S", 0.2)
     listener = socket.create_server(("127.0.0.1", 0))
     with listener, pytest.raises(DeviceError, match="another program"):
         open_device(f"tcp:127.0.0.1:{listener.getsockname()[1]}")

@@ -348,7 +348,9 @@ def test_intervals_of_geometric_means_agree_with_a_bootstrap_and_a_t_test(tmp_pa
     rows = found.tables["magnitudes"]
     for row in rows[:10]:
         there = logs[row["participant"], row["level_db"]]
-        told = bootstrap((there,), np.mean, method="percentile", rng=1).confidence_interval
+        told = bootstrap(
+            (there,), np.mean, n_resamples=1999, method="percentile", rng=1
+        ).confidence_interval
         half = (told.high - told.low) / 2
         # A standard deviation of 60 is known to 9 %, and is shared with 60 others.
         assert np.log([row["low"], row["high"]]) == pytest.approx([*told], abs=0.25 * half)

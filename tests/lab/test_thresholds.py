@@ -19,7 +19,7 @@ METHODS = {
     ),
     "constant-stimuli": lambda seed: ConstantStimuli(range(13, 32, 3), 20, seed),
 }
-RUNS = 40  # benchmarks/experiments.py has hundreds
+RUNS = 25  # benchmarks/experiments.py has hundreds
 
 
 def weibull(slope):

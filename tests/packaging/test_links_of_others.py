@@ -56,12 +56,13 @@ def test_a_device_plays_through_it(environment, tmp_path):
 
 
 def test_the_command_line_knows_its_keys(environment):
-    for command in (["play", "--device"], ["serve", "--port", "0", "--device"]):
-        done = run(environment, "-m", "haptix.tasks.cli", *command, "kept:colour=red")
+    for command, wrong, said in (
+        (["play", "--device"], "kept:colour=red", r"the\s+keys\s+are\s+file,\s+ceiling_v"),
+        (["serve", "--port", "0", "--device"], "kept:ceiling_v=high", r"must\s+be\s+a\s+number"),
+    ):
+        done = run(environment, "-m", "haptix.tasks.cli", *command, wrong)
         assert done.returncode == 2
-        assert re.search(r"the\s+keys\s+are\s+file,\s+ceiling_v", done.stderr)
-        done = run(environment, "-m", "haptix.tasks.cli", *command, "kept:ceiling_v=high")
-        assert re.search(r"must\s+be\s+a\s+number", done.stderr)
+        assert re.search(said, done.stderr)
 
 
 def test_the_service_opens_it(environment, tmp_path):

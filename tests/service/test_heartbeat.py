@@ -41,7 +41,11 @@ def test_a_worker_that_hangs_is_ended_and_another_answers(assets, monkeypatch): 
     running(assets, scenario)
 
 
-def test_a_process_that_loads_is_waited_for_and_a_hung_one_refuses_its_questions(tmp_path):
+def test_a_process_that_loads_is_waited_for_and_a_hung_one_refuses_its_questions(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setattr(pool_module, "BEAT_S", 0.1)  # the process is stopped: it beats no more
+
     async def scenario():
         process = Process()
         await process.launch()

@@ -74,7 +74,7 @@ def test_a_thicker_insulator_pulls_less(
         assert bool((pull <= (1 + 1e-12) / thickness.abs() ** 2).all())
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=4, deadline=None)
 @given(
     length=tenth_powers(-3, 3),
     modulus=tenth_powers(-4, 4),
@@ -141,17 +141,15 @@ def test_density_and_histogram_are_one_distribution(skin: MeanField, load: float
     edges, mass = histogram.edges_m, histogram.mass
     for first, last in ((1, 120), (120, 220), (220, 300), (300, 399)):
         u = torch.exp(
-            torch.linspace(
-                math.log(edges[first]), math.log(edges[last]), 16001, dtype=torch.float64
-            )
+            torch.linspace(math.log(edges[first]), math.log(edges[last]), 4001, dtype=torch.float64)
         )
         integral = float(torch.trapezoid(skin.gap_density(pressure, u) * u, torch.log(u)))
         expected = float(mass[first:last].sum())
-        # The trapezoidal rule on steps of 5e-4 in ln u; the shares themselves are within rounding.
+        # The trapezoidal rule on steps of 2e-3 in ln u; the shares themselves are within rounding.
         assert integral == pytest.approx(expected, rel=1e-5, abs=1e-13)
 
 
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=3, deadline=None)
 @given(st.lists(LOADS, min_size=2, max_size=4), THICKNESSES)
 def test_a_batch_equals_its_members_one_by_one(
     skin: MeanField, loads: list[float], h0: float
@@ -177,7 +175,7 @@ def test_a_batch_equals_its_members_one_by_one(
         )
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(load=LOADS, h0=THICKNESSES, spots=st.sampled_from(["excluded", "included"]))
 def test_a_complex_h0_on_the_real_axis_is_a_real_one(
     skin: MeanField, load: float, h0: float, spots: str

@@ -8,6 +8,8 @@ import haptix
 from haptix import Finger, Scene, Screen
 from haptix.plan.planning import plan_scene
 
+FLAT = {"kind": "by-speed", "speed_mm_s": [0, 300], "share": [0.5, 0.51]}
+STEEP = {**FLAT, "share": [0.0, 1.0]}
 EXAMPLES = Path(haptix.__file__).parents[1] / "examples" / "scenes"
 
 
@@ -34,5 +36,5 @@ def plain():
 
 @pytest.fixture(scope="session")
 def plain_plan(plain):
-    """Its plan."""
-    return plan_scene(plain, points=150)
+    """Its plan, with a material whose speed is not felt and one whose speed is."""
+    return plan_scene(plain.replace(materials=(FLAT, STEEP)), points=150)

@@ -8,7 +8,7 @@ import pytest
 import haptix
 from haptix.feel.materials import KINDS
 from haptix.feel.motion import Depends, Motion
-from haptix.plan.planning import HOLDABLE, effects_of_materials, holding, plan_scene
+from haptix.plan.planning import HOLDABLE, effects_of_materials, holding
 from haptix.plan.scene import Scene
 
 SLOW = {"kind": "moving", "velocity_mm_s": [1e-4, 0.0], "of": {"kind": "grating", "period_mm": 9.0}}
@@ -45,9 +45,8 @@ def test_what_is_held_never_changes():
     assert np.ptp(moving.evaluator.wanted(motion)) == pytest.approx(np.sin(2 * np.pi / 3))
 
 
-def test_a_plan_says_what_of_a_material_is_felt(plain):
-    rows = plan_scene(plain.replace(materials=(FLAT, STEEP)), points=50).rows
-    assert [(row.name, row.kept) for row in rows if row.kind == "material"] == [
+def test_a_plan_says_what_of_a_material_is_felt(plain_plan):
+    assert [(row.name, row.kept) for row in plain_plan.rows if row.kind == "material"] == [
         ("materials.0 (by-speed) speed", False), ("materials.1 (by-speed) speed", True),
     ]  # fmt: skip
 

@@ -367,7 +367,7 @@ def test_a_file_that_the_system_refuses_is_one_sentence(haptix_cli, own_folder, 
 
 
 def test_streams_that_are_closed_are_no_traceback():
-    code = "import sys; sys.stdin = sys.stdout = None; sys.argv = ['haptix', 'material', 'kinds']; "
+    code = "import sys; sys.stdin = sys.stdout = None; sys.argv = ['haptix', 'cache']; "
     code += "from haptix.tasks.cli import main; main()"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
