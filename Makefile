@@ -1,6 +1,8 @@
 # `make demo` and `make test` work from a bare clone: each sets up .venv first when it has to.
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
+# Modules are compiled once, and not again in each process of the tests, of which there are hundreds.
+unexport PYTHONDONTWRITEBYTECODE
 .PHONY: help demo studio quick test test-slow test-devices mutants clients docs lint types prove faults size setup clean
 
 help: ## show this list
@@ -19,7 +21,7 @@ quick: .venv/.ready ## the tests nearest to the files that you changed, for a mi
 	.venv/bin/python scripts/quick.py $(ARGS)
 
 test-slow: .venv/.ready ## the tests that make test leaves out for their time
-	.venv/bin/python -m pytest -n auto --dist worksteal -m slow $(ARGS)
+	.venv/bin/python -m pytest -n auto --dist loadfile -m slow $(ARGS)
 
 test-devices: .venv/.ready ## the tests through real USB, HID, touchscreen and audio stacks (first: bash scripts/setup-devices.sh)
 	.venv/bin/python -m pytest -m devices tests/devices tests/examples tests/lab $(ARGS)

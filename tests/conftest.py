@@ -73,6 +73,7 @@ LONG_FIRST = (
     "test_researchers_day",
     "test_differential",
     "test_documentation",
+    "test_site_search",
     "test_calibrate",
     "test_soak",
     "test_cluster_faults",
