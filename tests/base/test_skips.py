@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from tests.skips import BROUGHT, summary
 
 ROOT = Path(__file__).parents[2]
@@ -40,6 +42,7 @@ def test_all_that_is_promised_is_what_a_test_lacks_and_what_the_script_brings():
         assert package in script
 
 
+@pytest.mark.slow  # a process of pytest; the line is tested above
 def test_a_run_ends_with_it(tmp_path):
     (tmp_path / "test_one.py").write_text(
         "import pytest\n@pytest.mark.parametrize('at', range(7))\n"

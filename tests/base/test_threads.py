@@ -40,7 +40,7 @@ thread.join()
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="glibc alone keeps freed memory")
-@pytest.mark.parametrize("number", [20, 199])
+@pytest.mark.parametrize("number", [20, pytest.param(199, marks=pytest.mark.slow)])
 def test_a_thread_gives_the_kernel_what_it_has_freed(number):
     """What is freed lies behind an array that is kept, or before it."""
     program = PROGRAM.replace("KEPT", str(number))

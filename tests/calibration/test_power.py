@@ -50,6 +50,7 @@ def test_strokes_that_repeat_worse_pass_less_and_more_of_them_more(predictor, st
     assert chance_of_passing(predictor, start, more, 0.03) > chances[2] + 0.3
 
 
+@pytest.mark.slow  # the command below plans so, too
 def test_a_plan_holds_out_enough_and_fits_the_same_strokes(predictor, start, short):
     enough, chance = with_enough_strokes(predictor, start, short, 0.03, VOLTS)
     assert chance >= ENOUGH

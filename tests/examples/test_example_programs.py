@@ -38,7 +38,13 @@ def short(tmp_path, monkeypatch):
 PROGRAMS = ("photograph_explorer", "moving_edge", "slider_with_detents", "two_fingers")
 
 
-@pytest.mark.parametrize("name", PROGRAMS)
+@pytest.mark.parametrize(
+    "name",
+    [
+        name if name.startswith(("photo", "slider")) else pytest.param(name, marks=pytest.mark.slow)
+        for name in PROGRAMS
+    ],
+)
 def test_a_program_draws_its_picture(short, name, capsys, tmp_path):
     short(name)(out=Path("picture.png"))
     picture = imread(tmp_path / "picture.png")

@@ -7,7 +7,7 @@ from scipy.stats import multivariate_normal, ttest_1samp, ttest_rel
 from haptix.lab.experiment.psychometric import group
 
 A, B = np.array([1.0, 0.0]), np.array([0.0, 1.0])
-RUNS = 60
+RUNS = 30
 
 
 def people(count, shared, own, spread, seed):

@@ -34,7 +34,13 @@ def test_there_are_examples_of_every_step():
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", MODULES)
+@pytest.mark.parametrize(
+    "name",
+    [  # a plan takes seconds; test_kept_files.py makes the same one by the command
+        pytest.param(name, marks=pytest.mark.slow if name.endswith("planning") else ())
+        for name in MODULES
+    ],
+)
 def test_examples_in_docstrings_run(name):
     found = doctest.testmod(import_module(name))
     assert found.attempted > 0

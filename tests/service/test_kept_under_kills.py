@@ -15,7 +15,7 @@ import pytest
 from haptix.service.front.rest import KeptTexts
 from haptix.service.protocol.messages import Problem
 
-SEQUENCES = int(os.environ.get("HAPTIX_SEQUENCES", "30"))
+SEQUENCES = int(os.environ.get("HAPTIX_SEQUENCES", "20"))
 
 
 def write(folder, seed, confirmed):

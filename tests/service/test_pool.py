@@ -160,6 +160,7 @@ def test_who_is_held_up_holds_up_nobody_else(assets, monkeypatch):
     running(assets, scenario)
 
 
+@pytest.mark.slow  # who hangs is tested in test_heartbeat.py
 def test_a_spare_that_hangs_is_left_for_a_new_one(assets):
     async def scenario(pool):
         pool.warm()
@@ -201,6 +202,7 @@ def test_a_question_that_is_not_limited_waits_behind_all_that_may(assets):
     running(assets, scenario)
 
 
+@pytest.mark.slow  # a process with torch
 def test_the_first_schema_may_take_as_long_as_its_imports(assets):
     async def asks():
         pool = Pool(

@@ -38,6 +38,7 @@ print("wool" in materials.KINDS, materials.schema()["$defs"]["Wool"]["properties
     assert "Distance from one loop to the next." in second
 
 
+@pytest.mark.slow  # a process with torch
 def test_a_class_may_have_the_name_of_one_of_ours(environment):
     program = """
 from typing import Literal
@@ -57,6 +58,7 @@ for kind in ("button", "plain-button"):
     assert lines == ["button ['press_n']", "plain-button ['warmth']"]
 
 
+@pytest.mark.slow  # a process with torch
 def test_a_signal_of_another_package_is_found_in_materials_and_recipes(environment):
     program = """
 from haptix.feel.materials import material_of

@@ -81,6 +81,7 @@ def test_a_finger_past_a_limit_without_voltage_has_no_surface() -> None:
     FrictionSurface.build(model, {"normal_force_n": 0.5}, past_limits=True)
 
 
+@pytest.mark.slow  # two builds; limits are tested above, commands in tests/tasks/cli
 def test_the_commands_say_it_in_words(haptix_cli: CommandLine, tmp_path: Path) -> None:
     at = ["--normal-force-n", "0.7", "--voltage-v", "200", "--frequency-hz", "125"]
     done = haptix_cli("query", "--finger", "wet", *at)

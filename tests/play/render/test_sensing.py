@@ -209,10 +209,10 @@ def test_a_driver_that_measures_is_read_by_the_renderer_itself(surface, contact,
     ("failure", "rate_hz"),
     [
         ("silent", 250),
-        ("silent", 4000),
-        ("dead", 250),
+        pytest.param("silent", 4000, marks=pytest.mark.slow),
+        pytest.param("dead", 250, marks=pytest.mark.slow),
         ("stuck", 250),
-        ("inverted", 250),
+        pytest.param("inverted", 250, marks=pytest.mark.slow),
         ("late", 250),
     ],
 )

@@ -100,6 +100,7 @@ def test_quantisation_goes_with_the_step_of_the_device(setting, surface, usual):
     assert usual.parts["quantisation"].error_p95_jnd < 0.01
 
 
+@pytest.mark.slow  # two simulations; the parts are tested above
 def test_a_finger_that_follows_at_once_has_no_part(model, surface, path):
     # Friction that is the same everywhere leaves nothing to smooth, once it has faded in.
     flat = haptix.Texture(np.full((2, 2), 0.5), width_mm=100.0, beyond="hold")

@@ -135,6 +135,7 @@ method = { kind = "up-down", start = 30.0, steps = [4.0, 2.0], stop_after = 6 }
 """
 
 
+@pytest.mark.slow  # simulations are tested by themselves
 def test_simulations_are_those_of_the_command(load, tmp_path):
     (tmp_path / "experiment.toml").write_text(EXPERIMENT)
     plan = load(

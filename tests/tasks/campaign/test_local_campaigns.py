@@ -160,6 +160,7 @@ def test_what_is_damaged_is_named(tmp_path, harm, file, why):
     assert done.damaged[str(victim.parent.relative_to(tmp_path))] == why
 
 
+@pytest.mark.slow  # two processes with torch
 def test_the_command_says_what_it_made_again(tmp_path, haptix_cli):
     (tmp_path / "plan.toml").write_text(f'name = "squares"\nkind = "{KIND}"\nnumbers = 2\n')
     out = tmp_path / "out"

@@ -390,6 +390,7 @@ def test_a_table_wider_than_its_terminal_loses_no_value(capsys, monkeypatch):
     assert any(line.split() == ["1.25e-08", "123.4", "-9876", "OK"] for line in lines)
 
 
+@pytest.mark.slow  # demos and their summaries: tests/play/simulation
 def test_demo_prints_its_summary(haptix_cli, things):
     arguments = ("demo", "--out", "out", "--image", "photo.png", "--trajectory", "short.csv")
     shown = haptix_cli(*arguments, "--json")
@@ -408,6 +409,7 @@ def test_no_json_of_nan(haptix_cli):
     assert shown.code == 2 or json.loads(shown.out, parse_constant=pytest.fail)
 
 
+@pytest.mark.slow  # a process with torch; test_interruptions.py has lighter ones
 def test_as_a_module_in_a_process(monkeypatch):
     in_a_folder(monkeypatch)
     query = ("-m", "haptix.tasks.cli", "query", "--normal-force-n", "0.5", "--voltage-v")
