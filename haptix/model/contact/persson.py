@@ -17,6 +17,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from haptix.base.errors import InputError
 from haptix.base.threads import one_thread
@@ -60,6 +61,8 @@ _MOST_BENDS = 20  # a spectrum with more is integrated over even panels, not fro
 _LEAST_BAND = 3.0  # q1/q0: the theory is one of many waves, and two decades of them are usual
 _Y_FLAT = 5.9  # erfc(5.9) = 7e-17: contact at this y is complete to double precision
 _GAP_BINS = 600  # with the strips: I within 3e-4 for any contact, 1e-4 usually
+_SERIES_END, _SERIES_TERMS = 0.25, 8  # of erf about a strip's centre: the next term is 1e-15
+_ERF_IS_1 = 6.0  # from there on, in double precision
 _GAP_RANGE = (1e-9, 1e2)  # bins from and to, in units of h_rms
 # Nodes of the lattice that are solved together. Blocks start at fixed nodes, so that the bits of a
 # node's result do not depend on the requested pressures; the arrays of a block fit the CPU's cache.
@@ -119,6 +122,46 @@ def bin_inverse_square(edges_m: Tensor, h0_m: Tensor) -> Tensor:
         safe = torch.where(t < 1e-3, torch.ones_like(t), t)
         ratio = torch.where(t < 1e-3, 1 - square / 3, torch.atan(safe) / safe)
     return ratio / divisor
+
+
+def folded_shares(edges: Tensor, weight: Tensor, centre: Tensor, scale: Tensor) -> Tensor:
+    """Return ``sum of w (erf(e s - c) + erf(e s + c))`` over strips, for every edge e.
+
+    Most strips are much narrower or much wider than the distance to an edge. Of those in front of
+    the first that is neither, the sum is a power series of the edge; behind the last, it is 2 w.
+
+    Parameters
+    ----------
+    edges : Tensor, shape (edges,)
+        Increasing places, above 0.
+    weight, centre, scale : Tensor, shape (..., strips)
+        Weights w, 0 or more; places c and 1/scale s of the strips.
+    """
+    with torch.no_grad():
+        counts, strips = weight > 0, weight.shape[-1]
+        wide = torch.where(counts, _SERIES_END / scale, inf).reshape(-1, strips).amin(0)
+        narrow = torch.where(counts, (_ERF_IS_1 + centre) / scale, 0.0).reshape(-1, strips).amax(0)
+        beyond = narrow.flip(0).cummax(0).values.flip(0)
+        last = torch.searchsorted(-beyond, -edges)
+        first = torch.searchsorted(-wide.cummin(0).values, -edges, right=True).minimum(last)
+    # erf(c + a) - erf(c - a) = 4/sqrt(pi) exp(-c^2) sum of a^n H_(n-1)(c) / n! over odd n.
+    # In units of the first edge, where no power overflows; exp(-c^2) is 0 long before 30.
+    at, size = edges / edges[0], (scale * edges[0]).clamp(max=1.0)
+    about = centre.clamp(max=30.0)
+    factor = 4 / sqrt(pi) * weight * torch.exp(-(about**2)) * size
+    even, odd = torch.ones_like(about), 2 * about
+    below = 2 * pad(weight.flip(-1).cumsum(-1).flip(-1), (0, 1))[..., last]
+    for n in range(1, 2 * _SERIES_TERMS, 2):
+        below = below + at**n * pad((factor * even).cumsum(-1), (1, 0))[..., first]
+        factor = factor * size**2 / ((n + 1) * (n + 2))
+        even = 2 * about * odd - 2 * n * even
+        odd = 2 * about * even - 2 * (n + 1) * odd
+    between = []
+    for edge, start, end in zip(edges, first.tolist(), last.tolist(), strict=True):
+        place, middle = edge * scale[..., start:end], centre[..., start:end]
+        both = torch.erf(place - middle) + torch.erf(place + middle)
+        between.append((weight[..., start:end] * both).sum(-1))
+    return below + torch.stack(between, -1)
 
 
 class MeanField:
@@ -490,12 +533,9 @@ class MeanField:
         weight = torch.where(open_, strips.share, torch.zeros_like(strips.share)) / 2
         centre = strips.separation_m * scale
         # The Gaussians about +u1 and -u1 on u > 0 are one Gaussian folded at zero.
-        below = [torch.zeros_like(pressure)]
-        for edge in self.gap_edges_m[1:-1]:
-            at = edge * scale
-            below.append((weight * (torch.erf(at - centre) + torch.erf(at + centre))).sum(-1))
-        below.append(2 * weight.sum(-1))
-        return GapHistogram(self.gap_edges_m, torch.stack(below, -1).diff(dim=-1))
+        below = folded_shares(self.gap_edges_m[1:-1], weight, centre, scale)
+        none, all_ = torch.zeros_like(pressure)[..., None], 2 * weight.sum(-1, keepdim=True)
+        return GapHistogram(self.gap_edges_m, torch.cat([none, below, all_], -1).diff(dim=-1))
 
     def strips(self, pressure_pa: Tensor) -> Strips:
         """Resolve the contact by magnification, for pressures [Pa] of any shape."""

@@ -253,17 +253,25 @@ class SeparationIntegral:
         panels : sequence of (float, Tensor)
             Ends of the panels in w, with the points and weights of each, shape (points, 2).
         """
-        # Rounding must not take tau below its value at the start of the integral.
-        least = 0.5 * (pressure / Y_MAX) ** 2
+        shape = torch.broadcast_shapes(pressure.shape, variance.shape, low.shape)
+        pressure, variance, low = (
+            one.expand(shape).reshape(-1) for one in (pressure, variance, low)
+        )
         total = torch.zeros_like(low)
         # This is the inner loop of every solve. Looping over panels and points, and not over the
         # batch, keeps every array within the CPU's cache.
         for end, rule in panels:
-            high = low.clamp(min=end)
+            # The others start behind this panel.
+            at = (low.detach() < end).nonzero()[:, 0]
+            start, load, below = low[at], pressure[at], variance[at]
+            # Rounding must not take tau below its value at the start of the integral.
+            least = 0.5 * (load / Y_MAX) ** 2
+            part = torch.zeros_like(start)
             for point, weight in rule:
-                wave = waves(low + (high - low) * ((1 + point) / 2))
-                tau = torch.maximum(torch.exp(wave[..., 0]) - variance, least).sqrt()
-                opening = (high - low) * torch.exp(wave[..., 1]) / tau
-                total = total + weight * opening * self(pressure / tau)
-            low = high
-        return total
+                wave = waves(start + (end - start) * ((1 + point) / 2))
+                tau = torch.maximum(torch.exp(wave[..., 0]) - below, least).sqrt()
+                opening = (end - start) * torch.exp(wave[..., 1]) / tau
+                part = part + weight * opening * self(load / tau)
+            total = total.index_add(0, at, part)
+            low = low.clamp(min=end)
+        return total.reshape(shape)

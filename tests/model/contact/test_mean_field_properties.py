@@ -4,6 +4,7 @@ import math
 from itertools import pairwise
 from typing import get_args
 
+import mpmath
 import numpy as np
 import pytest
 import torch
@@ -22,6 +23,7 @@ from haptix.model.contact import (
     MeanField,
     RoughnessSpectrum,
 )
+from haptix.model.contact.persson import folded_shares
 from haptix.model.contact.tables import SeparationIntegral
 
 
@@ -190,6 +192,26 @@ def test_a_complex_h0_on_the_real_axis_is_a_real_one(
         near = complex(thickness, side * 1e-7 * thickness)
         value = float(skin.inverse_square_gap(pressure, near, spots))
         assert value == pytest.approx(real, rel=1e-12)
+
+
+def test_shares_of_gaps_are_sums_of_error_functions() -> None:
+    """Of strips from narrow to wide, near and far, a closed one among them, in 40 digits."""
+    edges = torch.logspace(-15, 2, 120, dtype=torch.float64)
+    scale = torch.logspace(-1, 12, 40, dtype=torch.float64).expand(2, -1)
+    centre = torch.stack([torch.linspace(20, 0, 40), torch.linspace(0, 1e20, 40)]).double()
+    weight = torch.linspace(0, 1, 40, dtype=torch.float64).expand(2, -1)
+    found = folded_shares(edges, weight, centre, scale)
+    with mpmath.workdps(40):
+        for row, column in ((0, 0), (0, 40), (0, 80), (1, 10), (1, 60), (1, 119)):
+            e = mpmath.mpf(float(edges[column]))
+            exact = sum(
+                w * (mpmath.erf(e * s - c) + mpmath.erf(e * s + c))
+                for w, c, s in zip(
+                    weight[row].tolist(), centre[row].tolist(), scale[row].tolist(), strict=True
+                )
+            )
+            # The sum of 40 values, each of a few roundings.
+            assert float(found[row, column]) == pytest.approx(float(exact), rel=1e-13)
 
 
 def test_complete_contact(skin: MeanField) -> None:

@@ -115,7 +115,7 @@ def test_pull_in_of_a_touch_is_where_the_status_turns() -> None:
     ends = end.isfinite()
     assert bool(ends.any())
     force, end, free = force[ends], end[ends], free[ends]
-    assert bool((end >= free).all())
+    assert bool((end >= free * (1 - 1e-12)).all())  # equal to rounding where nothing discharges
     status = model.solve(force[:, None], end[:, None] * torch.tensor([0.999, 1.001]), 1e3).status
     assert (status == Status.PULL_IN).tolist() == [[False, True]] * len(force)
 
