@@ -1,7 +1,7 @@
 """Run the tests that are nearest to the changed files, for a minute: `make quick`.
 
-    .venv/bin/python scripts/quick.py                       # what differs from main
-    .venv/bin/python scripts/quick.py haptix/model/screen.py -x   # these files; options go to pytest
+    .venv/bin/python scripts/quick.py                            # what differs from main
+    .venv/bin/python scripts/quick.py haptix/model/screen.py -x  # these; options go to pytest
 
 A test file covers a module that it imports, by itself, by the conftest.py of its folder or through
 other modules: the fewer imports lie between, the earlier it runs. A file that is no Python is
@@ -64,7 +64,7 @@ class Imports:
         self.root = root
         self.files = files("*.py")
         self.texts = {name: (root / file).read_text("utf-8") for name, file in self.files.items()}
-        #: Where names that load on first use are defined: haptix.Finger is haptix.model.finger.Finger.
+        #: Where names that load on first use are defined: haptix.Finger in haptix.model.finger.
         self.public: dict[str, str] = {}
         for package, stub in files("*.pyi").items():
             for module, name in imports_of((root / stub).read_text("utf-8")):

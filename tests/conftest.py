@@ -86,7 +86,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 #: Folders whose files share what takes seconds to make: one process runs all of such a folder.
-ONE_PROCESS = ("calibration", "planning", "simulation", "stimuli", "surface")
+ONE_PROCESS = ("calibration", "lab", "model/surface", "plan/planning", "play/simulation")
 
 
 class ByFileOrFolder(LoadFileScheduling):  # type: ignore[misc]  # xdist has no types
@@ -94,8 +94,8 @@ class ByFileOrFolder(LoadFileScheduling):  # type: ignore[misc]  # xdist has no 
 
     def _split_scope(self, nodeid: str) -> str:
         file: str = super()._split_scope(nodeid)
-        folder = file.split("/")[1]
-        return folder if folder in ONE_PROCESS else file
+        folders = (one for one in ONE_PROCESS if file.startswith(f"tests/{one}/"))
+        return next(folders, file)
 
 
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> ByFileOrFolder | None:
