@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from calibration.clocks import even_times
 from calibration.measure.recording import Conditions, StrokeRecording
 from calibration.measure.recording_checks import Finding, check_recording
 from calibration.measure.session import Session
@@ -142,11 +143,10 @@ def measure(
             )
             signals, played = _record(stroke, protocol, source, device, watcher.live, clock, sleep)
             if "drive_v" not in signals:
-                signals["drive_v"] = played.at(signals["t_s"] - signals["t_s"][0])
+                t_s = even_times(signals["t_s"])
+                signals["drive_v"] = played.at(t_s - t_s[0])
                 unmeasured.add("drive_v")
-            recording = replace(
-                StrokeRecording.of(stroke, signals, began), assumed=tuple(sorted(unmeasured))
-            )
+            recording = StrokeRecording.of(stroke, signals, began, tuple(sorted(unmeasured)))
             findings = check_recording(recording, protocol.idle_s, protocol.tolerance)
             fatal = tuple(str(finding) for finding in findings if finding.is_fatal)
             session.keep(replace(recording, findings=fatal))

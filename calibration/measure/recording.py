@@ -9,8 +9,9 @@ One stroke is one HDF5 file. Layout, schema 1::
     /signals     t_s, normal_force_n, tangential_force_n, x_mm, drive_v: float64, one length,
                  each with an attribute "unit"
 
-Times are those of the instrument's own clock. The tangential force is positive where the finger
-drags the screen towards growing x.
+Times are those of the instrument's own clock. Stamps in bursts, late or rounded are taken as those
+of an even clock (`calibration.clocks.even_times`); ``assumed`` then has t_s. The tangential force
+is positive where the finger drags the screen towards growing x.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
+from calibration.clocks import even_times
 from calibration.plan.parameters import Array
 from calibration.plan.protocol import Stroke
 from haptix.base.display import Table, axes_or_new
@@ -90,7 +92,7 @@ class StrokeRecording(Table):
         Why it was not accepted; empty where it was.
     assumed : tuple of str
         Signals that no instrument has measured: a drive as it was planned, a position from a
-        stated speed.
+        stated speed, even times for uneven stamps.
     """
 
     stroke: Stroke
@@ -110,10 +112,18 @@ class StrokeRecording(Table):
                 f"stroke {self.stroke.number}: expected signals of one length, 8 samples or more, "
                 f"got {', '.join(f'{name} {shape}' for name, shape in shapes.items())}"
             )
+        even = even_times(self.t_s)
+        if even is not self.t_s:
+            object.__setattr__(self, "t_s", even)
+            object.__setattr__(self, "assumed", tuple(sorted({*self.assumed, "t_s"})))
 
     @classmethod
     def of(
-        cls, stroke: Stroke, signals: Mapping[str, Array], conditions: Conditions | None = None
+        cls,
+        stroke: Stroke,
+        signals: Mapping[str, Array],
+        conditions: Conditions | None = None,
+        assumed: tuple[str, ...] = (),
     ) -> StrokeRecording:
         """Take signals by their names; other ones are ignored.
 
@@ -125,9 +135,12 @@ class StrokeRecording(Table):
             Signals by their names; other names are ignored.
         conditions : Conditions, optional
             Temperature, humidity and the like.
+        assumed : tuple of str
+            Signals that no instrument has measured.
         """
         t, normal, tangential, x, drive = (signals[name] for name in SIGNALS)
-        return cls(stroke, t, normal, tangential, x, drive, conditions or Conditions())
+        room = conditions or Conditions()
+        return cls(stroke, t, normal, tangential, x, drive, room, assumed=assumed)
 
     @property
     def sample_rate_hz(self) -> float:
@@ -242,7 +255,7 @@ class StrokeRecording(Table):
             if not isinstance(file.get(name, getlink=True), h5py.HardLink):
                 raise ValueError(f"{name} is a link, perhaps to another file")
         values = {name: _signal(signals[name]) for name in SIGNALS}
-        return replace(cls.of(stroke, values, conditions), findings=findings, assumed=assumed)
+        return replace(cls.of(stroke, values, conditions, assumed), findings=findings)
 
 
 def _attribute(file: h5py.File, name: str) -> Any:

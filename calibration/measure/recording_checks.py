@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.clocks import sine_amplitude, sine_near
 from calibration.measure.recording import SIGNALS, StrokeRecording
 from calibration.measure.segmentation import Segment, full_slip, sliding_speed
 from calibration.plan.parameters import Array
@@ -21,6 +22,7 @@ _DRIVE_TOLERANCE = 0.05
 _FULL_LENGTH = 0.9  # of the planned length
 _LOWEST_MU = 0.08  # of a finger: below it lbf or kgf were read as N
 _DEAD_MU = 0.02  # of a tangential channel that shows no friction
+_SHOWS_SINE = 2.2  # samples in a period
 _LOWEST_RATE_HZ = 1000.0  # ripples of the usual 125 Hz, and every start and stop, are seen above it
 _LEAST_ALIAS_HZ = 20.0  # a ripple that looks slower than this does not average out in a slide
 _HELD_SHARE = 0.4  # of repeated samples: every other one gives 0.5
@@ -191,9 +193,9 @@ def drive_amplitude(recording: StrokeRecording, segments: list[Segment]) -> floa
 
     The planned one where the recording is too slow to show it.
     """
-    if recording.sample_rate_hz < 2.2 * recording.stroke.frequency_hz:
-        return recording.stroke.voltage_v
     frequency_hz = recording.stroke.frequency_hz
+    if recording.sample_rate_hz < _SHOWS_SINE * frequency_hz:
+        return recording.stroke.voltage_v
     amplitudes = [
         sine_amplitude(recording.t_s[part.samples], recording.drive_v[part.samples], frequency_hz)
         for part in segments
@@ -201,11 +203,21 @@ def drive_amplitude(recording: StrokeRecording, segments: list[Segment]) -> floa
     return float(np.mean(amplitudes))
 
 
-def sine_amplitude(t_s: Array, values: Array, frequency_hz: float) -> float:
-    """Amplitude of a sine of known frequency, beside a constant; least squares."""
-    phase = 2 * np.pi * frequency_hz * (t_s - t_s[0])
-    basis = np.stack([np.cos(phase), np.sin(phase), np.ones_like(phase)], axis=-1)
-    return float(np.hypot(*np.linalg.lstsq(basis, values, rcond=None)[0][:2]))
+def drive_frequency(recording: StrokeRecording, segments: list[Segment]) -> float:
+    """Frequency [Hz] of the drive by the recording's clock, over parts of it.
+
+    The planned one where the recording does not show the drive.
+    """
+    stroke = recording.stroke
+    is_slow = recording.sample_rate_hz < _SHOWS_SINE * stroke.frequency_hz
+    if is_slow or not stroke.voltage_v or "drive_v" in recording.assumed:
+        return stroke.frequency_hz
+    parts = [part.samples for part in segments]
+    found = [
+        sine_near(recording.t_s[part], recording.drive_v[part], stroke.frequency_hz)[0]
+        for part in parts
+    ]
+    return float(np.mean(found))
 
 
 def _times(recording: StrokeRecording) -> Iterator[Finding]:
@@ -216,6 +228,13 @@ def _times(recording: StrokeRecording) -> Iterator[Finding]:
             "wrong times",
             f"expected times that increase, got a step of {step.min():g} s after sample "
             f"{int(step.argmin())}; export the instrument's own clock",
+        )
+        return
+    if usual < 0.5 * step.mean():
+        yield Finding(
+            "wrong times",
+            "the times come in bursts, and beside an even clock samples are missing or the rate "
+            "changes; export the instrument's own clock, or check its buffer",
         )
         return
     planned = recording.stroke.sliding_s

@@ -14,7 +14,13 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from calibration.measure.recording import StrokeRecording
-from calibration.measure.recording_checks import Zero, check_recording, drive_amplitude, idle_parts
+from calibration.measure.recording_checks import (
+    Zero,
+    check_recording,
+    drive_amplitude,
+    drive_frequency,
+    idle_parts,
+)
 from calibration.measure.segmentation import Segment, full_slip, sliding_speed
 from haptix.base.documents import first_error
 from haptix.base.errors import FileFormatError, InputError
@@ -213,7 +219,9 @@ def reduce_stroke(recording: StrokeRecording, idle_s: float = 0.3, crosstalk: fl
         mu -= crosstalk * float(directions[0])
     if mu <= 0:
         return replace(blank, outlier=f"wrong sign: mu is {mu:.3g} in full slip")
-    ripple, ripple_sd = _ripple(recording, segments, _hum(recording, idle_s))
+    by_its_clock = {"frequency_hz": drive_frequency(recording, segments)}
+    timed = replace(recording, stroke=stroke.model_copy(update=by_its_clock))
+    ripple, ripple_sd = _ripple(timed, segments, _hum(timed, idle_s))
     return replace(
         blank,
         normal_force_n=float(forces.mean()),

@@ -20,8 +20,9 @@ import torch
 from pydantic import Field, PositiveFloat, model_validator
 from scipy.optimize import least_squares
 
+from calibration.clocks import even_times, sine_amplitude
 from calibration.measure.measuring import record_stroke
-from calibration.measure.recording_checks import force_unit, sine_amplitude
+from calibration.measure.recording_checks import force_unit
 from calibration.measure.reduction import Reduced
 from calibration.measure.sources import ForceSource
 from calibration.plan.parameters import PER_RIG, Array
@@ -347,7 +348,7 @@ def measure_rig(
         second = pulled(positive("second_weight_n", second_weight_n))
     ask("Take the weight off, press Enter and tap the screen's edge once along x, with metal ")
     tap = take(still)
-    response = tap_response(tap["t_s"], tap[forces[1]])
+    response = tap_response(even_times(tap["t_s"]), tap[forces[1]])
     known, read = [f"weight: {weight:g} N"], []
     for played in () if device is None else _played(still, device, highest_v):
         at = f"{played.voltage_v:g} V at {played.frequency_hz:g} Hz"
@@ -394,4 +395,4 @@ def _amplitude(signals: Mapping[str, Array], stroke: Stroke) -> float:
         return stroke.voltage_v
     count = len(signals["t_s"])
     t, drive = (signals[name][count // 4 : 3 * count // 4] for name in ("t_s", "drive_v"))
-    return positive("drive_v", sine_amplitude(t, drive, stroke.frequency_hz))
+    return positive("drive_v", sine_amplitude(even_times(t), drive, stroke.frequency_hz))

@@ -1,6 +1,7 @@
 """Signals against closed forms, scipy and their own algebra, however they are cut into blocks."""
 
 import json
+import tempfile
 from itertools import pairwise
 from math import inf, pi
 
@@ -180,6 +181,29 @@ def test_recordings_are_played_and_resampled(tmp_path):
     soundfile.write(tmp_path / "a.wav", 0.1 * t, 44_100, "FLOAT")
     with pytest.raises(HaptixError, match="not the recording"):
         signal_from(signal.describe())
+
+
+@given(
+    st.sampled_from([1000, 8000, 10_000, 44_100, 48_000, 96_000]),
+    st.sampled_from([8000.0, 44_100.0, 48_000.0]),
+    st.integers(5, 3000),
+)
+def test_a_constant_stays_one_at_every_rate_and_to_its_ends(rate, played_hz, count):
+    with tempfile.TemporaryDirectory() as folder:
+        path = f"{folder}/r.wav"
+        soundfile.write(path, np.full(count, 0.3), rate, subtype="DOUBLE")
+        signal = Recorded(path)
+    values = signal.values(0, signal.samples(played_hz), played_hz)
+    np.testing.assert_allclose(values, 0.3, rtol=1e-12)
+
+
+def test_a_resampled_line_stays_one_within_its_filter(tmp_path):
+    line = np.linspace(0.2, 0.6, 5000)
+    soundfile.write(tmp_path / "r.wav", line, 10_000, subtype="DOUBLE")
+    found = Recorded(str(tmp_path / "r.wav")).values(0, 24_000, RATE)
+    exact = np.interp(np.arange(24_000) / RATE, np.arange(5000) / 10_000, line)
+    # At the ends the line bends to a constant within the filter's ten samples.
+    np.testing.assert_allclose(found, exact, atol=10 * (line[1] - line[0]))
 
 
 def test_lists_and_numpys_numbers_are_numbers():
