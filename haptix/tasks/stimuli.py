@@ -208,7 +208,10 @@ class RunExperiment(Task, command="stimuli run"):
     another_program: bool = Field(
         False, description="Continue a log that another version of haptix began."
     )
-    lsl: bool = Field(False, description="Send drive, touches and markers to Lab Streaming Layer.")
+    lsl: bool = Field(
+        False,
+        description="Send drive, touches and markers to Lab Streaming Layer; waits for a recorder.",
+    )
 
     def run(self, context: Context) -> Result:
         """Run it; the terminal gives single keys, so that no Enter is needed."""
@@ -246,7 +249,10 @@ class RunExperiment(Task, command="stimuli run"):
             if self.lsl:
                 from haptix.play.render.lab_streams import LabOutlets
 
-                around["outlets"] = stack.enter_context(closing(LabOutlets(device)))
+                outlets = stack.enter_context(closing(LabOutlets(device)))
+                context.tell(step="waiting for a recorder of the streams haptix-*")
+                outlets.wait_for_recorders()
+                around["outlets"] = outlets
             around["another_program"] = self.another_program
             experiment = plan.experiment(device, answer, table, _number_of(who), seed, **around)
             if self.simulate_db is None:

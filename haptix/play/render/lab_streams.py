@@ -6,6 +6,7 @@ host's clock and from there to that of the Lab Streaming Layer.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable
 from typing import Any, Self
 
@@ -23,6 +24,7 @@ from haptix.play.render.live import LiveRenderer
 from haptix.play.render.played import COLUMNS, PlayedRecord
 from haptix.play.touch import TouchEvent
 
+_LOOK_S = 0.05  # between two looks for a recorder
 _READINGS = 5  # of two clocks, one after the other; the quickest pair counts
 
 TOUCH_CHANNELS = (("x", "mm"), ("y", "mm"), ("normal_force", "N"), ("contact", ""), ("phase", ""))
@@ -39,11 +41,14 @@ class LabOutlets:
 
     Touches are numbers at irregular times: x, y [mm], normal force [N; NaN if it is not measured],
     the finger's number, and 0 up, 1 down, 2 move. The drive has the samples that were sent [V] and
-    the friction that they are meant to give (NaN if none is given), at the device's rate. Markers
-    are texts: code and sample of each mark.
+    the friction that they are meant to give (NaN if none is given). Each has its own time, and the
+    stream no nominal rate: between two intervals there are none, and readers that dejitter, such as
+    pyxdf, would lay one line through both. The rate is in its description. Markers are texts: code
+    and sample of each mark.
 
-    Drive samples wait until a mark has reported when one of them was played: mark the first. Ends
-    as a context manager; a recorder keeps what it has received.
+    Drive samples wait until a mark has reported when one of them was played: mark the first. Marks
+    wait until somebody records them. Ends as a context manager; a recorder keeps what it has
+    received.
 
     Parameters
     ----------
@@ -54,7 +59,7 @@ class LabOutlets:
     clock : Clock
         The host's, as the device has it.
     drive_hz : float, optional
-        Rate of the drive's stream; by default that of the device's samples.
+        Samples of the drive in a second; by default those of the device.
 
     Raises
     ------
@@ -76,18 +81,21 @@ class LabOutlets:
         """Number of marks that came too late for the driver to time them."""
         rate = drive_hz or device.capabilities.sample_rate_hz
         source = f"{name}-{device.capabilities.serial}"
-        self._touch = self._outlet(f"{name}-touch", "MoCap", TOUCH_CHANNELS, 0.0, source)
-        self._drive = self._outlet(f"{name}-drive", "Stimulus", DRIVE_CHANNELS, rate, source)
-        self._markers = self._outlet(f"{name}-markers", "Markers", MARKER_CHANNELS, 0.0, source)
         self._rate = positive("sample_rate_hz", rate)
+        self._touch = self._outlet(f"{name}-touch", "MoCap", TOUCH_CHANNELS, source)
+        self._drive = self._outlet(f"{name}-drive", "Stimulus", DRIVE_CHANNELS, source)
+        self._markers = self._outlet(f"{name}-markers", "Markers", MARKER_CHANNELS, source)
         self._origin: Marked | None = None
         self._waiting: list[tuple[int, Array]] = []
+        self._unsent: list[tuple[list[str], float]] = []
 
     def _outlet(
-        self, name: str, kind: str, channels: tuple[tuple[str, str], ...], rate: float, source: str
+        self, name: str, kind: str, channels: tuple[tuple[str, str], ...], source: str
     ) -> Any:
         form = self._lsl.cf_string if kind == "Markers" else self._lsl.cf_double64
-        info = self._lsl.StreamInfo(name, kind, len(channels), rate, form, f"{source}-{kind}")
+        info = self._lsl.StreamInfo(name, kind, len(channels), 0.0, form, f"{source}-{kind}")
+        if kind == "Stimulus":
+            info.desc().append_child_value("sample_rate_hz", f"{self._rate:g}")
         described = info.desc().append_child("channels")
         for label, unit in channels:
             channel = described.append_child("channel")
@@ -141,8 +149,11 @@ class LabOutlets:
 
     def rows(self, host_s: float, volts: Array, mu: Array) -> None:
         """Send rows of the drive, of which the first was played at a time of the host's clock."""
-        last_s = host_s + (len(volts) - 1) / self._rate
-        self._drive.push_chunk(np.column_stack([volts, mu]).tolist(), self.lsl_time_s(last_s))
+        self._send_rows(host_s, np.column_stack([volts, mu]))
+
+    def _send_rows(self, host_s: float, rows: Array) -> None:
+        times = self.lsl_time_s(host_s) + np.arange(len(rows)) / self._rate
+        self._drive.push_chunk(rows.tolist(), times.tolist())
 
     def marks(self, marked: Iterable[Marked]) -> None:
         """Send marks, as `Device.marked` returns them."""
@@ -152,8 +163,15 @@ class LabOutlets:
                 continue
             self._origin = mark
             texts = [str(mark.code), str(mark.sample_index)]
-            self._markers.push_sample(texts, self.lsl_time_s(mark.time_s))
+            self._unsent.append((texts, self.lsl_time_s(mark.time_s)))
+        self._send_marks()
         self._send_drive()
+
+    def _send_marks(self) -> None:
+        if self._markers.have_consumers():
+            for texts, at in self._unsent:
+                self._markers.push_sample(texts, at)
+            self._unsent.clear()
 
     def reports(self, reports: Iterable[TouchReport]) -> None:
         """Send touches, as `Device.touches` returns them."""
@@ -172,9 +190,8 @@ class LabOutlets:
         if self._origin is None or self._origin.time_s is None:
             return
         for first, samples in self._waiting:
-            last = first + len(samples) - 1 - self._origin.sample_index
-            at = self.lsl_time_s(self._origin.time_s + last / self._rate)
-            self._drive.push_chunk(samples.tolist(), at)  # the time is that of its last sample
+            after = (first - self._origin.sample_index) / self._rate
+            self._send_rows(self._origin.time_s + after, samples)
         self._waiting.clear()
 
     def has_recorders(self) -> bool:
@@ -182,8 +199,27 @@ class LabOutlets:
         outlets = (self._touch, self._drive, self._markers)
         return all(outlet.have_consumers() for outlet in outlets)
 
+    def wait_for_recorders(self, most_s: float = 60.0) -> None:
+        """Return as soon as somebody records all three streams.
+
+        Raises
+        ------
+        InputError
+            If nobody does within `most_s`.
+        """
+        until = time.monotonic() + positive("most_s", most_s)
+        while not self.has_recorders():
+            if time.monotonic() > until:
+                raise InputError(
+                    f"expected a recorder of the three streams within {most_s:g} s, got none; "
+                    "start one, such as LabRecorder, and choose them, or leave out --lsl"
+                )
+            time.sleep(_LOOK_S)
+
     def close(self) -> None:
-        """Close the streams."""
+        """Send the marks that wait, and close the streams."""
+        if self._markers is not None:
+            self._send_marks()
         for name in ("_touch", "_drive", "_markers"):
             setattr(self, name, None)
 

@@ -70,9 +70,7 @@ def record(outlets, act, counts, path, name=NAME):
             times += more[1]
         data += written(number, inlet.info(), values, times)
     path.write_bytes(data)
-    streams, _ = pyxdf.load_xdf(
-        str(path), synchronize_clocks=False, dejitter_timestamps=False, verbose=False
-    )
+    streams, _ = pyxdf.load_xdf(str(path), synchronize_clocks=False)  # by its defaults
     return {one["info"]["name"][0].removeprefix(f"{name}-"): one for one in streams}
 
 
@@ -120,10 +118,28 @@ def test_what_is_recorded_is_what_the_driver_played_and_when(tmp_path, clock):
     assert np.isnan(drive["time_series"][3000:, 1]).all()
     expected = began + np.arange(4800) / RATE
     np.testing.assert_allclose(drive["time_stamps"], expected, rtol=0, atol=1e-6)
-    assert float(drive["info"]["nominal_srate"][0]) == RATE
+    assert drive["info"]["desc"][0]["sample_rate_hz"] == ["48000"]
     np.testing.assert_array_equal(touch["time_series"], [[12.5, 40.0, 0.48, 1.0, 1.0]])
     labels = [one["label"][0] for one in touch["info"]["desc"][0]["channels"][0]["channel"]]
     assert labels == ["x", "y", "normal_force", "contact", "phase"]
+
+
+def test_marks_wait_for_a_recorder(tmp_path, clock):
+    name = f"{NAME}-late"
+    device = Device(MockLink(MockDriver()), mode="waveform", sample_rate_hz=RATE, clock=clock)
+    with LabOutlets(device, name, clock) as outlets, device:
+        with pytest.raises(InputError, match="expected a recorder"):
+            outlets.wait_for_recorders(0.01)
+        outlets.marks([Marked(0, 7, 0, clock()), Marked(9, 8, 0, clock() + 0.5)])
+
+        def act():
+            outlets.wait_for_recorders()
+            outlets.marks([Marked(20, 9, 0, clock() + 1.0)])
+
+        counts = {"markers": 3, "drive": 0, "touch": 0}
+        found = record(outlets, act, counts, tmp_path / "late.xdf", name)["markers"]
+    assert found["time_series"] == [["7", "0"], ["8", "9"], ["9", "20"]]
+    np.testing.assert_allclose(np.diff(found["time_stamps"]), 0.5, rtol=0, atol=1e-6)
 
 
 class LateLink(MockLink):
