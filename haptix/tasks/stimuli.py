@@ -48,7 +48,7 @@ _WIDE = (
     "between", "p", "overdispersion", "drift_probability", "spread_logit",
 )  # fmt: skip
 """Columns of the files that a terminal has no space for."""
-_ASK_AFTER_H = 12.0  # a session that was stopped is usually continued on the same day
+_ASK_AFTER_H = 0.05  # three minutes: the next participant comes later
 
 
 def _number_of(participant: str) -> int:
@@ -539,7 +539,8 @@ def ask_to_go_on(context: Context, experiment: Experiment, after_h: float = _ASK
     if rested_h <= after_h:
         return
     experiment.log.close()  # until the answer comes
-    question = f"The last trial of {experiment.log.path.name} was {rested_h:.0f} hours ago. Go on?"
+    rested = f"{rested_h:.0f} hours" if rested_h > 1.5 else f"{60 * rested_h:.0f} minutes"
+    question = f"The last trial of {experiment.log.path.name} was {rested} ago. Does the same person go on?"
     if context.ask(question, ("no", "yes")) != "yes":
         raise InputError(
             f"{experiment.log.path}: stays as it is; name another log, participant or session"

@@ -437,3 +437,56 @@ def test_a_changed_log_is_refused_in_a_sentence(tmp_path):
             pytest.fail(name)
     with pytest.raises(InputError, match="log of trials"):
         analyse(shutil.copytree(tmp_path, tmp_path / "none", ignore=lambda *at: ["a.tsv", "none"]))
+
+
+def three_logs(folder):
+    """Logs of three people with one experiment, as a laboratory keeps them."""
+    for number, (who, truth) in enumerate(TRUTHS.items()):
+        run(folder / f"{who}.tsv", ConstantStimuli(np.arange(10.0, 34.0, 4.0), 6, number),
+            SimulatedObserver(truth, seed=number))  # fmt: skip
+    return [f"{who}.tsv" for who in TRUTHS]
+
+
+def test_copies_of_a_log_are_one(tmp_path):
+    names = three_logs(tmp_path)
+    plain = analyse(tmp_path)
+    (tmp_path / "backup").mkdir()
+    shutil.copy(tmp_path / names[0], tmp_path / "01 (copy).tsv")
+    shutil.copy(tmp_path / names[1], tmp_path / "backup")
+    begun = (tmp_path / names[2]).read_text().splitlines(keepends=True)[:12]
+    (tmp_path / "backup" / "of-monday.tsv").write_text("".join(begun))
+    found = analyse(tmp_path)
+    assert found.tables == plain.tables
+    assert found.tables["group"][0]["participants"] == 3
+    for name in ("01 (copy).tsv", "backup/02.tsv", "backup/of-monday.tsv"):
+        (note,) = (note for note in found.notes if f"{tmp_path / name}: is a copy" in note)
+        assert "does not count again" in note
+
+
+def test_a_copy_that_goes_on_for_another_person_is_refused(tmp_path):
+    three_logs(tmp_path)
+    method = ConstantStimuli(np.arange(10.0, 34.0, 4.0), 6, 7)
+    run(tmp_path / "04.tsv", method, SimulatedObserver(20.0), stop_after=5, seed=4)
+    for end in ("", "_end.json"):
+        there = tmp_path / (f"04{end}" if end else "04.tsv")
+        shutil.copy(there, tmp_path / there.name.replace("04", "05"))
+    for name, truth in (("04", 20.0), ("05", 26.0)):
+        method = ConstantStimuli(np.arange(10.0, 34.0, 4.0), 6, 7)
+        run(tmp_path / f"{name}.tsv", method, SimulatedObserver(truth, seed=int(truth)), seed=4)
+    with pytest.raises(InputError, match=r"same 5 rows first.*second person"):
+        analyse(tmp_path)
+
+
+def test_two_people_under_one_name_are_asked_about(tmp_path):
+    for number, day in enumerate(("monday", "friday")):
+        log = tmp_path / day / "p1.tsv"
+        run(log, Quest(GRID, GRID, trials=8), SimulatedObserver(20.0, seed=number))
+    with pytest.raises(InputError, match=r"friday/p1.*monday/p1.*of one person\?.*ses-2"):
+        analyse(tmp_path)
+    for number, day in enumerate(("monday", "friday"), 1):
+        (tmp_path / day / "p1.tsv").rename(tmp_path / day / f"sub-p1_ses-{number}_task-a_log.tsv")
+    assert {row["participant"] for row in analyse(tmp_path).tables["thresholds"]} == {"p1"}
+    # Another experiment may have a log of that name.
+    run(tmp_path / "rating" / "p1.tsv", Magnitudes([10.0, 20.0], 3), SimulatedObserver(20.0),
+        "magnitude")  # fmt: skip
+    assert len(analyse(tmp_path).tables["thresholds"]) == 2

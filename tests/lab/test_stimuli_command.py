@@ -192,12 +192,13 @@ def test_a_session_of_days_ago_goes_on_only_when_asked_to(haptix_stimuli):
     before = Path("t.tsv").read_bytes()
     for typed in ("no\n", "\n", ""):
         done = haptix_stimuli(*run, stdin=typed)
-        assert done.code == 2 and "was 30 hours ago. Go on? no/yes" in done.err
+        assert done.code == 2 and "was 30 hours ago. Does the same person go on? no/yes" in done.err
         assert Path("t.tsv").read_bytes() == before
     assert "hours ago" not in haptix_stimuli(*run, "--ask-after-h", "31", stdin="l").err
     write_rows(Path("t.tsv"), [{**row, "date": date} for row in rows])
     haptix_stimuli(*run, stdin="yes\nrl")
     assert len(rows_of(Path("t.tsv"))) == 5
+    assert "after 1800 minutes; was it the same person?" in haptix_stimuli("analyse", "t.tsv").out
 
 
 def test_the_ranges_of_a_recipe_are_checked(haptix_stimuli):

@@ -233,7 +233,7 @@ def test_every_task_of_the_product_is_sat(front, page, tmp_path):
             page.keyboard.press("Enter")
         until_given(page, played, given)
         if task == "yes-no":
-            old = "The last trial of a.csv was 30 hours ago. Go on?"
+            old = "The last trial of a.csv was 30 hours ago. Does the same person go on?"
             job.change(state="asking", prompt=old, choices=("no", "yes"))
             page.get_by_text(old).wait_for()
             assert not page.get_by_text("Trial 2").count()

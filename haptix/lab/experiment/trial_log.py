@@ -14,6 +14,7 @@ from contextlib import suppress
 from dataclasses import astuple, dataclass, replace
 from datetime import UTC, datetime
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from pydantic import BaseModel, ConfigDict, NonNegativeInt
 from haptix.base.errors import FileFormatError, InputError
 from haptix.base.files import (
     LARGEST_TABLE_BYTES,
+    digest,
     json_text,
     parse_json,
     place,
@@ -47,6 +49,7 @@ COLUMNS = (
 _OF_BEFORE = (".estimate_by", ".lapse")  # of methods: what they once assumed of the threshold
 
 _FORMAT = 3
+_RESTED_MIN = 10.0  # after a stop; a person who goes on does so sooner
 _COLUMNS_OF = {1: COLUMNS[:13], 2: COLUMNS[:23], _FORMAT: COLUMNS}
 
 _TRIALS_DEPEND_ON = ("base", "model", "feel", "play", "lab")
@@ -539,14 +542,16 @@ def read_sessions(source: str | Path) -> list[LoggedSession]:
     """Read the sessions of a log, of a folder of logs, or of a study.
 
     Of a study the logs in ``sourcedata`` are read. A study without them, such as one that was
-    passed on, is read from its ``*_beh.tsv``.
+    passed on, is read from its ``*_beh.tsv``. Copies of a log, also those of its beginning, are
+    one; the remarks name them.
 
     Raises
     ------
     FileFormatError
         If a file is no log of trials.
     InputError
-        If there is none.
+        If there is none, a session goes on in two ways in two logs, or two logs of one experiment
+        have one name.
     """
     source = Path(source)
     if not source.is_dir():
@@ -565,7 +570,43 @@ def read_sessions(source: str | Path) -> list[LoggedSession]:
         sessions = [read_log(path) for path in logs]
     if not sessions:
         raise InputError(f"{source}: has no log of trials; name a log, or the folder of a study")
+    sessions = _without_copies(sessions)
+    _check_names(sessions)
     return sessions
+
+
+def _without_copies(sessions: Sequence[LoggedSession]) -> list[LoggedSession]:
+    """Keep the longest of the logs that begin with one row; a row has its time and date."""
+    kept: dict[str, LoggedSession] = {}
+    for one in sorted(sessions, key=lambda s: (-len(s.rows), len(s.path.name))):
+        begin = digest([one.settings, one.rows[0]]) if one.rows else str(one.path)
+        known = kept.setdefault(begin, one)
+        if known.rows[: len(one.rows)] != one.rows:
+            at = next(k for k, row in enumerate(one.rows) if row != known.rows[k])
+            raise InputError(
+                f"{one.path} and {known.path} have the same {at} rows first, and go on in two "
+                "ways, as where a second person was given the log of a first one; keep the one "
+                "that is right, and move the other away"
+            )
+        if known is not one:
+            note = f"{one.path}: is a copy of {known.path}, and does not count again"
+            kept[begin] = replace(known, remarks=(*known.remarks, note))
+    return sorted(kept.values(), key=lambda s: (s.participant, s.session, s.task, s.path))
+
+
+def _check_names(sessions: Sequence[LoggedSession]) -> None:
+    known: dict[str, LoggedSession] = {}
+    for one in sessions:
+        labels = one.participant, one.session, one.task
+        of = [one.settings.get(name) for name in ("task", "hashes")]
+        other = known.setdefault(digest([labels, of]), one)
+        if other is not one:
+            who, task = one.participant, re.sub("[^A-Za-z0-9]", "", one.task) or "TASK"
+            raise InputError(
+                f"{other.path} and {one.path} have one name: are they of one person? Rename one "
+                f"where they are not; else name them sub-{who}_ses-1_task-{task}_log.tsv and "
+                f"sub-{who}_ses-2_task-{task}_log.tsv"
+            )
 
 
 def is_log(path: Path) -> bool:
@@ -579,7 +620,21 @@ def read_log(path: Path) -> LoggedSession:
     end = End.of(path)  # first: a session that runs meanwhile may write a row
     log = parse_log(path, read_bytes(path, LARGEST_TABLE_BYTES), end)
     rows = (*log.rows,)
-    return LoggedSession(*_labels(path), path, log.settings, rows, log.finished, log.remarks)
+    remarks = (*log.remarks, *_rests(path, rows))
+    return LoggedSession(*_labels(path), path, log.settings, rows, log.finished, remarks)
+
+
+def _rests(path: Path, rows: Sequence[Mapping[str, str]]) -> Iterator[str]:
+    """Say where a session went on so late that another person may have."""
+    for before, row in pairwise(rows):
+        if row["session"] == before["session"] or "n/a" in (before["date"], row["date"]):
+            continue
+        at, then = (datetime.fromisoformat(one["date"]) for one in (row, before))
+        if (rested_min := (at - then).total_seconds() / 60) > _RESTED_MIN:
+            yield (
+                f"{path}: went on at trial {row['trial']} after {rested_min:.0f} minutes; was it "
+                "the same person?"
+            )
 
 
 def _read_beh(path: Path) -> LoggedSession:
