@@ -540,7 +540,8 @@ def ask_to_go_on(context: Context, experiment: Experiment, after_h: float = _ASK
         return
     experiment.log.close()  # until the answer comes
     rested = f"{rested_h:.0f} hours" if rested_h > 1.5 else f"{60 * rested_h:.0f} minutes"
-    question = f"The last trial of {experiment.log.path.name} was {rested} ago. Does the same person go on?"
+    name = experiment.log.path.name
+    question = f"The last trial of {name} was {rested} ago. Does the same person go on?"
     if context.ask(question, ("no", "yes")) != "yes":
         raise InputError(
             f"{experiment.log.path}: stays as it is; name another log, participant or session"
