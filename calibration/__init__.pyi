@@ -1,3 +1,4 @@
+from .columns import ColumnMap as ColumnMap
 from .fit.fitting import compare_terms as compare_terms
 from .fit.fitting import fit_strokes as fit_strokes
 from .fit.result import Fit as Fit
@@ -12,7 +13,6 @@ from .measure.reduction import reduce_session as reduce_session
 from .measure.session import Session as Session
 from .measure.session import SessionInfo as SessionInfo
 from .measure.sources import AnalogSource as AnalogSource
-from .measure.sources import ColumnMap as ColumnMap
 from .measure.sources import CsvSource as CsvSource
 from .plan.parameters import Parameters as Parameters
 from .plan.predict import StrokePredictor as StrokePredictor

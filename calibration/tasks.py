@@ -14,6 +14,7 @@ from haptix.base.errors import InputError
 from haptix.base.fields import (
     Address,
     Argument,
+    FileOrFolder,
     FileThere,
     Folder,
     FolderName,
@@ -121,6 +122,52 @@ class PlanStrokes(Planned, command="calibrate plan"):
         return Result(rows, [(f"{self.out}: {planned.text}; expected errors", shown)])
 
 
+class Columns(Task, command="calibrate columns"):
+    """Show what a recording of another program was understood as, and propose its column map.
+
+    Exit code 1 if something is open: then the map is not complete.
+    """
+
+    file: Annotated[FileThere, Argument] = Field(
+        description="Recording: text, LabVIEW's .lvm, or .tdms."
+    )
+    out: NewDocument | None = Field(None, description="Column map to write, as TOML.")
+
+    def run(self, context: Context) -> Result:
+        """Read it."""
+        import numpy as np
+
+        from calibration.columns import proposed
+        from haptix.tables import read_table
+
+        table = read_table(self.file)
+        columns, missing, assumed = proposed(table)
+        means = {column.column: name for name, column in columns.columns.items()}
+        rows = [
+            {
+                "column": name,
+                "unit": table.units.get(name),
+                "samples": len(values),
+                "first": float(values[0]),
+                "lowest": float(np.nanmin(values)),
+                "highest": float(np.nanmax(values)),
+                "taken as": means.get(name),
+            }
+            for name, values in table.columns.items()
+            if len(values)
+        ]
+        lines = [*table.understood, *assumed, *(f"open: {note}" for note in missing)]
+        if self.out is not None:
+            columns.save(self.out)
+            lines.append(f"column map: {self.out}")
+        else:
+            import tomlkit
+
+            plain = columns.model_dump(mode="json", exclude_defaults=True)
+            lines += ["", *tomlkit.dumps(plain).splitlines()]
+        return Result(rows, [(str(self.file), rows)], lines, failed=bool(missing))
+
+
 class Measuring(Task):
     """A session, and where its forces come from."""
 
@@ -133,8 +180,12 @@ class Measuring(Task):
         None, description="Driver, such as usb: or mock:; by default, nothing plays."
     )
     inputs: FileThere | None = Field(None, description="For inputs: channels, as TOML.")
-    csv: Folder | None = Field(None, description="For csv: folder of stroke-001.csv ...")
-    columns: FileThere | None = Field(None, description="For csv: column map, as TOML.")
+    csv: FileOrFolder | None = Field(
+        None, description="For csv: folder of stroke-001.csv (or .lvm, .tdms) ..., or one file."
+    )
+    columns: FileThere | None = Field(
+        None, description="For csv: column map, as TOML; `calibrate columns` proposes one."
+    )
     operator: str = Field("", description="Who measures.")
     instruments: FileThere | None = Field(
         None, description="Certificates of the instruments, as TOML: an expired one is refused."
@@ -153,13 +204,17 @@ class Measuring(Task):
             from calibration.keep.practice import virtual_source
 
             return lambda session: virtual_source(session, self.seed or 0)
-        from calibration.measure.sources import ColumnMap, CsvSource, Inputs, open_inputs
+        from calibration.columns import ColumnMap
+        from calibration.measure.sources import CsvSource, Inputs, open_inputs
 
         if self.source == "csv":
             if self.csv is None or self.columns is None:
                 raise InputError("--source csv: expected --csv FOLDER and --columns MAP.toml")
-            files = CsvSource(self.csv, ColumnMap.load(self.columns))
-            return lambda session: files
+            place, columns = self.csv, ColumnMap.load(self.columns)
+            if place.is_dir():
+                files = CsvSource(place, columns)
+                return lambda session: files
+            return lambda session: CsvSource(place, columns, len(session.protocol.strokes))
         inputs = self.inputs
         if inputs is None:
             raise InputError("--source inputs: expected --inputs FILE.toml, the analog channels")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Annotated
 
 import numpy as np
@@ -21,6 +22,8 @@ STOPPING_MM = 1.5
 _SMOOTHING_S = 0.02
 _MOVING = 0.5  # of the usual speed; slower counts as starting and stopping
 _TOUCHING = 0.4  # of the usual normal force
+_PRESSED = 0.03  # of the largest force: strokes of 0.1 and of 0.9 N are in one file
+_LIFT_S, _TOUCH_S = 0.15, 0.3
 
 
 @dataclass(frozen=True)
@@ -79,6 +82,31 @@ def position_at_speed(
     slides = pressed & (np.abs(drag) > 0.5 * np.percentile(np.abs(drag[pressed]), 75))
     velocity = np.where(slides, np.sign(drag) * speed_mm_per_s, 0.0)
     return np.concatenate([[0.0], np.cumsum(velocity[:-1] * np.diff(t_s))])
+
+
+def touches(t_s: Array, normal_force_n: Array) -> list[tuple[int, int]]:
+    """Find the touches of a recording: first and last sample (not included) of each.
+
+    They meet in the middle between two touches. A lift of less than 0.15 s is none, nor is a touch
+    of less than 0.3 s.
+    """
+    lasts = float(t_s[-1] - t_s[0])
+    per_s = len(t_s) / lasts if lasts > 0 else 1.0
+    smooth = uniform_filter1d(normal_force_n, max(1, round(_SMOOTHING_S * per_s)))
+    idle = smooth[smooth <= np.percentile(smooth, 20)]
+    zero = float(np.median(idle))
+    noise = 1.4826 * float(np.median(np.abs(idle - zero)))
+    pressed = smooth - zero > max(10 * noise, _PRESSED * (np.percentile(smooth, 95) - zero))
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], pressed, [False]]).astype(int)))
+    parts: list[list[int]] = []
+    for begin, end in edges.reshape(-1, 2).tolist():
+        if parts and begin - parts[-1][1] < _LIFT_S * per_s:
+            parts[-1][1] = end
+        else:
+            parts.append([begin, end])
+    parts = [part for part in parts if part[1] - part[0] >= _TOUCH_S * per_s]
+    middles = [(a[1] + b[0]) // 2 for a, b in pairwise(parts)]
+    return [*pairwise([0, *middles, len(t_s)])] if parts else []
 
 
 def full_slip(

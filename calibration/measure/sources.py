@@ -2,37 +2,26 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from threading import Lock
-from typing import Annotated, Any, Literal, Protocol, Self
+from typing import Annotated, Any, Literal, Protocol
 
 import numpy as np
-from pydantic import Field, PositiveFloat, model_validator
+from pydantic import Field, PositiveFloat
 from scipy.interpolate import CubicSpline
 
-from calibration.measure.recording import SIGNALS
-from calibration.measure.segmentation import position_at_speed, sliding_speed
+from calibration.columns import SUFFIXES, ColumnMap
+from calibration.measure.segmentation import sliding_speed, touches
 from calibration.plan.parameters import Array
 from calibration.plan.protocol import Stroke
 from haptix.base.display import Displayed
 from haptix.base.documents import Document, Part
 from haptix.base.errors import DeviceError, FileFormatError, InputError, from_extra
-from haptix.base.files import read_text
 
 _LIVE_S = 0.05  # over which force and speed are shown
-_FORCE = {"N": 1.0, "mN": 1e-3, "gf": 9.80665e-3, "kgf": 9.80665, "lbf": 4.4482216}
-_UNITS = {
-    "t_s": {"s": 1.0, "ms": 1e-3, "us": 1e-6},
-    "normal_force_n": _FORCE,
-    "tangential_force_n": _FORCE,
-    "x_mm": {"mm": 1.0, "m": 1e3, "cm": 10.0, "inch": 25.4, "um": 1e-3},
-    "drive_v": {"V": 1.0, "mV": 1e-3, "kV": 1e3},
-}
-_FEWEST_SAMPLES = 8
 
 
 @dataclass(frozen=True)
@@ -113,211 +102,80 @@ class ForceSource(Protocol):
 
 
 class CsvSource(ForceSource):
-    """Replays recordings that another program has exported, one CSV file per stroke.
+    """Replays recordings that another program has exported.
 
-    The names of the files hold the stroke's number: ``stroke-007.csv`` or ``7.csv``.
+    A folder has one file per stroke, whose name holds its number: ``stroke-007.csv`` or ``7.lvm``.
+    One file may have all of them: by a column ``stroke`` of the map, by the groups or segments of
+    the file, or else one touch after the other.
 
     Parameters
     ----------
-    folder : str or Path
-        Where the files are.
+    place : str or Path
+        The folder, or the file.
     columns : ColumnMap
         Which column is what.
+    strokes : int, optional
+        Strokes that a file of all must have.
+
+    Raises
+    ------
+    FileFormatError
+        If there is neither, or the file has another number of touches than `strokes`.
     """
 
     is_live = False
 
-    def __init__(self, folder: str | Path, columns: ColumnMap) -> None:
-        self._folder, self._columns = Path(folder), columns
+    def __init__(self, place: str | Path, columns: ColumnMap, strokes: int | None = None) -> None:
+        self._place, self._columns = Path(place), columns
         self._number = 0
         self.assumed = columns.assumed
-        if not self._folder.is_dir():
-            raise FileFormatError(f"expected a folder of CSV files, got {self._folder}")
+        self._all: dict[int, dict[str, Array]] | None = None
+        if self._place.is_file():
+            self._all = self._split(strokes)
+        elif not self._place.is_dir():
+            raise FileFormatError(f"expected a folder of CSV files, or a file, got {self._place}")
 
     @property
     def instruments(self) -> Mapping[str, str]:
-        return {"CSV files": self._folder.name}
+        return {"CSV files": self._place.name}
 
     def start(self, stroke: Stroke, played: StrokeDrive) -> None:
         self._number = stroke.number
 
     def finish(self) -> dict[str, Array]:
         number = self._number
-        names = (f"stroke-{number:03d}.csv", f"stroke-{number}.csv", f"{number}.csv")
+        if self._all is not None:
+            if number not in self._all:
+                known = ", ".join(map(str, self._all))
+                raise FileFormatError(f"{self._place}: has no stroke {number}, but {known}")
+            return self._columns.completed(self._all[number])
+        names = (f"stroke-{number:03d}", f"stroke-{number}", f"{number}")
         for name in names:
-            if (self._folder / name).exists():
-                return self._columns.signals(self._folder / name)
-        raise FileFormatError(f"{self._folder}: expected a file {' or '.join(names)}")
+            for suffix in SUFFIXES:
+                if (file := self._place / f"{name}{suffix}").exists():
+                    return self._columns.signals(file)
+        wanted = " or ".join(f"{name}.csv" for name in names)
+        raise FileFormatError(
+            f"{self._place}: expected a file {wanted} (or {', '.join(SUFFIXES[1:])})"
+        )
 
-
-class CsvColumn(Part):
-    """Where one signal comes from.
-
-    Parameters
-    ----------
-    column : str or None
-        Heading of the column, without blanks at its ends; None where there is no column.
-    unit : str or None
-        Unit of the column: s, ms or us; N, mN, gf, kgf or lbf; mm, m, cm, inch or um; V, mV or kV.
-        "raw" keeps the numbers of a signal without a unit.
-    scale : float
-        Further factor: the gain of a divider, or -1 for a sign.
-    speed_mm_per_s : float or None
-        For x_mm alone, where no position was kept: constant speed. In a stroke the finger slides
-        while the tangential force shows friction; without forces, from the first sample on.
-    value : float or None
-        Constant value. A constant drive_v is none: the planned voltage takes its place.
-    """
-
-    column: str | None = None
-    unit: str | None = None
-    scale: float = 1.0
-    speed_mm_per_s: float | None = None
-    value: float | None = None
-
-    @model_validator(mode="after")
-    def _comes_from_somewhere(self) -> Self:
-        if sum(x is not None for x in (self.column, self.speed_mm_per_s, self.value)) != 1:
-            raise ValueError("expected one of column, speed_mm_per_s and value")
-        if self.column is not None and self.unit is None:
-            raise ValueError(f'expected the unit of column "{self.column}"')
-        return self
-
-
-class ColumnMap(Document):
-    """How to read a CSV file of another instrument: which column is which signal, in which unit.
-
-    A column map is a TOML file::
-
-        schema_version = 1
-        skip_rows = 0                 # lines above the header
-        delimiter = ","
-        [columns]
-        t_s = { column = "Time", unit = "ms" }
-        normal_force_n = { column = "Fz (mN)", unit = "mN", scale = -1 }   # scale turns a sign
-        tangential_force_n = { column = "Fx (mN)", unit = "mN" }
-        x_mm = { speed_mm_per_s = 50 }                          # where no position was kept
-        drive_v = { column = "Monitor", unit = "V", scale = 50 }           # 1:50 divider
-
-    Where the instrument kept no drive, leave ``drive_v`` out: the planned voltage takes its place.
-    What was not measured is kept with the recording, and the profile says so.
-
-    Parameters
-    ----------
-    columns : mapping of str to CsvColumn
-        Keys of `calibration.measure.recording.SIGNALS`, and any others to keep beside them.
-    skip_rows : int
-        Lines above the headings.
-    delimiter : str
-        One character.
-    """
-
-    skip_rows: Annotated[int, Field(ge=0)] = 0
-    delimiter: Annotated[str, Field(min_length=1, max_length=1)] = ","
-    columns: dict[str, CsvColumn]
-
-    @model_validator(mode="after")
-    def _units_are_known(self) -> Self:
-        for name, column in self.columns.items():
-            known = [*_UNITS.get(name, ()), "raw"]
-            if column.column is not None and column.unit not in known:
-                raise ValueError(f"{name}: expected unit {', '.join(known)}, got {column.unit!r}")
-            if column.speed_mm_per_s is not None and name != "x_mm":
-                raise ValueError(f"{name}: speed_mm_per_s makes a position: x_mm alone may have it")
-        if "t_s" not in self.columns:
-            raise ValueError("expected t_s among the columns")
-        return self
-
-    @property
-    def assumed(self) -> tuple[str, ...]:
-        """Signals of a recording that no column of the file gives."""
-        columns = {name for name, column in self.columns.items() if column.column is not None}
-        return tuple(name for name in ("x_mm", "drive_v") if name not in columns)
-
-    def signals(self, path: str | Path) -> dict[str, Array]:
-        """Read a CSV file as the signals of a recording; without drive_v where it was not kept.
-
-        Raises
-        ------
-        FileFormatError, InputError
-            As `read`; or if the map lacks a signal.
-        """
-        missing = [name for name in SIGNALS if name not in (*self.columns, "drive_v")]
-        if missing:
-            raise InputError(
-                f"column map: expected {', '.join(missing)} as well; where the instrument kept no "
-                "position give x_mm = { speed_mm_per_s = 50 }"
-            )
-        signals = self.read(path)
-        if "drive_v" in self.assumed:
-            signals.pop("drive_v", None)
-        speed = self.columns["x_mm"].speed_mm_per_s
-        if speed is not None:
-            forces = signals["normal_force_n"], signals["tangential_force_n"]
-            signals["x_mm"] = position_at_speed(signals["t_s"], *forces, speed)
-        return signals
-
-    def read(self, path: str | Path) -> dict[str, Array]:
-        """Read every mapped signal of a CSV file, in SI units and mm.
-
-        The last line may be cut short, where a recording broke off.
-
-        Raises
-        ------
-        FileFormatError
-            If the file cannot be read, a column is missing or a cell is not a number; the message
-            names column and line.
-        """
-        header, rows = self._rows(path)
-        used = [
-            column.column.strip() for column in self.columns.values() if column.column is not None
-        ]
-        missing = [name for name in used if name not in header]
-        if missing:
-            raise FileFormatError(
-                f"{path}: missing columns {', '.join(map(repr, missing))}; the file has "
-                f"{', '.join(map(repr, header))}"
-            )
-        signals: dict[str, Array] = {}
-        for name, column in self.columns.items():
-            if column.column is not None:
-                at = header.index(column.column.strip())
-                cells = (row[at] if at < len(row) else "" for row in rows)
-                values = [self._number(path, header[at], i, cell) for i, cell in enumerate(cells)]
-                unit = _UNITS.get(name, {}).get(column.unit or "raw", 1.0)
-                signals[name] = np.array(values) * unit * column.scale
-        t = signals["t_s"]
-        for name, column in self.columns.items():
-            if column.speed_mm_per_s is not None:
-                signals[name] = (t - t[0]) * column.speed_mm_per_s
-            elif column.value is not None:
-                signals[name] = np.full(len(t), column.value * column.scale)
-        return signals
-
-    def _rows(self, path: str | Path) -> tuple[list[str], list[list[str]]]:
-        lines = read_text(path).splitlines()[self.skip_rows :]
-        try:
-            rows = [row for row in csv.reader(lines, delimiter=self.delimiter) if any(row)]
-        except csv.Error as error:
-            raise FileFormatError(f"{path}: expected a CSV file, got: {error}") from None
-        if len(rows) <= _FEWEST_SAMPLES:
-            raise FileFormatError(
-                f"{path}: expected a line of headings and {_FEWEST_SAMPLES} samples or more, got "
-                f"{len(rows)} lines"
-            )
-        header = [cell.strip() for cell in rows[0]]
-        if len(rows[-1]) < len(header):
-            rows.pop()
-        return header, rows[1:]
-
-    def _number(self, path: str | Path, column: str, index: int, cell: str) -> float:
-        try:
-            return float(cell)
-        except ValueError:
-            raise FileFormatError(
-                f"{path}, sample {index + 1} (about line {self.skip_rows + 2 + index}): expected a "
-                f"number in column {column!r}, got {cell!r}"
-            ) from None
+    def _split(self, strokes: int | None) -> dict[int, dict[str, Array]]:
+        """Signals of each stroke of the one file, by its number."""
+        signals = self._columns.read(self._place)
+        if "normal_force_n" not in signals:
+            raise FileFormatError(f"{self._place}: expected normal_force_n in the column map")
+        if (numbers := signals.pop("stroke", None)) is not None:
+            parts = {int(n): np.flatnonzero(numbers == n) for n in np.unique(numbers)}
+        else:
+            touched = touches(signals["t_s"], signals["normal_force_n"])
+            if strokes is not None and len(touched) != strokes:
+                raise FileFormatError(
+                    f"{self._place}: expected {strokes} strokes in it, got {len(touched)} touches; "
+                    "give the column of their numbers in the column map, as stroke = "
+                    '{ column = "Trial", unit = "raw" }, or a file for each stroke'
+                )
+            parts = {n: np.arange(*part) for n, part in enumerate(touched, 1)}
+        return {n: {k: v[part] for k, v in signals.items()} for n, part in parts.items()}
 
 
 class InputChannel(Part):

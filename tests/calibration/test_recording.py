@@ -200,9 +200,13 @@ def test_wrong_files_are_named(tmp_path, stroke, head, rows, said):
 @pytest.mark.parametrize(
     ("columns", "said"),
     [
-        ('[columns]\nt_s = {column = "t"}', 'expected the unit of column "t"'),
-        ('[columns]\nt_s = {column = "t", unit = "N"}', "t_s: expected unit s, ms, us, raw"),
-        ('[columns]\nx_mm = {column = "t", unit = "m"}', "expected t_s"),
+        (
+            '[columns]\nt_s = {column = "t", unit = "N"}',
+            "t_s: expected unit s, ms, us, samples",
+        ),
+        ('[columns]\nt_s = {column = "t", file = "-b.csv"}', "times of the first file"),
+        ('[columns]\nx_mm = {column = "t", file = "../b.csv"}', "rest of a name"),
+        ('[columns]\n[gauges]\ncolumns = ["a", "b"]\nmatrix = [[1, 2], [3]]', "matrix: expected"),
         ("[columns]\nt_s = {}", "one of column, speed_mm_per_s and value"),
         ('[columns]\nt_s = {column = "t", unit = "s"}\ndrive_v = {speed_mm_per_s = 3}', "x_mm"),
         ("[rows]", "ColumnMap.rows"),

@@ -24,7 +24,7 @@ KEPT = ROOT / "tests" / "data" / "kept-files" / "direct.surface"
 BLOCKED = (
     "matplotlib", "skimage", "PIL", "tifffile", "imageio", "h5py", "xarray", "h5netcdf", "serial",
     "nidaqmx", "pylsl", "evdev", "fastapi", "uvicorn", "websockets", "SurfaceTopography",
-    "distributed",
+    "distributed", "lvm_read", "nptdms",
 )  # fmt: skip
 # What a person would do that needs each extra.
 NEEDS = {

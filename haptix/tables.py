@@ -1,0 +1,476 @@
+"""Tables of laboratory instruments: text of any layout, LabVIEW's LVM, National Instruments' TDMS.
+
+What a file does not say is not guessed: columns without a unit have none, and what was understood
+stands in `LabTable.understood`.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from io import BytesIO
+from math import nan
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from haptix.base.checks import Array
+from haptix.base.errors import FileFormatError, from_extra
+from haptix.base.files import LARGEST_TABLE_BYTES, read_bytes, reading
+
+FEWEST_SAMPLES = 8
+
+_LOOKED_AT = 200  # lines, from which a layout is found
+_DELIMITERS = {"\t": "tabs", ";": "semicolons", ",": "commas", "|": "bars", " ": "spaces"}
+_NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?\s*|\s*[+-]?(nan|inf)\s*", re.I)
+_CLOCK = re.compile(
+    r"\s*(?:(?P<day>\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4})[T ]\s*)?"
+    r"(?P<h>\d{1,2}):(?P<m>\d{2}):(?P<s>\d{2}(?:[.,:]\d+)?)\s*(?P<half>[ap]\.?m\.?)?"
+    r"\s*(?:Z|[+-]\d{2}:?\d{2})?\s*",
+    re.I,
+)
+_UNIT = re.compile(r"(?P<name>.*?)\s*(?:[(\[](?P<unit>[^()\[\]]*)[)\]]|/\s*(?P<after>\w+))\s*")
+_DAY_S = 86_400.0
+_OF_SIGNALS = frozenset(
+    ["s", "ms", "us", "N", "mN", "gf", "kgf", "lbf", "m", "cm", "mm", "um", "inch", "V", "mV", "kV"]
+)
+
+ALIASES = {
+    "sec": "s", "secs": "s", "second": "s", "seconds": "s", "msec": "ms", "milliseconds": "ms",
+    "microseconds": "us", "newton": "N", "newtons": "N", "millinewton": "mN", "grams": "gf",
+    "g": "gf", "kg": "kgf", "lbs": "lbf", "lb": "lbf", "millimeter": "mm", "millimeters": "mm",
+    "meter": "m", "in": "inch", "micron": "um", "microns": "um", "volt": "V", "volts": "V",
+    "v": "V", "n": "N", "[s]": "s", "mv": "mV", "kv": "kV", "mn": "mN",
+}  # fmt: skip
+"""Spellings of units in files."""
+
+
+@dataclass(frozen=True)
+class LabTable:
+    """Columns of a file.
+
+    Parameters
+    ----------
+    columns : mapping of str to array
+        Numbers by the names of their columns; clock times are seconds since the first midnight.
+    units : mapping of str to str
+        Units that the file states.
+    times_s : mapping of str to array
+        Times of a column's samples, where the file states them beside the columns.
+    rate_hz : float or None
+        Samples per second that a text file states above its columns.
+    understood : tuple of str
+        What the layout was taken for.
+    """
+
+    columns: Mapping[str, Array]
+    units: Mapping[str, str] = field(default_factory=dict)
+    times_s: Mapping[str, Array] = field(default_factory=dict)
+    rate_hz: float | None = None
+    understood: tuple[str, ...] = ()
+
+    def named(self, name: str) -> str | None:
+        """Return the column of a name, with or without its unit; None where there is none."""
+        wanted = name.strip()
+        if wanted in self.columns:
+            return wanted
+        short = [column for column in self.columns if split_unit(column)[0] == wanted]
+        return short[0] if len(short) == 1 else None
+
+
+def split_unit(heading: str) -> tuple[str, str]:
+    """Return name and unit of a heading such as "Fz (mN)", "Fz [mN]" or "Fz/mN".
+
+    Examples
+    --------
+    >>> split_unit("Force Z [mN]"), split_unit("x")
+    (('Force Z', 'mN'), ('x', ''))
+    """
+    match = _UNIT.fullmatch(heading)
+    unit = known_unit(match["unit"] or match["after"] or "") if match else ""
+    # Behind a bar it may be a channel of a group.
+    if match is None or not match["name"] or (match["after"] and unit not in _OF_SIGNALS):
+        return heading.strip(), ""
+    return match["name"].strip(), unit
+
+
+def known_unit(text: str) -> str:
+    """Return a unit in the spelling of column maps."""
+    plain = text.strip().strip("()[]").strip().replace("\N{MICRO SIGN}", "u")
+    plain = plain.replace("\N{GREEK SMALL LETTER MU}", "u")
+    return ALIASES.get(plain.lower(), plain)
+
+
+def read_table(
+    path: str | Path,
+    names: Sequence[str] | None = None,
+    skip_rows: int = 0,
+    delimiter: str | None = None,
+) -> LabTable:
+    """Read a table of measured values.
+
+    Parameters
+    ----------
+    path : path-like
+        ``.tdms``, ``.lvm`` (with its header), or text of any name: headings above numbers, with or
+        without a row of units, decimal points or commas, clock times.
+    names : sequence of str, optional
+        Columns that are needed; of text, all that are numbers or times if not given.
+    skip_rows : int
+        Lines to leave out above the headings.
+    delimiter : str, optional
+        Between two columns; found where it is not given.
+
+    Raises
+    ------
+    FileFormatError
+        If the file cannot be read, has more than 64 MB or no table of 8 samples, or a needed column
+        is missing or has a cell that is no number.
+    MissingExtraError
+        Without the extra ``calibration``, for LVM and TDMS.
+    """
+    data = read_bytes(path, LARGEST_TABLE_BYTES)
+    if data[:4] == b"TDSm":
+        return _needed(_of_tdms(path, data), path, names)
+    text = _decoded(data)
+    if text.startswith("LabVIEW Measurement"):
+        return _needed(_of_lvm(path, text), path, names)
+    return _of_text(path, text, names, skip_rows, delimiter)
+
+
+def _decoded(data: bytes) -> str:
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return data.decode("utf-16", errors="replace")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:  # an instrument's program on Windows
+        return data.decode("cp1252", errors="replace")
+
+
+def _needed(table: LabTable, path: str | Path, names: Sequence[str] | None) -> LabTable:
+    if not any(len(values) >= FEWEST_SAMPLES for values in table.columns.values()):
+        raise FileFormatError(f"{path}: expected {FEWEST_SAMPLES} samples or more")
+    if missing := [name for name in names or () if table.named(name) is None]:
+        raise FileFormatError(
+            f"{path}: missing columns {', '.join(map(repr, missing))}; the file has "
+            f"{', '.join(map(repr, table.columns))}"
+        )
+    return table
+
+
+def _of_tdms(path: str | Path, data: bytes) -> LabTable:
+    with from_extra("calibration"):
+        from nptdms import TdmsFile
+    with reading(path, "a TDMS file"):
+        groups = TdmsFile.read(BytesIO(data)).groups()
+        parts = [
+            {channel.name: channel for channel in group.channels() if len(channel)}
+            for group in groups
+        ]
+        filled = [(group.name, part) for group, part in zip(groups, parts, strict=True) if part]
+        alike = len(filled) > 1 and len({tuple(part) for _, part in filled}) == 1
+        columns, units, times = dict[str, Array](), dict[str, str](), dict[str, Array]()
+        for number, (group, part) in enumerate(filled, 1):
+            for channel in part.values():
+                # Groups of the same channels follow one another, such as one for each stroke.
+                name = channel.name if alike or len(filled) == 1 else f"{group}/{channel.name}"
+                values = channel[:]
+                if np.issubdtype(values.dtype, np.datetime64):
+                    values = (values - values[0].astype("M8[D]")) / np.timedelta64(1, "s")
+                    units[name] = "s"
+                elif not np.issubdtype(values.dtype, np.number):
+                    continue
+                properties = channel.properties
+                columns[name] = np.append(columns.get(name, []), np.asarray(values, dtype=float))
+                if unit := known_unit(str(properties.get("unit_string", ""))):
+                    units[name] = unit
+                if (step := float(properties.get("wf_increment", 0.0))) > 0:
+                    first = float(properties.get("wf_start_offset", 0.0))
+                    own = first + step * np.arange(len(values))
+                    times[name] = np.append(times.get(name, []), own)
+            if alike:
+                longest = max(len(channel) for channel in part.values())
+                numbers = columns.get("group", np.empty(0))
+                columns["group"] = np.append(numbers, np.full(longest, float(number)))
+    what = f"TDMS: {', '.join(f'{group} ({len(part)} channels)' for group, part in filled)}"
+    return LabTable(columns, units, times, None, (what,))
+
+
+def _of_lvm(path: str | Path, text: str) -> LabTable:
+    with from_extra("calibration"):
+        import lvm_read
+    columns, units, times = dict[str, list[Any]](), dict[str, str](), dict[str, list[Any]]()
+    with reading(path, "a LabVIEW measurement file"):
+        # `read` would keep a pickle beside the file.
+        table = lvm_read.read_str(text)
+        x_columns, count = table.get("X_Columns", "One"), int(table["Segments"])
+        for number in range(count):
+            segment = table[number]
+            rows = np.atleast_2d(segment["data"])
+            names = segment["Channel names"]
+            places = [k for k, name in enumerate(names) if name not in ("X_Value", "Comment")]
+            for channel, at in enumerate(places):
+                values = rows[:, at]
+                values = values[: int(np.flatnonzero(np.isfinite(values))[-1]) + 1]
+                columns.setdefault(names[at], []).append(values)
+                labels = segment.get("Y_Unit_Label", [])
+                if channel < len(labels) and labels[channel].strip():
+                    units[names[at]] = known_unit(labels[channel])
+                if x_columns == "No":
+                    start, step = (float(segment[key][channel]) for key in ("X0", "Delta_X"))
+                    own = start + step * np.arange(len(values))
+                else:
+                    own = rows[: len(values), at - 1 if x_columns == "Multi" else 0]
+                times.setdefault(names[at], []).append(own)
+            if count > 1:
+                columns.setdefault("segment", []).append(np.full(len(rows), float(number + 1)))
+    what = f"LabVIEW measurement file of {count} segment{'s' * (count > 1)}, {x_columns} X column"
+    joined, stamps = (
+        {name: np.concatenate(parts) for name, parts in found.items()} for found in (columns, times)
+    )
+    return LabTable(joined, units, stamps, None, (what,))
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """Where the columns of a text are."""
+
+    delimiter: str
+    has_commas: bool  # in place of decimal points
+    names: list[str]
+    first: int  # line of the first numbers
+    width: int
+    units: dict[str, str]
+    above: list[str]
+    has_headings: bool
+
+
+def _of_text(
+    path: str | Path,
+    text: str,
+    names: Sequence[str] | None,
+    skip_rows: int,
+    delimiter: str | None,
+) -> LabTable:
+    lines = text.splitlines()[skip_rows:]
+    at = [number for number, line in enumerate(lines, skip_rows + 1) if line.strip()]
+    lines = [line for line in lines if line.strip()]
+    layout = _layout(lines, delimiter)
+    if layout is None:
+        raise FileFormatError(
+            f"{path}: expected a table of numbers below a line of headings, with "
+            f"{', '.join(_DELIMITERS.values())} between the columns; decimal commas need another "
+            "sign between the columns"
+        )
+    body = lines[layout.first :]
+    while body and len(_cells(body[-1], layout.delimiter)) < layout.width:
+        body.pop()  # where a recording broke off
+    if len(body) < FEWEST_SAMPLES:
+        raise FileFormatError(
+            f"{path}: expected a line of headings and {FEWEST_SAMPLES} samples or more, got "
+            f"{len(lines)} lines"
+        )
+    empty = LabTable({name: np.empty(0) for name in layout.names})
+    if missing := [name for name in names or () if empty.named(name) is None]:
+        raise FileFormatError(
+            f"{path}: missing columns {', '.join(map(repr, missing))}; the file has "
+            f"{', '.join(map(repr, layout.names))}"
+        )
+    wanted = layout.names if names is None else [empty.named(name) or name for name in names]
+    columns, units = _values(path, body, at[layout.first :], layout, wanted, names is not None)
+    columns = {name: columns[name] for name in wanted if name in columns}
+    factors, rate_hz = _stated(layout)
+    for name in columns:
+        axis = split_unit(name)[0][:1].upper()
+        if axis in factors and re.fullmatch(r"[FT][xyz]", split_unit(name)[0], re.I):
+            factor, unit = factors[axis]
+            columns[name] = columns[name] / factor
+            units = {name: unit, **units}
+    understood = [
+        f"{_DELIMITERS.get(layout.delimiter, layout.delimiter)} between {layout.width} columns, "
+        f"decimal {'commas' if layout.has_commas else 'points'}, {len(body)} samples from line "
+        f"{at[layout.first]} on"
+    ]
+    if not layout.has_headings:
+        understood.append("no headings: the columns are called 1, 2, ...")
+    if factors:
+        understood.append("counts divided by the counts per unit above the columns")
+    if rate_hz:
+        understood.append(f"{rate_hz:g} samples a second, as stated above the columns")
+    return LabTable(columns, units, {}, rate_hz, (*understood,))
+
+
+def _cells(line: str, delimiter: str) -> list[str]:
+    if delimiter == " ":
+        return line.split()
+    if '"' in line:
+        return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
+    return line.split(delimiter)
+
+
+def _is_value(cell: str, has_commas: bool) -> bool:
+    plain = cell.replace(",", ".") if has_commas else cell
+    return bool(_NUMBER.fullmatch(plain) or _CLOCK.fullmatch(cell))
+
+
+def _layout(lines: Sequence[str], delimiter: str | None) -> _Layout | None:
+    """Find the layout that makes the most cells of the first lines numbers."""
+    looked = lines[:_LOOKED_AT]
+    best: tuple[int, _Layout] | None = None
+    for sign in (delimiter,) if delimiter else _DELIMITERS:
+        rows = [_cells(line, sign) for line in looked]
+        for has_commas in (False, True):
+            counts = [sum(_is_value(cell, has_commas) for cell in row) for row in rows]
+            # Most of the cells of a line of numbers are numbers.
+            full = [2 * c > len(row) for c, row in zip(counts, rows, strict=True)]
+            widths = Counter(len(row) for row, is_full in zip(rows, full, strict=True) if is_full)
+            if not widths:
+                continue
+            width = widths.most_common(1)[0][0]
+            fits = [f and len(row) == width for f, row in zip(full, rows, strict=True)]
+            score = sum(count for count, fit in zip(counts, fits, strict=True) if fit)
+            if best is not None and score <= best[0]:
+                continue
+            runs = [k for k in range(len(rows)) if all(fits[k : k + 3])]
+            if not runs:
+                continue
+            first = runs[0]
+            best = (score, _layout_of(rows, first, width, sign, has_commas))
+    return None if best is None else best[1]
+
+
+def _layout_of(
+    rows: Sequence[list[str]], first: int, width: int, delimiter: str, has_commas: bool
+) -> _Layout:
+    above = [[cell.strip().strip('"') for cell in row] for row in rows[:first]]
+    head = [k for k, row in enumerate(above) if len(row) == width][-2:]
+    units: dict[str, str] = {}
+    names = [str(k + 1) for k in range(width)]
+    if head:
+        row = above[head[-1]]
+        is_units = (
+            len(head) == 2
+            and head[1] == head[0] + 1
+            and all(map(_is_unit, row))
+            and any(known_unit(cell) in _OF_SIGNALS for cell in row)
+        )
+        names = above[head[0]] if is_units else row
+        names = [name or str(k + 1) for k, name in enumerate(names)]
+        if is_units:
+            units = {n: known_unit(u) for n, u in zip(names, row, strict=True) if known_unit(u)}
+    units = {name: unit for name in names if (unit := split_unit(name)[1])} | units
+    lines = [delimiter.join(row) for row in above]
+    return _Layout(delimiter, has_commas, names, first, width, units, lines, bool(head))
+
+
+def _is_unit(cell: str) -> bool:
+    """Whether a cell below a heading is a unit: empty, in brackets, or short without a digit."""
+    return not cell or cell[0] in "([" or bool(re.fullmatch(r"[^\W\d]{1,3}|-|%", cell))
+
+
+def _values(
+    path: str | Path,
+    body: list[str],
+    at: Sequence[int],
+    layout: _Layout,
+    wanted: Sequence[str],
+    must_be: bool,
+) -> tuple[dict[str, Array], dict[str, str]]:
+    """Numbers of the wanted columns; where one must be, a cell that is none is an error."""
+    sign, units = layout.delimiter, dict(layout.units)
+    first = _cells(body[0], sign)
+    numeric, clocks = [], []
+    for name in wanted:
+        k = layout.names.index(name)
+        if _CLOCK.fullmatch(first[k]):
+            clocks.append(k)
+        elif must_be or _is_value(first[k], layout.has_commas):
+            numeric.append(k)
+    found: dict[str, Array] = {}
+    try:
+        text = [line.replace(",", ".") for line in body] if layout.has_commas else body
+        if layout.has_commas and sign == ",":
+            raise ValueError
+        numbers = np.loadtxt(
+            text, delimiter=None if sign == " " else sign, usecols=numeric, ndmin=2, comments=None,
+            quotechar='"',
+        )  # fmt: skip
+        found = {layout.names[k]: numbers[:, j] for j, k in enumerate(numeric)}
+    except ValueError:
+        rows = [_cells(line, sign) for line in body]
+        for k in numeric:
+            cells = [row[k] if k < len(row) else "" for row in rows]
+            values = np.array([_number(cell, layout.has_commas) for cell in cells])
+            if (bad := np.flatnonzero(np.isnan(values))).size and not must_be:
+                if len(bad) > len(values) / 2:
+                    continue
+            elif bad.size and not cells[bad[0]].strip().lower().endswith("nan"):
+                raise FileFormatError(
+                    f"{path}, sample {bad[0] + 1} (about line {at[bad[0]]}): expected a number in "
+                    f"column {layout.names[k]!r}, got {cells[bad[0]]!r}"
+                ) from None
+            found[layout.names[k]] = values
+    for k in clocks:
+        cells = [_cells(line, sign)[k] for line in body]
+        found[layout.names[k]] = _clock_s(path, cells, layout.names[k])
+        units[layout.names[k]] = "s"
+    return found, units
+
+
+def _number(cell: str, has_commas: bool) -> float:
+    plain = cell.replace(",", ".") if has_commas else cell
+    try:
+        return float(plain.replace("d", "e").replace("D", "e"))
+    except ValueError:
+        return nan
+
+
+def _clock_s(path: str | Path, cells: Sequence[str], name: str) -> Array:
+    """Seconds since the first midnight, over later ones as well."""
+    times = np.empty(len(cells))
+    for k, cell in enumerate(cells):
+        match = _CLOCK.fullmatch(cell)
+        if match is None:
+            raise FileFormatError(
+                f"{path}, sample {k + 1}: expected a time of day in column {name!r}, got {cell!r}"
+            )
+        whole, _, rest = re.sub("[,:]", ".", match["s"]).partition(".")
+        hour = int(match["h"])
+        if match["half"]:
+            hour = hour % 12 + 12 * (match["half"][0] in "pP")
+        times[k] = 3600 * hour + 60 * int(match["m"]) + float(f"{whole}.{rest or 0}")
+    # A day later, not a clock that was set back by less.
+    days = np.cumsum(np.diff(times, prepend=times[0]) < -_DAY_S / 2)
+    return np.asarray(times + _DAY_S * days)
+
+
+def _stated(layout: _Layout) -> tuple[dict[str, tuple[float, str]], float | None]:
+    """Counts per unit of force and torque, and the rate, as instruments state them.
+
+    The demonstration program of ATI's network sensors writes counts, and "Counts per Unit Force",
+    "Force Units" and "RDT Sample Rate" above them; LabVIEW's waveforms have "delta t".
+    """
+    said: dict[str, str] = {}
+    signs = "[:=\t]" if layout.delimiter == " " else f"[:=]|{re.escape(layout.delimiter)}"
+    for line in layout.above:
+        parts = [part.strip() for part in re.split(signs, line) if part.strip()]
+        if len(parts) > 1:
+            said[parts[0].lower()] = parts[1].replace(",", "." if layout.has_commas else "")
+    factors: dict[str, tuple[float, str]] = {}
+    for what, axis in (("force", "F"), ("torque", "T")):
+        counts = _number(said.get(f"counts per unit {what}", ""), False)
+        if counts > 0:
+            factors[axis] = counts, known_unit(said.get(f"{what} units", ""))
+    rates = set[float]()
+    for key, text in said.items():
+        size, _, unit = text.partition(" ")
+        value, kilo = _number(size, False), 1000 if "khz" in f"{key} {unit}".lower() else 1
+        if value > 0 and re.search(r"\brate\b|\bfrequency\b", key):
+            rates.add(value * kilo)
+        elif value > 0 and re.fullmatch(r"delta.?[tx]|dt|.*\binterval( \(?m?s\)?)?", key):
+            rates.add((1000 if "ms" in f"{key} {unit}" else 1) / value)
+    return factors, rates.pop() if len(rates) == 1 else None
