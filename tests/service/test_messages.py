@@ -176,3 +176,18 @@ def test_replies_are_those_of_the_page_for_writers_of_clients():
     rows = re.findall(r"^\| (`[a-z_`, ]+?)(?: with `id`)? \| `([a-z_]+)` \|$", page, re.MULTILINE)
     told = {kind: reply for kinds, reply in rows for kind in re.findall(r"`([a-z_]+)`", kinds)}
     assert told == REPLIES
+
+
+def test_discriminators_of_asyncapi_are_names():
+    """As its schema has them, version 3.0: `discriminator` is a string."""
+    found = []
+
+    def look(part):
+        if isinstance(part, dict):
+            found.extend([part["discriminator"]] if "discriminator" in part else [])
+            part = [*part.values()]
+        for item in part if isinstance(part, list) else []:
+            look(item)
+
+    look(reading.asyncapi())
+    assert set(found) == {"op"}

@@ -172,16 +172,22 @@ _CHANNEL = {"$ref": "#/channels/session"}
 
 def asyncapi() -> dict[str, Any]:
     """Return the AsyncAPI document; what the service receives are the client's messages."""
+    types = {
+        side: schema()["$defs"][side]["discriminator"]["mapping"]
+        for side in ("ClientMessage", "ServerMessage")
+    }
     definitions = json.loads(
-        json.dumps(schema()["$defs"]).replace("#/$defs/", "#/components/schemas/")
+        json.dumps(schema()["$defs"]).replace("#/$defs/", "#/components/schemas/"),
+        object_hook=_with_named_discriminator,
     )
-    both = {side: definitions.pop(side) for side in ("ClientMessage", "ServerMessage")}
-    types = {side: union["discriminator"]["mapping"] for side, union in both.items()}
+    for side in types:
+        del definitions[side]
     messages: dict[str, Any] = {}
     operations: dict[str, Any] = {}
     for side, action in (("ClientMessage", "receive"), ("ServerMessage", "send")):
         for kind, reference in types[side].items():
             name = f"{action}_{kind}"
+            reference = reference.replace("#/$defs/", "#/components/schemas/")
             about = definitions[reference.rsplit("/", 1)[1]]["description"]
             about = _ABOUT.get(kind, about) if action == "receive" else about
             messages[name] = {"name": kind, "summary": about, "payload": {"$ref": reference}}
@@ -216,6 +222,14 @@ def asyncapi() -> dict[str, Any]:
         "operations": operations,
         "components": {"messages": messages, "schemas": definitions},
     }
+
+
+def _with_named_discriminator(part: dict[str, Any]) -> dict[str, Any]:
+    """Name the property alone, as AsyncAPI has it; OpenAPI and JSON Schema's tools use an object."""
+    discriminator = part.get("discriminator")
+    if not isinstance(discriminator, dict) or "propertyName" not in discriminator:
+        return part
+    return {**part, "discriminator": discriminator["propertyName"]}
 
 
 def _in_channel(name: str) -> dict[str, str]:
