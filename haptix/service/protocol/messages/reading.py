@@ -225,7 +225,7 @@ def asyncapi() -> dict[str, Any]:
 
 
 def _with_named_discriminator(part: dict[str, Any]) -> dict[str, Any]:
-    """Name the property alone, as AsyncAPI has it; OpenAPI and JSON Schema's tools use an object."""
+    """Name the property alone, as AsyncAPI has it; OpenAPI has an object."""
     discriminator = part.get("discriminator")
     if not isinstance(discriminator, dict) or "propertyName" not in discriminator:
         return part
