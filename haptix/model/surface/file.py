@@ -12,6 +12,7 @@ from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save as to_bytes
@@ -218,7 +219,12 @@ def _checksum(tensor: Tensor) -> int:
 _ATTRIBUTES = {
     **{axis.name: {"units": axis.unit, "long_name": axis.text} for axis in AXES},
     "drive": {"units": "1", "long_name": "square of the voltage over the pull-in voltage"},
-    "mu": {"units": "1", "long_name": "friction coefficient"},
+    "mu": {
+        "units": "1",
+        "long_name": "friction coefficient",
+        "comment": "not for interp: mu is not linear between its nodes; see the file's attribute "
+        "interpolation, or ask haptix.FrictionSurface.from_xarray",
+    },
     "pull_in_voltage_v": {"units": "V", "long_name": "amplitude at which the contact snaps in"},
     "breakdown_voltage_v": {
         "units": "V",
@@ -249,6 +255,12 @@ def export_netcdf(table: Interpolant, info: Mapping[str, Any], path: Path) -> No
         If the file cannot be written.
     """
     dataset = as_dataset(table, info)
+    # As characters, NC_CHAR: Octave's reader ends at an attribute of the newer kind NC_STRING.
+    for part in (dataset, *dataset.variables.values()):
+        part.attrs = {
+            name: np.bytes_(value.encode()) if isinstance(value, str) else value
+            for name, value in part.attrs.items()
+        }
     # By default xarray marks NaN as missing, but this table has no holes.
     encoding = {str(name): {"_FillValue": None} for name in dataset.variables}
     # Made in memory, since HDF5 does not raise when a disk is full.
@@ -292,7 +304,10 @@ def as_dataset(table: Interpolant, info: Mapping[str, Any]) -> xarray.Dataset:
 def of_dataset(dataset: xarray.Dataset) -> tuple[Interpolant, Info]:
     """Return what `as_dataset` made a dataset of, or raise `FileFormatError`."""
     with reading("dataset", "a friction surface of haptix"):
-        about = dataset.attrs
+        about = {  # characters, or texts
+            name: value.decode() if isinstance(value, bytes) else value
+            for name, value in dataset.attrs.items()
+        }
         values = {str(name): torch.tensor(dataset[name].values) for name in dataset.variables}
         unit_v, limit_v = float(about["unit_v"]), float(about["voltage_limit_v"])
         ends_v = [values[name] for name in ("pull_in_voltage_v", "breakdown_voltage_v")]

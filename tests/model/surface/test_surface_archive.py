@@ -97,6 +97,20 @@ def test_units_and_names(full: FrictionSurface, xarray, tmp_path: Path) -> None:
     assert units == {**places, **volts, "drive": "1", "mu": "1"}
 
 
+def test_texts_are_characters_that_every_reader_knows(
+    full: FrictionSurface, tmp_path: Path
+) -> None:
+    """NetCDF's NC_CHAR is a text of fixed length in HDF5; octave-netcdf 1.0.16 reads no other."""
+    h5py = pytest.importorskip("h5py", reason="the extra netcdf is not installed")
+    full.to_netcdf(tmp_path / "my.nc")
+    with h5py.File(tmp_path / "my.nc") as file:
+        for part in (file, *(file[name] for name in file)):
+            for name in part.attrs:
+                if (text := h5py.check_string_dtype(part.attrs.get_id(name).dtype)) is not None:
+                    assert text.length is not None, name
+        assert "not for interp" in str(file["mu"].attrs["comment"])
+
+
 def test_the_same_surface_gives_the_same_bytes(
     full: FrictionSurface, plain: FrictionSurface, xarray, tmp_path: Path
 ) -> None:
