@@ -1,6 +1,7 @@
 """Interchange: there and back, the stated loss, foreign files, and what is refused."""
 
 import json
+import re
 from itertools import pairwise
 
 import numpy as np
@@ -139,6 +140,7 @@ def test_a_foreign_ahap(tmp_path):
         (lambda p: write_hjif(p, [0.0, 1.0], [0.2, 1.2]), "friction of 0 to 1"),
         (lambda p: write_hjif(p, [0.0, 1e-5], [0.2, 0.3]), "fall together"),
         (lambda p: write_hjif(p, [0.0], [0.2]), "at least 2"),
+        (lambda p: write_hjif(p, [0.0, 1.0], [0.2, 0.3], date="today"), "ISO 8601"),
     ],
 )
 def test_what_cannot_be_exported_is_refused(tmp_path, call, pattern):
@@ -168,7 +170,9 @@ def test_hjif_has_what_the_reference_software_demands(tmp_path):
         "perceptions", "syncs",
     }  # fmt: skip
     assert table["profile"] in ("Main", "Simple Parametric") and table["level"] in (1, 2)
-    assert int(table["version"]) >= 2023 and len(table["date"]) == 10
+    assert int(table["version"]) >= 2023
+    # RFC 3339: the schema of the standard wants a date-time.
+    assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(Z|[+-]\d\d:\d\d)", table["date"])
     assert all(avatar["id"] != 0 for avatar in table["avatars"])  # 0 is reserved
     (perception,) = table["perceptions"]
     assert perception["perception_modality"] == "Friction"
@@ -185,6 +189,20 @@ def test_hjif_has_what_the_reference_software_demands(tmp_path):
     for frame in effect["keyframes"]:
         assert isinstance(frame["relative_position"], int)
         assert -1 <= frame["amplitude_modulation"] <= 1
+
+
+@pytest.mark.parametrize(("length_mm", "exponent"), [(60.0, -6), (65.54, -5), (310.0, -5)])
+def test_positions_fit_the_sixteen_bits_of_the_binary_form(tmp_path, length_mm, exponent):
+    x = np.linspace(2.0, 2.0 + length_mm, 41)
+    lost = write_hjif(tmp_path / "a.hjif", x, np.linspace(0.2, 0.4, 41), date="2026-01-01")
+    (perception,) = json.loads((tmp_path / "a.hjif").read_text())["perceptions"]
+    (effect,) = perception["channels"][0]["bands"][0]["effects"]
+    assert perception["unit_exponent"] == exponent
+    assert max(frame["relative_position"] for frame in effect["keyframes"]) < 1 << 16
+    relief, _ = read_hjif(tmp_path / "a.hjif", 50.0)
+    assert isinstance(relief.field, RecordedProfile)
+    assert relief.field.position_mm == pytest.approx(x, abs=lost["largest_shift_mm"] + 1e-9)
+    assert lost["largest_shift_mm"] <= 0.5001 * 10.0 ** (exponent + 3)
 
 
 def test_a_foreign_hjif(tmp_path):

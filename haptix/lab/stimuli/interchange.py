@@ -294,7 +294,9 @@ def _drawn(
 
 
 UNIT_EXPONENT = -6
-"""Micrometres: finer than any finger, and 2 km of them in the standard's integers."""
+"""Micrometres, of lines up to `_MOST_UNITS` of them; longer ones have a coarser unit."""
+
+_MOST_UNITS = 65_535  # of a keyframe in the binary form, which has 16 bits for its position
 
 _DEFAULT_EXPONENT = -3  # of the standard, for files without one
 
@@ -315,7 +317,7 @@ def write_hjif(
     x_mm, mu : sequence of float
         Places of the corners [mm], 0 or more, increasing; friction there, 0 to 1.
     description, date : str
-        Text and date for the file's head; the date is in ISO 8601, by default today's.
+        Text and date for the file's head; the date, or time, is in ISO 8601, by default now.
 
     Returns
     -------
@@ -330,7 +332,16 @@ def write_hjif(
             "x_mm and mu: expected places of 0 mm or more and friction of 0 to 1, which is what "
             "the format holds"
         )
-    unit_mm = 10.0 ** (UNIT_EXPONENT + 3)
+    exponent = UNIT_EXPONENT
+    while round((places[-1] - places[0]) * 10.0 ** -(exponent + 3)) > _MOST_UNITS:
+        exponent += 1
+    unit_mm = 10.0 ** (exponent + 3)
+    try:
+        written = datetime.now(UTC) if date is None else datetime.fromisoformat(date)
+    except ValueError:
+        raise InputError(f"date: expected one of ISO 8601, got {date!r:.40}") from None
+    if written.tzinfo is None:
+        written = written.replace(tzinfo=UTC)
     whole = [round(x / unit_mm) for x in places]
     if len(set(whole)) < len(whole):
         raise InputError(f"x_mm: corners less than {unit_mm:g} mm apart fall together")
@@ -352,13 +363,13 @@ def write_hjif(
     }  # fmt: skip
     perception = {
         "id": 0, "avatar_id": 0, "description": description, "perception_modality": "Friction",
-        "unit_exponent": UNIT_EXPONENT, "perception_unit_exponent": 0, "reference_devices": [],
+        "unit_exponent": exponent, "perception_unit_exponent": 0, "reference_devices": [],
         "effect_library": [], "channels": [channel],
     }  # fmt: skip
     table = {
         "version": "2025",  # year of the standard
         "profile": "Main", "level": 2,
-        "date": datetime.now(UTC).date().isoformat() if date is None else date,
+        "date": written.isoformat(timespec="seconds"),  # the schema wants a date-time
         "description": f"{description}; amplitude is the friction coefficient", "timescale": 1000,
         "avatars": [],  # a perception of avatar 0 is that of none in particular
         "perceptions": [perception], "syncs": [],
