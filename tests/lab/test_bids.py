@@ -307,8 +307,15 @@ def test_what_haptix_knows_of_a_session_is_said(log, tmp_path):
     assert not {"onset", "duration"} & set(names) and {"onset_s", "duration_s"} <= set(names)
 
 
+OF_THE_LABORATORY = {
+    "InstitutionName", "InstitutionAddress", "InstitutionalDepartmentName", "Manufacturer",
+    "ManufacturersModelName", "SoftwareVersions", "SubjectArtefactDescription", "CogAtlasID",
+    "CogPOID", "Authors", "License", "SourceDatasets",
+}  # fmt: skip
+
+
 @pytest.mark.slow  # starts the validator's own runtime; what the files hold is tested above
-def test_the_validator_finds_no_error(log, tmp_path):
+def test_the_validator_finds_nothing_that_haptix_knows(log, tmp_path):
     path, _ = log
     study = tmp_path / "study"
     begin(study, "study")
@@ -321,5 +328,7 @@ def test_the_validator_finds_no_error(log, tmp_path):
         check=False,
     )  # fmt: skip
     issues = json.loads(done.stdout)["issues"]["issues"]
-    errors = [one for one in issues if one.get("severity") == "error"]
-    assert not errors, json.dumps(errors, indent=1)[:4000]
+    # What remains is of the laboratory alone: who, where, by whose panel, under which license.
+    ours = [one for one in issues if one.get("subCode") not in OF_THE_LABORATORY]
+    ours = [one for one in ours if one["code"] != "TOO_FEW_AUTHORS"]
+    assert not ours, json.dumps(ours, indent=1)[:4000]

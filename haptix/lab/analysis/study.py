@@ -221,6 +221,7 @@ RATE_HZ = 100.0
 _ABOUT = "A finger slides over an electrovibration touchscreen"
 _GAP_S = 0.1  # between two reports of one touch
 MOST_SAMPLES = 10_000_000  # of a stimulus that is sampled faster than at `RATE_HZ`
+_NOT_TRACKED = ("ACCEL", "ANGACCEL", "GYRO", "JNTANG", "MAGN", "MISC", "ORNT", "VEL")
 _LEFT_OUT = ("date", "right", "before")
 
 _TEXTS = {
@@ -304,7 +305,7 @@ def export(
     place = study / f"sub-{participant}" / f"ses-{session}"
     files = _beh(place / "beh" / base, rows, task, logged.settings)
     if samples:
-        files |= _motion(place / "motion" / base, samples, rows, task)
+        files |= _motion(place / "motion" / base, samples, rows, task, logged.settings)
         files |= _force(place / "beh" / base, samples, task)
     for path, to in ((log, copy), (touches.path, TouchLog(copy).path)):
         if path.exists() and not (to.exists() and to.samefile(path)):
@@ -347,15 +348,18 @@ def _beh(
     columns: dict[str, Any] = {name: {"Description": _TEXTS[name]} for name in names}
     columns["onset_s"]["Units"] = columns["duration_s"]["Units"] = "s"
     columns["kind"] |= {"Levels": _KINDS, "HED": _HED}
-    asks = _ASKS.get(str(settings.get("task")))
-    description = {} if asks is None else {"TaskDescription": _ABOUT, "Instructions": asks}
-    about = {"TaskName": task, **description, SETTINGS: settings, **columns}
+    about = {"TaskName": task, **_described(settings), SETTINGS: settings, **columns}
     files = {
         base.with_name(f"{base.name}_beh.tsv"): _tsv(names, table),
         base.with_name(f"{base.name}_beh.json"): json_text(about).encode(),
     }
     timed = [row for row in rows if row["onset_s"] != "n/a"]
     return files | (_stimulus(base, timed, task) if timed else {})
+
+
+def _described(settings: Mapping[str, Any]) -> dict[str, str]:
+    asks = _ASKS.get(str(settings.get("task")))
+    return {} if asks is None else {"TaskDescription": _ABOUT, "Instructions": asks}
 
 
 def _stimulus(base: Path, rows: Sequence[Mapping[str, str]], task: str) -> dict[Path, bytes]:
@@ -389,7 +393,11 @@ def _duration(row: Mapping[str, str]) -> str:
 
 
 def _motion(
-    base: Path, samples: Sequence[Mapping[str, str]], rows: Sequence[Mapping[str, str]], task: str
+    base: Path,
+    samples: Sequence[Mapping[str, str]],
+    rows: Sequence[Mapping[str, str]],
+    task: str,
+    settings: Mapping[str, Any],
 ) -> dict[Path, bytes]:
     """Path of the finger as the panel reported it, with the time of each report."""
     # Reports come in their order; what is known of the driver's clock gets better meanwhile.
@@ -410,13 +418,16 @@ def _motion(
                      "tracked_point": "n/a", "units": "s"})  # fmt: skip
     about = {
         "TaskName": task,
-        "TaskDescription": _ABOUT,
+        **_described(settings),
+        "DeviceSerialNumber": rows[0]["device"],
+        "MissingValues": "n/a",
         "SamplingFrequency": round(rate, 3),
         "SamplingFrequencyEffective": round(rate, 3),
         "TrackingSystemName": "panel",
         "MotionChannelCount": 3,
         "POSChannelCount": 2,
         "LATENCYChannelCount": 1,
+        **{f"{kind}ChannelCount": 0 for kind in _NOT_TRACKED},
         "TrackedPointsCount": 1,
     }
     events = [
@@ -431,7 +442,10 @@ def _motion(
     ]
     names = ["onset", "duration", "trial_type", "response_time"]
     described: dict[str, Any] = {key: {"Description": _TEXTS[key]} for key in names}
+    for key in ("onset", "duration", "response_time"):
+        described[key]["Units"] = "s"
     described["trial_type"] |= {"Levels": _KINDS, "HED": _HED}
+    described["StimulusPresentation"] = {"SoftwareName": "haptix", "SoftwareVersion": __version__}
     return {
         base.with_name(f"{name}_motion.tsv"): table.getvalue().encode(),
         base.with_name(f"{name}_motion.json"): json_text(about).encode(),
@@ -479,6 +493,7 @@ def _continuous(
         "StartTime": round(start_s, 5),
         "Columns": [column],
         column: {"Description": text, "Units": unit},
+        **({"PhysioType": "generic"} if suffix == "physio" else {}),
     }
     data = gzip.compress(("\n".join(cells) + "\n").encode(), mtime=0)
     return {
