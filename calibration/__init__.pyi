@@ -1,4 +1,3 @@
-from .columns import ColumnMap as ColumnMap
 from .fit.fitting import compare_terms as compare_terms
 from .fit.fitting import fit_strokes as fit_strokes
 from .fit.result import Fit as Fit
@@ -6,6 +5,7 @@ from .keep.practice import VirtualFingerSource as VirtualFingerSource
 from .keep.profile import calibrated_finger as calibrated_finger
 from .keep.profile import calibrated_screen as calibrated_screen
 from .keep.session_report import write_report as write_report
+from .measure.columns import ColumnMap as ColumnMap
 from .measure.measuring import measure as measure
 from .measure.recording import StrokeRecording as StrokeRecording
 from .measure.reduction import Reduced as Reduced

@@ -328,7 +328,7 @@ class Period(Task, command="calibrate period"):
 
             stroke = StrokeRecording.load(file)
             return stroke.t_s, stroke.x_mm, stroke.tangential_force_n
-        from calibration.columns import ColumnMap, CsvColumn
+        from calibration.measure.columns import ColumnMap, CsvColumn
 
         if self.columns is None:
             raise InputError(f"--columns: expected a column map, to read {file}")

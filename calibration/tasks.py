@@ -137,8 +137,8 @@ class Columns(Task, command="calibrate columns"):
         """Read it."""
         import numpy as np
 
-        from calibration.columns import proposed
-        from haptix.tables import read_table
+        from calibration.measure.columns import proposed
+        from haptix.base.tables import read_table
 
         table = read_table(self.file)
         columns, missing, assumed = proposed(table)
@@ -204,7 +204,7 @@ class Measuring(Task):
             from calibration.keep.practice import virtual_source
 
             return lambda session: virtual_source(session, self.seed or 0)
-        from calibration.columns import ColumnMap
+        from calibration.measure.columns import ColumnMap
         from calibration.measure.sources import CsvSource, Inputs, open_inputs
 
         if self.source == "csv":

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calibration.clocks import even_times
+from calibration.measure.clocks import even_times
 from calibration.measure.recording import Conditions, StrokeRecording
 from calibration.measure.recording_checks import Finding, check_recording
 from calibration.measure.session import Session

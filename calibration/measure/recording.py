@@ -10,8 +10,8 @@ One stroke is one HDF5 file. Layout, schema 1::
                  each with an attribute "unit"
 
 Times are those of the instrument's own clock. Stamps in bursts, late or rounded are taken as those
-of an even clock (`calibration.clocks.even_times`); ``assumed`` then has t_s. The tangential force
-is positive where the finger drags the screen towards growing x.
+of an even clock (`calibration.measure.clocks.even_times`); ``assumed`` then has t_s. The tangential
+force is positive where the finger drags the screen towards growing x.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from calibration.clocks import even_times
+from calibration.measure.clocks import even_times
 from calibration.plan.parameters import Array
 from calibration.plan.protocol import Stroke
 from haptix.base.display import Table, axes_or_new

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.clocks import sine_amplitude, sine_near
+from calibration.measure.clocks import sine_amplitude, sine_near
 from calibration.measure.recording import SIGNALS, StrokeRecording
 from calibration.measure.segmentation import Segment, full_slip, sliding_speed
 from calibration.plan.parameters import Array

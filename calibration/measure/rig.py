@@ -20,7 +20,7 @@ import torch
 from pydantic import Field, PositiveFloat, model_validator
 from scipy.optimize import least_squares
 
-from calibration.clocks import even_times, sine_amplitude
+from calibration.measure.clocks import even_times, sine_amplitude
 from calibration.measure.measuring import record_stroke
 from calibration.measure.recording_checks import force_unit
 from calibration.measure.reduction import Reduced

@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field, PositiveFloat
 from scipy.interpolate import CubicSpline
 
-from calibration.columns import SUFFIXES, ColumnMap
+from calibration.measure.columns import SUFFIXES, ColumnMap
 from calibration.measure.segmentation import sliding_speed, touches
 from calibration.plan.parameters import Array
 from calibration.plan.protocol import Stroke

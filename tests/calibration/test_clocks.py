@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from calibration import Stroke
-from calibration.clocks import even_times, sine_amplitude, sine_near
+from calibration.measure.clocks import even_times, sine_amplitude, sine_near
 from calibration.measure.recording_checks import check_recording
 from calibration.measure.reduction import reduce_stroke
 

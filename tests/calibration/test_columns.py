@@ -5,11 +5,11 @@ import pytest
 
 import haptix
 from calibration import ColumnMap, CsvSource, Stroke, StrokeRecording
-from calibration.columns import proposed
+from calibration.measure.columns import proposed
 from calibration.measure.recording import SIGNALS
 from calibration.measure.reduction import reduce_stroke
 from calibration.measure.segmentation import touches
-from haptix.tables import read_table, split_unit
+from haptix.base.tables import read_table, split_unit
 from tests.command_line import run_haptix
 
 RATE_HZ = 2000.0

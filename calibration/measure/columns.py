@@ -12,13 +12,13 @@ import numpy as np
 from pydantic import Field, PositiveFloat, model_validator
 from scipy.interpolate import CubicSpline
 
-from calibration.clocks import even_times
+from calibration.measure.clocks import even_times
 from calibration.measure.recording import SIGNALS
 from calibration.measure.segmentation import position_at_speed
 from calibration.plan.parameters import Array
 from haptix.base.documents import Document, Part
 from haptix.base.errors import FileFormatError, InputError
-from haptix.tables import FEWEST_SAMPLES, LabTable, read_table, split_unit
+from haptix.base.tables import FEWEST_SAMPLES, LabTable, read_table, split_unit
 
 SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".lvm", ".tdms")
 """Ends of the names of files that are looked for."""
@@ -31,7 +31,7 @@ _UNITS = {
     "x_mm": {"mm": 1.0, "m": 1e3, "cm": 10.0, "inch": 25.4, "um": 1e-3},
     "drive_v": {"V": 1.0, "mV": 1e-3, "kV": 1e3},
 }
-_GROUPS = ("group", "segment")  # columns of a file of several parts, see `haptix.tables`
+_GROUPS = ("group", "segment")  # columns of a file of several parts, see `haptix.base.tables`
 
 
 class CsvColumn(Part):
@@ -149,8 +149,8 @@ class ColumnMap(Document):
     Parameters
     ----------
     columns : mapping of str to CsvColumn
-        Keys of `calibration.measure.recording.SIGNALS`, and any others to keep beside them. ``stroke`` is
-        the number of the stroke, in one file of all.
+        Keys of `calibration.measure.recording.SIGNALS`, and any others to keep beside them.
+        ``stroke`` is the number of the stroke, in one file of all.
     skip_rows : int
         Lines to leave out above the headings; those above the table are found.
     delimiter : str, optional
