@@ -256,11 +256,14 @@ def export_netcdf(table: Interpolant, info: Mapping[str, Any], path: Path) -> No
     """
     dataset = as_dataset(table, info)
     # As characters, NC_CHAR: Octave's reader ends at an attribute of the newer kind NC_STRING.
-    for part in (dataset, *dataset.variables.values()):
-        part.attrs = {
-            name: np.bytes_(value.encode()) if isinstance(value, str) else value
-            for name, value in part.attrs.items()
-        }
+    for attributes in (dataset.attrs, *(part.attrs for part in dataset.variables.values())):
+        attributes.update(
+            {
+                name: np.bytes_(value.encode())
+                for name, value in attributes.items()
+                if isinstance(value, str)
+            }
+        )
     # By default xarray marks NaN as missing, but this table has no holes.
     encoding = {str(name): {"_FillValue": None} for name in dataset.variables}
     # Made in memory, since HDF5 does not raise when a disk is full.
