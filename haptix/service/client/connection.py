@@ -50,7 +50,7 @@ with from_extra("serve"):
 
 _LOG = logging.getLogger("haptix.service.client.connection")
 _SUBPROTOCOL = Subprotocol("haptix.v1")
-# The service gives up what takes more than 20 s, and says so.
+# The service gives up a request after 20 s, with an error.
 _WAIT_S, _CLOSE_S, _FILE_S = 25.0, 1.0, 60.0
 _FIRST_S, _LAST_S = 0.1, 5.0  # between two attempts to connect again
 _REPLAYED = ("geometry", "subscribe")  # sent again on resuming: the service does not keep them
@@ -63,7 +63,7 @@ Result = TypeVar("Result")
 
 
 class ReportsTouches(ABC, Generic[Sent]):
-    """Touches in millimetres; `Sent` is what a client returns for a batch."""
+    """Touches in millimetres; `Sent` is the type that a client returns for a batch."""
 
     @abstractmethod
     def touches(self, touches: list[m.TouchMessage]) -> Sent:
@@ -78,7 +78,7 @@ class ReportsTouches(ABC, Generic[Sent]):
         kind: TouchKind = "move",
         t_s: float | None = None,
     ) -> Sent:
-        """Report a touch, at `now_s` unless `t_s` says when.
+        """Report a touch, at `now_s` unless `t_s` is given.
 
         Parameters
         ----------
@@ -151,7 +151,7 @@ class LostConnection(NamedTuple):
 
 
 class Refused(HaptixError):
-    """The service refused a message; `code` and `path` say what and where."""
+    """The service refused a message; `code` and `path` name the error and its place."""
 
     def __init__(self, error: m.Error) -> None:
         place = f" ({error.path})" if error.path else ""
@@ -181,7 +181,7 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
     welcome : Welcome
         First message of the service: limits, devices, profiles.
     layout : ClientLayout
-        Calls that change what is felt where.
+        Calls that change the layout.
     """
 
     welcome: m.Welcome
@@ -207,7 +207,7 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
         self._runner: asyncio.Task[None] | None = None
 
     async def open(self) -> None:
-        """Connect and say hello; `connect_async` does it for you."""
+        """Connect and send hello; `connect_async` does it for you."""
         await self._open()
         self._runner = asyncio.create_task(self._run())
 
@@ -451,7 +451,7 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
             answer.set_result(message)
 
     def _leave_all(self) -> None:
-        """Tell that fingers are on no region any more: nothing comes over a lost connection."""
+        """Report that fingers are on no region any more: nothing arrives over a lost connection."""
         on, self._on = self._on, {}
         for contact in on.values():
             for event in ("release", "leave") if contact.event == "press" else ("leave",):

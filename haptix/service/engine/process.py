@@ -2,7 +2,7 @@
 
 It reads frames from its standard input and answers on its standard output. Four threads:
 
-- The main thread handles at once what must not wait: touches, stop, sleep.
+- The main thread handles at once touches, stop and sleep, which must not wait.
 - A worker does what takes time: opening, arming.
 - Another worker builds layouts.
 - A watch looks for the front's ticks: without one for 100 ms the output sleeps, for 2 s it stops.
@@ -62,7 +62,7 @@ SLEEP_S, STOP_S = 0.1, 2.0
 _LOOK_S = 0.02
 _MOST_TOUCH_INTERVAL_S = 0.02  # two of a touchscreen of 100 Hz
 _LAYOUTS = ("layout_set", "layout_change", "layout_restore", "forget")
-"""What is done beside all else: one session's large pictures hold nobody else up."""
+"""Slow work in parallel, so that one session's large pictures delay no other session."""
 _OF_DEVICE = ("arm", "disarm", "open", "lend", "take_back")
 _RENDERS = (
     "haptix.play.devices",
@@ -72,7 +72,7 @@ _RENDERS = (
     "haptix.play.render.live",
     "haptix.feel.layout.layout",
 )
-_SETTLED_S = 0.015  # a driver tells within its status' period which revisions it refused
+_SETTLED_S = 0.015  # a driver reports refused revisions within its status' period
 _MOST_STATS_HZ = 50.0
 _LAST_REACTIONS = 500  # reactions of which percentiles are reported
 
@@ -98,7 +98,7 @@ class Telemetry:
         self._rates = rates
 
     def tell(self, renderer: Any, now_s: float) -> None:
-        """Tell what is new of a renderer at a time of its clock."""
+        """Send the new telemetry of a renderer at a time of its clock."""
         self._tell_stats(renderer, now_s)
         wanted = [name for name in ("friction", "felt") if self._rates.get(name, 0.0) > 0]
         if not wanted:
@@ -134,7 +134,7 @@ class Telemetry:
 
 
 def _sensed(finger: FingerEstimate | None) -> tuple[float, ...]:
-    """Number of the state of sensing, and what is known of the finger; NaN without sensing."""
+    """Number of the state of sensing, and the estimate of the finger; NaN without sensing."""
     if finger is None:
         return (np.nan,) * 5
     state = [*type(finger.state)].index(finger.state)
@@ -295,7 +295,7 @@ class EngineServer:
         if renderer is None:
             return
         _LOG.info("stops: %s", reason)
-        error = InputError(reason)  # leaving with an error does not play what is queued
+        error = InputError(reason)  # leaving with an error drops the queue
         try:
             renderer.__exit__(InputError, error, None)
         except HaptixError as failure:
@@ -304,7 +304,7 @@ class EngineServer:
         self._outbox.say(event="all_left")
 
     def _fail(self, error: Exception) -> None:
-        """End at 0 V and say why; no thread ends by what a driver or a fault of ours raises."""
+        """End at 0 V with a reason; no thread ends by an exception of a driver or of ours."""
         _LOG.info("fails, %s: %s", type(error).__name__, error)
         if not isinstance(error, HaptixError):
             sys.excepthook(type(error), error, error.__traceback__)
@@ -454,7 +454,7 @@ class EngineServer:
         return {"full_drive": drive}
 
     def _observer(self) -> FingerObserver | Literal[False]:
-        """Return a new observer, which knows no finger; say if the driver measures no current."""
+        """Return a new observer without an estimate; warn if the driver measures no current."""
         from haptix.play.sensing import FingerObserver
 
         if self._contact_current is None:

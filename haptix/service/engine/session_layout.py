@@ -38,7 +38,7 @@ class SessionLayout:
         Raises
         ------
         InputError
-            Naming the region, and what is wrong with it.
+            Naming the region and its error.
         """
         with self.layout.change():
             patches = self.patches
@@ -59,7 +59,7 @@ class SessionLayout:
         Raises
         ------
         InputError
-            Naming the change, and what is wrong with it.
+            Naming the change and its error.
         """
         patches = dict(self.patches)
         values: list[tuple[Patch, float]] = []

@@ -17,7 +17,7 @@ class TouchGate:
 
     Of the moves that wait for it, one in each interval of stamps is kept of each finger: the
     newest. So ten fingers at 1 kHz do not keep the renderer from playing. A down or an up passes at
-    once, and what waits before it.
+    once, with the moves that wait before it.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class TouchGate:
                 self._has_more.notify()
 
     def forget(self) -> None:
-        """Drop what waits."""
+        """Drop the waiting touches."""
         with self._has_more:
             self._waiting.clear()
 

@@ -247,7 +247,7 @@ def _json(content: object) -> bytes:
 
 
 def _is_same(text: str, secret: str) -> bool:
-    """Compare in constant time, so that the time tells nothing of the secret."""
+    """Compare in constant time, so that the time reveals nothing of the secret."""
     return hmac.compare_digest(text.encode(), secret.encode())
 
 

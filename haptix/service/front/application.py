@@ -185,7 +185,7 @@ class Pairing(BaseModel):
 
 
 class Token(BaseModel):
-    """What a paired page says in `hello`."""
+    """The token of a paired page for its `hello`."""
 
     token: str
 

@@ -127,7 +127,7 @@ class Decoding:
         self._bytes: dict[str, int] = {}  # of memory, by digest
 
     async def __call__(self, owner: str, fields: dict[str, Any]) -> None:
-        """Look at what is new in a message of an owner.
+        """Check the new assets in a message of an owner.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""One client of the service: what it may send, and what it is sent."""
+"""One client of the service: its limits, and the messages that wait for it."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _DROPPED_S = 10.0  # between two warnings of touches that were left out
 
 
 class Settings(NamedTuple):
-    """What a session asks of the output, for as long as it holds it; it ends with the session."""
+    """A session's settings of the output, while it holds the lease."""
 
     intensity: float = 1.0
     muted: bool = False
@@ -39,7 +39,7 @@ class Settings(NamedTuple):
 
 @dataclass
 class _Feed:
-    """Frames of one stream and finger that wait, and what was sent of it."""
+    """Waiting frames of one stream and finger, and a count of the sent ones."""
 
     frames: deque[bytes] = field(default_factory=lambda: deque(maxlen=_MOST_FRAMES))
     number: int = 0
@@ -48,7 +48,7 @@ class _Feed:
 
 
 class ServiceSession:
-    """One client. What it is sent waits in `waiting` and its feeds for its writer."""
+    """One client. Its messages wait in `waiting` and its feeds for its writer."""
 
     def __init__(self, number: int, origin: str | None, now_s: Callable[[], float]) -> None:
         self.number, self.origin = number, origin
@@ -90,7 +90,7 @@ class ServiceSession:
 
     @property
     def is_welcome(self) -> bool:
-        """Whether hello was said."""
+        """Whether hello was sent."""
         return bool(self.name)
 
     def is_same_app(self, other: ServiceSession) -> bool:
@@ -135,7 +135,7 @@ class ServiceSession:
 
     def refuse(self, number: int, problem: m.Problem) -> None:
         """Answer a message by an error."""
-        # Not the sentence: it may quote what the client sent.
+        # Not the sentence: it may quote the client's text.
         _LOG.info("session %d: refused, %s at %r", self.number, problem.code, problem.path)
         self.send(
             m.Error(id=number, code=problem.code, sentence=problem.sentence, path=problem.path)
@@ -184,7 +184,7 @@ class ServiceSession:
         return [TouchEvent(now_s, finger, 0.0, 0.0, "up") for finger in lost]
 
     def tell_contact(self, contact: m.ContactMessage) -> None:
-        """Tell what a finger does with a region, so that each is left as often as entered."""
+        """Send a finger's event on a region, so that each is left as often as entered."""
         place = contact.touch_id, contact.region
         if contact.event == "leave":
             self._on.pop(place, None)
@@ -193,7 +193,7 @@ class ServiceSession:
         self.send(contact)
 
     def tell_all_left(self, now_s: float) -> None:
-        """Tell that no finger is on a region any more: the output has ended."""
+        """Send that no finger is on a region any more: the output has ended."""
         t_s = self.clock.client_s(now_s)
         for (touch_id, region), is_pressed in list(self._on.items()):
             leave = m.ContactMessage(event="leave", region=region, touch_id=touch_id, t_s=t_s)

@@ -3,8 +3,8 @@
     batch -> TouchInbox -> touch_events ---(front | engine)---> TouchGate -> renderer
              of a session  with ClientClock
 
-In the front, what came together is passed on together. A busy machine may keep the front from
-running for a while (`Stalls`). What waited in the sockets is then old, and newer touches wait
+In the front, touches that arrive together are passed on together. A busy machine may keep the front
+from running for a while (`Stalls`). What waited in the sockets is then old, and newer touches wait
 behind it: of the moves from before, the newest of each finger is passed on, and the others are
 counted. No touch is refused for a delay of the service.
 """
@@ -23,7 +23,7 @@ from haptix.service.protocol.messages import Geometry, Problem, TouchMessage
 FUTURE_S, PAST_S = 0.005, 0.5
 """How far ahead of now a touch may be, and how old."""
 MOST_MM, MOST_FORCE_N = 10_000.0, 20.0
-"""Of a touch: beyond any screen, and any finger that slides. What is more was meant otherwise."""
+"""Of a touch: beyond any screen, and any finger that slides. A larger number has another unit."""
 _EXCHANGES, _MOST_DRIFT = 64, 200e-6
 _JUMP_S, _JUMPS = 0.02, 3
 OLD_S = 0.1
@@ -121,7 +121,7 @@ class ClientClock:
             return stamp_s
         raise Problem(
             "clock",
-            f"t_s: expected seconds of the clock that the pongs tell, got a stamp {wrong}; is "
+            f"t_s: expected seconds of the clock in the pongs, got a stamp {wrong}; is "
             "it in seconds, and of the same clock?",
             "/t_s",
         )
@@ -188,7 +188,7 @@ class TouchInbox:
         self._batches.append([*touches])
 
     def take(self, clock: ClientClock, now_s: float, late_s: float) -> list[Batch]:
-        """Return what is to be passed on, batch by batch; None stands for what is left out.
+        """Return the touches to pass on, batch by batch; None stands for one that is left out.
 
         Parameters
         ----------
@@ -197,7 +197,7 @@ class TouchInbox:
         now_s : float
             By the service's clock.
         late_s : float
-            What `Stalls.late_s` says.
+            As `Stalls.late_s` returns it.
         """
         batches, self._batches = self._batches, []
         self.passed_s, self.is_due = now_s, False
@@ -234,7 +234,7 @@ class UsableTouches(NamedTuple):
     events: list[TouchEvent]
     left_out: int
     problem: Problem | None
-    """What is wrong with the first that cannot."""
+    """The error of the first one that cannot."""
 
 
 def touch_events(
@@ -244,7 +244,7 @@ def touch_events(
     now_s: float,
     late_s: float,
 ) -> UsableTouches:
-    """Return a client's touches by the service's clock, and what is wrong with the others.
+    """Return a client's touches by the service's clock, and the errors of the others.
 
     Touches that are too old by at most `late_s` [s], the service's own delay, are taken as if they
     were just in time.

@@ -296,7 +296,7 @@ _MOST_AHEAD, _MOST_AHEAD_BYTES = 1000, 4 * 2**20
 _EVERY = 256  # messages read, others have a turn
 _LONGEST_BEHIND_S = 0.03  # bytes read at most; a stop behind more would take over 50 ms
 _STOP = re.compile(r'"type"\s*:\s*"stop"')
-_TURNS_S = 0.0005  # lets the loop read what has arrived
+_TURNS_S = 0.0005  # lets the loop read arrived messages
 
 
 async def serve_session(hub: Hub, socket: WebSocket, client: ServiceSession) -> None:
@@ -344,7 +344,7 @@ async def _reads(hub: Hub, socket: WebSocket, client: ServiceSession) -> None:
             if is_stop or read % _EVERY == 0:  # the writer sends the answer to a stop
                 await asyncio.sleep(0)
         hub.closed(client)  # 0 V at once
-        await asyncio.sleep(1.0)  # its writer says why, and closes
+        await asyncio.sleep(1.0)  # its writer sends the reason, and closes
 
 
 def _is_stop(text: str) -> bool:

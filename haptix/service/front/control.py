@@ -1,4 +1,4 @@
-"""Who holds the output, and the state machine of what it does.
+"""The holder of the output, and the output's state machine.
 
     off, failed --arm--> armed --its holder is silent--> asleep
                          armed <--its holder answers---- asleep
@@ -63,7 +63,7 @@ class OutputControl:
         self.engine, self._welcome = engine, welcome
         self.holder: ServiceSession | None = None
         self._kept: KeptLease | None = None
-        self._sent = Settings()  # what the engine has
+        self._sent = Settings()  # the engine's settings
         self.output = m.OutputMessage(
             state="off",
             device=device,
@@ -134,7 +134,7 @@ class OutputControl:
         return True
 
     def tick(self, now_s: float) -> None:
-        """Forget what was kept for too long."""
+        """Forget sessions that were kept for too long."""
         if self._kept is not None and now_s > self._kept.until_s:
             self._forget()
 
@@ -145,7 +145,7 @@ class OutputControl:
             self.set(state="off", reason=reason)
 
     def lend(self, kind: str) -> None:
-        """End at 0 V and tell which kind of job has the device now; "" at its end."""
+        """End at 0 V and report the kind of job that has the device now; "" at its end."""
         if kind:
             self.disarm("a job has the device")
         self.set(lent_to=kind)
@@ -168,7 +168,7 @@ class OutputControl:
             self.set(state="armed", reason="its holder answers again")
 
     def set(self, number: int = 0, **changes: Any) -> m.OutputMessage:
-        """Change the state of the output, tell all, and return the answer to a message."""
+        """Change the state of the output, send it to all, and return the answer to a message."""
         self.output = self.output.model_copy(update=changes)
         _LOG.info("output: %s", ", ".join(f"{name} {value}" for name, value in changes.items()))
         for session in self._welcome():

@@ -1,7 +1,7 @@
 """The engine and the virtual finger beside it, as the service's front sees them.
 
-The front starts both and restarts either when it dies. It replays to a new engine what the last one
-had accepted: layouts, intensity, mute, pause and sensing (`EngineReplay`).
+The front starts both and restarts either when it dies. It replays to a new engine the state that
+the last one had accepted: layouts, intensity, mute, pause and sensing (`EngineReplay`).
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class LayoutRecord:
 
 
 class EngineReplay:
-    """A record of what one engine accepts, replayed to the next; no replayed message arms."""
+    """The accepted messages of one engine, replayed to the next; no replayed message arms."""
 
     def __init__(self) -> None:
         self._layouts: dict[int, LayoutRecord] = {}  # by session
@@ -97,7 +97,7 @@ class FeltFingerProcess(Process):
     Parameters
     ----------
     on_event, on_telemetry : callable
-        Take what it says: that it hangs, and its telemetry.
+        Take its event that it hangs, and its telemetry.
     """
 
     def __init__(
@@ -112,7 +112,7 @@ class FeltFingerProcess(Process):
         self._rests: asyncio.TimerHandle | None = None
 
     def opens(self, opening: dict[str, Any]) -> None:
-        """Set what it feels: finger, screen and carrier."""
+        """Set its finger, screen and carrier."""
         self._opening = opening
         self._is_known.set()
 
@@ -197,7 +197,7 @@ class EngineProcess(Process):
         self.felt_finger = FeltFingerProcess(on_event, on_telemetry)
 
     async def start(self) -> dict[str, Any]:
-        """Start the engine; return what it has opened."""
+        """Start the engine; return the device and surface that it has opened."""
         if self.pid is None:
             await self.launch()
         opened = await super().ask("open", **self._opening)
@@ -209,7 +209,7 @@ class EngineProcess(Process):
         if self._rates:
             self.tell("streams", rates=self._rates)
         for do, fields in self._replay.messages():
-            with suppress(Problem):  # a file may be gone: the next `arm` then says so
+            with suppress(Problem):  # a file may be gone: the next `arm` reports that
                 await super().ask(do, **fields)
         return opened
 
@@ -274,7 +274,7 @@ class EngineProcess(Process):
         self._on_event(message)
 
     def on_frame(self, kind: int, data: bytes) -> None:
-        """Pass telemetry on; send what was played to the virtual finger."""
+        """Pass telemetry on; send played amplitudes to the virtual finger."""
         if kind == TELEMETRY:
             self._on_telemetry(data)
         elif kind == AMPLITUDE:

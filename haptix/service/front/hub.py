@@ -1,4 +1,4 @@
-"""All sessions: who may connect, what each message does at once, and who has fallen silent.
+"""All sessions: access, the immediate effect of each message, and time-outs.
 
 One session at a time holds the lease (`OutputControl`): only it arms, touches and changes what is
 felt. Any session may stop. Before the lease goes to another session, the output is at 0 V; the new
@@ -29,7 +29,7 @@ _LOG = logging.getLogger("haptix.service")
 TICK_S = 0.02
 """Between two looks at the sessions. A silent client's voltage is gone a tick after its limit."""
 _FIRST_PINGS = 8
-_MOST_SESSIONS, _MOST_STRANGERS = 16, 8  # who have said hello, and who not yet
+_MOST_SESSIONS, _MOST_STRANGERS = 16, 8  # sessions after hello, and before it
 _MANY_REQUESTS, _MOST_REQUESTS = 32, 60  # of one session, that wait for the engine
 _REQUEST_WAIT_S = 0.02
 _QUESTIONS = ("inventory", "watch", "subscribe", "geometry", "bye")  # they move nothing
@@ -85,7 +85,7 @@ class Hub:
             if not (session.is_welcome or session.closing)
         ]
         for session in strangers[: max(0, len(strangers) + 1 - _MOST_STRANGERS)]:
-            session.close(4408, "others came and said no hello either")
+            session.close(4408, "more connections arrived, and this one had sent no hello")
         session = ServiceSession(self._next, origin, self.now_s)
         self._next += 1
         self.sessions[session.number] = session
@@ -134,7 +134,7 @@ class Hub:
     # --- messages --------------------------------------------------------------------------------
 
     def receive(self, session: ServiceSession, data: str | bytes) -> float:
-        """Take what a client sent; return how long not to read from it [s].
+        """Take a client's message; return the pause before its next one is read [s].
 
         Pongs and stop take effect at once. Touches in bytes wait for `pass_touches`, which is
         called before the next message. Other messages wait for `connections.answer_in_turn`.
@@ -207,7 +207,7 @@ class Hub:
         return wait_s
 
     def on_engine_event(self, event: dict[str, Any]) -> None:
-        """Pass on what the engine says unasked."""
+        """Pass on an event of the engine."""
         kind = event.pop("event")
         if kind == "output":
             self._on_output(event["state"], event["reason"])
@@ -232,11 +232,11 @@ class Hub:
                 session.send(m.WarningMessage(sentence=sentence))
 
     def _on_output(self, state: str, reason: str) -> None:
-        """Take what the engine says of the output; a virtual driver is armed again by itself."""
+        """Take a state of the output from the engine; a virtual driver is armed again by itself."""
         control, before = self.control, self.control.output.state
         was_live = control.is_live or (before == "failed" and self._was_live)
         control.set(state=state, reason=reason)
-        self._all_left()  # an engine that has died says no more of it
+        self._all_left()  # an engine that has died does not report it
         self._was_live = was_live and state == "failed"
         is_back = was_live and before == "failed" and state == "off"
         is_real = any(device.is_real for device in self.inventory.devices)
@@ -265,7 +265,7 @@ class Hub:
     def _hello(self, session: ServiceSession, message: m.HelloMessage) -> None:
         major, minor = (int(part) for part in message.protocol.split("."))
         if session.is_welcome:
-            raise Problem("order", "hello was said already", "/type")
+            raise Problem("order", "hello was sent already", "/type")
         if major != m.PROTOCOL[0]:
             wrong = Problem(
                 "version",
@@ -321,7 +321,7 @@ class Hub:
     def stop(self, reason: str, by: ServiceSession | None = None) -> None:
         """End at 0 V, for all sessions, and refuse requests that wait.
 
-        Of the session that says stop all are refused, of others all but questions.
+        Of the session that sends stop all are refused, of others all but questions.
         """
         self.engine.tell("stop", reason=reason)
         self.jobs.end_playing()  # the engine has lent them the device
@@ -367,7 +367,7 @@ class Hub:
             self.control.wake()
 
     def tell_streams(self) -> None:
-        """Tell the engine which streams anybody wants, and how fast."""
+        """Send the engine the subscribed streams with their rates."""
         rates: dict[str, float] = {}
         for session in self.welcome():
             for name, rate in session.streams.items():
@@ -375,5 +375,5 @@ class Hub:
         self.engine.tell("streams", rates=rates)
 
     def welcome(self) -> list[ServiceSession]:
-        """Return the sessions that have said hello."""
+        """Return the sessions after their hello."""
         return [session for session in self.sessions.values() if session.is_welcome]

@@ -1,4 +1,4 @@
-"""What is in use, for people: the profiles of screen and finger, and the volts of full drive.
+"""The profiles in use of screen and finger, and the volts of full drive, for people.
 
 Clients can read the volts and not set them: a client that wants less asks for less friction or a
 lower intensity.
@@ -28,7 +28,7 @@ def profiles_router(hub: Hub, token: Callable[..., Awaitable[None]]) -> APIRoute
 
     @router.get("/v1/profiles/{kind}")
     async def profile(kind: Literal["screen", "finger"]) -> Profile:
-        """The profile in use: what it rests on, how old it is, whether to trust it."""
+        """The profile in use: its source, its age, whether to trust it."""
         if kind not in hub.profiles:
             raise Problem("device", "the engine is not there yet; ask again")
         return Profile.model_validate(hub.profiles[kind])
@@ -53,7 +53,7 @@ def profiles_router(hub: Hub, token: Callable[..., Awaitable[None]]) -> APIRoute
 
 
 class PersonSettings(BaseModel):
-    """What the person at the screen wants of all apps; what an app wants comes beside it."""
+    """The person's settings for all apps, applied on top of an app's own."""
 
     person_intensity: Annotated[float, Field(ge=0, le=1)] = 1.0
     """Share of what apps ask for."""

@@ -93,7 +93,7 @@ class Job(Process):
             self.kill()
 
     def answer(self, text: str) -> None:
-        """Answer what it asks.
+        """Answer its question.
 
         Raises
         ------
@@ -108,14 +108,14 @@ class Job(Process):
         self.tell("answer", text=text)
 
     def change(self, **fields: Any) -> None:
-        """Take a change and tell it."""
+        """Apply a change and report it."""
         if fields.get("state", self.message.state) != self.message.state:  # and no prompt or answer
             _LOG.info("job %s: %s, %s", self.message.job, self.message.kind, fields["state"])
         self.message = self.message.model_copy(update=fields)
         self._tell(self.message)
 
     def on_silence(self, silent_s: float) -> None:
-        """Tell its owner at once, and wait a little: a participant may be in the midst of it."""
+        """Report it to its owner at once, and wait a little: a participant may be answering."""
         if self.is_over or silent_s > _LONGEST_SILENCE_S:
             super().on_silence(silent_s)
         elif not self.message.sentence:
@@ -125,7 +125,7 @@ class Job(Process):
         """Take progress or a prompt."""
         if self.is_over:
             return
-        self.has_loaded()  # who is at work has what it needs
+        self.has_loaded()  # a worker that answers has loaded
         if "share" in message:
             if message["share"] - self.message.share >= _SHARE:
                 self.change(share=message["share"])
@@ -214,7 +214,7 @@ class JobBoard:
         return self.results / job
 
     def all(self, owner: str) -> tuple[JobMessage, ...]:
-        """Return what is known of an owner's jobs, the oldest first."""
+        """Return the state of an owner's jobs, the oldest first."""
         return tuple(job.message for job in self.jobs.values() if job.owner == owner)
 
     def cancel(self, job: Job) -> None:

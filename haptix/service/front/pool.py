@@ -199,7 +199,7 @@ class Process:
         except asyncio.IncompleteReadError:
             pass
         except Exception as error:
-            _LOG.info("%s: killed, for it says what it should not: %s", self.name, error)
+            _LOG.info("%s: killed, for it sent an invalid frame: %s", self.name, error)
             self.kill()
         await process.wait()
         _LOG.info("%s: process %d ended with code %s", self.name, process.pid, process.returncode)
@@ -235,7 +235,7 @@ class _Worker(Process):
         self.has_surface = False
 
     def on_silence(self, silent_s: float) -> None:
-        """Tell its owner once, and give it a little more time."""
+        """Warn its owner once, and give it a little more time."""
         if silent_s >= LONGEST_SILENCE_S:
             super().on_silence(silent_s)
         elif silent_s < (MOST_SILENT + 0.5) * BEAT_S:

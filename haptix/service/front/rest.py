@@ -5,7 +5,7 @@ Routes of tasks are made from their declarations at the desk; what takes long go
 workers or becomes a job.
 
 A kept layout is a folder of its versions, `NAME/REVISION.json`: a write adds one and replaces none,
-an empty one says that the layout was removed. A write carries, as `If-Match`, the revision that it
+an empty one marks a removed layout. A write carries, as `If-Match`, the revision that it
 was made from; without one it makes a new layout. So nobody overwrites what he has not seen.
 """
 
@@ -77,7 +77,7 @@ class PictureRequest(BaseModel):
 
 
 class Picture(BaseModel):
-    """What a material asks for on a grid, for a finger that goes right at 80 mm/s."""
+    """Wanted friction of a material on a grid, for a finger that goes right at 80 mm/s."""
 
     columns: int
     rows: int
@@ -100,7 +100,7 @@ class CheckRequest(BaseModel):
 
 
 class Checked(BaseModel):
-    """A material with all its fields, and what it can do on this screen."""
+    """A material with all its fields, and its range on this screen."""
 
     canonical: dict[str, Any]
     target: str
@@ -110,7 +110,7 @@ class Checked(BaseModel):
     range_jnd: float
     """The reachable range in just-noticeable differences."""
     effects_jnd: dict[str, float]
-    """By field: what one step of it changes."""
+    """By field: the effect of one step."""
 
 
 def documents_router(pool: Pool, layouts: Path) -> APIRouter:
@@ -150,12 +150,12 @@ def documents_router(pool: Pool, layouts: Path) -> APIRouter:
 
     @router.post("/pictures")
     async def picture(request: Request, body: PictureRequest) -> Picture:
-        """Draw what a material asks for."""
+        """Draw the wanted friction of a material."""
         return Picture(**await pool.ask(request.state.owner, "picture", **body.model_dump()))
 
     @router.post("/materials/check")
     async def check(request: Request, body: CheckRequest) -> Checked:
-        """Check a material: its fields, what it depends on, what a step of each field changes."""
+        """Check a material: its fields, its dependences, the effect of a step of each field."""
         return Checked(**await pool.ask(request.state.owner, "check", **body.model_dump()))
 
     async def export(request: Request, body: BaseModel) -> Response:
@@ -214,7 +214,7 @@ def jobs_router(board: JobBoard) -> APIRouter:
 
     @router.get("/jobs/{job}")
     async def job(request: Request, job: JobName) -> JobMessage:
-        """How far a job is, what it asks, and its result."""
+        """Progress, question and result of a job."""
         return board.get(job, request.state.owner).message
 
     @router.get("/jobs/{job}/files")
@@ -238,7 +238,7 @@ def jobs_router(board: JobBoard) -> APIRouter:
 
     @router.post("/jobs/{job}/answer", status_code=204)
     async def answer(request: Request, job: JobName, body: Answer) -> Response:
-        """Answer what a job asks."""
+        """Answer the question of a job."""
         board.get(job, request.state.owner).answer(body.text)
         return Response(status_code=204)
 
@@ -257,7 +257,7 @@ def _begins(board: JobBoard, task: type[Task]) -> Callable[..., Any]:
 
 
 def _takes(task: type[Task], handler: Callable[..., Any]) -> Callable[..., Any]:
-    """Let a handler take a task's parameters, and say what the task says."""
+    """Give a handler a task's parameters and description."""
     handler.__annotations__ = {**get_type_hints(handler), "body": task.body()}
     handler.__doc__ = task.__doc__
     return handler
@@ -279,7 +279,7 @@ class Version(BaseModel):
 
 
 class Draft(BaseModel):
-    """A layout that is being edited, and what it was made from."""
+    """A layout that is being edited, and the revision that it is based on."""
 
     model_config = ConfigDict(extra="forbid")
     name: Annotated[str, Field(pattern=_NAME)]
@@ -302,7 +302,7 @@ class _Kept(NamedTuple):
 
 
 class KeptTexts:
-    """Texts by name, each with its last versions; every write says what it was made from.
+    """Texts by name, each with its last versions; every write names the revision it is based on.
 
     Parameters
     ----------
@@ -332,7 +332,7 @@ class KeptTexts:
             ]
 
     def versions(self, name: str) -> list[Version]:
-        """Return what can be read of a name, the newest first."""
+        """Return the readable versions of a name, the newest first."""
         with self._lock:
             return [
                 Version(name=name, revision=version.revision, unix_s=version.path.stat().st_mtime)
@@ -352,7 +352,7 @@ class KeptTexts:
             return text, version.revision
 
     def write(self, name: str, text: str, made_from: str | None) -> int:
-        """Add a version and return its revision; what is written twice is written once."""
+        """Add a version and return its revision; an equal text is written once."""
         with self._lock:
             now = self._now(name)
             if now is not None and now.path.read_text() == text:
@@ -394,7 +394,7 @@ class KeptTexts:
             (self._folder / name).rename(self._folder / to)
 
     def _check(self, name: str, now: _Kept | None, made_from: str | None) -> None:
-        """Raise `Problem` unless a write was made from what is kept."""
+        """Raise `Problem` unless a write is based on the kept revision."""
         if made_from is None and now is not None:
             why = f"{name!r} is kept already: read it first and send its ETag as If-Match, or keep "
             raise Problem("stale", f"{why}yours under another name")
@@ -479,7 +479,7 @@ def layouts_router(folder: Path) -> APIRouter:
 
     @router.put("/drafts/{name}", status_code=204, response_model=None)
     def put_draft(name: Name, body: Draft, if_match: IfMatch = None) -> Response:
-        """Keep a draft, apart from what is kept; of more than 100 the oldest is removed."""
+        """Keep a draft, apart from the layouts; of more than 100 the oldest is removed."""
         revision = drafts.write(name, body.model_dump_json(), if_match)
         for old in all_drafts()[MOST_DRAFTS:]:
             drafts.remove(old.name, _etag(old.revision))
@@ -508,7 +508,7 @@ def _etag(revision: int) -> str:
 
 
 def _answer(text: str, revision: int) -> Response:
-    """Answer with what was kept as it is: a layout of an older version opens, too."""
+    """Answer with the kept text as it is."""
     return Response(text, media_type="application/json", headers={"etag": _etag(revision)})
 
 

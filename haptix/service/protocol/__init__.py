@@ -1,1 +1,1 @@
-"""What the processes and clients of the service say to each other."""
+"""Messages and frames between the processes and the clients of the service."""

@@ -128,7 +128,7 @@ def read_touches(data: bytes) -> TouchBatch:
         if kind == "up" and flags < 64 and not zero:  # a finger that is off has no force
             x, y = (x, y) if isfinite(x + y) else (0.0, 0.0)
             force_n = area_m2 = None
-        # A thousand batches a second come here: one condition for what is right, a call for others.
+        # A thousand batches a second come here: one condition for valid ones, a call for others.
         if not (
             kind
             and flags < 64
@@ -156,7 +156,7 @@ def _wrong(
     area_m2: float | None,
     index: int,
 ) -> Problem:
-    """Say what is wrong with a record."""
+    """Describe the error of a record."""
     if flags & 3 == 3 or flags >= 64 or zero:
         wrong = f"unknown flags {flags:#x} or padding {zero}"
     elif not (isfinite(x) and isfinite(y)):

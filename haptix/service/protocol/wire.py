@@ -76,7 +76,7 @@ def touches_of(data: bytes) -> list[TouchEvent]:
 
 
 def amplitude_frame(t0_s: float, step_s: float, amplitude_v: Array) -> bytes:
-    """Return a frame of what was played, for the virtual finger: amplitudes [V] at even times."""
+    """Return a frame of played amplitudes [V] at even times, for the virtual finger."""
     samples = np.asarray(amplitude_v, dtype="<f4").tobytes()
     return frame(AMPLITUDE, _AMPLITUDE.pack(t0_s, step_s) + samples)
 
@@ -183,19 +183,19 @@ class Outbox:
             self._waiting.put(data)
 
     def close(self) -> None:
-        """Send what waits, for a second at most."""
+        """Send the waiting frames, for a second at most."""
         self._waiting.put(None)
         self._thread.join(1.0)
 
     def _writes(self) -> None:
-        with suppress(OSError):  # the other side is gone: the end of our input says so too
+        with suppress(OSError):  # the other side is gone; our input ends as well
             while (data := self._waiting.get()) is not None:
                 self._output.write(data)
                 self._output.flush()
 
 
 def frame_output() -> BinaryIO:
-    """Return the standard output for frames; what a library prints goes to the standard error."""
+    """Return the standard output for frames; the output of libraries goes to the standard error."""
     output = os.fdopen(os.dup(1), "wb", buffering=0)
     os.dup2(2, 1)
     return output

@@ -28,10 +28,10 @@ if TYPE_CHECKING:
 EXPORT = "haptix.tasks.materials:ExportLayout"
 """The task that writes layouts in forms of interchange."""
 _FORCES_N = (0.1, 0.2, 0.5, 1.0, 2.0, 3.0)
-_FORCE_N = 0.5  # what is asked for where nobody says another
+_FORCE_N = 0.5  # where a request has no other
 BYTES_PER_PIXEL = 48  # of a texture: the pixels, its pyramid, and one level more
 MOST_SAMPLES, MOST_TABLE_BYTES = 48_000 * 60, 2_000_000
-"""Of a sound, and of a table or model: what the engine reads in a second or two."""
+"""Of a sound, and of a table or model, which the engine reads in a second or two."""
 
 _SURFACE_FORCES_N = (0.05, 3.0)
 """Forces [N] of the surface that is built where none is given: all that a finger slides with."""
@@ -39,7 +39,7 @@ _TOLERANCE = "0.05 JND"
 
 
 class DocumentWork:
-    """What a worker answers, by the names of its methods.
+    """The questions that a worker answers, one method each.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ class DocumentWork:
         }
 
     def check(self, material: dict[str, Any], normal_force_n: float) -> dict[str, Any]:
-        """All fields of a document, its range, and what a step of each changes [JND]."""
+        """All fields of a document, its range, and the effect of a step of each [JND]."""
         from haptix.feel.materials.panels import effects_of_steps
         from haptix.model.perception.thresholds import WEBER_FRACTION
 
@@ -120,7 +120,7 @@ class DocumentWork:
         }
 
     def decode(self, digest: str) -> dict[str, Any]:
-        """Look at a file for the engine, which decodes no picture; tell the memory that it takes.
+        """Check a file for the engine, which decodes no picture; return the memory that it takes.
 
         The pixels of a picture are kept. Other files must be short: the engine reads them itself.
         """
@@ -223,11 +223,11 @@ class Profile(BaseModel):
     source: str
     """Its file, or "preset"."""
     calibrated: date | None = None
-    """When it was measured; None for what was not measured on this very screen."""
+    """Date of the measurement; None for values not measured on this very screen."""
     age_days: int | None = None
     verdict: str = ""
     rests_on: tuple[str, ...] = ()
-    """What was assumed and not measured."""
+    """Values that were assumed and not measured."""
     spread: dict[str, float] = {}
     """Standard deviation of the logarithm of each number that was found."""
     warnings: tuple[str, ...]
@@ -243,7 +243,7 @@ def profiles_of(finger: Finger, screen: Screen, sources: dict[str, str]) -> dict
     Parameters
     ----------
     finger, screen : Finger, Screen
-        What is in use.
+        The profiles in use.
     sources : dict of str
         Preset or file of each, by kind.
     """

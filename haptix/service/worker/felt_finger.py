@@ -1,4 +1,4 @@
-"""A virtual finger that feels live what the engine plays, at most a tenth of a second later.
+"""A virtual finger on the engine's output, live, at most a tenth of a second later.
 
 It takes touches and amplitudes as frames, in a worker of its own with a lower priority than the
 engine's, so that the engine keeps its time.
@@ -38,7 +38,7 @@ _FINER = 2  # instants felt in a row: edges of a texture are followed to 0.003 J
 _PART_S = 0.05  # felt at a time: a solution costs the same for 1 and 100 instants
 _RESTS_AFTER_S = 0.06  # without a report for so long, a finger is taken to rest
 _HISTORY_S = 1.0
-_JUMP_S = 0.005  # between the end of a part and the next: a break in what is played
+_JUMP_S = 0.005  # between the end of a part and the next: a break in the output
 
 
 class FingerPath:
@@ -71,7 +71,7 @@ class FingerPath:
 
 
 class FeltFinger:
-    """Computes what is felt along the paths of the touching fingers.
+    """Computes the felt friction along the paths of the touching fingers.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ class FeltFinger:
                     path.reports.append((t_s, x_mm, y_mm, known.normal_force_n))
 
     def play(self, t0_s: float, step_s: float, amplitude_v: Array) -> None:
-        """Take what was played."""
+        """Take amplitudes that were played."""
         with self._lock:
             end_s = self._start_s + len(self._amplitude) * self._step_s
             if self._step_s != step_s or abs(t0_s - end_s) > _JUMP_S:
@@ -124,7 +124,7 @@ class FeltFinger:
                 self._felt_s = max(self._felt_s, self._start_s)
 
     def feel(self, now_s: float) -> list[TelemetryFrame]:
-        """Return what was felt and not yet returned."""
+        """Return the felt friction since the last call."""
         with self._lock:
             until_s = self._start_s + (len(self._amplitude) - 1) * self._step_s
             for path in self._paths.values():

@@ -125,19 +125,19 @@ class Worker:
         return {}
 
     def _do_job(self, kind: str, context: dict[str, Any], **fields: Any) -> dict[str, Any]:
-        """Do a job; what it asks is answered by the frames that come meanwhile."""
-        # What it plays once the service is gone ends at 0 V by the driver's watchdog.
+        """Do a job; the frames that arrive meanwhile answer its questions."""
+        # If the service ends meanwhile, the driver's watchdog ends the output at 0 V.
         answers = (parse_json(data)["text"] for _, data in self._frames)
         return {"result": getattr(JobWork(context, self._outbox.say, answers), kind)(**fields)}
 
     def _do_get_ready(self) -> dict[str, Any]:
-        """Import what a virtual finger needs."""
+        """Import the modules of the virtual finger."""
         from haptix.service.worker import felt_finger  # noqa: F401
 
         return {}
 
     def _do_feel(self, finger: str, screen: str, carrier_hz: float) -> dict[str, Any]:
-        """Feel, from now on, what comes as touches and amplitudes."""
+        """Compute the felt friction of the touches and amplitudes that arrive from now on."""
         from haptix.service.worker.felt_finger import FeltFinger, FeltFingerThread
 
         self._felt_finger = FeltFingerThread(
@@ -156,7 +156,7 @@ class JobWork:
     say : callable
         Takes fields of a message to the service.
     answers : iterator of str
-        What a person answers.
+        Answers of a person.
     """
 
     def __init__(
@@ -190,7 +190,7 @@ class JobWork:
         return document if isinstance(document, dict) else {"rows": document}
 
     def _name(self, kind: str, name: str | None) -> str | None:
-        """Return a preset or what is in use: a client names no files."""
+        """Return a preset or the profile in use: a client names no files."""
         used: str | None = self._context.get(kind)
         presets = FINGERS if kind == "finger" else SCREENS
         if name is None or name == used:
@@ -201,7 +201,7 @@ class JobWork:
 
 
 class _JobContext(Context):
-    """Tells the service how far a task is, and asks a person there."""
+    """Sends the progress of a task to the service, and its questions to a person there."""
 
     def __init__(self, say: Callable[..., None], answers: Iterator[str], task: type[Task]) -> None:
         super().__init__()

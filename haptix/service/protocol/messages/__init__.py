@@ -2,7 +2,7 @@
 
 A client's messages are numbered by `id`, which rises; each is answered once, with the same `id`.
 `touch` and `pong` need none: only their errors are answered. The server's events have `id` 0.
-Every field says since which version of the protocol it is there.
+Every field names the version of the protocol that introduced it.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ Code = Literal[
     "limit",
     "document",
     "device",
-    "unknown",  # what a message names is not there
+    "unknown",  # a message names a thing that does not exist
     "internal",
 ]
-"""What is wrong, for programs."""
+"""Error codes, for programs."""
 
 Stream = Literal["stats", "friction", "felt"]
-"""What a client can subscribe to."""
+"""Streams that a client can subscribe to."""
 
 Id = Annotated[int, Field(ge=1, le=2**53)]
 Name = Annotated[str, Field(min_length=1, max_length=100)]
@@ -61,9 +61,9 @@ class Problem(Exception):
     Parameters
     ----------
     code : Code
-        What is wrong, for programs.
+        The error code, for programs.
     sentence : str
-        What was expected, what came, and what to do.
+        The expected value, the received one, and the remedy.
     path : str
         Field, as a JSON pointer; "" for the whole message.
     """
@@ -73,7 +73,7 @@ class Problem(Exception):
         self.code, self.sentence, self.path = code, sentence, path
 
 
-# --- what a client sends ------------------------------------------------------------------------
+# --- messages of a client ------------------------------------------------------------------------
 
 
 class HelloMessage(Message):
@@ -107,7 +107,7 @@ class Plain(Message):
 
 
 class Geometry(PixelPlaces, Message):
-    """Say how pixels become mm: ``origin_mm + turn(rotation_deg) (px / px_per_mm)``."""
+    """Map pixels to mm: ``origin_mm + turn(rotation_deg) (px / px_per_mm)``."""
 
     type: Literal["geometry"]
     id: Id
@@ -171,7 +171,7 @@ class AddRegion(RegionDocument):
 
 
 class ChangeRegion(RegionFields, Message):
-    """Change what is given of a region, in a cross-fade."""
+    """Change the given fields of a region, in a cross-fade."""
 
     op: Literal["change"]
     name: Name
@@ -179,7 +179,7 @@ class ChangeRegion(RegionFields, Message):
 
 
 class MoveRegion(Place, Message):
-    """Move a region within `over_s`; what is left out stays."""
+    """Move a region within `over_s`; fields that are left out stay."""
 
     op: Literal["move"]
     name: Name
@@ -215,7 +215,7 @@ class LayoutChange(Message):
 
 
 class Play(Message):
-    """Play an effect that ends, such as a transient; `effect_ended` tells its end."""
+    """Play an effect that ends, such as a transient; `effect_ended` reports its end."""
 
     type: Literal["play"]
     id: Id
@@ -255,7 +255,7 @@ class Subscribe(Message):
 
 
 class Watch(Message):
-    """Ask how far a job is, and be told of its changes until it ends."""
+    """Request the progress of a job, and its changes until it ends."""
 
     type: Literal["watch"]
     id: Id
@@ -289,11 +289,11 @@ ClientMessage = Annotated[
 ]
 
 
-# --- what the server sends ----------------------------------------------------------------------
+# --- messages of the server ----------------------------------------------------------------------
 
 
 class Limits(Message):
-    """What a session is held to."""
+    """Limits of a session."""
 
     text_bytes: int = MOST_TEXT_BYTES
     depth: int = MOST_DEPTH
@@ -330,7 +330,7 @@ class Lease(Message):
 
 
 class OutputMessage(Message):
-    """What the output does. `intensity`, `muted` and `paused` are its holder's.
+    """State of the output. `intensity`, `muted` and `paused` are its holder's.
 
     While a job plays, `lent_to` is its kind, and `state` is that of all others: off.
     """
@@ -350,7 +350,7 @@ class OutputMessage(Message):
 
 
 class DeviceMessage(Message):
-    """A driver: its address, what it is, and the profile that belongs to it."""
+    """A driver: its address, its description, and its profile."""
 
     address: str
     name: str
@@ -386,7 +386,7 @@ class Welcome(Message):
 
 
 class Done(Message):
-    """What was asked is done."""
+    """The request was carried out."""
 
     type: Literal["done"] = "done"
     id: int
@@ -450,7 +450,7 @@ class PingMessage(Message):
 
 
 class StrokeTrace(Message):
-    """What a calibration's instruments have read of a stroke since the last such message."""
+    """Readings of a calibration's instruments in a stroke since the last such message."""
 
     stroke: int
     tries: int
@@ -464,7 +464,7 @@ class StrokeTrace(Message):
 
 
 class JobMessage(Message):
-    """A job: how far it is, what it asks, why it failed, or what it found."""
+    """A job: its progress, its question, its error or its result."""
 
     type: Literal["job"] = "job"
     id: int = 0
@@ -476,9 +476,9 @@ class JobMessage(Message):
     choices: tuple[str, ...] = ()
     sentence: str = ""
     step: str = ""
-    """What it does, of a job in steps."""
+    """The current step, of a job in steps."""
     trace: StrokeTrace | None = None
-    """Only in the message that tells of it."""
+    """Only in the message that reports it."""
     result: dict[str, Any] | None = None
 
 
@@ -501,7 +501,7 @@ class Error(Message):
 
 
 class Bye(Message):
-    """The server ends the session, and says why."""
+    """The server ends the session, with the reason."""
 
     type: Literal["bye"] = "bye"
     id: int = 0

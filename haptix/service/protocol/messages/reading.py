@@ -171,7 +171,7 @@ _CHANNEL = {"$ref": "#/channels/session"}
 
 
 def asyncapi() -> dict[str, Any]:
-    """Return the AsyncAPI document; what the service receives are the client's messages."""
+    """Return the AsyncAPI document; the service receives the client's messages."""
     types = {
         side: schema()["$defs"][side]["discriminator"]["mapping"]
         for side in ("ClientMessage", "ServerMessage")
