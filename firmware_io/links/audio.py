@@ -102,6 +102,7 @@ class AudioLink(HostedLink):
     def __init__(self, profile: AudioProfile) -> None:
         self._sounddevice = sounddevice = _sounddevice()
         self.underflows = 0
+        self._has_finished = False
         index = _find_device(sounddevice, profile)
         super().__init__(profile, f"audio:device={sounddevice.query_devices(index)['name']}")
         self._stream: Any = None
@@ -138,13 +139,15 @@ class AudioLink(HostedLink):
             out[:, 1] = line
 
     def _finished(self) -> None:
+        self._has_finished = True
         if not self._is_released:
             self._fail("PortAudio ended the stream; the interface was unplugged or its server quit")
 
     def _end(self, plays_on: bool) -> None:
         """Close; a stream that plays on is stopped, which plays out what it holds."""
         stream, self._stream = self._stream, None
-        if stream is not None:
+        # Of a stream on JACK whose server has ended, PortAudio waits ten minutes for the end.
+        if stream is not None and (stream.active or self._has_finished):
             with suppress(self._sounddevice.PortAudioError):
                 if plays_on:
                     stream.stop()

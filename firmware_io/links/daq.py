@@ -291,7 +291,7 @@ class DaqLink(HostedLink):
             self._enable = self._daq.Task()
             self._enable.do_channels.add_do_chan(profile.line_of_amplifier)
             self._enable.write(True)
-        self._moved_s = time.monotonic()
+        self._moved_s = self._asked_s = time.monotonic()  # to start it all may take a while
 
     def _feed(self) -> None:
         """Keep the buffer filled, by the card's clock, until the link closes; a thread's body."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 import logging
 import math
 import threading
+import time
 import tomllib
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
@@ -38,11 +39,16 @@ _LOG = logging.getLogger("firmware_io.links")
 
 _TRIGGER_S = 0.001
 _POLL_S = 0.0005
+_LOOK_S = 0.02
 #: Time at 0 V at the beginning. The firmware starts anew at each opening, so earlier output, of
 #: this process or another, must have left the second over which energy and mean are taken.
 HOLD_S = DEFAULT_WINDOW_S
 HOLD_EXTRA_S = 5.0
-"""An output that asks for no samples for so long counts as broken."""
+"""An output that asks for no samples for so long after it was opened counts as broken."""
+STILL_S = 0.19
+"""An output that asks for no samples for so long while it is open has stopped: a playback looks at
+least every 50 ms, so that this is a fault within the watchdog's 0.25 s. The longest blocks in use,
+8192 samples at 44.1 kHz, last 0.186 s."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -201,6 +207,7 @@ class HostedLink(Link):
         self._was_streaming = False
         self._hold_samples = math.ceil(HOLD_S * profile.sample_rate_hz)
         self._has_held = threading.Event()
+        self._asked_s = math.inf  # when the output last asked for samples
 
     def send(self, data: bytes) -> None:
         """Hand bytes to the firmware; see `Link.send`."""
@@ -247,9 +254,11 @@ class HostedLink(Link):
     def _hold(self) -> None:
         """Wait until the output was held at 0 V."""
         try:
-            has_held = self._has_held.wait(HOLD_S + (self.latency_s or 0.0) + HOLD_EXTRA_S)
+            end_s = time.monotonic() + HOLD_S + (self.latency_s or 0.0) + HOLD_EXTRA_S
+            while not self._has_held.wait(_LOOK_S) and time.monotonic() < end_s:
+                self._check_open()
             self._check_open()
-            if not has_held:
+            if not self._has_held.is_set():
                 raise DeviceError(
                     f"{self.name} takes no samples, though it is open; check its server or clock."
                 )
@@ -259,7 +268,9 @@ class HostedLink(Link):
 
     def _next(self, count: int) -> tuple[npt.NDArray[np.int16], npt.NDArray[np.bool_]]:
         """Return the next output samples as codes, and where the digital line is high."""
-        if not self._has_held.is_set():
+        self._follow_output()
+        self._asked_s = time.monotonic()
+        if self._failure is not None or not self._has_held.is_set():
             self._hold_samples -= count
             if self._hold_samples <= 0:
                 self._has_held.set()
@@ -298,9 +309,16 @@ class HostedLink(Link):
         _LOG.info("%s: fails: %s", self.name, why)
         self._has_held.set()
 
+    def _follow_output(self) -> None:
+        """Fail if the output has stopped, even if it goes on: what is queued is of the past."""
+        silent_s = time.monotonic() - self._asked_s
+        if silent_s > STILL_S and self._failure is None:
+            self._fail(f"its output stands, it has asked for no samples for {silent_s:.2g} s")
+
     def _check_open(self) -> None:
         if not self._is_open:
             raise DeviceDisconnectedError(f"{self.name} is closed; open the device again.")
+        self._follow_output()
         if self._failure is not None:
             raise DeviceDisconnectedError(
                 f"{self.name} is gone: {self._failure}; open the device again."

@@ -15,6 +15,8 @@ from firmware_io import (
     DeviceError,
     DeviceNotFoundError,
     LimitError,
+    Playback,
+    WaveSource,
     open_device,
 )
 from firmware_io.links import hosted
@@ -24,6 +26,7 @@ from tests.links import open_link
 from tests.waiting import wait_for
 
 PERIOD = 64
+STILL_S = hosted.STILL_S
 
 
 class OutputStream:
@@ -46,12 +49,15 @@ class OutputStream:
         self.heard: list[np.ndarray] = []
         self.pending: list[np.ndarray] = []
         self.is_late = threading.Event()
+        self.stands = threading.Event()
         self.end = threading.Event()
         self.thread = threading.Thread(target=self._run)
         streams.append(self)
 
     def _run(self):
         while not self.end.wait(PERIOD / self.samplerate):
+            if self.stands.is_set():
+                continue
             out = np.full((PERIOD, self.channels), np.nan, np.float32)
             late = self.is_late.is_set()
             if late:
@@ -60,6 +66,10 @@ class OutputStream:
             self.pending.append(out)
             if len(self.pending) > self.buffered:
                 self.heard.append(self.pending.pop(0))
+
+    @property
+    def active(self):
+        return not self.end.is_set()
 
     def start(self):
         self.thread.start()
@@ -101,6 +111,7 @@ def portaudio(monkeypatch, no_thread_is_left):
     monkeypatch.setattr(OutputStream, "refusal", None)
     monkeypatch.setattr(hosted, "HOLD_EXTRA_S", 300.0)  # however late the callbacks come
     monkeypatch.setattr(hosted, "HOLD_S", 0.001)
+    monkeypatch.setattr(hosted, "STILL_S", 300.0)
     monkeypatch.setitem(sys.modules, "sounddevice", module)
     streams.clear()
     yield module
@@ -241,6 +252,64 @@ def test_an_interface_that_goes_away(portaudio):
     with pytest.raises(DeviceDisconnectedError):
         device.close()
     open_device("audio:full_scale_v=200").close()
+
+
+#: Every door by which a program uses an armed interface.
+DOORS = {
+    "write": lambda device: device.write(np.zeros(64)),
+    "revise": lambda device: device.revise(400, np.zeros(8)),
+    "progress": lambda device: device.progress(is_due=True),
+    "mark": lambda device: device.mark(5),
+    "stop": lambda device: device.stop(),
+    "close": lambda device: device.close(),
+}
+
+
+@pytest.mark.parametrize("door", DOORS)
+def test_an_interface_that_stops_without_a_word_is_a_fault_at_every_door(
+    portaudio, monkeypatch, door
+):
+    device = open_device("audio:full_scale_v=200,trigger=yes,device=HDMI")
+    device.arm(revisable=True)
+    device.write(np.linspace(0.0, 50.0, 500))
+    monkeypatch.setattr(hosted, "STILL_S", 0.05)
+    streams[0].stands.set()
+    streams[0].end.wait(0.06)
+    with pytest.raises(DeviceDisconnectedError, match="asked for no samples"):
+        DOORS[door](device)
+    with pytest.raises(DeviceDisconnectedError):
+        device.close()
+
+
+def test_a_playback_ends_when_the_interface_has_stopped(portaudio, monkeypatch):
+    device = open_device("audio:full_scale_v=200")
+    tone = WaveSource(lambda first, count: 100 * np.sin(0.1 * np.arange(first, first + count)))
+    playback = Playback(device, tone)
+    playback.start()
+    wait_for(lambda: playback.stats.samples_played > 4800)
+    monkeypatch.setattr(hosted, "STILL_S", STILL_S)
+    streams[0].stands.set()
+    wait_for(lambda: not playback.is_running)
+    with pytest.raises(DeviceDisconnectedError, match="asked for no samples"):
+        playback.stop()
+    with pytest.raises(DeviceDisconnectedError):
+        device.close()
+
+
+def test_samples_of_before_a_pause_are_not_played_after_it(portaudio, monkeypatch):
+    device = open_device("audio:full_scale_v=200")
+    device.arm()
+    device.write(100.0 * np.sin(np.arange(4800) / 6))
+    monkeypatch.setattr(hosted, "STILL_S", 0.02)
+    streams[0].stands.set()
+    streams[0].end.wait(0.05)
+    blocks = len(streams[0].heard)
+    streams[0].stands.clear()
+    wait_for(lambda: len(streams[0].heard) > blocks + 10)
+    after = np.concatenate(streams[0].heard[blocks + OutputStream.buffered + 1 :])
+    assert not after.any()
+    with pytest.raises(DeviceDisconnectedError, match="asked for no samples"):
+        device.close()
 
 
 def test_senseless_latencies_are_not_believed(portaudio, monkeypatch):
