@@ -73,6 +73,7 @@ class Enroll(OnScreen, command="enroll"):
                 )
             scene = {"normal_force_n": FORCES_N, "frequency_hz": DEFAULT_CARRIER_HZ}
             surface, _ = cached_surface(model, scene, "0.05 JND")
+            surface = surface.limited(device.limits.ceiling_v)
             observer = FingerObserver(ContactCurrent.of_surface(surface, DEFAULT_CARRIER_HZ))
             level = np.tile([0.3, 0.9], (2, 8))  # voltages differ along a stroke
             texture = Texture(level, width_mm=_WIDTH_MM, beyond="hold")

@@ -241,13 +241,14 @@ class OfPath(OfPhotograph):
             raise InputError("--material: expected no --image, --width-mm or --mu-range beside it")
         return load(self.material_file), str(self.material_file)
 
-    def built(self, setting: Setting, context: Context) -> FrictionSurface:
-        """Return the surface of a file, or one that is built for the setting."""
+    def built(self, setting: Setting, context: Context, ceiling_v: float) -> FrictionSurface:
+        """Return the surface of a file, or one that is built for the setting and a device."""
         from haptix.model.surface import FrictionSurface
 
         if self.surface is not None:
             return FrictionSurface.load(self.surface, setting.model)
-        return setting.surface(partial(context.progress, "build the surface"))[0]
+        update = partial(context.progress, "build the surface")
+        return setting.surface(update)[0].limited(ceiling_v)
 
 
 class Render(OfPath, command="render", route="renderings", kind="rendering"):
@@ -299,11 +300,13 @@ class Render(OfPath, command="render", route="renderings", kind="rendering"):
                     f"--device: expected a mock device, whose output can be felt, got {self.device}"
                     "; `haptix play` plays on a driver"
                 )
-            with closing(open_device(self.device)) as opened:  # with a driver's serial number
+        with closing(open_device(self.device)) as opened:  # with a driver's serial number
+            ceiling_v = opened.limits.ceiling_v
+            if context.folder is not None:
                 finger, screen = profiles_for(opened, finger, screen)
         named = self.model_copy(update={"finger": finger, "screen": screen})
         setting, photograph = named.setting(named.model())
-        surface = self.built(setting, context)
+        surface = self.built(setting, context, ceiling_v)
         simulation = simulate(
             setting,
             surface,
@@ -355,7 +358,7 @@ class PlayPath(OfPath, command="play"):
             finger, screen = profiles_for(opened, self.finger, self.screen)
             model = self.model_copy(update={"finger": finger, "screen": screen}).model()
             setting, _ = self.setting(model)
-            surface = self.built(setting, context)
+            surface = self.built(setting, context, opened.limits.ceiling_v)
             events = events_of(setting.path)
             # Not strict: after a stall of this machine, touches come too late to matter.
             live = LiveSettings(

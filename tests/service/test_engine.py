@@ -12,6 +12,10 @@ import pytest
 from haptix.base.errors import DeviceError
 from haptix.feel.layout.layout import Listeners
 from haptix.feel.motion import Report
+from haptix.model.finger import Finger
+from haptix.model.friction import ContactModel
+from haptix.model.screen import Screen
+from haptix.model.surface import FrictionSurface
 from haptix.play.touch.events import TouchEvent
 from haptix.service.engine import process as engine_module
 from haptix.service.engine.process import EngineServer
@@ -147,6 +151,23 @@ def test_a_region_that_is_removed_under_a_finger_is_left_and_nothing_comes_after
         ("all_left", None, None),
     ]
     assert {(one["session"], one["region"]) for one in told(output)[:3]} == {(7, "ribs")}
+
+
+def test_a_device_below_the_screen_is_armed_up_to_its_ceiling(monkeypatch, tmp_path):
+    model = ContactModel(Finger(), Screen(), fidelity="closed-form")
+    surface = FrictionSurface.build(model, {"normal_force_n": (0.4, 0.6)}, 0.01)
+    monkeypatch.setattr("haptix.model.surface.cached_surface", lambda *_: (surface, True))
+    monkeypatch.setattr(
+        "haptix.feel.materials.decoded.keep_in", lambda *_, **__: None
+    )  # for all tests
+    server = EngineServer(io.BytesIO())
+    device = "mock:pace=real,ceiling_v=150"
+    opened = server._do_open(device, None, None, None, str(tmp_path / "assets"))
+    assert opened["ceiling_v"] == 150.0
+    server._do_layout_set(1, {"regions": []})
+    assert server._do_arm(1)["full_drive"]["highest_v"] == 150.0
+    server._stop("done")
+    server._device.close()
 
 
 def test_who_arms_after_a_silent_holder_is_felt(monkeypatch):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -551,6 +551,26 @@ class FrictionSurface(Displayed):
                 f"{axis.low:g} to {axis.high:g} N; build one for it"
             )
         return column
+
+    def limited(self, voltage_v: float) -> FrictionSurface:
+        """Return the same surface up to an amplitude [V] at most; nothing is solved again.
+
+        Parameters
+        ----------
+        voltage_v : float
+            Such as the ceiling of a device.
+
+        Examples
+        --------
+        >>> import haptix
+        >>> model = haptix.ContactModel(haptix.Finger(), haptix.Screen(), fidelity="closed-form")
+        >>> surface = haptix.FrictionSurface.build(model, {"normal_force_n": (0.4, 0.6)}, 0.01)
+        >>> surface.limited(150.0).voltage_limit_v
+        150.0
+        """
+        if voltage_v >= self.voltage_limit_v:
+            return self
+        return FrictionSurface(replace(self.table, voltage_limit_v=float(voltage_v)), self.info)
 
     def to(self, dtype: torch.dtype, device: torch.device | str = "cpu") -> FrictionSurface:
         """Return a copy in another precision or on another device.

@@ -248,7 +248,7 @@ class RenderStream(RenderCore, ABC):
         if limit > ceiling:
             raise LimitError(
                 f"the surface asks for up to {limit:g} V, but the device allows {ceiling:g} V; "
-                f"build the surface for voltages up to {ceiling:g} V, or open the device anew if "
+                f"build one for it: {_building(self.surface, ceiling)}; or open the device anew if "
                 "an earlier surface has lowered its ceiling"
             )
         if limit < ceiling:
@@ -402,3 +402,18 @@ class Renderer(RenderStream):
                 f"touch: expected a time within {LONGEST_GAP_S:g} s of what is rendered, got one "
                 f"{gap_s:g} s later; is the clock in seconds? Enter the renderer anew after a pause"
             )
+
+
+def _building(surface: FrictionSurface, voltage_v: float) -> str:
+    """Return the command that builds the same surface for voltages up to another one."""
+    words = ["haptix build my.surface", f"--voltage-v {voltage_v:g}"]
+    profiles = surface.info.get("profiles", {})
+    words += [f"--{kind} {profiles[kind]}" for kind in ("finger", "screen") if kind in profiles]
+    for option, axis in (
+        ("normal-force-n", surface.normal_force_n),
+        ("frequency-hz", surface.frequency_hz),
+    ):
+        if not axis.is_absent:
+            ends = (axis.low, axis.high) if axis.varies else (axis.low,)
+            words.append(f"--{option} {','.join(f'{end:g}' for end in ends)}")
+    return " ".join(words)

@@ -374,14 +374,14 @@ class EngineServer:
         self._device = self._device or open_device(device)  # a first try may have failed later
         finger, screen = profiles_for(self._device, finger, screen)
         used = Finger.named(finger), Screen.named(screen)
-        self._surface = surface_of({"surface": surface, "finger": finger, "screen": screen})
+        used_by = {"finger": finger, "screen": screen, "ceiling_v": self._device.limits.ceiling_v}
+        self._surface = surface_of({"surface": surface, **used_by})
         self._load_sensing(used[0] if touched_by is None else Finger.named(touched_by), used[1])
         return_freed_memory()
         return {
             "device": self._device.name,
-            "finger": finger,
+            **used_by,
             "touched_by": finger if touched_by is None else touched_by,
-            "screen": screen,
             "profiles": profiles_of(*used, {"finger": finger, "screen": screen}),
             "carrier_hz": carrier_hz(self._surface),
             "kinds": sorted(KINDS),

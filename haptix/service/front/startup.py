@@ -127,7 +127,8 @@ def serve(
             hub.inventory = _inventory(shown, opened)
             hub.profiles = opened["profiles"]
             used = {key: opened[key] for key in ("finger", "screen")}
-            pool.opening = {**used, "surface": opening["surface"], "assets": opening["assets"]}
+            kept = {key: opening[key] for key in ("surface", "assets")}
+            pool.opening = {**used, **kept, "ceiling_v": opened["ceiling_v"]}
             hub.jobs.context = {**used, "device": device, "assets": opening["assets"]}
             hub.jobs.context["logs"] = str(folder / "experiments")
             hub.jobs.context["calibrations"] = str(folder / "calibrations")

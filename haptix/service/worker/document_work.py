@@ -46,7 +46,7 @@ class DocumentWork:
     assets : Path
         Folder of the files that apps have sent; documents read nothing else.
     opening : dict
-        Surface, finger and screen, as the engine has them.
+        Surface, finger and screen, as the engine has them, and its device's ceiling [V] if known.
     """
 
     def __init__(self, assets: Path, opening: dict[str, Any]) -> None:
@@ -202,7 +202,7 @@ class DocumentWork:
 
 
 def surface_of(opening: dict[str, Any]) -> FrictionSurface:
-    """Load the surface that was given, or load or build one for the finger and screen."""
+    """Load the surface that was given, or load or build one for finger, screen and device."""
     from haptix.model.finger import Finger
     from haptix.model.friction import ContactModel
     from haptix.model.screen import Screen
@@ -213,7 +213,8 @@ def surface_of(opening: dict[str, Any]) -> FrictionSurface:
         return FrictionSurface.load(opening["surface"])
     model = ContactModel(Finger.named(opening["finger"]), Screen.named(opening["screen"]))
     scene = {"normal_force_n": _SURFACE_FORCES_N, "frequency_hz": DEFAULT_CARRIER_HZ}
-    return cached_surface(model, scene, _TOLERANCE)[0]
+    surface, _ = cached_surface(model, scene, _TOLERANCE)
+    return surface.limited(opening.get("ceiling_v", surface.voltage_limit_v))
 
 
 class Profile(BaseModel):

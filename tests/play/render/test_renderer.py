@@ -1,5 +1,7 @@
 """From touches to what the mock driver played."""
 
+import re
+
 import numpy as np
 import pytest
 import torch
@@ -217,6 +219,40 @@ def test_more_than_the_device_gives_is_rejected_at_rest(surface):
     assert not device.is_armed
     assert np.abs(device.mock.played_v).max(initial=0.0) <= 150.0
     assert device.last_v == 0.0
+
+
+def test_the_refusal_names_the_command_that_builds_the_right_surface(surface):
+    device = haptix.open_device("mock:ceiling_v=150")
+    with (
+        pytest.raises(LimitError) as refused,
+        Renderer(surface, Texture(np.ones((2, 2)), 30.0), device),
+    ):
+        pass
+    command = re.search("haptix (build .*?);", str(refused.value)).group(1).split()
+    values = dict(zip(command[2::2], command[3::2], strict=True))
+    assert values["--voltage-v"] == "150"
+    ends = [float(end) for end in values["--normal-force-n"].split(",")]
+    assert ends == pytest.approx([surface.normal_force_n.low, surface.normal_force_n.high])
+    assert float(values["--frequency-hz"]) == CARRIER_HZ
+
+
+@pytest.mark.parametrize("ceiling_v", [1.0, 150.0, 300.0])
+def test_a_surface_is_limited_to_what_a_device_gives(surface, ceiling_v):
+    limited, least_v = surface.limited(ceiling_v), min(ceiling_v, surface.voltage_limit_v)
+    assert limited.voltage_limit_v == least_v
+    for voltage_v in (0.3 * least_v, least_v):
+        assert limited.mu(0.5, voltage_v, CARRIER_HZ) == surface.mu(0.5, voltage_v, CARRIER_HZ)
+    column = limited.column(0.5, CARRIER_HZ)
+    assert column.end_v <= least_v
+    voltage_v, _ = column.voltage(np.array([1.0]))  # a friction beyond reach
+    assert voltage_v <= least_v
+    full = Texture(np.ones((2, 2)), width_mm=30.0)
+    address = f"mock:ceiling_v={least_v:g}"
+    with Renderer(limited, full, haptix.open_device(address)) as renderer:
+        renderer.touch(*START)
+        renderer.touch(*END)
+    loudest = np.abs(renderer.device.mock.played_v).max()
+    assert least_v - 2 * STEP_V <= loudest <= least_v
 
 
 def test_friction_out_of_reach_is_counted(surface):
