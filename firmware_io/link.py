@@ -37,6 +37,8 @@ class Link(ABC):
     """Size of the reports that carry the bytes (HID); None if a write may have any size."""
     bytes_per_s: float | None = None
     """Bytes that the link carries in a second; None if it has no limit of its own."""
+    wakes_s: float = 0.0
+    """Longest time for which a driver may be deaf after its link was opened, as it starts up."""
 
     @property
     def latency_s(self) -> float | None:

@@ -44,6 +44,7 @@ _LOG = logging.getLogger("firmware_io.protocol")
 ANSWER_S = 0.5
 """Longest time to an answer, in seconds: a full queue of reports and a busy host take less."""
 
+_HELLO_S = ANSWER_S / 2
 _BROKEN_OFF_S = 0.1  # PROTOCOL.md: a frame whose bytes pause this long is discarded
 _KEPT_TOUCHES = 1024
 _KEPT_READINGS = 4096  # a second at the highest rate
@@ -111,12 +112,13 @@ class ProtocolClient:
             If the device does not use this protocol, or uses another version of it.
         """
         damage: ProtocolError | None = None
-        # Send it twice: a report may be lost, and HELLO is accepted in every state.
-        for end_s in (self.clock() + ANSWER_S / 2, self.clock() + ANSWER_S):
+        began_s, longest_s = self.clock(), ANSWER_S + self.link.wakes_s
+        # Twice at least, since a report may be lost; HELLO is accepted in every state.
+        for number in range(1, round(longest_s / _HELLO_S) + 1):
             self.version = OLDEST_VERSION
             _LOG.info("%s: HELLO is sent", self.link.name)
             self.send(Hello())
-            for item in self._items(end_s):
+            for item in self._items(began_s + number * _HELLO_S):
                 if isinstance(item, CapabilitiesReport):
                     self.fault = None
                     self.version = VERSION
@@ -132,7 +134,7 @@ class ProtocolClient:
                 f"{self.link.name} answered, but not as a haptix driver does: {damage}"
             ) from damage
         raise ProtocolError(
-            f"{self.link.name} did not answer HELLO within {ANSWER_S:g} s; this is another "
+            f"{self.link.name} did not answer HELLO within {longest_s:g} s; this is another "
             "device, or its firmware hangs: check the address, then replug it."
         )
 

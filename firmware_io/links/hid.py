@@ -100,6 +100,7 @@ class HidLink(Link):
     """
 
     report_bytes = REPORT_BYTES
+    wakes_s = 1.0  # just plugged in, a board may still hold its output at 0 V
 
     def __init__(
         self,

@@ -22,6 +22,7 @@ BAUD = 2_000_000
 """Bits a second, of which ten make a byte: samples of 16 bits at 48 kHz need 1.1 million."""
 
 _WRITE_S = 1.0
+_WAKES_S = 3.0  # a board whose reset is wired to DTR: boot loader, then a second at 0 V
 
 
 def pyserial() -> Any:
@@ -54,6 +55,9 @@ class SerialLink(Link):
         Bits a second. CDC over USB ignores it.
     flow : bool
         Whether the board's RTS holds this side back.
+    dtr, rts : bool, optional
+        Level that this side's lines keep, for a board that they reset; by default both are raised,
+        as the system does on opening.
 
     Raises
     ------
@@ -63,7 +67,16 @@ class SerialLink(Link):
         If pyserial is missing, or the port cannot have that speed.
     """
 
-    def __init__(self, port: str | None = None, baud: int = BAUD, flow: bool = False) -> None:
+    wakes_s = _WAKES_S
+
+    def __init__(
+        self,
+        port: str | None = None,
+        baud: int = BAUD,
+        flow: bool = False,
+        dtr: bool | None = None,
+        rts: bool | None = None,
+    ) -> None:
         self._serial = pyserial()
         place = port or _only_port()
         self.name = f"serial:port={place}"
@@ -71,8 +84,13 @@ class SerialLink(Link):
         self._port: Any = None
         try:
             self._port = self._serial.Serial(
-                place, baud, timeout=0, write_timeout=_WRITE_S, rtscts=flow, exclusive=True
+                None, baud, timeout=0, write_timeout=_WRITE_S, rtscts=flow, exclusive=True
             )
+            for line, level in (("dtr", dtr), ("rts", rts)):
+                if level is not None:
+                    setattr(self._port, line, level)
+            self._port.port = place
+            self._port.open()
         except ValueError as error:
             raise DeviceError(f"{self.name} cannot have baud={baud}: {error}.") from error
         except OSError as error:
@@ -162,6 +180,6 @@ def _search() -> tuple[str, list[DeviceInfo]]:
 
 SCHEME = Scheme(
     SerialLink,
-    {"port": str, "baud": count, "flow": yes_or_no},
+    {"port": str, "baud": count, "flow": yes_or_no, "dtr": yes_or_no, "rts": yes_or_no},
     bus=Bus(_search, 'pip install "haptix-electrovibration[serial]"'),
 )

@@ -119,6 +119,8 @@ class UsbLink(Link):
         If it cannot be opened.
     """
 
+    wakes_s = 1.0  # just plugged in, a board may still hold its output at 0 V
+
     def __init__(
         self,
         serial: str | None = None,

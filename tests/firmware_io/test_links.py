@@ -97,6 +97,7 @@ def usb(monkeypatch):
     """A USB bus with one driver on it; a list, so that tests plug and unplug."""
     devices = [UsbDevice()]
     util = __import__("usb.util").util
+    monkeypatch.setattr(usb_link.UsbLink, "wakes_s", 0.0)
     monkeypatch.setattr(usb_link, "find_drivers", lambda vendor, product: list(devices))
     monkeypatch.setattr(util, "claim_interface", lambda device, number: device.claim())
     monkeypatch.setattr(util, "dispose_resources", lambda device: None)
