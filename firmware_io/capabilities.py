@@ -34,6 +34,9 @@ MOST_REPORTS_PER_S = 900.0
 """Reports a second that are used, of the 1000 that a full-speed device accepts."""
 
 
+MOCK_NAME = "mock"
+
+
 @dataclass(frozen=True)
 class Capabilities:
     """The capabilities of the driver at the other end of a link.
@@ -100,6 +103,11 @@ class Capabilities:
     guard_s: float = 0.0
     takes_marks: bool = False
     sense_rate_hz: float = 0.0
+
+    @property
+    def is_virtual(self) -> bool:
+        """Whether it is the mock driver, in this process or another: no screen is behind it."""
+        return self.name == MOCK_NAME
 
     def __post_init__(self) -> None:
         for field in ("sample_rate_hz", "full_scale_v", "ceiling_v", "max_slew_v_per_s"):

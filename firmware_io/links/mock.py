@@ -14,7 +14,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from firmware_io.capabilities import DEFAULT_CARRIER_HZ
+from firmware_io.capabilities import DEFAULT_CARRIER_HZ, MOCK_NAME
 from firmware_io.clock import SteppedClock
 from firmware_io.device_errors import DeviceDisconnectedError, DeviceError
 from firmware_io.firmware.core import LINE, Core, Output, Sensor
@@ -282,7 +282,7 @@ class MockDriver:
             max_watchdog_ms=_whole(
                 "max_watchdog_s", max_watchdog_s, 10, round(WATCHDOG_S * 1e3), "ms", 1e3
             ),
-            name="mock",
+            name=MOCK_NAME,
             serial=serial,
             calibration_id=calibration_id,
             reports_touch=True,

@@ -5,7 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from firmware_io.device_errors import (
+    DeviceDisconnectedError,
     DeviceError,
+    DeviceFaultError,
     HaptixError,
     LimitError,
     MissingExtraError,
@@ -13,7 +15,9 @@ from firmware_io.device_errors import (
 )
 
 __all__ = [
+    "DeviceDisconnectedError",
     "DeviceError",
+    "DeviceFaultError",
     "FileFormatError",
     "HaptixError",
     "InputError",

@@ -2,6 +2,7 @@
 
 import io
 import json
+import threading
 import time
 from functools import partial
 from pathlib import Path
@@ -9,7 +10,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from haptix.base.errors import DeviceError
+from firmware_io import MockDriver
+from firmware_io.serve import DriverServer
+from haptix.base.errors import DeviceError, InputError
 from haptix.feel.layout.layout import Listeners
 from haptix.feel.motion import Report
 from haptix.model.finger import Finger
@@ -153,21 +156,116 @@ def test_a_region_that_is_removed_under_a_finger_is_left_and_nothing_comes_after
     assert {(one["session"], one["region"]) for one in told(output)[:3]} == {(7, "ribs")}
 
 
-def test_a_device_below_the_screen_is_armed_up_to_its_ceiling(monkeypatch, tmp_path):
+@pytest.fixture
+def flat(monkeypatch):
+    """A surface that takes no time to build, and an engine that opens with it."""
     model = ContactModel(Finger(), Screen(), fidelity="closed-form")
     surface = FrictionSurface.build(model, {"normal_force_n": (0.4, 0.6)}, 0.01)
     monkeypatch.setattr("haptix.model.surface.cached_surface", lambda *_: (surface, True))
     monkeypatch.setattr(
         "haptix.feel.materials.decoded.keep_in", lambda *_, **__: None
     )  # for all tests
-    server = EngineServer(io.BytesIO())
-    device = "mock:pace=real,ceiling_v=150"
-    opened = server._do_open(device, None, None, None, str(tmp_path / "assets"))
-    assert opened["ceiling_v"] == 150.0
-    server._do_layout_set(1, {"regions": []})
-    assert server._do_arm(1)["full_drive"]["highest_v"] == 150.0
-    server._stop("done")
-    server._device.close()
+
+
+class Watched:
+    """An engine whose device is looked after, as in its process."""
+
+    def __init__(self, device, folder):
+        self.output = io.BytesIO()
+        self.server = EngineServer(self.output)
+        self.opened = self.server._do_open(device, None, None, None, str(folder))
+        self.server._do_layout_set(1, {"regions": []})
+        self.thread = threading.Thread(target=self.server._watches)
+        self.thread.start()
+
+    @property
+    def states(self):
+        return [one["state"] for one in told(self.output) if one.get("event") == "output"]
+
+    def end(self):
+        self.server._ended.set()
+        self.thread.join()
+        self.server._stop("done")
+        if self.server._device is not None:
+            self.server._device.close()
+
+
+def test_a_device_below_the_screen_is_armed_up_to_its_ceiling(tmp_path, flat):
+    engine = Watched("mock:pace=real,ceiling_v=150", tmp_path)
+    assert engine.opened["ceiling_v"] == 150.0
+    assert engine.server._do_arm(1)["full_drive"]["highest_v"] == 150.0
+    engine.end()
+
+
+@pytest.mark.parametrize("is_armed", [True, False])
+def test_a_driver_that_was_unplugged_is_opened_again_by_itself(tmp_path, flat, is_armed):
+    def plugged(port=0):
+        return DriverServer(MockDriver(pace="real", serial="A"), port=port)
+
+    with plugged() as driver:
+        port = driver.port
+        engine = Watched(driver.address, tmp_path)
+        assert not engine.opened["is_real"]
+        threads = threading.active_count()
+    try:
+        files = len([*Path("/proc/self/fd").iterdir()])
+        for number in range(1, 4):
+            wait_for(lambda: engine.states[-1:] == ["gone"])
+            with pytest.raises(DeviceError, match="gone"):
+                engine.server._do_arm(1)
+            with plugged(port):
+                wait_for(lambda: engine.states[-1] == "back")
+                if is_armed:
+                    engine.server._do_arm(1)
+                    wait_for(lambda: engine.server._renderer.stats.samples_played > 0)
+            if is_armed:
+                wait_for(lambda: engine.states[-1] == "gone")
+            assert engine.states.count("back") == number
+            assert engine.states.count("failed") >= is_armed * number
+            assert not is_armed or engine.server._renderer is None
+        assert threading.active_count() <= threads
+        assert len([*Path("/proc/self/fd").iterdir()]) <= files + 1
+    finally:
+        engine.end()
+
+
+def test_who_arms_twice_is_armed_anew(tmp_path, flat):
+    engine = Watched("mock:pace=real", tmp_path)
+    engine.server._do_arm(1)
+    first = engine.server._renderer
+    engine.server._do_arm(1)
+    assert engine.server._renderer is not first
+    assert engine.server._device.is_armed
+    engine.end()
+
+
+def test_another_driver_in_its_place_is_not_taken(tmp_path, flat):
+    with DriverServer(MockDriver(pace="real", serial="A")) as driver:
+        port = driver.port
+        engine = Watched(driver.address, tmp_path)
+    try:
+        other = MockDriver(pace="real", serial="A", ceiling_v=120.0)
+        with DriverServer(other, port=port):
+            wait_for(lambda: any("another driver" in one["reason"] for one in told(engine.output)))
+            with pytest.raises(DeviceError, match="gone"):
+                engine.server._do_arm(1)
+        assert "back" not in engine.states
+    finally:
+        engine.end()
+
+
+def test_a_device_that_a_job_gives_back_is_sensed_again(tmp_path, flat):
+    engine = Watched("mock:pace=real,mode=envelope,sense_rate_hz=250", tmp_path)
+    try:
+        before = engine.server._live_current
+        engine.server._do_lend()
+        with pytest.raises(InputError, match="a job has the device"):
+            engine.server._do_arm(1)
+        engine.server._do_take_back()
+        assert engine.server._live_current is not before is not None
+        assert engine.states == []
+    finally:
+        engine.end()
 
 
 def test_who_arms_after_a_silent_holder_is_felt(monkeypatch):
@@ -177,7 +275,7 @@ def test_who_arms_after_a_silent_holder_is_felt(monkeypatch):
     monkeypatch.setattr("haptix.play.render.LiveRenderer", lambda *_, **__: renderer)
     monkeypatch.setattr("haptix.play.render.samples.carrier_hz", lambda surface: 4000.0)
     server = EngineServer(io.BytesIO())
-    server._device = SimpleNamespace(close=lambda: None)
+    server._device = SimpleNamespace(close=lambda: None, progress=lambda **_: None)
     server._layouts[2] = SimpleNamespace(layout=None)
     server._renderer = before = FakeRenderer()
 

@@ -1,6 +1,7 @@
 """Processes that hang are ended and begun again; who waits for them is told, or notices nothing."""
 
 import asyncio
+import json
 import os
 import signal
 
@@ -76,10 +77,11 @@ def test_of_a_hung_worker_those_are_told_whom_it_concerns(tmp_path):
 
 @pytest.mark.parametrize(
     ("is_real", "meanwhile", "is_armed"),
-    [(False, "", True), (True, "", False), (False, "stop", False), (False, "gone", False)],
+    [(False, "", True), (True, "", False), (False, "stop", False), (False, "leave", False)],
 )
+@pytest.mark.parametrize("states", [("failed", "failed", "off"), ("failed", "gone", "back")])
 def test_a_virtual_driver_is_armed_again_and_a_real_one_by_a_person(
-    tmp_path, is_real, meanwhile, is_armed
+    tmp_path, is_real, meanwhile, is_armed, states
 ):
     device = m.DeviceMessage(address="x", name="x", is_real=is_real)
     inventory = m.Inventory(devices=(device,), finger="f", screen="s", kinds=())
@@ -88,11 +90,19 @@ def test_a_virtual_driver_is_armed_again_and_a_real_one_by_a_person(
     session.name = "holder"
     hub.control.acquire(session, False)
     hub.control.set(state="armed", reason="armed by its holder")
-    for reason in ("the engine hung", "the driver is not there yet"):
-        hub.on_engine_event({"event": "output", "state": "failed", "reason": reason})
+    watcher = hub.open(None)
+    watcher.name = "watcher"
+    *failures, back = states
+    for state in failures:
+        hub.on_engine_event({"event": "output", "state": state, "reason": "it failed"})
     if meanwhile == "stop":
         hub.stop("a person stopped it")
-    elif meanwhile == "gone":
+    elif meanwhile == "leave":
         hub.closed(session)
-    hub.on_engine_event({"event": "output", "state": "off", "reason": "it is there again"})
+    if meanwhile:  # who comes now is told what is so
+        assert hub.control.output.state == ("gone" if "gone" in states else "off")
+    hub.on_engine_event({"event": "output", "state": back, "reason": "it is there again"})
+    told = [json.loads(text) for text in watcher.waiting]
+    told = [one["state"] for one in told if one["type"] == "output"]
+    assert [state for state in told if state != "off"] == [one for one in states if one != "off"]
     assert [message.type for message in session.requests] == ["arm"] * is_armed

@@ -309,9 +309,32 @@ def test_the_engine_is_killed_or_hangs(running, how):
         told = [reason for state, reason in reasons if state == "failed"]
         assert ("hung" if how == signal.SIGSTOP else "ended with code -9") in told[0]
         assert engine not in running.helpers
-        assert not running.is_live()  # no virtual driver: a person arms
-        wait_for(lambda: is_armed(client))  # with the layout that it was told again
+        # The driver is a mock, which is armed again by itself, with the layout that it had.
         wait_for(running.is_live)
+        sliding.stop()
+
+
+def test_a_driver_that_goes_and_comes_back_is_felt_again(running):
+    """Three times under a sliding finger; what an app and another client see of it."""
+    port, states = running.server.port, []
+    with running.connect() as client, running.connect("another") as another:
+        another.on("output", lambda output: states.append(output.state))
+        sliding = felt(running, client)
+        for _ in range(3):
+            states.clear()
+            running.server.stop()  # the driver ramps to 0 V
+            wait_for(lambda: "gone" in states)
+            running.driver = MockDriver(pace="real", kept_s=600.0)
+            running.server = DriverServer(running.driver, port=port)
+            threading.Thread(target=running.server.serve, daemon=True).start()
+            wait_for(running.is_live)
+            wait_for(lambda: "armed" in states)
+            seen = [
+                state
+                for state, before in zip(states, ["", *states], strict=False)
+                if state != before
+            ]
+            assert seen == ["failed", "gone", "back", "armed"]
         sliding.stop()
 
 

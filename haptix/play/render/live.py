@@ -304,6 +304,18 @@ class LiveRenderer(RenderStream):
         self._running().raise_once()
         self._take(events, self.now_s())
 
+    def poll(self) -> list[EffectEnd]:
+        """Report the effects that have ended; see `RenderStream.poll`.
+
+        Raises
+        ------
+        LimitError, DeviceError
+            Once, the error that has ended the output.
+        """
+        if self._playback is not None:
+            self._playback.raise_once()
+        return super().poll()
+
     def _running(self) -> Playback:
         if self._playback is None:
             raise InputError("touch: expected a renderer that was entered; use it in a with block")

@@ -6,6 +6,7 @@ It reads frames from its standard input and answers on its standard output. Four
 - A worker does what takes time: opening, arming.
 - Another worker builds layouts.
 - A watch looks for the front's ticks: without one for 100 ms the output sleeps, for 2 s it stops.
+  While nothing plays it asks the driver whether it is there, and opens one again that was gone.
 
 At the end of the input the process ends at 0 V. Below all, the driver has a watchdog of its own.
 """
@@ -21,6 +22,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Literal
@@ -28,7 +30,13 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Literal
 import numpy as np
 
 from haptix.base.checks import Array
-from haptix.base.errors import HaptixError, InputError
+from haptix.base.errors import (
+    DeviceDisconnectedError,
+    DeviceError,
+    DeviceFaultError,
+    HaptixError,
+    InputError,
+)
 from haptix.base.files import parse_json
 from haptix.play.touch.events import ForceModel, TouchEvent
 from haptix.service.engine.touch_gate import TouchGate
@@ -60,6 +68,7 @@ _LOG = logging.getLogger("haptix.service.engine.process")
 
 SLEEP_S, STOP_S = 0.1, 2.0
 _LOOK_S = 0.02
+_ASK_S, _OPEN_S = 0.5, 0.25  # between two questions to a driver that rests; two tries to open it
 _MOST_TOUCH_INTERVAL_S = 0.02  # two of a touchscreen of 100 Hz
 _LAYOUTS = ("layout_set", "layout_change", "layout_restore", "forget")
 """Slow work in parallel, so that one session's large pictures delay no other session."""
@@ -160,6 +169,7 @@ class EngineServer:
         self._stops = 0  # an arming that was overtaken by a stop is undone
         self._sleeps = self._is_muted = self._is_paused = self._senses = False
         self._contact_current: Any = None  # of this surface, made once
+        self._virtual_finger: Any = None  # which a mock senses
         self._live_current: Any = None  # of a virtual finger on a mock
         self._intensity = 1.0
         self._touching: set[int] = set()
@@ -170,6 +180,10 @@ class EngineServer:
         self._tick_s = time.monotonic()
         self._force = ForceModel()
         self._device: Any = None
+        self._known: Any = None  # the driver's capabilities when it was opened first
+        self._is_free = threading.Semaphore()  # the device: no renderer has it, nobody opens it
+        self._gone = ""  # why the driver is gone
+        self._look_s = 0.0  # when to look for it
         self._surface: Any = None
         self._layouts: dict[int, Any] = {}  # by session
         self._ended = threading.Event()
@@ -300,6 +314,9 @@ class EngineServer:
             renderer.__exit__(InputError, error, None)
         except HaptixError as failure:
             self._outbox.say(event="output", state="failed", reason=str(failure))
+        finally:
+            self._look_s = 0.0
+            self._is_free.release()
         self._entered.clear()
         self._outbox.say(event="all_left")
 
@@ -317,6 +334,7 @@ class EngineServer:
             silent_s = time.monotonic() - self._tick_s
             renderer = self._renderer
             if renderer is None:
+                self._look_after_driver()
                 continue
             try:
                 renderer.poll()
@@ -331,6 +349,51 @@ class EngineServer:
             elif silent_s <= SLEEP_S and asleep is renderer:
                 asleep = None
                 self._sleep(False)
+
+    def _look_after_driver(self) -> None:
+        """Ask a driver that rests whether it is there; open one again that is gone."""
+        if time.monotonic() < self._look_s or not self._is_free.acquire(blocking=False):
+            return
+        try:
+            self._look_s = time.monotonic() + _ASK_S
+            if self._device is not None:
+                self._device.progress(is_fresh=True)
+            elif self._gone:
+                self._open_again()
+                self._outbox.say(event="output", state="back", reason="the driver is there again")
+        except DeviceFaultError:  # it is at 0 V, and can be armed
+            pass
+        except HaptixError as error:
+            self._lose(str(error))
+        except Exception as error:  # a fault of ours ends no thread
+            sys.excepthook(type(error), error, error.__traceback__)
+        finally:
+            self._is_free.release()
+
+    def _open_again(self) -> None:
+        """Open the driver that was there before, and no other."""
+        from haptix.play.devices import open_device
+
+        device = open_device(self._address)
+        if device.capabilities != self._known:
+            device.close()
+            raise DeviceError(
+                f"another driver is there, {device.capabilities.serial!r} instead of "
+                f"{self._known.serial!r}; restart the service for it"
+            )
+        self._device, self._gone = device, ""
+        self._touch_mock()
+
+    def _lose(self, reason: str) -> None:
+        """Close a driver that does not answer, and tell why, once."""
+        self._look_s = time.monotonic() + _OPEN_S
+        device, self._device = self._device, None
+        if device is not None:
+            with suppress(HaptixError, OSError):
+                device.close()
+        if reason != self._gone:
+            self._gone = reason
+            self._outbox.say(event="output", state="gone", reason=reason)
 
     # --- in turn ---------------------------------------------------------------------------------
 
@@ -372,6 +435,7 @@ class EngineServer:
         keep_in(self._assets.parent / FOLDER, makes=False)
         self._address = device
         self._device = self._device or open_device(device)  # a first try may have failed later
+        self._known = self._device.capabilities
         finger, screen = profiles_for(self._device, finger, screen)
         used = Finger.named(finger), Screen.named(screen)
         used_by = {"finger": finger, "screen": screen, "ceiling_v": self._device.limits.ceiling_v}
@@ -380,6 +444,7 @@ class EngineServer:
         return_freed_memory()
         return {
             "device": self._device.name,
+            "is_real": not self._known.is_virtual,
             **used_by,
             "touched_by": finger if touched_by is None else touched_by,
             "profiles": profiles_of(*used, {"finger": finger, "screen": screen}),
@@ -415,14 +480,32 @@ class EngineServer:
         self._layouts.pop(session, None)
 
     def _do_arm(self, session: int) -> dict[str, Any]:
+        if session not in self._layouts:
+            raise InputError("arm: expected a layout; send layout_set first")
+        self._stop("armed anew")
+        stops, layout = self._stops, self._layouts[session]
+        self._check_device()
+        self._is_free.acquire()
+        try:
+            return self._arm(session, stops, layout)
+        except BaseException:
+            self._is_free.release()
+            raise
+
+    def _check_device(self) -> None:
+        if self._gone:
+            raise DeviceDisconnectedError(
+                f"arm: the driver is gone ({self._gone}); it is opened again once it is there"
+            )
+        if self._device is None:
+            raise InputError("arm: a job has the device; wait for it, or cancel it")
+
+    def _arm(self, session: int, stops: int, layout: SessionLayout) -> dict[str, Any]:
+        """Arm the device, which is free; the renderer keeps it until it stops."""
         from haptix.play.render import LiveRenderer, LiveSettings
         from haptix.play.render.samples import carrier_hz
 
-        if self._device is None:
-            raise InputError("arm: a job has the device; wait for it, or cancel it")
-        if session not in self._layouts:
-            raise InputError("arm: expected a layout; send layout_set first")
-        stops, layout = self._stops, self._layouts[session]
+        self._check_device()  # it may have gone meanwhile
         observer = self._observer() if self._senses else False
         renderer = LiveRenderer(
             self._surface,
@@ -471,15 +554,22 @@ class EngineServer:
         from haptix.model.friction import ContactModel
         from haptix.play.render.samples import carrier_hz
         from haptix.play.sensing import ContactCurrent
-        from haptix.play.virtual_finger import LiveCurrent, VirtualCurrent
+        from haptix.play.virtual_finger import VirtualCurrent
 
         device, hertz = self._device, carrier_hz(self._surface)
         if not device.capabilities.sense_rate_hz or device.mode != "envelope":
             return
         self._contact_current = ContactCurrent.of_surface(self._surface, hertz)
         if device.mock is not None:
-            current = VirtualCurrent(ContactModel(finger, screen), hertz)
-            self._live_current = LiveCurrent.on(device, current)
+            self._virtual_finger = VirtualCurrent(ContactModel(finger, screen), hertz)
+            self._touch_mock()
+
+    def _touch_mock(self) -> None:
+        """Let the virtual finger load a mock that was opened."""
+        from haptix.play.virtual_finger import LiveCurrent
+
+        if self._virtual_finger is not None:
+            self._live_current = LiveCurrent.on(self._device, self._virtual_finger)
 
     def _beyond_verified(self, sentence: str) -> None:
         self._outbox.say(event="warning", sentence=sentence)
@@ -562,16 +652,20 @@ class EngineServer:
     def _do_lend(self) -> None:
         """Let another process have the device."""
         self._stop("a job has the device")
-        device, self._device = self._device, None
-        if device is not None:
-            device.close()
+        with self._is_free:
+            device, self._device, self._gone = self._device, None, ""
+            if device is not None:
+                device.close()
 
     def _do_take_back(self) -> None:
         """Open the device again."""
-        from haptix.play.devices import open_device
-
-        if self._device is None:
-            self._device = open_device(self._address)
+        with self._is_free:
+            if self._device is None:
+                try:
+                    self._open_again()
+                except HaptixError as error:
+                    self._lose(str(error))
+                    raise
 
     def _do_disarm(self) -> None:
         self._stop("disarmed")

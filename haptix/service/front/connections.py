@@ -496,7 +496,7 @@ async def _answer(hub: Hub, session: ServiceSession, message: Any) -> m.Message 
         return control.set(number, state="armed", reason="armed by its holder")
     else:
         await _ask(hub, "disarm")
-        return control.set(number, state="off", reason="disarmed by its holder")
+        return control.set(number, state=control.rests(), reason="disarmed by its holder")
     return m.Done(id=number)
 
 

@@ -1,12 +1,14 @@
 """The holder of the output, and the output's state machine.
 
-    off, failed --arm--> armed --its holder is silent--> asleep
-                         armed <--its holder answers---- asleep
-    any state --stop, disarm, release, takeover, a closed socket, a job--> off
-    any state --the driver or the engine fails--> failed --the engine is back--> off
+    off, failed, back --arm--> armed --its holder is silent--> asleep
+                               armed <--its holder answers---- asleep
+    any state but gone --stop, disarm, release, takeover, a closed socket, a job--> off
+    any state --the driver or the engine fails--> failed --the engine is there again--> off
+    any state --the driver does not answer--> gone --it was opened again--> back
 
-Only `armed` has voltage, and only its holder's `arm` leads there from `off` or `failed`. The engine
-gets the order for 0 V before the state changes.
+Only `armed` has voltage, and only its holder's `arm` leads there. A virtual driver that was armed
+when it failed is armed again for its holder, unless somebody has stopped it since. The engine gets
+the order for 0 V before the state changes.
 """
 
 from __future__ import annotations
@@ -63,6 +65,7 @@ class OutputControl:
         self.engine, self._welcome = engine, welcome
         self.holder: ServiceSession | None = None
         self._kept: KeptLease | None = None
+        self._was_live = False  # when the driver or the engine failed
         self._sent = Settings()  # the engine's settings
         self.output = m.OutputMessage(
             state="off",
@@ -109,11 +112,9 @@ class OutputControl:
         """Keep lease and layout of the holder, whose socket is closed: 0 V at once."""
         session, self.holder = self.holder, None
         if session is not None:
-            reason = "the client that held the output is gone"
-            self.engine.tell("stop", reason=reason)
             self._kept = KeptLease(session, until_s)
+            self.disarm("the client that held the output is gone")
             self._give(None, "the holder is gone")
-            self.set(state="off", reason=reason)
 
     def resumes(self, session: ServiceSession, resume: str) -> bool:
         """Give a kept lease back to the client that knows its word; return whether one was kept.
@@ -141,8 +142,22 @@ class OutputControl:
     def disarm(self, reason: str) -> None:
         """End at 0 V."""
         self.engine.tell("stop", reason=reason)
-        if self.output.state != "off":
-            self.set(state="off", reason=reason)
+        rest = self.rests()
+        if self.output.state != rest:  # many stops are no flood to all others
+            self.set(state=rest, reason=reason)
+
+    def rests(self) -> str:
+        """Return the state without voltage; what was armed is not armed again by itself."""
+        self._was_live = False
+        return "gone" if self.output.state == "gone" else "off"
+
+    def follow_driver(self, state: str, reason: str) -> bool:
+        """Take what the engine says of the output; return whether it was armed and is back."""
+        had_failed = self.output.state in ("failed", "gone")
+        was_live = self.is_live or (had_failed and self._was_live)
+        self.set(state=state, reason=reason)
+        self._was_live = was_live and state in ("failed", "gone")
+        return was_live and had_failed and state in ("off", "back")
 
     def lend(self, kind: str) -> None:
         """End at 0 V and report the kind of job that has the device now; "" at its end."""

@@ -69,7 +69,6 @@ class Hub:
         self.sessions: dict[int, ServiceSession] = {}
         self.keep_alive = m.KeepAlive()
         self._next = 1
-        self._was_live = False  # when the engine failed
         self.control = OutputControl(engine, device, self.welcome)
         self.jobs = JobBoard(engine, self.on_job_change, self.control.lend)
 
@@ -233,14 +232,10 @@ class Hub:
 
     def _on_output(self, state: str, reason: str) -> None:
         """Take a state of the output from the engine; a virtual driver is armed again by itself."""
-        control, before = self.control, self.control.output.state
-        was_live = control.is_live or (before == "failed" and self._was_live)
-        control.set(state=state, reason=reason)
+        is_back = self.control.follow_driver(state, reason)
         self._all_left()  # an engine that has died does not report it
-        self._was_live = was_live and state == "failed"
-        is_back = was_live and before == "failed" and state == "off"
         is_real = any(device.is_real for device in self.inventory.devices)
-        if is_back and not is_real and (holder := control.holder) is not None:
+        if is_back and not is_real and (holder := self.control.holder) is not None:
             holder.requests.append(m.Plain.model_construct(type="arm", id=0))
             holder.has_requests.set()
 
@@ -323,7 +318,7 @@ class Hub:
 
         Of the session that sends stop all are refused, of others all but questions.
         """
-        self.engine.tell("stop", reason=reason)
+        self.control.disarm(reason)
         self.jobs.end_playing()  # the engine has lent them the device
         for session in self.welcome():
             requests, session.requests = session.requests, deque()
@@ -332,8 +327,6 @@ class Hub:
                     session.refuse(message.id, Problem("order", reason))
                 else:
                     session.requests.append(message)
-        if self.control.output.state != "off":  # many stops are no flood to all others
-            self.control.set(state="off", reason=reason)
 
     def touch(
         self,

@@ -162,9 +162,7 @@ def serve(
 def _inventory(device: str, opened: dict[str, Any]) -> m.Inventory:
     return m.Inventory(
         devices=(
-            m.DeviceMessage(
-                address=device, name=opened["device"], is_real=not device.startswith("mock:")
-            ),
+            m.DeviceMessage(address=device, name=opened["device"], is_real=opened["is_real"]),
         ),
         finger=opened["finger"],
         screen=opened["screen"],

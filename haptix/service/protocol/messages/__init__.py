@@ -332,12 +332,16 @@ class Lease(Message):
 class OutputMessage(Message):
     """State of the output. `intensity`, `muted` and `paused` are its holder's.
 
+    `failed`: the driver or the engine failed, and `arm` may be tried. `gone`: the driver does not
+    answer, and is looked for. `back`: it was opened again, and a person arms it; a virtual one is
+    armed by itself.
+
     While a job plays, `lent_to` is its kind, and `state` is that of all others: off.
     """
 
     type: Literal["output"] = "output"
     id: int = 0
-    state: Literal["off", "armed", "asleep", "failed"]
+    state: Literal["off", "armed", "asleep", "failed", "gone", "back"]
     device: str
     intensity: float
     muted: bool
