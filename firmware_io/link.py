@@ -165,7 +165,14 @@ def read_selector(scheme: str, selector: str, keys: Mapping[str, Read]) -> dict[
     """
     known = ", ".join(keys)
     values: dict[str, Any] = {}
-    for pair in selector.split(",") if selector else ():
+    pairs: list[str] = []
+    for piece in selector.split(",") if selector else ():
+        # A name may have commas: what has no "=" goes on with the text before it.
+        if pairs and "=" not in piece and keys.get(pairs[-1].partition("=")[0].strip()) is str:
+            pairs[-1] += f",{piece}"
+        else:
+            pairs.append(piece)
+    for pair in pairs:
         key, _, text = (part.strip() for part in pair.partition("="))
         if key not in keys or key in values:
             raise DeviceError(

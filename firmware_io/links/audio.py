@@ -1,12 +1,16 @@
 """An audio interface with a high-voltage amplifier as the driver: the firmware runs on the host.
 
-PortAudio's callback is its output stage.
+PortAudio's callback is its output stage. Both are in a process of their own, see
+`firmware_io.links.own_process`.
 """
 
 from __future__ import annotations
 
+import json
 import logging
 import math
+import re
+import sys
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
@@ -18,11 +22,14 @@ import numpy.typing as npt
 from firmware_io.device_errors import DeviceBusyError, DeviceError, DeviceNotFoundError
 from firmware_io.link import Bus, DeviceInfo, Scheme, number, yes_or_no
 from firmware_io.links.hosted import HostedLink, RigProfile, read_rig_profile
+from firmware_io.links.own_process import OwnProcessLink, ask_in_own_process, serve_link
 from firmware_io.protocol import FULL_SCALE_CODE
 
 _LOG = logging.getLogger("firmware_io.links")
 
 _MOST_LATENCY_S = 10.0  # JACK's virtual ports state latencies of a day
+_JACK = "JACK Audio Connection Kit"
+_RATES_HZ = (8000, 11_025, 16_000, 22_050, 32_000, 44_100, 48_000, 88_200, 96_000, 176_400, 192_000)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,14 +38,17 @@ class AudioProfile(RigProfile):
 
     Parameters
     ----------
-    device : str or int, optional
-        Name of the interface, a unique part of it, or its number; default: the system's.
+    device : str, optional
+        Name of the interface or a unique part of it; default: the system's.
     full_scale_v : float, optional
         Volts on the screen at digital full scale; otherwise the product of `dac_full_scale_v` and
         `amplifier_gain`.
     trigger : bool
         Whether the second channel is a digital line, high for 1 ms from the first sample of each
         playback and from each mark.
+    host_api : str, optional
+        The system's way to it, or a part of its name, where several offer it: such as ALSA, JACK,
+        Core Audio, WASAPI.
 
     Raises
     ------
@@ -48,9 +58,10 @@ class AudioProfile(RigProfile):
 
     device_name: ClassVar[str] = "audio interface"
 
-    device: str | int | None = None
+    device: str | None = None
     full_scale_v: float | None = None
     trigger: bool = False
+    host_api: str | None = None
 
     def __post_init__(self) -> None:
         parts = (self.dac_full_scale_v, self.amplifier_gain)
@@ -102,9 +113,11 @@ class AudioLink(HostedLink):
     def __init__(self, profile: AudioProfile) -> None:
         self._sounddevice = sounddevice = _sounddevice()
         self.underflows = 0
-        self._has_finished = False
         index = _find_device(sounddevice, profile)
-        super().__init__(profile, f"audio:device={sounddevice.query_devices(index)['name']}")
+        about = sounddevice.query_devices(index)
+        super().__init__(profile, f"audio:device={about['name']}")
+        self._is_on_jack = _host_api(sounddevice, about) == _JACK
+        self._lead_s = 0.0
         self._stream: Any = None
         try:
             self._stream = sounddevice.OutputStream(
@@ -119,13 +132,19 @@ class AudioLink(HostedLink):
             self._stream.start()
         except sounddevice.PortAudioError as error:
             self._shut()
-            raise _refusal(self.name, error) from error
+            rates = _rates(sounddevice, index) if "sample rate" in str(error).lower() else []
+            raise _refusal(self.name, error, rates) from error
         self._hold()
 
     @property
     def latency_s(self) -> float | None:
-        """Latency that the interface states, in seconds; None if it is implausible."""
+        """Latency that the interface states, in seconds; None if it is implausible.
+
+        On JACK, where PortAudio's is a block too short, it is the time to the output of the last
+        block, if that is known.
+        """
         latency_s = float(self._stream.latency) if self._stream is not None else math.nan
+        latency_s = self._lead_s or latency_s
         return latency_s if 0.0 <= latency_s <= _MOST_LATENCY_S else None
 
     def _fill(self, out: npt.NDArray[np.float32], frames: int, times: Any, status: Any) -> None:
@@ -133,21 +152,21 @@ class AudioLink(HostedLink):
         if status and status.output_underflow:
             self.underflows += 1
             _LOG.info("%s: PortAudio was served too late, %d times", self.name, self.underflows)
+        if self._is_on_jack and times is not None:
+            self._lead_s = times.outputBufferDacTime - times.currentTime
         codes, line = self._next(frames)
         np.divide(codes, FULL_SCALE_CODE, out=out[:, 0], dtype=np.float32)
         if out.shape[1] > 1:
             out[:, 1] = line
 
     def _finished(self) -> None:
-        self._has_finished = True
         if not self._is_released:
             self._fail("PortAudio ended the stream; the interface was unplugged or its server quit")
 
     def _end(self, plays_on: bool) -> None:
         """Close; a stream that plays on is stopped, which plays out what it holds."""
         stream, self._stream = self._stream, None
-        # Of a stream on JACK whose server has ended, PortAudio waits ten minutes for the end.
-        if stream is not None and (stream.active or self._has_finished):
+        if stream is not None:
             with suppress(self._sounddevice.PortAudioError):
                 if plays_on:
                     stream.stop()
@@ -166,57 +185,124 @@ def _sounddevice() -> Any:
         ) from error
 
 
-def _find_device(sounddevice: Any, profile: AudioProfile) -> int:
-    devices = list(sounddevice.query_devices())
-    outputs = {
-        index: device["name"]
-        for index, device in enumerate(devices)
-        if device["max_output_channels"] >= (2 if profile.trigger else 1)
+def _host_api(sounddevice: Any, about: dict[str, Any]) -> str:
+    return str(sounddevice.query_hostapis(about["hostapi"])["name"])
+
+
+def _outputs(sounddevice: Any, channels: int) -> dict[int, tuple[str, str]]:
+    """Return name and host API of each output, by PortAudio's number of the moment."""
+    return {
+        index: (about["name"], _host_api(sounddevice, about))
+        for index, about in enumerate(sounddevice.query_devices())
+        if about["max_output_channels"] >= channels
     }
-    wanted = profile.device
-    if isinstance(wanted, int):
-        matches = [index for index in outputs if index == wanted]
-    elif wanted is None:
-        matches = [index for index in outputs if index == sounddevice.default.device[1]]
+
+
+def _find_device(sounddevice: Any, profile: AudioProfile) -> int:
+    outputs = _outputs(sounddevice, 2 if profile.trigger else 1)
+    wanted, by = profile.device, profile.host_api
+    offered = {
+        index: name
+        for index, (name, api) in outputs.items()
+        if by is None or by.lower() in api.lower()
+    }
+    if wanted is None:
+        default = sounddevice.default.device[1]
+        if by is not None:
+            default = next(
+                api["default_output_device"]
+                for api in sounddevice.query_hostapis()
+                if by.lower() in api["name"].lower()
+            )
+        matches = [index for index in offered if index == default]
     else:
-        matches = [index for index, name in outputs.items() if name == wanted]
-        matches = matches or [i for i, name in outputs.items() if wanted.lower() in name.lower()]
+        matches = [index for index, name in offered.items() if name == wanted]
+        if not (matches or wanted.isdecimal()):  # no number: it is another interface's tomorrow
+            matches = [i for i, name in offered.items() if wanted.lower() in name.lower()]
     if len(matches) == 1:
         return matches[0]
-    known = ", ".join(f"{name!r} ({index})" for index, name in outputs.items()) or "none"
+    known = ", ".join(f"{name!r} ({api})" for name, api in outputs.values()) or "none"
+    if matches:
+        raise DeviceError(
+            f"Several audio devices match {wanted!r}; name one of {known} by device= and host_api=."
+        )
     channels = "two output channels" if profile.trigger else "an output"
     what = "is the default" if wanted is None else f"is called {wanted!r}"
-    if matches:
-        raise DeviceError(f"Several audio devices match {wanted!r}; name one of {known}.")
+    way = "" if by is None else f" of host API {by!r}"
     raise DeviceNotFoundError(
-        f"No audio device with {channels} {what}; connected: {known}. Name one by device=."
+        f"No audio device with {channels}{way} {what}; connected: {known}. Name one by device=."
     )
 
 
-def _refusal(name: str, error: Exception) -> DeviceError:
+def _rates(sounddevice: Any, index: int) -> list[int]:
+    """Return the usual rates at which an interface can be opened."""
+    rates = []
+    for rate_hz in _RATES_HZ:
+        with suppress(sounddevice.PortAudioError):
+            sounddevice.check_output_settings(device=index, samplerate=rate_hz, dtype="float32")
+            rates.append(rate_hz)
+    return rates
+
+
+def _refusal(name: str, error: Exception, rates_hz: list[int]) -> DeviceError:
     text = str(error)
     if "Device unavailable" in text or "busy" in text.lower():
         return DeviceBusyError(f"{name} is in use by another program: {text}")
-    return DeviceError(f"{name} cannot be opened: {text}; try another sample_rate_hz or device.")
+    advice = "try another sample_rate_hz or device."
+    if rates_hz:
+        advice = f"its rates are {', '.join(map(str, rates_hz))}: give one as sample_rate_hz=."
+    return DeviceError(f"{name} cannot be opened: {text}; {advice}")
 
 
-def _open(profile: str | None = None, device: str | None = None, **values: Any) -> AudioLink:
-    if device is not None:
-        values["device"] = int(device) if device.isdigit() else device
+def open_here(profile: str | None = None, **values: Any) -> AudioLink:
+    """Open an interface in this process, as its own process does."""
     known = {} if profile is None else read_rig_profile(profile, AudioProfile)
     return AudioLink(AudioProfile(**{**known, **values}))
 
 
-def _search() -> tuple[str, list[DeviceInfo]]:
-    sounddevice = import_module("sounddevice")
-    note = "Say what its full scale means on the screen: full_scale_v=."
-    devices = [
-        DeviceInfo(f"audio:device={index}", "audio", device["name"], True, note)
-        for index, device in enumerate(sounddevice.query_devices())
-        if device["max_output_channels"] > 0
-    ]
+def serve() -> None:
+    """Be the process of an interface."""
+    serve_link(open_here)
+
+
+def list_here() -> tuple[str, list[tuple[str, str]]]:
+    """Return PortAudio's version, and address and name of each output, as they are now."""
+    sounddevice = _sounddevice()
+    outputs = _outputs(sounddevice, 1).values()
+    found = []
+    for name, api in outputs:
+        part = _NUMBERED.sub("", name)
+        like = [other for other, its in outputs if its == api and part.lower() in other.lower()]
+        device = part if len(like) == 1 else name
+        found.append((f"audio:device={device},host_api={api}", f"{name} ({api})"))
     version = sounddevice.get_portaudio_version()[1]
-    return f"sounddevice {sounddevice.__version__}, {version}", devices
+    return f"sounddevice {sounddevice.__version__}, {version}", found
+
+
+#: The end of a name on ALSA, whose first number is the card's of the moment.
+_NUMBERED = re.compile(r" \(hw:\d+,\d+\)$")
+
+
+def tell() -> None:
+    """Write what `list_here` returns, or why it cannot, as JSON."""
+    try:
+        found: Any = list_here()
+    except Exception as error:
+        found = str(error)
+    sys.stdout.write(json.dumps(found))
+
+
+def _open(**values: Any) -> OwnProcessLink:
+    return OwnProcessLink(__name__, values)
+
+
+def _search() -> tuple[str, list[DeviceInfo]]:
+    found = ask_in_own_process(__name__, "tell")
+    if isinstance(found, str):
+        raise DeviceError(found)
+    note = "Say what its full scale means on the screen: full_scale_v=."
+    detail, devices = found
+    return detail, [DeviceInfo(address, "audio", name, True, note) for address, name in devices]
 
 
 SCHEME = Scheme(
@@ -229,6 +315,7 @@ SCHEME = Scheme(
         "amplifier_gain": number,
         "ceiling_v": number,
         "trigger": yes_or_no,
+        "host_api": str,
     },
     makes_rate=True,
     bus=Bus(_search, "pip install sounddevice; on Debian: apt install libportaudio2"),

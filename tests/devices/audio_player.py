@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from firmware_io import Device, Playback, WaveSource
-from firmware_io.links.audio import AudioLink
+from firmware_io.links.audio import AudioLink, open_here
 from firmware_io.opening import read_address
 
 # Ahead of every ordinary program on a busy machine; JACK's own thread waits for this one's lock.
@@ -31,8 +31,7 @@ def timed(self, out, count, *rest):
 
 AudioLink._fill = timed  # type: ignore[method-assign]
 sys.setswitchinterval(5e-4)
-scheme, values = read_address(address)
-link: Any = scheme.open(**values)
+link: Any = open_here(**read_address(address)[1])  # where its blocks can be timed
 device = Device(link)
 rate_hz = device.capabilities.sample_rate_hz
 rng = np.random.default_rng(7)

@@ -2,6 +2,7 @@
 
 import sys
 import threading
+from dataclasses import replace
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
@@ -19,7 +20,7 @@ from firmware_io import (
     WaveSource,
     open_device,
 )
-from firmware_io.links import hosted
+from firmware_io.links import audio, hosted
 from firmware_io.links.audio import AudioProfile
 from firmware_io.links.hosted import read_rig_profile
 from tests.links import open_link
@@ -44,7 +45,7 @@ class OutputStream:
         if self.refusal:
             raise PortAudioError(self.refusal)
         assert dtype == "float32"
-        self.samplerate, self.channels = samplerate, channels
+        self.device, self.samplerate, self.channels = device, samplerate, channels
         self.callback, self.finished = callback, finished_callback
         self.heard: list[np.ndarray] = []
         self.pending: list[np.ndarray] = []
@@ -66,10 +67,6 @@ class OutputStream:
             self.pending.append(out)
             if len(self.pending) > self.buffered:
                 self.heard.append(self.pending.pop(0))
-
-    @property
-    def active(self):
-        return not self.end.is_set()
 
     def start(self):
         self.thread.start()
@@ -93,17 +90,35 @@ class PortAudioError(Exception):
 
 
 streams = []
+HOST_APIS = [
+    {"name": "ALSA", "default_output_device": 2},
+    {"name": "JACK Audio Connection Kit", "default_output_device": 4},
+]
+
+
+def check_output_settings(device, samplerate, dtype):
+    assert dtype == "float32"
+    if samplerate not in (44_100, 96_000):
+        raise PortAudioError("Invalid sample rate")
 
 
 @pytest.fixture
 def portaudio(monkeypatch, no_thread_is_left):
     module: Any = ModuleType("sounddevice")
     devices = [
-        {"name": "microphone", "max_output_channels": 0},
-        {"name": "Scarlett 2i2: USB", "max_output_channels": 2},
-        {"name": "HDMI", "max_output_channels": 8},
-        {"name": "speaker", "max_output_channels": 1},
+        {"name": "microphone", "max_output_channels": 0, "hostapi": 0},
+        {"name": "Scarlett 2i2: USB", "max_output_channels": 2, "hostapi": 0},
+        {"name": "HDMI", "max_output_channels": 8, "hostapi": 0},
+        {"name": "speaker", "max_output_channels": 1, "hostapi": 0},
+        {"name": "Scarlett 2i2: USB", "max_output_channels": 2, "hostapi": 1},
+        {"name": "Fireface: Out (hw:2,0)", "max_output_channels": 2, "hostapi": 0},
+        {"name": "Twin (hw:3,0)", "max_output_channels": 2, "hostapi": 0},
+        {"name": "Twin (hw:4,0)", "max_output_channels": 2, "hostapi": 0},
     ]
+    module.query_hostapis = lambda index=None: HOST_APIS if index is None else HOST_APIS[index]
+    module.__version__ = "0.5"
+    module.get_portaudio_version = lambda: (1, "PortAudio V19")
+    module.check_output_settings = check_output_settings
     module.query_devices = lambda index=None: devices if index is None else devices[index]
     module.default = SimpleNamespace(device=(0, 2))
     module.PortAudioError = PortAudioError
@@ -113,6 +128,7 @@ def portaudio(monkeypatch, no_thread_is_left):
     monkeypatch.setattr(hosted, "HOLD_S", 0.001)
     monkeypatch.setattr(hosted, "STILL_S", 300.0)
     monkeypatch.setitem(sys.modules, "sounddevice", module)
+    monkeypatch.setattr(audio, "SCHEME", replace(audio.SCHEME, open=audio.open_here))
     streams.clear()
     yield module
     for stream in streams:
@@ -127,7 +143,7 @@ def heard():
 def test_the_ramp_is_played_out_before_the_stream_ends(portaudio, monkeypatch, buffered):
     monkeypatch.setattr(OutputStream, "buffered", buffered)
     monkeypatch.setattr(OutputStream, "latency", (buffered + 1) * PERIOD / 48_000)
-    link = open_link("audio:device=scarlett,full_scale_v=200")
+    link = open_link("audio:device=scarlett,host_api=alsa,full_scale_v=200")
     device = Device(link)
     device.__enter__()
     # Up to a crest of 173 V, which stands there until the watchdog's time is over.
@@ -146,7 +162,7 @@ def test_opening_again_begins_no_second_anew(portaudio, monkeypatch):
     """180 V for 45 ms, again and again: each opening holds 0 V before, as long as is asked for."""
     monkeypatch.setattr(hosted, "HOLD_S", 0.2)
     for _ in range(2):
-        device = open_device("audio:device=scarlett,full_scale_v=200")
+        device = open_device("audio:device=scarlett,host_api=alsa,full_scale_v=200")
         with device:
             device.write(np.r_[90.0, np.full(2160, 180.0)])
         device.close()
@@ -165,7 +181,7 @@ def test_an_interface_that_asks_for_nothing(portaudio, monkeypatch):
 
 
 def test_what_is_heard_is_the_share_of_full_scale(portaudio):
-    device = open_device("audio:device=scarlett,full_scale_v=180,trigger=yes")
+    device = open_device("audio:device=scarlett,host_api=alsa,full_scale_v=180,trigger=yes")
     assert device.name == "audio:device=Scarlett 2i2: USB"
     assert device.capabilities.full_scale_v == device.limits.ceiling_v == 180.0
     volts = np.r_[5.0, 150.0 * np.sin(np.arange(1, 9600) / 6)]
@@ -183,7 +199,7 @@ def test_what_is_heard_is_the_share_of_full_scale(portaudio):
 
 
 def test_a_mark_raises_the_trigger_with_its_sample(portaudio):
-    device = open_device("audio:device=scarlett,full_scale_v=180,trigger=yes")
+    device = open_device("audio:device=scarlett,host_api=alsa,full_scale_v=180,trigger=yes")
     with device:
         device.mark(1000, 7)
         device.write(np.r_[5.0, 150.0 * np.sin(np.arange(1, 2400) / 6)])
@@ -312,6 +328,49 @@ def test_samples_of_before_a_pause_are_not_played_after_it(portaudio, monkeypatc
         device.close()
 
 
+@pytest.mark.parametrize(
+    ("selector", "index"),
+    [
+        ("device=scarlett,host_api=jack", 4),
+        ("host_api=jack", 4),
+        ("device=Twin (hw:4,0)", 7),
+        ("device=Twin (hw:3,0),trigger=yes", 6),
+        ("", 2),
+    ],
+)
+def test_interfaces_are_told_apart_by_name_and_host_api(portaudio, selector, index):
+    device = open_device(f"audio:{selector},full_scale_v=200".replace(":,", ":"))
+    assert streams[-1].device == index
+    device.close()
+
+
+def test_what_is_listed_can_be_opened(portaudio):
+    _, found = audio.list_here()
+    addresses = [address for address, _ in found]
+    assert len(set(addresses)) == len(addresses) == 7
+    assert "audio:device=Fireface: Out,host_api=ALSA" in addresses  # without a number of today
+    for address in addresses:
+        open_device(f"{address},full_scale_v=200").close()
+    assert [stream.device for stream in streams] == [1, 2, 3, 4, 5, 6, 7]
+
+
+def test_the_refusal_names_the_rates_of_the_interface(portaudio, monkeypatch):
+    monkeypatch.setattr(OutputStream, "refusal", "Invalid sample rate [PaErrorCode -9997]")
+    with pytest.raises(DeviceError, match="rates are 44100, 96000"):
+        open_device("audio:device=HDMI,full_scale_v=200")
+
+
+def test_on_jack_the_latency_is_that_of_the_last_block(portaudio):
+    """PortAudio 19.6 and 19.7 state one block less; the time of the callback has it."""
+    link = open_link("audio:host_api=jack,full_scale_v=200")
+    out, status = np.zeros((PERIOD, 1), np.float32), SimpleNamespace(output_underflow=False)
+    link._fill(out, PERIOD, SimpleNamespace(currentTime=9.0, outputBufferDacTime=9.25), status)
+    assert link.latency_s == 0.25
+    link._fill(out, PERIOD, SimpleNamespace(currentTime=9.0, outputBufferDacTime=9.0), status)
+    assert link.latency_s == OutputStream.latency
+    link.close()
+
+
 def test_senseless_latencies_are_not_believed(portaudio, monkeypatch):
     link = open_link("audio:full_scale_v=200")
     assert link.latency_s == 0.003
@@ -331,9 +390,11 @@ def test_senseless_latencies_are_not_believed(portaudio, monkeypatch):
         ("full_scale_v=-1", DeviceError, "full_scale_v must be"),
         ("full_scale_v=1,sample_rate_hz=10", DeviceError, "sample_rate_hz must be"),
         ("full_scale_v=1,trigger=maybe", DeviceError, "trigger of audio: must be yes or no"),
-        ("full_scale_v=1,device=yamaha", DeviceNotFoundError, "'yamaha'.*'Scarlett 2i2: USB' .1."),
-        ("full_scale_v=1,device=0", DeviceNotFoundError, "called 0"),
-        ("full_scale_v=1,device=s", DeviceError, "Several.*'speaker' .3."),
+        ("full_scale_v=1,device=yamaha", DeviceNotFoundError, "'Scarlett 2i2: USB' .ALSA."),
+        ("full_scale_v=1,device=0", DeviceNotFoundError, "called '0'"),
+        ("full_scale_v=1,device=s", DeviceError, "Several.*'speaker' .ALSA."),
+        ("full_scale_v=1,device=scarlett", DeviceError, "Several.*JACK.*host_api="),
+        ("full_scale_v=1,device=HDMI,host_api=jack", DeviceNotFoundError, "host API 'jack'"),
         ("full_scale_v=1,device=speaker,trigger=yes", DeviceNotFoundError, "two output channels"),
         ("profile=missing.toml", DeviceError, "missing.toml cannot be read"),
     ],
@@ -374,4 +435,4 @@ def test_profiles_that_cannot_be_used(tmp_path, text, says):
 def test_an_interface_that_refuses(portaudio, monkeypatch, refusal, error):
     monkeypatch.setattr(OutputStream, "refusal", refusal)
     with pytest.raises(error, match="Scarlett"):
-        open_device("audio:device=scarlett,full_scale_v=200")
+        open_device("audio:device=scarlett,host_api=alsa,full_scale_v=200")

@@ -1,9 +1,12 @@
 """Addresses, buses, and what importing the package costs."""
 
+import io
+import json
 import subprocess
 import sys
 import threading
 import time
+from contextlib import redirect_stdout
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
@@ -133,6 +136,14 @@ def test_unknown_schemes_list_the_known(address):
         open_device(address)
 
 
+def here(module, function):
+    """Ask a module for the outputs in this process, whose libraries are stood in for."""
+    said = io.StringIO()
+    with redirect_stdout(said):
+        getattr(sys.modules[module], function)()
+    return json.loads(said.getvalue())
+
+
 @pytest.mark.parametrize(
     ("kind", "module", "package"),
     [
@@ -142,6 +153,7 @@ def test_unknown_schemes_list_the_known(address):
     ],
 )
 def test_a_missing_library_is_a_reason(monkeypatch, kind, module, package):
+    monkeypatch.setattr("firmware_io.links.audio.ask_in_own_process", here)
     for name in {module, "hidraw"}:
         monkeypatch.setitem(sys.modules, name, None)
     found = report(kind)
@@ -196,9 +208,11 @@ def buses(monkeypatch):
     audio.__version__ = "7.7"
     audio.get_portaudio_version = lambda: (1, "PortAudio V19")
     audio.query_devices = lambda: [
-        {"name": "microphone", "max_output_channels": 0},
-        {"name": "amplifier", "max_output_channels": 2},
+        {"name": "microphone", "max_output_channels": 0, "hostapi": 0},
+        {"name": "amplifier", "max_output_channels": 2, "hostapi": 0},
     ]
+    audio.query_hostapis = lambda index: {"name": "ALSA"}
+    monkeypatch.setattr("firmware_io.links.audio.ask_in_own_process", here)
     serial: Any = ModuleType("serial")
     ports: Any = ModuleType("serial.tools.list_ports")
     serial.__version__ = "6.6"
@@ -225,7 +239,7 @@ def test_connected_devices_are_listed(buses):
     mock, *others = list_devices()
     assert mock.usable
     assert [(d.address, d.name, d.usable) for d in others] == [
-        ("audio:device=1", "amplifier", True),
+        ("audio:device=amplifier,host_api=ALSA", "amplifier (ALSA)", True),
         ("hid:path=1-2", "0001:abcd", False),
         ("hid:path=/dev/hidraw0", "Touch Driver", True),
         ("serial:port=/dev/ttyUSB0", "adapter", False),
