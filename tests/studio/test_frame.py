@@ -106,6 +106,17 @@ def test_a_real_driver_waits_for_a_hand(front, page):
     assert not front.engine.when("arm")
     page.get_by_role("button", name="Arm").click()
     armed(page)
+    for state in ("failed", "gone", "back"):
+        told = {"event": "output", "state": state, "reason": "its cable was pulled."}
+        front.hub.on_engine_event(told)  # the next ping lets the page hear of it
+        page.get_by_text(f"Driver {'is ' * (state == 'back')}{state}: 0 V").wait_for()
+        says = page.get_by_role("alert").filter(
+            has_text="Press Arm" if state == "back" else "pulled"
+        )
+        says.wait_for()
+    assert len(front.engine.when("arm")) == 1
+    page.get_by_role("button", name="Arm").click()
+    armed(page)
 
 
 def test_the_header_says_what_is_so_while_a_job_plays_and_while_muted(front, page):

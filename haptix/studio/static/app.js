@@ -135,8 +135,9 @@ function trouble() {
   const draw = () => {
     const { phase } = service.state.get();
     const out = service.output.get();
-    const failed = phase === "open" && service.isReal && out?.state === "failed" && !service.isArming.get();
-    const trouble_text = phase === "lost" ? texts.trouble.lost : failed ? texts.trouble.failed(out.reason) : "";
+    const at = phase === "open" && out && !service.isArming.get() ? out.state : "off";
+    const shown = at === "gone" || (service.isReal && (at === "failed" || at === "back")) ? at : null;
+    const trouble_text = phase === "lost" ? texts.trouble.lost : shown ? texts.trouble[shown](out?.reason ?? "") : "";
     whole.hidden = !trouble_text;
     if (text.textContent !== trouble_text) text.textContent = trouble_text;
   };

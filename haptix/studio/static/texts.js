@@ -60,12 +60,16 @@ export const texts = {
     lent: "A job has the device, and may play",
     asleep: "Asleep: 0 V",
     failed: "Driver failed: 0 V",
+    gone: "Driver gone: 0 V",
+    back: "Driver is back: 0 V",
     observing: "Another client holds the output",
     virtual: "virtual finger",
   },
   trouble: {
     lost: "The service does not answer; without it the output is at 0 V. If it has ended, start it again in its terminal: haptix studio. This page then goes on by itself.",
     failed: (/** @type {string} */ why) => `The driver failed and is at 0 V: ${why}. Look after its cable and power, then press Arm.`,
+    gone: (/** @type {string} */ why) => `The driver does not answer: ${why} Look after its cable and power. Once it is there, it is opened again by itself.`,
+    back: () => "The driver is there again, at 0 V. Press Arm to feel it.",
   },
   play: {
     board: "Board. Slide with a finger, a pen or a held mouse button; arrow keys slide at 60 mm/s.",
