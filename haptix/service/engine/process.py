@@ -482,8 +482,8 @@ class EngineServer:
     def _do_arm(self, session: int) -> dict[str, Any]:
         if session not in self._layouts:
             raise InputError("arm: expected a layout; send layout_set first")
+        stops, layout = self._stops + 1, self._layouts[session]
         self._stop("armed anew")
-        stops, layout = self._stops, self._layouts[session]
         self._check_device()
         self._is_free.acquire()
         try:
