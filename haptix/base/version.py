@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib.util import find_spec
 from pathlib import Path
 
-__version__ = "0.2.0.dev0"
+__version__ = "0.1.0.dev0"
 
 
 def foreign_package(name: str) -> str:

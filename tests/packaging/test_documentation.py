@@ -124,7 +124,7 @@ def test_the_programs_of_the_pages_hold_to_the_types(programs, checker):
 def test_all_blocks_of_python_are_marked_as_such_and_few_are_not_run():
     why_not = {page.name: program_of(page.read_text(encoding="utf-8"))[1] for page in PAGES}
     assert {name: len(reasons) for name, reasons in why_not.items() if reasons} == {
-        "scale.md": 1, "service.md": 1, "upgrading.md": 1,
+        "scale.md": 1, "service.md": 1,
     }  # fmt: skip
     for page in PAGES:  # an indented block of Python would be run by nobody
         outside = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
@@ -217,8 +217,6 @@ def test_commands_on_the_pages_have_the_options_that_they_name():
     definition: Any = get_command(app)  # commands and groups of them
     tried = 0
     for page in PAGES:
-        if page.name == "upgrading.md":
-            continue  # names what is gone
         text = page.read_text(encoding="utf-8")
         found = re.findall(r"`haptix ([a-z][^`\n]*)`", text)
         found += re.findall(r"^(?:    )?haptix ([a-z][^\n#]*)", text, re.MULTILINE)
