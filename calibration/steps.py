@@ -180,7 +180,7 @@ def plan_that_decides(folder: Path, verification: Verification) -> Protocol | No
     if not verification.is_open or protocol.looks >= MOST_LOOKS or before >= MOST_HELD_OUT:
         return None
     fit = Fit.load(folder / FIT)
-    finger = in_theory(info.finger, fit.theory or info.finger.theory)
+    finger = in_theory(info.finger, fit.theory)
     predictor = StrokePredictor(ContactModel(finger, info.screen))
     start = Parameters.of(finger, info.screen).with_rig()
     return extended_plan(predictor, start, protocol, fit, verification)
@@ -323,7 +323,7 @@ def fit_reduced(
 ) -> tuple[Fit, list[TermNeed]]:
     """Fit strokes from the assumed finger and screen on; parameters as for `fit_folder`."""
     if earlier is not None:
-        finger = in_theory(finger, earlier.theory or finger.theory)
+        finger = in_theory(finger, earlier.theory)
     predictor = StrokePredictor(ContactModel(finger, screen, terms=terms))
     parameters = Parameters.of(finger, screen, leaky_gap).with_rig()
     if earlier is not None:
@@ -390,7 +390,7 @@ def verify_folder(
     _check_reduced(session, reduced, recordings)
     rig, looks = rig_check(session.folder), session.protocol.looks
     believed = session.info.screen
-    finger = in_theory(session.info.finger, fit.theory or session.info.finger.theory)
+    finger = in_theory(session.info.finger, fit.theory)
     # A term whose parameter is fitted is on even where the profile has no value for it.
     terms = {n: n in fit.terms and not term.missing(finger, believed) for n, term in TERMS.items()}
     predictor = StrokePredictor(ContactModel(finger, believed, terms=terms))

@@ -57,7 +57,7 @@ static Surface load(const char *path) {
     need(!strncmp(member(own, "version"), "\"2.", 3), "expected version 2: build the file again");
     Surface s = {.numbers = 1, .unit_v = strtod(member(own, "unit_v"), NULL),
                  .limit_v = strtod(member(own, "voltage_limit_v"), NULL),
-                 .limited_by = *member(own, "ends_at_breakdown") != 't' ? OK
+                 .limited_by = !strncmp(member(own, "limited_by"), "\"O", 2) ? OK
                      : !strncmp(member(own, "limited_by"), "\"F", 2) ? FRICTION
                      : !strncmp(member(own, "limited_by"), "\"P", 2) ? PRESSURE : BREAKDOWN,
                  .is_single = !strncmp(member(member(header, "drive"), "dtype"), "\"F32\"", 5)};

@@ -17,7 +17,7 @@ from scipy.stats import t as student
 
 from calibration.plan.parameters import PER_FINGER, Array, FingerPrior
 from haptix.base.display import Displayed
-from haptix.base.documents import Document, Part, renamed
+from haptix.base.documents import Document, Part
 from haptix.base.errors import InputError
 from haptix.base.files import digest
 from haptix.base.report import Heading
@@ -42,7 +42,6 @@ def _finite(values: Any) -> Array:
 _Numbers = Annotated[
     Array, PlainValidator(_finite), PlainSerializer(lambda values: values.tolist())
 ]
-_Jnd = renamed("effect_jnd", "effect_thresholds")
 _UpperBound = Annotated[  # JSON has no infinity
     float,
     Field(allow_inf_nan=True),
@@ -90,7 +89,7 @@ class FormFit:
     form: Annotated[str, Heading("form")]
     evidence: Annotated[float, Heading("evidence against it", "+.1f")]
     h0_ratio: Annotated[float, Heading("d1/eps1, over the fit's", ".3g")]
-    effect_jnd: Annotated[float, _Jnd, Heading("friction changes by [JND]", ".2g")]
+    effect_jnd: Annotated[float, Heading("friction changes by [JND]", ".2g")]
 
     @property
     def weight(self) -> float:
@@ -121,7 +120,7 @@ class TermNeed:
     is_on: Annotated[bool, Heading("in the fit", "off|on")]
     need: Annotated[Need, Heading("the strokes say")]
     evidence: Annotated[float, Heading("evidence (AICc)", "+.1f")]
-    effect_jnd: Annotated[float, _Jnd, Heading("effect [JND]", ".2g")]
+    effect_jnd: Annotated[float, Heading("effect [JND]", ".2g")]
 
 
 class ParameterEstimate(Part):
@@ -299,14 +298,14 @@ class Fit(Document):
         Strokes that were not used, with reasons.
     terms : tuple of str
         Terms of the model that were on.
-    theory : str or None
-        Theory of the contact; None in fits before there was a choice.
+    theory : str
+        Theory of the contact.
     forms : tuple of FormFit
         The strokes fitted in other forms of the model.
-    posterior : Posterior or None
-        What the covariance is made of; None in fits of earlier versions.
+    posterior : Posterior
+        What the covariance is made of.
     made_from : mapping of str to str
-        SHA-256 of each file of the session that the fit rests on; empty before version 0.2.
+        SHA-256 of each file of the session that the fit rests on.
     made_by : str
         Version of haptix.
     content_hash : str
@@ -319,14 +318,14 @@ class Fit(Document):
     free: tuple[str, ...]
     log_values: _Numbers
     covariance: _Numbers
-    repeatability: Annotated[Repeatability, renamed("repeatability", "scatter")]
+    repeatability: Repeatability
     cost: float
     strokes: tuple[int, ...]
     left_out: dict[int, str]
     terms: tuple[str, ...]
-    theory: TheoryName | None = None
+    theory: TheoryName
     forms: tuple[FormFit, ...] = ()
-    posterior: Annotated[Posterior | None, Field(exclude_if=lambda value: value is None)] = None
+    posterior: Posterior
     made_from: dict[str, str] = Field(default={})
     made_by: str = ""
     content_hash: str = ""
@@ -344,7 +343,10 @@ class Fit(Document):
     def _from_table(cls, fields: dict[str, Any], folder: Path) -> Self:
         if fields.get("format") != "haptix fit":
             raise InputError("expected a fit, made by `haptix calibrate fit`")
-        return super()._from_table(fields, folder)
+        try:
+            return super()._from_table(fields, folder)
+        except InputError as error:
+            raise InputError(f"{error}; make it anew with `haptix calibrate fit`") from None
 
     def __getitem__(self, name: str) -> ParameterEstimate:
         for estimate in self.estimates:
@@ -379,14 +381,12 @@ class Fit(Document):
         """Raise `InputError` if this fit was edited after it was signed."""
         if self.content_hash and self.content_hash != self._own_hash():
             raise InputError(
-                f"{file} was edited after the fit; make it anew with `haptix calibrate fit`"
+                f"{file} was edited after the fit, or is of another version of haptix; make it "
+                "anew with `haptix calibrate fit`"
             )
 
     def _own_hash(self) -> str:
-        fields = self.model_dump(mode="json", exclude={"content_hash"})
-        for form in fields["forms"]:  # as it was called, so that earlier fits keep their hash
-            form["effect_thresholds"] = form.pop("effect_jnd")
-        return digest(fields)
+        return digest(self.model_dump(mode="json", exclude={"content_hash"}))
 
     @property
     def undetermined(self) -> list[ParameterEstimate]:
@@ -399,7 +399,7 @@ class Fit(Document):
         return [
             ("Results", self.estimates),
             ("Not determined", [estimate.refusal() for estimate in self.undetermined]),
-            ("Belongs to its model", [f"{self.shear}: {self.shear_note}"] if self.theory else []),
+            ("Belongs to its model", [f"{self.shear}: {self.shear_note}"]),
             ("Other forms of the model", self.forms),
             ("Which terms the strokes need", needs),
             ("Strokes that were not used", left_out),

@@ -132,7 +132,7 @@ def calibrated_finger(finger: Finger, fit: Fit) -> Finger:
         What was fitted.
     """
     fitted = finger_at(finger, {name: fit.best(name) for name in PER_FINGER})
-    return fitted.replace(theory=fit.theory or finger.theory)
+    return fitted.replace(theory=fit.theory)
 
 
 def finger_at(finger: Finger, values: Mapping[str, float]) -> Finger:

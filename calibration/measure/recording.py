@@ -4,8 +4,8 @@ One stroke is one HDF5 file. Layout, schema 1::
 
     /            attributes: format = "haptix stroke", schema_version, stroke (JSON of the planned
                  stroke), instruments (JSON: name to serial number), temperature_c,
-                 humidity_percent, operator, started (ISO 8601), is_accepted, findings (JSON;
-                 "complaints" in version 0.1), assumed (JSON; absent in version 0.1)
+                 humidity_percent, operator, started (ISO 8601), is_accepted, findings (JSON),
+                 assumed (JSON)
     /signals     t_s, normal_force_n, tangential_force_n, x_mm, drive_v: float64, one length,
                  each with an attribute "unit"
 
@@ -32,7 +32,7 @@ from calibration.plan.protocol import Stroke
 from haptix.base.display import Table, axes_or_new
 from haptix.base.documents import first_error
 from haptix.base.errors import FileFormatError, InputError, from_extra
-from haptix.base.files import parse_json, reading, write_whole
+from haptix.base.files import check_schema_version, parse_json, reading, write_whole
 
 with from_extra("calibration"):
     import h5py
@@ -226,11 +226,7 @@ class StrokeRecording(Table):
                 f"{path}: expected a recording of one stroke, got an HDF5 file of another kind; "
                 "bring other formats in with `haptix calibrate measure --csv`"
             )
-        version = _attribute(file, "schema_version")
-        if version != 1:
-            raise FileFormatError(
-                f"{path}: expected schema_version 1, got {version!r:.40}; update haptix to read it"
-            )
+        check_schema_version(path, _attribute(file, "schema_version"))
         signals = file.get("signals")
         missing = [name for name in SIGNALS if signals is None or name not in signals]
         if missing:
@@ -244,11 +240,9 @@ class StrokeRecording(Table):
             }
             room["instruments"] = parse_json(_attribute(file, "instruments"))
             conditions = TypeAdapter(Conditions).validate_python(room)
-            name = "findings" if "findings" in file.attrs else "complaints"
             texts = TypeAdapter(tuple[str, ...]).validate_python
-            findings = texts(parse_json(_attribute(file, name)))
-            stated = _attribute(file, "assumed") if "assumed" in file.attrs else "[]"
-            assumed = texts(parse_json(stated))
+            findings = texts(parse_json(_attribute(file, "findings")))
+            assumed = texts(parse_json(_attribute(file, "assumed")))
         except ValidationError as error:
             raise FileFormatError(f"{path}: {first_error('stroke', error)}") from None
         for name in ("signals", *(f"signals/{name}" for name in SIGNALS)):

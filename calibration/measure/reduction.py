@@ -131,7 +131,7 @@ class Reduced:
             If the file is missing or is not such a table.
         """
         try:
-            cells = [dict(row.cells) for row in read_csv(path, _REQUIRED)]
+            cells = [dict(row.cells) for row in read_csv(path, _COLUMNS)]
             for cell in cells:
                 cell["notes"] = parse_json(cell["notes"])
             return cls(TypeAdapter(tuple[Point, ...]).validate_python(cells))
@@ -146,8 +146,6 @@ class Reduced:
 
 
 _COLUMNS = [field.name for field in fields(Point)]
-_LATER = {"creep", "contact_s", "rise", "rise_sd"}  # older tables have none
-_REQUIRED = [name for name in _COLUMNS if name not in _LATER]
 
 
 def reduce_session(

@@ -108,10 +108,9 @@ def uncertainty_budget(
     Friction is that at 0.5 N and 50 mm/s. `highest_v` are the amplitudes [V] at 125 Hz and at the
     carrier to which the profile is verified. mu(V) is at 125 Hz, the range and h0 (d1/eps1 and the
     skin's d2/eps2) at the carrier. Without a `rig` check the gains are in no budget, and the
-    verdict says so. Empty for fits of earlier versions, which do not say what they rest on, and
-    where no insulator was fitted.
+    verdict says so. Empty where no insulator was fitted.
     """
-    if fit.posterior is None or fit["h0_m"].value is None:
+    if fit["h0_m"].value is None:
         return ()
     places = StrokeConditions(
         np.full(3, FORCE_N),
@@ -150,7 +149,6 @@ def _budget(
     fit: Fit, rig: RigCheck | None, quantity: str, unit: str, middle: float, slope: Array
 ) -> Budget:
     posterior, repeats = fit.posterior, max(fit.repeatability.log_mu, 1e-9)
-    assert posterior is not None
     scatter = sqrt(posterior.scatter(slope))
     gains = _gains(posterior, rig)
     known = [source for source in posterior.inputs if source.spread]

@@ -8,10 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 import tomlkit
 from pydantic import (
-    AliasChoices,
     BaseModel,
     ConfigDict,
-    Field,
     PlainSerializer,
     PlainValidator,
     ValidationError,
@@ -21,7 +19,15 @@ from torch import Tensor
 from haptix.base.checks import plain
 from haptix.base.display import html_table
 from haptix.base.errors import FileFormatError, InputError
-from haptix.base.files import checked_values, file_at, json_text, read_json, read_toml, write_whole
+from haptix.base.files import (
+    check_schema_version,
+    checked_values,
+    file_at,
+    json_text,
+    read_json,
+    read_toml,
+    write_whole,
+)
 from haptix.base.units import with_numbers
 
 
@@ -36,11 +42,6 @@ def _positive(value: Any) -> float | Tensor:
 
 Quantity = Annotated[float | Tensor, PlainValidator(_positive), PlainSerializer(plain)]
 """A positive number, or a tensor of one for gradients."""
-
-
-def renamed(name: str, former: str) -> Any:
-    """Annotate the field `name`, so that older files, which call it `former`, are still read."""
-    return Field(validation_alias=AliasChoices(name, former))
 
 
 class Part(BaseModel):
@@ -149,11 +150,7 @@ class Document(Part):
         fields = read_json(path) if path.suffix == ".json" else read_toml(path)
         if not fields:  # an interrupted write, and not a document of all defaults
             raise FileFormatError(f"{path}: expected the fields of a {cls.__name__}, got none")
-        version = fields.get("schema_version", 1)
-        if version != 1:
-            raise FileFormatError(
-                f"{path}: expected schema_version 1, got {version!r:.40}; update haptix to read it"
-            )
+        check_schema_version(path, fields.get("schema_version", 1))
         try:
             return cls._from_table(with_numbers(cls.__name__, fields), path.parent)
         except InputError as error:

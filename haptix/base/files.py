@@ -401,6 +401,14 @@ def read_toml(path: str | Path) -> dict[str, Any]:
         raise FileFormatError(f"{path}: expected a TOML file, got: {why}") from None
 
 
+def check_schema_version(path: str | Path, version: Any) -> None:
+    """Raise `FileFormatError` unless a file's ``schema_version`` is the one that is read here."""
+    if version != 1:
+        raise FileFormatError(
+            f"{path}: expected schema_version 1, got {version!r:.40}; update haptix to read it"
+        )
+
+
 @dataclass(frozen=True)
 class CsvRow:
     """One row of a CSV file: its cells by column, and its place for error messages."""

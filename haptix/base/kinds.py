@@ -84,16 +84,16 @@ class Kinds(Mapping[str, type[Any]]):
         Group of the entry points.
     built_in : mapping
         Modules of the kinds in haptix.
-    also : mapping
-        Kinds by their former names and short forms, which their `upgrade` reads.
+    short : mapping
+        Short forms by their names: functions, as "module:function", that make one of a kind.
     """
 
     def __init__(
-        self, group: str, built_in: Mapping[str, str], also: Mapping[str, str] | None = None
+        self, group: str, built_in: Mapping[str, str], short: Mapping[str, str] | None = None
     ) -> None:
         self._group = group
         self._built_in = built_in
-        self.also = also or {}
+        self._short = short or {}
         self._entered: dict[str, type[Any]] = {}
 
     @cached_property
@@ -115,7 +115,7 @@ class Kinds(Mapping[str, type[Any]]):
                 self._load(self._installed[name])
         return self._entered[name]
 
-    def read(self, name: str, table: Mapping[str, Any], version: int = 1) -> Any:
+    def read(self, name: str, table: Mapping[str, Any]) -> Any:
         """Make what a table describes; messages call the table `name`.
 
         Raises
@@ -123,12 +123,13 @@ class Kinds(Mapping[str, type[Any]]):
         InputError
             If the kind or a field is unknown, missing or wrong.
         """
-        kind = str(table.get("kind"))
-        kind = self.also.get(kind, kind)
-        if kind not in self:
-            choice(f"{name}.kind", table.get("kind"), [*self, *self.also])
-        model = self[kind]
-        return model(**model.upgrade(dict(table), version))
+        fields = dict(table)
+        kind = choice(f"{name}.kind", fields.get("kind"), [*self, *self._short])
+        if kind not in self._short:
+            return self[kind](**fields)
+        del fields["kind"]
+        module, _, function = self._short[kind].partition(":")
+        return call(kind, getattr(import_module(module), function), fields)
 
     def _load(self, installed: EntryPoint) -> None:
         whose = installed.dist.name if installed.dist else installed.value
@@ -197,19 +198,6 @@ class Kind(Part):
         kind = cls.model_fields["kind"].default
         if isinstance(kind, str):  # else a base of several kinds
             cls.kinds.enter(kind, cls)
-
-    @classmethod
-    def upgrade(cls, fields: dict[str, Any], version: int) -> dict[str, Any]:
-        """Turn the fields of an older document, of a `schema_version`, into today's.
-
-        Parameters
-        ----------
-        fields : dict
-            The document's fields.
-        version : int
-            Its `schema_version`.
-        """
-        return fields
 
     def describe(self) -> dict[str, Any]:
         """Return a table of plain values, which is read back to an equal document.

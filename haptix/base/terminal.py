@@ -140,7 +140,7 @@ def breakdown_note(share: float) -> str:
 
 
 def accuracy_note(accuracy: Mapping[str, Any] | None) -> str:
-    """Return what a title says of an `Accuracy.record`; files of earlier versions have none."""
+    """Return what a title says of an `Accuracy.record`, where there is one."""
     return "" if accuracy is None else f"; {accuracy['says']}"
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import lru_cache
 from inspect import signature
 from math import ceil, inf, log2, pi
@@ -24,7 +24,7 @@ from haptix.feel.signals.signal import Array, Described, Length, Number, Positiv
 SPEEDS = Kinds(
     "haptix.speeds",
     dict.fromkeys(("path", "steady-speed", "strokes"), "haptix.feel.along_path"),
-    {"recorded-path": "path"},
+    {"recorded-path": "haptix.feel.along_path:recorded_path"},
 )
 """Every kind of speed profile by its name in recipes and sidecars; a subclass enters itself."""
 
@@ -106,14 +106,6 @@ class Path(SpeedProfile):
     x_mm: Row
     kind: Literal["path"] = "path"
 
-    @classmethod
-    def upgrade(cls, fields: dict[str, Any], version: int) -> dict[str, Any]:
-        """Read the kind ``recorded-path``: a CSV file with columns t_s and x_mm, from a time on."""
-        if fields["kind"] != "recorded-path":
-            return fields
-        kind = fields.pop("kind")
-        return dict(call(kind, _path_of_file, fields))
-
     @model_validator(mode="after")
     def _is_a_path(self) -> Self:
         self._check_corners("t_s", "x_mm")
@@ -124,7 +116,7 @@ class Path(SpeedProfile):
         return np.asarray(np.interp(t_s, self.t_s, self.x_mm))
 
 
-def _path_of_file(file: str, start_s: float = 0.0) -> Path:
+def recorded_path(file: str, start_s: float = 0.0) -> Path:
     """Read a finger's own path: a CSV file with columns t_s and x_mm, from a time on."""
     rows = [
         (row.number("t_s") - start_s, row.number("x_mm"))
@@ -220,15 +212,6 @@ class AlongPath(Signal):
     length_s: Length = inf
     kind: Literal["along-path"] = "along-path"
 
-    @classmethod
-    def upgrade(cls, fields: dict[str, Any], version: int) -> dict[str, Any]:
-        """Read the short forms `grating` and `relief`."""
-        make = _SHORT_FORMS.get(fields["kind"])
-        if make is None:
-            return fields
-        kind = fields.pop("kind")
-        return dict(call(kind, make, fields))
-
     def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         x = self.speed.position_mm(np.arange(first, first + count) / sample_rate_hz)
         return self.field.friction(x, np.zeros(count))
@@ -312,8 +295,6 @@ def relief(
     )
     return AlongPath(profile, speed_from(speed), length_s)
 
-
-_SHORT_FORMS: dict[str, Callable[..., AlongPath]] = {"grating": grating, "relief": relief}
 
 _REPORT_S = 1e-3  # between what a material hears of the finger
 

@@ -116,8 +116,7 @@ class Finger(Document):
         tau_f, the friction force per real contact area.
     theory
         The form of the mean field that tau_f was fitted with, see `haptix.model.THEORIES`;
-        a `ContactModel` of the finger uses it. A finger without it is older than this field and
-        keeps its friction: "open-gaps".
+        a `ContactModel` of the finger uses it.
     apparent_area_at_1n_m2, apparent_area_exponent
         ``A0 = area * (F_N / 1 N)^exponent``, from 3 kPa at 0.1 N and 20 kPa at 0.9 N.
     fingers_on_screen : int
@@ -157,7 +156,7 @@ class Finger(Document):
     apparent_area_at_1n_m2: PositiveFloat = 45.65e-6
     apparent_area_exponent: Annotated[float, Field(ge=0, lt=1)] = 0.1366
     response_hz_per_mm_per_s: PositiveFloat = 13.8
-    # A single finger is written and hashed as in versions that had no such field.
+    # Files and hashes leave out what has its usual value.
     fingers_on_screen: Annotated[PositiveInt, Field(exclude_if=lambda count: count == 1)] = 1
     # For terms on request, the largest published effects: a plan says what lacking them may cost.
     contact_time_s: Annotated[float, Field(ge=0, exclude_if=lambda value: value == 10.0)] = 10.0

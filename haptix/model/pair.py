@@ -58,10 +58,7 @@ def profiles(finger: str | None, screen: str | None) -> tuple[Finger, Screen]:
 
 
 def check_measured_with(screen: Screen, finger: Finger, file: str | Path) -> None:
-    """Raise `InputError` unless a finger is the one that was measured with a calibrated screen.
-
-    Profiles of older versions do not name a finger.
-    """
+    """Raise `InputError` unless a finger is the one that was measured with a calibrated screen."""
     known = "" if screen.calibration is None else screen.calibration.finger_hash
     if known and finger.content_hash() != known:
         raise InputError(

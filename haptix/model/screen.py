@@ -47,7 +47,7 @@ class VerifiedRange(Part):
     voltage_v : tuple of (float, float)
         Pairs of a frequency and the highest amplitude at it; linear over ln f in between.
     contact_s : float or None
-        Longest time in contact; None in profiles of earlier versions.
+        Longest time in contact; None where no stroke stated one.
     """
 
     normal_force_n: Ends
@@ -149,9 +149,9 @@ class Calibration(Part):
     rests_on : tuple of str
         What was assumed and not measured.
     finger_hash : str
-        `Finger.content_hash` of the finger that was measured with it; empty in older profiles.
+        `Finger.content_hash` of the finger that was measured with it; empty where none is known.
     verified : VerifiedRange or None
-        Where the verification holds; None in older profiles, and where it failed.
+        Where the verification holds; None where it failed.
     content_hash : str
         SHA-256 of the profile as it was written; an edited profile has another one.
     """
@@ -216,7 +216,7 @@ class Screen(Document):
     gap_resistivity_ohm_m: Plain | None = None
     max_voltage_v: Plain = 200.0
     # The default is the body of IEC 61000-4-2, which limits every drive (firmware_io.limits). Files
-    # leave the default out, since files and hashes of earlier versions lack the field.
+    # and hashes leave it out.
     body_capacitance_f: Annotated[Plain, Field(exclude_if=lambda value: value == 150e-12)] = 150e-12
     # A file leaves them out if they are unknown, as above.
     width_mm: Annotated[Plain | None, Field(exclude_if=lambda value: value is None)] = None

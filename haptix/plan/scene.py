@@ -17,7 +17,7 @@ from pydantic import (
     model_validator,
 )
 
-from haptix.base.documents import Document, Part, renamed
+from haptix.base.documents import Document, Part
 from haptix.base.errors import InputError
 from haptix.base.kinds import in_folder
 from haptix.feel.materials.material import AnyMaterial
@@ -197,7 +197,7 @@ class Scene(Document):
     h0_m: Range | None = None
     textures: tuple[SceneTexture, ...] = ()
     materials: tuple[AnyMaterial, ...] = ()
-    budget_jnd: Annotated[PositiveFloat, renamed("budget_jnd", "budget_thresholds")] = 0.5
+    budget_jnd: PositiveFloat = 0.5
     not_shown: Literal["warn", "refuse"] = "warn"
     override: Override = Override()
     folder: Annotated[Path, Field(exclude=True)] = Path()

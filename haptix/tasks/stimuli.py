@@ -164,11 +164,8 @@ class ShowStimulus(Task, command="stimuli show"):
             title = f"picture: {picture}"
         with reading(place, "stimuli with their sidecars"):
             tables = [read_json(path) for path in sidecars]
-            # Sidecars of earlier versions have neither.
-            past = max(
-                (float(table.get("pull_past_breakdown", 0.0)) for table in tables), default=0.0
-            )
-            title += _current([table["current"] for table in tables if "current" in table])
+            past = max((float(table["pull_past_breakdown"]) for table in tables), default=0.0)
+            title += _current([table["current"] for table in tables])
             title += _placeholders(tables) + breakdown_note(past)
             return Result(tables, [(title, [*map(_row, tables)])])
 
@@ -586,7 +583,7 @@ def _placeholders(sidecars: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _level(felt: Mapping[str, Any] | None, name: str) -> str:
-    """Return a level, with a star if it rests on unmeasured values, as in earlier sidecars."""
+    """Return a level, with a star if it rests on unmeasured values."""
     level = None if felt is None else felt.get(name)
     star = "*" if felt and felt["threshold_is_placeholder"] else ""
     return "-" if level is None else f"{level:+.1f}{star}"
@@ -601,6 +598,6 @@ def _row(sidecar: Mapping[str, Any]) -> dict[str, Any]:
         "mu": f"{prediction['mu_low']:.3f}-{prediction['mu_high']:.3f}",
         "dB SL": _level(felt, "sensation_db"),
         "edges dB": _level(felt, "edges_db"),
-        "past %": f"{100 * sidecar.get('pull_past_breakdown', 0.0):.0f}",
+        "past %": f"{100 * sidecar['pull_past_breakdown']:.0f}",
         "audible": "yes" if sidecar["audibility"]["audible"] else "no",
     }  # fmt: skip

@@ -187,7 +187,7 @@ class Build(OfModel, command="build"):
             surface = error.best
         surface.save(target)
         share = surface.info["pull_past_breakdown"]
-        about = _profiles_of(surface, target)
+        about = surface.info["profiles"]
         title = f"{first_line(about)}\nfriction surface{note_of(surface, target)}"
         title += breakdown_note(share)
         row = _summary(target, surface)
@@ -285,15 +285,16 @@ class Query(OfModel, command="query", route="queries"):
                     "surface's screen; lower it (it is rejected, not clamped)"
                 )
             sample, note = table.evaluate(**inputs), note_of(table, self.surface)
-            outputs, status, warnings = {"mu": sample.mu}, sample.status, []
-            if "intervals" in table.info:  # surfaces of earlier versions have none
-                places = {name: value for name, value in inputs.items() if name != "voltage_v"}
-                cells = table.intervals(**places)
-                outputs["interval_jnd"] = cells.mu_jnd
-                outputs["contrast_interval_jnd"] = cells.contrast_jnd
-            about = _profiles_of(table, self.surface)
-            # Surfaces of earlier versions have none.
-            share = float(table.info.get("pull_past_breakdown", 0.0))
+            status, warnings = sample.status, []
+            places = {name: value for name, value in inputs.items() if name != "voltage_v"}
+            cells = table.intervals(**places)
+            outputs = {
+                "mu": sample.mu,
+                "interval_jnd": cells.mu_jnd,
+                "contrast_interval_jnd": cells.contrast_jnd,
+            }
+            about = dict(table.info["profiles"])
+            share = float(table.info["pull_past_breakdown"])
         used = [inputs[name] for name in _VERIFIED]
         beyond = screen.verified.beyond(*used) if screen.verified else []
         if beyond:
@@ -372,7 +373,7 @@ class Invert(Task, command="invert"):
         table = FrictionSurface.load(self.surface)
         inverse = table.voltage(**inputs)
         rows = _rows(inputs, {"voltage_v": inverse.voltage_v}, inverse.status)
-        about = _profiles_of(table, self.surface)
+        about = table.info["profiles"]
         title = f"{first_line(about)}\nvoltage{note_of(table, self.surface)}"
         return Result([row | about for row in rows], [(title, rows)])
 
@@ -396,9 +397,8 @@ class Export(Task, command="export"):
         return Result(rows, [("exported surface", rows)])
 
 
-# Results are named by a hash, which tells them from files that somebody else has put there. An
-# earlier version kept each surface in one file.
-_IN_CACHE = re.compile(r"results/[0-9a-f]{2}/[0-9a-f]{64}/[^/]+|\.?[0-9a-f]{64}\.surface.*")
+# Results are named by a hash, which tells them from files that somebody else has put there.
+_IN_CACHE = re.compile(r"results/[0-9a-f]{2}/[0-9a-f]{64}/[^/]+")
 
 
 class ListCache(Task, command="cache"):
@@ -413,7 +413,7 @@ class ListCache(Task, command="cache"):
         """List the cache, and remove it on request."""
         try:
             folder = cache_folder()
-            inside = [*folder.iterdir(), *folder.glob("results/*/*/*")] if folder.is_dir() else []
+            inside = [*folder.glob("results/*/*/*")]
             names = {path: path.relative_to(folder).as_posix() for path in inside}
             surfaces = sorted(path for path in inside if _IN_CACHE.fullmatch(names[path]))
             row = {
@@ -475,23 +475,14 @@ def _summary(path: Path, surface: FrictionSurface) -> dict[str, Any]:
     }
 
 
-def _profiles_of(table: FrictionSurface, file: Path) -> dict[str, str]:
-    """Return the finger and screen of a surface."""
-    with reading(file, "a surface with its model"):
-        model = table.info["model"]
-        names = {kind: str(model[kind]["name"]) for kind in ("finger", "screen")}
-        # Surfaces of earlier versions do not say.
-        return {**names, "pair": "of an earlier version", **table.info.get("profiles", {})}
-
-
 def note_of(table: FrictionSurface, file: Path) -> str:
     """Return a title's note on the placeholders of a surface and on its accuracy."""
     with reading(file, "a surface with its model"):
         placeholders = [str(placeholder) for placeholder in table.info["model"]["placeholders"]]
-        # A surface of an earlier version, or one made in Python, does not have it.
-        spread = table.info.get("notes", {}).get("placeholder_spread_jnd", {})
+        # A surface that was built in Python does not have it.
+        spread = table.info["notes"].get("placeholder_spread_jnd", {})
         note = placeholder_note(placeholders, {str(k): float(v) for k, v in spread.items()})
-        return note + accuracy_note(table.info.get("accuracy"))
+        return note + accuracy_note(table.info["accuracy"])
 
 
 def _product(task: Task, *names: str) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import cached_property
 from typing import Annotated, Any, Literal, Self
 
@@ -12,7 +11,7 @@ from haptix.base.checks import plain
 from haptix.base.errors import InputError
 from haptix.feel.layout import Layout, Patch, Region
 from haptix.feel.materials import TargetKind
-from haptix.feel.materials.material import ANY_KIND, KINDS, Material, material_of, table_of
+from haptix.feel.materials.material import ANY_KIND, Material, material_of, table_of
 
 
 def _number_or_material(value: Any) -> float | Material:
@@ -62,24 +61,6 @@ class LayoutMaterial(Material):
         for region in self.regions:
             layout.put(region)
         return layout
-
-    @classmethod
-    def upgrade(cls, fields: dict[str, Any], version: int) -> dict[str, Any]:
-        """Read a document of the former kind "composition", whose regions were called sprites."""
-        if fields.get("kind") != "composition":
-            return fields
-        sprites = fields.pop("sprites", fields.get("regions", ()))
-        regions = [
-            {("material" if key == "of" else key): value for key, value in sprite.items()}
-            if isinstance(sprite, Mapping)
-            else sprite
-            for sprite in sprites
-        ]
-        below = fields.get("background")
-        below = below if isinstance(below, Mapping) else {}
-        kind = KINDS.get(str(below.get("kind")))
-        target = below.get("target", getattr(kind, "target", "share"))
-        return fields | {"kind": "layout", "regions": regions, "target": target}
 
     def patch(self, name: str) -> Patch:
         """Return the patch of a region by its name."""

@@ -13,8 +13,8 @@ import tomlkit
 from pydantic import ConfigDict, PlainSerializer, PlainValidator, WithJsonSchema, model_validator
 
 from haptix.base.checks import Array, shown
-from haptix.base.errors import FileFormatError, InputError
-from haptix.base.files import json_text, read_json, read_toml, write_whole
+from haptix.base.errors import InputError
+from haptix.base.files import check_schema_version, json_text, read_json, read_toml, write_whole
 from haptix.base.kinds import Kind, Kinds, document_path, in_folder
 from haptix.base.units import with_numbers
 from haptix.feel.materials.field import Evaluator, Mapped, TargetKind, check_range
@@ -37,7 +37,6 @@ _MODULES = {
 KINDS = Kinds(
     "haptix.feel.materials",
     {kind: f"haptix.{module}" for module, kinds in _MODULES.items() for kind in kinds},
-    {"composition": "layout"},
 )
 """Every kind of material by its name in documents; a subclass registers itself."""
 
@@ -150,19 +149,15 @@ def load(path: str | Path) -> Material:
         raise InputError(f"load: expected the path of a document, got {shown(path)}")
     path = Path(path)
     fields = read_json(path) if path.suffix == ".json" else read_toml(path)
-    version = fields.pop("schema_version", 1)
-    if version != 1:
-        raise FileFormatError(
-            f"{path}: expected schema_version 1, got {version!r:.40}; update haptix to read it"
-        )
+    check_schema_version(path, fields.pop("schema_version", 1))
     try:
         with in_folder(path.parent):
-            return material_of(fields, version)
+            return material_of(fields)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 
 
-def material_of(table: Any, version: int = 1) -> Material:
+def material_of(table: Any) -> Material:
     """Return a material: itself, or read from a table or from a file (.toml or .json).
 
     Other objects with an evaluator, such as a `haptix.Texture`, are accepted too, but cannot be
@@ -172,8 +167,6 @@ def material_of(table: Any, version: int = 1) -> Material:
     ----------
     table : Material, mapping, str or Path
         A material, its table, or the path of a file. Numbers may be strings with units.
-    version : int
-        The `schema_version` of the table.
 
     Examples
     --------
@@ -188,7 +181,7 @@ def material_of(table: Any, version: int = 1) -> Material:
             raise InputError(f'material: expected a table with a "kind", got {table!r:.80}')
         existing: Material = table
         return existing
-    material: Material = KINDS.read("material", with_numbers("material", table), version)
+    material: Material = KINDS.read("material", with_numbers("material", table))
     return material
 
 

@@ -388,15 +388,6 @@ class TimeNoise(Signal):
     exponent: Number = 0.0
     kind: Literal["time-noise"] = "time-noise"
 
-    @classmethod
-    def upgrade(cls, fields: dict[str, Any], version: int) -> dict[str, Any]:
-        """Read the kind ``noise`` of version 0.1, whose fields had other names."""
-        if fields["kind"] != "noise":
-            return fields
-        names = {"rms": "deviation", "offset": "mean"}
-        now = {names.get(name, name): value for name, value in fields.items()}
-        return now | {"kind": "time-noise"}
-
     @model_validator(mode="after")
     def _has_a_spectrum(self) -> Self:
         if not self.density:

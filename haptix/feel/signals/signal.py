@@ -46,7 +46,7 @@ _MODULES = {
 KINDS = Kinds(
     "haptix.feel.signals",
     {kind: f"haptix.feel.{module}" for module, kinds in _MODULES.items() for kind in kinds},
-    {"grating": "along-path", "noise": "time-noise", "relief": "along-path"},
+    {name: f"haptix.feel.along_path:{name}" for name in ("grating", "relief")},
 )
 """Every kind of signal by its name in recipes and sidecars; a subclass enters itself."""
 

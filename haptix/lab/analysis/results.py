@@ -117,7 +117,7 @@ def runs_of(session: LoggedSession) -> Iterator[RunOfMethod]:
         unfinished = _unfinished(plan, methods.values(), estimates.values())
         first = (unfinished,) if unfinished and not session.finished else ()
         whole = summary(session.rows, task, plan.exclude)
-        of_trials = (row for row in session.rows if row["kind"] in ("trial", "n/a"))
+        of_trials = (row for row in session.rows if row["kind"] == "trial")
         accepted = [row for row in of_trials if row["accepted"] == "true"]
         for name, part in methods.items():
             experiment = _hash(session, name, part.describe())

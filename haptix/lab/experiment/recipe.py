@@ -46,9 +46,6 @@ TaskName = Literal["2ifc", "2afc", "3afc", "yes-no", "same-different", "pairs", 
 
 _SEEDED = [name for name, method in METHODS.items() if "seed" in {at.name for at in fields(method)}]
 
-_OF_BEFORE = {"constant-stimuli": ("lapse",), "quest+": ("estimate_by",)}
-"""Settings of recipes that users keep: every method has the same posterior by now."""
-
 _WITHOUT_TARGET = 0.05  # share of answers that find a target where there is none
 
 
@@ -194,8 +191,6 @@ class ExperimentRecipe(Document):
 
     def _method(self, tables: Mapping[str, Any], seed: int | None) -> Method:
         table, task = dict(tables["method"]), task_named(self.task)
-        for name in _OF_BEFORE.get(table.get("kind", ""), ()):
-            table.pop(name, None)
         kinds = {"pairs": "pairs", "magnitude": "magnitudes"}
         if (kind := kinds.get(self.task)) != table.get("kind") and (
             kind or table.get("kind") in kinds.values()

@@ -365,11 +365,11 @@ class TrialSequence:
     def hear(self, row: Mapping[str, str]) -> None:
         """Take the row of an attempt."""
         if row["accepted"] != "true":
-            if row["kind"] in ("trial", "n/a") and not self.method.is_done:
+            if row["kind"] == "trial" and not self.method.is_done:
                 self.method.postpone()
             self.attempt += 1
             return
-        if row["kind"] in ("trial", "n/a"):
+        if row["kind"] == "trial":
             is_number = row["is_right"] == "n/a"
             value = float(row["answer"]) if is_number else row["is_right"] == "true"
             level = float(row["level"])
@@ -401,15 +401,11 @@ class TrialSequence:
         if self.task.choices:
             known["is_right"] = row["answer"] == row["right"]
         for name, value in known.items():
-            # Logs of before have neither kinds nor conditions.
-            if row[name] != cell(value) and not (name in _LATER and row[name] == "n/a"):
+            if row[name] != cell(value):
                 return f"{name} is {row[name]}, and that of the plan {cell(value)}"
         if lowered and not float(row["level"]) < planned.level:
             return f"level is {row['level']}, and not below the {planned.level} of the plan"
         return ""
-
-
-_LATER = ("kind", "condition")
 
 
 def replay(sequence: TrialSequence, rows: Sequence[Mapping[str, str]], path: Path) -> Iterator[str]:

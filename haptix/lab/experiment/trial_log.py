@@ -46,11 +46,8 @@ COLUMNS = (
 )  # fmt: skip
 """Columns of the table, in their order."""
 
-_OF_BEFORE = (".estimate_by", ".lapse")  # of methods: what they once assumed of the threshold
-
 _FORMAT = 3
 _RESTED_MIN = 10.0  # after a stop; a person who goes on does so sooner
-_COLUMNS_OF = {1: COLUMNS[:13], 2: COLUMNS[:23], _FORMAT: COLUMNS}
 
 _TRIALS_DEPEND_ON = ("base", "model", "feel", "play", "lab")
 """Folders of haptix that make, present and count a trial. All others may change during a study."""
@@ -107,7 +104,6 @@ class LogText:
     """Hash of the last line."""
     size: int
     """Bytes up to the last line that is whole."""
-    format: int
     finished: bool = False
     remarks: tuple[str, ...] = ()
     """What it leaves open."""
@@ -135,40 +131,33 @@ def parse_log(path: Path, data: bytes, end: End | None) -> LogText:
         settings = None
     if not isinstance(settings, dict) or "method" not in settings:
         raise FileFormatError(f"{path}: is not a log of trials, and stays as it is")
-    kind = settings.get("format", 1)
-    columns = _COLUMNS_OF.get(kind) if isinstance(kind, int) else None
-    if columns is None or tuple(names.split("\t")) != columns:
+    if settings.get("format") != _FORMAT or tuple(names.split("\t")) != COLUMNS:
         raise FileFormatError(f"{path}: is a log of another version of haptix; name a new file")
     restore = "restore the log as it was written"
     rows, last = list[dict[str, str]](), line_hash(f"{head}\n{names}")
     for number, line in enumerate(lines, 1):
         cells = line.split("\t")
-        if len(cells) != len(columns):
+        if len(cells) != len(COLUMNS):
             raise FileFormatError(
-                f"{path}: row {number}: expected {len(columns)} columns, got {len(cells)}; "
+                f"{path}: row {number}: expected {len(COLUMNS)} columns, got {len(cells)}; "
                 f"{restore}"
             )
-        row = dict.fromkeys(COLUMNS, "n/a") | dict(zip(columns, cells, strict=True))
-        if kind == _FORMAT and row["before"] != last:
+        row = dict(zip(COLUMNS, cells, strict=True))
+        if row["before"] != last:
             raise FileFormatError(
                 f"{path}: row {number} (trial {row['trial']}) does not follow the line before it: "
                 f"one of them was edited, moved, added or taken out; {restore}"
             )
         rows.append(row)
         last = line_hash(line)
-    log = LogText(settings, rows, last, len(whole), kind)
-    if kind == _FORMAT:
-        return _checked_by(end, log, path)
-    return replace(log, remarks=(f"{path}: has no hashes, by which edited rows are found",))
+    return _checked_by(end, LogText(settings, rows, last, len(whole)), path)
 
 
 def _checked_by(end: End | None, log: LogText, path: Path) -> LogText:
-    place, count, remarks = End.place(path), len(log.rows), []
-    if unchained := log.settings.get("unchained"):
-        remarks.append(f"{path}: the first {unchained} rows had no hashes when they were written")
+    place, count = End.place(path), len(log.rows)
     if end is None:
-        remarks.append(f"{path}: whether rows at its end are missing is not known without {place}")
-        return replace(log, remarks=(*remarks,))
+        remark = f"{path}: whether rows at its end are missing is not known without {place}"
+        return replace(log, remarks=(remark,))
     if count < end.rows:
         raise FileFormatError(
             f"{path}: has {count} rows, and {place} says {end.rows}: its end was cut off; restore "
@@ -180,7 +169,7 @@ def _checked_by(end: End | None, log: LogText, path: Path) -> LogText:
         raise FileFormatError(
             f"{path}: {place} is of other rows than its {count}; restore both as they were written"
         )
-    return replace(log, finished=end.finished, remarks=(*remarks,))
+    return replace(log, finished=end.finished)
 
 
 def line_hash(line: str) -> str:
@@ -214,7 +203,6 @@ class TrialLog:
         """The program that wrote the last line; the head, where there is none yet."""
         self.finished = False
         """Whether the session is over, as its end file says."""
-        self._format = _FORMAT
         self._size = -1
         self._last = ""
         self.open()
@@ -252,14 +240,8 @@ class TrialLog:
         self._lock.release()
 
     def go_on(self) -> None:
-        """Let this program write a log that another began; its rows say so in ``version``.
-
-        The rows of a log of an earlier version get hashes, and its head says how many had none.
-        """
+        """Let this program write a log that another began; its rows say so in ``version``."""
         self.version = program()
-        if self._format != _FORMAT:
-            self._write({"unchained": len(self.rows)} if self.rows else {})
-            self._format = _FORMAT
 
     def _read_file(self) -> None:
         known = b""
@@ -279,29 +261,27 @@ class TrialLog:
                 f"{end.rows} rows; restore it, or name a new file"
             )
         if not known:  # an empty file holds nothing to lose
-            self._write({})
+            self._begin()
             return
         log = parse_log(self.path, known, end)
         head = dict(log.settings)
-        self.version = str(head.pop("version", "0.1"))
-        for name in ("format", "unchained"):
-            head.pop(name, None)
+        self.version = str(head.pop("version", ""))
+        del head["format"]
         then, now = _flat(head), _flat(self._experiment)
         # Another program may know more settings.
         names = set(then) | (set(now) if self.version == program() else set())
-        names -= {name for name in then.keys() - now.keys() if name.endswith(_OF_BEFORE)}
         if different := sorted(name for name in names if then.get(name) != now.get(name)):
             raise FileFormatError(
                 f"{self.path}: is the log of another experiment, or of other settings: "
                 f"{', '.join(different)}; name a new file, or restore them"
             )
-        if log.format == _FORMAT and end is None:
+        if end is None:
             raise FileFormatError(
                 f"{self.path}: expected {End.place(self.path)} beside it, which says whether rows "
                 "are missing at its end; restore it"
             )
-        self.rows, self._format = log.rows, log.format
-        if self.rows and self.rows[-1]["version"] != "n/a":
+        self.rows = log.rows
+        if self.rows:
             self.version = self.rows[-1]["version"]
         self._size, self._last, self.finished = log.size, log.last, log.finished
         if log.size != len(known):
@@ -309,7 +289,7 @@ class TrialLog:
                 file.truncate(log.size)
                 os.fsync(file.fileno())
         # Where it was stopped between the two.
-        if self._format == _FORMAT and end is not None and end.rows < len(self.rows):
+        if end.rows < len(self.rows):
             self._write_end(len(self.rows), self._last)
 
     def append(self, row: Mapping[str, Any]) -> None:
@@ -348,7 +328,7 @@ class TrialLog:
 
     def finish(self) -> None:
         """Mark the session as finished."""
-        if self._format == _FORMAT and not self.finished:
+        if not self.finished:
             self._write_end(len(self.rows), self._last, finished=True)
             self.finished = True
 
@@ -360,30 +340,24 @@ class TrialLog:
         if not self.rows:
             return 1, now_s
         last = self.rows[-1]
-        session = 1 if last["session"] == "n/a" else int(last["session"])
-        return session + 1, now_s - float(last["time_s"]) - self.rested_s
+        return int(last["session"]) + 1, now_s - float(last["time_s"]) - self.rested_s
 
     @property
     def rested_s(self) -> float:
-        """Time since the last trial; 0 where there is none, or its date is not known."""
-        date = self.rows[-1]["date"] if self.rows else "n/a"
-        if date == "n/a":
+        """Time since the last trial; 0 where there is none."""
+        if not self.rows:
             return 0.0
-        return max(0.0, (datetime.now(UTC) - datetime.fromisoformat(date)).total_seconds())
+        last = datetime.fromisoformat(self.rows[-1]["date"])
+        return max(0.0, (datetime.now(UTC) - last).total_seconds())
 
-    def _write(self, more: Mapping[str, Any]) -> None:
-        """Write head and rows anew, the end file first: alone it has no effect."""
-        head = {"format": _FORMAT, "version": program(), **more, **self._experiment}
-        lines = [f"# {json.dumps(head)}", "\t".join(COLUMNS)]
-        last = line_hash("\n".join(lines))
-        for row in self.rows:
-            row["before"] = last
-            lines.append("\t".join(row[name] for name in COLUMNS))
-            last = line_hash(lines[-1])
-        text = "".join(f"{line}\n" for line in lines)
-        self._write_end(len(self.rows), last)
-        write_whole(self.path, text)
-        self._size, self._last = len(text.encode()), last
+    def _begin(self) -> None:
+        """Write the head, the end file first: alone it has no effect."""
+        head = {"format": _FORMAT, "version": program(), **self._experiment}
+        text = f"# {json.dumps(head)}\n" + "\t".join(COLUMNS)
+        self._last = line_hash(text)
+        self._write_end(0, self._last)
+        write_whole(self.path, f"{text}\n")
+        self._size = len(text.encode()) + 1
 
     def _write_end(self, rows: int, last: str, finished: bool = False) -> None:
         end = End(rows=rows, last=last, finished=finished)
@@ -529,7 +503,7 @@ class LoggedSession:
 
     @property
     def source(self) -> str:
-        """Source of the answers; "n/a" in logs of earlier versions."""
+        """Source of the answers."""
         return str(self.settings.get("source", "n/a"))
 
     @property
@@ -647,7 +621,7 @@ def _read_beh(path: Path) -> LoggedSession:
     text = io.StringIO(read_text(path, LARGEST_TABLE_BYTES), newline="")
     rows = []
     for row in csv.DictReader(text, delimiter="\t"):
-        known = {"right": row.get("correct"), "onset_s": row.get("onset"), **row}
+        known = {"right": row.get("correct"), **row}
         rows.append({name: known.get(name) or "n/a" for name in COLUMNS})
     return LoggedSession(*_labels(path), path, about[SETTINGS], tuple(rows))
 

@@ -315,7 +315,7 @@ class Experiment:
             "hashes": self._hashes(),
             "source": self.source,
         }
-        if self.plan != SessionPlan():  # logs of before have none
+        if self.plan != SessionPlan():
             settings["plan"] = self.plan.model_dump(mode="json", exclude_defaults=True)
         self._sequence = TrialSequence(self.method, self._task, self.plan, self.seed)
         self.log = TrialLog(self.log_file, settings)

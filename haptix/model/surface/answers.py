@@ -115,11 +115,9 @@ def intervals_at(info: Mapping[str, Any], places: Mapping[str, Any]) -> Interval
     Raises
     ------
     InputError
-        If the surface has none, or a place on one of its axes is missing.
+        If a place on one of its axes is missing.
     """
-    known, like = info.get("intervals"), torch.zeros((), dtype=torch.float64)
-    if known is None:
-        raise InputError("this surface has no intervals of its cells; build it again")
+    known, like = info["intervals"], torch.zeros((), dtype=torch.float64)
     values = {name: numbers(name, at, like) for name, at in places.items() if at is not None}
     cell = torch.zeros(broadcast_shape(*values.values()), dtype=torch.long)
     for name in AXIS_NAMES:

@@ -60,7 +60,8 @@ LARGEST_BYTES = 64_000_000
 """Default limit of the size of a surface."""
 
 _LARGEST_FILE_BYTES = 4_000_000_000
-_NUMBERS = {"response_hz_per_mm_per_s", "screen_h0_m"}  # of the info; renderers use them
+_NUMBERS = ("response_hz_per_mm_per_s", "screen_h0_m", "pull_past_breakdown")
+_INFO = {*_NUMBERS, "model", "model_hash", "profiles", "notes", "accuracy", "intervals"}
 
 Info = Mapping[str, Any]
 """What a surface was built from and how accurate it is; plain values."""
@@ -75,7 +76,6 @@ def save_table(table: Interpolant, info: Info, path: Path) -> None:
         **_SCHEMA,
         "unit_v": table.unit_v,
         "voltage_limit_v": table.voltage_limit_v,
-        "ends_at_breakdown": bool(table.limited_by),
         "limited_by": table.limited_by.name,
         "info": dict(info),
         "crc32": {name: _checksum(tensor) for name, tensor in tensors.items()},
@@ -162,11 +162,14 @@ def _assemble(path: Path, header: Info, tensors: dict[str, Tensor]) -> tuple[Int
         tensors["columns"],
         float(header["unit_v"]),
         float(header["voltage_limit_v"]),
-        # Files from before there were other limits have no "limited_by".
-        Status[header.get("limited_by", "BREAKDOWN" if header["ends_at_breakdown"] else "OK")],
+        Status[header["limited_by"]],
     )
     info = dict(header["info"])
-    for name in _NUMBERS & info.keys():
+    if missing := _INFO - info.keys():
+        raise FileFormatError(
+            f"{path}: expected {', '.join(sorted(missing))} as well; build the surface again"
+        )
+    for name in _NUMBERS:
         float(info[name])
     shape = (*table.axes.shape, len(table.drive) + 2)
     sound = {
@@ -193,18 +196,12 @@ def _increases(nodes: Tensor) -> bool:
 
 
 def _check_model(path: Path, info: Info, model: ContactModel | None) -> None:
-    stored = info.get("model_hash")
-    if stored != digest(info.get("model", {})):
+    stored = info["model_hash"]
+    if stored != digest(info["model"]):
         raise FileFormatError(f"{path} is damaged: its model does not match its hash")
     if model is None:
         return
-    # A term that is off changes no number. Leave out those that were added after the file was made.
-    described = model.describe()
-    known = info["model"]["terms"]
-    described["terms"] = {
-        name: term for name, term in described["terms"].items() if term["on"] or name in known
-    }
-    if stored != digest(described):
+    if stored != digest(model.describe()):
         raise FileFormatError(
             f"{path} was built from another model than the one given; build it again, or load it "
             "without naming a model"
@@ -297,7 +294,6 @@ def as_dataset(table: Interpolant, info: Mapping[str, Any]) -> xarray.Dataset:
             f"linear in the logarithms of {', '.join(AXIS_NAMES[:-1])} and {AXIS_NAMES[-1]}",
             "unit_v": table.unit_v,
             "voltage_limit_v": table.voltage_limit_v,
-            "ends_at_breakdown": int(bool(table.limited_by)),  # NetCDF has no truth values
             "limited_by": table.limited_by.name,
             "haptix_info": json.dumps(dict(info), sort_keys=True),
         },

@@ -286,10 +286,7 @@ class FrictionSurface(Displayed):
 
     @property
     def response_hz_per_mm_per_s(self) -> float:
-        """Cut-off of the finger's response per sliding speed; see `Finger`.
-
-        Surfaces of version 0.1 do not contain it, and get the value of the presets.
-        """
+        """Cut-off of the finger's response per sliding speed; see `Finger`."""
         preset = Finger().response_hz_per_mm_per_s
         return float(self.info.get("response_hz_per_mm_per_s", preset))
 
@@ -450,7 +447,7 @@ class FrictionSurface(Displayed):
         Raises
         ------
         InputError
-            If the surface is of an earlier version, or a place on one of its axes is missing.
+            If a place on one of its axes is missing.
 
         Examples
         --------
