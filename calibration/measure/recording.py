@@ -29,8 +29,8 @@ from pydantic import TypeAdapter, ValidationError
 from calibration.measure.clocks import even_times
 from calibration.plan.parameters import Array
 from calibration.plan.protocol import Stroke
+from haptix.base.checks import first_error
 from haptix.base.display import Table, axes_or_new
-from haptix.base.documents import first_error
 from haptix.base.errors import FileFormatError, InputError, from_extra
 from haptix.base.files import check_schema_version, parse_json, reading, write_whole
 

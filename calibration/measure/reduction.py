@@ -22,7 +22,7 @@ from calibration.measure.recording_checks import (
     idle_parts,
 )
 from calibration.measure.segmentation import Segment, full_slip, sliding_speed
-from haptix.base.documents import first_error
+from haptix.base.checks import first_error
 from haptix.base.errors import FileFormatError, InputError
 from haptix.base.files import csv_text, parse_json, read_csv, write_whole
 from haptix.base.report import Heading

@@ -4,26 +4,101 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from dataclasses import fields
-from functools import partial
+from dataclasses import field
+from dataclasses import fields as dataclass_fields
+from functools import wraps
 from math import inf, isfinite, isnan
 from numbers import Real
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar, dataclass_transform
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import (
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+)
+from pydantic.dataclasses import dataclass
 
 from haptix.base.errors import InputError
 
 Array = npt.NDArray[np.float64]
 Choice = TypeVar("Choice")
+Made = TypeVar("Made")
 
-Positive = float
-"""A field that must be above 0, see `check_fields`."""
-NotNegative = float
-"""A field that must be 0 or more."""
-Length = float
-"""A field that must be above 0 and may be infinite."""
+
+def _as_given(value: Any, check: ValidatorFunctionWrapHandler) -> Any:
+    """Read numbers of numpy and torch too; a whole one stays whole in files and their hashes."""
+    if not isinstance(value, int | float):
+        real = plain(value)
+        value = value if real is None else real
+    checked_value = check(value)
+    return value if isinstance(value, int) else checked_value
+
+
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False), WrapValidator(_as_given)]
+"""A field that is a finite number."""
+Positive = Annotated[Number, Field(gt=0)]
+"""A field that is above 0 and finite."""
+NotNegative = Annotated[Number, Field(ge=0)]
+"""A field that is 0 or more and finite."""
+Length = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=True), WrapValidator(_as_given)]
+"""A field that is above 0 and may be infinite."""
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(field, Field))
+def checked(*, kw_only: bool = False) -> Callable[[type[Made]], type[Made]]:
+    """Decorate a class: a frozen dataclass whose values pydantic checks by their annotations.
+
+    The first value that is wrong raises an `InputError` that names it.
+
+    Examples
+    --------
+    >>> @checked()
+    ... class Panel:
+    ...     width_mm: Positive = 60.0
+    >>> Panel(width_mm=0)
+    Traceback (most recent call last):
+        ...
+    haptix.base.errors.InputError: Panel.width_mm: input should be greater than 0, got 0
+    """
+
+    def decorate(plain_class: type[Made]) -> type[Made]:
+        config = ConfigDict(strict=True, extra="forbid", arbitrary_types_allowed=True)
+        made: Any = dataclass(frozen=True, kw_only=kw_only, config=config)(plain_class)
+        check, names = made.__init__, [each.name for each in dataclass_fields(made) if each.init]
+
+        @wraps(check)
+        def init(self: Any, /, *values: Any, **fields: Any) -> None:
+            try:  # by name, which an error says
+                by_name = dict(zip(names, values, strict=False))
+                check(self, *values[len(names) :], **by_name, **fields)
+            except ValidationError as error:
+                raise InputError(first_error(type(self).__name__, error)) from None
+
+        made.__init__ = init
+        decorated: type[Made] = made
+        return decorated
+
+    return decorate
+
+
+def first_error(name: str, error: ValidationError) -> str:
+    """Return one sentence about the first error of a table called `name`."""
+    errors = error.errors()
+    # A mistyped name gives two errors, "unknown" and "missing": the first says more.
+    first = next((wrong for wrong in errors if wrong["type"] == "extra_forbidden"), errors[0])
+    # Tags of a union, such as "self-affine", are not keys in the file.
+    keys = [part for part in first["loc"] if isinstance(part, int) or part.isidentifier()]
+    field = ".".join((name, *map(str, keys)))
+    # The error of a whole table names its reason; printing all its fields would hide that.
+    is_within = isinstance(first.get("ctx", {}).get("error"), InputError)
+    has_reason = first["type"] == "missing" or not first["loc"] or is_within
+    got = "" if has_reason else f", got {first['input']!r:.200}"
+    message = first["msg"].removeprefix("Value error, ")
+    return f"{field}: {message[0].lower()}{message[1:]}{got}"
 
 
 def number(
@@ -81,31 +156,6 @@ def instance(name: str, value: Any, kind: type[Any], hint: str = "") -> None:
             f"{name}: expected {article} {kind.__name__}, got {shown(value)}"
             f"{f'; {hint}' if hint else ''}"
         )
-
-
-_BY_ANNOTATION: dict[str, Callable[[str, Any], Any]] = {
-    "bool": boolean,
-    "float": number,
-    "Positive": positive,
-    "NotNegative": partial(number, least=0.0),
-    "Length": partial(positive, open_end=True),
-}
-
-
-def check_fields(owner: Any) -> None:
-    """Check numbers and bools of a dataclass by their annotations; a float is any finite number.
-
-    Its module must have ``from __future__ import annotations``. Optional numbers may be None.
-    """
-    for field in fields(owner):
-        if not field.init:
-            continue
-        kind, value = str(field.type), getattr(owner, field.name)
-        if value is None and kind.endswith(" | None"):
-            continue
-        check = _BY_ANNOTATION.get(kind.removesuffix(" | None"))
-        if check is not None:
-            check(field.name, value)
 
 
 def whole(name: str, value: Any, least: int = 0) -> int:

@@ -16,7 +16,7 @@ from pydantic import (
 )
 from torch import Tensor
 
-from haptix.base.checks import plain
+from haptix.base.checks import first_error, plain
 from haptix.base.display import html_table
 from haptix.base.errors import FileFormatError, InputError
 from haptix.base.files import (
@@ -193,19 +193,3 @@ class Document(Part):
             ) from None
         is_json = Path(path).suffix == ".json"
         write_whole(path, json_text(fields) if is_json else tomlkit.dumps(fields))
-
-
-def first_error(name: str, error: ValidationError) -> str:
-    """Return one sentence about the first error of a table called `name`."""
-    errors = error.errors()
-    # A mistyped name gives two errors, "unknown" and "missing": the first says more.
-    first = next((wrong for wrong in errors if wrong["type"] == "extra_forbidden"), errors[0])
-    # Tags of a union, such as "self-affine", are not keys in the file.
-    keys = [part for part in first["loc"] if isinstance(part, int) or part.isidentifier()]
-    field = ".".join((name, *map(str, keys)))
-    # The error of a whole table names its reason; printing all its fields would hide that.
-    is_within = isinstance(first.get("ctx", {}).get("error"), InputError)
-    has_reason = first["type"] == "missing" or not first["loc"] or is_within
-    got = "" if has_reason else f", got {first['input']!r:.200}"
-    message = first["msg"].removeprefix("Value error, ")
-    return f"{field}: {message[0].lower()}{message[1:]}{got}"

@@ -24,8 +24,8 @@ from weakref import WeakValueDictionary
 from pydantic import PlainSerializer, PlainValidator, ValidationError, WithJsonSchema
 from pydantic_core import PydanticSerializationError
 
-from haptix.base.checks import choice, shown
-from haptix.base.documents import Part, first_error
+from haptix.base.checks import choice, first_error, shown
+from haptix.base.documents import Part
 from haptix.base.errors import FileFormatError, InputError
 
 Made = TypeVar("Made")

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import FrozenInstanceError, replace
 from fractions import Fraction
-from math import inf
+from math import inf, nan
 
 import numpy as np
 import pytest
 import torch
 
 from haptix.base import checks
-from haptix.base.checks import Length, NotNegative, Positive
+from haptix.base.checks import Length, NotNegative, Number, Positive
 from haptix.base.errors import InputError
 
 NUMBERS = [2, 2.0, np.float32(2), np.array([2]), Fraction(2), torch.tensor(2.0)]
@@ -72,9 +72,9 @@ def test_increasing_rows():
         checks.increasing("t", [0, 1, 1])
 
 
-@dataclass
+@checks.checked()
 class Sample:
-    place: float = 0.0
+    place: Number = 0.0
     size: Positive = 1.0
     time: NotNegative = 0.0
     end: Length = inf
@@ -83,10 +83,19 @@ class Sample:
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("place", inf), ("place", None), ("size", 0), ("time", -1e-9), ("end", 0), ("mass", 0)],
-)
+    [("place", inf), ("place", None), ("place", True), ("place", "1"), ("size", 0), ("size", nan),
+     ("time", -1e-9), ("end", 0), ("mass", 0), ("other", 1)],
+)  # fmt: skip
 def test_fields_by_their_annotation(name, value):
-    checks.check_fields(Sample())
-    checks.check_fields(Sample(-1.0, 2, 3, 4, 5))
-    with pytest.raises(InputError, match=f"^{name}: expected a (finite )?number"):
-        checks.check_fields(Sample(**{name: value}))
+    with pytest.raises(InputError, match=rf"^Sample\.{name}: "):
+        Sample(**{name: value})
+
+
+def test_values_by_place_and_of_arrays_are_taken():
+    sample = Sample(-1.0, 2, np.float32(3), np.array(4.0))
+    assert (sample.place, sample.size, sample.time, sample.end) == (-1.0, 2, 3.0, 4.0)
+    assert replace(sample, mass=5.0) == Sample(-1.0, 2, 3.0, 4.0, 5.0)
+    with pytest.raises(InputError, match=r"^Sample\.size: "):
+        Sample(0.0, -2)
+    with pytest.raises(FrozenInstanceError):
+        sample.size = 3.0

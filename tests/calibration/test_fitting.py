@@ -1,8 +1,6 @@
 """Fits of strokes whose truth is known, and what they refuse to say."""
 
-import json
 from dataclasses import replace
-from hashlib import sha256
 from math import inf, log
 
 import numpy as np
@@ -11,7 +9,6 @@ import pytest
 import haptix
 from calibration import Fit, Parameters, fit_strokes, full_protocol, paper_protocol
 from calibration.fit.fitting import compare_terms
-from calibration.fit.result import FormFit
 from calibration.measure.reduction import Reduced
 from calibration.plan.predict import StrokeConditions, StrokePredictor
 
@@ -264,16 +261,3 @@ def test_nothing_to_fit(predictor, strokes, parameters):
 def test_wrong_parameters_are_named(parameters, change, said):
     with pytest.raises(haptix.InputError, match=said):
         change(parameters)
-
-
-def test_a_fit_of_before_is_read_and_keeps_its_hash(full_fit, tmp_path):
-    """Its forms said `effect_thresholds` for what is `effect_jnd` now."""
-    form = FormFit('theory "corrected"', 3.0, 1.1, 0.25)
-    signed = full_fit.replace(forms=(form,)).signed({})
-    fields = signed.model_dump_json(exclude={"content_hash"})
-    before = json.loads(fields.replace("effect_jnd", "effect_thresholds"))
-    digest = sha256(json.dumps(before, sort_keys=True).encode()).hexdigest()
-    (tmp_path / "fit.json").write_text(json.dumps({**before, "content_hash": digest}))
-    earlier = Fit.load(tmp_path / "fit.json")
-    assert earlier.forms == (form,)
-    earlier.check_unedited()

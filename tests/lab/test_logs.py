@@ -31,7 +31,7 @@ from haptix.lab.experiment import (
 )
 from haptix.lab.experiment.recipe import ExperimentRecipe
 from haptix.lab.stimuli import Constant, Stimulus, StimulusSet
-from tests.lab.chained import hash_of, rows_of, write_rows
+from tests.lab.chained import rows_of, write_rows
 from tests.lab.presented import at_level
 
 WAVE = np.sin(2 * np.pi * 120 * np.arange(240) / 48_000)
@@ -164,27 +164,6 @@ def test_another_program_continues_only_on_request(device, tmp_path, monkeypatch
     versions = [row["version"] for row in rows_of(path)]
     assert versions[:2] == ["0.0.9+aaaa"] * 2 and set(versions[2:]) == {trial_log.program()}
     assert experiment(device, path).method.is_done  # asked for once
-
-
-def test_a_log_of_before_is_read_and_continued_on_request(device, tmp_path):
-    path = shutil.copy(KEPT / "trials.tsv", tmp_path / "t.tsv")
-    recipe = ExperimentRecipe.load(KEPT / "threshold.toml")
-
-    def resumed(**more):
-        return experiment(device, path, method=recipe.make_method(), seed=5, **more)
-
-    whole = resumed()
-    assert whole.trials == 40 and whole.method.is_done
-    del whole
-    path.write_bytes(b"".join(path.read_bytes().splitlines(keepends=True)[:-3]))
-    with pytest.raises(FileFormatError, match="--another-program"):
-        resumed()
-    again = resumed(another_program=True)
-    again.run()
-    rows = rows_of(path)
-    assert [row["trial"] for row in rows] == [str(k) for k in range(40)]
-    assert rows[36]["version"] == "n/a" and rows[37]["version"] == trial_log.program()
-    assert float(rows[37]["time_s"]) >= float(rows[36]["time_s"])
 
 
 def test_rows_say_when_and_with_what(device, tmp_path):
@@ -485,20 +464,17 @@ def test_a_log_has_one_source(device, tmp_path):
     assert json.loads(path.read_text().splitlines()[0][2:])["source"] == "imported"
 
 
-def test_a_log_of_before_is_marked(device, tmp_path):
-    """It is analysed; once it went on, its head says which rows had no hashes."""
-    path = Path(shutil.copy(KEPT / "trials.tsv", tmp_path / "t.tsv"))
-    (note,) = analyse(path).notes
-    assert "has no hashes" in note
-    path.write_bytes(b"".join(path.read_bytes().splitlines(keepends=True)[:-3]))
-    recipe = ExperimentRecipe.load(KEPT / "threshold.toml")
-    experiment(device, path, method=recipe.make_method(), seed=5, another_program=True).run()
-    assert "the first 37 rows had no hashes" in " ".join(analyse(path).notes)
-    head, names, *lines = path.read_text().splitlines()
-    assert rows_of(path)[0]["before"] == hash_of(f"{head}\n{names}")
-    path.write_text("\n".join([head, names, *lines[1:]]) + "\n")
-    with pytest.raises(FileFormatError, match="row 1 "):
-        analyse(path)
+def test_a_log_of_another_format_is_refused_and_stays(device, tmp_path):
+    path = tmp_path / "t.tsv"
+    begin(device, path, 2)
+    head, rest = path.read_text().split("\n", 1)
+    other = json.loads(head[2:]) | {"format": 2}
+    path.write_text(f"# {json.dumps(other)}\n{rest}")
+    before = path.read_bytes()
+    for read in (analyse, lambda path: experiment(device, path)):
+        with pytest.raises(FileFormatError, match="another version of haptix; name a new file"):
+            read(path)
+    assert path.read_bytes() == before
 
 
 PLACES = random.Random(22)

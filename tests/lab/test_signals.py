@@ -241,9 +241,10 @@ WRONG = {
         {"kind": "grating", "amplitude": 1, "period_mm": 2, "speed": {"kind": "fast"}},
         "fast",
     ),
-    "no seed": ({"kind": "noise", "rms": 1, "frequency_hz": [1, 2]}, "seed"),
+    "no seed": ({"kind": "time-noise", "deviation": 1, "frequency_hz": [1, 2]}, "seed"),
     "empty spectrum": (
-        {"kind": "noise", "rms": 1, "frequency_hz": [1, 2], "density": [0, 0], "seed": 1},
+        {"kind": "time-noise", "deviation": 1, "frequency_hz": [1, 2], "density": [0, 0],
+         "seed": 1},
         "some density",
     ),
     "no file": ({"kind": "recorded", "file": "missing.wav"}, r"missing\.wav"),

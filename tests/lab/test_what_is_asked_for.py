@@ -48,13 +48,6 @@ def test_noise_falls_with_its_exponent(exponent):
         TimeNoise(0.2, (0.0, 10.0), 1, exponent=1.0)
 
 
-def test_an_exponent_of_none_is_the_noise_of_before():
-    """Seeds that people have published give the bytes that they gave."""
-    values = TimeNoise(0.01, (20.0, 200.0), seed=3).values(0, 4, RATE)
-    table = {"kind": "noise", "rms": 0.01, "frequency_hz": [20.0, 200.0], "seed": 3}
-    np.testing.assert_array_equal(signal_from(table).values(0, 4, RATE), values)
-
-
 def test_a_morph_does_not_dip():
     a = TimeNoise(0.10, (20.0, 200.0), seed=1, mean=0.2).lasting(1.0)
     b = TimeNoise(0.04, (100.0, 300.0), seed=2, mean=0.4).lasting(1.0)

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal, Self
 
-from haptix.base.checks import Positive, check_fields, choice, number, positive
+from haptix.base.checks import Number, Positive, checked, number, positive
 from haptix.base.errors import InputError
 from haptix.model.screen import Screen
 
 INCH_MM = 25.4
 
 
-@dataclass(frozen=True)
+@checked()
 class ScreenGeometry:
     """Where an app's pixels are on the screen; millimetres count from the screen's corner.
 
@@ -40,13 +39,9 @@ class ScreenGeometry:
     pixels_y: Positive
     width_mm: Positive
     height_mm: Positive
-    origin_x_mm: float = 0.0
-    origin_y_mm: float = 0.0
+    origin_x_mm: Number = 0.0
+    origin_y_mm: Number = 0.0
     rotation_deg: Literal[0, 90, 180, 270] = 0
-
-    def __post_init__(self) -> None:
-        check_fields(self)
-        choice("rotation_deg", self.rotation_deg, (0, 90, 180, 270))
 
     @classmethod
     def of_dpi(cls, pixels_x: float, pixels_y: float, dpi: float) -> Self:

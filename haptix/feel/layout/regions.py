@@ -13,8 +13,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from pydantic import ValidationError
 
-from haptix.base.checks import Array, number
-from haptix.base.documents import first_error
+from haptix.base.checks import Array, first_error, number
 from haptix.base.errors import InputError
 from haptix.feel.layout.region import RegionFields
 from haptix.feel.layout.region_state import Control, Glide, Outline, RegionState

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import PositiveFloat
 
-from haptix.base.checks import Array, Positive, check_fields, choice, increasing, row
+from haptix.base.checks import Array, choice, increasing, number, positive, row
 from haptix.base.display import Displayed
 from haptix.base.errors import FileFormatError, InputError
 from haptix.base.files import read_csv
@@ -65,14 +65,16 @@ class RecordedProfile(Displayed, FrictionField):
     target: TargetKind = "mu"
     orientation_deg: float = 0.0
     beyond: Literal["outside", "hold"] = "outside"
-    step_mm: Positive | None = None
+    step_mm: float | None = None
     _corners: tuple[Array, Array] = field(init=False, repr=False, compare=False)
     _pyramid: Pyramid = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         check_target(self.target)
         choice("beyond", self.beyond, ("outside", "hold"))
-        check_fields(self)
+        number("orientation_deg", self.orientation_deg)
+        if self.step_mm is not None:
+            positive("step_mm", self.step_mm)
         try:
             position = increasing("position_mm", self.position_mm, 2)
         except InputError as error:

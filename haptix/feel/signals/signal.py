@@ -21,13 +21,12 @@ from pydantic import (
     Field,
     PlainSerializer,
     PlainValidator,
-    ValidatorFunctionWrapHandler,
     WithJsonSchema,
-    WrapValidator,
     model_validator,
 )
 
-from haptix.base.checks import increasing, plain
+from haptix.base import checks
+from haptix.base.checks import increasing
 from haptix.base.errors import InputError
 from haptix.base.kinds import Kind, Kinds
 
@@ -51,25 +50,14 @@ KINDS = Kinds(
 """Every kind of signal by its name in recipes and sidecars; a subclass enters itself."""
 
 
-def _number(value: Any, check: ValidatorFunctionWrapHandler) -> Any:
-    """Read numbers of numpy and torch too; a whole one stays whole in sidecars and their hashes."""
-    if not isinstance(value, int | float):
-        number = inf if isinstance(value, str) and value == "forever" else plain(value)
-        value = value if number is None else number
-    checked_value = check(value)
-    return value if isinstance(value, int) else checked_value
-
-
-_AS_GIVEN = WrapValidator(_number)
 _AS_HELD = PlainSerializer(lambda value: "forever" if value == inf else value)
 
-Number = Annotated[float, Field(strict=True), _AS_GIVEN, _AS_HELD]
-Positive = Annotated[float, Field(strict=True, gt=0), _AS_GIVEN, _AS_HELD]
-NotNegative = Annotated[float, Field(strict=True, ge=0), _AS_GIVEN, _AS_HELD]
+Number = Annotated[checks.Number, _AS_HELD]
+Positive = Annotated[checks.Positive, _AS_HELD]
+NotNegative = Annotated[checks.NotNegative, _AS_HELD]
 Length = Annotated[
-    float,
-    Field(strict=True, gt=0, allow_inf_nan=True),
-    _AS_GIVEN,
+    checks.Length,
+    BeforeValidator(lambda value: inf if isinstance(value, str) and value == "forever" else value),
     _AS_HELD,
     WithJsonSchema({"anyOf": [{"type": "number", "exclusiveMinimum": 0}, {"const": "forever"}]}),
 ]

@@ -17,7 +17,7 @@ from pydantic import NonNegativeFloat, ValidationError, model_validator
 
 from haptix.base import checks
 from haptix.base.checks import Array
-from haptix.base.documents import Part, first_error
+from haptix.base.documents import Part
 from haptix.base.errors import FileFormatError, InputError, LimitError
 from haptix.base.files import digest
 from haptix.lab.experiment.methods import Method, MethodsByCondition
@@ -290,7 +290,7 @@ class Experiment:
                 }
             )
         except ValidationError as error:
-            raise InputError(first_error("touch", error)) from None
+            raise InputError(checks.first_error("touch", error)) from None
         if self.touch is not None and not self._ranges.given():
             raise InputError("touch: expected a normal_force_n or speed_mm_per_s to check it by")
         if self.device.mode != "waveform":

@@ -6,12 +6,13 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import Field
 
-from haptix.base.checks import NotNegative, Positive, check_fields, choice, whole
+from haptix.base.checks import NotNegative, Number, Positive, checked
 from haptix.base.errors import InputError, LimitError
 from haptix.feel.signals.audio_files import Container, Encoding, check_format
 from haptix.lab.population import Population
@@ -32,7 +33,7 @@ PULSE_S = 0.01
 LEVELS = 256
 
 
-@dataclass(frozen=True)
+@checked()
 class TrialPlan:
     """Order and timing of the trials.
 
@@ -51,13 +52,9 @@ class TrialPlan:
     3
     """
 
-    repeats: int = 1
+    repeats: Annotated[int, Field(ge=1)] = 1
     gap_s: NotNegative = 1.0
     seed: int | None = 0
-
-    def __post_init__(self) -> None:
-        whole("repeats", self.repeats, 1)
-        check_fields(self)
 
     def order(self, count: int) -> list[int]:
         """Indices of the stimuli, trial by trial."""
@@ -181,7 +178,7 @@ class Trigger:
         }
 
 
-@dataclass(frozen=True)
+@checked()
 class SetPlan:
     """Stimuli that belong together.
 
@@ -215,29 +212,27 @@ class SetPlan:
     """
 
     name: str
-    stimuli: tuple[Stimulus, ...]
+    stimuli: Annotated[tuple[Stimulus, ...], Field(strict=False)]
     finger: Finger | Population
-    screens: tuple[Screen, ...]
+    screens: Annotated[tuple[Screen, ...], Field(strict=False)]
     sample_rate_hz: Positive = 48_000.0
     container: Container = "wav"
     encoding: Encoding = "float32"
     full_scale_v: Positive = 250.0
-    ceiling_v: float | None = None
+    ceiling_v: Number | None = None
     trigger: bool = True
-    unreachable: str = "reject"
+    unreachable: Literal["reject", "nearest"] = "reject"
     trials: TrialPlan = field(default_factory=TrialPlan)
     perception: Perception = field(default_factory=Perception.default)
 
     def __post_init__(self) -> None:
         check_format(self.container, self.encoding)
-        check_fields(self)
         if self.sample_rate_hz != round(self.sample_rate_hz):
             raise InputError(
                 f"sample_rate_hz: audio files need a whole number, got {self.sample_rate_hz:g}"
             )
         if not self.stimuli or not self.screens:
             raise InputError("stimuli and screens: expected at least one of each")
-        choice("unreachable", self.unreachable, ("reject", "nearest"))
         names = [stimulus.name for stimulus in self.stimuli]
         twice = sorted(name for name, count in Counter(names).items() if count > 1)
         if twice:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import field, fields
 from functools import cached_property
 from math import inf
 from re import ASCII, fullmatch
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import numpy as np
 
-from haptix.base.checks import Positive, check_fields, choice
+from haptix.base.checks import Positive, checked
 from haptix.base.errors import InputError
 from haptix.base.kinds import Kind
 from haptix.feel.along_path import MaterialSignal, SpeedProfile, speed_from
@@ -24,7 +24,7 @@ DEFAULT_CARRIER_HZ = 4000.0
 """Too fast to be felt, and exactly a twelfth of 48 kHz."""
 
 
-@dataclass(frozen=True)
+@checked()
 class Stimulus:
     """A signal and the touch that it is made for.
 
@@ -65,8 +65,6 @@ class Stimulus:
     def __post_init__(self) -> None:
         if not fullmatch(r"[\w-][\w.-]*", self.name, ASCII):
             raise InputError(f"name: expected letters, digits, '-', '_' and '.', got {self.name!r}")
-        choice("quantity", self.quantity, get_args(Quantity))
-        check_fields(self)
         if self.quantity != "volts" and self.carrier_hz is None:
             raise InputError(
                 "carrier_hz: friction needs a carrier whose amplitude follows it; give one, or "

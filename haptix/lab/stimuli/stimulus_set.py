@@ -578,6 +578,6 @@ def _parts(
     ranges = {name: tuple(ends) for name, ends in table["surface_ranges"].items()}
     trigger = None
     if table["trigger"] is not None:
-        code, codes = int(table["trigger"]["onset_code"]), table["trigger"]["onset_codes"]
+        code, codes = int(table["trigger"]["onset_code"]), table["trigger"].get("onset_codes", [0])
         trigger = Trigger(code, int(table["samples"]), plan.sample_rate_hz, len(codes))
     return plan, Apparatus.over(finger, screen, ranges), trigger

@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Literal, get_args
+from dataclasses import field
+from typing import Annotated, Literal
+
+from pydantic import Field
 
 from firmware_io.playback import LONGEST_HORIZON_S
-from haptix.base.checks import (
-    Length,
-    NotNegative,
-    Positive,
-    check_fields,
-    choice,
-    increasing,
-    instance,
-)
+from haptix.base.checks import Length, NotNegative, Number, Positive, checked
 from haptix.base.errors import InputError
 from haptix.play.touch import TouchSettings
 
@@ -32,7 +26,7 @@ SLEW_V_PER_S = 4e5
 finger at 100 mm/s moves 50 um. A steeper slope would make the screen click."""
 
 
-@dataclass(frozen=True)
+@checked()
 class Sliding:
     """When a finger counts as sliding. Electrovibration is felt only then.
 
@@ -58,7 +52,6 @@ class Sliding:
     is_needed: bool = True
 
     def __post_init__(self) -> None:
-        check_fields(self)
         if self.to_mm_per_s > self.from_mm_per_s:
             raise InputError(
                 "expected to_mm_per_s <= from_mm_per_s, got "
@@ -66,7 +59,7 @@ class Sliding:
             )
 
 
-@dataclass(frozen=True, kw_only=True)
+@checked(kw_only=True)
 class RenderSettings:
     """How friction becomes an amplitude.
 
@@ -96,24 +89,21 @@ class RenderSettings:
         If a value is out of its range.
     """
 
-    h0_m: float | None = None
+    h0_m: Number | None = None
     block_s: Positive = 0.005
-    compress: tuple[float, float] | None = None
+    compress: Annotated[tuple[Number, Number] | None, Field(strict=False)] = None
     combination: Combination = "strongest"
     sliding: Sliding = Sliding()
     slew_v_per_s: Length = SLEW_V_PER_S
     keep_blocks: bool = False
 
     def __post_init__(self) -> None:
-        check_fields(self)
-        choice("combination", self.combination, get_args(Combination))
-        instance("sliding", self.sliding, Sliding)
         _not_ms("block_s", self.block_s)
-        if self.compress is not None and len(increasing("compress", self.compress)) != 2:
-            raise InputError(f"compress: expected two numbers, low and high, got {self.compress!r}")
+        if self.compress is not None and not self.compress[0] < self.compress[1]:
+            raise InputError(f"compress: expected low < high, got {self.compress!r}")
 
 
-@dataclass(frozen=True, kw_only=True)
+@checked(kw_only=True)
 class LiveSettings(RenderSettings):
     """How live touches are followed; the other parameters are those of `RenderSettings`.
 
@@ -144,7 +134,6 @@ class LiveSettings(RenderSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        instance("touch", self.touch, TouchSettings)
         _not_ms("reaction_s", self.reaction_s, LONGEST_REACTION_S)
         _not_ms("horizon_s", self.horizon_s, LONGEST_HORIZON_S)
 

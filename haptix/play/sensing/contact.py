@@ -20,7 +20,7 @@ import numpy.typing as npt
 import torch
 from pydantic import Field
 
-from haptix.base.checks import Array, check_fields, positive
+from haptix.base.checks import Array, Positive, checked, positive
 from haptix.base.display import Displayed
 from haptix.base.documents import Document
 from haptix.base.errors import InputError
@@ -49,7 +49,7 @@ _MOST_SCALED = 6.0  # of the screen's voltage: such draws are far from the popul
 _SEED = 40
 
 
-@dataclass(frozen=True)
+@checked()
 class PopulationSpread(Displayed):
     """How far fingers differ: what is assumed of a finger before any reading.
 
@@ -66,18 +66,13 @@ class PopulationSpread(Displayed):
         16 % (physics page, section 12).
     """
 
-    stiffness: float = 0.5
-    roughness: float = 0.25
-    area: float = 0.3
-    skin: float = 0.3
-    force_n: float = 0.4
-    force: float = 0.5
-    form: float = 0.12
-
-    def __post_init__(self) -> None:
-        check_fields(self)
-        for name in ("stiffness", "roughness", "area", "skin", "force_n", "force", "form"):
-            positive(name, getattr(self, name))
+    stiffness: Positive = 0.5
+    roughness: Positive = 0.25
+    area: Positive = 0.3
+    skin: Positive = 0.3
+    force_n: Positive = 0.4
+    force: Positive = 0.5
+    form: Positive = 0.12
 
     @property
     def sd(self) -> Array:

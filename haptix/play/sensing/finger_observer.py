@@ -15,7 +15,7 @@ from math import inf, nan, pi
 
 import numpy as np
 
-from haptix.base.checks import Array, check_fields, number, positive
+from haptix.base.checks import Array, Positive, checked, number, positive
 from haptix.base.display import Displayed
 from haptix.play.devices import CurrentReading
 from haptix.play.sensing.contact import (
@@ -55,7 +55,7 @@ class Knowledge(StrEnum):
     SENSOR = "sensor not trusted"
 
 
-@dataclass(frozen=True)
+@checked()
 class SensingSettings(Displayed):
     """Numbers of the observer.
 
@@ -85,23 +85,18 @@ class SensingSettings(Displayed):
         Standard deviation of the logarithm of a force that is measured.
     """
 
-    least_v: float = 20.0
-    least_mm_per_s: float = 5.0
-    probe_v: float = 20.0
-    settled_s: float = 0.05
-    update_s: float = 0.02
-    lost_s: float = 0.008
-    regained_s: float = 0.5
-    kept_s: float = 1.0
-    force_per_rt_s: float = 0.15
-    skin_per_rt_s: float = 0.02
-    panel_f_per_rt_s: float = 0.05e-12
-    force_sd: float = 0.1
-
-    def __post_init__(self) -> None:
-        check_fields(self)
-        for name in self.__dataclass_fields__:
-            positive(name, getattr(self, name))
+    least_v: Positive = 20.0
+    least_mm_per_s: Positive = 5.0
+    probe_v: Positive = 20.0
+    settled_s: Positive = 0.05
+    update_s: Positive = 0.02
+    lost_s: Positive = 0.008
+    regained_s: Positive = 0.5
+    kept_s: Positive = 1.0
+    force_per_rt_s: Positive = 0.15
+    skin_per_rt_s: Positive = 0.02
+    panel_f_per_rt_s: Positive = 0.05e-12
+    force_sd: Positive = 0.1
 
 
 @dataclass(frozen=True)

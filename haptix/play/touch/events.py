@@ -7,13 +7,14 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from math import exp, expm1, inf, log, sqrt
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, Self
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import Field
 
 from haptix.base import checks
-from haptix.base.checks import NotNegative, Positive, check_fields, instance, number, positive
+from haptix.base.checks import NotNegative, Number, Positive, checked, instance, number, positive
 from haptix.base.errors import InputError
 from haptix.base.files import read_csv
 from haptix.feel.motion import HARDEST_N, LIFTED_BELOW_N, Trajectory
@@ -296,7 +297,7 @@ def about_clock(t_s: float, arrival_s: float, oldest_s: float, uncertainty_s: fl
     )
 
 
-@dataclass(frozen=True)
+@checked()
 class AppClock:
     """Map from the clock of an app's touches to the renderer's: ``offset_s + unit_s * stamp``.
 
@@ -317,11 +318,8 @@ class AppClock:
     """
 
     unit_s: Positive
-    offset_s: float
+    offset_s: Number
     uncertainty_s: NotNegative = 0.0
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
     @classmethod
     def measure(
@@ -396,7 +394,7 @@ class ForceEstimate(NamedTuple):
     source: ForceSource
 
 
-@dataclass(frozen=True)
+@checked()
 class AreaProxy:
     """Force from contact area by a power law: ``F = 1 N * (area / area_at_1n)^(1 / exponent)``.
 
@@ -417,11 +415,10 @@ class AreaProxy:
 
     area_at_1n_m2: Positive
     exponent: Positive
-    log_sigma: float
-    force_range_n: tuple[float, float] = (0.02, 10.0)
+    log_sigma: Number
+    force_range_n: Annotated[tuple[Number, Number], Field(strict=False)] = (0.02, 10.0)
 
     def __post_init__(self) -> None:
-        check_fields(self)
         low, high = self.force_range_n
         if not 0 < low < high < inf:
             raise InputError(
@@ -506,7 +503,7 @@ class AreaProxy:
         return ForceEstimate(force, force * exp(variance / 2) * sqrt(expm1(variance)), "area")
 
 
-@dataclass(frozen=True)
+@checked()
 class ForceModel:
     """Where a touch gets its force: from the force axis, else the area, else the assumption.
 
@@ -527,14 +524,11 @@ class ForceModel:
     assumed: ForceEstimate = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        check_fields(self)
         if not LIFTED_BELOW_N <= self.assumed_n <= HARDEST_N:
             raise InputError(
                 f"assumed_n: expected a finger's force, {LIFTED_BELOW_N:g} to {HARDEST_N:g} "
                 f"N, got {self.assumed_n:g}"
             )
-        if self.area_proxy is not None:
-            instance("area_proxy", self.area_proxy, AreaProxy)
         assumed = ForceEstimate(self.assumed_n, self.assumed_sigma_n, "assumed")
         object.__setattr__(self, "assumed", assumed)
 

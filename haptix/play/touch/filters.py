@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 from math import exp, expm1, hypot, log, tau
-from typing import NamedTuple, Self
+from typing import Annotated, NamedTuple, Self
 
-from haptix.base.checks import NotNegative, Positive, check_fields
-from haptix.base.errors import InputError
+from pydantic import Field
+
+from haptix.base.checks import NotNegative, Positive, checked
+
+_Share = Annotated[Positive, Field(lt=1)]
 
 FilterState = tuple[float, ...]
 """t [s], x, y [mm], vx, vy [mm/s]; then numbers that only the filter uses."""
@@ -29,9 +31,6 @@ class Course(NamedTuple):
 
 class PlaceFilter(ABC):
     """A filter whose state is an immutable tuple, so that steps can be undone."""
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
     @abstractmethod
     def start(self, t_s: float, x_mm: float, y_mm: float) -> FilterState:
@@ -79,7 +78,7 @@ class PlaceFilter(ABC):
         )  # fmt: skip
 
 
-@dataclass(frozen=True)
+@checked()
 class ConstantVelocityKalman(PlaceFilter):
     """Velocity driven by white acceleration noise; both axes alike and independent.
 
@@ -134,7 +133,7 @@ class ConstantVelocityKalman(PlaceFilter):
         )  # fmt: skip
 
 
-@dataclass(frozen=True)
+@checked()
 class OneEuroFilter(PlaceFilter):
     """A low pass whose cut-off rises with speed (Casiez, Roussel and Vogel, CHI 2012).
 
@@ -209,7 +208,7 @@ class _Interval(NamedTuple):
         return cls(dt, left, to_speed, tau * (dt - to_speed))
 
 
-@dataclass(frozen=True)
+@checked()
 class SingerKalman(PlaceFilter):
     """Acceleration as a first-order Markov process (Singer, IEEE Trans. AES-6, 473, 1970).
 
@@ -332,7 +331,7 @@ class SingerKalman(PlaceFilter):
         return Course._make((*state[1:7], self.correlation_s))
 
 
-@dataclass(frozen=True)
+@checked()
 class InteractingSinger(SingerKalman):
     """Two Singer filters, for a gentle and an agile hand, weighted by their likelihood.
 
@@ -351,14 +350,8 @@ class InteractingSinger(SingerKalman):
         Probability that the hand goes on as it did, from one report to the next.
     """
 
-    gentle: Positive = 0.25
-    stay: Positive = 0.97
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name in ("gentle", "stay"):
-            if not (value := getattr(self, name)) < 1.0:
-                raise InputError(f"{name}: expected a share above 0 and below 1, got {value:g}")
+    gentle: _Share = 0.25
+    stay: _Share = 0.97
 
     def start(self, t_s: float, x_mm: float, y_mm: float) -> FilterState:
         """State after the first report."""

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import logging
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import field
 from math import hypot, nan
 from typing import Any, NamedTuple
 
 from haptix.base import checks
-from haptix.base.checks import NotNegative, Positive, check_fields, instance
+from haptix.base.checks import NotNegative, Positive, checked
 from haptix.base.errors import InputError
 from haptix.play.touch.events import (
     LARGEST_S,
@@ -39,7 +39,7 @@ _REMEMBERED = 32
 _Now = tuple[float, FilterState, ForceEstimate, bool]
 
 
-@dataclass(frozen=True)
+@checked()
 class TouchSettings:
     """Settings of a tracker; times in seconds.
 
@@ -88,9 +88,6 @@ class TouchSettings:
     force: ForceModel = field(default_factory=ForceModel)
 
     def __post_init__(self) -> None:
-        check_fields(self)
-        instance("filter", self.filter, PlaceFilter, "such as haptix.play.touch.SingerKalman()")
-        instance("force", self.force, ForceModel)
         if self.latency_s > 0.5:
             raise InputError(
                 f"latency_s: expected 0.5 s at most, got {self.latency_s:g}; is it in ms? No "

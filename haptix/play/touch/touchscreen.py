@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from haptix.base import checks
-from haptix.base.checks import Positive, check_fields
+from haptix.base.checks import Positive, checked
 from haptix.base.errors import DeviceError, InputError, from_extra
 from haptix.play.touch.events import TouchEvent
 
@@ -77,7 +77,7 @@ class AxisRange:
         return (value - self.low) / self.per_mm
 
 
-@dataclass(frozen=True)
+@checked()
 class ScreenAxes:
     """Units of a touchscreen's numbers.
 
@@ -96,9 +96,6 @@ class ScreenAxes:
     y: AxisRange
     force_n_per_unit: Positive | None = None
     area_units_per_mm: Positive | None = None
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
 
 @dataclass

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from math import inf, pi
-from typing import NamedTuple, Self
+from typing import Annotated, NamedTuple, Self
 
 import numpy as np
 import torch
+from pydantic import Field
 
-from haptix.base.checks import Array, NotNegative, Positive, check_fields, number, positive, row
+from haptix.base.checks import Array, NotNegative, Number, Positive, checked, number, positive, row
 from haptix.base.display import Displayed
 from haptix.base.errors import InputError
 from haptix.base.threads import one_thread
@@ -23,7 +23,7 @@ _VOLTAGES = 7
 _DRIER = 1.25  # skin at which the second table is made: sweat lies on the line between both
 
 
-@dataclass(frozen=True)
+@checked()
 class Converter(Displayed):
     """What stands between the current and its readings.
 
@@ -47,20 +47,15 @@ class Converter(Displayed):
 
     rate_hz: Positive = 250.0
     noise: NotNegative = 1e-3
-    bits: int = 12
+    bits: Annotated[int, Field(ge=4, le=24)] = 12
     range_a: Positive = 0.02
     delay_s: NotNegative = 0.002
     pole_hz: Positive = 200e3
     hum_a: NotNegative = 5e-6
     hum_hz: Positive = 50.0
 
-    def __post_init__(self) -> None:
-        check_fields(self)
-        if not 4 <= self.bits <= 24:
-            raise InputError(f"bits: expected 4 to 24, got {self.bits}")
 
-
-@dataclass(frozen=True)
+@checked()
 class PanelCircuit(Displayed):
     """What else draws current.
 
@@ -82,11 +77,8 @@ class PanelCircuit(Displayed):
     panel_f: Positive = 2e-9
     body_f: Positive = 150e-12
     rest_share: Positive = 0.3
-    panel_per_s: float = 0.0
-    sweat_per_min: float = 0.0
-
-    def __post_init__(self) -> None:
-        check_fields(self)
+    panel_per_s: Number = 0.0
+    sweat_per_min: Number = 0.0
 
 
 class VirtualCurrent(Displayed):

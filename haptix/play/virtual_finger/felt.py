@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from haptix.base.checks import Array, NotNegative, Positive, check_fields, choice, number, positive
+from haptix.base.checks import Array, NotNegative, Number, Positive, checked, number, positive
 from haptix.base.display import Displayed, Table
 from haptix.base.errors import InputError
 from haptix.base.report import Heading
@@ -60,7 +60,7 @@ class SensedForce(Displayed):
     """Normal force [N]."""
 
 
-@dataclass(frozen=True)
+@checked()
 class SensorModel:
     """Noise, drift, crosstalk, offset, sign and latency of a two-axis force sensor.
 
@@ -90,17 +90,12 @@ class SensorModel:
     """
 
     force_noise_n: NotNegative = 0.0
-    drift_n_per_s: float = 0.0
-    crosstalk: float = 0.0
-    offset_n: float = 0.0
-    tangential_sign: int = 1
+    drift_n_per_s: Number = 0.0
+    crosstalk: Number = 0.0
+    offset_n: Number = 0.0
+    tangential_sign: Literal[1, -1] = 1
     latency_s: NotNegative = 0.0
     axis: Axis = "motion"
-
-    def __post_init__(self) -> None:
-        check_fields(self)
-        choice("tangential_sign", self.tangential_sign, (1, -1))
-        choice("axis", self.axis, get_args(Axis))
 
     def read(self, felt: Felt, seed: int = 0) -> SensedForce:
         """Read what a finger felt; the same seed gives the same noise.
@@ -149,7 +144,7 @@ class SensedTouch(Displayed):
     """Reported normal force [N], above 0."""
 
 
-@dataclass(frozen=True)
+@checked()
 class TouchPanel:
     """Rate, latency and noise of a touch panel with a force axis.
 
@@ -170,9 +165,6 @@ class TouchPanel:
     place_noise_mm: NotNegative = 0.0
     force_noise_n: NotNegative = 0.0
     resolution_mm: NotNegative = 0.0
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
     def read(self, path: Trajectory, seed: int = 0) -> SensedTouch:
         """Report a true path; the same seed gives the same noise.

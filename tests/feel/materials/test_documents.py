@@ -68,9 +68,9 @@ def still(folder):
             {"kind": "penn", "file": str(MODEL), "speed_mm_per_s": 80.0},
             PennModel.load(MODEL).texture(speed_mm_per_s=80.0, normal_force_n=0.5),
         ),
-        "composition": (
-            {"kind": "composition", "background": photograph,
-             "sprites": [{"of": GRATING, "x_mm": 3.0, "width_mm": 9.0, "height_mm": 9.0}]},
+        "layout": (
+            {"kind": "layout", "background": photograph, "regions": [
+                {"material": GRATING, "x_mm": 3.0, "width_mm": 9.0, "height_mm": 9.0}]},
             _on_stone(grating, stone),
         ),
     }  # fmt: skip
@@ -89,7 +89,7 @@ def written(folder, table, name="one.json"):
 
 
 @pytest.mark.parametrize("kind", ["photograph", "heights", "grating", "noise", "recording",
-                                  "penn", "composition"])  # fmt: skip
+                                  "penn", "layout"])  # fmt: skip
 @pytest.mark.parametrize("ending", ["toml", "json"])
 def test_a_still_kind_is_read_back_and_answers_as_its_field(folder, kind, ending):
     table, field = still(folder)[kind]
@@ -126,7 +126,7 @@ def test_documents_of_one_photograph_share_its_levels(folder):
 
 def test_units_are_read_and_a_file_may_name_another(folder):
     (folder / "ribs.toml").write_text('kind = "grating"\nperiod_mm = "0.2 cm"\n')
-    (folder / "all.toml").write_text('kind = "composition"\nbackground = "ribs.toml"\n')
+    (folder / "all.toml").write_text('kind = "layout"\nbackground = "ribs.toml"\n')
     assert dict(materials.load(folder / "all.toml"))["background"].period_mm == 2.0
 
 
@@ -186,7 +186,7 @@ BAD = {
     "expected low and high for a target of mu": {"kind": "grating", "period_mm": 1, "target": "mu"},
     "expected 64 hex": {"kind": "photograph", "file": "sha256:12", "width_mm": 3},
     "layout.background: .*period_mm": {
-        "kind": "composition", "background": {"kind": "grating", "period_mm": 0}
+        "kind": "layout", "background": {"kind": "grating", "period_mm": 0}
     },
 }  # fmt: skip
 
@@ -258,9 +258,3 @@ def test_a_table_may_have_units_as_a_file_may():
     }
     material: Any = material_of(rows)
     assert (material.velocity_mm_s, material.of.period_mm) == ((20.0, 0.0), 3.0)
-
-
-def test_a_former_document_keeps_what_is_called_regions_already():
-    region = {"name": "a", "width_mm": 30, "height_mm": 20, "material": GRATING}
-    layout: Any = material_of({"kind": "composition", "regions": [region]})
-    assert [each.name for each in layout.regions] == ["a"]

@@ -118,7 +118,7 @@ def photograph(x, y, t, vx, force):
     return 0.5 + 0.5 * np.cos(2 * np.pi * x / 10)
 
 
-def composition(x, y, t, vx, force):
+def on_a_background(x, y, t, vx, force):
     level = np.where((x > 10) & (x < 20), wave(x - 10, y, t, vx, force), 0.3)
     return np.where((np.abs(x - 10) < 0.2) | (np.abs(x - 20) < 0.2), np.nan, level)
 
@@ -141,11 +141,11 @@ CASES = {
     ),
     "grating": ({"kind": "grating", "period_mm": 6}, wave),
     "photograph": ({"kind": "photograph", "file": "waves.png", "width_mm": 40}, photograph),
-    "composition": (
-        {"kind": "composition", "background": 0.3, "sprites": [
-            {"of": {"kind": "grating", "period_mm": 6}, "x_mm": 10, "width_mm": 10,
+    "background": (
+        {"kind": "layout", "background": 0.3, "regions": [
+            {"material": {"kind": "grating", "period_mm": 6}, "x_mm": 10, "width_mm": 10,
              "height_mm": 20}]},
-        composition,
+        on_a_background,
     ),
     "relief": ({"kind": "relief", "heights": "waves.png", "width_mm": 40}, relief),
     "normals": ({"kind": "relief", "normals": "normals.png", "width_mm": 40}, relief),
@@ -206,4 +206,4 @@ def test_every_kind_is_felt_here_or_is_one_of_these_fields():
     # tests/feel/materials/test_documents.py, tests/feel/texture/test_spectral_models.py
     as_fields = {"heights", "noise", "recording", "penn", "spectral"}
     own = {kind for kind, of in KINDS.items() if of.__module__.startswith("haptix.")}
-    assert felt - set(KINDS.also) | as_fields == own
+    assert felt | as_fields == own

@@ -60,14 +60,6 @@ def test_a_scene_needs_only_what_has_no_default(tmp_path):
     assert scene.ranges()["frequency_hz"] == (125.0, 125.0)
 
 
-def test_a_scene_of_before_calls_its_budget_thresholds(tmp_path):
-    before = scene_file(tmp_path, f"budget_thresholds = 0.3\n{SMALL}")
-    assert Scene.load(before).budget_jnd == 0.3
-    twice = scene_file(tmp_path, f"budget_thresholds = 0.3\nbudget_jnd = 0.4\n{SMALL}")
-    with pytest.raises(InputError, match="budget_thresholds"):
-        Scene.load(twice)
-
-
 def test_profiles_come_from_presets_files_and_tables(tmp_path):
     Finger(name="mine", youngs_modulus_pa=3e7).save(tmp_path / "mine.toml")
     text = SMALL.replace('"semi-wet"', '"mine.toml"').replace(

@@ -333,5 +333,5 @@ def test_what_is_no_number_is_refused():
         lambda: Converter(bits=2),
         lambda: SensingSettings(update_s=-1.0),
     ):
-        with pytest.raises(haptix.InputError, match="expected"):
+        with pytest.raises(haptix.InputError, match="should be"):
             make()
