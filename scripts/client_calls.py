@@ -142,13 +142,18 @@ def _passed(call: Call) -> str:
 
 def python() -> str:
     """Return the module of the Python client's calls, with and without ``await``."""
-    face = _python_face(reading.asyncapi())
+    description = reading.asyncapi()
+    face = _python_face(description)
     plain = face.replace("async def", "def").replace("await ", "")
     plain = plain.replace("Async", "Plain").replace("Client", "Plain")
     about = f'"""What a session can be asked, with and without ``await``.\n\n{BANNER}\n"""\n'
     formatter = [sys.executable, "-m", "ruff", "format", "--stdin-filename", "made.py", "-"]
     return subprocess.run(
-        formatter, input=about + _PYTHON + face + plain, text=True, check=True, capture_output=True
+        formatter,
+        input=about + _PYTHON + _python_fields(description) + face + plain,
+        text=True,
+        check=True,
+        capture_output=True,
     ).stdout
 
 
@@ -159,24 +164,45 @@ def _python_face(description: dict[str, Any]) -> str:
         text += f"""
     async def {call.name}(self{python_parameters(call.fields)}) -> m.{answer}:
         {_python_about(call)}
-        reply: m.{answer} = await self.ask("{call.kind}"{_passed(call)})
-        return reply
+        return await self.ask("{call.kind}"{_passed(call)})
 """
     adding, *others = changes(description)
-    place = adding._replace(fields=tuple(each for each in adding.fields if not each.is_required))
-    text += (
-        _PYTHON_LAYOUT.replace("ABOUT", adding.about)
-        .replace(", FIELDS", python_parameters(place.fields))
-        .replace(", GIVEN", _passed(place))
-    )
+    text += _PYTHON_LAYOUT.replace("ABOUT", adding.about)
     for call in others:
-        some = ", *" if call.fields and not call.fields[0].is_required else ""
+        if call.kind in ("change", "move"):
+            parameters, passed = f", **fields: Unpack[{call.message}Fields]", ", **fields"
+        else:
+            parameters, passed = python_parameters(call.fields), _passed(call)
         text += f"""
-    async def {call.name}(self{some}{python_parameters(call.fields)}) -> m.LayoutReply:
+    async def {call.name}(self{parameters}) -> m.LayoutReply:
         \"""{call.about}\"""
-        change = given(op="{call.kind}", name=self.name{_passed(call)})
+        change = given(op="{call.kind}", name=self.name{passed})
         return await self._calls.layout_change([change])
 """
+    return text
+
+
+def _python_fields(description: dict[str, Any]) -> str:
+    """Return the optional fields of the changes of a region, as types of ``**fields``."""
+    text, base, known = "", "TypedDict, total=False", set[str]()
+    by_kind = {call.kind: call for call in changes(description)}
+    for call in (by_kind["move"], by_kind["add"], by_kind["change"]):
+        if call.kind == "change":
+            base, known = (
+                "AddRegionFields, total=False",
+                {each.name for each in by_kind["add"].fields},
+            )
+            known -= {"material"}
+        text += f"""
+
+class {call.message}Fields({base}):
+    \"""Fields of `{call.kind}`; `haptix.feel.layout.region.RegionFields` describes them.\"""
+
+"""
+        for field in call.fields:
+            if not field.is_required and field.name not in known:
+                none = " | None" if field.default is None else ""
+                text += f"    {field.name}: {python_type(field.schema)}{none}\n"
     return text
 
 
@@ -307,11 +333,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from typing import Any, Literal, TypedDict, Unpack
 
 from pydantic import BaseModel
 
 from haptix.service.protocol import messages as m
+
+# mypy: disable-error-code="no-any-return"
 
 Document = BaseModel | Mapping[str, object]
 \"""A material, a layout or a change: an object of its class, or its document.\"""
@@ -353,7 +381,9 @@ class ClientLayout:
     def __init__(self, calls: AsyncCalls) -> None:
         self._calls, self._count = calls, 0
 
-    async def add(self, material: Document, *, name: str = "", FIELDS) -> ClientRegion:
+    async def add(
+        self, material: Document, *, name: str = "", **fields: Unpack[AddRegionFields]
+    ) -> ClientRegion:
         """ABOUT
 
         Parameters
@@ -372,7 +402,7 @@ class ClientLayout:
         """
         self._count += 1
         name = name or f"region {self._count}"
-        change = given(op="add", name=name, material=material, GIVEN)
+        change = given(op="add", name=name, material=material, **fields)
         await self._calls.layout_change([change])
         return ClientRegion(self._calls, name)
 

@@ -7,11 +7,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from typing import Any, Literal, TypedDict, Unpack
 
 from pydantic import BaseModel
 
 from haptix.service.protocol import messages as m
+
+# mypy: disable-error-code="no-any-return"
 
 Document = BaseModel | Mapping[str, object]
 """A material, a layout or a change: an object of its class, or its document."""
@@ -20,6 +22,37 @@ Document = BaseModel | Mapping[str, object]
 def given(**fields: object) -> dict[str, object]:
     """Fields that are not None."""
     return {name: value for name, value in fields.items() if value is not None}
+
+
+class MoveRegionFields(TypedDict, total=False):
+    """Fields of `move`; `haptix.feel.layout.region.RegionFields` describes them."""
+
+    x_mm: float | None
+    y_mm: float | None
+    rotation_deg: float | None
+    over_s: float
+
+
+class AddRegionFields(TypedDict, total=False):
+    """Fields of `add`; `haptix.feel.layout.region.RegionFields` describes them."""
+
+    x_mm: float | None
+    y_mm: float | None
+    rotation_deg: float | None
+    width_mm: float | None
+    height_mm: float | None
+    shape: Literal["rectangle", "ellipse"] | Sequence[tuple[float, float]] | None
+    scale: float | None
+    z: float | None
+    blend: Literal["over", "add", "multiply", "max", "min"] | None
+    opacity: float | None
+    priority: int | None
+
+
+class ChangeRegionFields(AddRegionFields, total=False):
+    """Fields of `change`; `haptix.feel.layout.region.RegionFields` describes them."""
+
+    material: Document | None
 
 
 class AsyncCalls(ABC):
@@ -39,23 +72,19 @@ class AsyncCalls(ABC):
 
     async def acquire(self, takeover: bool = False) -> m.Lease:
         """Ask for the lease on the output; with `takeover` also from who holds it."""
-        reply: m.Lease = await self.ask("acquire", takeover=takeover)
-        return reply
+        return await self.ask("acquire", takeover=takeover)
 
     async def arm(self) -> m.OutputMessage:
         """Let touches be felt."""
-        reply: m.OutputMessage = await self.ask("arm")
-        return reply
+        return await self.ask("arm")
 
     async def cancel(self, effect_id: int) -> m.Done:
         """End an effect by the number that `playing` gave."""
-        reply: m.Done = await self.ask("cancel", effect_id=effect_id)
-        return reply
+        return await self.ask("cancel", effect_id=effect_id)
 
     async def disarm(self) -> m.OutputMessage:
         """End at 0 V and keep the lease."""
-        reply: m.OutputMessage = await self.ask("disarm")
-        return reply
+        return await self.ask("disarm")
 
     async def geometry(
         self,
@@ -71,72 +100,59 @@ class AsyncCalls(ABC):
         origin_mm : tuple[float, float]
         rotation_deg : float
         """
-        reply: m.Done = await self.ask(
+        return await self.ask(
             "geometry", px_per_mm=px_per_mm, origin_mm=origin_mm, rotation_deg=rotation_deg
         )
-        return reply
 
     async def intensity(self, value: float) -> m.OutputMessage:
         """Set the share of friction that is asked for, 0 to 1."""
-        reply: m.OutputMessage = await self.ask("intensity", value=value)
-        return reply
+        return await self.ask("intensity", value=value)
 
     async def inventory(self) -> m.Inventory:
         """Ask which devices and profiles there are."""
-        reply: m.Inventory = await self.ask("inventory")
-        return reply
+        return await self.ask("inventory")
 
     async def layout_change(self, ops: Sequence[Document]) -> m.LayoutReply:
         """Change the layout of this session: all of `ops`, or nothing."""
-        reply: m.LayoutReply = await self.ask("layout_change", ops=ops)
-        return reply
+        return await self.ask("layout_change", ops=ops)
 
     async def layout_set(self, document: Document) -> m.LayoutReply:
         """Replace the layout of this session by a document."""
-        reply: m.LayoutReply = await self.ask("layout_set", document=document)
-        return reply
+        return await self.ask("layout_set", document=document)
 
     async def mute(self, on: bool) -> m.OutputMessage:
         """Hold 0 V while time runs, until the lease ends."""
-        reply: m.OutputMessage = await self.ask("mute", on=on)
-        return reply
+        return await self.ask("mute", on=on)
 
     async def pause(self, on: bool) -> m.OutputMessage:
         """Hold 0 V while time stands, until the lease ends."""
-        reply: m.OutputMessage = await self.ask("pause", on=on)
-        return reply
+        return await self.ask("pause", on=on)
 
     async def play(self, effect: Document) -> m.PlayingMessage:
         """Play an effect that ends, such as a transient; `effect_ended` tells its end."""
-        reply: m.PlayingMessage = await self.ask("play", effect=effect)
-        return reply
+        return await self.ask("play", effect=effect)
 
     async def release(self) -> m.Done:
         """Give the lease back; 0 V first."""
-        reply: m.Done = await self.ask("release")
-        return reply
+        return await self.ask("release")
 
     async def sense(self, on: bool) -> m.OutputMessage:
         """Learn the finger by the current that it draws, from the next `arm` on."""
-        reply: m.OutputMessage = await self.ask("sense", on=on)
-        return reply
+        return await self.ask("sense", on=on)
 
     async def stop(self) -> m.Done:
         """End at 0 V, whoever holds the output."""
-        reply: m.Done = await self.ask("stop")
-        return reply
+        return await self.ask("stop")
 
     async def subscribe(
         self, streams: Mapping[Literal["stats", "friction", "felt"], float]
     ) -> m.Subscribed:
         """Ask for streams, each with its highest rate in hertz; 0 ends one."""
-        reply: m.Subscribed = await self.ask("subscribe", streams=streams)
-        return reply
+        return await self.ask("subscribe", streams=streams)
 
     async def watch(self, job: str) -> m.JobMessage:
         """Ask how far a job is, and be told of its changes until it ends."""
-        reply: m.JobMessage = await self.ask("watch", job=job)
-        return reply
+        return await self.ask("watch", job=job)
 
 
 class ClientLayout:
@@ -152,21 +168,7 @@ class ClientLayout:
         self._calls, self._count = calls, 0
 
     async def add(
-        self,
-        material: Document,
-        *,
-        name: str = "",
-        x_mm: float | None = None,
-        y_mm: float | None = None,
-        rotation_deg: float | None = None,
-        width_mm: float | None = None,
-        height_mm: float | None = None,
-        shape: Literal["rectangle", "ellipse"] | Sequence[tuple[float, float]] | None = None,
-        scale: float | None = None,
-        z: float | None = None,
-        blend: Literal["over", "add", "multiply", "max", "min"] | None = None,
-        opacity: float | None = None,
-        priority: int | None = None,
+        self, material: Document, *, name: str = "", **fields: Unpack[AddRegionFields]
     ) -> ClientRegion:
         """Add a region.
 
@@ -186,22 +188,7 @@ class ClientLayout:
         """
         self._count += 1
         name = name or f"region {self._count}"
-        change = given(
-            op="add",
-            name=name,
-            material=material,
-            x_mm=x_mm,
-            y_mm=y_mm,
-            rotation_deg=rotation_deg,
-            width_mm=width_mm,
-            height_mm=height_mm,
-            shape=shape,
-            scale=scale,
-            z=z,
-            blend=blend,
-            opacity=opacity,
-            priority=priority,
-        )
+        change = given(op="add", name=name, material=material, **fields)
         await self._calls.layout_change([change])
         return ClientRegion(self._calls, name)
 
@@ -224,58 +211,14 @@ class ClientRegion:
     def __init__(self, calls: AsyncCalls, name: str) -> None:
         self._calls, self.name = calls, name
 
-    async def change(
-        self,
-        *,
-        x_mm: float | None = None,
-        y_mm: float | None = None,
-        rotation_deg: float | None = None,
-        width_mm: float | None = None,
-        height_mm: float | None = None,
-        shape: Literal["rectangle", "ellipse"] | Sequence[tuple[float, float]] | None = None,
-        scale: float | None = None,
-        z: float | None = None,
-        blend: Literal["over", "add", "multiply", "max", "min"] | None = None,
-        opacity: float | None = None,
-        priority: int | None = None,
-        material: Document | None = None,
-    ) -> m.LayoutReply:
+    async def change(self, **fields: Unpack[ChangeRegionFields]) -> m.LayoutReply:
         """Change what is given of a region, in a cross-fade."""
-        change = given(
-            op="change",
-            name=self.name,
-            x_mm=x_mm,
-            y_mm=y_mm,
-            rotation_deg=rotation_deg,
-            width_mm=width_mm,
-            height_mm=height_mm,
-            shape=shape,
-            scale=scale,
-            z=z,
-            blend=blend,
-            opacity=opacity,
-            priority=priority,
-            material=material,
-        )
+        change = given(op="change", name=self.name, **fields)
         return await self._calls.layout_change([change])
 
-    async def move(
-        self,
-        *,
-        x_mm: float | None = None,
-        y_mm: float | None = None,
-        rotation_deg: float | None = None,
-        over_s: float = 0.02,
-    ) -> m.LayoutReply:
+    async def move(self, **fields: Unpack[MoveRegionFields]) -> m.LayoutReply:
         """Move a region within `over_s`; what is left out stays."""
-        change = given(
-            op="move",
-            name=self.name,
-            x_mm=x_mm,
-            y_mm=y_mm,
-            rotation_deg=rotation_deg,
-            over_s=over_s,
-        )
+        change = given(op="move", name=self.name, **fields)
         return await self._calls.layout_change([change])
 
     async def remove(self) -> m.LayoutReply:
@@ -306,23 +249,19 @@ class PlainCalls(ABC):
 
     def acquire(self, takeover: bool = False) -> m.Lease:
         """Ask for the lease on the output; with `takeover` also from who holds it."""
-        reply: m.Lease = self.ask("acquire", takeover=takeover)
-        return reply
+        return self.ask("acquire", takeover=takeover)
 
     def arm(self) -> m.OutputMessage:
         """Let touches be felt."""
-        reply: m.OutputMessage = self.ask("arm")
-        return reply
+        return self.ask("arm")
 
     def cancel(self, effect_id: int) -> m.Done:
         """End an effect by the number that `playing` gave."""
-        reply: m.Done = self.ask("cancel", effect_id=effect_id)
-        return reply
+        return self.ask("cancel", effect_id=effect_id)
 
     def disarm(self) -> m.OutputMessage:
         """End at 0 V and keep the lease."""
-        reply: m.OutputMessage = self.ask("disarm")
-        return reply
+        return self.ask("disarm")
 
     def geometry(
         self,
@@ -338,72 +277,59 @@ class PlainCalls(ABC):
         origin_mm : tuple[float, float]
         rotation_deg : float
         """
-        reply: m.Done = self.ask(
+        return self.ask(
             "geometry", px_per_mm=px_per_mm, origin_mm=origin_mm, rotation_deg=rotation_deg
         )
-        return reply
 
     def intensity(self, value: float) -> m.OutputMessage:
         """Set the share of friction that is asked for, 0 to 1."""
-        reply: m.OutputMessage = self.ask("intensity", value=value)
-        return reply
+        return self.ask("intensity", value=value)
 
     def inventory(self) -> m.Inventory:
         """Ask which devices and profiles there are."""
-        reply: m.Inventory = self.ask("inventory")
-        return reply
+        return self.ask("inventory")
 
     def layout_change(self, ops: Sequence[Document]) -> m.LayoutReply:
         """Change the layout of this session: all of `ops`, or nothing."""
-        reply: m.LayoutReply = self.ask("layout_change", ops=ops)
-        return reply
+        return self.ask("layout_change", ops=ops)
 
     def layout_set(self, document: Document) -> m.LayoutReply:
         """Replace the layout of this session by a document."""
-        reply: m.LayoutReply = self.ask("layout_set", document=document)
-        return reply
+        return self.ask("layout_set", document=document)
 
     def mute(self, on: bool) -> m.OutputMessage:
         """Hold 0 V while time runs, until the lease ends."""
-        reply: m.OutputMessage = self.ask("mute", on=on)
-        return reply
+        return self.ask("mute", on=on)
 
     def pause(self, on: bool) -> m.OutputMessage:
         """Hold 0 V while time stands, until the lease ends."""
-        reply: m.OutputMessage = self.ask("pause", on=on)
-        return reply
+        return self.ask("pause", on=on)
 
     def play(self, effect: Document) -> m.PlayingMessage:
         """Play an effect that ends, such as a transient; `effect_ended` tells its end."""
-        reply: m.PlayingMessage = self.ask("play", effect=effect)
-        return reply
+        return self.ask("play", effect=effect)
 
     def release(self) -> m.Done:
         """Give the lease back; 0 V first."""
-        reply: m.Done = self.ask("release")
-        return reply
+        return self.ask("release")
 
     def sense(self, on: bool) -> m.OutputMessage:
         """Learn the finger by the current that it draws, from the next `arm` on."""
-        reply: m.OutputMessage = self.ask("sense", on=on)
-        return reply
+        return self.ask("sense", on=on)
 
     def stop(self) -> m.Done:
         """End at 0 V, whoever holds the output."""
-        reply: m.Done = self.ask("stop")
-        return reply
+        return self.ask("stop")
 
     def subscribe(
         self, streams: Mapping[Literal["stats", "friction", "felt"], float]
     ) -> m.Subscribed:
         """Ask for streams, each with its highest rate in hertz; 0 ends one."""
-        reply: m.Subscribed = self.ask("subscribe", streams=streams)
-        return reply
+        return self.ask("subscribe", streams=streams)
 
     def watch(self, job: str) -> m.JobMessage:
         """Ask how far a job is, and be told of its changes until it ends."""
-        reply: m.JobMessage = self.ask("watch", job=job)
-        return reply
+        return self.ask("watch", job=job)
 
 
 class PlainLayout:
@@ -419,21 +345,7 @@ class PlainLayout:
         self._calls, self._count = calls, 0
 
     def add(
-        self,
-        material: Document,
-        *,
-        name: str = "",
-        x_mm: float | None = None,
-        y_mm: float | None = None,
-        rotation_deg: float | None = None,
-        width_mm: float | None = None,
-        height_mm: float | None = None,
-        shape: Literal["rectangle", "ellipse"] | Sequence[tuple[float, float]] | None = None,
-        scale: float | None = None,
-        z: float | None = None,
-        blend: Literal["over", "add", "multiply", "max", "min"] | None = None,
-        opacity: float | None = None,
-        priority: int | None = None,
+        self, material: Document, *, name: str = "", **fields: Unpack[AddRegionFields]
     ) -> PlainRegion:
         """Add a region.
 
@@ -453,22 +365,7 @@ class PlainLayout:
         """
         self._count += 1
         name = name or f"region {self._count}"
-        change = given(
-            op="add",
-            name=name,
-            material=material,
-            x_mm=x_mm,
-            y_mm=y_mm,
-            rotation_deg=rotation_deg,
-            width_mm=width_mm,
-            height_mm=height_mm,
-            shape=shape,
-            scale=scale,
-            z=z,
-            blend=blend,
-            opacity=opacity,
-            priority=priority,
-        )
+        change = given(op="add", name=name, material=material, **fields)
         self._calls.layout_change([change])
         return PlainRegion(self._calls, name)
 
@@ -491,58 +388,14 @@ class PlainRegion:
     def __init__(self, calls: PlainCalls, name: str) -> None:
         self._calls, self.name = calls, name
 
-    def change(
-        self,
-        *,
-        x_mm: float | None = None,
-        y_mm: float | None = None,
-        rotation_deg: float | None = None,
-        width_mm: float | None = None,
-        height_mm: float | None = None,
-        shape: Literal["rectangle", "ellipse"] | Sequence[tuple[float, float]] | None = None,
-        scale: float | None = None,
-        z: float | None = None,
-        blend: Literal["over", "add", "multiply", "max", "min"] | None = None,
-        opacity: float | None = None,
-        priority: int | None = None,
-        material: Document | None = None,
-    ) -> m.LayoutReply:
+    def change(self, **fields: Unpack[ChangeRegionFields]) -> m.LayoutReply:
         """Change what is given of a region, in a cross-fade."""
-        change = given(
-            op="change",
-            name=self.name,
-            x_mm=x_mm,
-            y_mm=y_mm,
-            rotation_deg=rotation_deg,
-            width_mm=width_mm,
-            height_mm=height_mm,
-            shape=shape,
-            scale=scale,
-            z=z,
-            blend=blend,
-            opacity=opacity,
-            priority=priority,
-            material=material,
-        )
+        change = given(op="change", name=self.name, **fields)
         return self._calls.layout_change([change])
 
-    def move(
-        self,
-        *,
-        x_mm: float | None = None,
-        y_mm: float | None = None,
-        rotation_deg: float | None = None,
-        over_s: float = 0.02,
-    ) -> m.LayoutReply:
+    def move(self, **fields: Unpack[MoveRegionFields]) -> m.LayoutReply:
         """Move a region within `over_s`; what is left out stays."""
-        change = given(
-            op="move",
-            name=self.name,
-            x_mm=x_mm,
-            y_mm=y_mm,
-            rotation_deg=rotation_deg,
-            over_s=over_s,
-        )
+        change = given(op="move", name=self.name, **fields)
         return self._calls.layout_change([change])
 
     def remove(self) -> m.LayoutReply:
