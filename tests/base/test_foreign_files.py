@@ -373,19 +373,19 @@ DAMAGES = {
 
 @pytest.mark.parametrize("damage", DAMAGES)
 def test_a_damaged_recording(kept, damage):
-    path = kept / "session/strokes/stroke-001.h5"
+    path = kept / "session/strokes/stroke-016.h5"
     with h5py.File(path, "r+") as file:
         DAMAGES[damage](file)
-    with pytest.raises(FileFormatError, match=r"stroke-001\.h5"):
+    with pytest.raises(FileFormatError, match=r"stroke-016\.h5"):
         StrokeRecording.load(path)
 
 
 def test_a_link_to_another_file_is_no_signal(kept):
-    path = kept / "session/strokes/stroke-001.h5"
+    path = kept / "session/strokes/stroke-016.h5"
     with h5py.File(path, "r+") as file:
         del file["signals/t_s"]
         file["signals/t_s"] = h5py.SoftLink("/signals/t_s")
-    with pytest.raises(FileFormatError, match=r"stroke-001\.h5"):
+    with pytest.raises(FileFormatError, match=r"stroke-016\.h5"):
         StrokeRecording.load(path)
 
 
@@ -413,9 +413,9 @@ def linked(path, how):
 
 @pytest.mark.parametrize("how", ["external link", "external group", "external bytes", "virtual"])
 def test_a_recording_reads_no_other_file(kept, how):
-    path = kept / "session/strokes/stroke-001.h5"
+    path = kept / "session/strokes/stroke-016.h5"
     linked(path, how)
-    with pytest.raises(FileFormatError, match=r"stroke-001\.h5"):
+    with pytest.raises(FileFormatError, match=r"stroke-016\.h5"):
         StrokeRecording.load(path)
 
 

@@ -260,15 +260,16 @@ def test_the_fingers_response_is_kept_beside_the_numbers(
     assert loaded.info["key"] == surface_key(slow, scene, 1e-2) != surface_key(model, scene, 1e-2)
 
 
-def test_a_surface_of_before_has_the_presets_response_and_a_model_of_its_own() -> None:
-    kept = Path(__file__).parents[2] / "data" / "kept-files" / "corrected.surface"
-    loaded = FrictionSurface.load(kept)
-    assert "response_hz_per_mm_per_s" not in loaded.info
-    assert loaded.response_hz_per_mm_per_s == 13.8
-    # The theory of that name has other numbers today.
-    finger = Finger.preset("semi-wet").replace(frictional_shear_stress_pa=8e6)
-    with pytest.raises(FileFormatError, match="another model"):
-        FrictionSurface.load(kept, ContactModel(finger, Screen.preset("3m-sct3250")))
+def test_a_surface_that_says_less_is_to_be_built_again(
+    full: FrictionSurface, tmp_path: Path
+) -> None:
+    path = tmp_path / "less.surface"
+    less = {
+        name: value for name, value in full.info.items() if name not in ("accuracy", "intervals")
+    }
+    FrictionSurface(full.table, less).save(path)
+    with pytest.raises(FileFormatError, match="intervals as well; build the surface again"):
+        FrictionSurface.load(path)
 
 
 def test_the_model_that_is_named(full: FrictionSurface, data: bytes, tmp_path: Path) -> None:
