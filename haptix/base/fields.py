@@ -15,6 +15,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field
 
+from haptix.base.checks import Force
 from haptix.base.errors import DeviceError, InputError
 from haptix.base.files import checked_values
 
@@ -208,7 +209,6 @@ FolderName = Annotated[str, Field(pattern=FOLDER_NAME)]
 Label = Annotated[str, AfterValidator(_label)]
 Text = Annotated[str, AfterValidator(_text)]
 Positive = Annotated[float, Field(gt=0)]
-Force = Annotated[float, Field(gt=0, le=100)]  # [N]; a larger number is in another unit
 Frequency = Annotated[float, Field(gt=0, le=1e8)]  # [Hz]; above, the circuit is no capacitor
 NotNegative = Annotated[float, Field(ge=0)]
 Seed = Annotated[int, Field(ge=0, le=2**63 - 1)]

@@ -638,7 +638,6 @@ def test_the_person_s_own_strength_and_mute_stay(service):
 @pytest.mark.parametrize(
     ("wrong", "why"),
     [
-        ({"normal_force_n": 50.0}, "at most 20 N, got 50 N"),
         ({"x_mm": 1e6}, "got 1e+06, 0 mm"),
         ({"touch_id": 10}, "at most 10 fingers at once"),
     ],

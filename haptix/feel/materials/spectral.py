@@ -30,13 +30,13 @@ import numpy as np
 from pydantic import Field, PositiveFloat, field_serializer, model_validator
 from pydantic.json_schema import SkipJsonSchema
 
-from haptix.base.checks import Array, number, positive
+from haptix.base.checks import LIFTED_BELOW_N, Array, number, positive
 from haptix.base.errors import FileFormatError, InputError
 from haptix.base.files import read_csv
 from haptix.feel.materials.field import FrictionField, Mapped, turned
 from haptix.feel.materials.material import Material
 from haptix.feel.materials.pyramid import Beyond, Pyramid
-from haptix.feel.motion import LIFTED_BELOW_N, Motion
+from haptix.feel.motion import Motion
 from haptix.feel.motion.block import SLOW_MM_PER_S
 
 BANDS_HZ: Array = np.geomspace(10.0, 1000.0, 10)

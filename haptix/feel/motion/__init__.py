@@ -3,8 +3,6 @@
 from haptix.feel.motion.block import Depends, Facts, History, LocalFrame, Motion, Report
 from haptix.feel.motion.trajectory import (
     FARTHEST_MM,
-    HARDEST_N,
-    LIFTED_BELOW_N,
     STANDING_BELOW_MM_PER_S,
     VELOCITY_OVER_S,
     Trajectory,
@@ -12,8 +10,6 @@ from haptix.feel.motion.trajectory import (
 
 __all__ = [
     "FARTHEST_MM",
-    "HARDEST_N",
-    "LIFTED_BELOW_N",
     "STANDING_BELOW_MM_PER_S",
     "VELOCITY_OVER_S",
     "Depends",

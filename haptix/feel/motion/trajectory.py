@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from haptix.base.checks import Array, increasing, row
+from haptix.base.checks import HARDEST_N, Array, increasing, row
 from haptix.base.display import Table, axes_or_new
 from haptix.base.errors import InputError
 from haptix.base.files import read_csv
@@ -21,12 +21,6 @@ if TYPE_CHECKING:
 
 FARTHEST_MM = 1e6
 """Places farther from the origin than this are not on a screen."""
-
-HARDEST_N = 100.0
-"""Largest force of a finger; a larger number was probably meant in another unit."""
-
-LIFTED_BELOW_N = 1e-3
-"""Normal force below which the finger does not touch."""
 
 STANDING_BELOW_MM_PER_S = 0.1
 """A slower finger counts as standing: its friction takes more than 0.1 s to follow the voltage."""

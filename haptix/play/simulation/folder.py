@@ -16,12 +16,13 @@ import torch
 
 from firmware_io import volts_to_codes
 from firmware_io.limits import Current
+from haptix.base.checks import LIFTED_BELOW_N
 from haptix.base.errors import MissingExtraError, from_extra
 from haptix.base.files import check_folder, csv_text, json_text, write_folder
 from haptix.base.report import record, row
 from haptix.base.version import __version__
 from haptix.feel.materials import Texture
-from haptix.feel.motion import LIFTED_BELOW_N, Motion
+from haptix.feel.motion import Motion
 from haptix.model.contact import Accuracy
 from haptix.model.pair import described
 from haptix.model.perception.thresholds import WEBER_FRACTION

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from firmware_io import Device, open_device
-from haptix.base.checks import Array
+from haptix.base.checks import LIFTED_BELOW_N, Array
 from haptix.base.display import Displayed, axes_or_new
 from haptix.base.errors import InputError
 from haptix.feel.materials import Feelable, RecordedProfile, as_mu
@@ -26,7 +26,7 @@ from haptix.feel.materials.spectral import (
     band_energies,
     decibels,
 )
-from haptix.feel.motion import LIFTED_BELOW_N, Motion, Trajectory
+from haptix.feel.motion import Motion, Trajectory
 from haptix.feel.motion.block import facts_on
 from haptix.model.friction import ContactModel
 from haptix.model.states import ContactState

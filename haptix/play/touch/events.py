@@ -14,10 +14,20 @@ import numpy.typing as npt
 from pydantic import Field
 
 from haptix.base import checks
-from haptix.base.checks import NotNegative, Number, Positive, checked, instance, number, positive
+from haptix.base.checks import (
+    HARDEST_N,
+    LIFTED_BELOW_N,
+    NotNegative,
+    Number,
+    Positive,
+    checked,
+    instance,
+    number,
+    positive,
+)
 from haptix.base.errors import InputError
 from haptix.base.files import read_csv
-from haptix.feel.motion import HARDEST_N, LIFTED_BELOW_N, Trajectory
+from haptix.feel.motion import Trajectory
 
 TouchKind = Literal["down", "move", "up"]
 KINDS: tuple[TouchKind, ...] = ("down", "move", "up")
@@ -517,18 +527,13 @@ class ForceModel:
         Calibrated law; without it areas are not used.
     """
 
-    assumed_n: Positive = 0.5
+    assumed_n: Annotated[Number, Field(ge=LIFTED_BELOW_N, le=HARDEST_N)] = 0.5
     assumed_sigma_n: NotNegative = 0.25
     axis_sigma: NotNegative = 0.05
     area_proxy: AreaProxy | None = None
     assumed: ForceEstimate = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        if not LIFTED_BELOW_N <= self.assumed_n <= HARDEST_N:
-            raise InputError(
-                f"assumed_n: expected a finger's force, {LIFTED_BELOW_N:g} to {HARDEST_N:g} "
-                f"N, got {self.assumed_n:g}"
-            )
         assumed = ForceEstimate(self.assumed_n, self.assumed_sigma_n, "assumed")
         object.__setattr__(self, "assumed", assumed)
 

@@ -12,16 +12,16 @@ import numpy.typing as npt
 import torch
 
 from haptix.base import checks
-from haptix.base.checks import Array
+from haptix.base.checks import LIFTED_BELOW_N, Array
 from haptix.base.display import Displayed
 from haptix.base.errors import InputError, LimitError
 from haptix.base.threads import one_thread
-from haptix.feel.motion import LIFTED_BELOW_N, STANDING_BELOW_MM_PER_S, Trajectory
+from haptix.feel.motion import STANDING_BELOW_MM_PER_S, Trajectory
 from haptix.model.electro import Circuit
 from haptix.model.electro.attraction import Pull, representative_gaps
 from haptix.model.fidelity import Ability
 from haptix.model.finger import FingerResponse
-from haptix.model.friction import HIGHEST_FORCE_N, ContactModel
+from haptix.model.friction import ContactModel
 from haptix.model.friction.placeholders import with_finger
 from haptix.model.friction.solver import FrictionSolver
 from haptix.model.status import Status, past_limits
@@ -227,11 +227,6 @@ class VirtualFinger(Displayed):
         if not output_rate_hz >= _LOWEST_RATE_HZ:
             raise InputError(
                 f"output_rate_hz: expected {_LOWEST_RATE_HZ:g} Hz or more, got {output_rate_hz:g}"
-            )
-        highest = float(path.normal_force_n.max())
-        if highest > HIGHEST_FORCE_N:
-            raise InputError(
-                f"normal_force_n: expected at most {HIGHEST_FORCE_N:g} N, got {highest:g} N"
             )
         steps = path.duration_s * output_rate_hz
         if not 1 - _END <= steps < _MOST_SAMPLES:

@@ -22,8 +22,8 @@ from haptix.service.protocol.messages import Geometry, Problem, TouchMessage
 
 FUTURE_S, PAST_S = 0.005, 0.5
 """How far ahead of now a touch may be, and how old."""
-MOST_MM, MOST_FORCE_N = 10_000.0, 20.0
-"""Of a touch: beyond any screen, and any finger that slides. A larger number has another unit."""
+MOST_MM = 10_000.0
+"""Of a touch: beyond any screen. A larger number has another unit."""
 _EXCHANGES, _MOST_DRIFT = 64, 200e-6
 _JUMP_S, _JUMPS = 0.02, 3
 OLD_S = 0.1
@@ -274,19 +274,15 @@ def touch_events(
             x_mm, y_mm = touch.x_mm, touch.y_mm
             if x_mm is None or y_mm is None or touch.x_px is not None:
                 x_mm, y_mm = _place(geometry, touch)
-            force_n = touch.normal_force_n
             if not (abs(x_mm) <= MOST_MM and abs(y_mm) <= MOST_MM):
                 why = f"expected places within {MOST_MM:g} mm, got {x_mm:g}, {y_mm:g} mm"
                 raise Problem("message", f"x_mm: {why}; are these pixels?", "/x_mm")
-            if force_n is not None and force_n > MOST_FORCE_N:
-                why = f"expected at most {MOST_FORCE_N:g} N, got {force_n:g} N; is it in newtons?"
-                raise Problem("message", f"normal_force_n: {why}", "/normal_force_n")
         except Problem as problem:
             path = problem.path if problem is touch else f"/touches/{index}{problem.path}"
             left_out += 1
             first_problem = first_problem or Problem(problem.code, problem.sentence, path)
             continue
-        area_m2 = touch.contact_area_m2
+        force_n, area_m2 = touch.normal_force_n, touch.contact_area_m2
         events.append(
             TouchEvent(service_s(t_s), touch.touch_id, x_mm, y_mm, touch.kind, force_n, area_m2)
         )

@@ -53,7 +53,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from haptix.base.checks import Array
+from haptix.base.checks import HARDEST_N, Array
 from haptix.service.protocol.messages import MOST_TOUCHES, Problem, Stream, TouchMessage
 
 _HEADER = struct.Struct("<BBHId")
@@ -61,7 +61,7 @@ _RECORD = struct.Struct("<iBBHffff")
 _FRAME = struct.Struct("<BBBBHHIIdd")
 _KINDS: dict[int, Literal["down", "move", "up"]] = {0: "down", 1: "move", 2: "up"}
 _NUMBERS = {kind: number for number, kind in _KINDS.items()}
-_MOST_FORCE_N, _MOST_AREA_M2 = 100.0, 0.1
+_MOST_AREA_M2 = 0.1
 _PIXELS, _FORCE, _AREA = 4, 8, 16
 
 COLUMNS: dict[Stream, tuple[str, ...]] = {
@@ -134,7 +134,7 @@ def read_touches(data: bytes) -> TouchBatch:
             and flags < 64
             and not zero
             and isfinite(x + y)  # two finite places of 32 bits have a finite sum
-            and (force_n is None or 0 < force_n <= _MOST_FORCE_N)
+            and (force_n is None or 0 < force_n <= HARDEST_N)
             and (area_m2 is None or 0 < area_m2 <= _MOST_AREA_M2)
         ):
             touches.append(_wrong(flags, zero, x, y, force_n, area_m2, len(touches)))
@@ -161,8 +161,8 @@ def _wrong(
         wrong = f"unknown flags {flags:#x} or padding {zero}"
     elif not (isfinite(x) and isfinite(y)):
         wrong = "expected a finite place"
-    elif force_n is not None and not 0 < force_n <= _MOST_FORCE_N:
-        wrong = _beyond("normal_force_n", _MOST_FORCE_N, "N", force_n)
+    elif force_n is not None and not 0 < force_n <= HARDEST_N:
+        wrong = _beyond("normal_force_n", HARDEST_N, "N", force_n)
     else:
         wrong = _beyond("contact_area_m2", _MOST_AREA_M2, "m^2", area_m2)
     return Problem("message", wrong, f"/touches/{index}")

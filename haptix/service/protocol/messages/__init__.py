@@ -2,7 +2,6 @@
 
 A client's messages are numbered by `id`, which rises; each is answered once, with the same `id`.
 `touch` and `pong` need none: only their errors are answered. The server's events have `id` 0.
-Every field names the version of the protocol that introduced it.
 """
 
 from __future__ import annotations
@@ -11,6 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from haptix.base.checks import Force
 from haptix.feel.layout.region import Number, PixelPlaces, Place, RegionFields
 
 PROTOCOL = (1, 0)
@@ -123,7 +123,7 @@ class TouchMessage(Message):
     y_mm: Number | None = None
     x_px: Number | None = None
     y_px: Number | None = None
-    normal_force_n: Annotated[float, Field(gt=0, le=100, allow_inf_nan=False)] | None = None
+    normal_force_n: Force | None = None
     contact_area_m2: Annotated[float, Field(gt=0, le=0.1, allow_inf_nan=False)] | None = None
 
     @model_validator(mode="before")
