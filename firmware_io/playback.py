@@ -8,7 +8,7 @@ import threading
 import weakref
 from collections.abc import Callable
 from numbers import Real
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import Any, Self
 
 import numpy as np
@@ -242,12 +242,7 @@ class Playback:
         self.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, _: object, error: BaseException | None, __: object) -> None:
         try:
             self.stop()
         except BaseException as failure:

@@ -98,4 +98,4 @@ def test_values_by_place_and_of_arrays_are_taken():
     with pytest.raises(InputError, match=r"^Sample\.size: "):
         Sample(0.0, -2)
     with pytest.raises(FrozenInstanceError):
-        sample.size = 3.0
+        sample.size = 3.0  # type: ignore[misc]
