@@ -1,4 +1,4 @@
-"""One version everywhere; the files that GitHub reads have their schemas' form; workflows exist."""
+"""One version everywhere; what others read of this project has their schemas' form."""
 
 import json
 import re
@@ -14,10 +14,8 @@ from ruamel.yaml import YAML
 import haptix
 
 ROOT = Path(haptix.__file__).parents[1]
-WORKFLOWS = sorted((ROOT / ".github" / "workflows").glob("*.yml"))
 ISSUES = ROOT / ".github" / "ISSUE_TEMPLATE"
 SCHEMAS = {
-    **dict.fromkeys(WORKFLOWS, "github-workflows"),
     ISSUES / "config.yml": "github-issue-config",
     ISSUES / "defect.yml": "github-issue-forms",
     ISSUES / "wish.yml": "github-issue-forms",
@@ -42,7 +40,7 @@ def test_what_github_reads_has_its_form(path):
     read = read_yaml(path)
     check.validate(read)
     # Without its first key it is something else: the schema sees what it should.
-    required = {"github-workflows": "jobs", "citation-file-format": "title"}
+    required = {"citation-file-format": "title"}
     first = required.get(SCHEMAS[path]) or ("body" if "body" in read else None)
     if first:
         with pytest.raises(jsonschema.ValidationError):
@@ -82,58 +80,6 @@ def test_what_is_not_released_is_no_release():
         assert own > of_release
     else:
         assert Version(own.base_version) == of_release
-
-
-def test_the_workflows_call_commands_of_this_project():
-    made = set(re.findall(r"^([a-z-]+):.*## ", (ROOT / "Makefile").read_text(), re.MULTILINE))
-    scripts = 0
-    for path in WORKFLOWS:
-        for job in read_yaml(path)["jobs"].values():
-            for step in job["steps"]:
-                command = step.get("run", "")
-                assert set(re.findall(r"\bmake ([a-z-]+)", command)) <= made
-                for script in re.findall(r"(?:scripts|\.ci)/[\w.-]+", command):
-                    assert (ROOT / script).is_file(), script
-                    scripts += 1
-                for extra in re.findall(r"\[(\w+)\]|--extra (\w+)", command):
-                    assert (
-                        "".join(extra)
-                        in tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
-                            "optional-dependencies"
-                        ]
-                    )
-    assert scripts >= 3
-
-
-def test_the_matrix_has_the_versions_that_the_package_claims():
-    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-    claimed = re.findall(r":: (3\.\d+)$", "\n".join(settings["project"]["classifiers"]), re.M)
-    matrix = read_yaml(ROOT / ".github/workflows/platforms.yml")["jobs"]["newest"]["strategy"]
-    assert matrix["matrix"]["python"] == claimed
-    assert len(matrix["matrix"]["os"]) == 3
-
-
-def test_the_release_tries_every_wheel_that_is_built():
-    source = (ROOT / "hatch_build.py").read_text(encoding="utf-8")
-    tags = set(re.findall(r'"((?:manylinux_2|win|macosx)_\w+)[".]', source))
-    jobs = read_yaml(ROOT / ".github/workflows/release.yml")["jobs"]
-    tried = {one["wheel"] for one in jobs["try"]["strategy"]["matrix"]["include"]}
-    assert len(tags) == 5
-    assert tried == tags
-
-
-def test_the_upload_to_pypi_is_trusted_and_comes_after_the_tries():
-    jobs = read_yaml(ROOT / ".github/workflows/release.yml")["jobs"]
-    (name,) = (n for n, job in jobs.items() if "id-token" in job.get("permissions", {}))
-    assert jobs[name]["permissions"] == {"id-token": "write"}  # and no more
-    assert "secrets." not in (ROOT / ".github/workflows/release.yml").read_text(encoding="utf-8")
-    needed, before = {name}, set()
-    while needed:
-        job = needed.pop()
-        before.add(job)
-        needs = jobs[job].get("needs", [])
-        needed |= {needs} if isinstance(needs, str) else set(needs)
-    assert {"build", "try"} <= before
 
 
 def test_what_is_pinned_for_a_release_has_hashes_and_the_versions_of_the_build():
