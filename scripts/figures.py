@@ -6,8 +6,9 @@
 
 `docs/figures.toml` holds them. A table in a page stands between two comments,
 ``<!-- figures: GROUP -->`` and ``<!-- end of figures -->``, and `write` fills it. A figure is older
-than its sources once a file of them has another content than when it was made. That is told; it is
-an error when such a figure is older than `GRACE_DAYS`, counted to the last commit, or at a release.
+than its sources once a file of them has another content than when it was made. That is told; of
+one in a table it is an error when it is older than `GRACE_DAYS`, counted to the last commit, or at
+a release. Other pages quote figures in their own words: a test holds them to `page` and `value`.
 """
 
 from __future__ import annotations
@@ -44,7 +45,8 @@ class Figure:
     date: datetime.date
     sources: tuple[str, ...]
     sha256: str  # of the sources when it was made; empty where they were not kept
-    groups: tuple[str, ...]  # the tables that show it
+    groups: tuple[str, ...] = ()  # the tables that show it
+    page: str = ""  # the page that quotes its value in a sentence or table of its own
     find: tuple[str, ...] = ()  # patterns of its numbers in what the command prints
     text: str = ""  # its value, with {} for each number
 
@@ -54,8 +56,8 @@ class Figure:
         return self.sha256 == digest(self.sources)
 
     def is_stale(self, today: datetime.date) -> bool:
-        """Whether it has been older than its sources for too long."""
-        return not self.is_current and (today - self.date).days > GRACE_DAYS
+        """Whether a table shows it that has been older than its sources for too long."""
+        return bool(self.groups) and not self.is_current and (today - self.date).days > GRACE_DAYS
 
     def value_of(self, printed: str) -> str:
         """Return the value in what the command printed: the largest number of each pattern."""

@@ -32,9 +32,28 @@ def test_a_figure_says_where_it_comes_from(name):
     figure = KEPT[name]
     assert (ROOT / figure.command.split()[0]).is_file()
     assert re.fullmatch("[0-9a-f]{7,}", figure.commit)
-    assert figure.groups
+    assert bool(figure.groups) != bool(figure.page)
     for source in figure.sources:
         assert (ROOT / source).exists(), source
+
+
+@pytest.mark.parametrize("name", [name for name, one in KEPT.items() if one.page])
+def test_a_page_says_the_value_and_which_program_made_it(name):
+    page = (ROOT / KEPT[name].page).read_text(encoding="utf-8")
+    assert KEPT[name].value in page
+    assert Path(KEPT[name].command.split()[0]).stem in page
+
+
+def test_every_program_that_measures_has_a_figure_or_serves_another():
+    programs = {path.stem: path.read_text("utf-8") for path in (ROOT / "benchmarks").glob("*.py")}
+    named = {Path(one.command.split()[0]).stem for one in KEPT.values()}
+    users = [*programs.values(), (ROOT / "Makefile").read_text("utf-8")]
+    for folder in ("examples", "tests"):
+        users += [path.read_text("utf-8") for path in (ROOT / folder).rglob("*.py")]
+    for name in set(programs) - named:
+        uses = rf"import {name}\b|from (?:benchmarks\.)?{name} import|benchmarks/{name}\.py"
+        others = [text for text in users if text is not programs[name]]
+        assert any(re.search(uses, text) for text in others), name
 
 
 @pytest.mark.optional
@@ -63,7 +82,7 @@ def test_no_figure_stays_older_than_its_sources(name):
 
 
 def test_at_a_release_every_figure_is_of_its_sources():
-    old = [name for name, one in KEPT.items() if not one.is_current]
+    old = [name for name, one in KEPT.items() if one.groups and not one.is_current]
     assert "dev" in haptix.__version__ or not old
 
 
