@@ -126,8 +126,9 @@ def tests_near(files: Iterable[Path], imports: Imports) -> list[Path]:
         for name in tests:
             # The tests mirror the packages: those of the same folder are about this file.
             mirrors = tests[name].parent.name in file.parts
+            alike = file.stem in tests[name].stem
             if name in near or mirrors:
-                steps = near.get(name, 1) - 1.5 * mirrors
+                steps = near.get(name, 1) - 1.5 * mirrors - 0.5 * alike
                 distance[name] = min(steps, distance.get(name, steps))
     # Of equals, first those that import little else.
     sizes = {name: len(set(imports_of(imports.texts[name]))) for name in distance}
