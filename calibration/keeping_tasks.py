@@ -152,7 +152,7 @@ class RunBatch(RunCalibration, command="calibrate batch"):
     )
 
     def run(self, context: Context) -> Result:
-        """Run what is left."""
+        """Run the remaining panels."""
         from filelock import FileLock, Timeout
 
         if self.name is not None:

@@ -141,7 +141,7 @@ def update_register(path: Path, today: date, change: Callable[[Register], Regist
         If it is damaged: it stays as it is.
     """
     if path.exists():
-        Register.load(path)  # what is none gets no lock beside it
+        Register.load(path)  # a file that is no register gets no lock beside it
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with FileLock(f"{path}.lock", timeout=_LOCK_S):

@@ -1,4 +1,4 @@
-"""Tasks on what was measured: reduce, fit, verify; compare, install; and the spatial period."""
+"""Tasks on measured strokes: reduce, fit, verify; compare, install; and the spatial period."""
 
 from __future__ import annotations
 
@@ -189,7 +189,7 @@ class Check(Task, command="calibrate check"):
         return Result(document, [(title, rows)], failed=not checked.passed)
 
     def _by_current(self, model: ContactModel, about: dict[str, Any]) -> Result:
-        """Compare what one person's finger drew then and draws now."""
+        """Compare the current of one person's finger then and now."""
         from haptix.model.pair import first_line
         from haptix.play.sensing import ContactCurrent, EnrolledFinger, contact_change
 

@@ -64,11 +64,11 @@ REDUCED, FIT, NEEDS = "reduced.csv", "fit.json", "terms.json"
 REPORT, ARCHIVE = "report.html", "archive.zip"
 FINISHED = "finished.json"
 _RESULTS = (REDUCED, RIG, NEEDS, FIT, SCREEN, FINGER, REPORT, ARCHIVE)
-RESTS_ON = (REDUCED, RIG, NEEDS)  # beside plan, session and strokes: what a verdict is made from
+RESTS_ON = (REDUCED, RIG, NEEDS)  # inputs of a verdict beside plan, session and strokes
 
 
 class Finished(NamedTuple):
-    """What was found at the end of a session, and of which files: the same again computes nothing.
+    """The result of a session and the hashes of its inputs: the same again computes nothing.
 
     Parameters
     ----------
@@ -141,12 +141,12 @@ def finish_decided(
         Of the task.
     go_on : callable, optional
         Gets the session with the strokes that were added, and a question for the person. Returns
-        whether all of them were made; what is not made stays open.
+        whether all of them were made; the others stay open.
 
     Returns
     -------
     Finished, bool
-        What was found, and whether it was known before.
+        The result, and whether it was known before.
     """
     known = Finished.load(folder)
     done = known or finish_folder(folder, context)
@@ -189,7 +189,7 @@ def plan_that_decides(folder: Path, verification: Verification) -> Protocol | No
 def written_screen(folder: Path) -> Screen | None:
     """Return the screen's profile that was written, if there is one."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", CalibrationWarning)  # the verdict says it
+        warnings.simplefilter("ignore", CalibrationWarning)  # the verdict has it
         return Screen.load(folder / SCREEN) if (folder / SCREEN).exists() else None
 
 
@@ -372,8 +372,8 @@ def verify_folder(
 ) -> tuple[Verification, Screen | None]:
     """Verify profiles by the held-out strokes; write them, report and archive.
 
-    What is verified is what is written: the held-out strokes are predicted by the contact model of
-    ``screen.toml`` and ``finger.toml``, read back from the disk, where the verdict is "failed"
+    The written profile is the verified one: the held-out strokes are predicted by the contact model
+    of ``screen.toml`` and ``finger.toml``, read back from the disk, where the verdict is "failed"
     until then. Where the insulator is not determined there is a report, but no profile: None.
 
     Raises

@@ -51,7 +51,7 @@ Percent = Annotated[float, Field(ge=0, le=100)]
 
 
 class Planned(Task):
-    """What a protocol is planned from."""
+    """Inputs of a plan of strokes."""
 
     protocol: Literal["paper", "full", "short"] = Field(
         "short", description="paper: its 25 strokes; full: and a frequency sweep; short."
@@ -199,7 +199,7 @@ class Measuring(Task):
         return self.source == "inputs" and not self.yes
 
     def opening(self) -> Callable[[Session], ForceSource]:
-        """Return what opens the source of the forces; what it could not open is refused at once."""
+        """Return the opener of the source of the forces; a wrong address is refused at once."""
         if self.source == "virtual":
             from calibration.keep.practice import virtual_source
 
@@ -284,7 +284,7 @@ class Measure(Measuring, command="calibrate measure"):
     quiet: bool = Field(False, description="Print no table.")
 
     def run(self, context: Context) -> Result:
-        """Measure what is open."""
+        """Measure the open strokes."""
         from calibration.plan.protocol import Protocol
 
         plan = None if self.protocol is None else Protocol.load(self.protocol)
@@ -361,7 +361,7 @@ class RunCalibration(Planned, Measuring, command="calibrate run"):
             )
         else:
             session = Session.open(folder)
-            if self.name not in (None, "practice"):  # what is not given again is the session's
+            if self.name not in (None, "practice"):  # fields not given again are the session's
                 info = session.info.replace(screen=session.info.screen.replace(name=self.name))
                 Session.begin(folder, session.protocol, info, resume=True)
         if self.weight_n is not None and not (folder / RIG).exists():
@@ -545,7 +545,7 @@ class CalibrationJob(
     device: Address = "mock:"
 
     def run(self, context: Context) -> Result:
-        """Measure what is open, verify, and install; a session that is stopped is continued.
+        """Measure the open strokes, verify, and install; a stopped session is continued.
 
         A practice plays on a mock, and is installed for that alone.
         """

@@ -153,7 +153,7 @@ def fit_strokes(
     reduced : Reduced
     predictor : StrokePredictor
     parameters : Parameters
-        What is fitted, with starts and priors.
+        Parameters to fit, with starts and priors.
     seed : int
         Seed of the bootstrap.
     bootstraps : int
@@ -320,7 +320,7 @@ def _estimate(
 
 
 class ChosenFit(NamedTuple):
-    """A fit, and what it was made with."""
+    """A fit, with its model and parameters."""
 
     fit: Fit
     predictor: StrokePredictor
@@ -370,7 +370,7 @@ def compare_terms(
     reduced : Reduced
     predictor : StrokePredictor
     parameters : Parameters
-        What is fitted.
+        Parameters to fit.
     compared : sequence of str, optional
         Terms to switch; the `comparable_terms` if not given.
     """
@@ -387,7 +387,7 @@ def compare_terms(
         try:
             switched, changed = _switched(term, not is_on, predictor, start)
         except InputError:
-            continue  # the profiles lack what the term needs
+            continue  # the profiles lack values of the term
         other = Residuals(switched, changed, points, fit.repeatability)
         refitted = min((solve(other, start) for start in _starts(other, fitted)), key=other.cost)
         evidence = (_score(other, refitted) - base_score) * (1 if is_on else -1)

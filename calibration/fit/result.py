@@ -137,7 +137,7 @@ class ParameterEstimate(Part):
     spread : float
         Standard deviation of the logarithm.
     verdict : {"determined", "prior", "undetermined", "fixed"}
-        "prior" where the strokes add nothing to what was known before.
+        "prior" where the strokes add nothing to the prior.
     advice : str
         Which experiment would determine it; empty where none is needed.
     """
@@ -177,7 +177,7 @@ class Input(Displayed):
     Parameters
     ----------
     source : str
-        What it is.
+        The quantity.
     spread : float
         Its relative standard uncertainty; 0 of a gain, which the rig's check knows.
     response : array, shape (free,)
@@ -204,7 +204,7 @@ class Posterior(Displayed):
     own : array, shape (free, free)
         Covariance about each component's middle.
     inputs : tuple of Input
-        What was known before: its part of `own` has no few degrees of freedom.
+        The prior: its part of `own` has no few degrees of freedom.
     freedom : float
         Degrees of freedom of the strokes' repeatability, which is itself estimated.
     others : array, shape (components, free)
@@ -223,7 +223,7 @@ class Posterior(Displayed):
     odds: _Numbers
     forms: tuple[str, ...] = ()
 
-    def __post_init__(self) -> None:  # a file does not say the shape of what is empty
+    def __post_init__(self) -> None:  # a file has no shape of an empty array
         others = np.reshape(self.others, (len(self.odds), len(self.middle)))
         object.__setattr__(self, "others", others)
 
@@ -423,7 +423,7 @@ class Fit(Document):
         Raises
         ------
         InputError
-            If the strokes do not determine it; the message says which experiment would.
+            If the strokes do not determine it; the message names the experiment that would.
         """
         estimate = self[name]
         if estimate.value is None:
@@ -438,7 +438,7 @@ class Fit(Document):
             raise InputError(f"{name}: the fit has no such value") from None
 
     def finger_prior(self) -> FingerPrior:
-        """Return what was fitted of the finger, as a prior for another screen."""
+        """Return the fitted parameters of the finger, as a prior for another screen."""
         names = tuple(name for name in self.free if name in PER_FINGER)
         at = [self.free.index(name) for name in names]
         values = [self.log_values[self.names.index(name)] for name in names]

@@ -1,1 +1,1 @@
-"""What is kept: profiles, reports, gauge studies, practice."""
+"""Kept results: profiles, reports, gauge studies, practice."""

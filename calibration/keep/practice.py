@@ -54,7 +54,7 @@ VIRTUAL_RIG = RigCheck(
     quality=1.0,
     instruments=(f"virtual sensor {NO_INSTRUMENT}",),
 )
-"""What a check of the virtual finger's sensor gives: no gain is wrong, no pole in reach."""
+"""Result of a check of the virtual finger's sensor: no gain is wrong, no pole in reach."""
 _SCREENS_M = (70e-9, 300e-9)
 _SHEAR_SPREAD = 0.3
 _TRIES = 200

@@ -59,7 +59,7 @@ def calibrated_screen(
     screen : Screen
         The screen before.
     fit : Fit
-        What was fitted.
+        The fit.
     verification : Verification or None
         The verdict; without one it is "failed", since it is still to be verified.
     predictor : StrokePredictor
@@ -129,7 +129,7 @@ def calibrated_finger(finger: Finger, fit: Fit) -> Finger:
     finger : Finger
         The finger before.
     fit : Fit
-        What was fitted.
+        The fit.
     """
     fitted = finger_at(finger, {name: fit.best(name) for name in PER_FINGER})
     return fitted.replace(theory=fit.theory)
@@ -192,13 +192,13 @@ class MatchedFriction:
     voltage_a_v, voltage_b_v : float
         Amplitude that gives it on each screen [V].
     difference_jnd : float
-        What is the screens': friction on B minus that on A under the same finger, where both have
+        Part of the screens: friction on B minus that on A under the same finger, where both have
         A's voltage, in just-noticeable differences; NaN past B's light contact.
     uncertainty_jnd : float
         90 % uncertainty of that difference, from the spread of both profiles' insulators and from
         finger to finger; NaN where a profile states none.
     fingers_jnd : float
-        What is the fingers': highest friction minus lowest on the same screen, at A's voltage.
+        Part of the fingers: highest friction minus lowest on the same screen, at A's voltage.
     """
 
     normal_force_n: float

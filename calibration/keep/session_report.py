@@ -1,4 +1,4 @@
-"""What a calibration leaves for people: its report, an HTML page, and its certificate, a PDF.
+"""The documents of a calibration: its report, an HTML page, and its certificate, a PDF.
 
 The page has its pictures inside and needs no network. The certificate is one page with an appendix
 of its evidence.
@@ -68,7 +68,7 @@ def write_report(
     screen : Screen
         As calibrated; as it was assumed where the insulator is not determined.
     fit : Fit
-        What was fitted.
+        The fit.
     reduced : Reduced
         The reduced strokes.
     verification : Verification

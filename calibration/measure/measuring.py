@@ -115,7 +115,7 @@ def measure(
     Raises
     ------
     LimitError, DeviceError
-        If a stroke is not allowed or the driver fails; what was measured stays on disk.
+        If a stroke is not allowed or the driver fails; finished recordings stay on disk.
     """
     whole("most_tries", most_tries, 1)
     _check_voltages(session, device)
@@ -295,7 +295,7 @@ def _record(
     clock: Callable[[], float],
     sleep: Callable[[float], None],
 ) -> tuple[dict[str, Array], StrokeDrive]:
-    """Play and record one stroke; return its signals and what was played."""
+    """Play and record one stroke; return its signals and the played samples."""
     rate = _WITHOUT_DEVICE_HZ if device is None else device.capabilities.sample_rate_hz
     lead_s = 0.0 if device is None else _LEAD_S
     played = drive_for(stroke, protocol, rate)

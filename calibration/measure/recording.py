@@ -1,4 +1,4 @@
-"""Raw recordings: what the instruments measured during one stroke, and its file.
+"""Raw recordings: the readings of the instruments during one stroke, and their file.
 
 One stroke is one HDF5 file. Layout, schema 1::
 
@@ -130,7 +130,7 @@ class StrokeRecording(Table):
         Parameters
         ----------
         stroke : Stroke
-            What was measured.
+            The readings.
         signals : mapping of str to array
             Signals by their names; other names are ignored.
         conditions : Conditions, optional

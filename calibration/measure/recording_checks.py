@@ -46,7 +46,7 @@ class Finding:
     kind : str
         Kind of fault, such as "clipped force".
     message : str
-        What was expected, what was found and what to do.
+        The expected value, the found one, and the remedy.
     is_fatal : bool
         False where the reduction can correct it.
     """

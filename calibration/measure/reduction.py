@@ -88,7 +88,7 @@ class Point:
 
     @property
     def remarks(self) -> Annotated[str, Heading("remarks")]:
-        """Why it is not used, and what was corrected."""
+        """Why it is not used, and its corrections."""
         return "; ".join(filter(None, (self.outlier, *self.notes)))
 
 
@@ -169,7 +169,7 @@ def reduce_session(
 
 
 def reduce_stroke(recording: StrokeRecording, idle_s: float = 0.3, crosstalk: float = 0.0) -> Point:
-    """Reduce one recording; if it cannot be used, the point's `outlier` says why."""
+    """Reduce one recording; if it cannot be used, the point's `outlier` has the reason."""
     stroke = recording.stroke
     findings = check_recording(recording, idle_s, tolerance=0.5)
     fatal = [str(finding) for finding in findings if finding.is_fatal]

@@ -87,7 +87,7 @@ def tap_response(t_s: Array, force_n: Array) -> TapResponse:
     size = np.sqrt(np.maximum(size**2 - floor**2, (_FLOOR_LEFT * floor) ** 2))
     used = (hertz > _LOWEST_HZ) & (hertz < _HIGHEST_SHARE / step)
     column, wanted = torch.as_tensor(hertz[used]), np.log(np.maximum(size[used], 1e-30))
-    # Of the logarithm, whose error is the noise's share; a floor for what is not the sensor's.
+    # Of the logarithm, whose error is the noise's share; a floor for errors beside the sensor's.
     error = np.hypot(floor / np.maximum(size[used], 1e-30), 0.05)
 
     def residual(values: Array) -> Array:
@@ -124,7 +124,7 @@ class VoltsRead(Part):
 class RigCheck(Document):
     """What known forces and volts read; each gain of a force is the reading over the known value.
 
-    Known gains are taken off what the strokes read (`corrected`); what stays is their uncertainty.
+    Known gains are taken off the readings of the strokes (`corrected`); their uncertainty stays.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ class RigCheck(Document):
         Bandwidth of the tangential axis by a tap: a pole of first order, a resonance and its
         quality; None where none is seen.
     instruments : tuple of str
-        What was known: the weight, the voltmeter.
+        The references: the weight, the voltmeter.
     measured_on : date or None
         Day of the check.
     """
@@ -182,7 +182,7 @@ class RigCheck(Document):
         return self.tangential_gain if second is None else second
 
     def faults(self) -> list[str]:
-        """Return what is wrong beyond the scale of a gain, and what to do."""
+        """Return the errors beyond the scale of a gain, with the remedy."""
         faults = []
         for name in ("normal", "tangential"):
             gain = getattr(self, f"{name}_gain")
@@ -308,21 +308,21 @@ def measure_rig(
     weight_n : float
         Force of the known weight [N].
     ask : callable
-        Shows a prompt, returns when the person is ready, with what was typed.
+        Shows a prompt, returns when the person is ready, with the typed text.
     device : Device, optional
         Plays three amplitudes at 125 Hz and at 4 kHz for the voltmeter; without it the volts are
         not checked.
     record : callable, optional
         Records one step; by default the source and the device do.
     highest_v : float
-        Highest amplitude [V] of the strokes; at most what the driver allows is played.
+        Highest amplitude [V] of the strokes; at most the driver's limit is played.
     second_weight_n : float, optional
         Force along the screen of a second weight, or of the same one at another angle [N].
 
     Raises
     ------
     InputError
-        If a weight does not show, or what was typed is no number.
+        If a weight does not show, or the typed text is no number.
     """
     weight = positive("weight_n", weight_n)
     still = Stroke(number=1, normal_force_n=weight, voltage_v=0.0, frequency_hz=FREQUENCY_HZ)

@@ -154,7 +154,7 @@ _MEDIAN_SHARE = 0.9  # median over mean of a sum over some channels
 
 @dataclass(frozen=True)
 class SpatialPeriod:
-    """The strongest period of a range, and what it is a harmonic of.
+    """The strongest period of a range, and the period of which it is a harmonic.
 
     Parameters
     ----------

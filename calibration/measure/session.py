@@ -8,7 +8,7 @@
     strokes/stroke-007.h5    accepted strokes, one file each, whole or absent
     rejected/stroke-007-1.h5 rejected ones, with the reasons inside
     reduced.csv, fit.json, screen.toml, report.html, archive.zip   results of the later steps
-    finished.json            what a run found, so that the same run computes nothing again
+    finished.json            the result of a run, so that the same run computes nothing again
 """
 
 from __future__ import annotations

@@ -85,9 +85,9 @@ class ForceSource(Protocol):
         Parameters
         ----------
         stroke : Stroke
-            What is measured.
+            The stroke to measure.
         played : StrokeDrive
-            What is played meanwhile.
+            The samples played meanwhile.
         """
 
     def live(self, t_s: float) -> Live | None:
@@ -221,7 +221,7 @@ class Inputs(Document):
 
 
 def open_inputs(path: str | Path) -> AnalogSource:
-    """Open what a file describes.
+    """Open the inputs that a file describes.
 
     Raises
     ------
@@ -269,7 +269,7 @@ class AnalogSource(ForceSource):
     reader : SampleReader
         Reads the inputs.
     channels : sequence of InputChannel
-        What each input measures, in the reader's order.
+        Quantity of each input, in the reader's order.
     sensor : str
         Serial number of the force sensor.
     """

@@ -49,7 +49,7 @@ _RIG: Mapping[str, tuple[float, float]] = {
     "sensor_quality": (8.0, 0.7),
 }
 
-# What is known of a fingertip before anything is measured, as standard deviations of logarithms.
+# Priors of a fingertip before any measurement, as standard deviations of logarithms.
 # The apparent area is that of an ink print; the rest is the spread between people. A screen's
 # insulator and tau_f are found from the strokes alone.
 _SPREAD = {
@@ -106,7 +106,8 @@ def optional_parameters(term: str) -> list[str]:
 def fitted_terms(on: Collection[str], names: Collection[str]) -> frozenset[str]:
     """Names of the terms that a fit has, of those that its model has.
 
-    A term with an optional parameter is on where that is fitted, whatever the model's profile says.
+    A term with an optional parameter is on where that is fitted, even if the model's profile has it
+    off.
     """
     terms_on = set()
     for term in TERMS:
@@ -174,7 +175,7 @@ class Parameters:
     ----------
     all : tuple of Parameter
     finger_prior : FingerPrior, optional
-        What is known of fingers as a whole.
+        Priors of fingers as a whole.
     """
 
     all: tuple[Parameter, ...]

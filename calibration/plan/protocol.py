@@ -339,7 +339,7 @@ def determining_strokes(
     truths : sequence of Parameters
         Fingers and screens on which they are to determine it.
     information : array, shape (truths, free, free)
-        What is known already, in the logarithms of the free parameters.
+        Prior, in the logarithms of the free parameters.
     repeatability : float
         Standard deviation of ln mu from stroke to stroke.
     max_voltage_v : float
@@ -394,7 +394,7 @@ def short_protocol(
     ----------
     predictor : StrokePredictor
     parameters : Parameters
-        What is to be fitted.
+        Parameters to fit.
     minutes : float
         Time at the screen [min], the long contact of one stroke included.
     max_voltage_v : float
@@ -429,7 +429,7 @@ def short_protocol(
         )
     prior = parameters.prior_information() + 1e-6 * np.eye(len(parameters.free))
     information = np.stack([prior] * len(cases))
-    # What each candidate adds in each case, shape (cases, candidates, free, free).
+    # Information of each candidate in each case, shape (cases, candidates, free, free).
     added = np.stack([light[:, None, None] * (rows.mT @ rows) for rows, light in cases])
     # Two without voltage come first: all others are compared with them.
     at_rest = (places[:, 1] == 0) & np.isin(places[:, 0], (FORCES_N[0], FORCES_N[-1]))

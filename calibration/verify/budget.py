@@ -39,7 +39,7 @@ class Contribution:
     Parameters
     ----------
     quantity, source : str
-        What is uncertain, and by what.
+        The uncertain quantity and the source of its uncertainty.
     kind : {"A", "B"}
         A: by the statistics of the strokes; B: by other knowledge.
     sensitivity : float
@@ -68,7 +68,7 @@ class Budget:
     Parameters
     ----------
     quantity, unit : str
-        What it is; a unit of "1" for a ratio.
+        The quantity; a unit of "1" for a ratio.
     value, low, high : float
         Value and 90 % interval, in the unit.
     standard_uncertainty : float

@@ -156,7 +156,7 @@ def shown(value: Any) -> str:
 
 
 def instance(name: str, value: Any, kind: type[Any], hint: str = "") -> None:
-    """Check that a value is of a class; `hint` says how to make one, or the order of arguments."""
+    """Check the class of a value; `hint` is the way to make one, or the order of arguments."""
     if not isinstance(value, kind):
         article = "an" if kind.__name__[0] in "AEIOU" else "a"
         raise InputError(

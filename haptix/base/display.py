@@ -29,7 +29,7 @@ class Displayed:
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        for name in ("__repr__", "__eq__", "__hash__"):  # a dataclass keeps what its class defines
+        for name in ("__repr__", "__eq__", "__hash__"):  # a dataclass keeps its own
             if name not in cls.__dict__:
                 setattr(cls, name, getattr(Displayed, name))
 
@@ -60,7 +60,7 @@ class Displayed:
 
 
 class Table(Displayed):
-    """Base of what has a row for each instant: arrays of one length."""
+    """Base of classes with a row for each instant: arrays of one length."""
 
     __slots__ = ()
 

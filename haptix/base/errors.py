@@ -31,7 +31,7 @@ __all__ = [
 
 
 class InputError(HaptixError, ValueError):
-    """A value that cannot be used; the message names it and says what was expected and what came.
+    """A value that cannot be used; the message names it, the expected value and the received one.
 
     Examples
     --------
@@ -72,4 +72,4 @@ class FileFormatError(HaptixError):
 
 
 class OverloadWarning(UserWarning):
-    """A renderer could not keep its lead; the message says which lead would have been enough."""
+    """A renderer could not keep its lead; the message names a lead that would be enough."""

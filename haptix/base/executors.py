@@ -60,8 +60,9 @@ def finished(
     Items are taken from `items` only when they can be worked on, so `items` may be long or may
     grow. If the iteration ends early, calls that have not begun are cancelled.
 
-    The executor's ``at_once`` says how many calls may be in flight. It is read each time, since
-    workers come and go. Without it there are two calls per core: one runs while the next waits.
+    The executor's ``at_once`` is the number of calls that may be in flight. It is read each time,
+    since workers come and go. Without it there are two calls per core: one runs while the next
+    waits.
 
     Parameters
     ----------

@@ -123,7 +123,7 @@ def folder(path: Path) -> Path:
 
 
 def file_or_folder(path: Path) -> Path:
-    """Refuse what does not exist."""
+    """Refuse a path that does not exist."""
     if not _exists(path):
         raise ValueError(f"cannot read {path}: there is no such file or folder")
     return path
@@ -204,7 +204,7 @@ FileOrFolder = Annotated[Path, AfterValidator(file_or_folder), Local()]
 MaterialFile = Annotated[Path, AfterValidator(_material), Local()]
 Address = Annotated[str, AfterValidator(_address), Local()]
 FOLDER_NAME = r"^[A-Za-z0-9][A-Za-z0-9_\-]{0,79}$"
-"""Pattern of the names of what the service keeps for its clients; browsers accept it, too."""
+"""Pattern of the names under which the service keeps files of clients; browsers accept it, too."""
 FolderName = Annotated[str, Field(pattern=FOLDER_NAME)]
 Label = Annotated[str, AfterValidator(_label)]
 Text = Annotated[str, AfterValidator(_text)]

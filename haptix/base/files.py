@@ -1,4 +1,4 @@
-"""Files: written whole or not at all; a file that cannot be read gives a sentence that says why."""
+"""Files: written whole or not at all; one that cannot be read gives a sentence with the reason."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def file_name(name: str, text: str) -> str:
 
 
 def write_whole(path: str | Path, content: Content, is_secret: bool = False) -> None:
-    """Write a file, or leave what was there before and raise `FileFormatError`.
+    """Write a file, or leave the old one and raise `FileFormatError`.
 
     Missing folders are made. The content is written to a temporary file beside the file and synced
     to the disk; only then does it get its name. Links are followed, and a file keeps its mode and
@@ -80,7 +80,7 @@ def write_whole(path: str | Path, content: Content, is_secret: bool = False) -> 
     path : path-like
         The file, or a link to it.
     content : bytes, str or callable
-        What it will hold.
+        Its content.
     is_secret : bool
         Whether only this user may ever read it; a link or file of that name is then replaced.
     """
@@ -300,7 +300,7 @@ def reading(path: str | Path, expected: str) -> Iterator[None]:
     path : path-like
         The file.
     expected : str
-        What it should be, such as "a checkpoint of an ensemble".
+        Its expected kind, such as "a checkpoint of an ensemble".
     """
     try:
         yield

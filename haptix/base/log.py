@@ -166,7 +166,7 @@ class _Writer(QueueListener):
         self.output.handle(record)
 
     def end(self) -> int:
-        """Write waiting records; return how many are missing without a line that says so."""
+        """Write waiting records; return the number of lost records that no line counts yet."""
         thread = self._thread
         assert thread is not None
         self.enqueue_sentinel()

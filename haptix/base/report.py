@@ -39,7 +39,7 @@ class Heading:
         A format; for a flag its two words, "off|on"; or a text with fields of the whole result,
         "{0.mean:+.2f} ± {0.uncertainty:.2f}". By default numbers have four digits.
     missing : str
-        Shown for None and for what is no finite number.
+        Shown for None and for numbers that are not finite.
     """
 
     title: str

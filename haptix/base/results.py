@@ -1,4 +1,4 @@
-"""Results, named by the hash of what they depend on, in a folder or at a URL of fsspec.
+"""Results, named by the hash of their inputs, in a folder or at a URL of fsspec.
 
 results/ab/abcd.../    files of one result, then result.json: the hashes of all, and its own
 
@@ -31,7 +31,7 @@ WRITES_WHOLE = {"s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "adl", "memory"
 
 
 def result_key(task: str, document: Mapping[str, Any]) -> str:
-    """Return the name of a result: the SHA-256 of what it depends on."""
+    """Return the name of a result: the SHA-256 of its inputs."""
     text = json.dumps([__version__, task, document], sort_keys=True, allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
@@ -135,7 +135,7 @@ class ResultStore:
         dict or None
             Its manifest, where the result is whole.
         str
-            What is wrong with it; empty where it is whole, or where there is none.
+            Its error; empty where it is whole, or where there is none.
         """
         data = self.read(f"{folder_of(key)}/{MANIFEST}")
         if data is None:

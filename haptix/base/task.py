@@ -46,7 +46,7 @@ _EXPECTED = {
 
 @dataclass(frozen=True)
 class Result:
-    """What a task found.
+    """The result of a task.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class Result:
     lines : sequence of str
         Lines below the tables.
     files : mapping
-        What a campaign keeps, by name: bytes, text, or a function that writes to a path.
+        Files that a campaign keeps, by name: bytes, text, or a function that writes to a path.
     failed : bool
         Whether a test that the task makes failed; that is a result and no error.
     costs : mapping
@@ -84,7 +84,7 @@ class CancelledError(HaptixError):
 
 
 class Context:
-    """What a task may use. Each door has a context of its own; this base shows and asks nothing.
+    """The surroundings of a task; each door has its own, and this base shows and asks nothing.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ class Task(BaseModel, ABC):
     plays: ClassVar[bool] = False
     """Whether it plays on the device in use."""
     keeps: ClassVar[str] = ""
-    """Folder of the service for what it writes; none if empty."""
+    """Folder of the service for its files; none if empty."""
     stages: ClassVar[tuple[str, ...]] = ()
     """Stages that it reports, in order; each counts as equally long."""
 
@@ -171,7 +171,7 @@ class Task(BaseModel, ABC):
 
     @classmethod
     def body(cls) -> type[BaseModel]:
-        """Return the model of what a client of the network may send."""
+        """Return the model of the fields that a client of the network may send."""
         fields: dict[str, Any] = {}
         for name, parameter in cls.model_fields.items():
             kind: Any = parameter.annotation
@@ -201,9 +201,9 @@ class Task(BaseModel, ABC):
 
 
 def first_wrong(error: ValidationError) -> tuple[str, str]:
-    """Return the place of the first error, and what was expected and what came."""
+    """Return the place of the first error, the expected value and the received one."""
     errors = error.errors()
-    # A mistyped name gives two errors, "unknown" and "missing": the first says more.
+    # A mistyped name gives two errors, "unknown" and "missing": the first is more precise.
     first = next((wrong for wrong in errors if wrong["type"] == "extra_forbidden"), errors[0])
     place = ".".join(str(part) for part in first["loc"] if str(part).isidentifier())
     kind, message = first["type"], first["msg"].removeprefix("Value error, ")
@@ -230,7 +230,7 @@ def inner(annotation: Any) -> Any:
 
 
 def marks_of(parameter: FieldInfo) -> dict[type, Any]:
-    """Return what a parameter is annotated with, at any depth, by type."""
+    """Return the annotations of a parameter, at any depth, by type."""
     marks, kinds = [*parameter.metadata], [parameter.annotation]
     for kind in kinds:
         marks += getattr(kind, "__metadata__", ())
@@ -250,7 +250,7 @@ def read(name: str, parameter: FieldInfo, texts: Any) -> Any:
     Raises
     ------
     ValueError
-        If the text is no such value; the message says what was expected.
+        If the text is no such value; the message names the expected one.
     """
     kind: Any = Annotated[parameter.annotation, parameter]
     adapter = TypeAdapter[Any](kind, config=ConfigDict(allow_inf_nan=False))

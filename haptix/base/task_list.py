@@ -182,6 +182,10 @@ TASKS: dict[str, tuple[str, str]] = {
         "calibration.keeping_tasks:StudyGauge",
         "Find how much of what was measured is the panels', and how much the operators' and the days'.",
     ),
+    "calibrate columns": (
+        "calibration.tasks:Columns",
+        "Show what a recording of another program was understood as, and propose its column map.",
+    ),
 }
 """``module:Class`` and first sentence of each task by the words of its command, as help lists them."""
 

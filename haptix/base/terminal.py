@@ -40,7 +40,7 @@ def run(app: Callable[[], object], name: str) -> None:
         sys.stderr.write(f"{name}: {advice}\n")
         sys.exit(2)
     finally:
-        sys.stdout.flush()  # an output that is full says so here, or at Python's own end
+        sys.stdout.flush()  # a full output raises here, or at Python's own end
 
 
 def show(title: str, results: Sequence[Any], as_json: bool) -> None:
@@ -114,7 +114,7 @@ def _widths(columns: Sequence[_Column], available: int) -> list[int]:
 def placeholder_note(
     placeholders: Sequence[str], spread_jnd: Mapping[str, float] | None = None
 ) -> str:
-    """Return what a title says about inputs that were not measured.
+    """Return the part of a title about inputs that were not measured.
 
     `spread_jnd` is the difference that other plausible values make.
     """
@@ -126,11 +126,11 @@ def placeholder_note(
 
 
 PULL_PAST_BREAKDOWN = 0.5
-"""Outputs warn if at least this share of the attraction comes from gaps past what they bear."""
+"""Outputs warn if at least this share of the attraction comes from gaps past their breakdown."""
 
 
 def breakdown_note(share: float) -> str:
-    """Return what a title says of a `ContactState.pull_past_breakdown`, the largest of many."""
+    """Return the part of a title about the largest `ContactState.pull_past_breakdown`."""
     if share < PULL_PAST_BREAKDOWN:
         return ""
     return (
@@ -145,8 +145,8 @@ def accuracy_note(accuracy: Mapping[str, Any] | None) -> str:
 
 
 def warning_note(warnings: Sequence[str]) -> str:
-    """Return what a title says about results beyond what was validated, or past a limit."""
-    return f"; beyond what was validated: {'; '.join(warnings)}" if warnings else ""
+    """Return the part of a title about results beyond the validated range, or past a limit."""
+    return f"; beyond the validated range: {'; '.join(warnings)}" if warnings else ""
 
 
 class ProgressBar:

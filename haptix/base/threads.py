@@ -135,7 +135,7 @@ def keep_freed_memory() -> None:
 
 
 def return_freed_memory() -> None:
-    """Give the kernel what this thread has freed and `keep_freed_memory` keeps.
+    """Return the memory to the kernel that this thread has freed and `keep_freed_memory` keeps.
 
     For a process that has built its tables and then lives long.
     """

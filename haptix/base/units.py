@@ -87,7 +87,7 @@ def _converted(place: str, key: str, value: Any) -> Any:
 
 
 def unit_of(name: str) -> str:
-    """Return the unit that the end of a field's name says, or an empty text.
+    """Return the unit at the end of a field's name, or an empty text.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Tasks of strokes: demo, simulation, a played path, what a screen reaches."""
+"""Tasks of strokes: demo, simulation, a played path, the reach of a screen."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ class OfPhotograph(OnScreen):
     )
 
     def setting(self, model: ContactModel, polarity: str = "bright-high") -> tuple[Setting, str]:
-        """Return what the parameters describe, and a name for what is felt."""
+        """Return the setting of the parameters, and a name of the felt material."""
         from haptix.feel.motion import Trajectory
         from haptix.play.render import SineCarrier
         from haptix.play.simulation import FINGER_PATH, Setting
@@ -124,7 +124,7 @@ class OfPhotograph(OnScreen):
         return Setting(model, texture, path, drive), name
 
     def texture(self, polarity: Any) -> tuple[Feelable, str]:
-        """Return the photograph, and what it is called."""
+        """Return the photograph and its name."""
         from haptix.feel.gallery import load
         from haptix.feel.materials import Sidecar, Texture
 
@@ -214,14 +214,14 @@ class OfPath(OfPhotograph):
         "sine", description="Waveform of the direct drive: sine or square."
     )
     reaction_ms: Annotated[float, Field(gt=0, le=1000)] = Field(
-        3.0, description="From a touch to what it changes."
+        3.0, description="From a touch to its effect on the output."
     )
     horizon_ms: Annotated[float, Field(gt=0, le=1e4)] = Field(
         100.0, description="Longest stall that causes no underrun."
     )
 
     def setting(self, model: ContactModel, polarity: str = "bright-high") -> tuple[Setting, str]:
-        """Return what the parameters describe, and a name for what is felt."""
+        """Return the setting of the parameters, and a name of the felt material."""
         from haptix.play.render import DirectWave
 
         if self.carrier_hz is not None and self.direct_hz is not None:
@@ -232,7 +232,7 @@ class OfPath(OfPhotograph):
         return setting, name
 
     def texture(self, polarity: Any) -> tuple[Feelable, str]:
-        """Return the material or the photograph, and what it is called."""
+        """Return the material or the photograph, and its name."""
         from haptix.feel.gallery import load
 
         if self.material_file is None:
@@ -330,7 +330,7 @@ class Render(OfPath, command="render", route="renderings", kind="rendering"):
         return Result([summary], [(title, errors_of(simulation))])
 
     def setting(self, model: ContactModel, polarity: str = "bright-high") -> tuple[Setting, str]:
-        """Return what the parameters describe, with a client's stroke in place of files."""
+        """Return the setting of the parameters, with a client's stroke in place of files."""
         from haptix.feel.materials import material_of
         from haptix.feel.motion import Trajectory
         from haptix.play.simulation import Setting

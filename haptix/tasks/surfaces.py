@@ -191,7 +191,7 @@ class Build(OfModel, command="build"):
         title = f"{first_line(about)}\nfriction surface{note_of(surface, target)}"
         title += breakdown_note(share)
         row = _summary(target, surface)
-        # The title says it in a table, which has no room for more.
+        # A table has it in its title, which has no room for more.
         return Result([{**row, "pull_past_breakdown": share, **about}], [(title, [row])])
 
     def _built(self, context: Context, scene: Path | None, target: Path) -> FrictionSurface:
@@ -303,7 +303,7 @@ class Query(OfModel, command="query", route="queries"):
         title += breakdown_note(share) + warning_note([*warnings, *beyond])
         spreads = {f"{name.replace(' ', '_')}_spread_jnd": jnd for name, jnd in spread.items()}
         document = [row | about for row in _rows(inputs, outputs | spreads, status)]
-        # A table of 80 columns has no room for what its title says.
+        # A table of 80 columns has no room for the columns of its title.
         shown = {name: column for name, column in outputs.items() if name not in _IN_THE_TITLE}
         return Result(document, [(title, _rows(inputs, shown, status))])
 

@@ -133,14 +133,14 @@ def test_query_and_render_say_where_they_leave_the_verified_range(tmp_path, scre
     query = ["query", "--voltage-v", "100", "--frequency-hz", "4000", *panel]
     out = " ".join(CliRunner().invoke(whole, [*query, "--normal-force-n", "0.5"]).stdout.split())
     words = ("force 0.5 N: verified 0.2 to 0.3", "amplitude 100 V: verified to 80")
-    assert "beyond what was validated" in out and all(said in out for said in words)
+    assert "beyond the validated range" in out and all(said in out for said in words)
     json_out = CliRunner().invoke(whole, [*query, "--normal-force-n", "0.5", "--json"]).stdout
     assert json.loads(json_out)[0]["beyond_verified"] == "; ".join(words)
     inside = CliRunner().invoke(
         whole, ["query", "--voltage-v", "70", "--normal-force-n", "0.25", *panel]
     )
     said = " ".join(inside.stdout.split())
-    assert "verified for 0.2 to 0.3 N" in said and "beyond what was validated" not in said
+    assert "verified for 0.2 to 0.3 N" in said and "beyond the validated range" not in said
     rows = "".join(f"{0.05 * k:g},{10 + 5 * k},20,0.5\n" for k in range(9))
     (tmp_path / "path.csv").write_text(f"t_s,x_mm,y_mm,normal_force_n\n{rows}")
     render = ["render", "--trajectory", str(tmp_path / "path.csv"), *panel]

@@ -174,7 +174,7 @@ def equal_mean(
     """Shift the signals of stimuli so that all have one mean, in their quantity.
 
     In mu, contrast and share the friction is that of the signal, so that the stimuli have equal
-    mean friction at one force; sidecars have what is predicted (``friction.mean``). The shift is a
+    mean friction at one force; sidecars have the prediction (``friction.mean``). The shift is a
     condition of each.
 
     Raises

@@ -31,7 +31,7 @@ _MOST_ON_SHEET = 60
 
 @dataclass(frozen=True)
 class Drawn:
-    """The start of a drive file, with what its sidecar predicts."""
+    """The start of a drive file, with the predictions of its sidecar."""
 
     table: dict[str, Any]
     t_s: Array

@@ -1,4 +1,4 @@
-"""Haptic interchange: friction maps, AHAP and MPEG haptics (HJIF), each with what is lost.
+"""Haptic interchange: friction maps, AHAP and MPEG haptics (HJIF), each with its losses.
 
 A friction map is friction over the screen as a 16-bit PNG, with a sidecar for the meaning of its
 greys.
@@ -58,7 +58,7 @@ class FrictionMap(Displayed):
     Parameters
     ----------
     values : ndarray, shape (rows, columns)
-        Friction, as `quantity` says.
+        Friction, in the form of `quantity`.
     width_mm : float
         Width on the screen; pixels are square.
     quantity : {"mu", "contrast"}
@@ -160,7 +160,7 @@ def write_ahap(
     Returns
     -------
     dict
-        What is lost: ``lost`` in words, ``rms`` and ``largest`` of what the corners miss.
+        Losses: ``lost`` in words, ``rms`` and ``largest`` of the error of the corners.
     """
     if number("high", high) <= number("low", low):
         raise InputError(f"low and high: expected low < high, got {low:g} and {high:g}")
@@ -322,7 +322,7 @@ def write_hjif(
     Returns
     -------
     dict
-        What is lost: in words, and ``largest_shift_mm`` of a corner.
+        Losses: in words, and ``largest_shift_mm`` of a corner.
     """
     places, values = increasing("x_mm", x_mm, 2).tolist(), row("mu", mu, 2).tolist()
     if len(places) != len(values):

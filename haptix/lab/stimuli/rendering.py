@@ -168,7 +168,7 @@ class Apparatus:
         screen : Screen
             On what.
         stimuli : sequence of Stimulus
-            What is to be rendered.
+            The stimulus.
         ceiling_v : float, optional
             Highest amplitude [V]; never above the screen's limit.
         """
@@ -275,7 +275,7 @@ class Apparatus:
         return table
 
     def skin(self, stimulus: Stimulus) -> Skin:
-        """What the first finger's skin attracts of a stimulus's drive."""
+        """Attraction of the first finger's skin by a stimulus's drive."""
         assert stimulus.frequency_hz is not None  # the apparatus refuses a stimulus without one
         key = ("skin", stimulus.normal_force_n, stimulus.frequency_hz, stimulus.h0_m)
         if key not in self._known:

@@ -100,7 +100,7 @@ TRIGGERS = {
     2: "Number of the stimulus: (a - 1) 254 + b, with the codes a and b of the two pulses of its "
     "onset, one after the other on the file's second channel",
 }
-"""What the codes of a set mean, by the pulses of an onset."""
+"""Meaning of the codes of a set, by the pulses of an onset."""
 
 
 def pulses(count: int) -> int:
@@ -255,7 +255,7 @@ class SetPlan:
         return drive_limits(self.screens, self.ceiling_v)
 
     def apparatus(self, screen: Screen) -> Apparatus:
-        """Build what the stimuli are rendered through, on one screen."""
+        """Build the apparatus of the stimuli, on one screen."""
         return Apparatus.build(self.finger, screen, self.stimuli, self.limits.ceiling_v)
 
     def suffix(self, screen: Screen) -> str:
@@ -268,7 +268,7 @@ class SetPlan:
         Parameters
         ----------
         stimulus : Stimulus
-            What it holds.
+            Its content.
         screen : Screen
             For which screen.
         """

@@ -35,7 +35,7 @@ class Stimulus:
     signal : Signal
         Values against time.
     quantity : {"mu", "contrast", "share", "volts"}
-        What the values are: friction coefficients; the relative change from the friction without
+        Quantity of the values: friction coefficients; the relative change from the friction without
         voltage; shares of the reachable friction; or volts.
     normal_force_n : float
         Normal force of the touch [N].

@@ -49,7 +49,7 @@ def write_drive(
 ) -> Tally:
     """Render into a file, and check every sample against the limits of the set.
 
-    The file ends at the first limit that is broken; `Tally.limits` says which. An `OSError` says
+    The file ends at the first limit that is broken, which `Tally.limits` names. An `OSError` says
     that the file cannot be written.
     """
     rate, limits = rendering.sample_rate_hz, plan.limits
@@ -152,7 +152,7 @@ class SetFiles:
         return cls(plan, screen, ranges, folder, apparatus, pulses(len(plan.stimuli)))
 
     def batch(self, first: int, end: int) -> Batch:
-        """Return what a worker needs for the stimuli from number `first` to before `end`."""
+        """Return a worker's inputs for the stimuli from number `first` to before `end`."""
         some = replace(self.plan, stimuli=self.plan.stimuli[first:end])
         return Batch(some, self.screen, self.ranges, self.folder, first, self.pulses)
 
@@ -181,7 +181,7 @@ class SetFiles:
         try:
             tally = write_drive(draft, rendering, plan, trigger, threads, on_progress)
         except OSError:
-            draft.unlink(missing_ok=True)  # what is finished may need the room
+            draft.unlink(missing_ok=True)  # finished files may need the space
             raise
         if tally.limits:
             draft.unlink()
@@ -289,7 +289,7 @@ class MakingJob:
         on_progress: Progress,
         executor: Any = None,
     ) -> None:
-        from haptix.lab.stimuli.drawing import contact_sheet  # a missing extra is said at the start
+        from haptix.lab.stimuli.drawing import contact_sheet  # a missing extra raises at the start
 
         self.contact_sheet = contact_sheet
         self.parts, self.folder, self.threads = parts, folder, threads
@@ -348,7 +348,7 @@ class MakingJob:
         Raises
         ------
         InputError
-            If one in the folder is neither what this set has, nor what its manifest lists.
+            If one in the folder is neither of this set nor in its manifest.
         """
         try:
             listed = read_manifest(self.folder)["files"]
@@ -433,7 +433,7 @@ class MakingJob:
         places["manifest.json"].write_text(json_text(manifest), encoding="utf-8")
         self._check_tables(tables)  # rendering may have taken an hour
         for name in tables:
-            # Without a manifest nothing says whose they are: a stop would leave them to be refused.
+            # Without a manifest their set is unknown: a stop would leave them to be refused.
             (self.folder / name).unlink(missing_ok=True)
         drafts = {path: self.folder / path.name for path in places.values()}
         publish({path: target for path, target in drafts.items() if path != target})
@@ -564,7 +564,7 @@ def make_again(sidecar: str | Path, out: str | Path, threads: int = 1) -> Path:
 def _parts(
     table: dict[str, Any], profiles: dict[str, Any]
 ) -> tuple[SetPlan, Apparatus, Trigger | None]:
-    """Set of one stimulus, what it is rendered through, and its trigger."""
+    """Set of one stimulus, its apparatus, and its trigger."""
     described = {key: value for key, value in table["stimulus"].items() if key != "name"}
     stimulus = stimulus_from(str(table["name"]), described)
     screen = Screen(**profiles["screen"])

@@ -500,7 +500,7 @@ def load_campaign(path: str | Path) -> Campaign:
     Raises
     ------
     HaptixError
-        If the file cannot be read, or is no campaign; the message says what is wrong.
+        If the file cannot be read, or is no campaign; the message names the error.
     """
     path = file_at("path", path)
     fields = read_json(path) if path.suffix == ".json" else read_toml(path)

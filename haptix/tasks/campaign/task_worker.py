@@ -1,11 +1,11 @@
-"""What a worker does: it gets tasks as JSON text and answers in JSON text.
+"""A worker: it gets tasks as JSON text and answers in JSON text.
 
 A message names tasks and carries no code. Before a task begins, its record is written as "begun",
 and afterwards with how it ended:
 
     (none) -> begun -> done | failed | stopped (on request) | set aside (after three deaths)
 
-If a record still says "begun" when a worker takes the task again, the task has killed its worker.
+If a record is still "begun" when a worker takes the task again, the task has killed its worker.
 """
 
 from __future__ import annotations
@@ -140,7 +140,7 @@ def release() -> None:
 
 
 def identity(kind: str) -> dict[str, str]:
-    """Return what must be the same on all workers of a kind, so that results are the same bytes.
+    """Return the versions that all workers of a kind must share for equal results.
 
     If something is missing, such as the kind's module, its value is the reason.
     """

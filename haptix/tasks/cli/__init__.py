@@ -80,7 +80,7 @@ def main() -> None:
 
 
 def _let_go_of_the_output() -> None:
-    """Python flushes what is left at the end, and would fail once more."""
+    """Python flushes the rest at the end, and would fail once more."""
     with contextlib.suppress(OSError, ValueError):  # a test's output has no number
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 

@@ -190,7 +190,7 @@ def _understood(texts: str | Sequence[str], value: Any) -> str:
 
 
 def _loaded(word: str) -> typer.Typer:
-    """Return a task's command, a group of them, or what is written by hand."""
+    """Return a task's command, a group of them, or a command written by hand."""
     path, about = COMMANDS[word]
     if not path:
         return group_of(word, about)
