@@ -91,7 +91,7 @@ def test_thresholds_are_what_the_experiments_stated(study):
         assert row["warnings"] == "; ".join(one.warnings)
     for group in found.tables["group"]:
         own = [stated[who][group["condition"]].threshold for who in TRUTHS]
-        assert group["participants"] == 3 and group["without"] == 0
+        assert group["participants"] == 3 and not group["left_out"]
         assert min(own) < group["threshold_db"] < max(own)
         # Three participants do not tell it better than their scatter alone would.
         assert group["high"] - group["low"] > 3.92 * np.std(own, ddof=1) / np.sqrt(3)
@@ -119,7 +119,7 @@ def test_a_study_that_was_passed_on_without_its_logs_says_the_same(study, tmp_pa
     ]
 
 
-def test_one_who_guesses_and_one_who_is_excluded_are_not_averaged(study, tmp_path):
+def test_one_who_guesses_counts_as_above_and_one_who_is_excluded_is_left_out(study, tmp_path):
     folder = shutil.copytree(study[0], tmp_path / "study")
     plan = SessionPlan(catch=Catch(share=0.3, level=40.0), exclude=Exclude(catch_right=0.9))
     draw = np.random.default_rng(3)
@@ -144,11 +144,12 @@ def test_one_who_guesses_and_one_who_is_excluded_are_not_averaged(study, tmp_pat
         assert rows["04", condition]["threshold_db"] is None
         assert "no threshold" in rows["04", condition]["warnings"]
         assert "catch trials were right" in rows["05", condition]["excluded"]
-    assert [group["participants"] for group in found.tables["group"]] == [3, 3]
-    assert [group["without"] for group in found.tables["group"]] == [2, 2]
     before = analyse(study[0]).tables["group"]
-    for name in ("threshold_db", "low", "high"):
-        assert [one[name] for one in found.tables["group"]] == [one[name] for one in before]
+    for group, alone in zip(found.tables["group"], before, strict=True):
+        assert (group["participants"], group["beyond_levels"]) == (4, 1)
+        assert group["left_out"].startswith("05 1: ") and "catch trials" in group["left_out"]
+        # One whose threshold lies above the levels raises the mean; leaving him out would not.
+        assert group["threshold_db"] > alone["threshold_db"] and group["high"] > alone["high"]
     assert any("excluded by the rules" in note and "05" in note for note in found.notes)
 
 

@@ -21,7 +21,13 @@ from haptix.base.version import __version__
 from haptix.lab.analysis.study import BIDS_VERSION
 from haptix.lab.experiment import Estimate, Magnitudes, Method, MethodsByCondition, Pairs
 from haptix.lab.experiment.methods import ThresholdMethod, bradley_terry, bradley_terry_intervals
-from haptix.lab.experiment.psychometric import counted, function_named, group
+from haptix.lab.experiment.psychometric import (
+    Group,
+    counted,
+    function_named,
+    group,
+    group_of_likelihoods,
+)
 from haptix.lab.experiment.session_plan import SessionPlan, estimate_of, replayed, summary
 from haptix.lab.experiment.trial_log import LoggedSession, read_sessions
 
@@ -39,7 +45,6 @@ _GROUP = ("task", "condition", "experiment")
 _SCALE = ("scale_logit", "low_logit", "high_logit")
 _MEAN = ("mean", "low", "high")
 _INTERVAL = 0.95
-_IN_SPREADS = 3.92  # widths of such an interval
 _EXACT = 1e-6  # spread of numbers without scatter
 _LEAST_PARTICIPANTS = 2
 _DRAWS = 200  # of participants with replacement: a spread is known to 5 %
@@ -152,12 +157,19 @@ def _hash(session: LoggedSession, condition: str, method: Mapping[str, Any]) -> 
     return digest(experiment)[:8]
 
 
-def over_participants(rows: Sequence[Row], column: str) -> tuple[list[Row], list[Row]]:
+Likelihood = tuple[Array, Array]
+"""Thresholds, and the logarithm of the likelihood of each."""
+
+
+def over_participants(
+    rows: Sequence[Row], column: str, likelihoods: Sequence[Likelihood | None] = ()
+) -> tuple[list[Row], list[Row]]:
     """Return the mean of each condition over participants, and differences of two conditions.
 
-    Each task has a hierarchical model `group`. A participant's sessions are averaged first. A
-    participant without a value, or excluded, is counted and not averaged. `p_holm` is p corrected
-    for the number of pairs of the task (Holm, Scand. J. Stat. 6, 65 (1979)).
+    Each task has a hierarchical model: `group_of_likelihoods` of thresholds, in which those above
+    or below all levels have their part, and `group` of other values. A participant without a
+    value, or excluded, is left out, and named with the reason. `p_holm` is p corrected for the
+    number of pairs of the task (Holm, Scand. J. Stat. 6, 65 (1979)).
 
     Parameters
     ----------
@@ -165,31 +177,46 @@ def over_participants(rows: Sequence[Row], column: str) -> tuple[list[Row], list
         A row for each participant, session and condition.
     column : str
         "threshold_db" with its interval, or "exponent" with its spread.
+    likelihoods : sequence of (ndarray, ndarray), optional
+        Of each row's threshold.
     """
     means, differences = [], []
+    of_rows = dict(zip(map(id, rows), likelihoods, strict=bool(likelihoods)))
     for task, of_task in _grouped(rows, lambda row: row["task"]).items():
         conditions = _grouped(of_task, _condition)
-        values = {place: _by_participant(those, column) for place, those in conditions.items()}
-        known = [place for place, people in values.items() if people]
-        factors = dict(zip(known, np.eye(len(known)), strict=True))
+        known = {
+            place: {
+                who: kept
+                for who, those in _grouped(members, lambda row: str(row["participant"])).items()
+                if (kept := [row for row in those if not _left_out(row, column, of_rows)])
+            }
+            for place, members in conditions.items()
+        }
+        places = [place for place, people in known.items() if people]
+        factors = dict(zip(places, np.eye(len(places)), strict=True))
         fitted = None
-        if max(map(len, values.values())) >= _LEAST_PARTICIPANTS:
-            flat = [(*v, who, known.index(k)) for k in known for who, v in values[k].items()]
-            value, spread, person, condition = zip(*flat, strict=True)
-            fitted = group(np.array(value), np.array(spread), person, condition)
+        if max(map(len, known.values())) >= _LEAST_PARTICIPANTS:
+            fitted = _fitted([known[place] for place in places], column, of_rows)
         for place, members in conditions.items():
-            people, low, high, between = values[place], None, None, None
-            mean = float(np.mean([v for v, _ in people.values()])) if people else None
+            people, low, high, between, mean = known[place], None, None, None, None
             if fitted is not None and len(people) >= _LEAST_PARTICIPANTS:
                 mean, low, high, _ = fitted.contrast(factors[place])
                 between = fitted.between
-            without = len({row["participant"] for row in members}) - len(people)
-            counts = {"participants": len(people), "without": without}
+            elif people:
+                values = [row[column] for those in people.values() for row in those]
+                mean = None if None in values else float(np.mean(values))
+            counts = {
+                "participants": len(people),
+                "beyond_levels": sum(
+                    all(row[column] is None for row in p) for p in people.values()
+                ),
+                "left_out": _why_left_out(members, column, of_rows),
+            }
             found = {column: mean, "between": between, "low": low, "high": high}
             means.append(dict(zip(_GROUP, place, strict=True)) | counts | found)
         pairs: list[Row] = []
         for first, second in combinations(conditions, 2):
-            both = values[first].keys() & values[second].keys()
+            both = known[first].keys() & known[second].keys()
             if first[1] == second[1] or len(both) < _LEAST_PARTICIPANTS or fitted is None:
                 continue
             mean, low, high, p = fitted.contrast(factors[second] - factors[first])
@@ -204,20 +231,49 @@ def over_participants(rows: Sequence[Row], column: str) -> tuple[list[Row], list
     return means, differences
 
 
-def _by_participant(rows: Sequence[Row], column: str) -> dict[str, tuple[float, float]]:
-    """Return value and spread of each participant with one; sessions are weighted by precision."""
-    known = (row for row in rows if row[column] is not None and not row.get("excluded"))
-    found = {}
-    for name, sessions in _grouped(known, lambda row: str(row["participant"])).items():
-        if column == "threshold_db":
-            spreads = [(row["high_db"] - row["low_db"]) / _IN_SPREADS for row in sessions]
-        else:
-            spreads = [row["exponent_spread"] for row in sessions]
-        value = np.array([row[column] for row in sessions])
-        precision = np.array([spread or _EXACT for spread in spreads]) ** -2.0
-        mean, spread = value @ precision / precision.sum(), precision.sum() ** -0.5
-        found[name] = (float(mean), float(spread))
-    return found
+def _left_out(row: Row, column: str, likelihoods: Mapping[int, Likelihood | None]) -> str:
+    """Return why a row is in no mean; empty where it is."""
+    if row.get("excluded"):
+        return str(row["excluded"])
+    if likelihoods.get(id(row)) is None and row[column] is None:
+        return str(row.get("warnings") or f"no {column}")
+    return ""
+
+
+def _why_left_out(
+    rows: Sequence[Row], column: str, likelihoods: Mapping[int, Likelihood | None]
+) -> str:
+    whys = [(row, _left_out(row, column, likelihoods)) for row in rows]
+    return "; ".join(f"{row['participant']} {row['session']}: {why}" for row, why in whys if why)
+
+
+def _fitted(
+    places: Sequence[Mapping[str, Sequence[Row]]],
+    column: str,
+    likelihoods: Mapping[int, Likelihood | None],
+) -> Group:
+    """Return the model of all conditions; the sessions of a participant are taken together."""
+    members = [(who, k, rows) for k, people in enumerate(places) for who, rows in people.items()]
+    names, condition = [who for who, _, _ in members], [k for _, k, _ in members]
+    if column == "threshold_db":
+        of_all = [[likelihoods[id(row)] for row in rows] for _, _, rows in members]
+        return group_of_likelihoods([_together(one) for one in of_all], names, condition)
+    values, spreads = [], []
+    for _, _, rows in members:
+        precision = np.array([row["exponent_spread"] or _EXACT for row in rows]) ** -2.0
+        values.append(np.array([row[column] for row in rows]) @ precision / precision.sum())
+        spreads.append(precision.sum() ** -0.5)
+    return group(np.array(values), np.array(spreads), names, condition)
+
+
+def _together(likelihoods: Sequence[Likelihood | None]) -> Likelihood:
+    """Multiply the likelihoods of some sessions."""
+    known = [one for one in likelihoods if one is not None]
+    if len(known) == 1:
+        return known[0]
+    at = np.unique(np.concatenate([levels for levels, _ in known]))
+    logs = np.sum([np.interp(at, *one) for one in known], 0)
+    return at, logs - logs.max()
 
 
 def scale_rows(runs: Sequence[RunOfMethod]) -> list[Row]:
@@ -366,8 +422,9 @@ class Analysis:
 def analyse(source: str | Path) -> Analysis:
     """Analyse a log, a folder of logs, or a study in the form of BIDS.
 
-    Thresholds are those that the experiment stated: none where the answers could be guesses.
-    Sessions that their plan excludes are in the tables, but not in the means.
+    Thresholds are those that the experiment stated: none where the answers could be guesses, or
+    where they lie beyond the levels; the means count them as above or below. Sessions that their
+    plan excludes are in the tables, but not in the means.
 
     Raises
     ------
@@ -383,7 +440,10 @@ def analyse(source: str | Path) -> Analysis:
     if with_threshold := [run for run in runs if not isinstance(run.method, Pairs | Magnitudes)]:
         rows = _filled(map(_threshold_row, with_threshold))
         tables["thresholds"] = rows
-        tables["group"], tables["differences"] = over_participants(rows, "threshold_db")
+        likelihoods = [run.estimate.likelihood for run in with_threshold]
+        tables["group"], tables["differences"] = over_participants(
+            rows, "threshold_db", likelihoods
+        )
     if pairs:
         tables["scales"], tables["pairs"] = scale_rows(pairs), pair_rows(pairs)
     if numbers:
@@ -435,7 +495,10 @@ def _notes(runs: Sequence[RunOfMethod]) -> tuple[str, ...]:
             )
     with_one = (run for run in runs if not isinstance(run.method, Pairs | Magnitudes))
     if without := [run for run in with_one if isnan(run.estimate.threshold)]:
-        notes.append(f"{len(without)} of {len(runs)} runs have no threshold; their rows say why")
+        notes.append(
+            f"{len(without)} of {len(runs)} runs have no threshold; their rows say why, and the "
+            "means count them as above or below the end that is known"
+        )
     if excluded := dict.fromkeys(run.session.name for run in runs if "excluded" in run.summary):
         notes.append(f"excluded by the rules of their plan: {', '.join(excluded)}")
     return tuple(notes)

@@ -47,13 +47,17 @@ class Method:
     def postpone(self) -> None:
         """Note that the presentation did not count; by default it is presented again."""
 
-    def estimate(self, empty: tuple[int, int] = (0, 0)) -> Estimate:
+    def estimate(
+        self, empty: tuple[int, int] = (0, 0), reaction_s: Sequence[float] = ()
+    ) -> Estimate:
         """Estimate from the answers so far.
 
         Parameters
         ----------
         empty : (int, int)
             Trials without a target in which one was found, and all of them; of tasks that detect.
+        reaction_s : sequence of float
+            Reaction time of each answer [s], where they are known: see `fast_guesses`.
         """
         raise NotImplementedError
 
@@ -78,8 +82,10 @@ class ThresholdMethod(Method):
         """Share right of an observer who guesses."""
         raise NotImplementedError
 
-    def estimate(self, empty: tuple[int, int] = (0, 0)) -> Estimate:
-        return fit(self.answers, self.function, self.guess_share, empty)
+    def estimate(
+        self, empty: tuple[int, int] = (0, 0), reaction_s: Sequence[float] = ()
+    ) -> Estimate:
+        return fit(self.answers, self.function, self.guess_share, empty, reaction_s)
 
 
 class FixedOrder(Method):
@@ -170,10 +176,12 @@ class MethodsByCondition(Method):
     def postpone(self) -> None:
         self.methods[self.condition].postpone()
 
-    def estimate(self, empty: tuple[int, int] = (0, 0)) -> Estimate:
+    def estimate(
+        self, empty: tuple[int, int] = (0, 0), reaction_s: Sequence[float] = ()
+    ) -> Estimate:
         """Return the estimate of the only condition; several have theirs in `methods`."""
         if len(self.methods) == 1:
-            return next(iter(self.methods.values())).estimate(empty)
+            return next(iter(self.methods.values())).estimate(empty, reaction_s)
         return Estimate()
 
     def describe(self) -> dict[str, Any]:
@@ -255,7 +263,9 @@ class Magnitudes(FixedOrder):
         number = positive("answer", float(is_right))
         self.answers.append((self.level if level is None else float(level), number))
 
-    def estimate(self, empty: tuple[int, int] = (0, 0)) -> Estimate:
+    def estimate(
+        self, empty: tuple[int, int] = (0, 0), reaction_s: Sequence[float] = ()
+    ) -> Estimate:
         """Return the exponent of the power function and its standard error; no threshold."""
         levels, numbers = np.array(self.answers).reshape(-1, 2).T
         if len(set(levels.tolist())) < 2:
@@ -323,7 +333,9 @@ class Pairs(FixedOrder):
             won[at[more], at[less]] += 1
         return won
 
-    def estimate(self, empty: tuple[int, int] = (0, 0)) -> Estimate:
+    def estimate(
+        self, empty: tuple[int, int] = (0, 0), reaction_s: Sequence[float] = ()
+    ) -> Estimate:
         """Return a scale value for each level, in logits with a mean of 0; no threshold."""
         scale = dict(zip(self.levels, bradley_terry(self.wins())[0].tolist(), strict=True))
         return Estimate(others={f"scale_at_{x:g}": value for x, value in scale.items()})

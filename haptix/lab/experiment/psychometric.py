@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from math import isfinite, nan
+from dataclasses import dataclass, field, replace
+from math import inf, isfinite, nan
 from typing import Any
 
 import numpy as np
@@ -19,12 +19,14 @@ class Estimate:
     threshold: float = nan
     """Detection threshold, in the units of the levels; NaN if the answers give none."""
     low: float = nan
-    """The threshold lies from here to `high` with 95 %."""
+    """The threshold lies from here to `high` with 95 %; an end that is not known is infinite."""
     high: float = nan
     others: dict[str, float] = field(default_factory=dict)
     """Slope and other estimated parameters."""
     warnings: tuple[str, ...] = ()
     """Why there is no threshold, or what the observer did that the interval allows for."""
+    likelihood: tuple[Array, Array] | None = field(default=None, repr=False, compare=False)
+    """Levels, and the logarithm of the likelihood of a threshold at each; None for few answers."""
 
     @property
     def width(self) -> float:
@@ -84,8 +86,8 @@ def function_named(name: str) -> Psychometric:
 Answers = Sequence[tuple[float, bool]]
 """Level of each trial, and whether the answer was right."""
 
-CHANCE_P = 0.01
-"""An observer who guesses is right as often as this, or more rarely, in a run with a threshold."""
+_BEYOND_CHANCE = 3.3
+"""Logarithm of the likelihood ratio from which answers are no guesses: p = 0.01 of chi-squared."""
 
 _LEAST_ANSWERS = 10  # seven right ones in a row are no chance
 _SURELY = 0.95  # probability of what is warned of
@@ -94,27 +96,32 @@ _EPOCHS = 4  # of a run, for drift and overdispersion
 _REACH = 4.0  # beyond the levels, in typical widths, that a threshold is looked for
 _FINE = 800  # shares at which the likelihood of a cell is tabulated: much finer than its bends
 _MOST_LAPSE, _LAPSES_AS = 0.25, 22.0
+_ANY_LAPSE = 0.2  # of observers: attention that is elsewhere, or answers that are early guesses
+_LEAST_TIMES = 30  # answers whose times show two kinds
+_EM_STEPS = 60
+_FASTEST_S, _LEAST_SPREAD = 1e-3, 0.05
+_TWENTY_TO_ONE = 3.0  # logarithm
+_WIDER = 4.6  # logarithm of 100
+_ALIKE = 1.92  # of logarithms of likelihoods: half of chi-squared at 95 %
 _SLOPES_WITHIN = 0.85
 _DRIFTS = np.array([-4.0, -2.0, -1.0, 0.0, 1.0, 2.0, 4.0])
 _NO_DRIFT = 0.7
 _OVERDISPERSION = np.array([0.003, 0.1, 0.2, 0.32, 0.46])
 _MANY_LAPSES = 0.06
+_LIKELY, _MAY_BE = 0.75, 0.15
 _TYPICAL_SLOPE = 3.5
 
 
-def chance_p(answers: Answers, guess: float) -> float:
-    """Probability that an observer who guesses is right at least as often."""
-    from scipy.stats import binomtest
-
-    right = sum(is_right for _, is_right in answers)
-    if not answers or not 0 < guess < 1:
-        return 0.0 if right else 1.0
-    return float(binomtest(right, len(answers), guess, alternative="greater").pvalue)
-
-
-def without(estimate: Estimate, why: str) -> Estimate:
-    """Return an estimate without a threshold, with the reason."""
-    return Estimate(others=estimate.others, warnings=(f"no threshold: {why}", *estimate.warnings))
+def without(estimate: Estimate, why: str, is_above: bool | None = None) -> Estimate:
+    """Return an estimate without a threshold, with the reason and the end that is known."""
+    ends: dict[str, float] = {"low": nan, "high": nan}
+    if is_above is not None and estimate.likelihood is not None:
+        levels, logs = estimate.likelihood
+        alike = levels[logs > logs.max() - _ALIKE]
+        low, high = float(alike[0]), float(alike[-1])
+        ends = {"low": low, "high": inf} if is_above else {"low": -inf, "high": high}
+    warnings = (f"no threshold: {why}", *estimate.warnings)
+    return replace(estimate, threshold=nan, warnings=warnings, **ends)
 
 
 def counted(answers: Answers) -> tuple[Array, Array, Array]:
@@ -126,7 +133,11 @@ def counted(answers: Answers) -> tuple[Array, Array, Array]:
 
 
 def fit(
-    answers: Answers, function: str = "weibull", guess: float = 0.5, empty: tuple[int, int] = (0, 0)
+    answers: Answers,
+    function: str = "weibull",
+    guess: float = 0.5,
+    empty: tuple[int, int] = (0, 0),
+    reaction_s: Sequence[float] = (),
 ) -> Estimate:
     """Return the threshold with its 95 % interval; any method may have chosen the levels.
 
@@ -134,13 +145,16 @@ def fit(
     at one level in one quarter of the run are beta-binomial about the function: an observer who
     changes widens the interval (Schuett, Harmeling, Macke & Wichmann, Vision Res. 122, 105
     (2016)). The threshold may drift evenly over the run; it is that of the middle. The median is
-    stated. There is none where the answers are those of a guesser, or where it lies beyond the
-    levels.
+    stated. There is none where no function that rises is better than guessing by a likelihood
+    ratio (p = 0.01), or where it lies beyond the levels: then `low` or `high` is the other end.
+
+    Answers that are fast guesses by their reaction times (`fast_guesses`) are right by chance.
 
     Priors: even for the threshold; log-normal for the slope about 3.5, of a normal function about
-    an eighth of the range of the levels, within a factor of 2.3; Beta(1, 22) for the lapse rate;
-    Beta(1, 10) for the overdispersion, the square root of the correlation of two answers; three
-    tenths for a drift, of at most 10 dB or four widths of the function.
+    an eighth of the range of the levels, within a factor of 2.3; Beta(1, 22) for the lapse rate,
+    and for one observer in five any rate up to a quarter; Beta(1, 10) for the overdispersion, the
+    square root of the correlation of two answers; three tenths for a drift, of at most 10 dB or
+    four widths of the function.
 
     Parameters
     ----------
@@ -153,36 +167,112 @@ def fit(
     empty : (int, int)
         Trials without a target in which one was found, and all of them: where there are some, they
         tell `guess`.
+    reaction_s : sequence of float
+        Reaction time of each answer [s], if they are known.
     """
     function_named(function)
     if len(answers) < _LEAST_ANSWERS:
         return without(Estimate(), f"{len(answers)} answers; it takes {_LEAST_ANSWERS} or more")
-    posterior = _posterior(answers, function, guess, empty)
+    guessed = np.zeros(len(answers))
+    if len(reaction_s) == len(answers):
+        guessed = fast_guesses(answers, reaction_s, guess)
+    posterior, over_chance = _posterior(answers, function, guess, empty, guessed)
+    if guessed.any():
+        posterior.others["fast_guesses"] = share = float(guessed.mean())
+        said = f"{share:.0%} of the answers are fast guesses by their times, and count as such"
+        posterior = replace(posterior, warnings=(*posterior.warnings, said))
     levels = [level for level, _ in answers]
-    if not min(levels) <= posterior.threshold <= max(levels):
-        end = "above" if posterior.threshold > max(levels) else "below"
-        why = f"it lies {end} the levels that were presented, {min(levels):g} to {max(levels):g}"
-        return without(posterior, why)
-    if function == "symmetric-normal" or empty[1]:
-        return posterior
-    p = chance_p(answers, guess)
-    if p <= CHANCE_P:
-        return posterior
+    low, high = min(levels), max(levels)
+    if function == "symmetric-normal" or over_chance > _BEYOND_CHANCE:
+        if low <= posterior.threshold <= high:
+            return posterior
+        is_above = posterior.threshold > high
+        end = "above" if is_above else "below"
+        why = f"it lies {end} the levels that were presented, {low:g} to {high:g}"
+        return without(posterior, why, is_above)
     right = sum(is_right for _, is_right in answers)
-    why = f"{right} of {len(answers)} answers were right, as guessing gives them (p = {p:.2g})"
-    return without(posterior, why)
+    why = (
+        f"{right} of {len(answers)} answers were right, and no function that rises is better than "
+        f"guessing (ln likelihood ratio {over_chance:.1f}, expected {_BEYOND_CHANCE:g})"
+    )
+    return without(posterior, why, True)
 
 
-def _posterior(answers: Answers, function: str, guess: float, empty: tuple[int, int]) -> Estimate:
-    """Median, interval and means of the other parameters."""
+def fast_guesses(answers: Answers, reaction_s: Sequence[float], guess: float = 0.5) -> Array:
+    """Return the probability that each answer is a fast guess, shape (answers,).
+
+    Reaction times are a mixture of two log-normal distributions (Ollman, Psychon. Sci. 6, 155
+    (1966)): the faster answers are right by chance, or, like the others, as often as all are at
+    their level. The probabilities are 0 unless the first is 20 times as likely.
+
+    Parameters
+    ----------
+    answers : sequence of (float, bool)
+        Levels, and whether the answers were right.
+    reaction_s : sequence of float
+        Time from the end of each presentation to the answer [s].
+    guess : float
+        Share right of one who guesses.
+    """
+    none, time_s = np.zeros(len(answers)), np.array(reaction_s, dtype=float)
+    if len(answers) < _LEAST_TIMES or not (time_s > 0).mean() > _SURELY or not 0 < guess < 1:
+        return none
+    time = np.log(np.maximum(time_s, _FASTEST_S))
+    levels, is_right = np.array(answers, dtype=float).T
+    _, at = np.unique(levels, return_inverse=True)
+    by_chance = np.where(is_right > 0, guess, 1 - guess)
+    best, fast = -inf, none
+    for guesses in (False, True):
+        share, is_fast = 0.2, (time < np.quantile(time, 0.2)).astype(float)
+        for _ in range(_EM_STEPS):
+            slow = 1 - is_fast
+            # Share right of those who do not guess at each level, with an answer of chance added.
+            kept = slow if guesses else np.ones(len(time))
+            right = (np.bincount(at, kept * is_right) + guess) / (np.bincount(at, kept) + 1)
+            felt = np.where(is_right > 0, right[at], 1 - right[at])
+            densities = []
+            for part, weight, of_answer in (
+                (is_fast, share, by_chance if guesses else felt),
+                (slow, 1 - share, felt),
+            ):
+                middle = part @ time / part.sum()
+                sd = max(float(np.sqrt(part @ (time - middle) ** 2 / part.sum())), _LEAST_SPREAD)
+                off = (time - middle) / sd
+                densities.append(weight / sd * np.exp(-0.5 * off**2) * of_answer)
+            total = densities[0] + densities[1] + 1e-300
+            is_fast = densities[0] / total
+            share = float(np.clip(is_fast.mean(), 0.01, 0.5))
+        likelihood = float(np.log(total).sum())
+        if not guesses:
+            best = likelihood
+        elif likelihood > best + _TWENTY_TO_ONE and is_fast @ time < share * time.sum():
+            fast = is_fast
+    return fast
+
+
+def _posterior(
+    answers: Answers,
+    function: str,
+    guess: float,
+    empty: tuple[int, int],
+    guessed: Array,
+) -> tuple[Estimate, float]:
+    """Median, interval, means of the other parameters; and the likelihood ratio to guessing."""
     from scipy.special import betaln
     from scipy.stats import beta
 
     shape, in_db = function_named(function), function == "weibull"
     levels, is_right = np.array(answers, dtype=float).T
     quarter = np.arange(len(levels)) * _EPOCHS // len(levels)
-    cells, at = np.unique([levels, quarter], axis=1, return_inverse=True)
-    level, when = cells[0], (cells[1] + 0.5) / _EPOCHS - 0.5
+    shared = np.rint(4 * guessed) / 4
+    tells = shared < 1
+    if not tells.any():
+        shared, tells = np.zeros(len(levels)), np.ones(len(levels), dtype=bool)
+    is_right = is_right[tells]
+    cells, at = np.unique(
+        np.stack([levels, quarter, shared])[:, tells], axis=1, return_inverse=True
+    )
+    level, when, by_chance = cells[0], (cells[1] + 0.5) / _EPOCHS - 0.5, cells[2]
     total = np.bincount(at.ravel()).astype(float)
     right = np.bincount(at.ravel(), is_right)
     # A typical width of the function: the scale of ln(-ln(wrong)), or a standard deviation.
@@ -206,16 +296,24 @@ def _posterior(answers: Answers, function: str, guess: float, empty: tuple[int, 
         slope = _TYPICAL_SLOPE / width if in_db else typical * width
         middle = threshold[:, None, None, None, None, None] + drift[:, None] * when
         off = np.minimum(lapse, (1 - guesses.max()) / 2)[:, None, None, None]
-        return shape(level, middle, slope, guesses[:, None, None], off)
+        felt = shape(level, middle, slope, guesses[:, None, None], off)
+        return by_chance * guesses[:, None, None] + (1 - by_chance) * felt
 
     def prior(log_slope: Array, lapse: Array) -> Array:
         of_slope = np.exp(-0.5 * (log_slope / _SLOPES_WITHIN) ** 2)
-        return np.asarray(of_slope[:, None] * (1 - lapse) ** (_LAPSES_AS - 1))
+        usual = (1 - _ANY_LAPSE) * _LAPSES_AS * (1 - lapse) ** (_LAPSES_AS - 1)
+        return np.asarray(of_slope[:, None] * (usual + _ANY_LAPSE / _MOST_LAPSE))
 
     # First without drift and overdispersion, to see where the mass is.
     p = shares(*axes, np.zeros(1)).clip(1e-9, 1 - 1e-9)
-    weight = _weights(np.log(p) @ right + np.log1p(-p) @ (total - right))
-    weight = weight.sum((3, 4)) * prior(*axes[1:])
+    likelihood = np.log(p) @ right + np.log1p(-p) @ (total - right)
+    over_chance = _over_chance(likelihood[..., 0].max((0, 1, 2)), right, total, guesses, empty)
+    weight = _weights(likelihood).sum((3, 4)) * prior(*axes[1:])
+    ends = axes[0][[0, -1]]
+    # Where answers may be lapses or a flat function, what either allows is in the interval.
+    of_slope = -0.5 * (axes[1] / _SLOPES_WITHIN) ** 2
+    profile = (likelihood[..., 0].max((2, 3)) + of_slope).max(1)
+    allowed = axes[0][profile > profile.max() - _WIDER]
     axes = (
         _around(weight.sum((1, 2)), axes[0], 61),
         _around(weight.sum((0, 2)), axes[1], 9),
@@ -245,6 +343,12 @@ def _posterior(answers: Answers, function: str, guess: float, empty: tuple[int, 
 
     mass = marginal(1)
     low, middle, high = np.interp(_INTERVAL, np.cumsum(mass) - mass / 2, axes[0])
+    log_mass = np.log(np.maximum(mass / mass.max(), 1e-300))
+    inside = axes[0][log_mass > -_ALIKE]
+    if log_mass[-1] > -_ALIKE and axes[0][-1] == ends[1]:
+        low, high = inside[0], np.inf
+    if log_mass[0] > -_ALIKE and axes[0][0] == ends[0]:
+        low, high = -np.inf, (inside[-1] if np.isfinite(high) else np.inf)
     width, drifting = float(np.exp(marginal(2) @ axes[1])), marginal(5)
     others = {
         "slope": _TYPICAL_SLOPE / width if in_db else typical * width,
@@ -256,9 +360,30 @@ def _posterior(answers: Answers, function: str, guess: float, empty: tuple[int, 
     if empty[1]:
         others["guess"] = float(marginal(4) @ guesses)
     lapsing = float(marginal(3)[axes[2] > _MANY_LAPSES].sum())
-    return Estimate(
-        float(middle), float(low), float(high), others, (*_said(others, lapsing, marginal(0)),)
+    if lapsing > _MAY_BE:
+        low, high = min(low, allowed[0]), max(high, allowed[-1])
+    said = tuple(_said(others, lapsing, marginal(0)))
+    found = Estimate(float(middle), float(low), float(high), others, said, (axes[0], log_mass))
+    return found, over_chance
+
+
+def _over_chance(
+    best: Array, right: Array, total: Array, guesses: Array, empty: tuple[int, int]
+) -> float:
+    """Logarithm of the likelihood of the best function over that of an observer who guesses.
+
+    `best` has the function's for each of the shares `guesses`. Where trials without a target tell
+    the share of a guesser, both are at their best share.
+    """
+    from scipy.special import xlog1py, xlogy
+
+    found, shown = float(right.sum()), float(total.sum())
+    share = (found + empty[0]) / (shown + empty[1]) if empty[1] else float(guesses[0])
+    by_chance = xlogy(found + empty[0], share) + xlog1py(
+        shown + empty[1] - found - empty[0], -share
     )
+    of_empty = xlogy(empty[0], guesses) + xlog1py(empty[1] - empty[0], -guesses)
+    return float((best + of_empty).max() - by_chance)
 
 
 def _said(others: Mapping[str, float], lapsing: float, scatter: Array) -> Iterator[str]:
@@ -268,7 +393,7 @@ def _said(others: Mapping[str, float], lapsing: float, scatter: Array) -> Iterat
             f"the threshold drifts by {others['drift']:+.1f} from the first trial to the last; it "
             "is stated for the middle"
         )
-    if lapsing > _SURELY:
+    if lapsing > _LIKELY:
         yield f"{others['lapse']:.0%} of the answers are lapses, wrong at any level; let them rest"
     if scatter[_OVERDISPERSION >= 0.2].sum() > _SURELY:
         yield (
@@ -315,24 +440,32 @@ class Group:
     covariance: Array
     between: float
 
-    def contrast(self, factors: Array) -> tuple[float, float, float, float]:
-        """Return mean and 95 % interval of a sum of conditions, and p of its sign.
+    def _along(self, factors: Array) -> tuple[Array, Array]:
+        variance = np.einsum("i,kij,j->k", factors, self.covariance, factors)
+        return self.mean @ factors, np.sqrt(variance)
 
-        p is twice the probability of the sign that is less likely.
-        """
+    def p(self, factors: Array) -> float:
+        """Twice the probability of the sign of a sum of conditions that is less likely."""
+        from scipy.special import ndtr
+
+        middle, error = self._along(factors)
+        below = float(self.weight @ ndtr(-middle / error))
+        return 2 * min(below, 1 - below)
+
+    def contrast(self, factors: Array) -> tuple[float, float, float, float]:
+        """Return mean and 95 % interval of a sum of conditions, and `p`."""
         from scipy.optimize import brentq
         from scipy.special import ndtr
 
-        middle = self.mean @ factors
-        error = np.sqrt(np.einsum("i,kij,j->k", factors, self.covariance, factors))
-        mean, most = float(self.weight @ middle), 12 * float(error.max())
-
-        def below(at: float) -> float:
-            return float(self.weight @ ndtr((at - middle) / error))
-
+        middle, error = self._along(factors)
+        most = 12 * float(error.max())
         ends = middle.min() - most, middle.max() + most
-        low, high = (brentq(lambda at: below(at) - share, *ends) for share in _INTERVAL[::2])  # noqa: B023
-        return mean, low, high, 2 * min(below(0.0), 1 - below(0.0))
+
+        def beyond(at: float, share: float) -> float:
+            return float(self.weight @ ndtr((at - middle) / error)) - share
+
+        low, high = (brentq(beyond, *ends, (share,)) for share in _INTERVAL[::2])
+        return float(self.weight @ middle), low, high, self.p(factors)
 
 
 def group(value: Array, spread: Array, person: Sequence[str], condition: Sequence[int]) -> Group:
@@ -352,34 +485,135 @@ def group(value: Array, spread: Array, person: Sequence[str], condition: Sequenc
     condition : sequence of int
         Of which condition, from 0.
     """
-    _, who = np.unique(person, return_inverse=True)
-    table = np.zeros((who.max() + 1, max(condition) + 1))
-    known, y, variance = table.copy(), table.copy(), table + 1.0
-    known[who, condition], y[who, condition], variance[who, condition] = 1.0, value, spread**2
-    count = known.sum(0)
-    off = (y - (y * known).sum(0) / count) * known
-    scale = float(np.sqrt((off**2).sum() / max(1.0, known.sum() - len(count)))) or 1e-9
-    sizes = scale * _SIZES
-    prior = np.gradient(_SIZES) / (1 + _SIZES**2)
-    weights, means, covariances, totals = [], [], [], []
-    for shared, of_shared in zip(sizes, prior, strict=True):
-        for own, of_own in zip(sizes, prior, strict=True):
-            # Covariance of a participant's values: own^2 + spread^2 on the diagonal, plus shared^2.
-            precise = known / (variance + own**2)
-            each = precise.sum(1)
-            factor = shared**2 / (1 + shared**2 * each)
-            of_person = (precise * y).sum(1)
-            inverse = np.diag(precise.sum(0)) - precise.T @ (factor[:, None] * precise)
-            covariance = np.linalg.inv(inverse)
-            right = (precise * y).sum(0) - precise.T @ (factor * of_person)
-            mean = covariance @ right
-            rest = (precise * y**2).sum() - factor @ of_person**2 - right @ mean
-            sizes_of = np.log(precise[known > 0]).sum() - np.log1p(shared**2 * each).sum()
-            likelihood = 0.5 * (sizes_of - np.linalg.slogdet(inverse)[1] - rest)
-            weights.append(likelihood + np.log(of_shared * of_own))
-            means.append(mean)
-            covariances.append(covariance)
-            totals.append(np.hypot(shared, own))
-    weight = np.exp(np.array(weights) - max(weights))
-    weight /= weight.sum()
-    return Group(weight, np.array(means), np.array(covariances), float(weight @ np.array(totals)))
+    table = _Table.of(person, condition)
+    off, free = value - table.means(value), max(1, len(value) - table.conditions)
+    return table.solved(value, spread, float(np.sqrt((off**2).sum() / free)) or 1e-9)[0]
+
+
+def group_of_likelihoods(
+    likelihoods: Sequence[tuple[Array, Array]], person: Sequence[str], condition: Sequence[int]
+) -> Group:
+    """Return the means of `group` for people of whom likelihoods are known, not only values.
+
+    One whose threshold lies above all levels has a likelihood that stays high there. Each is
+    replaced by the normal distribution that leaves the same mean and variance, given all others
+    (expectation propagation; Minka, Proc. 17th Conf. Uncertainty in Artificial Intelligence, 362
+    (2001)).
+
+    Parameters
+    ----------
+    likelihoods : sequence of (ndarray, ndarray)
+        Values, and the logarithm of the likelihood at each; beyond the ends it stays as it is.
+    person, condition : sequence
+        As in `group`.
+    """
+    table, count = _Table.of(person, condition), len(likelihoods)
+    ends = [end for values, _ in likelihoods for end in (values[0], values[-1])]
+    reach = max(ends) - min(ends)
+    grid = np.linspace(min(ends) - reach, max(ends) + reach, _GRID)
+    logs = np.array([np.interp(grid, *one) for one in likelihoods])
+
+    def moments(middle: Array, variance: Array) -> tuple[Array, Array]:
+        weight = logs - 0.5 * (grid - middle[:, None]) ** 2 / variance[:, None]
+        weight = np.exp(weight - weight.max(1, keepdims=True))
+        weight /= weight.sum(1, keepdims=True)
+        mean = weight @ grid
+        return mean, np.maximum(weight @ grid**2 - mean**2, (grid[1] - grid[0]) ** 2 / 12)
+
+    wide = np.full(count, reach**2)
+    value, variance = moments(np.full(count, np.mean(ends)), wide)
+    closed = np.array([max(one[0], one[-1]) < -_ALIKE for _, one in likelihoods])
+    centre = value - table.means(value, closed)
+    scatter = float(np.sqrt((centre[closed] ** 2).sum() / max(1, closed.sum() - table.conditions)))
+    scale = max(scatter, float(np.sqrt(np.median(variance[closed])))) if closed.any() else reach / 8
+    precision, shift = 1 / variance, value / variance
+    for _ in range(_ROUNDS):
+        found, middle, cavity = table.solved(shift / precision, precision**-0.5, scale)
+        middle = np.where(cavity < wide, middle, np.mean(ends))
+        cavity = np.minimum(cavity, wide)
+        mean, left = moments(middle, cavity)
+        new = np.maximum(1 / left - 1 / cavity, 1e-4 / wide)
+        moved = np.where(new > 1e-4 / wide, mean / left - middle / cavity, new * mean)
+        is_settled = np.abs(moved / new - shift / precision).max() < _SETTLED * scale
+        shift, precision = moved, new
+        if is_settled:
+            break
+    return found
+
+
+_GRID = 1600
+_ROUNDS, _SETTLED = 12, 0.01
+
+
+@dataclass(frozen=True)
+class _Table:
+    """Places of values in a table of participants and conditions."""
+
+    who: Array
+    condition: Array
+
+    @classmethod
+    def of(cls, person: Sequence[str], condition: Sequence[int]) -> _Table:
+        return cls(np.unique(person, return_inverse=True)[1], np.array(condition))
+
+    @property
+    def conditions(self) -> int:
+        return int(self.condition.max()) + 1
+
+    def means(self, value: Array, weight: Array | None = None) -> Array:
+        """Mean of each value's condition, by weights."""
+        weight = np.ones(len(value)) if weight is None else np.asarray(weight, dtype=float)
+        total = np.bincount(self.condition, weight * value, self.conditions)
+        count = np.bincount(self.condition, weight, self.conditions)
+        overall = (weight @ value) / max(float(weight.sum()), 1e-300)
+        means = np.where(count > 0, total / np.maximum(count, 1e-300), overall)
+        return np.asarray(means[self.condition])
+
+    def solved(self, value: Array, spread: Array, scale: float) -> tuple[Group, Array, Array]:
+        """Return the posterior, and mean and variance of each true value by all others alone.
+
+        `scale` is that of the priors of both standard deviations between participants.
+        """
+        place = self.who, self.condition
+        known = np.zeros((int(self.who.max()) + 1, self.conditions))
+        y, variance = known.copy(), known + 1.0
+        known[place], y[place], variance[place] = 1.0, value, spread**2
+        prior = np.gradient(_SIZES) / (1 + _SIZES**2)
+        # Each pair of sizes: shape (sizes, participants, conditions).
+        shared, own = (
+            sizes.ravel() for sizes in np.meshgrid(*2 * (scale * _SIZES,), indexing="ij")
+        )
+        of_sizes = np.log(np.outer(prior, prior)).ravel()
+        # Covariance of a participant's values: own^2 + spread^2 on the diagonal, plus shared^2.
+        precise = known / (variance + own[:, None, None] ** 2)
+        each = precise.sum(2)
+        factor = shared[:, None] ** 2 / (1 + shared[:, None] ** 2 * each)
+        inverse = precise.sum(1)[:, :, None] * np.eye(self.conditions)
+        inverse = inverse - np.einsum("spc,sp,spd->scd", precise, factor, precise)
+        covariance = np.linalg.inv(inverse)
+
+        def whitened(values: Array) -> Array:
+            """Inverse covariance of the values, times values."""
+            weighed = precise * values
+            return np.asarray(weighed - (factor * weighed.sum(2))[:, :, None] * precise)
+
+        mean = np.einsum("scd,sd->sc", covariance, whitened(y).sum(1))
+        off = whitened(y - mean[:, None, :])
+        rest = (y * off).sum((1, 2))
+        with np.errstate(divide="ignore"):
+            sizes_of = np.where(known > 0, np.log(precise), 0.0).sum((1, 2))
+        sizes_of = sizes_of - np.log1p(shared[:, None] ** 2 * each).sum(1)
+        likelihood = 0.5 * (sizes_of - np.linalg.slogdet(inverse)[1] - rest)
+        weight = _weights(likelihood + of_sizes)
+        weight /= weight.sum()
+        between = float(weight @ np.hypot(shared, own))
+        # Each value by all others (Sundararajan & Keerthi, Neural Comput. 13, 1103 (2001)).
+        of_means = precise[..., None] * np.eye(self.conditions)
+        of_means = of_means - (factor[..., None] * precise)[..., None] * precise[:, :, None, :]
+        taken = np.einsum("spcd,sde,spce->spc", of_means, covariance, of_means)
+        alone = (precise - factor[..., None] * precise**2 - taken)[:, *place]
+        alone = np.maximum(alone, 1e-12 / scale**2)
+        middle = value - off[:, *place] / alone
+        others = weight @ middle
+        left = weight @ (np.maximum(1 / alone - spread**2, 0.0) + middle**2) - others**2
+        return Group(weight, mean, covariance, between), others, np.maximum(left, 1e-12)

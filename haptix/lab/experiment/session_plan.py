@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
-from math import isnan, sqrt
+from math import sqrt
 from pathlib import Path
 from statistics import NormalDist
 from typing import Annotated, Any, Literal, TypeVar, get_args
@@ -22,7 +22,7 @@ from haptix.base.errors import FileFormatError, InputError
 from haptix.base.files import reading
 from haptix.lab.experiment.methods import Method, MethodsByCondition
 from haptix.lab.experiment.procedures import METHODS
-from haptix.lab.experiment.psychometric import CHANCE_P, Estimate, without
+from haptix.lab.experiment.psychometric import Estimate
 from haptix.lab.experiment.trial_log import LoggedSession, cell, program
 
 
@@ -252,32 +252,21 @@ def summary(
 def estimate_of(
     method: Method, rows: Sequence[Mapping[str, str]], task: str, condition: str = ""
 ) -> Estimate:
-    """Return a method's estimate, with the results of trials without a target.
+    """Return a method's estimate, with reaction times, and with trials without a target.
 
-    Where the task is to detect, there is no threshold unless a target was found more often where
-    there was one (Fisher's exact test).
+    Reaction times of simulated observers say nothing.
     """
+    counted = [row for row in rows if row["accepted"] == "true"]
+    mine = [row for row in counted if not condition or row["condition"] == condition]
+    trials = [row for row in mine if row["kind"] in ("trial", "n/a")]
+    times = [row["reaction_s"] for row in trials if row["source"] != "simulated"]
+    reaction_s = [] if "n/a" in times else [float(time) for time in times]
     if not task_named(task).detects:
-        return method.estimate()
-    from scipy.stats import fisher_exact
-
-    table = [[0, 0], [0, 0]]
-    for row in rows:
-        if row["accepted"] == "true" and row["kind"] in ("trial", "catch"):
-            is_empty = row["kind"] == "catch"
-            # An empty trial that is wrong is one in which a target was found.
-            was_found = (row["is_right"] == "true") != is_empty
-            if is_empty or not condition or row["condition"] == condition:
-                table[is_empty][not was_found] += 1
-    estimate = method.estimate((table[1][0], sum(table[1])))
-    p = float(fisher_exact(table, alternative="greater").pvalue)
-    if p <= CHANCE_P or isnan(estimate.threshold):
-        return estimate
-    return without(
-        estimate,
-        f"a target was found in {table[0][0]} of {sum(table[0])} trials with one, "
-        f"and in {table[1][0]} of {sum(table[1])} without (p = {p:.2g})",
-    )
+        return method.estimate(reaction_s=reaction_s)
+    empty = [row for row in counted if row["kind"] == "catch"]
+    # An empty trial that is wrong is one in which a target was found.
+    found = sum(row["is_right"] != "true" for row in empty)
+    return method.estimate((found, len(empty)), reaction_s)
 
 
 def detection(
