@@ -334,7 +334,8 @@ class Simulate(Task, command="stimuli simulate"):
 
     A row for observers of each threshold, slope and lapse rate: bias, scatter, width of the 95 %
     interval, how often it holds the truth, and how often there is no threshold or a warning. With
-    --participants: how often a paired t-test finds a difference between two conditions.
+    --participants: how often the test of `haptix stimuli analyse` finds a difference between two
+    conditions, for each slope and lapse rate.
 
     With --predict, for a set of stimuli instead of an experiment: the share of detections of each
     stimulus, by the virtual finger and the published thresholds, with the interval of 95 % of
@@ -384,14 +385,19 @@ class Simulate(Task, command="stimuli simulate"):
                 "difference": self.difference_db,
                 "between": self.between_db,
             }
-            observers = self.threshold_db[:1], self.slope[-1:], self.lapse[:1]
-            title = (
-                f"{plan.name}: power of a paired t-test at 0.05, of {self.runs} simulated "
-                "participants"
-            )
+            observers = self.threshold_db[:1], self.slope, self.lapse
         simulated = simulations(plan, *observers, self.runs, comparison)
         with Here() if self.workers == 1 else Processes(self.workers) as executor:
             rows = [row for rows in executor.map(SimulateObserver.rows, simulated) for row in rows]
+        if self.participants is not None:
+            title = (
+                f"{plan.name}: power of the test of `haptix stimuli analyse` at 0.05; assumed: "
+                f"slopes {_list(self.slope)}, lapses {_list(self.lapse)}, thresholds that scatter "
+                f"by {self.between_db:g} dB between people and by a third of it in each condition"
+            )
+            for count in self.participants:
+                power = [row["power"] for row in rows if row["participants"] == count]
+                title += f"; {count} participants: {min(power):.2f} to {max(power):.2f}"
         return Result(rows, [(title, _rounded(rows))])
 
     def _predicted(self, context: Context) -> Result:
@@ -411,8 +417,12 @@ class Simulate(Task, command="stimuli simulate"):
         )
         if counts:
             title += f"; power: {plan.trials.repeats} answers each against guessing, at 0.05"
-        hidden = ("unknown_share", "is_reached")
-        shown = [{name: row[name] for name in row if name not in hidden} for row in rows]
+        title += (
+            "\nsteady_db, edges_db: level above the published threshold; unknown_share: of the "
+            "changes' energy, at frequencies without one; detected: by how many, of people from low "
+            "to high; not known: where more than a tenth is unknown and what is known is not felt"
+        )
+        shown = [{name: row[name] for name in row if name != "is_reached"} for row in rows]
         return Result(rows, [(title, _rounded(shown))])
 
 

@@ -87,7 +87,8 @@ def test_thresholds_are_what_the_experiments_stated(study):
     assert len(rows) == 6 and not found.notes
     for (who, condition), row in rows.items():
         one = stated[who][condition]
-        assert (row["threshold_db"], row["low_db"]) == (one.threshold, one.low)
+        stated_there = one.record()
+        assert all(row[name] == stated_there[name] for name in ("threshold_db", "low_db"))
         assert row["warnings"] == "; ".join(one.warnings)
     for group in found.tables["group"]:
         own = [stated[who][group["condition"]].threshold for who in TRUTHS]

@@ -57,7 +57,7 @@ def test_it_is_that_of_dense_matrices():
     found = of(value[:, :], spread)
     y, design = value.ravel(), np.tile(np.eye(2), (4, 1))
     scale = np.sqrt(((value - value.mean(0)) ** 2).sum() / 6)
-    sizes = scale * np.concatenate([[0.0], np.geomspace(0.03, 8.0, 18)])
+    sizes = scale * np.concatenate([[0.0], np.geomspace(0.05, 5.0, 16)])
     prior = np.gradient(sizes) / (1 + (sizes / scale) ** 2)
     logs = []
     for k, (shared, own) in enumerate((s, o) for s in sizes for o in sizes):

@@ -37,6 +37,7 @@ from haptix.lab.experiment.recipe import ExperimentRecipe
 from haptix.lab.experiment.session_plan import (
     detection,
     latin_square,
+    method_of,
     order_for,
     williams_square,
 )
@@ -280,29 +281,41 @@ def test_a_recipe_has_conditions_in_an_order_by_participant():
         ExperimentRecipe(**{**RECIPE, "task": "pairs"}).make_method()
 
 
+def test_each_condition_has_an_order_of_its_own():
+    method = {"kind": "constant-stimuli", "levels": [14, 18, 22, 26], "repeats": 3}
+    for more in ({}, {"seed": 5}):
+        recipe = ExperimentRecipe(**{**RECIPE, "method": method | more, "conditions": [
+            {"name": "slow", "set": {"stimulus.drive_hz": 60}}, {"name": "plain"}]})  # fmt: skip
+        slow, plain = recipe.make_method(1, 7).methods.values()
+        assert slow._order != plain._order
+        assert recipe.make_method(1, 7).methods["slow"]._order == slow._order
+        assert method_of(slow.describe())._order == slow._order
+
+
 def test_the_power_of_a_plan_is_that_of_theory(monkeypatch):
-    """Of a method that reads the threshold with a scatter of 1."""
-    draw = np.random.default_rng(5)
+    """Of a method that reads the threshold with a known scatter of 1: a z-test in the limit."""
+    draw, grid = np.random.default_rng(5), np.linspace(-10, 60, 500)
 
     class Reads:
         def __init__(self, threshold):
             self.threshold = threshold + draw.standard_normal()
 
         def estimate(self):
-            return Estimate(self.threshold, 1.0, {})
+            logs = -0.5 * (grid - self.threshold) ** 2
+            return Estimate(self.threshold, likelihood=(grid, logs))
 
     monkeypatch.setattr(
         "haptix.lab.analysis.power.one_run",
         lambda make, observer, seed, ceiling: (Reads(observer.threshold), 1),
     )
-    for difference in (0.0, 1.0, 2.0):
-        for row in paired_power(None, Observer(22.0), difference, 1.5, (6, 12), runs=4000):
-            n = row["participants"]
-            # Each of two readings scatters by 1, and by a third of that between participants.
-            shift, limit = difference / np.sqrt(2 * (1 + 0.5**2) / n), t.ppf(0.975, n - 1)
-            power = 1 - nct.cdf(limit, n - 1, shift) + nct.cdf(-limit, n - 1, shift)
-            # 2000 samples of 4000 participants: a percent each.
-            assert row["power"] == pytest.approx(power, abs=0.05)
+    monkeypatch.setattr("haptix.lab.analysis.power._STUDIES_TESTED", 60)
+    for difference in (0.0, 2.0):
+        (row,) = paired_power(None, Observer(22.0), difference, 1.5, (12,), runs=1000)
+        # Each of two readings scatters by 1, and by a third of that between participants.
+        shift, limit = difference / np.sqrt(2 * (1 + 0.5**2) / 12), t.ppf(0.975, 11)
+        power = 1 - nct.cdf(limit, 11, shift) + nct.cdf(-limit, 11, shift)
+        # The model knows the scatter of a reading, which a t-test estimates with all else.
+        assert row["power"] == pytest.approx(power, abs=0.07)
 
 
 def test_the_accuracy_of_a_plan():

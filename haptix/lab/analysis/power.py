@@ -10,9 +10,10 @@ repeated in each row, because the sources that were read do not state them.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
-from math import inf, isnan
+from math import ceil, hypot, inf, isnan
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -23,17 +24,19 @@ from haptix.base.files import csv_text
 from haptix.base.report import record
 from haptix.base.task import Context, Result, Task
 from haptix.lab.experiment.methods import Method
-from haptix.lab.experiment.psychometric import function_named
+from haptix.lab.experiment.psychometric import function_named, group_of_likelihoods
 from haptix.lab.experiment.recipe import ExperimentRecipe
 from haptix.lab.experiment.session_plan import TASKS
 from haptix.lab.stimuli.rendering import Rendering, Tally
 from haptix.lab.stimuli.set_plan import SetPlan
 from haptix.model.perception.sensation import Loudest, SensationInTime
 
-_DRAWS = 2000  # of samples of participants from those that were simulated
+_STUDIES_DRAWN, _STUDIES_TESTED = 10_000, 300  # by which a power is known within 0.02
+_NEAR = 3  # simulated observers, on either side, one of whose runs a participant gets
 _PEOPLE = 4000  # drawn for a share
 _STUDIES = 2000  # drawn for a power
 _CHANCE = 0.5  # of two alternatives
+_UNKNOWN, _SURELY = 0.1, 0.9
 
 
 @dataclass(frozen=True)
@@ -116,8 +119,10 @@ def paired_power(
 ) -> Iterator[dict[str, Any]]:
     """Yield the power of a comparison of two conditions within participants, for each sample size.
 
-    `runs` participants are simulated once. Samples of each size are drawn from them with
-    replacement and tested by a paired t-test.
+    The test is that of `analyse`: the hierarchical model of both conditions, in which a threshold
+    beyond the levels has its part. `runs` observers are simulated, whose thresholds lie at even
+    quantiles of the population. In each of many studies, participants are drawn from the
+    population anew, each with the run of an observer whose threshold is next to his.
 
     Parameters
     ----------
@@ -133,7 +138,7 @@ def paired_power(
     participants : sequence of int
         Sample sizes.
     runs, seed : int
-        Simulated participants, and seed.
+        Simulated observers, and seed.
     alpha : float
         Two-sided level of the test.
     ceiling : float, optional
@@ -146,33 +151,54 @@ def paired_power(
     positive("alpha", alpha)
     for count in participants:
         whole("participants", count, 2)
-    draw, differences_db = np.random.default_rng([seed, runs]), []
-    for k in range(whole("runs", runs, 10)):
-        usual = observer.threshold + between * draw.standard_normal()
-        pair = []
-        for condition in (0, 1):
-            at = usual + condition * difference + between / 3 * draw.standard_normal()
-            participant = Observer(
-                at, observer.slope, observer.lapse, observer.guess, observer.function
-            )
-            method, _ = one_run(make, participant, seed + 2 * k + condition, ceiling)
-            pair.append(method.estimate().threshold)
-        if not any(map(isnan, pair)):
-            differences_db.append(pair[1] - pair[0])
-    if len(differences_db) < 10:
-        raise InputError("simulate: fewer than ten participants gave thresholds; change the levels")
-    differences = np.array(differences_db)
+    whole("runs", runs, 10)
+    own = between / 3
+    at = NormalDist(observer.threshold, max(hypot(between, own), 1e-9))
+    quantiles = [(k + 0.5) / ceil(runs / 2) for k in range(ceil(runs / 2))]
+    low = [at.inv_cdf(share) for share in quantiles]
+    truths = np.sort(np.array([*low, *(threshold + difference for threshold in low)]))[:runs]
+    found = []
+    for k, truth in enumerate(truths):
+        method, _ = one_run(make, replace(observer, threshold=float(truth)), seed + k, ceiling)
+        found.append(method.estimate())
+    likelihoods = [one.likelihood for one in found if one.likelihood is not None]
+    if len(likelihoods) < len(found):
+        raise InputError("simulate: a run has too few answers for a threshold; plan more trials")
+    likelihood_means = np.array([_mean_of(*one) for one in likelihoods])
     for count in participants:
-        sample = draw.choice(differences, (_DRAWS, count))
-        error = sample.std(1, ddof=1) / np.sqrt(count)
-        t = sample.mean(1) / np.maximum(error, 1e-12)
-        limit = student.ppf(1 - alpha / 2, count - 1)
+        draw = np.random.default_rng([seed, runs, count])
+        size = (_STUDIES_DRAWN, count, 2)
+        true = observer.threshold + between * draw.standard_normal((_STUDIES_DRAWN, count, 1))
+        true = true + difference * np.arange(2) + own * draw.standard_normal(size)
+        near = np.searchsorted(truths, true) + draw.integers(-_NEAR, _NEAR, size)
+        run = np.clip(near, 0, len(truths) - 1)
+        moved = true - truths[run]
+        # A t-test of all studies, and how much more often the test of the analysis finds it in some.
+        apart = np.diff(likelihood_means[run] + moved)[..., 0]
+        t = apart.mean(1) / np.maximum(apart.std(1, ddof=1) / np.sqrt(count), 1e-12)
+        by_t = np.abs(t) > student.ppf(1 - alpha / 2, count - 1)
+        who, condition = [str(k // 2) for k in range(2 * count)], [0, 1] * count
+        more = 0.0
+        for study in range(_STUDIES_TESTED):
+            members = zip(run[study].ravel(), moved[study].ravel(), strict=True)
+            felt = [(likelihoods[k][0] + shift, likelihoods[k][1]) for k, shift in members]
+            tested = group_of_likelihoods(felt, who, condition)
+            more += float(tested.p(np.array([-1.0, 1.0])) < alpha) - float(by_t[study])
+        shown = float(by_t.mean()) + more / _STUDIES_TESTED
         yield {
             "participants": count,
             "difference": difference,
-            "power": float(np.mean(np.abs(t) > limit)),
-            "excluded": 1 - len(differences_db) / runs,
+            "between": between,
+            "slope": observer.slope,
+            "lapse": observer.lapse,
+            "power": min(max(shown, 0.0), 1.0),
+            "beyond_levels": float(np.mean([isnan(one.threshold) for one in found])),
         }
+
+
+def _mean_of(levels: Array, logs: Array) -> float:
+    weight = np.exp(logs - logs.max())
+    return float(weight @ levels / weight.sum())
 
 
 _ALWAYS_GUESSED = 0.05  # share of answers that find a target where the task has no chance level
@@ -322,7 +348,8 @@ def predictions(
     """Yield a row for each stimulus of a set: its level, who detects it, and the power of a study.
 
     `detected` is the mean share of detections over people, `low` and `high` hold 95 % of people.
-    They are None if no threshold is known of anything in the stimulus.
+    They are None where no threshold is published of anything in the stimulus, or of more than a
+    tenth of its energy, unless nearly everybody detects the rest.
     """
     for name, loudest, is_reached in levels(plan, on_progress):
         known = [level for level in (loudest.sensation_db, loudest.edges_db) if level is not None]
@@ -337,11 +364,12 @@ def predictions(
             "low": None,
             "high": None,
         }
-        if known:
-            shares = people.shares(level_db)
+        shares = people.shares(level_db) if known else np.zeros(1)
+        is_known = known and (loudest.outside_share <= _UNKNOWN or shares.mean() > _SURELY)
+        if is_known:
             low, high = np.percentile(shares, (2.5, 97.5)).tolist()
             row |= {"detected": float(shares.mean()), "low": low, "high": high}
         for count in participants:
-            power = people.power(level_db, count, plan.trials.repeats) if known else None
+            power = people.power(level_db, count, plan.trials.repeats) if is_known else None
             row[f"power_{count}"] = power
         yield row

@@ -416,7 +416,7 @@ def _around(weight: Array, at: Array, count: int) -> Array:
     return np.linspace(*ends, count)
 
 
-_SIZES = np.concatenate([[0.0], np.geomspace(0.03, 8.0, 18)])
+_SIZES = np.concatenate([[0.0], np.geomspace(0.05, 5.0, 16)])
 
 
 @dataclass(frozen=True)
@@ -541,7 +541,7 @@ def group_of_likelihoods(
     return found
 
 
-_GRID = 1600
+_GRID = 1000
 _ROUNDS, _SETTLED = 12, 0.01
 
 
@@ -589,7 +589,7 @@ class _Table:
         each = precise.sum(2)
         factor = shared[:, None] ** 2 / (1 + shared[:, None] ** 2 * each)
         inverse = precise.sum(1)[:, :, None] * np.eye(self.conditions)
-        inverse = inverse - np.einsum("spc,sp,spd->scd", precise, factor, precise)
+        inverse = inverse - precise.mT @ (factor[..., None] * precise)
         covariance = np.linalg.inv(inverse)
 
         def whitened(values: Array) -> Array:
@@ -597,7 +597,7 @@ class _Table:
             weighed = precise * values
             return np.asarray(weighed - (factor * weighed.sum(2))[:, :, None] * precise)
 
-        mean = np.einsum("scd,sd->sc", covariance, whitened(y).sum(1))
+        mean = (covariance @ whitened(y).sum(1)[..., None])[..., 0]
         off = whitened(y - mean[:, None, :])
         rest = (y * off).sum((1, 2))
         with np.errstate(divide="ignore"):
@@ -610,7 +610,7 @@ class _Table:
         # Each value by all others (Sundararajan & Keerthi, Neural Comput. 13, 1103 (2001)).
         of_means = precise[..., None] * np.eye(self.conditions)
         of_means = of_means - (factor[..., None] * precise)[..., None] * precise[:, :, None, :]
-        taken = np.einsum("spcd,sde,spce->spc", of_means, covariance, of_means)
+        taken = (of_means @ covariance[:, None] * of_means).sum(-1)
         alone = (precise - factor[..., None] * precise**2 - taken)[:, *place]
         alone = np.maximum(alone, 1e-12 / scale**2)
         middle = value - off[:, *place] / alone

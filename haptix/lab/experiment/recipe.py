@@ -32,7 +32,7 @@ from haptix.lab.experiment import (
     StrokeRanges,
 )
 from haptix.lab.experiment.observer import AnswerTo
-from haptix.lab.experiment.session_plan import BlockOrder, order_for, task_named
+from haptix.lab.experiment.session_plan import BlockOrder, order_for, seed_of, task_named
 from haptix.lab.stimuli.designs import put
 from haptix.lab.stimuli.rendering import Apparatus, Rendering
 from haptix.lab.stimuli.stimulus import Stimulus, stimulus_from
@@ -132,7 +132,7 @@ class ExperimentRecipe(Document):
         if not self.conditions:
             return self._method(self._tables(None), seed)
         methods = {
-            condition.name: self._method(self._tables(condition), seed)
+            condition.name: self._method(self._tables(condition), seed, condition.name)
             for condition in self.conditions
         }
         if self.order == "interleaved":
@@ -189,7 +189,7 @@ class ExperimentRecipe(Document):
             put(tables, dotted, value, f"conditions.{condition.name}.set" if condition else "")
         return tables
 
-    def _method(self, tables: Mapping[str, Any], seed: int | None) -> Method:
+    def _method(self, tables: Mapping[str, Any], seed: int | None, condition: str = "") -> Method:
         table, task = dict(tables["method"]), task_named(self.task)
         kinds = {"pairs": "pairs", "magnitude": "magnitudes"}
         if (kind := kinds.get(self.task)) != table.get("kind") and (
@@ -201,8 +201,11 @@ class ExperimentRecipe(Document):
             )
         if kind is None and task.guess != 0.5 and table.get("function") != "symmetric-normal":
             table.setdefault("guess", task.guess or _WITHOUT_TARGET)
-        if seed is not None and table.get("kind") in _SEEDED:
-            table.setdefault("seed", seed)
+        if table.get("kind") in _SEEDED:
+            if seed is not None:
+                table.setdefault("seed", seed)
+            if condition:  # each has an order of its own
+                table["seed"] = seed_of(table.get("seed", 0), condition)
         kind = choice("method.kind", table.pop("kind", None), METHODS)
         settings = {
             name: tuple(value) if isinstance(value, list) else value

@@ -129,9 +129,9 @@ def order_for(
     return [items[i] for i in square[(participant - 1) % len(square)]]
 
 
-def seed_of(seed: int, participant: str, session: str) -> int:
-    """Return the seed of one session, so that no two have trials in the same order."""
-    text = f"{seed}/{participant}/{session}"
+def seed_of(seed: int, *labels: str) -> int:
+    """Return the seed of a session or a condition; no two have trials in the same order."""
+    text = "/".join([str(seed), *labels])
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:4], "big")
 
 
