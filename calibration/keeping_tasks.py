@@ -124,7 +124,10 @@ class KeepRegister(Task, command="calibrate register"):
         kept = update_register(self.register_file, today, with_all)
         if self.page is not None:
             write_register_page(self.page, kept, today)
-        rows = [{**panel.model_dump(mode="json"), "due": panel.due(today)} for panel in kept.panels]
+        rows = [
+            {**panel.model_dump(mode="json", exclude={"strokes"}), "due": panel.due(today)}
+            for panel in kept.panels
+        ]
         late = [
             panel
             for panel in kept.panels

@@ -15,6 +15,7 @@ from filelock import FileLock, Timeout
 from pydantic import Field
 
 from calibration.keep.gauge import ControlChart
+from calibration.keep.practice import TRUTH
 from calibration.keep.session_report import chart_picture
 from calibration.measure.session import Session
 from calibration.steps import Finished, written_screen
@@ -28,18 +29,20 @@ _LOCK_S = 20.0
 SOON_DAYS = 30
 """Before its due date a panel counts as due soon."""
 
-State = Literal["open", "measured", "passed", "provisional", "failed"]
+State = Literal["open", "measured", "passed", "provisional", "failed", "practice"]
+_VERDICTS = ("passed", "provisional", "failed")
 
 
 class Panel(Part):
-    """The latest calibration of one panel.
+    """One calibration of a panel.
 
     Parameters
     ----------
     panel, session : str
         Its name, and the folder of its session.
-    state : {"open", "measured", "passed", "provisional", "failed"}
-        "open" with strokes still to be made, "measured" where they are not yet verified.
+    state : {"open", "measured", "passed", "provisional", "failed", "practice"}
+        "open" with strokes still to be made, "measured" where they are not yet verified, "practice"
+        where no panel was measured.
     open_strokes : int
         How many strokes are still to be made.
     operator, calibration_id : str
@@ -48,6 +51,8 @@ class Panel(Part):
         Day of the strokes, and that from which the calibration is old.
     h0_m : float or None
         d1/eps1 [m].
+    strokes : tuple of str
+        Start of the hash of each stroke's file, by which a copied session is found.
     """
 
     panel: Annotated[str, Heading("panel")]
@@ -60,28 +65,50 @@ class Panel(Part):
     due_on: Annotated[date | None, Heading("due on")] = None
     h0_m: Annotated[float | None, Heading("d1/eps1 [m]", ".4g")] = None
 
+    strokes: Annotated[tuple[str, ...], Field(exclude_if=lambda value: not value)] = ()
+
     @classmethod
     def of(cls, folder: Path) -> Panel:
         """Read the state of a session's folder."""
         session = Session.open(folder)
-        name, still_open = session.info.screen.name, len(session.open_strokes)
-        place = str(folder.resolve())
-        screen, known = written_screen(folder), Finished.load(folder)
-        if still_open or screen is None or screen.calibration is None:
-            state: State = "open" if still_open else "measured"
-            if known is not None and known.verification.failures:
-                state = "failed"
-            return cls(panel=name, session=place, state=state, open_strokes=still_open,
-                       operator=session.info.operator)  # fmt: skip
-        made = screen.calibration
-        return cls(
-            panel=name, session=place, state=made.verdict, operator=made.operator,
-            calibration_id=screen.calibration_id, measured_on=made.date,
-            due_on=made.date + timedelta(days=CALIBRATION_VALID_DAYS), h0_m=screen.h0_m,
+        still_open, screen = len(session.open_strokes), written_screen(folder)
+        hashes = session.hashes().items()
+        found = cls(
+            panel=session.info.screen.name, session=str(folder.resolve()),
+            state="open" if still_open else "measured", open_strokes=still_open,
+            operator=session.info.operator,
+            strokes=tuple(digest[:16] for name, digest in hashes if name.startswith("strokes/")),
         )  # fmt: skip
+        known = Finished.load(folder)
+        if (folder / TRUTH).exists():
+            return found.model_copy(update={"state": "practice"})
+        if still_open or screen is None or screen.calibration is None:
+            if known is None or not known.verification.failures:
+                return found
+            days = [recording.conditions.started[:10] for recording in session.recordings]
+            failed = {"state": "failed", "measured_on": date.fromisoformat(max(days))}
+            return found.model_copy(update=failed)
+        made = screen.calibration
+        return found.model_copy(update={
+            "state": "practice" if made.is_virtual else made.verdict, "operator": made.operator,
+            "calibration_id": screen.calibration_id, "measured_on": made.date,
+            "due_on": made.date + timedelta(days=CALIBRATION_VALID_DAYS), "h0_m": screen.h0_m,
+        })  # fmt: skip
+
+    @property
+    def rank(self) -> tuple[bool, bool, date]:
+        """By which one stands for its panel: no practice, with a verdict, and the newest."""
+        is_real, is_judged = self.state != "practice", self.state in _VERDICTS
+        return is_real, is_judged, self.measured_on or date.min
+
+    def is_same(self, other: Panel) -> bool:
+        """Whether both are of the same session, be it copied or grown."""
+        return self.session == other.session or bool({*self.strokes} & {*other.strokes})
 
     def due(self, today: date) -> str:
         """Say when it is to be measured again."""
+        if self.state == "practice":
+            return "a practice, of no panel"
         if self.due_on is None:
             return "not calibrated"
         days = (self.due_on - today).days
@@ -112,16 +139,37 @@ class StandardReading(Part):
 
 
 class Register(Document):
-    """All panels and the readings of check standards; written on a day, by whichever rig."""
+    """All panels and the readings of check standards; written on a day, by whichever rig.
+
+    Of several calibrations of a panel the newest with a verdict stands, a practice never before a
+    measured one; the others are its `history`.
+    """
 
     written_on: date
     panels: tuple[Panel, ...] = ()
+    history: tuple[Panel, ...] = ()
     readings: tuple[StandardReading, ...] = Field(default=())
 
     def with_panel(self, panel: Panel) -> Register:
-        """Return a register with this state of a panel in place of the one before."""
-        others = [other for other in self.panels if other.panel != panel.panel]
-        return self.replace(panels=(*others, panel))
+        """Return a register with this calibration; one of the same session is replaced.
+
+        Raises
+        ------
+        InputError
+            If another panel has its strokes.
+        """
+        kept = [one for one in (*self.history, *self.panels) if not one.is_same(panel)]
+        for one in (*self.history, *self.panels):
+            if one.panel != panel.panel and {*one.strokes} & {*panel.strokes}:
+                raise InputError(
+                    f"{panel.session}: expected strokes on {panel.panel}, got those of "
+                    f"{one.panel} ({one.session}): a session was copied under another name"
+                )
+        of_panel = [one for one in (*kept, panel) if one.panel == panel.panel]
+        *before, stands = sorted(of_panel, key=lambda one: one.rank)
+        others = [one for one in self.panels if one.panel != panel.panel and one in kept]
+        history = [one for one in self.history if one.panel != panel.panel]
+        return self.replace(panels=(*others, stands), history=(*history, *before))
 
     def chart(self, standard: str) -> ControlChart:
         """Chart the readings of a check standard, in order of time."""
@@ -170,6 +218,9 @@ def write_register_page(path: Path, register: Register, today: date) -> None:
         for panel in sorted(register.panels, key=lambda p: (p.due_on or date.min, p.panel))
     ]  # fmt: skip
     parts = [part("Panels", rows)]
+    names = ("panel", "state", "measured_on", "operator", "calibration_id", "session")
+    earlier = [one.model_dump(mode="json", include=set(names)) for one in register.history]
+    parts += [part("Earlier calibrations", earlier)] if earlier else []
     for standard in sorted({reading.standard for reading in register.readings}):
         chart = register.chart(standard)
         title = f"Check standard {standard}: {chart.text}"

@@ -156,7 +156,7 @@ def finish_decided(
         count = len(plan.strokes) - len(before.protocol.strokes)
         question = (
             f"The strokes leave the verdict open. {count} strokes more, some "
-            f"{more_s / 60:.1f} minutes, would decide it. Go on?"
+            f"{more_s / 60:.1f} minutes, are expected to decide it. Go on?"
         )
         plan.save(folder / "protocol.toml")
         if not go_on(Session.open(folder), question):

@@ -190,6 +190,10 @@ class Measuring(Task):
     instruments: FileThere | None = Field(
         None, description="Certificates of the instruments, as TOML: an expired one is refused."
     )
+    temperature_c: Annotated[float, Field(ge=-50, le=100)] | None = Field(
+        None, description="Of the room."
+    )
+    humidity_percent: Percent | None = Field(None, description="Of the room.")
     yes: bool = Field(False, description="Do not wait before each stroke.")
     seed: Seed | None = Field(None, description="Of a virtual finger. [default: 0, or a new one]")
 
@@ -221,13 +225,7 @@ class Measuring(Task):
         Inputs.load(inputs)
         return lambda session: open_inputs(inputs)
 
-    def measured(
-        self,
-        session: Session,
-        context: Context,
-        temperature_c: float | None = None,
-        humidity_percent: float | None = None,
-    ) -> Result:
+    def measured(self, session: Session, context: Context) -> Result:
         """Make the open strokes; where some stay open it has failed."""
         from calibration.measure.measuring import measure_guided
         from calibration.measure.recording import Conditions
@@ -246,7 +244,7 @@ class Measuring(Task):
                 device = stack.enter_context(closing(open_device(self.device)))
             serial = None if device is None else device.capabilities.serial or self.device
             driver = {} if serial is None else {DRIVER: serial}
-            room = Conditions(driver, temperature_c, humidity_percent, self.operator)
+            room = Conditions(driver, self.temperature_c, self.humidity_percent, self.operator)
             most_tries = 1 if self.source == "csv" else 5
             outcome = measure_guided(session, source, device, context, self.asks, room, most_tries)
         numbers = [stroke.number for stroke in outcome.still_open]
@@ -276,10 +274,6 @@ class Measure(Measuring, command="calibrate measure"):
     crosstalk: Annotated[float, Field(ge=-1, le=1)] = Field(
         0.0, description="Share of the normal force on the tangential axis."
     )
-    temperature_c: Annotated[float, Field(ge=-50, le=100)] | None = Field(
-        None, description="Of the room."
-    )
-    humidity_percent: Percent | None = Field(None, description="Of the room.")
     resume: bool = Field(False, description="Continue a session.")
     quiet: bool = Field(False, description="Print no table.")
 
@@ -292,7 +286,7 @@ class Measure(Measuring, command="calibrate measure"):
             raise InputError("--plan: expected a protocol; write one with `haptix calibrate plan`")
         self.opening()
         session = self.session(plan)
-        result = self.measured(session, context, self.temperature_c, self.humidity_percent)
+        result = self.measured(session, context)
         return replace(result, tables=()) if self.quiet and not result.failed else result
 
     def session(self, plan: Any) -> Session:
@@ -303,7 +297,7 @@ class Measure(Measuring, command="calibrate measure"):
         from haptix.model.pair import profiles
         from haptix.model.screen import Screen
 
-        if self.resume and (plan is None or (self.folder / "session.json").exists()):
+        if self.resume and (plan is None or Session.has_begun(self.folder)):
             before = Session.open(self.folder)
             screen = before.info.screen if self.screen is None else Screen.named(self.screen)
             info = before.info.replace(
@@ -351,7 +345,7 @@ class RunCalibration(Planned, Measuring, command="calibrate run"):
             self = self.model_copy(update=virtual)
         folder = self.folder
         self.opening()
-        if not (folder / "session.json").exists():
+        if not Session.has_begun(folder):
             session, planned = self.begin()
             context.tell(step=planned.text)
         elif self.practice != (folder / TRUTH).exists():
@@ -559,7 +553,7 @@ class CalibrationJob(
 
         assert context.folder is not None
         folder = context.folder / self.name
-        if not (folder / "session.json").exists():
+        if not Session.has_begun(folder):
             profiles: dict[str, Any] = {
                 "finger": self.finger,
                 "screen": self.screen,

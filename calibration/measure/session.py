@@ -3,7 +3,7 @@
 ::
 
     protocol.toml            which strokes to make
-    session.json             screen, finger, operator
+    session.json             screen, finger, operator; written last
     instruments.toml         instruments with the dates of their certificates
     strokes/stroke-007.h5    accepted strokes, one file each, whole or absent
     rejected/stroke-007-1.h5 rejected ones, with the reasons inside
@@ -95,9 +95,9 @@ class Session:
             If the folder cannot be written.
         """
         folder = Path(folder)
-        if not (folder / "protocol.toml").exists():
-            info.save(folder / "session.json")
+        if not cls.has_begun(folder):
             protocol.save(folder / "protocol.toml")
+            info.save(folder / "session.json")
             return cls(folder, protocol, info)
         if not resume:
             raise InputError(
@@ -119,6 +119,11 @@ class Session:
                     + "; resume with that one, or choose another folder"
                 )
         return existing
+
+    @staticmethod
+    def has_begun(folder: Path) -> bool:
+        """Whether both files of a session are there; one that was stopped between them has none."""
+        return all((folder / name).exists() for name in ("protocol.toml", "session.json"))
 
     @classmethod
     def open(cls, folder: str | Path) -> Session:

@@ -28,7 +28,13 @@ from calibration.plan.protocol import (
     with_held_out,
 )
 from calibration.verify.steadiness import TOLERANCE_JND
-from calibration.verify.verification import HeldOutStroke, Verification, fit_bound, groups_of
+from calibration.verify.verification import (
+    Equivalence,
+    HeldOutStroke,
+    Verification,
+    fit_bound,
+    groups_of,
+)
 from haptix.model.perception.thresholds import WEBER_FRACTION
 
 ENOUGH = 0.95
@@ -62,6 +68,7 @@ def chance_of_passing(
     `repeatability` is the standard deviation of ln mu from stroke to stroke, and `determined` the
     share of `drawn_truths` on which the fitted strokes determine d1/eps1, if it is known.
     """
+    repeatability = max(repeatability, _LEAST_REPEATABILITY)
     fitted, held_out = (
         StrokeConditions.of(stroke for stroke in protocol.strokes if stroke.held_out is wanted)
         for wanted in (False, True)
@@ -109,9 +116,10 @@ def chance_of_passing(
 
 
 def _share_determined(parameters: Parameters, information: Array) -> float:
+    """Share of truths whose d1/eps1 is determined, what the theory's own error adds included."""
     at = parameters.free.index("h0_m")
     variances = np.linalg.inv(information)[:, at, at]
-    return float(np.mean(variances <= reported_within("h0_m") ** 2))
+    return float(np.mean(variances <= (_AIMED * reported_within("h0_m")) ** 2))
 
 
 def drawn_truths(
@@ -124,6 +132,7 @@ def drawn_truths(
 
     Also returns what the strokes tell of each, shape (truths, free, free).
     """
+    repeatability = max(repeatability, _LEAST_REPEATABILITY)
     rng, truths, information = np.random.default_rng(1), [], []
     for _ in range(_MOST_TRUTHS):
         log_values = {
@@ -158,6 +167,7 @@ def with_enough_strokes(
     Fitted strokes are added first, until they determine d1/eps1 in as many, and held-out strokes
     then. Where 60 held-out strokes are not enough, the protocol has as many.
     """
+    repeatability = max(repeatability, _LEAST_REPEATABILITY)
     fitted = StrokeConditions.of(stroke for stroke in protocol.strokes if not stroke.held_out)
     truths, information = drawn_truths(predictor, parameters, fitted, repeatability)
     most = _AIMED * reported_within("h0_m")
@@ -198,17 +208,24 @@ def extended_plan(
 ) -> Protocol | None:
     """Return the plan with the strokes added that would decide an open verdict.
 
-    None where no number of strokes that `determining_strokes` allows determines d1/eps1.
+    None where no number of strokes that `determining_strokes` allows determines d1/eps1 beside
+    what the forms of the model leave open, or where a group would stay open with all of them.
     """
     repeatability = max(fit.repeatability.log_mu, _LEAST_REPEATABILITY)
     max_voltage_v = max(stroke.voltage_v for stroke in protocol.strokes)
     count, fitted = len(protocol.held_out), list[Sequence[float]]()
     if fit["h0_m"].value is None:
         fitted_parameters = parameters.started_at(**{name: fit.best(name) for name in fit.free})
-        known = np.asarray(np.linalg.inv(fit.covariance)[None])
+        # More strokes do not tell the forms apart better than these have.
+        own = fit.covariance if fit.posterior is None else fit.posterior.own
+        at = fit.free.index("h0_m")
+        left = reported_within("h0_m") ** 2 - (fit.covariance - own)[at, at]
+        if left <= 0:
+            return None
+        known = np.asarray(np.linalg.inv(own)[None])
         determining = determining_strokes(
             predictor, [fitted_parameters], known, repeatability, max_voltage_v,
-            _AIMED * reported_within("h0_m"),
+            _AIMED * float(np.sqrt(left)),
         )  # fmt: skip
         if determining is None:
             return None
@@ -216,8 +233,21 @@ def extended_plan(
     if any(group.bound_jnd > verification.tolerance_jnd for group in verification.groups):
         repeats = WEBER_FRACTION * verification.steadiness.repeatability_jnd
         enough, _ = with_enough_strokes(predictor, parameters, protocol, repeats, max_voltage_v)
+        before = count
         count = min(max(len(enough.held_out), count + max(count // 2, 2)), MOST_HELD_OUT)
+        if not all(
+            _would_decide(group, count / before, verification.tolerance_jnd)
+            for group in verification.groups
+        ):
+            return None
     return protocol.extended(count, fitted)
+
+
+def _would_decide(group: Equivalence, times: float, tolerance_jnd: float) -> bool:
+    """Whether so many times the strokes decide a group whose mean stays as it is."""
+    scatter = group.uncertainty_jnd**2 - group.rig_jnd**2
+    left = float(np.sqrt(max(scatter, 0.0) / times + group.rig_jnd**2))
+    return not abs(group.mean_jnd) - left <= tolerance_jnd < abs(group.mean_jnd) + left
 
 
 def _jacobians(predicted: Prediction) -> tuple[Array, Array]:

@@ -34,7 +34,7 @@ def rig(monkeypatch, finger, screen):
             made["left"] -= 1
             path = session.path_of(plan.strokes[0])
             path.parent.mkdir(exist_ok=True)
-            path.touch()
+            path.write_text(self.name)
         return Result({}, failed=bool(session.open_strokes))
 
     monkeypatch.setattr(RunCalibration, "run", run)

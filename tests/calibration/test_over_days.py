@@ -147,6 +147,34 @@ def test_a_clock_that_was_set_back_and_a_damaged_register_change_nothing(tmp_pat
     assert path.read_bytes() == before[:-9]
 
 
+def test_of_several_calibrations_the_newest_with_a_verdict_stands():
+    def one(session, state, days=None, **more):
+        day = None if days is None else DAY + timedelta(days=days)
+        return Panel(panel="7", session=session, state=state, measured_on=day, **more)
+
+    failed, older = one("b", "failed", 9), one("a", "passed", 1)
+    kept = Register(written_on=DAY, panels=(failed,)).with_panel(older)
+    assert kept.panels == (failed,) and kept.history == (older,)
+    # Neither a session that has only begun nor a practice says more of the panel.
+    kept = kept.with_panel(one("c", "open")).with_panel(one("d", "practice", 20))
+    assert kept.panels == (failed,) and len(kept.history) == 3
+    assert "practice" in one("d", "practice", 20).due(DAY)
+    again = one("a", "passed", 12)  # its own earlier entry goes
+    kept = kept.with_panel(again)
+    assert kept.panels == (again,) and older not in kept.history and failed in kept.history
+    assert Register(**kept.model_dump()) == kept
+
+
+def test_a_session_that_was_copied_under_another_name_is_refused():
+    first = Panel(panel="7", session="/a", state="passed", strokes=("ab", "cd"))
+    copied = first.model_copy(update={"panel": "8", "session": "/b"})
+    kept = Register(written_on=DAY).with_panel(first)
+    with pytest.raises(haptix.InputError, match="copied under another name"):
+        kept.with_panel(copied)
+    moved = first.model_copy(update={"session": "/c"})  # the same session in another folder
+    assert kept.with_panel(moved).panels == (moved,)
+
+
 def test_due_dates():
     one = panel("7", due_on=DAY)
     assert one.due(DAY - timedelta(days=40)) == "not due"
