@@ -14,7 +14,7 @@ from typing import Annotated, Literal
 from filelock import FileLock, Timeout
 from pydantic import Field
 
-from calibration.keep.gauge import ControlChart
+from calibration.keep.gauge import RATES, RULES, ControlChart
 from calibration.keep.practice import TRUTH
 from calibration.keep.session_report import chart_picture
 from calibration.measure.session import Session
@@ -22,7 +22,7 @@ from calibration.steps import Finished, written_screen
 from haptix.base.documents import Document, Part
 from haptix.base.errors import InputError
 from haptix.base.files import write_whole
-from haptix.base.report import Heading, page, part, picture
+from haptix.base.report import Heading, listed, page, part, picture
 from haptix.model.screen import CALIBRATION_VALID_DAYS
 
 _LOCK_S = 20.0
@@ -224,5 +224,5 @@ def write_register_page(path: Path, register: Register, today: date) -> None:
     for standard in sorted({reading.standard for reading in register.readings}):
         chart = register.chart(standard)
         title = f"Check standard {standard}: {chart.text}"
-        parts.append(picture(title, chart_picture(chart)))
+        parts += [picture(title, chart_picture(chart)), listed("Rules", (*RULES, RATES))]
     write_whole(path, page(f"Register of panels, {today}", parts))

@@ -1,7 +1,9 @@
 """A rig over days and panels: its control chart, and its share of the measured variance.
 
-The chart is that of single values with moving ranges (Shewhart; ISO 7870-2). The gauge study is an
-analysis of variance of crossed random factors (AIAG, Measurement Systems Analysis, 4th edition).
+The chart scores each value by those before it (a Q chart; Quesenberry, J. Qual. Technol. 23, 213
+(1991)) and averages the scores (EWMA; Lucas & Saccucci, Technometrics 32, 1 (1990)), so that its
+rates do not depend on how many values set its limits. The gauge study is an analysis of variance of
+crossed random factors (AIAG, Measurement Systems Analysis, 4th edition).
 """
 
 from __future__ import annotations
@@ -10,11 +12,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from math import isnan, nan, sqrt
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from scipy.stats import f as fisher
 from scipy.stats import linregress
+from scipy.stats import norm as normal
 from scipy.stats import t as student
 
 from calibration.plan.parameters import Array
@@ -27,10 +30,23 @@ BASELINE = 20
 FEWEST = 5
 """Values from which a chart has limits."""
 
-_RANGE_OF_TWO = 1.128  # mean range of two normal values, in standard deviations
-_ROW = 9  # on one side of the middle: one in 256 by chance (Nelson 1984)
+RULES = (
+    "beyond: a value further from those before it than in 1 of 370 (3 standard deviations of many)",
+    "shift: the weighted mean of the scores, the last with 0.2, beyond 3.2 of its deviations",
+)
+"""When a chart says to stop and look."""
+
+RATES = (
+    "of quiet charts one in eight alarms within 40 values; a step of 5 standard deviations is seen "
+    "at once in 9 of 10 after 20 values and in 7 of 10 after 10; one of 2 deviations after some 4 "
+    "values, one of 1 after some 13"
+)
+"""How often the rules alarm, by simulation (tests/calibration/test_over_days.py)."""
+
+_BEYOND, _SHIFTED, _LATEST = 3.0, 3.2, 0.2
 _POOLED = 0.25  # probability above which an interaction counts as scatter (AIAG)
 _LEVEL = 0.975
+_LEAST_SD = 1e-12  # of values that are all alike
 
 
 @dataclass(frozen=True)
@@ -42,14 +58,16 @@ class ControlChart:
     values : tuple of float
         In order of time.
     middle, low, high : float
-        Mean of the first `BASELINE`, and limits three standard deviations away; NaN for fewer than
+        Mean of the first `BASELINE` before the last, and limits of the last; NaN for fewer than
         `FEWEST`.
     drift : float
         Change from the first value to the last, by a straight line.
     drift_uncertainty : float
         The true one is within it, either side, at 95 %.
     findings : tuple of str
-        Why to stop and look; empty where there is no reason.
+        Why to stop and look at the last value; empty where there is no reason.
+    alarms : tuple of int
+        Places of all values at which a rule spoke.
     """
 
     values: tuple[float, ...]
@@ -59,6 +77,7 @@ class ControlChart:
     drift: float
     drift_uncertainty: float
     findings: tuple[str, ...]
+    alarms: tuple[int, ...] = ()
 
     @classmethod
     def of(cls, values: Sequence[float]) -> ControlChart:
@@ -66,23 +85,34 @@ class ControlChart:
         if len(values) < FEWEST:
             return cls(tuple(values), nan, nan, nan, nan, nan, ())
         column = np.array(values, dtype=float)
-        first = column[:BASELINE]
-        middle = float(first.mean())
-        sd = float(np.abs(np.diff(first)).mean()) / _RANGE_OF_TWO
-        low, high = middle - 3 * sd, middle + 3 * sd
+        alarms, said = [], list[str]()
+        mean = variance = 0.0
+        middle = low = high = nan
+        for place in range(FEWEST - 1, len(column)):
+            before = column[: min(place, BASELINE)]
+            middle, free = float(before.mean()), len(before) - 1
+            sd = max(float(before.std(ddof=1)) * sqrt(1 + 1 / len(before)), _LEAST_SD)
+            off = (column[place] - middle) / sd
+            score = -float(np.sign(off)) * float(normal.ppf(student.sf(abs(off), free)))
+            mean = (1 - _LATEST) * mean + _LATEST * score
+            variance = (1 - _LATEST) ** 2 * variance + _LATEST**2
+            half = float(student.isf(normal.sf(_BEYOND), free)) * sd
+            low, high, said = middle - half, middle + half, []
+            if not low <= column[place] <= high:
+                said.append(
+                    f"beyond: the last value, {column[place]:.3g}, is outside {low:.3g} to "
+                    f"{high:.3g}"
+                )
+            if abs(mean) > _SHIFTED * sqrt(variance):
+                way = "above" if mean > 0 else "below"
+                said.append(f"shift: the last values lie {way} {middle:.3g}")
+            if said:
+                alarms.append(place)
         line = linregress(np.arange(len(column)), column)
         lasts = len(column) - 1
         drift = float(line.slope) * lasts
         unsure = float(student.ppf(_LEVEL, len(column) - 2) * line.stderr) * lasts
-        findings = []
-        if not low <= column[-1] <= high:
-            findings.append(f"the last value, {column[-1]:.3g}, is outside {low:.3g} to {high:.3g}")
-        sides = np.sign(column[-_ROW:] - middle)
-        if len(sides) == _ROW and abs(sides.sum()) == _ROW:
-            findings.append(f"the last {_ROW} values lie on one side of {middle:.3g}")
-        if abs(drift) > max(unsure, 3 * sd):
-            findings.append(f"they drift by {drift:+.2g} ± {unsure:.2g} from the first to the last")
-        return cls(tuple(values), middle, low, high, drift, unsure, tuple(findings))
+        return cls(tuple(values), middle, low, high, drift, unsure, tuple(said), tuple(alarms))
 
     @property
     def text(self) -> str:
@@ -230,6 +260,20 @@ class GaugeStudy:
         return float(np.hypot(self.sd(_REPEATS), self.reproducibility))
 
     @property
+    def distinct_categories(self) -> int:
+        """How many kinds of parts the gauge tells apart (ndc, AIAG); 5 or more are wanted."""
+        return int(sqrt(2) * self.sd(self.part) / self.gauge) if self.gauge else 0
+
+    def share_of_tolerance(self, tolerance: float) -> float:
+        """Six standard deviations of the gauge over the width of a tolerance on both sides."""
+        return 6 * self.gauge / (2 * tolerance)
+
+    def verdict(self, tolerance: float) -> GaugeVerdict:
+        """Return the verdict by AIAG: up to 10 % of the tolerance good, up to 30 % conditional."""
+        share = self.share_of_tolerance(tolerance)
+        return "good" if share <= 0.1 else "conditional" if share <= 0.3 else "not fit"
+
+    @property
     def text(self) -> str:
         """One line for people."""
         whole = float(np.hypot(self.gauge, self.sd(self.part)))
@@ -241,3 +285,4 @@ class GaugeStudy:
 
 
 _REPEATS = "repeatability"
+GaugeVerdict = Literal["good", "conditional", "not fit"]

@@ -77,3 +77,14 @@ def test_what_is_wrong_or_was_looked_at_three_times_is_not_asked_again(session, 
         plan.save(session.folder / "protocol.toml")
         plan = plan_that_decides(session.folder, OPEN)
     assert plan is None
+
+
+def test_a_session_that_was_stopped_between_its_files_begins(session, tmp_path):
+    """Of either order in which the two were ever written."""
+    for left in ("protocol.toml", "session.json"):
+        folder = tmp_path / left
+        folder.mkdir()
+        (folder / left).write_bytes((session.folder / left).read_bytes())
+        assert not Session.has_begun(folder)
+        begun = Session.begin(folder, session.protocol, session.info)
+        assert len(Session.open(folder).open_strokes) == 8 and begun.protocol == session.protocol

@@ -47,6 +47,11 @@ def test_the_published_example_has_its_published_numbers():
     assert study.reproducibility == pytest.approx(0.226838, abs=1e-6)
     assert study.gauge == pytest.approx(0.302373, abs=2e-6)  # of rounded parts
     assert study.sd("part") == pytest.approx(1.042327, abs=1e-6)
+    assert study.distinct_categories == 4  # as published: 1.41 * 1.04233 / 0.30237 = 4.86
+    assert study.share_of_tolerance(4.0) == pytest.approx(6 * 0.302373 / 8, abs=1e-5)
+    assert (study.verdict(10.0), study.verdict(4.0), study.verdict(1.0)) == (
+        "good", "conditional", "not fit",
+    )  # fmt: skip
 
 
 def exactly(rng, count, sd):
@@ -100,20 +105,34 @@ def test_a_chart_stays_quiet_and_speaks_up():
     steady = rng.normal(0.1, 0.05, 20)
     assert ControlChart.of(steady[:4]).findings == ()
     chart = ControlChart.of(steady)
-    assert chart.findings == ()
-    assert chart.high - chart.middle == pytest.approx(0.15, rel=0.5)
+    assert chart.findings == () and chart.alarms == ()
+    # Three deviations of nineteen, by Student: 3.5 and more of a sample whose own scatters.
+    assert 3.0 < (chart.high - chart.middle) / steady[:19].std(ddof=1) < 4.0
     assert "outside" in ControlChart.of([*steady, 0.5]).text
     shifted = ControlChart.of([*steady, *(0.2 + 0.01 * rng.normal(size=9))])
-    assert any("one side" in one for one in shifted.findings)
-    drifting = ControlChart.of(steady + 0.03 * np.arange(20))
-    assert any("drift" in one for one in drifting.findings)
+    assert any(one.startswith("shift") for one in shifted.findings)
+    drifting = ControlChart.of([*steady, *(0.1 + 0.03 * np.arange(20))])
+    assert any(one.startswith("shift") for one in drifting.findings)
+    assert ControlChart.of([0.1] * 30).findings == ()
 
 
-def test_false_alarms_of_a_chart_are_rare():
-    """Three standard deviations: 0.27 %, some 3 % with limits of 20 values and all three rules."""
-    rng = np.random.default_rng(4)
-    stopped = sum(bool(ControlChart.of(rng.normal(size=21)).findings) for _ in range(300))
-    assert stopped < 30
+def test_the_rates_of_the_chart_are_those_it_states():
+    rng, charts = np.random.default_rng(4), 250
+    quiet = sum(bool(ControlChart.of(rng.normal(size=40)).alarms) for _ in range(charts))
+    assert quiet / charts == pytest.approx(1 / 8, abs=3 * np.sqrt(1 / 8 * 7 / 8 / charts))
+    for before, share in ((20, 0.9), (10, 0.7)):
+        seen = sum(
+            bool(ControlChart.of([*rng.normal(size=before), 5 + rng.normal()]).findings)
+            for _ in range(charts)
+        )
+        assert seen / charts == pytest.approx(share, abs=3 * np.sqrt(share * (1 - share) / charts))
+    waits = []
+    for _ in range(100):
+        values = rng.normal(size=60)
+        values[20:] += 2.0
+        after = [place for place in ControlChart.of(values).alarms if place >= 20]
+        waits.append(after[0] - 19 if after else 40)
+    assert 3 <= np.median(waits) <= 5
 
 
 def panel(name, **fields):

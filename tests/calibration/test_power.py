@@ -22,7 +22,13 @@ from calibration.plan.protocol import (
     short_protocol,
     with_held_out,
 )
-from calibration.verify.verification_power import ENOUGH, chance_of_passing, with_enough_strokes
+from calibration.verify.verification import Equivalence
+from calibration.verify.verification_power import (
+    ENOUGH,
+    _would_decide,
+    chance_of_passing,
+    with_enough_strokes,
+)
 from haptix.tasks.cli.application import group_of
 
 app = group_of("calibrate", "Calibrate a screen.")
@@ -48,6 +54,25 @@ def test_strokes_that_repeat_worse_pass_less_and_more_of_them_more(predictor, st
     assert chances == sorted(chances, reverse=True)
     more = with_held_out(short, 16, VOLTS)
     assert chance_of_passing(predictor, start, more, 0.03) > chances[2] + 0.3
+
+
+def test_strokes_that_repeat_exactly_are_planned_for(predictor, start, short):
+    """A fit may find a repeatability of 0.00."""
+    assert chance_of_passing(predictor, start, short, 0.0) > 0.95
+    assert with_enough_strokes(predictor, start, short, 0.0, VOLTS)[1] > 0.95
+
+
+@pytest.mark.parametrize(
+    ("mean", "within", "rig", "times", "does"),
+    [
+        (0.1, 0.6, 0.0, 3.0, True),  # 0.1 + 0.35 passes
+        (0.4, 0.3, 0.0, 1.5, False),  # 0.4 + 0.24: open as before
+        (0.2, 0.6, 0.45, 9.0, False),  # no stroke makes the rig's gains better known
+        (0.9, 0.6, 0.0, 4.0, True),  # 0.9 - 0.3 fails
+    ],
+)
+def test_an_extension_that_cannot_decide_is_not_asked_for(mean, within, rig, times, does):
+    assert _would_decide(Equivalence("all", (1, 2), mean, within, rig), times, 0.5) is does
 
 
 @pytest.mark.slow  # the command below plans so, too
