@@ -65,11 +65,16 @@ class Certify(Task, command="calibrate certificate"):
     instruments: FileThere | None = Field(
         None, description="Instruments. [default: instruments.toml in the session's folder]"
     )
+    about: FileThere | None = Field(
+        None,
+        description="Laboratory, customer, serial number and condition of the panel, place, agreed "
+        "due date, template, as TOML. [default: certificate.toml in the session's folder]",
+    )
 
     def run(self, context: Context) -> Result:
         """Write it."""
         from calibration.fit.result import Fit
-        from calibration.keep.session_report import CERTIFICATE, write_certificate
+        from calibration.keep.session_report import CERTIFICATE, CertificateText, write_certificate
         from calibration.measure.session import INSTRUMENTS, Instruments, Session
         from calibration.steps import FIT, Finished, rig_check, verify_folder, written_screen
         from haptix.model.finger import Finger
@@ -86,11 +91,16 @@ class Certify(Task, command="calibrate certificate"):
         screen = written_screen(self.folder)
         if screen is None:
             raise InputError(f"{self.folder}: no profile: {'; '.join(verification.failures)}")
-        path = self.folder / CERTIFICATE
+        path, about = self.folder / CERTIFICATE, self.about or self.folder / "certificate.toml"
+        text = CertificateText()
+        if about.exists():
+            text = CertificateText.load(about)
+            if text.template is not None:
+                text = text.replace(template=about.parent / text.template)
         number = write_certificate(
             path, screen, Finger.load(self.folder / FINGER), Fit.load(self.folder / FIT),
             verification, Session.open(self.folder).recordings, Instruments.load(file),
-            rig_check(self.folder),
+            rig_check(self.folder), text,
         )  # fmt: skip
         rows = [{"number": number, "certificate": str(path), "verdict": verification.verdict}]
         return Result(rows, [(str(path), rows)])

@@ -8,14 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from datetime import datetime, timedelta
+from datetime import UTC, date, datetime
 from html import escape
 from io import BytesIO
 from itertools import cycle
+from math import floor, log10
 from pathlib import Path
 from textwrap import wrap
 
 import numpy as np
+from pydantic import Field
+from scipy.stats import t as student
 
 from calibration.fit.result import Fit, TermNeed
 from calibration.keep.gauge import ControlChart
@@ -27,15 +30,17 @@ from calibration.measure.session import Instruments
 from calibration.plan.parameters import Array
 from calibration.plan.predict import StrokeConditions, StrokePredictor
 from calibration.plan.protocol import FORCES_N
+from calibration.verify.budget import FORCE_N, SPEED_MM_PER_S, Budget
 from calibration.verify.verification import Verification
+from haptix.base.documents import Document
 from haptix.base.errors import InputError, from_extra
-from haptix.base.files import write_whole
+from haptix.base.files import read_text, write_whole
 from haptix.base.report import listed, page, paragraph, part, picture, row
 from haptix.base.version import __version__
 from haptix.model.finger import Finger
 from haptix.model.pair import described
 from haptix.model.perception.thresholds import WEBER_FRACTION
-from haptix.model.screen import CALIBRATION_VALID_DAYS, Screen
+from haptix.model.screen import Screen
 
 with from_extra("calibration"):
     from matplotlib import rc_context
@@ -373,67 +378,140 @@ _LINE = 0.0155  # of the page's height
 _CHARACTERS = 108  # characters of a line
 
 
-class _Page:
+class _Sheets:
     """Pages written from the top down; a full page is followed by a new one."""
 
-    def __init__(self, pages: PdfPages, footer: str) -> None:
-        self._pages, self._footer = pages, footer
-        self.count = 0
-        self._figure: Figure | None = None
-        self._y = 0.0
+    def __init__(self, footer: str) -> None:
+        self._footer, self._y = footer, 0.0
+        self._figures: list[Figure] = []
 
     def begin(self) -> None:
         """Begin a new page."""
-        self.end()
-        self.count += 1
-        self._figure, self._y = Figure(figsize=_A4), _TOP
+        self._figures.append(Figure(figsize=_A4))
+        self._y = _TOP
 
-    def end(self) -> None:
-        """Keep the page that is written."""
-        if self._figure is not None:
-            foot = f"{self._footer}, page {self.count}"
-            self._figure.text(_LEFT, _BOTTOM / 2, foot, size=7, color="#555")
-            self._pages.savefig(self._figure)  # type: ignore[no-untyped-call]
-            self._figure = None
+    def save(self, pages: PdfPages) -> None:
+        """Write all, each with its number of so many."""
+        for number, figure in enumerate(self._figures, 1):
+            foot = f"{self._footer}, page {number} of {len(self._figures)}"
+            figure.text(_LEFT, _BOTTOM / 2, foot, size=7, color="#555")
+            pages.savefig(figure)  # type: ignore[no-untyped-call]
 
     def line(self, cells: Sequence[tuple[float, str]], size: float = 8, bold: bool = False) -> None:
         """Write texts at shares of the width, on one line."""
-        if self._y < _BOTTOM or self._figure is None:
+        if self._y < _BOTTOM or not self._figures:
             self.begin()
-        assert self._figure is not None
         for at, text in cells:
             x = _LEFT + at * (_RIGHT - _LEFT)
             weight = "bold" if bold else "normal"
             shown = text.replace("$", r"\$")  # no formulas
-            self._figure.text(x, self._y, shown, size=size, va="top", weight=weight)
+            self._figures[-1].text(x, self._y, shown, size=size, va="top", weight=weight)
         self._y -= _LINE * max(size / 8, 1.0)
 
-    def space(self, lines: float = 0.6) -> None:
-        """Leave some room."""
-        self._y -= lines * _LINE
+    def write(self, text: str) -> None:
+        """Write the lines of a template.
 
-    def heading(self, text: str) -> None:
-        """Write a heading."""
-        self.space()
-        self.line([(0, text)], 10, bold=True)
+        ``# title``, ``## heading``, ``name :: value``, ``| name = value | ... |`` as rows of one
+        table, ``~ n`` for n empty lines, ``__`` to sign, ``---`` for a new page; other lines are
+        text. Empty lines are left out.
+        """
+        table: list[dict[str, str]] = []
+        for line in [*(line.strip() for line in text.splitlines()), ""]:
+            if table and not line.startswith("|"):
+                self._table(table)
+                table = []
+            name, separator, value = line.partition(" :: ")
+            if line.startswith("|"):
+                cells = (cell.partition(" = ") for cell in line.strip("| ").split(" | "))
+                table.append({name.strip(): value.strip() for name, _, value in cells})
+            elif line.startswith("## "):
+                self._y -= 0.6 * _LINE
+                self.line([(0, line[3:])], 10, bold=True)
+            elif line.startswith("# "):
+                self.line([(0, line[2:])], 16, bold=True)
+                self._y -= 0.6 * _LINE
+            elif line == "---":
+                self.begin()
+            elif line == "__":
+                self.line([(0, "_" * 40), (0.5, "_" * 40)])
+                self.line([(0, "name"), (0.5, "date and signature")], 7)
+            elif line.startswith("~"):
+                self._y -= float(line[1:] or 1) * _LINE
+            elif separator:
+                for number, part_of in enumerate(wrap(value, _CHARACTERS - 26) or [""]):
+                    self.line([(0, "" if number else name), (0.22, part_of)])
+            else:
+                for part_of in wrap(line, _CHARACTERS):
+                    self.line([(0, part_of)])
 
-    def pairs(self, rows: Iterable[tuple[str, str]]) -> None:
-        """Write names and their values; long values are wrapped."""
-        for name, what in rows:
-            for number, text in enumerate(wrap(what, _CHARACTERS - 26) or [""]):
-                self.line([(0, "" if number else name), (0.22, text)])
-
-    def table(self, rows: Sequence[dict[str, str]]) -> None:
+    def _table(self, rows: Sequence[dict[str, str]]) -> None:
         """Write rows below their headings, as wide as their texts."""
-        if not rows:
-            return
         heads = list(rows[0])
         widths = np.array([max(len(h), *(len(r[h]) for r in rows)) + 1.5 for h in heads])
         starts = np.concatenate([[0], np.cumsum(widths)[:-1]]) / max(widths.sum(), _CHARACTERS)
         size = min(8.0, 8.0 * _CHARACTERS / widths.sum())
         self.line(list(zip(starts, heads, strict=True)), size, bold=True)
         for cells in rows:
-            self.line(list(zip(starts, cells.values(), strict=True)), size)
+            self.line(list(zip(starts, (cells[head] for head in heads), strict=True)), size)
+
+
+class CertificateText(Document):
+    """What a laboratory states on its certificates, as a file; what is missing is said there.
+
+    Parameters
+    ----------
+    laboratory, address, customer, place : str
+        Who issues it, for whom, and where was measured.
+    panel_serial, condition : str
+        Serial number of the panel, and how it came.
+    method, decision_rule : str
+        How it was measured, and how a verdict counts the uncertainty.
+    agreed_due_on : date or None
+        When to measure again, only where the customer has agreed.
+    traceability : mapping of str to str
+        Of the weight, the voltmeter, the driver: to which standard.
+    template : Path or None
+        Jinja template in place of the one that comes with haptix.
+    """
+
+    laboratory: str = ""
+    address: str = ""
+    customer: str = ""
+    place: str = ""
+    panel_serial: str = ""
+    condition: str = ""
+    method: str = (
+        "haptix calibrate: strokes of a finger, fit of the contact, strokes kept out of it"
+    )
+    decision_rule: str = (
+        "passed where the error of each group of strokes, with its uncertainty at 95 % on one "
+        "side, is within the tolerance (two one-sided tests); no risk is shared with the customer"
+    )
+    agreed_due_on: date | None = None
+    traceability: dict[str, str] = Field(default={})
+    template: Path | None = None
+
+
+def stated(value: float, expanded: float, unit: str = "") -> str:
+    """Return a value with its uncertainty, which has two digits (GUM 7.2.6)."""
+    unit = "" if unit == "1" else unit
+    power = 3 * floor(log10(abs(value)) / 3) if value and not 1e-2 <= abs(value) < 1e4 else 0
+    digits = max(0, 1 - floor(log10(expanded / 10**power))) if expanded > 0 else 3
+    numbers = (f"{number / 10**power:.{digits}f}" for number in (value, expanded))
+    text = " ± ".join(numbers)
+    return f"({text})e{power} {unit}".strip() if power else f"{text} {unit}".strip()
+
+
+def _result(budget: Budget) -> dict[str, str]:
+    """Return a quantity with its expanded uncertainty at 95 %, by its degrees of freedom."""
+    k = float(student.ppf(0.975, min(budget.freedom, 1e6)))
+    expanded = k * budget.standard_uncertainty * budget.value
+    value = stated(budget.value, expanded, budget.unit)
+    return {"quantity": budget.quantity, "value": value, "k": f"{k:.2f}"}
+
+
+def _rows(rows: Iterable[Mapping[str, str]]) -> list[str]:
+    return ["| " + " | ".join(f"{k} = {v}" for k, v in cells.items()) + " |" for cells in rows]
 
 
 def write_certificate(
@@ -445,90 +523,74 @@ def write_certificate(
     recordings: Sequence[StrokeRecording],
     instruments: Instruments,
     rig: RigCheck | None = None,
+    about: CertificateText | None = None,
 ) -> str:
-    """Write the certificate of a verified profile, and return its number.
+    """Write the certificate of a verified profile by a template, and return its number.
 
     Raises
     ------
     InputError
-        If the verification failed, or an instrument did not hold on the day of a stroke.
+        If the verification failed, an instrument did not hold on the day of a stroke, or the
+        template is wrong.
     """
-    made = screen.calibration
+    from jinja2 import StrictUndefined, TemplateError
+    from jinja2.sandbox import SandboxedEnvironment
+
+    made, about = screen.calibration, about or CertificateText()
     if made is None or verification.failures:
         why = "; ".join(verification.failures) or "the screen has no calibration"
         raise InputError(f"expected a calibration that passed, or is provisional: {why}")
     instruments.check_strokes(recordings)
     number = f"{made.date:%Y%m%d}-{screen.calibration_id[:8]}"
-    about = described(finger, screen)
+    pair = described(finger, screen)
     rooms = [recording.conditions for recording in recordings]
     drivers = {conditions.instruments.get("driver", "") for conditions in rooms} - {""}
     used = {tuple(pair) for conditions in rooms for pair in conditions.instruments.items()}
-    shown = [
-        instrument
-        for instrument in instruments.instruments
-        if (instrument.name, instrument.serial) in used
+    evidence = []
+    for budget in verification.budget:
+        cells = ({k: v for k, v in row(part).items() if k != "quantity"} for part in budget.main)
+        evidence += [f"## Uncertainty budget of {budget.quantity}", *_rows(cells)]
+    hashes = {"screen.toml": screen.content_hash(), "finger.toml": made.finger_hash,
+              "fit.json": fit.content_hash}  # fmt: skip
+    hashes |= {k: v for k, v in sorted(fit.made_from.items()) if not k.startswith("strokes/")}
+    evidence += [
+        "## Errors of friction, by the strokes kept out of the fit",
+        *_rows(map(row, verification.groups)),
+        f"Steadiness :: {verification.steadiness.text}",
+        f"{fit.shear} :: {fit.shear_note}",
+        "## Rests on",
+        *made.rests_on,
+        "## Hashes (SHA-256)",
+        *(f"{name} :: {digest}" for name, digest in hashes.items()),
+        f"strokes :: {len(recordings)} files, named with their hashes in fit.json",
     ]
+    day = None if rig is None else rig.measured_on or "a day that is not known"
+    said = {
+        "number": number, "missing": "not stated", "about": about, "screen": screen, "made": made,
+        "is_practice": made.is_virtual, "finger": f"{pair['finger']} ({pair['pair']})",
+        "force_n": FORCE_N, "speed_mm_per_s": SPEED_MM_PER_S, "verification": verification,
+        "issued_on": datetime.now(UTC).date(), "environment": environment(recordings),
+        "drivers": ", ".join(sorted(drivers)), "version": __version__, "theory": fit.theory,
+        "results": [_result(budget) for budget in verification.budget],
+        "instruments": [
+            line.strip("| ") for line in _rows(
+                row(one) for one in instruments.instruments if (one.name, one.serial) in used)
+        ],
+        "rig_checked": "" if rig is None else f"{day}, with {', '.join(rig.instruments)}",
+        "evidence": "\n".join(evidence),
+    }  # fmt: skip
+    template = about.template or Path(__file__).with_name("certificate_template.txt")
+    try:
+        text = SandboxedEnvironment(undefined=StrictUndefined).from_string(read_text(template))
+        lines = text.render(said)
+    except TemplateError as error:
+        raise InputError(f"{template}: expected a Jinja template: {error}") from None
     content = BytesIO()
     metadata = {"Title": f"Certificate {number}", "Creator": "haptix", "CreationDate": None}
     with rc_context({"pdf.fonttype": 42}), PdfPages(content, metadata=metadata) as pages:
-        sheet = _Page(pages, f"Certificate {number} of {screen.name}")
-        sheet.begin()
-        practice = ": a practice, of no screen" if made.is_virtual else ""
-        sheet.line([(0, f"Certificate of calibration{practice}")], 16, bold=True)
-        sheet.space()
-        sheet.pairs(
-            [
-                ("Number", number),
-                ("Panel", screen.name),
-                ("Finger", f"{about['finger']} ({about['pair']})"),
-                ("Driver", ", ".join(sorted(drivers)) or "not named"),
-                ("Operator", made.operator or "not named"),
-                ("Measured on", f"{made.date}"),
-                ("Due on", f"{made.date + timedelta(days=CALIBRATION_VALID_DAYS)}"),
-                ("Environment", environment(recordings)),
-                ("Software", f"haptix {__version__}, theory {fit.theory}"),
-            ]
-        )
-        sheet.heading(f"Verdict: {verification.verdict}")
-        sheet.pairs(
-            [
-                ("Friction", f"within {verification.bound_jnd:.2f} just-noticeable differences "
-                 f"(JND, 11 %) at most; {verification.tolerance_jnd:g} are allowed"),
-                ("Contrast mu(V)/mu(0)", verification.contrast_text),
-                ("Verified for", "nothing" if made.verified is None else made.verified.text),
-                *(("Not tested", text) for text in verification.untested),
-            ]
-        )  # fmt: skip
-        sheet.heading("Results, with intervals of 90 %")
-        sheet.table([row(budget) for budget in verification.budget])
-        sheet.heading("Instruments")
-        sheet.table([row(instrument) for instrument in shown])
-        if rig is not None:
-            day = "on a day that is not known" if rig.measured_on is None else f"{rig.measured_on}"
-            sheet.pairs([("Rig checked", f"{day}, with {', '.join(rig.instruments)}")])
-        sheet.heading("Signature")
-        sheet.space(3)
-        sheet.line([(0, "_" * 40), (0.5, "_" * 40)])
-        sheet.line([(0, "name"), (0.5, "date and signature")], 7)
-        sheet.begin()
-        sheet.line([(0, "Appendix")], 14, bold=True)
-        for budget in verification.budget:
-            sheet.heading(f"Uncertainty budget of {budget.quantity}")
-            cells = [row(part) for part in budget.main]
-            sheet.table([{k: v for k, v in cell.items() if k != "quantity"} for cell in cells])
-        sheet.heading("Errors of friction, by the strokes kept out of the fit")
-        sheet.table([row(group) for group in verification.groups])
-        sheet.pairs([("Steadiness", verification.steadiness.text)])
-        sheet.pairs([(fit.shear, fit.shear_note)])
-        sheet.heading("Rests on")
-        sheet.pairs([("", text) for text in made.rests_on])
-        sheet.heading("Hashes (SHA-256)")
-        sheet.pairs([("screen.toml", screen.content_hash()), ("finger.toml", made.finger_hash),
-                     ("fit.json", fit.content_hash)])  # fmt: skip
-        sheet.pairs([(name, digest) for name, digest in sorted(fit.made_from.items())
-                     if not name.startswith("strokes/")])  # fmt: skip
-        sheet.pairs([("strokes", f"{len(recordings)} files, named with their hashes in fit.json")])
-        sheet.end()
+        sheets = _Sheets(f"Certificate {number} of {screen.name}")
+        sheets.write(lines)
+        sheets.save(pages)
     write_whole(path, content.getvalue())
     return number
 

@@ -419,8 +419,8 @@ class Simulate(Task, command="stimuli simulate"):
             title += f"; power: {plan.trials.repeats} answers each against guessing, at 0.05"
         title += (
             "\nsteady_db, edges_db: level above the published threshold; unknown_share: of the "
-            "changes' energy, at frequencies without one; detected: by how many, of people from low "
-            "to high; not known: where more than a tenth is unknown and what is known is not felt"
+            "changes' energy, at frequencies without one; detected: by how many, of people from "
+            "low to high; not known: where more than a tenth is unknown and the rest is not felt"
         )
         shown = [{name: row[name] for name in row if name != "is_reached"} for row in rows]
         return Result(rows, [(title, _rounded(shown))])

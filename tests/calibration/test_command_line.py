@@ -174,11 +174,19 @@ def certify(folder):
     content = (folder / "certificate.pdf").read_bytes()
     assert content.startswith(b"%PDF") and f"Certificate {made['number']}".encode() in content
     assert len(re.findall(rb"/Type /Page\b", content)) >= 2
+    (folder / "certificate.toml").write_text(
+        'laboratory = "Tactile metrology"\ncustomer = "K"\nagreed_due_on = 2027-01-05\n'
+        'template = "ours.txt"\n'
+    )
+    (folder / "ours.txt").write_text("# {{ about.laboratory }}\n{{ about.typo }}\n")
+    assert "ours.txt: expected a Jinja template" in str(run.invoke(app, command).exception)
+    (folder / "ours.txt").write_text("# {{ about.laboratory }}\nDue :: {{ about.agreed_due_on }}\n")
+    assert run.invoke(app, command).exit_code == 0
     register = [str(folder.parent / "panels.json"), str(folder), "--json"]
     page = ["--page", str(folder.parent / "panels.html")]
     rows = json.loads(run.invoke(app, ["register", *register, *page]).stdout)
     assert [(row["panel"], row["state"], row["due"]) for row in rows] == [
-        ("panel 7", "passed", "not due")
+        ("panel 7", "practice", "a practice, of no panel")  # by a virtual finger
     ]
     assert "panel 7" in (folder.parent / "panels.html").read_text()
 

@@ -173,7 +173,7 @@ def paired_power(
         near = np.searchsorted(truths, true) + draw.integers(-_NEAR, _NEAR, size)
         run = np.clip(near, 0, len(truths) - 1)
         moved = true - truths[run]
-        # A t-test of all studies, and how much more often the test of the analysis finds it in some.
+        # A t-test of all studies; in some, how much more often the analysis' test finds it.
         apart = np.diff(likelihood_means[run] + moved)[..., 0]
         t = apart.mean(1) / np.maximum(apart.std(1, ddof=1) / np.sqrt(count), 1e-12)
         by_t = np.abs(t) > student.ppf(1 - alpha / 2, count - 1)

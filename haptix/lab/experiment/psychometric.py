@@ -8,6 +8,7 @@ from math import inf, isfinite, nan
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from haptix.base.checks import Array, choice
 
@@ -114,14 +115,13 @@ _TYPICAL_SLOPE = 3.5
 
 def without(estimate: Estimate, why: str, is_above: bool | None = None) -> Estimate:
     """Return an estimate without a threshold, with the reason and the end that is known."""
-    ends: dict[str, float] = {"low": nan, "high": nan}
+    low, high = nan, nan
     if is_above is not None and estimate.likelihood is not None:
         levels, logs = estimate.likelihood
         alike = levels[logs > logs.max() - _ALIKE]
-        low, high = float(alike[0]), float(alike[-1])
-        ends = {"low": low, "high": inf} if is_above else {"low": -inf, "high": high}
+        low, high = (float(alike[0]), inf) if is_above else (-inf, float(alike[-1]))
     warnings = (f"no threshold: {why}", *estimate.warnings)
-    return replace(estimate, threshold=nan, warnings=warnings, **ends)
+    return replace(estimate, threshold=nan, low=low, high=high, warnings=warnings)
 
 
 def counted(answers: Answers) -> tuple[Array, Array, Array]:
@@ -297,7 +297,7 @@ def _posterior(
         middle = threshold[:, None, None, None, None, None] + drift[:, None] * when
         off = np.minimum(lapse, (1 - guesses.max()) / 2)[:, None, None, None]
         felt = shape(level, middle, slope, guesses[:, None, None], off)
-        return by_chance * guesses[:, None, None] + (1 - by_chance) * felt
+        return np.asarray(by_chance * guesses[:, None, None] + (1 - by_chance) * felt)
 
     def prior(log_slope: Array, lapse: Array) -> Array:
         of_slope = np.exp(-0.5 * (log_slope / _SLOPES_WITHIN) ** 2)
@@ -342,13 +342,13 @@ def _posterior(
         return np.asarray(weight.sum(tuple({*range(6)} - {axis})))
 
     mass = marginal(1)
-    low, middle, high = np.interp(_INTERVAL, np.cumsum(mass) - mass / 2, axes[0])
+    low, middle, high = np.interp(_INTERVAL, np.cumsum(mass) - mass / 2, axes[0]).tolist()
     log_mass = np.log(np.maximum(mass / mass.max(), 1e-300))
     inside = axes[0][log_mass > -_ALIKE]
     if log_mass[-1] > -_ALIKE and axes[0][-1] == ends[1]:
-        low, high = inside[0], np.inf
+        low, high = float(inside[0]), inf
     if log_mass[0] > -_ALIKE and axes[0][0] == ends[0]:
-        low, high = -np.inf, (inside[-1] if np.isfinite(high) else np.inf)
+        low, high = -inf, (float(inside[-1]) if isfinite(high) else inf)
     width, drifting = float(np.exp(marginal(2) @ axes[1])), marginal(5)
     others = {
         "slope": _TYPICAL_SLOPE / width if in_db else typical * width,
@@ -361,14 +361,14 @@ def _posterior(
         others["guess"] = float(marginal(4) @ guesses)
     lapsing = float(marginal(3)[axes[2] > _MANY_LAPSES].sum())
     if lapsing > _MAY_BE:
-        low, high = min(low, allowed[0]), max(high, allowed[-1])
+        low, high = min(low, float(allowed[0])), max(high, float(allowed[-1]))
     said = tuple(_said(others, lapsing, marginal(0)))
     found = Estimate(float(middle), float(low), float(high), others, said, (axes[0], log_mass))
     return found, over_chance
 
 
 def _over_chance(
-    best: Array, right: Array, total: Array, guesses: Array, empty: tuple[int, int]
+    best: Array, right: Array, total: npt.NDArray[Any], guesses: Array, empty: tuple[int, int]
 ) -> float:
     """Logarithm of the likelihood of the best function over that of an observer who guesses.
 
@@ -549,8 +549,8 @@ _ROUNDS, _SETTLED = 12, 0.01
 class _Table:
     """Places of values in a table of participants and conditions."""
 
-    who: Array
-    condition: Array
+    who: npt.NDArray[np.int64]
+    condition: npt.NDArray[np.int64]
 
     @classmethod
     def of(cls, person: Sequence[str], condition: Sequence[int]) -> _Table:
