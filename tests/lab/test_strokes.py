@@ -140,6 +140,16 @@ def test_an_adaptive_method_asks_again_at_once(tmp_path):
     assert rows[1]["level"] == rows[2]["level"]
 
 
+def test_one_who_cannot_press_less_is_not_sent_home(tmp_path):
+    """The fifth attempt counts, marked; without a touch nothing does."""
+    run(tmp_path / "a.tsv", [HARD] * 10, UpDown(30.0, (4.0,), most_trials=2))
+    rows = rows_of(tmp_path / "a.tsv")
+    assert [row["accepted"] for row in rows] == ["false", *["false"] * 3, "true"] * 2
+    assert all(row["why"].startswith("normal_force_n was 0.7") for row in rows)
+    (row,) = analyse(tmp_path / "a.tsv").tables["thresholds"]
+    assert (row["trials"], row["out_of_range"]) == (2, 2)
+
+
 def test_one_bad_interval_of_two_is_enough(tmp_path):
     panel = Panel([GOOD, HARD])
     experiment = Experiment(

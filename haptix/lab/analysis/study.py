@@ -237,7 +237,7 @@ _TEXTS = {
     "normal_force_n": "Mean normal force of the finger [N]",
     "speed_mm_per_s": "Mean speed of the finger [mm/s]",
     "accepted": "Whether the touch was as asked, so that the trial counts",
-    "why": "Why it does not count",
+    "why": "Why it does not count, or counts though it was out of range",
     "session": "Times that the session was resumed, and one",
     "reaction_s": "Time from the end of the presentation to the answer [s]",
     "version": "Program that wrote the row",

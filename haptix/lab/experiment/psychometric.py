@@ -274,7 +274,7 @@ def _posterior(
     )
     level, when, by_chance = cells[0], (cells[1] + 0.5) / _EPOCHS - 0.5, cells[2]
     total = np.bincount(at.ravel()).astype(float)
-    right = np.bincount(at.ravel(), is_right)
+    right = np.bincount(at.ravel(), is_right).astype(float)
     # A typical width of the function: the scale of ln(-ln(wrong)), or a standard deviation.
     typical = 20 / np.log(10) / _TYPICAL_SLOPE if in_db else float(np.ptp(levels)) / 8 or 1.0
     guesses = np.array([guess])

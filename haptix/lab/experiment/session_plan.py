@@ -222,20 +222,22 @@ def summary(
 ) -> dict[str, Any]:
     """Return the catch trials' results and exclusions of a log's rows, as plain values.
 
-    Catch trials right; of tasks that detect also the shares of hits and false alarms, d' and the
+    Trials that count though their touch was out of range; catch trials right; of tasks that detect also the shares of hits and false alarms, d' and the
     criterion; and by which rules the session is excluded.
     """
     rules, values = exclude or Exclude(), dict[str, Any]()
     why = []
     counted = [row for row in rows if row["accepted"] == "true"]
     caught = [row for row in counted if row["kind"] == "catch"]
+    if out := sum(row.get("why", "n/a") != "n/a" for row in counted):
+        values["out_of_range"] = out
     if caught:
         right = sum(row["is_right"] == "true" for row in caught)
         values["catch_trials"], values["catch_right"] = len(caught), right / len(caught)
         if rules.catch_right is not None and right / len(caught) < rules.catch_right:
             why.append(f"{right} of {len(caught)} catch trials were right")
     if rows and rules.off_touch is not None:
-        off = 1 - len(counted) / len(rows)
+        off = 1 - sum(row.get("why", "n/a") == "n/a" for row in counted) / len(rows)
         if off > rules.off_touch:
             why.append(f"the touch was off in {off:.0%} of the attempts")
     if task_named(task).detects and caught:

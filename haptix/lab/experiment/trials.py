@@ -111,6 +111,10 @@ class StrokeRanges(Part):
                 return f"{name} was {was:g}, not {low:g} to {high:g}"
         return ""
 
+    def is_measured(self, felt: Touch | None) -> bool:
+        """Whether a stroke has a value in each range, be it within or not."""
+        return felt is not None and all(getattr(felt, name) is not None for name in self.given())
+
     def bars(self, felt: Touch | None) -> str:
         """Draw force and speed of a stroke in their ranges, for a terminal."""
         lines = []
@@ -182,6 +186,7 @@ _LOG = logging.getLogger("haptix.lab.stimuli")
 
 _CLOSE = 1e-9
 _MOST_ATTEMPTS = 20  # at one trial
+_COUNTS_AFTER = 5  # attempts, where a person's own stroke is out of the range
 
 
 @dataclass(eq=False)
@@ -192,7 +197,8 @@ class Experiment:
     are the left and the right half of one stroke, without one; `TASKS` has all. Which is which is
     drawn from the seed and the trial's number. A trial whose force or speed was off is logged as
     not accepted and presented again: by a method of a fixed order at its end, by others at once, at
-    the same level. The voltage never exceeds the ceiling: a level above it is lowered, and the log
+    the same level. The fifth attempt in a row that is out of the ranges counts, and its row keeps
+    the reason: a person may be unable to move faster. The voltage never exceeds the ceiling: a level above it is lowered, and the log
     and the method get the lowered level.
 
     Parameters
@@ -468,6 +474,8 @@ class Experiment:
             felt = self.touch()
             strokes.append(felt)
         why = next(filter(None, map(self._ranges.objection, strokes)), "")
+        is_own = all(map(self._ranges.is_measured, strokes)) and attempt + 1 >= _COUNTS_AFTER
+        is_accepted = not why or is_own
         asked_s = self.clock()
         choices = self._task.choices
         is_empty = not any(planned.has_target)
@@ -494,7 +502,7 @@ class Experiment:
                 "is_right": is_right,
                 "normal_force_n": None if felt is None else felt.normal_force_n,
                 "speed_mm_per_s": None if felt is None else felt.speed_mm_per_s,
-                "accepted": not why,
+                "accepted": is_accepted,
                 "why": why,
                 "session": self._session,
                 "onset_s": round(onsets[0] - self._start, 4),
@@ -511,8 +519,9 @@ class Experiment:
         )
         self._sequence.hear(self.log.rows[-1])
         if why and self.show is not None:
-            self.show(f"not counted: {why}; the trial comes again\n")
-        if not why:
+            said = f"counted: {why}" if is_own else f"not counted: {why}; the trial comes again"
+            self.show(f"{said}\n")
+        if is_accepted:
             self._after(planned.kind, is_right)
         elif attempt + 1 >= _MOST_ATTEMPTS:
             raise InputError(
