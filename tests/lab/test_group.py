@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal, ttest_1samp, ttest_rel
 
-from haptix.lab.experiment.psychometric import group
+from haptix.lab.experiment.psychometric import group, group_of_likelihoods
 
 A, B = np.array([1.0, 0.0]), np.array([0.0, 1.0])
 RUNS = 30
@@ -72,6 +72,48 @@ def test_it_is_that_of_dense_matrices():
         logs.append(likelihood - 0.5 * np.linalg.slogdet(inverse)[1] + np.log(weight))
     weight = np.exp(np.array(logs) - max(logs))
     assert found.weight == pytest.approx(weight / weight.sum(), abs=1e-9)
+
+
+def normal_likelihoods(value, spread):
+    grid = np.linspace(0.0, 50.0, 400)
+    pairs = zip(value.ravel(), spread.ravel(), strict=True)
+    return [(grid, -0.5 * (grid - at) ** 2 / sd**2) for at, sd in pairs]
+
+
+def test_likelihoods_that_are_normal_give_the_same():
+    value, spread = people(8, 3.0, 1.0, 1.0, 2)
+    names, condition = [str(k) for k in range(8) for _ in (0, 1)], [0, 1] * 8
+    found = group_of_likelihoods(normal_likelihoods(value, spread), names, condition)
+    plain = of(value, spread)
+    for factors in (A, B, B - A):
+        # The widths of the priors differ: they are of the scatter, its own errors taken off or not.
+        assert found.contrast(factors)[:3] == pytest.approx(plain.contrast(factors)[:3], abs=0.1)
+
+
+def test_those_above_the_levels_raise_the_mean():
+    """A quarter above 24: a Monte-Carlo study of the mean, and of the mean without them."""
+    held, off, without = 0, [], []
+    for seed in range(RUNS):
+        value, spread = people(12, 3.0, 0.5, 0.5, seed)
+        value, spread = value[:, :1], spread[:, :1]
+        known = normal_likelihoods(value, spread)
+        above = (value > 24.0).ravel()
+        # Whose threshold lies above is right by chance at all levels up to there.
+        felt = [
+            (grid, np.where(grid > 24.0, 0.0, -0.5 * (grid - 24.0) ** 2 / 0.5**2))
+            if high
+            else (grid, logs)
+            for (grid, logs), high in zip(known, above, strict=True)
+        ]
+        names = [str(k) for k in range(12)]
+        found = group_of_likelihoods(felt, names, [0] * 12)
+        mean, low, high, _ = found.contrast(np.ones(1))
+        held += low < 22.0 < high
+        off.append(mean - 22.0)
+        without.append(value[~above.reshape(-1, 1)].mean() - 22.0)
+    assert held / RUNS > 0.95 - 3 * np.sqrt(0.95 * 0.05 / RUNS)
+    error = 3 * np.std(off) / np.sqrt(RUNS)
+    assert abs(np.mean(off)) < error + 0.2 < 1.0 < -np.mean(without)
 
 
 def test_one_who_misses_a_condition_counts_in_the_other():

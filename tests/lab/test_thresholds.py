@@ -1,13 +1,14 @@
 """Thresholds that methods state: intervals that hold the truth, and none by chance."""
 
 from functools import cache
-from math import erfc, exp, sqrt
+from math import erfc, exp, log, sqrt
 from random import Random
 
 import numpy as np
 import pytest
 
 from haptix.lab.experiment import ConstantStimuli, Quest, UpDown, fit
+from haptix.lab.experiment.psychometric import fast_guesses
 
 GRID = np.arange(6.0, 45.0, 1.0)
 COARSE = np.arange(6.0, 45.0, 2.0)
@@ -119,6 +120,56 @@ def test_what_lies_outside_of_the_levels_is_no_threshold():
     assert np.isnan(quest.estimate().threshold)
     constant = run(METHODS["constant-stimuli"](0), lambda level, _: 0.98, 0)
     assert "below the levels" in " ".join(constant.estimate().warnings)
+
+
+def test_no_good_observer_near_the_top_of_the_levels_is_lost():
+    """Thresholds from the middle of the levels to above them; 2.5 dB, of seven levels by 14."""
+    held, lost = 0, 0
+    for seed in range(RUNS):
+        truth = 26.0 + 13.0 * seed / RUNS
+        method = ConstantStimuli(range(14, 39, 4), 14, seed)
+        run(method, lambda level, _, at=truth: 0.5 + 0.49 * normal(2.5)(level - at), seed)
+        found = method.estimate()
+        held += found.low <= truth <= found.high
+        lost += np.isnan(found.threshold) and truth < 35.0
+        if np.isnan(found.threshold):  # above the levels, from an end that is known
+            assert found.low < 38.0 and np.isinf(found.high) and found.likelihood is not None
+    assert lost == 0 and held / RUNS > 0.92 - 3 * np.sqrt(0.92 * 0.08 / RUNS)
+
+
+def with_fast_guesses(share, seed, guess_s=0.25, usual_s=0.7):
+    """A run of the up-down method, some of whose answers are fast guesses; and the times."""
+    draw, times, method = Random(seed), [], UpDown(36.0, stop_after=18)
+    while not method.is_done:
+        is_fast, level = draw.random() < share, min(method.level, CEILING)
+        p = 0.5 if is_fast else 0.5 + 0.49 * normal(2.5)(level - 22.0)
+        method.update(draw.random() < p, level)
+        times.append(draw.lognormvariate(log(guess_s if is_fast else usual_s), 0.35))
+    return method, times
+
+
+def test_fast_guesses_are_found_by_their_times():
+    held, shares = 0, []
+    for seed in range(RUNS):
+        method, times = with_fast_guesses(0.3, seed)
+        found = method.estimate(reaction_s=times)
+        held += found.low <= 22.0 <= found.high
+        shares.append(found.others.get("fast_guesses", 0.0))
+        if shares[-1]:
+            assert "fast guesses" in " ".join(found.warnings)
+    assert held / RUNS > 0.92 - 3 * np.sqrt(0.92 * 0.08 / RUNS)
+    # In most runs they are found, and then nearly as many as there are.
+    assert np.median(shares) == pytest.approx(0.3, abs=0.06)
+
+
+def test_fast_right_answers_are_no_guesses():
+    """A good observer answers easy trials fast: nothing is taken away."""
+    for seed in range(6):
+        method, times = with_fast_guesses(0.0, seed)
+        easy = [0.4 if level > 28 else 1.0 for level, _ in method.answers]
+        times = [time * one for time, one in zip(times, easy, strict=True)]
+        assert fast_guesses(method.answers, times).max() == 0.0
+        assert method.estimate(reaction_s=times) == method.estimate()
 
 
 def test_a_few_answers_give_no_threshold():
