@@ -222,8 +222,9 @@ def summary(
 ) -> dict[str, Any]:
     """Return the catch trials' results and exclusions of a log's rows, as plain values.
 
-    Trials that count though their touch was out of range; catch trials right; of tasks that detect also the shares of hits and false alarms, d' and the
-    criterion; and by which rules the session is excluded.
+    Trials that count though their touch was out of range; catch trials right; of tasks that detect
+    also the shares of hits and false alarms, d' and the criterion; and by which rules the session
+    is excluded.
     """
     rules, values = exclude or Exclude(), dict[str, Any]()
     why = []

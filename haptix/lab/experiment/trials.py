@@ -198,7 +198,8 @@ class Experiment:
     drawn from the seed and the trial's number. A trial whose force or speed was off is logged as
     not accepted and presented again: by a method of a fixed order at its end, by others at once, at
     the same level. The fifth attempt in a row that is out of the ranges counts, and its row keeps
-    the reason: a person may be unable to move faster. The voltage never exceeds the ceiling: a level above it is lowered, and the log
+    the reason: a person may be unable to move faster. The voltage never exceeds the ceiling: a
+    level above it is lowered, and the log
     and the method get the lowered level.
 
     Parameters
