@@ -513,7 +513,7 @@ def test_kills_at_random_places_lose_nothing_and_repeat_nothing(tmp_path):
     (tmp_path / "killed").mkdir()
     path, kills, acknowledged = tmp_path / "killed" / "t.tsv", 0, 0
     # Anywhere in some trials, and between the steps by which the log is written.
-    places = [(PLACES.randint(10, 300), "adaptive/trial_log.py") for _ in range(5)]
+    places = [(PLACES.randint(10, 300), "experiment/trial_log.py") for _ in range(5)]
     places += [(PLACES.randint(4000, 60_000), ".py") for _ in range(40)]
     while killed_after(*places[kills], run(path)):
         kills += 1
