@@ -34,38 +34,27 @@ _VERDICTS = ("passed", "provisional", "failed")
 
 
 class Panel(Part):
-    """One calibration of a panel.
-
-    Parameters
-    ----------
-    panel, session : str
-        Its name, and the folder of its session.
-    state : {"open", "measured", "passed", "provisional", "failed", "practice"}
-        "open" with strokes still to be made, "measured" where they are not yet verified, "practice"
-        where no panel was measured.
-    open_strokes : int
-        How many strokes are still to be made.
-    operator, calibration_id : str
-        Who measured, and the start of the profile's hash.
-    measured_on, due_on : datetime.date or None
-        Day of the strokes, and that from which the calibration is old.
-    h0_m : float or None
-        d1/eps1 [m].
-    strokes : tuple of str
-        Start of the hash of each stroke's file, by which a copied session is found.
-    """
+    """One calibration of a panel."""
 
     panel: Annotated[str, Heading("panel")]
     session: Annotated[str, Heading("session")]
+    """Its name, and the folder of its session."""
     state: Annotated[State, Heading("state")]
+    """"open" with strokes still to be made, "measured" where they are not yet verified, "practice"
+    where no panel was measured."""
     open_strokes: Annotated[int, Heading("open strokes")] = 0
+    """How many strokes are still to be made."""
     operator: Annotated[str, Heading("operator")] = ""
     calibration_id: Annotated[str, Heading("calibration")] = ""
+    """Who measured, and the start of the profile's hash."""
     measured_on: Annotated[date | None, Heading("measured on")] = None
     due_on: Annotated[date | None, Heading("due on")] = None
+    """Day of the strokes, and that from which the calibration is old."""
     h0_m: Annotated[float | None, Heading("d1/eps1 [m]", ".4g")] = None
+    """d1/eps1 [m]."""
 
     strokes: Annotated[tuple[str, ...], Field(exclude_if=lambda value: not value)] = ()
+    """Start of the hash of each stroke's file, by which a copied session is found."""
 
     @classmethod
     def of(cls, folder: Path) -> Panel:
@@ -118,24 +107,16 @@ class Panel(Part):
 
 
 class StandardReading(Part):
-    """One measurement of a check standard.
-
-    Parameters
-    ----------
-    standard : str
-        Name of the panel that is kept for it.
-    measured_on : datetime.date
-        Day of the strokes.
-    operator : str
-        Who measured.
-    change_jnd : float
-        Mean of measured minus predicted friction [JND].
-    """
+    """One measurement of a check standard."""
 
     standard: Annotated[str, Heading("standard")]
+    """Name of the panel that is kept for it."""
     measured_on: Annotated[date, Heading("measured on")]
+    """Day of the strokes."""
     operator: Annotated[str, Heading("operator")] = ""
+    """Who measured."""
     change_jnd: Annotated[float, Heading("change [JND]", "+.3f")]
+    """Mean of measured minus predicted friction [JND]."""
 
 
 class Register(Document):
@@ -153,10 +134,7 @@ class Register(Document):
     def with_panel(self, panel: Panel) -> Register:
         """Return a register with this calibration; one of the same session is replaced.
 
-        Raises
-        ------
-        InputError
-            If another panel has its strokes.
+        Raises `InputError` if another panel has its strokes.
         """
         kept = [one for one in (*self.history, *self.panels) if not one.is_same(panel)]
         for one in (*self.history, *self.panels):
@@ -181,12 +159,8 @@ class Register(Document):
 def update_register(path: Path, today: date, change: Callable[[Register], Register]) -> Register:
     """Read a register, change it and write it, while no other rig may.
 
-    Raises
-    ------
-    InputError
-        If another rig holds it for too long, or the clock was set back.
-    FileFormatError
-        If it is damaged: it stays as it is.
+    Raises `InputError` if another rig holds it for too long, or the clock was set back;
+    `FileFormatError` if it is damaged: it stays as it is.
     """
     if path.exists():
         Register.load(path)  # a file that is no register gets no lock beside it

@@ -68,27 +68,18 @@ RESTS_ON = (REDUCED, RIG, NEEDS)  # inputs of a verdict beside plan, session and
 
 
 class Finished(NamedTuple):
-    """The result of a session and the hashes of its inputs: the same again computes nothing.
-
-    Parameters
-    ----------
-    verification : Verification
-        The verdict.
-    practice : PracticeResult or None
-        How far a practice was off.
-    strokes_used : int
-        Number of strokes in the fit.
-    made_from : dict
-        SHA-256 of each file that it rests on, or that was written.
-    made_by : str
-        Version of haptix.
-    """
+    """The result of a session and the hashes of its inputs: the same again computes nothing."""
 
     verification: Verification
+    """The verdict."""
     practice: PracticeResult | None
+    """How far a practice was off."""
     strokes_used: int
+    """Number of strokes in the fit."""
     made_from: dict[str, str]
+    """SHA-256 of each file that it rests on, or that was written."""
     made_by: str = __version__
+    """Version of haptix."""
 
     @classmethod
     def load(cls, folder: Path) -> Finished | None:
@@ -226,14 +217,10 @@ def plan_strokes(
 ) -> PlannedSession:
     """Plan a calibration by the protocol "paper", "full" or "short".
 
-    Finger and screen are the assumed ones. A short protocol takes `minutes`. The highest
-    amplitude [V] is the screen's limit by default. With the rig's `repeatability` (standard
-    deviation of ln mu) strokes are added until a good screen passes in 95 % of sessions.
-
-    Raises
-    ------
-    InputError
-        If the voltage is above the screen's limit, or there is no such protocol.
+    Finger and screen are the assumed ones. A short protocol takes `minutes`. The highest amplitude
+    [V] is the screen's limit by default. With the rig's `repeatability` (standard deviation of ln
+    mu) strokes are added until a good screen passes in 95 % of sessions. Raises `InputError` if the
+    voltage is above the screen's limit, or there is no such protocol.
     """
     limit = screen.max_voltage_v if max_voltage_v is None else max_voltage_v
     if limit > screen.max_voltage_v:
@@ -375,11 +362,8 @@ def verify_folder(
     The written profile is the verified one: the held-out strokes are predicted by the contact model
     of ``screen.toml`` and ``finger.toml``, read back from the disk, where the verdict is "failed"
     until then. Where the insulator is not determined there is a report, but no profile: None.
-
-    Raises
-    ------
-    FileFormatError, InputError
-        If the fit was edited, or plan, strokes or code are not those that it was made from.
+    Raises `FileFormatError` or `InputError` if the fit was edited, or plan, strokes or code are not
+    those that it was made from.
     """
     session = Session.open(folder)
     check_name(session.info.screen)

@@ -15,10 +15,7 @@ from firmware_io.device_errors import DeviceError
 def load(name: str, *headers: Path) -> tuple[cffi.FFI, Any]:
     """Load the library that lies beside its headers; cffi reads what they mark for it.
 
-    Raises
-    ------
-    DeviceError
-        If it is missing and cannot be built, or cannot be loaded.
+    Raises `DeviceError` if it is missing and cannot be built, or cannot be loaded.
     """
     ffi = cffi.FFI()
     for header in headers:

@@ -100,20 +100,14 @@ def ready_interpreter() -> Iterator[None]:
 
 @dataclass(frozen=True)
 class WakeUps:
-    """How late a thread of a playback wakes on this machine now, in seconds.
-
-    Parameters
-    ----------
-    is_real_time : bool
-        Whether it had real-time priority.
-    p50_s, p99_s, largest_s : float
-        Lateness: median, 99th percentile, and the longest.
-    """
+    """How late a thread of a playback wakes on this machine now, in seconds."""
 
     is_real_time: bool
+    """Whether it had real-time priority."""
     p50_s: float
     p99_s: float
     largest_s: float
+    """Lateness: median, 99th percentile, and the longest."""
 
 
 def measure_wake_ups(seconds: float = 0.5) -> WakeUps:

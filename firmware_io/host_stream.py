@@ -65,22 +65,15 @@ _REVISE_OVERHEAD_BYTES = STREAM_OVERHEAD_BYTES + 2
 
 @dataclass(frozen=True)
 class Pace:
-    """Sizes of frames and of revisions.
-
-    Parameters
-    ----------
-    setup : Setup
-        The driver's set-up.
-    max_frame_samples : int
-        Samples in the longest frame that the driver accepts.
-    report_bytes, bytes_per_s : int or None
-        Report size and bytes per second of the link, see `Link`.
-    """
+    """Sizes of frames and of revisions."""
 
     setup: Setup
+    """The driver's set-up."""
     max_frame_samples: int
+    """Samples in the longest frame that the driver accepts."""
     report_bytes: int | None = None
     bytes_per_s: float | None = None
+    """Report size and bytes per second of the link, see `Link`."""
 
     @property
     def least_write_samples(self) -> int:

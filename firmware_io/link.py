@@ -133,12 +133,8 @@ SETTING_KEYS: Mapping[str, Read] = {
 def split_address(address: object, schemes: Iterable[str]) -> tuple[str, str]:
     """Return the scheme and the selector of an address.
 
-    Raises
-    ------
-    DeviceError
-        If the address is not a string.
-    DeviceNotFoundError
-        If its scheme is unknown.
+    Raises `DeviceError` if the address is not a string; `DeviceNotFoundError` if its scheme is
+    unknown.
     """
     if not isinstance(address, str):
         raise DeviceError(
@@ -272,10 +268,7 @@ def scheme_names() -> tuple[str, ...]:
 def scheme(name: str) -> Scheme:
     """Return one of these schemes.
 
-    Raises
-    ------
-    DeviceError
-        If its module cannot be imported, or has no scheme.
+    Raises `DeviceError` if its module cannot be imported, or has no scheme.
     """
     link = _links()[name]
     try:

@@ -70,10 +70,7 @@ def open_device(address: str) -> Device:
 def read_address(address: str) -> tuple[Scheme, dict[str, Any]]:
     """Return the scheme of an address and the values of its keys; nothing is opened.
 
-    Raises
-    ------
-    DeviceError
-        If the address cannot be read.
+    Raises `DeviceError` if the address cannot be read.
     """
     name, selector = split_address(address, scheme_names())
     link = scheme(name)

@@ -106,10 +106,8 @@ class ProtocolClient:
     def handshake(self) -> CapabilitiesReport:
         """Begin a session.
 
-        Raises
-        ------
-        ProtocolError
-            If the device does not use this protocol, or uses another version of it.
+        Raises `ProtocolError` if the device does not use this protocol, or uses another version of
+        it.
         """
         damage: ProtocolError | None = None
         began_s, longest_s = self.clock(), ANSWER_S + self.link.wakes_s
@@ -178,12 +176,8 @@ class ProtocolClient:
     def ask(self, message: HostMessage) -> StatusReport:
         """Send a message to a driver that is not armed; return the STATUS that answers it.
 
-        Raises
-        ------
-        DeviceFaultError
-            If the driver refuses the message.
-        DeviceDisconnectedError
-            If no answer comes.
+        Raises `DeviceFaultError` if the driver refuses the message; `DeviceDisconnectedError` if no
+        answer comes.
         """
         self.synchronise()
         self.fault = None
@@ -202,12 +196,8 @@ class ProtocolClient:
     def send_stop(self) -> None:
         """Send STOP and wait until the driver reports that it is disarmed.
 
-        A refusal is kept in `fault`; it, too, has ended the output.
-
-        Raises
-        ------
-        DeviceDisconnectedError
-            If STOP cannot be delivered or nothing answers it.
+        A refusal is kept in `fault`; it, too, has ended the output. Raises
+        `DeviceDisconnectedError` if STOP cannot be delivered or nothing answers it.
         """
         self.send(Stop())
         try:

@@ -47,7 +47,8 @@ class DriverServer:
     """Serves one mock driver to one host at a time, over TCP.
 
     The connection of a second host is closed at once. However a host disconnects, the driver ramps
-    to 0 V.
+    to 0 V. Raises `DeviceError` if other machines could reach it, and there is no token; `OSError`
+    if it cannot listen on that port.
 
     Parameters
     ----------
@@ -59,13 +60,6 @@ class DriverServer:
         Port; 0 for any free one.
     token : str
         Secret by which a host answers the challenge; without one, every host of this machine may.
-
-    Raises
-    ------
-    DeviceError
-        If other machines could reach it, and there is no token.
-    OSError
-        If it cannot listen on that port.
     """
 
     def __init__(

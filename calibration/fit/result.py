@@ -52,18 +52,12 @@ _UpperBound = Annotated[  # JSON has no infinity
 
 @dataclass(frozen=True)
 class Repeatability:
-    """Relative spread of repeated strokes beyond their own errors: the finger dries and turns.
-
-    Parameters
-    ----------
-    log_mu : float
-        Standard deviation of ln mu.
-    ripple : float
-        Standard deviation of the ripple, over the ripple.
-    """
+    """Relative spread of repeated strokes beyond their own errors: the finger dries and turns."""
 
     log_mu: float = 0.01
+    """Standard deviation of ln mu."""
     ripple: float = 0.01
+    """Standard deviation of the ripple, over the ripple."""
 
 
 Need = Literal["needed", "contradicted", "cannot tell", "changes nothing"]
@@ -71,25 +65,17 @@ Need = Literal["needed", "contradicted", "cannot tell", "changes nothing"]
 
 @dataclass(frozen=True)
 class FormFit:
-    """The strokes fitted in another form.
-
-    Parameters
-    ----------
-    form : str
-        Its name.
-    evidence : float
-        Minus twice the log-likelihood in this form, less that in the fit's own: below 0 it fits
-        better.
-    h0_ratio : float
-        d1/eps1 in this form over that of the fit.
-    effect_jnd : float
-        Largest change of friction at the strokes [JND].
-    """
+    """The strokes fitted in another form."""
 
     form: Annotated[str, Heading("form")]
+    """Its name."""
     evidence: Annotated[float, Heading("evidence against it", "+.1f")]
+    """Minus twice the log-likelihood in this form, less that in the fit's own: below 0 it fits
+    better."""
     h0_ratio: Annotated[float, Heading("d1/eps1, over the fit's", ".3g")]
+    """d1/eps1 in this form over that of the fit."""
     effect_jnd: Annotated[float, Heading("friction changes by [JND]", ".2g")]
+    """Largest change of friction at the strokes [JND]."""
 
     @property
     def weight(self) -> float:
@@ -99,56 +85,37 @@ class FormFit:
 
 @dataclass(frozen=True)
 class TermNeed:
-    """Evidence of the strokes for or against one term.
-
-    Parameters
-    ----------
-    term : str
-        Its name.
-    is_on : bool
-        Whether the term was on in the fit.
-    need : {"needed", "contradicted", "cannot tell", "changes nothing"}
-        The conclusion.
-    evidence : float
-        AICc without the term minus with it: positive speaks for the term, 6 is 20 to 1.
-    effect_jnd : float
-        Largest change of friction at the strokes [JND], after the other parameters were fitted
-        again.
-    """
+    """Evidence of the strokes for or against one term."""
 
     term: Annotated[str, Heading("term")]
+    """Its name."""
     is_on: Annotated[bool, Heading("in the fit", "off|on")]
+    """Whether the term was on in the fit."""
     need: Annotated[Need, Heading("the strokes say")]
+    """The conclusion."""
     evidence: Annotated[float, Heading("evidence (AICc)", "+.1f")]
+    """AICc without the term minus with it: positive speaks for the term, 6 is 20 to 1."""
     effect_jnd: Annotated[float, Heading("effect [JND]", ".2g")]
+    """Largest change of friction at the strokes [JND], after the other parameters were fitted
+    again."""
 
 
 class ParameterEstimate(Part):
-    """A fit's estimate of one parameter.
-
-    Parameters
-    ----------
-    name : str
-        Of `calibration.plan.parameters.NAMES`.
-    value : float or None
-        Value in the unit that the name ends with; None where the strokes do not determine it.
-    low, high : float
-        90 % interval; 0 or infinite where the strokes set no bound.
-    spread : float
-        Standard deviation of the logarithm.
-    verdict : {"determined", "prior", "undetermined", "fixed"}
-        "prior" where the strokes add nothing to the prior.
-    advice : str
-        Which experiment would determine it; empty where none is needed.
-    """
+    """A fit's estimate of one parameter."""
 
     name: Annotated[str, Heading("parameter")]
+    """Of `calibration.plan.parameters.NAMES`."""
     value: Annotated[float | None, Heading("value", ".4g", "not determined")] = None
+    """Value in the unit that the name ends with; None where the strokes do not determine it."""
     low: float
     high: _UpperBound = inf
+    """90 % interval; 0 or infinite where the strokes set no bound."""
     spread: Annotated[float, Heading("spread", ".1%")]
+    """Standard deviation of the logarithm."""
     verdict: Annotated[Verdict, Heading("verdict")]
+    """"prior" where the strokes add nothing to the prior."""
     advice: str = ""
+    """Which experiment would determine it; empty where none is needed."""
 
     @property
     def interval(self) -> Annotated[str, Heading("90 % interval")]:
@@ -172,21 +139,14 @@ class ParameterEstimate(Part):
 
 @dataclass(frozen=True)
 class Input(Displayed):
-    """One source of uncertainty of the fit besides the strokes' scatter.
-
-    Parameters
-    ----------
-    source : str
-        The quantity.
-    spread : float
-        Its relative standard uncertainty; 0 of a gain, which the rig's check knows.
-    response : array, shape (free,)
-        Change of the free parameters' logarithms for each unit of its own.
-    """
+    """One source of uncertainty of the fit besides the strokes' scatter."""
 
     source: str
+    """The quantity."""
     spread: float
+    """Its relative standard uncertainty; 0 of a gain, which the rig's check knows."""
     response: _Numbers
+    """Change of the free parameters' logarithms for each unit of its own; shape (free,)."""
 
 
 @dataclass(frozen=True)
@@ -196,32 +156,22 @@ class Posterior(Displayed):
     A mixture of normal distributions. The fit in its own form is one component; each other form,
     and the fit with the finger's response and the sensor's pole exchanged, is another, weighed by
     its likelihood. A normal distribution as wide as their distance would hold the truth too often.
-
-    Parameters
-    ----------
-    middle : array, shape (free,)
-        The fit.
-    own : array, shape (free, free)
-        Covariance about each component's middle.
-    inputs : tuple of Input
-        The prior: its part of `own` has no few degrees of freedom.
-    freedom : float
-        Degrees of freedom of the strokes' repeatability, which is itself estimated.
-    others : array, shape (components, free)
-        Middles of the other components.
-    odds : array, shape (components,)
-        Their likelihoods over the fit's.
-    forms : tuple of str
-        Their names.
     """
 
     middle: _Numbers
+    """The fit; shape (free,)."""
     own: _Numbers
+    """Covariance about each component's middle; shape (free, free)."""
     inputs: tuple[Input, ...]
+    """The prior: its part of `own` has no few degrees of freedom."""
     freedom: float
+    """Degrees of freedom of the strokes' repeatability, which is itself estimated."""
     others: _Numbers
+    """Middles of the other components; shape (components, free)."""
     odds: _Numbers
+    """Their likelihoods over the fit's; shape (components,)."""
     forms: tuple[str, ...] = ()
+    """Their names."""
 
     def __post_init__(self) -> None:  # a file has no shape of an empty array
         others = np.reshape(self.others, (len(self.odds), len(self.middle)))

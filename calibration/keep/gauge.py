@@ -51,33 +51,23 @@ _LEAST_SD = 1e-12  # of values that are all alike
 
 @dataclass(frozen=True)
 class ControlChart:
-    """Values of a check standard, in order of time, and their alarms.
-
-    Parameters
-    ----------
-    values : tuple of float
-        In order of time.
-    middle, low, high : float
-        Mean of the first `BASELINE` before the last, and limits of the last; NaN for fewer than
-        `FEWEST`.
-    drift : float
-        Change from the first value to the last, by a straight line.
-    drift_uncertainty : float
-        The true one is within it, either side, at 95 %.
-    findings : tuple of str
-        Why to stop and look at the last value; empty where there is no reason.
-    alarms : tuple of int
-        Places of all values at which a rule spoke.
-    """
+    """Values of a check standard, in order of time, and their alarms."""
 
     values: tuple[float, ...]
+    """In order of time."""
     middle: float
     low: float
     high: float
+    """Mean of the first `BASELINE` before the last, and limits of the last; NaN for fewer than
+    `FEWEST`."""
     drift: float
+    """Change from the first value to the last, by a straight line."""
     drift_uncertainty: float
+    """The true one is within it, either side, at 95 %."""
     findings: tuple[str, ...]
+    """Why to stop and look at the last value; empty where there is no reason."""
     alarms: tuple[int, ...] = ()
+    """Places of all values at which a rule spoke."""
 
     @classmethod
     def of(cls, values: Sequence[float]) -> ControlChart:
@@ -126,30 +116,20 @@ class ControlChart:
 
 @dataclass(frozen=True)
 class VarianceComponent:
-    """Contribution of one factor, or of two together, to the variance of a value.
-
-    Parameters
-    ----------
-    source : str
-        Name of the factor, or "repeatability".
-    squares : float
-        Sum of squares.
-    freedom : int
-        Degrees of freedom.
-    sd : float
-        Standard deviation that it makes, in the unit of the values; 0 where none shows.
-    probability : float
-        That scatter alone makes as much; NaN of the repeatability.
-    share : float
-        Of the variance of all.
-    """
+    """Contribution of one factor, or of two together, to the variance of a value."""
 
     source: Annotated[str, Heading("source")]
+    """Name of the factor, or "repeatability"."""
     squares: Annotated[float, Heading("sum of squares", ".4g")]
+    """Sum of squares."""
     freedom: Annotated[int, Heading("degrees of freedom")]
+    """Degrees of freedom."""
     sd: Annotated[float, Heading("standard deviation", ".4g")]
+    """Standard deviation that it makes, in the unit of the values; 0 where none shows."""
     probability: Annotated[float, Heading("by chance", ".2g")]
+    """That scatter alone makes as much; NaN of the repeatability."""
     share: Annotated[float, Heading("share of the variance", ".1%")]
+    """Of the variance of all."""
 
 
 @dataclass(frozen=True)
@@ -166,17 +146,14 @@ class GaugeStudy:
     def of(cls, values: Array, factors: Sequence[str]) -> GaugeStudy:
         """Analyse values of crossed factors.
 
+        Raises `InputError` if a factor has one level, or there is nothing to tell scatter by.
+
         Parameters
         ----------
         values : array, shape (levels of each factor..., trials)
             Every level of each factor with each of the others, as often.
         factors : sequence of str
             Names of the factors: first the part, then operators, days.
-
-        Raises
-        ------
-        InputError
-            If a factor has one level, or there is nothing to tell scatter by.
         """
         sizes, count = values.shape[:-1], values.size
         if min(sizes, default=0) < 2 or values.shape[-1] < 1 or len(factors) != len(sizes):

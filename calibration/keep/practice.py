@@ -62,22 +62,15 @@ _TRIES = 200
 
 @dataclass(frozen=True)
 class Person:
-    """How precisely a person holds force and speed.
-
-    Parameters
-    ----------
-    force_error, speed_error : float
-        Standard deviation from stroke to stroke, relative.
-    tremor : float
-        Standard deviation of the force within a stroke, relative.
-    repeatability : float
-        Standard deviation of tau_f from stroke to stroke, relative: sweat and wear.
-    """
+    """How precisely a person holds force and speed."""
 
     force_error: float = 0.05
     speed_error: float = 0.05
+    """Standard deviation from stroke to stroke, relative."""
     tremor: float = 0.03
+    """Standard deviation of the force within a stroke, relative."""
     repeatability: float = 0.01
+    """Standard deviation of tau_f from stroke to stroke, relative: sweat and wear."""
 
 
 class VirtualFingerSource(ForceSource):

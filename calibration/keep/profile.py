@@ -181,34 +181,24 @@ def write_archive(folder: Path, path: Path) -> None:
 
 @dataclass(frozen=True)
 class MatchedFriction:
-    """One friction that both screens can give, as a mean over the fingers (of the logarithm).
-
-    Parameters
-    ----------
-    normal_force_n, frequency_hz : float
-        Where.
-    mu : float
-        The friction.
-    voltage_a_v, voltage_b_v : float
-        Amplitude that gives it on each screen [V].
-    difference_jnd : float
-        Part of the screens: friction on B minus that on A under the same finger, where both have
-        A's voltage, in just-noticeable differences; NaN past B's light contact.
-    uncertainty_jnd : float
-        90 % uncertainty of that difference, from the spread of both profiles' insulators and from
-        finger to finger; NaN where a profile states none.
-    fingers_jnd : float
-        Part of the fingers: highest friction minus lowest on the same screen, at A's voltage.
-    """
+    """One friction that both screens can give, as a mean over the fingers (of the logarithm)."""
 
     normal_force_n: float
     frequency_hz: float
+    """Where."""
     mu: Annotated[float, Heading("mu", ".3g")]
+    """The friction."""
     voltage_a_v: Annotated[float, Heading("A [V]", ".1f")]
     voltage_b_v: Annotated[float, Heading("B [V]", ".1f")]
+    """Amplitude that gives it on each screen [V]."""
     difference_jnd: Annotated[float, Heading("screens [JND]", "+.2f")]
+    """Part of the screens: friction on B minus that on A under the same finger, where both have A's
+    voltage, in just-noticeable differences; NaN past B's light contact."""
     uncertainty_jnd: Annotated[float, Heading("± [JND]", ".2f")]
+    """90 % uncertainty of that difference, from the spread of both profiles' insulators and from
+    finger to finger; NaN where a profile states none."""
     fingers_jnd: Annotated[float, Heading("fingers [JND]", ".2f")]
+    """Part of the fingers: highest friction minus lowest on the same screen, at A's voltage."""
 
 
 @dataclass(frozen=True)
@@ -316,19 +306,13 @@ class _Curves:
 
 @dataclass(frozen=True)
 class ProfileCheck:
-    """Strokes against a profile.
-
-    Parameters
-    ----------
-    strokes : tuple of HeldOutStroke
-        Every good stroke and its prediction.
-    drifts : mapping of str to Drift
-        Of "all" strokes, and of those "without_voltage" and "with_voltage": another finger or
-        cleaning shifts both, a changed insulator or drive the driven ones alone.
-    """
+    """Strokes against a profile."""
 
     strokes: tuple[HeldOutStroke, ...]
+    """Every good stroke and its prediction."""
     drifts: dict[str, Drift]
+    """Of "all" strokes, and of those "without_voltage" and "with_voltage": another finger or
+    cleaning shifts both, a changed insulator or drive the driven ones alone."""
 
     @property
     def passed(self) -> bool:
@@ -344,10 +328,7 @@ class ProfileCheck:
 def check_profile(reduced: Reduced, predictor: StrokePredictor) -> ProfileCheck:
     """Compare all good strokes with a predictor of the profiles, none of which it was fitted to.
 
-    Raises
-    ------
-    InputError
-        If there are fewer than two good strokes with a voltage.
+    Raises `InputError` if there are fewer than two good strokes with a voltage.
     """
     points = [point for point in reduced.points if not point.outlier]
     driven = np.array([point.voltage_v > 0 for point in points], dtype=bool)

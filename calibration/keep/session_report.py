@@ -456,30 +456,16 @@ class _Sheets:
 
 
 class CertificateText(Document):
-    """What a laboratory states on its certificates, as a file; what is missing is said there.
-
-    Parameters
-    ----------
-    laboratory, address, customer, place : str
-        Who issues it, for whom, and where was measured.
-    panel_serial, condition : str
-        Serial number of the panel, and how it came.
-    method, decision_rule : str
-        How it was measured, and how a verdict counts the uncertainty.
-    agreed_due_on : date or None
-        When to measure again, only where the customer has agreed.
-    traceability : mapping of str to str
-        Of the weight, the voltmeter, the driver: to which standard.
-    template : Path or None
-        Jinja template in place of the one that comes with haptix.
-    """
+    """What a laboratory states on its certificates, as a file; what is missing is said there."""
 
     laboratory: str = ""
     address: str = ""
     customer: str = ""
     place: str = ""
+    """Who issues it, for whom, and where was measured."""
     panel_serial: str = ""
     condition: str = ""
+    """Serial number of the panel, and how it came."""
     method: str = (
         "haptix calibrate: strokes of a finger, fit of the contact, strokes kept out of it"
     )
@@ -487,9 +473,13 @@ class CertificateText(Document):
         "passed where the error of each group of strokes, with its uncertainty at 95 % on one "
         "side, is within the tolerance (two one-sided tests); no risk is shared with the customer"
     )
+    """How it was measured, and how a verdict counts the uncertainty."""
     agreed_due_on: date | None = None
+    """When to measure again, only where the customer has agreed."""
     traceability: dict[str, str] = Field(default={})
+    """Of the weight, the voltmeter, the driver: to which standard."""
     template: Path | None = None
+    """Jinja template in place of the one that comes with haptix."""
 
 
 def stated(value: float, expanded: float, unit: str = "") -> str:
@@ -527,11 +517,8 @@ def write_certificate(
 ) -> str:
     """Write the certificate of a verified profile by a template, and return its number.
 
-    Raises
-    ------
-    InputError
-        If the verification failed, an instrument did not hold on the day of a stroke, or the
-        template is wrong.
+    Raises `InputError` if the verification failed, an instrument did not hold on the day of a
+    stroke, or the template is wrong.
     """
     from jinja2 import StrictUndefined, TemplateError
     from jinja2.sandbox import SandboxedEnvironment

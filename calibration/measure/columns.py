@@ -35,39 +35,27 @@ _GROUPS = ("group", "segment")  # columns of a file of several parts, see `hapti
 
 
 class CsvColumn(Part):
-    """Where one signal comes from.
-
-    Parameters
-    ----------
-    column : str or None
-        Heading of the column, without blanks at its ends; None where there is no column.
-    unit : str or None
-        Unit of the column: s, ms, us, or samples of a known rate; N, mN, gf, kgf or lbf; mm, m, cm,
-        inch or um; V, mV or kV. "raw" keeps the numbers of a signal without a unit. By default that
-        of the file.
-    scale : float
-        Further factor: the gain of a divider, or -1 for a sign.
-    speed_mm_per_s : float or None
-        For x_mm alone, where no position was kept: constant speed. In a stroke the finger slides
-        while the tangential force shows friction; without forces, from the first sample on.
-    value : float or None
-        Constant value. A constant drive_v is none: the planned voltage takes its place.
-    file : str or None
-        Rest of the name of another file, such as "-position.csv" beside ``stroke-001.csv``.
-    time : str or None
-        Its column of times [s]; times of day are compared with those of the first file.
-    rate_hz : float or None
-        Its samples per second, where it has no times: both files begin together.
-    """
+    """Where one signal comes from."""
 
     column: str | None = None
+    """Heading of the column, without blanks at its ends; None where there is no column."""
     unit: str | None = None
+    """Unit of the column: s, ms, us, or samples of a known rate; N, mN, gf, kgf or lbf; mm, m, cm,
+    inch or um; V, mV or kV. "raw" keeps the numbers of a signal without a unit. By default that of
+    the file."""
     scale: float = 1.0
+    """Further factor: the gain of a divider, or -1 for a sign."""
     speed_mm_per_s: float | None = None
+    """For x_mm alone, where no position was kept: constant speed. In a stroke the finger slides
+    while the tangential force shows friction; without forces, from the first sample on."""
     value: float | None = None
+    """Constant value. A constant drive_v is none: the planned voltage takes its place."""
     file: str | None = None
+    """Rest of the name of another file, such as "-position.csv" beside ``stroke-001.csv``."""
     time: str | None = None
+    """Its column of times [s]; times of day are compared with those of the first file."""
     rate_hz: PositiveFloat | None = None
+    """Its samples per second, where it has no times: both files begin together."""
 
     @model_validator(mode="after")
     def _comes_from_somewhere(self) -> Self:
@@ -79,25 +67,17 @@ class CsvColumn(Part):
 
 
 class Gauges(Part):
-    """Forces and torques of a transducer by the voltages of its strain gauges.
-
-    Parameters
-    ----------
-    columns : tuple of str
-        Columns of the voltages [V].
-    matrix : tuple of tuple of float
-        Working matrix of the transducer's certificate: a row for each of `axes`, in `unit` per
-        volt.
-    axes : tuple of str
-        Names by which the map's columns call them.
-    unit : str
-        Of the forces.
-    """
+    """Forces and torques of a transducer by the voltages of its strain gauges."""
 
     columns: Annotated[tuple[str, ...], Field(min_length=2)]
+    """Columns of the voltages [V]."""
     matrix: Annotated[tuple[tuple[float, ...], ...], Field(min_length=2)]
+    """Working matrix of the transducer's certificate: a row for each of `axes`, in `unit` per
+    volt."""
     axes: tuple[str, ...] = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
+    """Names by which the map's columns call them."""
     unit: str = "N"
+    """Of the forces."""
 
     @model_validator(mode="after")
     def _fits(self) -> Self:

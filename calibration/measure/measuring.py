@@ -36,21 +36,15 @@ _WITHOUT_DEVICE_HZ = 48_000.0
 
 @dataclass(frozen=True)
 class Watcher:
-    """Prompts and progress for the person at the screen.
-
-    Parameters
-    ----------
-    prompt : callable
-        Called before a stroke with its number of attempts so far; returns when the person is ready.
-    live : callable
-        Called while a stroke is recorded, with the time since its start [s].
-    done : callable
-        Called with the findings of a stroke; an empty list where it is good.
-    """
+    """Prompts and progress for the person at the screen."""
 
     prompt: Callable[[Stroke, int], None] = lambda stroke, tries: None
+    """Called before a stroke with its number of attempts so far; returns when the person is
+    ready."""
     live: Callable[[Stroke, float, Live], None] = lambda stroke, t_s, now: None
+    """Called while a stroke is recorded, with the time since its start [s]."""
     done: Callable[[Stroke, list[Finding]], None] = lambda stroke, findings: None
+    """Called with the findings of a stroke; an empty list where it is good."""
 
 
 class SessionOutcome(NamedTuple):
@@ -64,10 +58,7 @@ class SessionOutcome(NamedTuple):
 def drive_for(stroke: Stroke, protocol: Protocol, sample_rate_hz: float) -> StrokeDrive:
     """Return the voltage of one recording: a sine from before the touch until after the lift.
 
-    Raises
-    ------
-    InputError
-        If the driver is too slow for the frequency.
+    Raises `InputError` if the driver is too slow for the frequency.
     """
     if sample_rate_hz < 4 * stroke.frequency_hz:
         raise InputError(

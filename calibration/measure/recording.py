@@ -55,25 +55,17 @@ _MOST_SAMPLES = 20_000_000  # of each signal: 20 s at 1 MHz, 160 MB
 
 @dataclass(frozen=True)
 class Conditions:
-    """Circumstances of a recording.
-
-    Parameters
-    ----------
-    instruments : mapping of str to str
-        Name to serial number, such as ``{"force sensor": "FT12345"}``.
-    temperature_c, humidity_percent : float or None
-        Temperature and humidity of the room.
-    operator : str
-        Name of the person who measured.
-    started : str
-        When, ISO 8601.
-    """
+    """Circumstances of a recording."""
 
     instruments: Mapping[str, str] = field(default_factory=dict)
+    """Name to serial number, such as ``{"force sensor": "FT12345"}``."""
     temperature_c: float | None = None
     humidity_percent: float | None = None
+    """Temperature and humidity of the room."""
     operator: str = ""
+    """Name of the person who measured."""
     started: str = ""
+    """When, ISO 8601."""
 
 
 @dataclass(frozen=True)

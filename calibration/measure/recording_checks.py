@@ -39,21 +39,14 @@ _FORCES = ("normal_force_n", "tangential_force_n")
 
 @dataclass(frozen=True)
 class Finding:
-    """One fault of a recording.
-
-    Parameters
-    ----------
-    kind : str
-        Kind of fault, such as "clipped force".
-    message : str
-        The expected value, the found one, and the remedy.
-    is_fatal : bool
-        False where the reduction can correct it.
-    """
+    """One fault of a recording."""
 
     kind: str
+    """Kind of fault, such as "clipped force"."""
     message: str
+    """The expected value, the found one, and the remedy."""
     is_fatal: bool = True
+    """False where the reduction can correct it."""
 
     def __str__(self) -> str:
         return f"{self.kind}: {self.message}"
@@ -120,20 +113,14 @@ def idle_parts(recording: StrokeRecording, idle_s: float) -> tuple[slice, slice]
 
 @dataclass(frozen=True)
 class Zero:
-    """Reading without a force, from the idle parts: a line, or a cubic where their slopes differ.
-
-    Parameters
-    ----------
-    times_s, levels, slopes : (float, float)
-        Middle of both idle parts, mean and slope there.
-    error : float
-        Standard error of a slope; infinite where a part is too short to tell.
-    """
+    """Reading without a force, from the idle parts: a line, or a cubic where slopes differ."""
 
     times_s: tuple[float, float]
     levels: tuple[float, float]
     slopes: tuple[float, float]
+    """Middle of both idle parts, mean and slope there."""
     error: float
+    """Standard error of a slope; infinite where a part is too short to tell."""
 
     @classmethod
     def of(cls, recording: StrokeRecording, name: str, idle_s: float) -> Zero:

@@ -38,53 +38,38 @@ _RIPPLE_GAIN_ERROR = 0.01  # of the sensor's gain at 2f against its gain at rest
 
 @dataclass(frozen=True)
 class Point:
-    """One reduced stroke.
-
-    Parameters
-    ----------
-    number : int
-        Number of the stroke.
-    normal_force_n, voltage_v, frequency_hz, speed_mm_per_s : float
-        As measured, but for the frequency, which is the played one.
-    mu, mu_sd : float
-        Mean friction coefficient of the full slip and its standard error.
-    ripple, ripple_sd : float
-        Amplitude at 2f over the mean friction, without noise; NaN where it cannot be seen.
-    crosstalk : float
-        Half the difference of both directions, over the normal force: what a tilted sensor adds to
-        mu in one direction; NaN for one-way strokes.
-    creep : float
-        Relative change of mu for each e-fold of the time in contact; NaN where it was not found.
-    contact_s : float
-        Time in contact [s] at the end of the last slide.
-    rise, rise_sd : float
-        Change of ln mu from the first slides of a long contact to its last ones, and its error; NaN
-        of other strokes. Everything else is of the first slides.
-    held_out : bool
-        Whether it is kept for verification.
-    outlier : str
-        Why it is not used; empty where it is used.
-    notes : tuple of str
-        Faults that the reduction has corrected.
-    """
+    """One reduced stroke."""
 
     number: Annotated[int, Heading("stroke")]
+    """Number of the stroke."""
     normal_force_n: Annotated[float, Heading("F_N [N]", ".3g")]
     voltage_v: Annotated[float, Heading("V0 [V]", ".3g")]
     frequency_hz: Annotated[float, Heading("f [Hz]", "g")]
     speed_mm_per_s: float
+    """As measured, but for the frequency, which is the played one."""
     mu: Annotated[float, Heading("mu", ".3g")]
     mu_sd: Annotated[float, Heading("sd of mu", ".2g")]
+    """Mean friction coefficient of the full slip and its standard error."""
     ripple: Annotated[float, Heading("ripple", ".3g")]
     ripple_sd: Annotated[float, Heading("sd of ripple", ".2g")]
+    """Amplitude at 2f over the mean friction, without noise; NaN where it cannot be seen."""
     crosstalk: float = nan
+    """Half the difference of both directions, over the normal force: what a tilted sensor adds to
+    mu in one direction; NaN for one-way strokes."""
     creep: float = nan
+    """Relative change of mu for each e-fold of the time in contact; NaN where it was not found."""
     contact_s: float = nan
+    """Time in contact [s] at the end of the last slide."""
     rise: float = nan
     rise_sd: float = nan
+    """Change of ln mu from the first slides of a long contact to its last ones, and its error; NaN
+    of other strokes. Everything else is of the first slides."""
     held_out: Annotated[bool, Heading("kept out")] = False
+    """Whether it is kept for verification."""
     outlier: str = ""
+    """Why it is not used; empty where it is used."""
     notes: tuple[str, ...] = ()
+    """Faults that the reduction has corrected."""
 
     @property
     def remarks(self) -> Annotated[str, Heading("remarks")]:

@@ -65,10 +65,7 @@ class TapResponse(NamedTuple):
 def tap_response(t_s: Array, force_n: Array) -> TapResponse:
     """Fit the spectrum of a tap, shape (samples,) each; a hard tip's blow is shorter than 0.2 ms.
 
-    Raises
-    ------
-    InputError
-        If no tap stands out of the noise.
+    Raises `InputError` if no tap stands out of the noise.
     """
     step = float(np.median(np.diff(t_s)))
     force = force_n - np.median(force_n)
@@ -106,64 +103,46 @@ def tap_response(t_s: Array, force_n: Array) -> TapResponse:
 
 
 class VoltsRead(Part):
-    """An amplitude by a second instrument.
-
-    Parameters
-    ----------
-    frequency_hz, monitor_v : float
-        Frequency [Hz], and the amplitude [V] that the recordings show.
-    gain : float
-        Amplitude on the screen over that of the recordings.
-    """
+    """An amplitude by a second instrument."""
 
     frequency_hz: PositiveFloat
     monitor_v: PositiveFloat
+    """Frequency [Hz], and the amplitude [V] that the recordings show."""
     gain: PositiveFloat
+    """Amplitude on the screen over that of the recordings."""
 
 
 class RigCheck(Document):
     """What known forces and volts read; each gain of a force is the reading over the known value.
 
     Known gains are taken off the readings of the strokes (`corrected`); their uncertainty stays.
-
-    Parameters
-    ----------
-    normal_gain, tangential_gain : float
-        Reading of each axis under a known weight over its force; 1 where sign, unit and scale are
-        right.
-    second_tangential_gain : float or None
-        The same of the tangential axis under a second weight, or at another angle: it shows what
-        is no gain, such as friction of the pulley. None where it was not tried.
-    force_gain_spread : float
-        Relative standard uncertainty of either gain: that of the weight and of the reading.
-    voltage_gain : float or None
-        Amplitude on the screen over that in the recordings, where one number holds for all
-        amplitudes and frequencies.
-    volts : tuple of VoltsRead
-        The same at several amplitudes and frequencies.
-    voltage_gain_spread : float
-        Its relative standard uncertainty.
-    pole_hz, resonance_hz, quality : float or None
-        Bandwidth of the tangential axis by a tap: a pole of first order, a resonance and its
-        quality; None where none is seen.
-    instruments : tuple of str
-        The references: the weight, the voltmeter.
-    measured_on : date or None
-        Day of the check.
     """
 
     normal_gain: float
     tangential_gain: float
+    """Reading of each axis under a known weight over its force; 1 where sign, unit and scale are
+    right."""
     second_tangential_gain: float | None = None
+    """The same of the tangential axis under a second weight, or at another angle: it shows what is
+    no gain, such as friction of the pulley. None where it was not tried."""
     force_gain_spread: PositiveFloat = 0.005
+    """Relative standard uncertainty of either gain: that of the weight and of the reading."""
     voltage_gain: float | None = None
+    """Amplitude on the screen over that in the recordings, where one number holds for all
+    amplitudes and frequencies."""
     volts: tuple[VoltsRead, ...] = ()
+    """The same at several amplitudes and frequencies."""
     voltage_gain_spread: PositiveFloat = 0.005
+    """Its relative standard uncertainty."""
     pole_hz: PositiveFloat | None = None
     resonance_hz: PositiveFloat | None = None
     quality: Annotated[float | None, Field(gt=0)] = None
+    """Bandwidth of the tangential axis by a tap: a pole of first order, a resonance and its
+    quality; None where none is seen."""
     instruments: tuple[str, ...] = ()
+    """The references: the weight, the voltmeter."""
     measured_on: date | None = None
+    """Day of the check."""
 
     @model_validator(mode="after")
     def _is_finite(self) -> Self:
@@ -301,6 +280,8 @@ def measure_rig(
 ) -> RigCheck:
     """Check a rig by its own instruments, a weight and a voltmeter.
 
+    Raises `InputError` if a weight does not show, or the typed text is no number.
+
     Parameters
     ----------
     source : ForceSource
@@ -318,11 +299,6 @@ def measure_rig(
         Highest amplitude [V] of the strokes; at most the driver's limit is played.
     second_weight_n : float, optional
         Force along the screen of a second weight, or of the same one at another angle [N].
-
-    Raises
-    ------
-    InputError
-        If a weight does not show, or the typed text is no number.
     """
     weight = positive("weight_n", weight_n)
     still = Stroke(number=1, normal_force_n=weight, voltage_v=0.0, frequency_hz=FREQUENCY_HZ)

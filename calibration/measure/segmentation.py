@@ -154,29 +154,20 @@ _MEDIAN_SHARE = 0.9  # median over mean of a sum over some channels
 
 @dataclass(frozen=True)
 class SpatialPeriod:
-    """The strongest period of a range, and the period of which it is a harmonic.
-
-    Parameters
-    ----------
-    period_mm : float
-        The strongest line between the shortest and the longest period asked for.
-    power_over_background : float
-        Its power over that of the noise beside it.
-    false_alarm_probability : float
-        Of a line as strong anywhere in the range without any period: the noise in the range, over
-        its running median, taken as an F distribution. Where the line is a harmonic, it is that of
-        the fundamental.
-    harmonic : int
-        1 where no longer period is stronger; n where the line at n times the period is.
-    fundamental_mm : float
-        The period of that line.
-    """
+    """The strongest period of a range, and the period of which it is a harmonic."""
 
     period_mm: float
+    """The strongest line between the shortest and the longest period asked for."""
     power_over_background: float
+    """Its power over that of the noise beside it."""
     false_alarm_probability: float
+    """Of a line as strong anywhere in the range without any period: the noise in the range, over
+    its running median, taken as an F distribution. Where the line is a harmonic, it is that of the
+    fundamental."""
     harmonic: int
+    """1 where no longer period is stronger; n where the line at n times the period is."""
     fundamental_mm: float
+    """The period of that line."""
 
     @property
     def is_significant(self) -> Annotated[bool, Heading("significant")]:
@@ -205,6 +196,8 @@ def spatial_period(
 ) -> SpatialPeriod:
     """Find the spatial period [mm] of signals along a stroke, over the parts of full slip.
 
+    Raises `InputError` if nothing slides for four of the longest periods.
+
     Parameters
     ----------
     t_s, x_mm, normal_force_n : array, shape (samples,)
@@ -214,11 +207,6 @@ def spatial_period(
     shortest_mm, longest_mm : float
         Range of periods. Longer ones are looked at to tell the harmonic, as far as four of them
         fit into the stroke.
-
-    Raises
-    ------
-    InputError
-        If nothing slides for four of the longest periods.
     """
     if not 0 < shortest_mm < longest_mm:
         raise InputError("expected 0 < shortest_mm < longest_mm")

@@ -216,23 +216,16 @@ Word = Annotated[str, Field(min_length=1)]
 
 
 class Instrument(Part):
-    """One instrument.
-
-    Parameters
-    ----------
-    name, serial : str
-        As recordings name it, such as "force sensor" and "FT12345".
-    certificate : str
-        Number of its certificate.
-    calibrated_on, due_on : datetime.date
-        First and last day on which the certificate holds.
-    """
+    """One instrument."""
 
     name: Annotated[Word, Heading("instrument")]
     serial: Annotated[Word, Heading("serial number")]
+    """As recordings name it, such as "force sensor" and "FT12345"."""
     certificate: Annotated[Word, Heading("certificate")]
+    """Number of its certificate."""
     calibrated_on: Annotated[date, Heading("calibrated on")]
     due_on: Annotated[date, Heading("due on")]
+    """First and last day on which the certificate holds."""
 
     @model_validator(mode="after")
     def _is_in_order(self) -> Self:

@@ -223,12 +223,8 @@ class Inputs(Document):
 def open_inputs(path: str | Path) -> AnalogSource:
     """Open the inputs that a file describes.
 
-    Raises
-    ------
-    FileFormatError, InputError
-        If the file is not TOML, or a channel is unknown or missing.
-    DeviceError
-        If the device cannot be opened.
+    Raises `FileFormatError` or `InputError` if the file is not TOML, or a channel is unknown or
+    missing; `DeviceError` if the device cannot be opened.
     """
     described = Inputs.load(path)
     reader: SampleReader

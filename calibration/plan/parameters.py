@@ -119,24 +119,16 @@ def fitted_terms(on: Collection[str], names: Collection[str]) -> frozenset[str]:
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter.
-
-    Parameters
-    ----------
-    name : str
-        One of `NAMES`; the end of the name is the unit.
-    value : float
-        Where the fit starts, and the middle of the prior.
-    prior : float or None
-        Prior standard deviation of the logarithm; None without a prior.
-    is_fixed : bool
-        Whether the value is held.
-    """
+    """One parameter."""
 
     name: str
+    """One of `NAMES`; the end of the name is the unit."""
     value: float
+    """Where the fit starts, and the middle of the prior."""
     prior: float | None = None
+    """Prior standard deviation of the logarithm; None without a prior."""
     is_fixed: bool = False
+    """Whether the value is held."""
 
     def __post_init__(self) -> None:
         if self.name not in NAMES:
@@ -150,21 +142,14 @@ class Parameter:
 
 @dataclass(frozen=True)
 class FingerPrior:
-    """Prior of the finger from an earlier fit: a Gaussian in the logarithms.
-
-    Parameters
-    ----------
-    names : tuple of str
-        Names of parameters, from `PER_FINGER`.
-    log_value : array, shape (names,)
-        Mean of the logarithms.
-    covariance : array, shape (names, names)
-        Covariance of the logarithms.
-    """
+    """Prior of the finger from an earlier fit: a Gaussian in the logarithms."""
 
     names: tuple[str, ...]
+    """Names of parameters, from `PER_FINGER`."""
     log_value: Array
+    """Mean of the logarithms; shape (names,)."""
     covariance: Array
+    """Covariance of the logarithms; shape (names, names)."""
 
 
 @dataclass(frozen=True)

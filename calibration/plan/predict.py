@@ -62,25 +62,18 @@ class StrokeConditions(Displayed):
 
 @dataclass(frozen=True)
 class Prediction(Displayed):
-    """Prediction of the model for strokes.
-
-    Parameters
-    ----------
-    log_mu : array, shape (strokes,)
-        ln of the friction coefficient, averaged over the drive period.
-    ripple : array, shape (strokes,)
-        Amplitude of the friction at 2f over its mean, as the force sensor shows it.
-    log_mu_jacobian, ripple_jacobian : array, shape (strokes, parameters)
-        By the logarithms of the parameters.
-    is_light : array of bool, shape (strokes,)
-        False where the contact snaps in during the period.
-    """
+    """Prediction of the model for strokes."""
 
     log_mu: Array
+    """ln of the friction coefficient, averaged over the drive period; shape (strokes,)."""
     ripple: Array
+    """Amplitude of the friction at 2f over its mean, as the force sensor shows it; shape
+    (strokes,)."""
     log_mu_jacobian: Array
     ripple_jacobian: Array
+    """By the logarithms of the parameters; shape (strokes, parameters)."""
     is_light: Mask
+    """False where the contact snaps in during the period; shape (strokes,)."""
 
 
 class StrokePredictor:

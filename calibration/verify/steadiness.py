@@ -28,24 +28,17 @@ _FEWEST_OF_TREND = 4
 
 @dataclass(frozen=True)
 class Steadiness:
-    """Sizes, each with the uncertainty that it has at 90 %, either side; NaN where not seen.
-
-    Parameters
-    ----------
-    repeatability_jnd : float
-        Standard deviation of repeated strokes, beyond their own errors [JND].
-    session_drift_jnd, session_drift_uncertainty_jnd : float
-        Change of friction from the first stroke to the last [JND], by a straight line through the
-        differences to the prediction over the strokes' order.
-    creep_jnd, creep_uncertainty_jnd : float
-        Change of friction for ten times the time in contact [JND], within strokes.
-    """
+    """Sizes, each with the uncertainty that it has at 90 %, either side; NaN where not seen."""
 
     repeatability_jnd: float = nan
+    """Standard deviation of repeated strokes, beyond their own errors [JND]."""
     session_drift_jnd: float = nan
     session_drift_uncertainty_jnd: float = nan
+    """Change of friction from the first stroke to the last [JND], by a straight line through the
+    differences to the prediction over the strokes' order."""
     creep_jnd: float = nan
     creep_uncertainty_jnd: float = nan
+    """Change of friction for ten times the time in contact [JND], within strokes."""
 
     @property
     def text(self) -> str:
@@ -98,22 +91,15 @@ def _mean(values: Array, fewest: int = _FEWEST_OF_TREND) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Drift:
-    """Mean change of friction since a profile was made.
-
-    Parameters
-    ----------
-    mean_jnd : float
-        Mean of measured minus predicted friction [JND].
-    uncertainty_jnd : float
-        The true mean is within it, either side, at 90 %: the scatter of the strokes, by Student's
-        t.
-    strokes : int
-        Number of strokes.
-    """
+    """Mean change of friction since a profile was made."""
 
     mean_jnd: Annotated[float, Heading("mean [JND]", "+.2f")]
+    """Mean of measured minus predicted friction [JND]."""
     uncertainty_jnd: Annotated[float, Heading("± [JND]", ".2f")]
+    """The true mean is within it, either side, at 90 %: the scatter of the strokes, by Student's
+    t."""
     strokes: Annotated[int, Heading("strokes")]
+    """Number of strokes."""
 
     @classmethod
     def of(cls, residuals: Array) -> Drift:

@@ -95,27 +95,18 @@ class HeldOutStroke:
 
 @dataclass(frozen=True)
 class Equivalence:
-    """Mean error of friction in one group of held-out strokes.
-
-    Parameters
-    ----------
-    group : str
-        Which strokes.
-    strokes : tuple of int
-        Their numbers.
-    mean_jnd : float
-        Mean of measured minus predicted friction [JND].
-    uncertainty_jnd : float
-        The true mean is within it, either side, at 90 % [JND]: scatter, and the rig's gains.
-    rig_jnd : float
-        What of it the uncertainty of the rig's gains alone would be [JND]; no stroke shows it.
-    """
+    """Mean error of friction in one group of held-out strokes."""
 
     group: Annotated[str, Heading("held-out strokes", "{0.group} ({0.count})")]
+    """Which strokes."""
     strokes: tuple[int, ...]
+    """Their numbers."""
     mean_jnd: Annotated[float, Heading("error [JND]", _WITHIN)]
+    """Mean of measured minus predicted friction [JND]."""
     uncertainty_jnd: float
+    """The true mean is within it, either side, at 90 % [JND]: scatter, and the rig's gains."""
     rig_jnd: Annotated[float, Heading("by the rig alone [JND]", ".2f")] = 0.0
+    """What of it the uncertainty of the rig's gains alone would be [JND]; no stroke shows it."""
 
     @property
     def count(self) -> int:

@@ -40,18 +40,12 @@ class Output(IntEnum):
 
 @dataclass(frozen=True)
 class Sensor:
-    """A board's converter of the electrode's current.
-
-    Parameters
-    ----------
-    full_scale_a : float
-        Current of its code 32767, in amperes: twice the panel's at the ceiling, or more.
-    panel_f : float
-        Capacitance of the untouched panel, within a third, in farads.
-    """
+    """A board's converter of the electrode's current."""
 
     full_scale_a: float
+    """Current of its code 32767, in amperes: twice the panel's at the ceiling, or more."""
     panel_f: float
+    """Capacitance of the untouched panel, within a third, in farads."""
 
 
 #: Added to the kind of an output sample while the digital line is high.
@@ -62,10 +56,7 @@ LINE = 0x80
 def compiled() -> tuple[cffi.FFI, Any]:
     """Return the compiled firmware, and what the host has compiled with it.
 
-    Raises
-    ------
-    DeviceError
-        If it is not there and cannot be built, or cannot be loaded.
+    Raises `DeviceError` if it is not there and cannot be built, or cannot be loaded.
     """
     return load("haptix-firmware", _FOLDER / "haptix_device.h", _FOLDER / "haptix_host.h")
 
@@ -74,6 +65,8 @@ class Core:
     """The device side of the protocol: it takes bytes, answers with bytes, and plays samples.
 
     Its only clock is the number of samples played. It is not safe for several threads at once.
+    Raises `DeviceError` if `config` describes no possible device, or the firmware is not there and
+    cannot be built.
 
     Parameters
     ----------
@@ -81,11 +74,6 @@ class Core:
         Capabilities of the device.
     sensor : Sensor, optional
         Its converter, if it states a rate of readings.
-
-    Raises
-    ------
-    DeviceError
-        If `config` describes no possible device, or the firmware is not there and cannot be built.
     """
 
     def __init__(self, config: CapabilitiesReport, sensor: Sensor | None = None) -> None:

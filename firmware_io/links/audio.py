@@ -36,32 +36,23 @@ _RATES_HZ = (8000, 11_025, 16_000, 22_050, 32_000, 44_100, 48_000, 88_200, 96_00
 class AudioProfile(RigProfile):
     """The interface and amplifier behind an audio output.
 
-    Parameters
-    ----------
-    device : str, optional
-        Name of the interface or a unique part of it; default: the system's.
-    full_scale_v : float, optional
-        Volts on the screen at digital full scale; otherwise the product of `dac_full_scale_v` and
-        `amplifier_gain`.
-    trigger : bool
-        Whether the second channel is a digital line, high for 1 ms from the first sample of each
-        playback and from each mark.
-    host_api : str, optional
-        The system's way to it, or a part of its name, where several offer it: such as ALSA, JACK,
-        Core Audio, WASAPI.
-
-    Raises
-    ------
-    DeviceError
-        If the full scale is not given in exactly one way, or a number is impossible.
+    Raises `DeviceError` if the full scale is not given in exactly one way, or a number is
+    impossible.
     """
 
     device_name: ClassVar[str] = "audio interface"
 
     device: str | None = None
+    """Name of the interface or a unique part of it; default: the system's."""
     full_scale_v: float | None = None
+    """Volts on the screen at digital full scale; otherwise the product of `dac_full_scale_v` and
+    `amplifier_gain`."""
     trigger: bool = False
+    """Whether the second channel is a digital line, high for 1 ms from the first sample of each
+    playback and from each mark."""
     host_api: str | None = None
+    """The system's way to it, or a part of its name, where several offer it: such as ALSA, JACK,
+    Core Audio, WASAPI."""
 
     def __post_init__(self) -> None:
         parts = (self.dac_full_scale_v, self.amplifier_gain)
@@ -92,7 +83,8 @@ class AudioProfile(RigProfile):
 class AudioLink(HostedLink):
     """The firmware, playing into an output stream of PortAudio.
 
-    Opening takes a second, in which the output is held at 0 V.
+    Opening takes a second, in which the output is held at 0 V. Raises `DeviceNotFoundError` or
+    `DeviceBusyError` or `DeviceError` if the interface cannot be opened.
 
     Parameters
     ----------
@@ -103,11 +95,6 @@ class AudioLink(HostedLink):
     ----------
     underflows : int
         Number of times that PortAudio served the interface too late.
-
-    Raises
-    ------
-    DeviceNotFoundError, DeviceBusyError, DeviceError
-        If the interface cannot be opened.
     """
 
     def __init__(self, profile: AudioProfile) -> None:

@@ -33,38 +33,27 @@ _LEAST_STATEMENT = 8  # letters of the statement of an interlock
 class DaqProfile(RigProfile):
     """The analog output and the amplifier behind it; `amplifier_gain` is needed.
 
-    Parameters
-    ----------
-    channel : str
-        The output, such as ``Dev1/ao0``.
-    watchdog : str, optional
-        Output that the card's watchdog takes to 0 when the host dies: ``yes`` for the analog output
-        (chassis of CompactDAQ), or a digital line that enables the amplifier, such as
-        ``Dev1/port0/line0`` (X Series, whose watchdog knows lines only).
-    interlock : str, optional
-        Without a watchdog: what takes the voltage off the screen then, in words.
-    trigger : str, optional
-        A second output of the card, as a digital line: 5 V for 1 ms from the first sample of each
-        playback and from each mark.
-    monitor : str, optional
-        An input of the card that reads the output back, such as ``Dev1/_ao0_vs_aognd``.
-    buffer_s : float
-        Samples that wait for the card's clock, in seconds.
-
-    Raises
-    ------
-    DeviceError
-        If nothing ends the drive when the host dies, or a value is missing or impossible.
+    Raises `DeviceError` if nothing ends the drive when the host dies, or a value is missing or
+    impossible.
     """
 
     device_name: ClassVar[str] = "analog output"
 
     channel: str = ""
+    """The output, such as ``Dev1/ao0``."""
     watchdog: str | None = None
+    """Output that the card's watchdog takes to 0 when the host dies: ``yes`` for the analog output
+    (chassis of CompactDAQ), or a digital line that enables the amplifier, such as
+    ``Dev1/port0/line0`` (X Series, whose watchdog knows lines only)."""
     interlock: str | None = None
+    """Without a watchdog: what takes the voltage off the screen then, in words."""
     trigger: str | None = None
+    """A second output of the card, as a digital line: 5 V for 1 ms from the first sample of each
+    playback and from each mark."""
     monitor: str | None = None
+    """An input of the card that reads the output back, such as ``Dev1/_ao0_vs_aognd``."""
     buffer_s: float = 0.03
+    """Samples that wait for the card's clock, in seconds."""
     dac_full_scale_v: float | None = 10.0
     sample_rate_hz: float = 50_000.0  # divides the timebase of 100 MHz
 
@@ -154,10 +143,7 @@ class DaqMonitor:
     def compare(self) -> None:
         """Compare the readings since the last call.
 
-        Raises
-        ------
-        DeviceError
-            If they differ from the samples for longer than a glitch.
+        Raises `DeviceError` if they differ from the samples for longer than a glitch.
         """
         count = self.task.in_stream.avail_samp_per_chan
         if count == 0:
@@ -194,19 +180,14 @@ _UNKNOWN = (-200220, -200170)  # DAQmx: no such device, no such channel
 class DaqLink(HostedLink):
     """The firmware, playing into an analog output by the card's own clock.
 
-    Opening takes a second, in which the output is held at 0 V.
+    Opening takes a second, in which the output is held at 0 V. Raises `DeviceNotFoundError` or
+    `DeviceBusyError` or `DeviceError` if the card cannot be opened, or has no such watchdog;
+    `MissingExtraError` if nidaqmx is not installed.
 
     Parameters
     ----------
     profile : DaqProfile
         The output, the amplifier, and the watchdog or interlock.
-
-    Raises
-    ------
-    DeviceNotFoundError, DeviceBusyError, DeviceError
-        If the card cannot be opened, or has no such watchdog.
-    MissingExtraError
-        If nidaqmx is not installed.
     """
 
     def __init__(self, profile: DaqProfile) -> None:

@@ -27,18 +27,14 @@ from firmware_io.protocol import REPORT_BYTES, from_report, to_reports
 class Claim:
     """The exclusive right to use a device, until `release` or the end of this process.
 
-    hidraw would let two hosts open a device. A socket name in Linux's abstract namespace belongs
-    to one process and leaves no file behind if that process is killed.
+    hidraw would let two hosts open a device. A socket name in Linux's abstract namespace belongs to
+    one process and leaves no file behind if that process is killed. Raises `DeviceBusyError` if
+    another process, or another object of this one, holds it.
 
     Parameters
     ----------
     what : str
         The device, such as its path; the same text for every user of one device.
-
-    Raises
-    ------
-    DeviceBusyError
-        If another process, or another object of this one, holds it.
     """
 
     def __init__(self, what: str) -> None:
@@ -82,6 +78,9 @@ def enumerate_drivers(
 class HidLink(Link):
     """Reports of fixed size.
 
+    Raises `DeviceNotFoundError` or `DeviceBusyError` or `DevicePermissionError` if it cannot be
+    opened.
+
     Parameters
     ----------
     path : str, optional
@@ -92,11 +91,6 @@ class HidLink(Link):
         Module of hidapi; by default the one that fits the path, or the first to find the device.
     vendor_id, product_id : int
         USB numbers of the driver; ignored with a path.
-
-    Raises
-    ------
-    DeviceNotFoundError, DeviceBusyError, DevicePermissionError
-        If it cannot be opened.
     """
 
     report_bytes = REPORT_BYTES

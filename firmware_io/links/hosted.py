@@ -55,29 +55,19 @@ least every 50 ms, so that this is a fault within the watchdog's 0.25 s. The lon
 class RigProfile(ABC):
     """An output and the amplifier behind it.
 
-    Parameters
-    ----------
-    dac_full_scale_v : float, optional
-        Peak volts at the output of the converter at digital full scale.
-    amplifier_gain : float, optional
-        Gain of the amplifier, in V/V.
-    ceiling_v : float
-        Largest voltage that amplifier and screen withstand.
-    sample_rate_hz : float
-        A rate of the converter.
-
-    Raises
-    ------
-    DeviceError
-        If a number is impossible.
+    Raises `DeviceError` if a number is impossible.
     """
 
     device_name: ClassVar[str]
 
     dac_full_scale_v: float | None = None
+    """Peak volts at the output of the converter at digital full scale."""
     amplifier_gain: float | None = None
+    """Gain of the amplifier, in V/V."""
     ceiling_v: float = ABSOLUTE_CEILING_V
+    """Largest voltage that amplifier and screen withstand."""
     sample_rate_hz: float = 48_000.0
+    """A rate of the converter."""
 
     @property
     @abstractmethod
@@ -140,10 +130,7 @@ class RigProfile(ABC):
 def read_rig_profile(path: str | Path, kind: type[RigProfile]) -> dict[str, Any]:
     """Return the entries of a TOML file with some or all of the keys of a profile.
 
-    Raises
-    ------
-    DeviceError
-        If the file cannot be read or understood.
+    Raises `DeviceError` if the file cannot be read or understood.
     """
     try:
         with Path(path).open("rb") as file:

@@ -39,17 +39,14 @@ _SWITCH_S = 5e-4
 class OwnProcessLink(Link):
     """The program's end of a link whose firmware and output are in another process.
 
+    Raises `DeviceError` as the link raises it there.
+
     Parameters
     ----------
     module : str
         Has a function `serve`, which calls `serve_link`.
     values : dict
         What opens the link there, as JSON.
-
-    Raises
-    ------
-    DeviceError
-        As the link raises it there.
     """
 
     def __init__(self, module: str, values: dict[str, Any]) -> None:
@@ -154,10 +151,7 @@ class OwnProcessLink(Link):
 def ask_in_own_process(module: str, function: str) -> Any:
     """Return what a function of a module writes to its standard output as JSON.
 
-    Raises
-    ------
-    DeviceError
-        If its process fails.
+    Raises `DeviceError` if its process fails.
     """
     with _start(module, function, stdin=subprocess.DEVNULL) as process:
         try:

@@ -28,10 +28,7 @@ _WAKES_S = 3.0  # a board whose reset is wired to DTR: boot loader, then a secon
 def pyserial() -> Any:
     """Return the module `serial`.
 
-    Raises
-    ------
-    MissingExtraError
-        If it is not installed.
+    Raises `MissingExtraError` if it is not installed.
     """
     with from_extra("serial"):
         return import_module("serial")
@@ -47,6 +44,9 @@ def _ports() -> list[tuple[Any, bool]]:
 class SerialLink(Link):
     """A serial port that nobody else may open meanwhile.
 
+    Raises `DeviceNotFoundError` or `DeviceBusyError` or `DevicePermissionError` if the port cannot
+    be opened; `DeviceError` if pyserial is missing, or the port cannot have that speed.
+
     Parameters
     ----------
     port : str, optional
@@ -58,13 +58,6 @@ class SerialLink(Link):
     dtr, rts : bool, optional
         Level that this side's lines keep, for a board that they reset; by default both are raised,
         as the system does on opening.
-
-    Raises
-    ------
-    DeviceNotFoundError, DeviceBusyError, DevicePermissionError
-        If the port cannot be opened.
-    DeviceError
-        If pyserial is missing, or the port cannot have that speed.
     """
 
     wakes_s = _WAKES_S

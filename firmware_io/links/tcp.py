@@ -60,6 +60,9 @@ def read_token(file: str | Path | None) -> str:
 class TcpLink(Link):
     """A connection to a served driver.
 
+    Raises `DeviceNotFoundError` if no server listens there; `DeviceError` if it is no server of a
+    driver, or the file cannot be read.
+
     Parameters
     ----------
     host : str
@@ -68,13 +71,6 @@ class TcpLink(Link):
         Port of the server.
     token_file : path-like, optional
         Holds the server's token, if it has one; by default that is ``$HAPTIX_DRIVER_TOKEN``.
-
-    Raises
-    ------
-    DeviceNotFoundError
-        If no server listens there.
-    DeviceError
-        If it is no server of a driver, or the file cannot be read.
     """
 
     def __init__(self, host: str, port: int, token_file: str | Path | None = None) -> None:

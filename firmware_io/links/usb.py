@@ -66,11 +66,7 @@ def backend() -> Any:
     """Return pyusb's backend: the system's libusb, or that of the package libusb-package.
 
     The backend is always passed on explicitly: pyusb keeps the one that a process found first.
-
-    Raises
-    ------
-    DeviceError
-        If neither is installed.
+    Raises `DeviceError` if neither is installed.
     """
     libusb1 = import_module("usb.backend.libusb1")
     libusb = libusb1.get_backend()
@@ -104,6 +100,9 @@ def serial_of(device: Any) -> str | None:
 class UsbLink(Link):
     """A pair of bulk endpoints.
 
+    Raises `DeviceNotFoundError` or `DeviceBusyError` or `DevicePermissionError` or `ProtocolError`
+    if it cannot be opened.
+
     Parameters
     ----------
     serial : str, optional
@@ -112,11 +111,6 @@ class UsbLink(Link):
         Place on the bus.
     vendor_id, product_id : int
         USB numbers of the driver.
-
-    Raises
-    ------
-    DeviceNotFoundError, DeviceBusyError, DevicePermissionError, ProtocolError
-        If it cannot be opened.
     """
 
     wakes_s = 1.0  # just plugged in, a board may still hold its output at 0 V

@@ -194,27 +194,19 @@ STREAM_OVERHEAD_BYTES = FRAME_OVERHEAD_BYTES + _INDEX.size
 
 @dataclass(frozen=True)
 class Frame:
-    """One message and its number.
-
-    Parameters
-    ----------
-    message : Message
-        Its content.
-    sequence : int
-        Its number, modulo 2**16.
-    """
+    """One message and its number."""
 
     message: Message
+    """Its content."""
     sequence: int
+    """Its number, modulo 2**16."""
 
 
 def encode(frame: Frame, version: int = VERSION) -> bytes:
     """Return the bytes of a frame, in a version of the protocol.
 
-    Raises
-    ------
-    ProtocolError
-        If a field does not fit the wire format, or codes have another type, shape or size.
+    Raises `ProtocolError` if a field does not fit the wire format, or codes have another type,
+    shape or size.
     """
     message = frame.message
     mode = 0
@@ -253,10 +245,7 @@ def _code_bytes(codes: npt.NDArray[np.int16]) -> bytes:
 def decode(data: bytes) -> Frame:
     """Return the frame in `data`.
 
-    Raises
-    ------
-    ProtocolError
-        If `data` is not exactly one valid frame of a version that hosts speak.
+    Raises `ProtocolError` if `data` is not exactly one valid frame of a version that hosts speak.
     """
     if len(data) < FRAME_OVERHEAD_BYTES:
         raise ProtocolError(
@@ -275,10 +264,7 @@ def decode(data: bytes) -> Frame:
 def read_header(data: bytes | bytearray | memoryview, offset: int = 0) -> tuple[int, int, int, int]:
     """Return kind, sequence, payload length and mode of the header at `offset`.
 
-    Raises
-    ------
-    ProtocolError
-        If there is no valid header of a version that hosts speak.
+    Raises `ProtocolError` if there is no valid header of a version that hosts speak.
     """
     magic, version, kind, sequence, length, mode = _HEADER.unpack_from(data, offset)
     if magic != MAGIC:
@@ -307,10 +293,7 @@ def read_frame(
 ) -> Frame:
     """Return the frame in `data`, whose header was found valid.
 
-    Raises
-    ------
-    ProtocolError
-        If the rest is not valid.
+    Raises `ProtocolError` if the rest is not valid.
     """
     (carried,) = _CRC.unpack_from(data, HEADER_BYTES + length)
     check = crc32(memoryview(data)[: HEADER_BYTES + length])
@@ -467,10 +450,7 @@ def to_reports(frame: bytes, report_bytes: int = REPORT_BYTES) -> list[bytes]:
 def from_report(report: bytes) -> tuple[bytes, bool]:
     """Return the piece of a frame that a report carries, and whether a frame begins with it.
 
-    Raises
-    ------
-    ProtocolError
-        If it is not a report of this protocol.
+    Raises `ProtocolError` if it is not a report of this protocol.
     """
     if len(report) < _PREFIX_BYTES or report[0] != REPORT_ID:
         raise ProtocolError(

@@ -40,28 +40,19 @@ class FaultCode(IntEnum):
 
 @dataclass(frozen=True)
 class FaultReport:
-    """Device: it refused a frame, or ended the stream by itself.
-
-    Parameters
-    ----------
-    code : FaultCode
-        The first cause.
-    field_offset : int
-        For SETUP, the offset of the first impossible field in the payload; else 0.
-    sequence : int
-        Sequence of the refused frame; 0 if there is none.
-    expected, got : int
-        Their meaning for each code is in PROTOCOL.md.
-    clock_ticks : int
-        Time, by the device's clock.
-    """
+    """Device: it refused a frame, or ended the stream by itself."""
 
     code: FaultCode
+    """The first cause."""
     field_offset: int
+    """For SETUP, the offset of the first impossible field in the payload; else 0."""
     sequence: int
+    """Sequence of the refused frame; 0 if there is none."""
     expected: int
     got: int
+    """Their meaning for each code is in PROTOCOL.md."""
     clock_ticks: int
+    """Time, by the device's clock."""
 
     def __str__(self) -> str:
         return _SENTENCES[self.code].format(
@@ -193,53 +184,35 @@ class TouchPhase(IntEnum):
 
 @dataclass(frozen=True)
 class Hello:
-    """Host: begin a session, and ask for the device's capabilities.
-
-    Parameters
-    ----------
-    oldest_version, newest_version : int
-        The protocol versions that the host speaks, 0 to 255.
-    """
+    """Host: begin a session, and ask for the device's capabilities."""
 
     oldest_version: int = 4
     newest_version: int = 4
+    """The protocol versions that the host speaks, 0 to 255."""
 
 
 @dataclass(frozen=True)
 class Setup:
-    """Host: how to play the samples that follow.
-
-    Parameters
-    ----------
-    mode : StreamMode
-        Whether samples are the drive, or the amplitude of a carrier that the device makes.
-    watchdog_ms : int
-        The output is at 0 V this long after the last accepted STREAM frame.
-    sample_rate_hz : int
-        Samples per second of the stream.
-    full_scale_mv : int
-        The voltage of code 32767 that the host assumes; the device refuses any but its own.
-    ceiling_mv : int
-        Largest sample to accept; at most the one in force.
-    max_slew_v_per_s : int
-        Largest slew to accept; at most the one in force.
-    carrier_mhz : int
-        Carrier frequency in millihertz; 0 in waveform mode.
-    lead_us : int
-        Playback begins this long after the first STREAM frame, in microseconds.
-    status_ms : int
-        Interval of unrequested STATUS frames while armed; 0 for none.
-    """
+    """Host: how to play the samples that follow."""
 
     mode: StreamMode
+    """Whether samples are the drive, or the amplitude of a carrier that the device makes."""
     watchdog_ms: int
+    """The output is at 0 V this long after the last accepted STREAM frame."""
     sample_rate_hz: int
+    """Samples per second of the stream."""
     full_scale_mv: int
+    """The voltage of code 32767 that the host assumes; the device refuses any but its own."""
     ceiling_mv: int
+    """Largest sample to accept; at most the one in force."""
     max_slew_v_per_s: int
+    """Largest slew to accept; at most the one in force."""
     carrier_mhz: int = 0
+    """Carrier frequency in millihertz; 0 in waveform mode."""
     lead_us: int = 25_000
+    """Playback begins this long after the first STREAM frame, in microseconds."""
     status_ms: int = 0
+    """Interval of unrequested STATUS frames while armed; 0 for none."""
 
 
 @dataclass(frozen=True)
@@ -249,21 +222,14 @@ class Arm:
 
 @dataclass(frozen=True, eq=False)
 class StreamSamples:
-    """Host: the next samples (kind STREAM).
-
-    Parameters
-    ----------
-    sample_index : int
-        Samples sent since ARM before this frame, modulo 2**32.
-    codes : ndarray of int16, shape (n,)
-        Codes, 1 <= n <= `MAX_SAMPLES`.
-    mode : StreamMode
-        Their meaning; as in the set-up.
-    """
+    """Host: the next samples (kind STREAM)."""
 
     sample_index: int
+    """Samples sent since ARM before this frame, modulo 2**32."""
     codes: npt.NDArray[np.int16]
+    """Codes, 1 <= n <= `MAX_SAMPLES`; shape (n,)."""
     mode: StreamMode = StreamMode.WAVEFORM
+    """Their meaning; as in the set-up."""
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, StreamSamples):
@@ -317,18 +283,12 @@ class Ping:
 
 @dataclass(frozen=True)
 class Mark:
-    """Host: tell when a sample is played, by the digital line and by MARKED.
-
-    Parameters
-    ----------
-    sample_index : int
-        Index of the sample, counted as in `StreamSamples`; it may be sent later.
-    code : int
-        What MARKED repeats, 0 to 65535.
-    """
+    """Host: tell when a sample is played, by the digital line and by MARKED."""
 
     sample_index: int
+    """Index of the sample, counted as in `StreamSamples`; it may be sent later."""
     code: int = 0
+    """What MARKED repeats, 0 to 65535."""
 
 
 @dataclass(frozen=True)
@@ -341,171 +301,115 @@ class Rate:
 
 @dataclass(frozen=True)
 class CapabilitiesReport:
-    """Device: its capabilities; the answer to HELLO.
-
-    Parameters
-    ----------
-    oldest_version, newest_version : int
-        Its protocol versions.
-    report_bytes : int
-        Size of its HID reports; 0 if it has none.
-    output_rate_hz : int
-        Rate of its output, and of its clock.
-    full_scale_mv : int
-        The voltage of code 32767.
-    ceiling_mv, max_slew_v_per_s : int
-        Its hard limits.
-    queue_samples, max_frame_samples : int
-        Depth of its queue, and length of its longest STREAM frame.
-    max_watchdog_ms : int
-        Its longest watchdog time.
-    name, serial, calibration_id : str
-        ASCII, at most 16 characters each.
-    reports_touch : bool
-        Whether it sends TOUCH.
-    rates : tuple of Rate
-        1 to 8 sample rates.
-    guard_ticks : int
-        Output samples that a revision must begin ahead of the output; 0 if it takes none.
-    takes_marks : bool
-        Whether it takes MARK, and has a digital line for it.
-    has_tested_itself : bool
-        Whether its memory, program and limits passed its tests at power-up.
-    reset_cause : int
-        0 unknown, 1 power, and its watchdog has been seen to reset it, 2 its watchdog.
-    sense_rate_hz : int
-        Readings of its current a second: 250, 500, 1000, 2000 or 4000; 0 without a sensor.
-    """
+    """Device: its capabilities; the answer to HELLO."""
 
     oldest_version: int
     newest_version: int
+    """Its protocol versions."""
     report_bytes: int
+    """Size of its HID reports; 0 if it has none."""
     output_rate_hz: int
+    """Rate of its output, and of its clock."""
     full_scale_mv: int
+    """The voltage of code 32767."""
     ceiling_mv: int
     max_slew_v_per_s: int
+    """Its hard limits."""
     queue_samples: int
     max_frame_samples: int
+    """Depth of its queue, and length of its longest STREAM frame."""
     max_watchdog_ms: int
+    """Its longest watchdog time."""
     name: str
     serial: str
     calibration_id: str
+    """ASCII, at most 16 characters each."""
     reports_touch: bool
+    """Whether it sends TOUCH."""
     rates: tuple[Rate, ...] = field(default_factory=tuple)
+    """1 to 8 sample rates."""
     guard_ticks: int = 16
+    """Output samples that a revision must begin ahead of the output; 0 if it takes none."""
     takes_marks: bool = False
+    """Whether it takes MARK, and has a digital line for it."""
     has_tested_itself: bool = False
+    """Whether its memory, program and limits passed its tests at power-up."""
     reset_cause: int = 0
+    """0 unknown, 1 power, and its watchdog has been seen to reset it, 2 its watchdog."""
     sense_rate_hz: int = 0
+    """Readings of its current a second: 250, 500, 1000, 2000 or 4000; 0 without a sensor."""
 
 
 @dataclass(frozen=True)
 class StatusReport:
-    """Device: its state.
-
-    Parameters
-    ----------
-    state : DeviceState
-        What it does at the moment.
-    fault : FaultCode
-        The first fault since the last accepted HELLO, SETUP or ARM.
-    next_sequence : int
-        The sequence after that of the last accepted frame.
-    token : int
-        Token of the last PING.
-    queued_samples, free_samples : int
-        Samples in its queue, and how many more the host may send.
-    samples_played : int
-        Samples taken from the queue since ARM, modulo 2**32.
-    underruns, faults : int
-        Counters since power-up.
-    clock_ticks : int
-        Output samples since power-up: the device's clock.
-    revisions, refused : int
-        Revisions obeyed and refused since ARM, modulo 2**16.
-    margin_samples : int
-        Samples from the output to the first of the last revision, when it came.
-    """
+    """Device: its state."""
 
     state: DeviceState
+    """What it does at the moment."""
     fault: FaultCode
+    """The first fault since the last accepted HELLO, SETUP or ARM."""
     next_sequence: int
+    """The sequence after that of the last accepted frame."""
     token: int
+    """Token of the last PING."""
     queued_samples: int
     free_samples: int
+    """Samples in its queue, and how many more the host may send."""
     samples_played: int
+    """Samples taken from the queue since ARM, modulo 2**32."""
     underruns: int
     faults: int
+    """Counters since power-up."""
     clock_ticks: int
+    """Output samples since power-up: the device's clock."""
     revisions: int = 0
     refused: int = 0
+    """Revisions obeyed and refused since ARM, modulo 2**16."""
     margin_samples: int = 0
+    """Samples from the output to the first of the last revision, when it came."""
 
 
 @dataclass(frozen=True)
 class TouchReport:
-    """Device: one finger on the panel.
-
-    Parameters
-    ----------
-    clock_ticks : int
-        Time, by the device's clock.
-    x_um, y_um : int
-        Position, in micrometres from the upper left corner of the panel.
-    normal_force_mn : int
-        Normal force, in millinewtons; 65535 if the panel does not measure it.
-    contact : int
-        Number of the finger, 0 to 255.
-    phase : TouchPhase
-        What happened to it.
-    """
+    """Device: one finger on the panel."""
 
     clock_ticks: int
+    """Time, by the device's clock."""
     x_um: int
     y_um: int
+    """Position, in micrometres from the upper left corner of the panel."""
     normal_force_mn: int
+    """Normal force, in millinewtons; 65535 if the panel does not measure it."""
     contact: int
+    """Number of the finger, 0 to 255."""
     phase: TouchPhase
+    """What happened to it."""
 
 
 @dataclass(frozen=True)
 class MarkedReport:
-    """Device: a sample that was marked is on the output.
-
-    Parameters
-    ----------
-    clock_ticks : int
-        Time of its first output sample, at which the digital line rose, by the device's clock;
-        `NEVER` if it had been played when the MARK came.
-    sample_index, code : int
-        As in the MARK.
-    """
+    """Device: a sample that was marked is on the output."""
 
     clock_ticks: int
+    """Time of its first output sample, at which the digital line rose, by the device's clock;
+    `NEVER` if it had been played when the MARK came."""
     sample_index: int
     code: int
+    """As in the MARK."""
 
 
 class SenseReading(NamedTuple):
-    """The current over whole periods of the carrier, or why none is measured.
-
-    Parameters
-    ----------
-    clock_ticks : int
-        Time of its end, by the device's clock.
-    in_phase_na, ahead_na : int
-        Amplitude in phase with the drive, and ahead of it by a quarter period, in nanoamperes.
-    driven : int
-        Amplitude driven, as a code.
-    flags : int
-        Bit 0: saturated; bits 1 to 3: a `SensorProblem`.
-    """
+    """The current over whole periods of the carrier, or why none is measured."""
 
     clock_ticks: int
+    """Time of its end, by the device's clock."""
     in_phase_na: int
     ahead_na: int
+    """Amplitude in phase with the drive, and ahead of it by a quarter period, in nanoamperes."""
     driven: int
+    """Amplitude driven, as a code."""
     flags: int
+    """Bit 0: saturated; bits 1 to 3: a `SensorProblem`."""
 
     @property
     def problem(self) -> SensorProblem:
@@ -515,15 +419,10 @@ class SenseReading(NamedTuple):
 
 @dataclass(frozen=True)
 class SenseReport:
-    """Device: readings of its current (kind SENSE).
-
-    Parameters
-    ----------
-    readings : tuple of SenseReading
-        Oldest first, at least one.
-    """
+    """Device: readings of its current (kind SENSE)."""
 
     readings: tuple[SenseReading, ...]
+    """Oldest first, at least one."""
 
 
 #: Time of a mark that came too late.

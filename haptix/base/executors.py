@@ -34,10 +34,7 @@ class Here(Executor):
 def executor_of(executor: Any) -> Executor:
     """Return an executor: the argument itself, that of a Dask client, or `Here` for None.
 
-    Raises
-    ------
-    InputError
-        If it is none of these.
+    Raises `InputError` if it is none of these.
     """
     if executor is None:
         return Here()

@@ -22,21 +22,14 @@ from haptix.base.files import checked_values
 
 @dataclass(frozen=True)
 class Typed:
-    """How the command line takes a parameter, where its name alone does not say so.
-
-    Parameters
-    ----------
-    option : str
-        Its option, if that is not made from its name.
-    is_argument : bool
-        Whether it is a positional argument instead of an option.
-    metavar : str, optional
-        Word for its value in the help.
-    """
+    """How the command line takes a parameter, where its name alone does not say so."""
 
     option: str = ""
+    """Its option, if that is not made from its name."""
     is_argument: bool = False
+    """Whether it is a positional argument instead of an option."""
     metavar: str | None = None
+    """Word for its value in the help."""
 
 
 class Local:
@@ -53,15 +46,10 @@ JsonObject = Annotated[dict[str, Any], AfterValidator(checked_values)]
 
 @dataclass(frozen=True)
 class ProfileName:
-    """Marks the name of a finger or a screen: the service knows which ones a client may use.
-
-    Parameters
-    ----------
-    presets : tuple of str
-        Those that come with haptix.
-    """
+    """Marks the name of a finger or a screen: the service knows which ones a client may use."""
 
     presets: tuple[str, ...]
+    """Those that come with haptix."""
 
 
 def expected_words(words: Collection[str], value: str) -> str:

@@ -145,10 +145,7 @@ def _write(files: Mapping[Path, Content], is_secret: bool = False) -> None:
 def place(path: Path) -> tuple[Path, os.stat_result | None]:
     """Return the file that a path leads to, and its `os.stat` if it exists.
 
-    Raises
-    ------
-    OSError
-        If it is not a regular file, or this user may not write it.
+    Raises `OSError` if it is not a regular file, or this user may not write it.
     """
     real = Path(os.path.realpath(path))
     if not os.path.lexists(real):
@@ -317,10 +314,7 @@ def reading(path: str | Path, expected: str) -> Iterator[None]:
 def parse_json(text: str | bytes, most_values: int = _MOST_VALUES) -> Any:
     """Parse JSON that may come from anywhere.
 
-    Raises
-    ------
-    ValueError
-        If it is not JSON, or holds more than a document may: see `checked_values`.
+    Raises `ValueError` if it is not JSON, or holds more than a document may: see `checked_values`.
 
     Examples
     --------
@@ -336,11 +330,8 @@ def parse_json(text: str | bytes, most_values: int = _MOST_VALUES) -> Any:
 def checked_values(value: Any, most_values: int = _MOST_VALUES) -> Any:
     """Return the values of a parsed document.
 
-    Raises
-    ------
-    ValueError
-        If they are too many or nested too deep, an integer has more than 64 bits, or a text holds
-        a character that no file name or terminal takes.
+    Raises `ValueError` if they are too many or nested too deep, an integer has more than 64 bits,
+    or a text holds a character that no file name or terminal takes.
     """
     level, count = [value], 0
     for _ in range(_DEEPEST):
@@ -440,18 +431,15 @@ def read_csv(
 ) -> Iterator[CsvRow]:
     """Yield the rows of a CSV file with a line of column names; empty rows are skipped.
 
+    Raises `FileFormatError` if the file cannot be read, a column is missing or named twice, or a
+    row is too short or too long.
+
     Parameters
     ----------
     path : path-like
         In UTF-8, with or without a byte-order mark.
     required, optional : sequence of str
         Columns that must or may be there, in any order. Others may be there too.
-
-    Raises
-    ------
-    FileFormatError
-        If the file cannot be read, a column is missing or named twice, or a row is too short or
-        too long.
     """
     text = read_text(path, LARGEST_TABLE_BYTES)
     reader = csv.reader(io.StringIO(text, newline=""), skipinitialspace=True)

@@ -62,10 +62,7 @@ def by_content() -> Iterator[None]:
 def document_path(name: str) -> Path:
     """Path of a document that another one names.
 
-    Raises
-    ------
-    InputError
-        In a sealed folder.
+    Raises `InputError` in a sealed folder.
     """
     if _IS_SEALED.get():
         raise InputError(f"expected a table here, got the path {name!r:.80}")
@@ -118,10 +115,7 @@ class Kinds(Mapping[str, type[Any]]):
     def read(self, name: str, table: Mapping[str, Any]) -> Any:
         """Make what a table describes; messages call the table `name`.
 
-        Raises
-        ------
-        InputError
-            If the kind or a field is unknown, missing or wrong.
+        Raises `InputError` if the kind or a field is unknown, missing or wrong.
         """
         fields = dict(table)
         kind = choice(f"{name}.kind", fields.get("kind"), [*self, *self._short])
@@ -156,10 +150,7 @@ class Kinds(Mapping[str, type[Any]]):
 class Kind(Part):
     """A table of a kind.
 
-    Raises
-    ------
-    InputError
-        If a field is unknown, missing or outside its range.
+    Raises `InputError` if a field is unknown, missing or outside its range.
     """
 
     kinds: ClassVar[Kinds]
@@ -239,10 +230,7 @@ def _no_such(kind: str, known: Iterable[str]) -> str:
 def call(name: str, make: Callable[..., Made], fields: Mapping[str, Any]) -> Made:
     """Call a function or a class with the fields of a table that messages call `name`.
 
-    Raises
-    ------
-    InputError
-        If a field is unknown, missing or wrong.
+    Raises `InputError` if a field is unknown, missing or wrong.
     """
     known = signature(make).parameters
     for field in fields:
@@ -284,10 +272,7 @@ class Asset:
     def path(self) -> Path:
         """Path of the file.
 
-        Raises
-        ------
-        FileFormatError
-            If there is no file of that hash, or its content has another hash.
+        Raises `FileFormatError` if there is no file of that hash, or its content has another hash.
         """
         if not self.name.startswith("sha256:"):
             return self.folder / self.name
@@ -316,10 +301,7 @@ class Asset:
 def asset_of(value: Any) -> Asset:
     """Return the file that a document names.
 
-    Raises
-    ------
-    InputError
-        If it is not a name, or is a path in a sealed folder.
+    Raises `InputError` if it is not a name, or is a path in a sealed folder.
     """
     if isinstance(value, Asset):
         return value

@@ -46,6 +46,8 @@ _running: Log | None = None
 def start(level: str = "debug", file: str | Path | None = None) -> None:
     """Log from now on, here and in the processes that this one starts.
 
+    Raises `InputError` if there is no such level, or the file cannot be written.
+
     Parameters
     ----------
     level : str
@@ -53,11 +55,6 @@ def start(level: str = "debug", file: str | Path | None = None) -> None:
     file : str or Path, optional
         The file; by default the standard error. At 20 MB it is renamed to ``FILE.1``, and four
         such files are kept. If another process logs to it, its name gets a number.
-
-    Raises
-    ------
-    InputError
-        If there is no such level, or the file cannot be written.
     """
     global _running
     if level not in LEVELS:

@@ -29,22 +29,15 @@ _STYLE = (
 
 @dataclass(frozen=True)
 class Heading:
-    """How people see a field: ``error: Annotated[float, Heading("error [JND]", "+.2f")]``.
-
-    Parameters
-    ----------
-    title : str
-        With the unit.
-    form : str
-        A format; for a flag its two words, "off|on"; or a text with fields of the whole result,
-        "{0.mean:+.2f} ± {0.uncertainty:.2f}". By default numbers have four digits.
-    missing : str
-        Shown for None and for numbers that are not finite.
-    """
+    """How people see a field: ``error: Annotated[float, Heading("error [JND]", "+.2f")]``."""
 
     title: str
+    """With the unit."""
     form: str = ""
+    """A format; for a flag its two words, "off|on"; or a text with fields of the whole result,
+    "{0.mean:+.2f} ± {0.uncertainty:.2f}". By default numbers have four digits."""
     missing: str = "-"
+    """Shown for None and for numbers that are not finite."""
 
     def text(self, result: object, value: Any) -> str:
         """Return the cell of a result whose field has this value."""

@@ -44,15 +44,12 @@ def folder_of(key: str) -> str:
 class ResultStore:
     """Files by their names within a place, results among them.
 
+    Raises `InputError` if fsspec does not reach it.
+
     Parameters
     ----------
     where : str or Path
         A folder, or a URL of fsspec such as ``s3://bucket/campaign``.
-
-    Raises
-    ------
-    InputError
-        If fsspec does not reach it.
     """
 
     def __init__(self, where: str | Path) -> None:

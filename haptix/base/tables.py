@@ -51,27 +51,18 @@ ALIASES = {
 
 @dataclass(frozen=True)
 class LabTable:
-    """Columns of a file.
-
-    Parameters
-    ----------
-    columns : mapping of str to array
-        Numbers by the names of their columns; clock times are seconds since the first midnight.
-    units : mapping of str to str
-        Units that the file states.
-    times_s : mapping of str to array
-        Times of a column's samples, where the file states them beside the columns.
-    rate_hz : float or None
-        Samples per second that a text file states above its columns.
-    understood : tuple of str
-        What the layout was taken for.
-    """
+    """Columns of a file."""
 
     columns: Mapping[str, Array]
+    """Numbers by the names of their columns; clock times are seconds since the first midnight."""
     units: Mapping[str, str] = field(default_factory=dict)
+    """Units that the file states."""
     times_s: Mapping[str, Array] = field(default_factory=dict)
+    """Times of a column's samples, where the file states them beside the columns."""
     rate_hz: float | None = None
+    """Samples per second that a text file states above its columns."""
     understood: tuple[str, ...] = ()
+    """What the layout was taken for."""
 
     def named(self, name: str) -> str | None:
         """Return the column of a name, with or without its unit; None where there is none."""
@@ -113,6 +104,10 @@ def read_table(
 ) -> LabTable:
     """Read a table of measured values.
 
+    Raises `FileFormatError` if the file cannot be read, has more than 64 MB or no table of 8
+    samples, or a needed column is missing or has a cell that is no number; `MissingExtraError`
+    without the extra ``calibration``, for LVM and TDMS.
+
     Parameters
     ----------
     path : path-like
@@ -124,14 +119,6 @@ def read_table(
         Lines to leave out above the headings.
     delimiter : str, optional
         Between two columns; found where it is not given.
-
-    Raises
-    ------
-    FileFormatError
-        If the file cannot be read, has more than 64 MB or no table of 8 samples, or a needed column
-        is missing or has a cell that is no number.
-    MissingExtraError
-        Without the extra ``calibration``, for LVM and TDMS.
     """
     data = read_bytes(path, LARGEST_TABLE_BYTES)
     if data[:4] == b"TDSm":

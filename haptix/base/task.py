@@ -46,30 +46,20 @@ _EXPECTED = {
 
 @dataclass(frozen=True)
 class Result:
-    """The result of a task.
-
-    Parameters
-    ----------
-    document : dict or list
-        For programs: plain values for JSON.
-    tables : sequence of (str, sequence)
-        For people: titles and rows, which are mappings, results with headings, or lines.
-    lines : sequence of str
-        Lines below the tables.
-    files : mapping
-        Files that a campaign keeps, by name: bytes, text, or a function that writes to a path.
-    failed : bool
-        Whether a test that the task makes failed; that is a result and no error.
-    costs : mapping
-        Numbers that differ from run to run, such as times; a campaign keeps them apart.
-    """
+    """The result of a task."""
 
     document: Any
+    """For programs: plain values for JSON."""
     tables: Sequence[tuple[str, Sequence[Any]]] = ()
+    """For people: titles and rows, which are mappings, results with headings, or lines."""
     lines: Sequence[str] = ()
+    """Lines below the tables."""
     files: Mapping[str, Any] = field(default_factory=dict)
+    """Files that a campaign keeps, by name: bytes, text, or a function that writes to a path."""
     failed: bool = False
+    """Whether a test that the task makes failed; that is a result and no error."""
     costs: Mapping[str, Any] = field(default_factory=dict)
+    """Numbers that differ from run to run, such as times; a campaign keeps them apart."""
 
     @property
     def row(self) -> dict[str, Any]:
@@ -115,10 +105,7 @@ class Context:
 class Task(BaseModel, ABC):
     """A task: its parameters, with their units, ranges and help; its docstring is its help.
 
-    Raises
-    ------
-    InputError
-        If a parameter is unknown, missing or outside its range.
+    Raises `InputError` if a parameter is unknown, missing or outside its range.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -247,10 +234,7 @@ def typed(parameter: FieldInfo) -> Typed | None:
 def read(name: str, parameter: FieldInfo, texts: Any) -> Any:
     """Return the value of a parameter that was typed; numbers may have units.
 
-    Raises
-    ------
-    ValueError
-        If the text is no such value; the message names the expected one.
+    Raises `ValueError` if the text is no such value; the message names the expected one.
     """
     kind: Any = Annotated[parameter.annotation, parameter]
     adapter = TypeAdapter[Any](kind, config=ConfigDict(allow_inf_nan=False))

@@ -53,6 +53,8 @@ _FACTOR = re.compile(
 def with_numbers(name: str, fields: Mapping[str, Any]) -> dict[str, Any]:
     """Return a table in which strings such as "150 V" are numbers.
 
+    Raises `InputError` if a string under such a key is not a number with such a unit.
+
     Parameters
     ----------
     name : str
@@ -60,11 +62,6 @@ def with_numbers(name: str, fields: Mapping[str, Any]) -> dict[str, Any]:
     fields : mapping
         Values, lists and nested tables. The end of a key names its unit: ``h0_m = "0.2 um"``
         becomes 2e-7. Other strings stay as they are.
-
-    Raises
-    ------
-    InputError
-        If a string under such a key is not a number with such a unit.
 
     Examples
     --------
@@ -112,10 +109,7 @@ def title_of(name: str) -> str:
 def read_number(name: str, text: str) -> float:
     """Read a number as people type it: plain, or with a unit of the field's dimension.
 
-    Raises
-    ------
-    ValueError
-        If the text is no such number.
+    Raises `ValueError` if the text is no such number.
 
     Examples
     --------

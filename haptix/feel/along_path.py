@@ -132,10 +132,7 @@ def recorded_path(file: str, start_s: float = 0.0) -> Path:
 def speed_from(table: Any) -> SpeedProfile:
     """Read a profile from a table as `SpeedProfile.describe` writes it; a number is a speed.
 
-    Raises
-    ------
-    InputError
-        If the table is not a speed profile.
+    Raises `InputError` if the table is not a speed profile.
     """
     if isinstance(table, SpeedProfile):
         return table

@@ -80,21 +80,14 @@ class SolveStates(Task):
 
 
 class DrawnPeople(Part):
-    """People around each finger, see `Population.around`.
-
-    Parameters
-    ----------
-    size : int
-        People around each finger.
-    seed : int
-        Seed of the draw.
-    spread : mapping
-        Standard deviation of the logarithm, by field of the finger.
-    """
+    """People around each finger, see `Population.around`."""
 
     size: int
+    """People around each finger."""
     seed: int = 0
+    """Seed of the draw."""
     spread: dict[str, float]
+    """Standard deviation of the logarithm, by field of the finger."""
 
 
 @dataclass(frozen=True)

@@ -51,19 +51,13 @@ class Roughness(Part):
 
 
 class MeasuredRoughness(Part):
-    """A measured spectrum, as `RoughnessSpectrum.from_table` takes it.
-
-    Parameters
-    ----------
-    q_per_m, density_m4 : tuple of float
-        Wavenumbers [1/m], increasing, and C(q) [m^4]; nothing is assumed beyond their band.
-    source : str
-        Where the numbers come from.
-    """
+    """A measured spectrum, as `RoughnessSpectrum.from_table` takes it."""
 
     q_per_m: tuple[float, ...]
     density_m4: tuple[float, ...]
+    """Wavenumbers [1/m], increasing, and C(q) [m^4]; nothing is assumed beyond their band."""
     source: str = ""
+    """Where the numbers come from."""
     is_placeholder: bool = False
 
     @classmethod
@@ -224,14 +218,10 @@ class FingerResponse:
     the sliding speed (physics page, section 7). Such a cut-off is a fixed length: at r Hz per mm/s,
     1/e of an old state is left after 1/(2 pi r) mm of sliding (11.5 um for 13.8), however the speed
     changes. Over slid distance the equation has constant coefficients, and one step of it is exact.
-
-    Parameters
-    ----------
-    response_hz_per_mm_per_s : float
-        Cut-off frequency per sliding speed, see `Finger`.
     """
 
     response_hz_per_mm_per_s: float
+    """Cut-off frequency per sliding speed, see `Finger`."""
 
     def __post_init__(self) -> None:
         positive("response_hz_per_mm_per_s", self.response_hz_per_mm_per_s)

@@ -21,12 +21,8 @@ SCREEN, FINGER = "screen.toml", "finger.toml"
 def finger_beside(screen: str | Path, folder: Path = Path()) -> str | None:
     """Return the file of the finger that was measured with a calibrated screen.
 
-    None for presets, and for screens that are not calibrated.
-
-    Raises
-    ------
-    InputError
-        If there is no such file, or it has another finger.
+    None for presets, and for screens that are not calibrated. Raises `InputError` if there is no
+    such file, or it has another finger.
     """
     if not str(screen).endswith(".toml"):
         return None

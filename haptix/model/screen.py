@@ -38,23 +38,16 @@ Ends = tuple[float, float]
 
 
 class VerifiedRange(Part):
-    """Ranges, lowest and highest, in which strokes kept out of the fit verified the profile.
-
-    Parameters
-    ----------
-    normal_force_n, frequency_hz, speed_mm_per_s : (float, float)
-        Ranges of the strokes, as they were measured.
-    voltage_v : tuple of (float, float)
-        Pairs of a frequency and the highest amplitude at it; linear over ln f in between.
-    contact_s : float or None
-        Longest time in contact; None where no stroke stated one.
-    """
+    """Ranges, lowest and highest, in which strokes kept out of the fit verified the profile."""
 
     normal_force_n: Ends
     frequency_hz: Ends
     speed_mm_per_s: Ends
+    """Ranges of the strokes, as they were measured."""
     voltage_v: Annotated[tuple[Ends, ...], Field(min_length=1)]
+    """Pairs of a frequency and the highest amplitude at it; linear over ln f in between."""
     contact_s: Annotated[float | None, Field(exclude_if=lambda value: value is None)] = None
+    """Longest time in contact; None where no stroke stated one."""
 
     @property
     def text(self) -> str:
@@ -131,40 +124,27 @@ def _reached(values: Array) -> str:
 
 
 class Calibration(Part):
-    """How a calibrated profile was measured.
-
-    Parameters
-    ----------
-    date : datetime.date
-        When it was measured.
-    operator : str
-        Name of the person who measured.
-    instruments : tuple of str
-        Names and serial numbers.
-    verdict : {"passed", "provisional", "failed"}
-        Result of the verification on strokes kept out of the fit; "provisional" where they agree
-        but the rig, or the carrier, was not checked.
-    spread : mapping of str to float
-        Standard deviation of the logarithm of each number that was found, such as 0.02 for 2 %.
-    rests_on : tuple of str
-        What was assumed and not measured.
-    finger_hash : str
-        `Finger.content_hash` of the finger that was measured with it; empty where none is known.
-    verified : VerifiedRange or None
-        Where the verification holds; None where it failed.
-    content_hash : str
-        SHA-256 of the profile as it was written; an edited profile has another one.
-    """
+    """How a calibrated profile was measured."""
 
     date: date
+    """When it was measured."""
     operator: str = ""
+    """Name of the person who measured."""
     instruments: tuple[str, ...] = ()
+    """Names and serial numbers."""
     verdict: Literal["passed", "provisional", "failed"]
+    """Result of the verification on strokes kept out of the fit; "provisional" where they agree but
+    the rig, or the carrier, was not checked."""
     spread: dict[str, float] = Field(default={})
+    """Standard deviation of the logarithm of each number that was found, such as 0.02 for 2 %."""
     rests_on: tuple[str, ...] = ()
+    """What was assumed and not measured."""
     finger_hash: Annotated[str, Field(exclude_if=lambda value: not value)] = ""
+    """`Finger.content_hash` of the finger that was measured with it; empty where none is known."""
     verified: Annotated[VerifiedRange | None, Field(exclude_if=lambda value: value is None)] = None
+    """Where the verification holds; None where it failed."""
     content_hash: str = ""
+    """SHA-256 of the profile as it was written; an edited profile has another one."""
 
     @property
     def is_virtual(self) -> bool:

@@ -235,10 +235,7 @@ def checked(
 ) -> Tensor:
     """Return a float64 tensor of finite values above 0, or with `zero` of 0 and more.
 
-    Raises
-    ------
-    InputError
-        Naming the quantity, what was `expected` and the first wrong value.
+    Raises `InputError` naming the quantity, what was `expected` and the first wrong value.
     """
     try:
         tensor = torch.as_tensor(value, dtype=torch.float64, device=device)

@@ -429,6 +429,8 @@ def chosen_terms(
 ) -> frozenset[str]:
     """Return the names of the terms that are on.
 
+    Raises `InputError` if a name is unknown, or a term lacks a value or contradicts the fidelity.
+
     Parameters
     ----------
     terms : iterable of str, mapping, or None
@@ -436,11 +438,6 @@ def chosen_terms(
         all possible ones that need no request.
     of_theory : frozenset of str
         Names of terms that need no request in the theory of the contact.
-
-    Raises
-    ------
-    InputError
-        If a name is unknown, or a term lacks a value or contradicts the fidelity.
     """
     possible = possible_terms(finger, screen, fidelity)
     usual = {name for name in possible if not TERMS[name].on_request or name in of_theory}

@@ -96,22 +96,7 @@ _LEAST_SAMPLES = 2
 class Waveform:
     """One period of a wave whose largest magnitude is 1.
 
-    Parameters
-    ----------
-    shape : {"sine", "square", "sawtooth", "samples"}
-        The sine rises from 0. The square wave is 1 first, then -1. The sawtooth rises from -1 to 1
-        and falls at once. Samples are joined by straight lines.
-    duty : float
-        Share of the period for which the square wave is 1.
-    period : ndarray, shape (samples,), optional
-        Even samples of one period, for the shape "samples"; `of_samples` scales them.
-    shift_turns : float
-        Part of the period that lies before turn 0.
-
-    Raises
-    ------
-    InputError
-        If the shape is unknown, or the duty is not between 0 and 1.
+    Raises `InputError` if the shape is unknown, or the duty is not between 0 and 1.
 
     Examples
     --------
@@ -120,9 +105,14 @@ class Waveform:
     """
 
     shape: Shape | Literal["samples"] = "sine"
+    """The sine rises from 0. The square wave is 1 first, then -1. The sawtooth rises from -1 to 1
+    and falls at once. Samples are joined by straight lines."""
     duty: float = 0.5
+    """Share of the period for which the square wave is 1."""
     period: Array | None = None
+    """Even samples of one period, for the shape "samples"; `of_samples` scales them."""
     shift_turns: float = 0.0
+    """Part of the period that lies before turn 0."""
 
     def __post_init__(self) -> None:
         known = (*get_args(Shape), *([] if self.period is None else ["samples"]))
@@ -135,10 +125,7 @@ class Waveform:
     def of_samples(cls, samples: npt.ArrayLike) -> Self:
         """Take one period, sampled evenly; scaled so that its largest magnitude is 1.
 
-        Raises
-        ------
-        InputError
-            If there are fewer than two samples, one is not finite, or all are 0.
+        Raises `InputError` if there are fewer than two samples, one is not finite, or all are 0.
 
         Examples
         --------

@@ -73,13 +73,7 @@ class BuildSurface(Task):
 
 @dataclass(frozen=True)
 class Row:
-    """One thing that a model can leave out.
-
-    Parameters
-    ----------
-    why : str
-        The reason.
-    """
+    """One thing that a model can leave out."""
 
     kind: Kind
     name: Annotated[str, Heading("")]
@@ -90,6 +84,7 @@ class Row:
     cost_s: Annotated[float, Heading("costs [s]", ".2g")] = 0.0
     """Time that it adds to a table of the contact and 2000 states; of terms and fidelities."""
     why: Annotated[str, Heading("why")] = ""
+    """The reason."""
 
     @property
     def decision(self) -> dict[str, Any]:

@@ -49,41 +49,27 @@ Range = Annotated[tuple[float, float], BeforeValidator(low_and_high)]
 
 
 class DirectDrive(Part):
-    """The screen is driven at half of the frequency that is felt.
-
-    Parameters
-    ----------
-    frequency_hz : (float, float)
-        Range of the drive, or one value.
-    waveform : {"sine", "square"}
-        Shape of the drive.
-    max_voltage_v : float, optional
-        Highest amplitude; by default the screen's limit.
-    """
+    """The screen is driven at half of the frequency that is felt."""
 
     scheme: Literal["direct"]
     frequency_hz: Range
+    """Range of the drive, or one value."""
     waveform: Literal["sine", "square"] = "sine"
+    """Shape of the drive."""
     max_voltage_v: PositiveFloat | None = None
+    """Highest amplitude; by default the screen's limit."""
 
 
 class CarrierDrive(Part):
-    """A carrier too fast to be felt, with an envelope that is felt.
-
-    Parameters
-    ----------
-    carrier_hz : (float, float)
-        Frequency of the carrier; a range if devices or settings differ.
-    envelope_hz : float, optional
-        Highest frequency of the envelope.
-    max_voltage_v : float, optional
-        Highest amplitude; by default the screen's limit.
-    """
+    """A carrier too fast to be felt, with an envelope that is felt."""
 
     scheme: Literal["carrier"]
     carrier_hz: Range
+    """Frequency of the carrier; a range if devices or settings differ."""
     envelope_hz: PositiveFloat | None = None
+    """Highest frequency of the envelope."""
     max_voltage_v: PositiveFloat | None = None
+    """Highest amplitude; by default the screen's limit."""
 
     @model_validator(mode="after")
     def _envelope_is_slower(self) -> Self:
@@ -94,44 +80,30 @@ class CarrierDrive(Part):
 
 
 class SceneTexture(Part):
-    """One texture of a scene.
-
-    Parameters
-    ----------
-    file : str
-        Photograph, relative to the scene's folder; it may be missing until it is used.
-    width_mm : float
-        Width on the screen.
-    mu_range : (float, float), optional
-        Absolute friction coefficients instead of shares of the reachable range.
-    """
+    """One texture of a scene."""
 
     file: Annotated[str, Field(min_length=1)]
+    """Photograph, relative to the scene's folder; it may be missing until it is used."""
     width_mm: PositiveFloat
+    """Width on the screen."""
     mu_range: Range | None = None
+    """Absolute friction coefficients instead of shares of the reachable range."""
 
 
 class Override(Part):
-    """Decisions that planning must keep, by name.
-
-    Parameters
-    ----------
-    terms : mapping of str to bool
-        Terms to switch on or off.
-    fidelity, theory, dtype, tolerance : optional
-        How the contact is solved, the form of its mean field (by default the finger's), the
-        precision of the surface, and its largest error against the planned model (a number in mu,
-        ``"0.05 JND"`` or ``"0.2 %"``).
-    axes : mapping of str to {"keep", "collapse"}
-        Whether the surface keeps the axis ``frequency_hz`` or ``h0_m``.
-    """
+    """Decisions that planning must keep, by name."""
 
     terms: dict[str, Annotated[bool, Field(strict=True)]] = Field(default={})
+    """Terms to switch on or off."""
     fidelity: FidelityName | None = None
     theory: TheoryName | None = None
     dtype: DtypeName | None = None
     tolerance: Annotated[float, Field(strict=True)] | str | None = None
+    """How the contact is solved, the form of its mean field (by default the finger's), the
+    precision of the surface, and its largest error against the planned model (a number in mu,
+    ``"0.05 JND"`` or ``"0.2 %"``)."""
     axes: dict[AxisName, Literal["keep", "collapse"]] = Field(default={})
+    """Whether the surface keeps the axis ``frequency_hz`` or ``h0_m``."""
 
     @field_validator("terms")
     @classmethod

@@ -75,14 +75,10 @@ def install_profile(
 ) -> ProfileFiles:
     """Copy a calibrated screen and its finger for the driver of a serial number.
 
-    Raises
-    ------
-    InputError
-        If the serial number is empty; if the screen is not calibrated, failed, is old or was
-        edited; if the finger is not the one that was measured with it; or if the calibration was a
-        practice and the driver is not known to be a mock.
-    FileFormatError
-        If a file is not such a profile.
+    Raises `InputError` if the serial number is empty; if the screen is not calibrated, failed, is
+    old or was edited; if the finger is not the one that was measured with it; or if the calibration
+    was a practice and the driver is not known to be a mock; `FileFormatError` if a file is not such
+    a profile.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", CalibrationWarning)  # refused below

@@ -537,10 +537,7 @@ def judgement(context: Context, choices: tuple[str, ...]) -> str:
 def ask_to_go_on(context: Context, experiment: Experiment, after_h: float = _ASK_AFTER_H) -> None:
     """Ask whether to continue a session whose last trial was long ago.
 
-    Raises
-    ------
-    InputError
-        If the answer is no.
+    Raises `InputError` if the answer is no.
     """
     rested_h = experiment.rested_s / 3600
     if rested_h <= after_h:

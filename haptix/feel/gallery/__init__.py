@@ -82,10 +82,7 @@ def presets() -> tuple[Preset, ...]:
 def preset(name: str) -> Preset:
     """Return the preset of a name.
 
-    Raises
-    ------
-    InputError
-        If there is none.
+    Raises `InputError` if there is none.
 
     Examples
     --------
@@ -108,10 +105,8 @@ def _read(path: Path) -> Preset:
 def load(path: str | Path) -> Material:
     """Read a material from a file, or the preset that ``gallery:NAME`` names.
 
-    Raises
-    ------
-    InputError, FileFormatError
-        If there is no such preset, or the file cannot be read, see `haptix.feel.materials.load`.
+    Raises `InputError` or `FileFormatError` if there is no such preset, or the file cannot be read,
+    see `haptix.feel.materials.load`.
 
     Examples
     --------

@@ -205,43 +205,30 @@ class LayoutFacts(Facts):
 
 @dataclass(frozen=True, slots=True)
 class RegionState:
-    """A region at one state; it never changes, a layout replaces it.
-
-    Parameters
-    ----------
-    key : int
-        Of its patch.
-    evaluator : Evaluator
-        Answers in millimetres from the region's corner.
-    outline : Outline
-        Its shape.
-    place : Glide
-        Corner x, y on the screen [mm], angle [rad], and millimetres on the screen for one of the
-        material's.
-    opacity : Glide
-        Opacity, 0 to 1.
-    inner : LocalFrame, optional
-        Axes of the material within the region, where these differ.
-    state : int
-        Number of the state of its material: facts of another one do not hold.
-    z, blend, priority, mask
-        See `Layout.add`.
-    control : Control, optional
-        Its material, where that has a value.
-    """
+    """A region at one state; it never changes, a layout replaces it."""
 
     key: int
+    """Of its patch."""
     evaluator: Evaluator
+    """Answers in millimetres from the region's corner."""
     outline: Outline
+    """Its shape."""
     place: Glide
+    """Corner x, y on the screen [mm], angle [rad], and millimetres on the screen for one of the
+    material's."""
     opacity: Glide
+    """Opacity, 0 to 1."""
     z: float = 0.0
     blend: Blend = "over"
     priority: int = 0
     mask: Evaluator | None = None
+    """See `Layout.add`."""
     inner: LocalFrame | None = None
+    """Axes of the material within the region, where these differ."""
     state: int = 0
+    """Number of the state of its material: facts of another one do not hold."""
     control: Control | None = None
+    """Its material, where that has a value."""
     way: Box = field(init=False)
     """Box around both ends of the glide."""
     box: Box = field(init=False)

@@ -41,30 +41,20 @@ _CACHED_FIELDS = 64  # textures that keep their edge values outside
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """Regions at one state of a layout; it never changes, a change replaces it.
-
-    Parameters
-    ----------
-    regions : tuple of RegionState
-        The highest first.
-    ways : ndarray, shape (4, regions), optional
-        Of many regions: left, right, top and bottom of the way of each.
-    evaluators : tuple of Evaluator
-        Of all regions, each once.
-    multiplies : bool
-        Whether any region multiplies what is below it.
-    has_priorities : bool
-        Whether any region has a priority.
-    controls : tuple of RegionState
-        Those whose material has a value.
-    """
+    """Regions at one state of a layout; it never changes, a change replaces it."""
 
     regions: tuple[RegionState, ...] = ()
+    """The highest first."""
     ways: Array | None = None
+    """Of many regions: left, right, top and bottom of the way of each; shape (4, regions)."""
     evaluators: tuple[Evaluator, ...] = ()
+    """Of all regions, each once."""
     multiplies: bool = False
+    """Whether any region multiplies what is below it."""
     has_priorities: bool = False
+    """Whether any region has a priority."""
     controls: tuple[RegionState, ...] = ()
+    """Those whose material has a value."""
 
     @classmethod
     def of(cls, regions: Sequence[RegionState]) -> Self:
@@ -427,10 +417,7 @@ class Controls:
     def value(self, key: int) -> float:
         """Value of a control; 0 before a finger or the app has set it.
 
-        Raises
-        ------
-        InputError
-            If the region is no control.
+        Raises `InputError` if the region is no control.
         """
         self._control(key)
         return self._values.get(key, 0.0)

@@ -71,17 +71,14 @@ def is_kept(folder: Path, digest: str) -> bool:
 def decoded(path: Path, make: Callable[[], Pixels]) -> Pixels:
     """Return the pixels of a file, and whether they are premultiplied by their opacity.
 
+    Raises `InputError` if this process may not decode, and the cache does not have the file.
+
     Parameters
     ----------
     path : Path
         A file whose name is the hash of its content.
     make : callable
         Decodes the file.
-
-    Raises
-    ------
-    InputError
-        If this process may not decode, and the cache does not have the file.
     """
     if _place is None or not _HASH.fullmatch(path.stem):
         return make()

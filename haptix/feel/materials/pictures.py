@@ -293,6 +293,8 @@ def check_picture(
 ) -> None:
     """Refuse, by its header alone, a file that is not a single picture or has too many pixels.
 
+    Raises `InputError` if it is not such a picture.
+
     Parameters
     ----------
     name : str
@@ -303,11 +305,6 @@ def check_picture(
         Limit of the memory for reading it and making a texture of it.
     most_pixels : int
         Of the file; `MOST_KEPT` where they are not averaged.
-
-    Raises
-    ------
-    InputError
-        If it is not such a picture.
     """
     try:
         shape, kind = _header(name, file)

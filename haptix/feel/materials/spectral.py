@@ -82,19 +82,15 @@ class Stretch:
 def stretches(path: str | Path) -> tuple[Stretch, ...]:
     """Read a recording in time: its strokes of 10 mm or more in one direction.
 
+    Raises `FileFormatError` if the file cannot be read, a column is missing or a cell is not a
+    number; `InputError` if times do not increase, or no stroke is long enough.
+
     Parameters
     ----------
     path : path
         CSV with ``t_s``; ``position_mm`` or ``speed_mm_per_s`` along the stroke; and ``mu``, or
         ``tangential_force_n`` and ``normal_force_n``. Other columns are ignored. Where both are
         known the finger must slide at 2 mm/s or more, and press.
-
-    Raises
-    ------
-    FileFormatError
-        If the file cannot be read, a column is missing or a cell is not a number.
-    InputError
-        If times do not increase, or no stroke is long enough.
     """
     rows = list(read_csv(path, ("t_s",)))
     names = set(rows[0].cells) if rows else set()
@@ -159,10 +155,8 @@ def _stretch(step_mm: float, mu: Array, speed: float, force: float) -> Stretch:
 def stretch_of(material: Mapped) -> Stretch:
     """Return the wanted friction of a material along x, from 0 to 64 mm.
 
-    Raises
-    ------
-    InputError
-        If its target is a share, which is a change of friction on a known screen only.
+    Raises `InputError` if its target is a share, which is a change of friction on a known screen
+    only.
     """
     evaluator = material.evaluator
     if evaluator.target not in ("mu", "contrast"):
@@ -229,10 +223,7 @@ def distance_db(
 ) -> float:
     """Log spectral distance of two textures [dB], see the module.
 
-    Raises
-    ------
-    InputError
-        If there is no band that both have.
+    Raises `InputError` if there is no band that both have.
     """
     apart = np.array([one.levels_db(v) - other.levels_db(v) for v in speeds_mm_per_s])
     if np.isnan(apart).all():

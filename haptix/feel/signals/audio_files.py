@@ -144,11 +144,8 @@ def file_hash(path: Path) -> str:
 def read_audio(path: str | Path, first: int = 0, count: int = -1) -> tuple[Array, int]:
     """Read samples, shape (samples, channels), and the sample rate of a WAV or FLAC file.
 
-    Raises
-    ------
-    FileFormatError
-        If it is no such file, or more than 50 million samples are asked for; its header is read
-        first.
+    Raises `FileFormatError` if it is no such file, or more than 50 million samples are asked for;
+    its header is read first.
     """
     with reading(path, "a WAV or FLAC file"), Path(path).open("rb") as opened:
         # libsndfile has decoders for many more formats, which are not needed here.
@@ -171,10 +168,7 @@ def read_audio(path: str | Path, first: int = 0, count: int = -1) -> tuple[Array
 def count_samples(path: str | Path) -> int:
     """Count the samples of a WAV or FLAC file, of all channels, by its header.
 
-    Raises
-    ------
-    FileFormatError
-        If it is no such file.
+    Raises `FileFormatError` if it is no such file.
     """
     with reading(path, "a WAV or FLAC file"), soundfile.SoundFile(path) as file:
         return int(file.frames * file.channels)
@@ -185,10 +179,7 @@ def read_drive(
 ) -> tuple[Array, Array | None, float]:
     """Read volts, triggers (None without) and sample rate of a file.
 
-    Raises
-    ------
-    FileFormatError
-        If it is not an audio file of one or two channels.
+    Raises `FileFormatError` if it is not an audio file of one or two channels.
     """
     data, rate = read_audio(path, first, count)
     if data.shape[1] not in (1, 2):

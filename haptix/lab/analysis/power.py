@@ -241,6 +241,8 @@ def simulations(
 ) -> Iterator[SimulateObserver]:
     """Yield the task of each observer: every combination of the values.
 
+    Raises `InputError` if the task measures no threshold.
+
     Parameters
     ----------
     recipe : ExperimentRecipe
@@ -251,11 +253,6 @@ def simulations(
         Runs of each observer, or simulated participants.
     comparison : mapping, optional
         Where the power is asked for, see `SimulateObserver`.
-
-    Raises
-    ------
-    InputError
-        If the task measures no threshold.
     """
     if recipe.task in ("pairs", "magnitude"):
         raise InputError(f"simulate: the task {recipe.task!r} measures no threshold")
@@ -276,22 +273,15 @@ def simulations(
 
 @dataclass(frozen=True)
 class People:
-    """Observers whose thresholds scatter around the published ones.
-
-    Parameters
-    ----------
-    between_db : float
-        Standard deviation of thresholds between people [dB].
-    slope, lapse : sequence of float
-        Slopes and lapse rates, all of them equally often.
-    seed : int
-        Seed of the random draws.
-    """
+    """Observers whose thresholds scatter around the published ones."""
 
     between_db: float = 3.0
+    """Standard deviation of thresholds between people [dB]."""
     slope: Sequence[float] = (1.5, 3.5)
     lapse: Sequence[float] = (0.02, 0.08)
+    """Slopes and lapse rates, all of them equally often."""
     seed: int = 0
+    """Seed of the random draws."""
 
     def shares(self, level_db: float) -> Array:
         """Share of presentations that each of some people detects, shape (people,)."""

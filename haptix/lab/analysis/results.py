@@ -106,10 +106,7 @@ class RunOfMethod:
 def runs_of(session: LoggedSession) -> Iterator[RunOfMethod]:
     """Yield the runs of a session, by replaying its answers to its methods.
 
-    Raises
-    ------
-    FileFormatError
-        If a row does not belong to the experiment in the head of the log.
+    Raises `FileFormatError` if a row does not belong to the experiment in the head of the log.
     """
     sequence, remarks = replayed(session)
     method = sequence.method

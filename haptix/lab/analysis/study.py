@@ -67,10 +67,7 @@ Participants are known by their pseudonyms alone.
 def begin(study: str | Path, name: str) -> list[Path]:
     """Begin a study: an experiment to change, in ``code``, and what the study says of itself.
 
-    Raises
-    ------
-    InputError
-        If the folder is there and not empty.
+    Raises `InputError` if the folder is there and not empty.
     """
     study = Path(study)
     if study.exists() and (not study.is_dir() or any(study.iterdir())):
@@ -86,10 +83,7 @@ def begin(study: str | Path, name: str) -> list[Path]:
 def session_log(study: Path, participant: str, session: str, task: str) -> Path:
     """Return where the log of a session lies in a study.
 
-    Raises
-    ------
-    InputError
-        If a label is none, or the study has the participant in another spelling.
+    Raises `InputError` if a label is none, or the study has the participant in another spelling.
     """
     for name, label in (("participant", participant), ("session", session), ("task", task)):
         if not re.fullmatch(r"[A-Za-z0-9]{1,64}", label):
@@ -127,6 +121,9 @@ def write_session(
 ) -> list[Path]:
     """Write the files of a session, and missing files about the study.
 
+    Raises `InputError` if a file was changed since it was written, or another process does not stop
+    writing.
+
     Parameters
     ----------
     files : mapping of Path to bytes
@@ -137,11 +134,6 @@ def write_session(
         Labels.
     record : Path
         Keeps the hashes of the files.
-
-    Raises
-    ------
-    InputError
-        If a file was changed since it was written, or another process does not stop writing.
     """
     try:
         study.mkdir(parents=True, exist_ok=True)
@@ -266,9 +258,11 @@ def export(
 ) -> list[Path]:
     """Write a log, and the touches beside it, into the folder of a study; return the files.
 
-    Files of other participants and sessions stay as they are, as does what the study says of
-    itself and of its participants. A session that is exported again is written anew, where its log
-    goes on and nobody has changed its files; otherwise they stay, and it is refused.
+    Files of other participants and sessions stay as they are, as does what the study says of itself
+    and of its participants. A session that is exported again is written anew, where its log goes on
+    and nobody has changed its files; otherwise they stay, and it is refused. Raises `InputError` if
+    a label is none, or the session is there with other trials or changed files; `FileFormatError`
+    if the log is none, was changed, or has other trials than its plan, or a file cannot be written.
 
     Parameters
     ----------
@@ -280,14 +274,6 @@ def export(
         Labels: letters and digits. The participant's is a pseudonym.
     recipe : path, optional
         That of the log, kept beside its copy; by default the one that lies beside the log.
-
-    Raises
-    ------
-    InputError
-        If a label is none, or the session is there with other trials or changed files.
-    FileFormatError
-        If the log is none, was changed, or has other trials than its plan, or a file cannot be
-        written.
     """
     log, study = Path(log), Path(study)
     copy = session_log(study, participant, session, task)

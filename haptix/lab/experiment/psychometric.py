@@ -421,24 +421,16 @@ _SIZES = np.concatenate([[0.0], np.geomspace(0.05, 5.0, 16)])
 
 @dataclass(frozen=True)
 class Group:
-    """Posterior of the means of conditions: a mixture of normal distributions.
-
-    Parameters
-    ----------
-    weight : ndarray, shape (sizes,)
-        Of each pair of standard deviations between participants that was tried.
-    mean : ndarray, shape (sizes, conditions)
-        Means of the conditions.
-    covariance : ndarray, shape (sizes, conditions, conditions)
-        Of the means.
-    between : float
-        Standard deviation between participants in a condition.
-    """
+    """Posterior of the means of conditions: a mixture of normal distributions."""
 
     weight: Array
+    """Of each pair of standard deviations between participants that was tried; shape (sizes,)."""
     mean: Array
+    """Means of the conditions; shape (sizes, conditions)."""
     covariance: Array
+    """Of the means; shape (sizes, conditions, conditions)."""
     between: float
+    """Standard deviation between participants in a condition."""
 
     def _along(self, factors: Array) -> tuple[Array, Array]:
         variance = np.einsum("i,kij,j->k", factors, self.covariance, factors)

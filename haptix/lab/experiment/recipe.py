@@ -57,54 +57,40 @@ class ConditionTable(Part):
 
 
 class ExperimentRecipe(Document):
-    """An experiment, read from a file.
-
-    Parameters
-    ----------
-    name : str
-        Name of the experiment.
-    stimulus : table
-        A stimulus; the level multiplies its signal by ``10^(level / 20)``.
-    pedestal : table, optional
-        A signal in the same quantity, in both target and reference, to measure a JND.
-        Without it the reference is 0 V.
-    method : table
-        ``kind`` is "up-down", "quest+" or "constant-stimuli"; the rest are its parameters.
-    task : str
-        A name of `haptix.lab.TASKS`: "2ifc" in two intervals, "2afc" on the two sides
-        of one stroke, "3afc", "yes-no", "same-different", "pairs", "magnitude".
-    finger, screen : str
-        Presets or TOML files.
-    conditions : list of tables
-        Each has a `name`, and `set`: values at dotted places of stimulus, pedestal and method.
-    order : str
-        "interleaved": each trial's condition is drawn; or the order of blocks, by the number of the
-        participant: "williams", "latin-square", "random", or "as-listed".
-    touch : table
-        Ranges of the stroke that counts, as `haptix.lab.StrokeRanges` has them.
-    practice, catch, stop, exclude, break_every, feedback
-        As in `haptix.lab.SessionPlan`.
-    """
+    """An experiment, read from a file."""
 
     name: str
+    """Name of the experiment."""
     stimulus: dict[str, Any]
+    """A stimulus; the level multiplies its signal by ``10^(level / 20)``."""
     method: dict[str, Any]
+    """``kind`` is "up-down", "quest+" or "constant-stimuli"; the rest are its parameters."""
     pedestal: dict[str, Any] | None = None
+    """A signal in the same quantity, in both target and reference, to measure a JND. Without it the
+    reference is 0 V."""
     task: TaskName = "2ifc"
+    """A name of `haptix.lab.TASKS`: "2ifc" in two intervals, "2afc" on the two sides of one stroke,
+    "3afc", "yes-no", "same-different", "pairs", "magnitude"."""
     finger: str = "semi-wet"
     screen: str = "3m-sct3250"
+    """Presets or TOML files."""
     seed: int = 0
     pause_s: Annotated[float, Field(ge=0)] = 0.5
     ceiling_v: PositiveFloat | None = None
     conditions: tuple[ConditionTable, ...] = ()
+    """Each has a `name`, and `set`: values at dotted places of stimulus, pedestal and method."""
     order: Literal["interleaved"] | BlockOrder = "interleaved"
+    """"interleaved": each trial's condition is drawn; or the order of blocks, by the number of the
+    participant: "williams", "latin-square", "random", or "as-listed"."""
     touch: StrokeRanges = StrokeRanges()
+    """Ranges of the stroke that counts, as `haptix.lab.StrokeRanges` has them."""
     practice: Practice | None = None
     catch: Catch | None = None
     stop: StopRules = StopRules()
     exclude: Exclude = Exclude()
     break_every: PositiveInt | None = None
     feedback: bool = False
+    """As in `haptix.lab.SessionPlan`."""
     folder: Annotated[Path, Field(exclude=True)] = Path()
 
     @model_validator(mode="after")

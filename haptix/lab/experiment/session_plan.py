@@ -433,10 +433,7 @@ def method_of(table: Mapping[str, Any]) -> Method:
 def replayed(session: LoggedSession) -> tuple[TrialSequence, tuple[str, ...]]:
     """Return the sequence of a session that was read, and notes on its log.
 
-    Raises
-    ------
-    FileFormatError
-        As `replay` does.
+    Raises `FileFormatError` as `replay` does.
     """
     with reading(session.path, "a log of trials"):
         settings = session.settings

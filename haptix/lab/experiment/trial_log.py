@@ -413,12 +413,8 @@ class TouchLog:
     ) -> None:
         """Write the touches of a trial, and wait until the disk has them.
 
-        Raises
-        ------
-        FileFormatError
-            If the file there is no table of touches; it stays as it is.
-        InputError
-            If it cannot be written.
+        Raises `FileFormatError` if the file there is no table of touches; it stays as it is;
+        `InputError` if it cannot be written.
         """
         if not samples:
             return
@@ -474,32 +470,22 @@ _NAME = re.compile(r"sub-([A-Za-z0-9]+)_ses-([A-Za-z0-9]+)_task-([A-Za-z0-9]+)_(
 
 @dataclass(frozen=True)
 class LoggedSession:
-    """A session of one participant.
-
-    Parameters
-    ----------
-    participant, session, task : str
-        Labels; a log outside of a study has its file's name as participant.
-    path : Path
-        The file that it was read from.
-    settings : mapping
-        Head of the log: method, task, seed, hashes, plan.
-    rows : tuple of dict
-        Attempts, by the columns of the log.
-    finished : bool
-        Whether the log says that the session is over.
-    remarks : tuple of str
-        What of the log could not be checked.
-    """
+    """A session of one participant."""
 
     participant: str
     session: str
     task: str
+    """Labels; a log outside of a study has its file's name as participant."""
     path: Path
+    """The file that it was read from."""
     settings: Mapping[str, Any]
+    """Head of the log: method, task, seed, hashes, plan."""
     rows: tuple[Mapping[str, str], ...]
+    """Attempts, by the columns of the log."""
     finished: bool = False
+    """Whether the log says that the session is over."""
     remarks: tuple[str, ...] = ()
+    """What of the log could not be checked."""
 
     @property
     def source(self) -> str:
@@ -517,15 +503,9 @@ def read_sessions(source: str | Path) -> list[LoggedSession]:
 
     Of a study the logs in ``sourcedata`` are read. A study without them, such as one that was
     passed on, is read from its ``*_beh.tsv``. Copies of a log, also those of its beginning, are
-    one; the remarks name them.
-
-    Raises
-    ------
-    FileFormatError
-        If a file is no log of trials.
-    InputError
-        If there is none, a session goes on in two ways in two logs, or two logs of one experiment
-        have one name.
+    one; the remarks name them. Raises `FileFormatError` if a file is no log of trials; `InputError`
+    if there is none, a session goes on in two ways in two logs, or two logs of one experiment have
+    one name.
     """
     source = Path(source)
     if not source.is_dir():

@@ -175,12 +175,8 @@ def equal_mean(
 
     In mu, contrast and share the friction is that of the signal, so that the stimuli have equal
     mean friction at one force; sidecars have the prediction (``friction.mean``). The shift is a
-    condition of each.
-
-    Raises
-    ------
-    InputError
-        If a stimulus is in volts, or the quantities or forces differ.
+    condition of each. Raises `InputError` if a stimulus is in volts, or the quantities or forces
+    differ.
     """
     touches = {(stimulus.quantity, stimulus.normal_force_n) for stimulus in stimuli}
     if len(touches) > 1 or any(stimulus.quantity == "volts" for stimulus in stimuli):
@@ -206,10 +202,8 @@ def equal_friction(
 ) -> tuple[tuple[Stimulus, ...], tuple[Screen, ...]]:
     """Check that a set asks for the same friction on several screens, in volts of their own.
 
-    Raises
-    ------
-    InputError
-        If there are fewer than two screens, or a stimulus is in volts or relative to each screen.
+    Raises `InputError` if there are fewer than two screens, or a stimulus is in volts or relative
+    to each screen.
     """
     if len(screens) < 2:
         raise InputError("equal friction: expected two screens or more")
@@ -227,12 +221,8 @@ def variants_of(stimuli: Sequence[Stimulus], count: int) -> list[Stimulus]:
 
     The seeds follow from those of the stimulus and the variant's number, so that variant 3 of two
     stimuli with one seed is the same draw. The first variant is the stimulus as it is. Names end in
-    ``-v1`` and so on.
-
-    Raises
-    ------
-    InputError
-        If a stimulus has nothing random in it, or there are too many.
+    ``-v1`` and so on. Raises `InputError` if a stimulus has nothing random in it, or there are too
+    many.
     """
     whole("variants", count, 1)
     if len(stimuli) * count > _MOST_STIMULI:

@@ -62,10 +62,7 @@ class Drawn:
 def read_for_drawing(path: Path, length_s: float = _LONGEST_S) -> Drawn:
     """Read a drive file and its sidecar.
 
-    Raises
-    ------
-    FileFormatError
-        If either is missing, or the sidecar is not one of a set.
+    Raises `FileFormatError` if either is missing, or the sidecar is not one of a set.
     """
     table = read_json(path.with_suffix(".json"))
     with reading(path.with_suffix(".json"), "the sidecar of a stimulus"):

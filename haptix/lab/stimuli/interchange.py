@@ -53,21 +53,14 @@ _WHITE = 65535
 
 @dataclass(frozen=True, eq=False)
 class FrictionMap(Displayed):
-    """Friction over a rectangle, x to the right and y downwards from its corner.
-
-    Parameters
-    ----------
-    values : ndarray, shape (rows, columns)
-        Friction, in the form of `quantity`.
-    width_mm : float
-        Width on the screen; pixels are square.
-    quantity : {"mu", "contrast"}
-        Friction coefficients, or relative changes from the friction without voltage.
-    """
+    """Friction over a rectangle, x to the right and y downwards from its corner."""
 
     values: Array
+    """Friction, in the form of `quantity`; shape (rows, columns)."""
     width_mm: float
+    """Width on the screen; pixels are square."""
     quantity: MapQuantity = "mu"
+    """Friction coefficients, or relative changes from the friction without voltage."""
 
     def __post_init__(self) -> None:
         checks.positive("width_mm", self.width_mm)
@@ -115,12 +108,9 @@ class FrictionMap(Displayed):
     def load(cls, path: str | Path) -> FrictionMap:
         """Read a PNG with its sidecar.
 
-        Raises
-        ------
-        FileFormatError
-            If either is missing or of another form, or the sidecar is that of another picture.
-        InputError
-            If the picture has more pixels than a texture may have: see `check_picture`.
+        Raises `FileFormatError` if either is missing or of another form, or the sidecar is that of
+        another picture; `InputError` if the picture has more pixels than a texture may have: see
+        `check_picture`.
         """
         with from_extra("stimuli"):
             from PIL import Image
@@ -221,12 +211,7 @@ def read_ahap(path: str | Path, low: float, high: float) -> tuple[Signal, list[s
     """Read the intensity of a pattern's continuous events; intensity 0 and 1 become low and high.
 
     Returns intensity times its control curve, as straight lines between corners, and what of the
-    file is not in it.
-
-    Raises
-    ------
-    FileFormatError
-        If it is no AHAP, or has no continuous event.
+    file is not in it. Raises `FileFormatError` if it is no AHAP, or has no continuous event.
     """
     path = Path(path)
     table = read_json(path)
@@ -384,12 +369,8 @@ def write_hjif(
 def read_hjif(path: str | Path, speed: SpeedProfile | float) -> tuple[AlongPath, list[str]]:
     """Read the first profile of friction in a file, and say what of the file is not in it.
 
-    The file does not contain the finger's motion, which `speed` gives; a number is in mm/s.
-
-    Raises
-    ------
-    FileFormatError
-        If it is no HJIF, or holds no curve of friction.
+    The file does not contain the finger's motion, which `speed` gives; a number is in mm/s. Raises
+    `FileFormatError` if it is no HJIF, or holds no curve of friction.
     """
     path = Path(path)
     table = read_json(path)

@@ -88,10 +88,7 @@ class Recipe(Document):
     def stimulus_set(self) -> StimulusSet:
         """Make the set.
 
-        Raises
-        ------
-        HaptixError
-            If a profile, a stimulus or a design is wrong.
+        Raises `HaptixError` if a profile, a stimulus or a design is wrong.
         """
         known = Perception.default()
         if self.perception is not None:

@@ -106,10 +106,7 @@ TRIGGERS = {
 def pulses(count: int) -> int:
     """Pulses that tell the stimuli of a set of `count` apart.
 
-    Raises
-    ------
-    InputError
-        If two pulses are too few.
+    Raises `InputError` if two pulses are too few.
     """
     if count > CODES**2:
         raise InputError(
@@ -180,50 +177,34 @@ class Trigger:
 
 @checked()
 class SetPlan:
-    """Stimuli that belong together.
-
-    Parameters
-    ----------
-    name : str
-        Name of the set.
-    stimuli : tuple of Stimulus
-        One or more, with different names.
-    finger : Finger or Population
-        Who feels them.
-    screens : tuple of Screen
-        Every stimulus is rendered for each screen, with the volts that give its friction there.
-    sample_rate_hz : float
-        Samples per second.
-    container, encoding : str
-        "wav" or "flac"; "float32" or "24-bit".
-    full_scale_v : float
-        Voltage of sample 1.0, above the ceiling.
-    ceiling_v : float, optional
-        Highest voltage of the set; by default the lowest of the screens' limits.
-    trigger : bool
-        Whether files have a trigger channel.
-    unreachable : {"reject", "nearest"}
-        Whether friction outside the reachable range rejects the set, or becomes the nearest
-        reachable.
-    trials : TrialPlan
-        Order of the trials.
-    perception : Perception, optional
-        Detection thresholds; by default those of the package.
-    """
+    """Stimuli that belong together."""
 
     name: str
+    """Name of the set."""
     stimuli: Annotated[tuple[Stimulus, ...], Field(strict=False)]
+    """One or more, with different names."""
     finger: Finger | Population
+    """Who feels them."""
     screens: Annotated[tuple[Screen, ...], Field(strict=False)]
+    """Every stimulus is rendered for each screen, with the volts that give its friction there."""
     sample_rate_hz: Positive = 48_000.0
+    """Samples per second."""
     container: Container = "wav"
     encoding: Encoding = "float32"
+    """"wav" or "flac"; "float32" or "24-bit"."""
     full_scale_v: Positive = 250.0
+    """Voltage of sample 1.0, above the ceiling."""
     ceiling_v: Number | None = None
+    """Highest voltage of the set; by default the lowest of the screens' limits."""
     trigger: bool = True
+    """Whether files have a trigger channel."""
     unreachable: Literal["reject", "nearest"] = "reject"
+    """Whether friction outside the reachable range rejects the set, or becomes the nearest
+    reachable."""
     trials: TrialPlan = field(default_factory=TrialPlan)
+    """Order of the trials."""
     perception: Perception = field(default_factory=Perception.default)
+    """Detection thresholds; by default those of the package."""
 
     def __post_init__(self) -> None:
         check_format(self.container, self.encoding)
@@ -278,10 +259,7 @@ class SetPlan:
 def drive_limits(screens: Sequence[Screen], ceiling_v: float | None = None) -> DriveLimits:
     """Limits of a drive for several screens: those of the lowest, or a lower ceiling [V].
 
-    Raises
-    ------
-    LimitError
-        If the ceiling is above what a screen may carry.
+    Raises `LimitError` if the ceiling is above what a screen may carry.
     """
     lowest = min(screen.max_voltage_v for screen in screens)
     ceiling = lowest if ceiling_v is None else ceiling_v

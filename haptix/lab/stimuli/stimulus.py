@@ -132,12 +132,8 @@ def stimulus_from(name: str, table: Mapping[str, Any]) -> Stimulus:
     """Read a stimulus from a table; a speed given here applies to the spatial signals within.
 
     A table with a ``drive_hz`` and no ``carrier_hz`` has no carrier. The force is also that of the
-    materials within, and without a quantity the stimulus has theirs.
-
-    Raises
-    ------
-    InputError
-        If a field is unknown, missing or wrong.
+    materials within, and without a quantity the stimulus has theirs. Raises `InputError` if a field
+    is unknown, missing or wrong.
     """
     known = {field.name for field in fields(Stimulus)} - {"name"} | {"length_s"}
     unknown = sorted(set(table) - known)

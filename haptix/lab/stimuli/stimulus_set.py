@@ -345,10 +345,7 @@ class MakingJob:
     def _check_tables(self, tables: dict[str, bytes]) -> None:
         """Refuse to replace a trial table to which somebody has added rows.
 
-        Raises
-        ------
-        InputError
-            If one in the folder is neither of this set nor in its manifest.
+        Raises `InputError` if one in the folder is neither of this set nor in its manifest.
         """
         try:
             listed = read_manifest(self.folder)["files"]
@@ -518,7 +515,9 @@ def make_again(sidecar: str | Path, out: str | Path, threads: int = 1) -> Path:
     """Make the drive file that a sidecar describes, and check that it is the same.
 
     Of the set only the sidecar and ``profiles.json`` are read, and the files of recordings in the
-    stimulus. The surfaces are built anew if the cache does not have them.
+    stimulus. The surfaces are built anew if the cache does not have them. Raises `FileFormatError`
+    if a file is missing, or is no sidecar of a set; `InputError` if something is there, or the
+    bytes differ: of another version of haptix, say.
 
     Parameters
     ----------
@@ -528,13 +527,6 @@ def make_again(sidecar: str | Path, out: str | Path, threads: int = 1) -> Path:
         Drive file to write; nothing may be there.
     threads : int
         Threads; they change no byte.
-
-    Raises
-    ------
-    FileFormatError
-        If a file is missing, or is no sidecar of a set.
-    InputError
-        If something is there, or the bytes differ: of another version of haptix, say.
     """
     sidecar, out = Path(sidecar), Path(out)
     if out.exists():

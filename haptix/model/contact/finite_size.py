@@ -41,18 +41,12 @@ _PEAK_STEPS = 8  # of Newton from above, on a convex function: to 1e-15 for any 
 
 @dataclass(frozen=True)
 class Touching:
-    """The pressure at which the highest asperity alone touches, for a batch of states.
-
-    Parameters
-    ----------
-    log_pressure : Tensor, shape (states,)
-        ln p_N [Pa].
-    law : {"capped", "smooth", "mean-gap"}
-        How the gaps change around it.
-    """
+    """The pressure at which the highest asperity alone touches, for a batch of states."""
 
     log_pressure: Tensor
+    """ln p_N [Pa]; shape (states,)."""
     law: SizeLaw
+    """How the gaps change around it."""
 
     def of_gap(self, log_pressure: Tensor) -> Tensor:
         """Return ln p [Pa] at which an infinite contact has the mean gap, given ln p."""

@@ -50,27 +50,20 @@ class PiecewiseLinear:
 
 @dataclass(frozen=True)
 class UniformCubic:
-    """A C1 piecewise cubic through values with known slopes at uniformly spaced nodes.
-
-    Parameters
-    ----------
-    start : float or Tensor
-        Position of the first node, a single number.
-    step : float
-        Distance between nodes.
-    values, slopes : Tensor, shape (nodes,), (nodes, columns) or (nodes, parts, columns)
-        Node values and derivatives. Each column is a separate function with `parts` components,
-        which are the first axis of its values.
-    stencil : Tensor, shape (nodes, nodes), optional
-        Matrix from values to slopes. Gradients then pass through the values around a point and not
-        through `slopes`, because only few of a table's many numbers are looked up.
-    """
+    """A C1 piecewise cubic through values with known slopes at uniformly spaced nodes."""
 
     start: float | Tensor
+    """Position of the first node, a single number."""
     step: float
+    """Distance between nodes."""
     values: Tensor
     slopes: Tensor
+    """Node values and derivatives. Each column is a separate function with `parts` components,
+    which are the first axis of its values; shape (nodes,)."""
     stencil: Tensor | None = None
+    """Matrix from values to slopes. Gradients then pass through the values around a point and not
+    through `slopes`, because only few of a table's many numbers are looked up; shape (nodes,
+    nodes)."""
 
     @classmethod
     def through(cls, start: float | Tensor, step: float, values: Tensor) -> UniformCubic:

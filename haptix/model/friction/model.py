@@ -557,7 +557,7 @@ def in_theory(finger: Finger, theory: TheoryName) -> Finger:
 
     tau_f is fitted to measured friction. mu is tau_f times the area over the force, and each form
     gives another area, so that the same friction needs another tau_f. Friction at 0.5 N without
-    voltage does not change.
+    voltage does not change. Raises `InputError` if there is no such form.
 
     Parameters
     ----------
@@ -565,11 +565,6 @@ def in_theory(finger: Finger, theory: TheoryName) -> Finger:
         A finger with the tau_f of its `theory`.
     theory : {"local", "corrected", "open-gaps", "as-published"}
         The form to convert it to.
-
-    Raises
-    ------
-    InputError
-        If there is no such form.
 
     Examples
     --------

@@ -224,10 +224,7 @@ class Perception(Document):
     def default(cls) -> Self:
         """Return the data in force: the package's default, or the data that `CHOICE` names.
 
-        Raises
-        ------
-        HaptixError
-            If it names no alternative and no file.
+        Raises `HaptixError` if it names no alternative and no file.
         """
         chosen = os.environ.get(CHOICE, "")
         if chosen.endswith((".toml", ".json")):

@@ -112,10 +112,7 @@ def record_of(axes: Axes, accuracy: Accuracy) -> dict[str, Any]:
 def intervals_at(info: Mapping[str, Any], places: Mapping[str, Any]) -> Intervals:
     """Read the intervals of the cells in which places lie; outside, those of the nearest cell.
 
-    Raises
-    ------
-    InputError
-        If a place on one of its axes is missing.
+    Raises `InputError` if a place on one of its axes is missing.
     """
     known, like = info["intervals"], torch.zeros((), dtype=torch.float64)
     values = {name: numbers(name, at, like) for name, at in places.items() if at is not None}

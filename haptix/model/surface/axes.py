@@ -41,30 +41,21 @@ class Cells:
     nodes that a build chooses lie on such a grid, so that one look-up suffices. For other nodes a
     fixed number of steps then corrects the cell. Bisection takes several times as long, because the
     processor cannot predict its branches for random values.
-
-    Parameters
-    ----------
-    start : float
-        The first node.
-    per_width : float
-        Even places per unit.
-    guide : Tensor of int, shape (places,)
-        Cell of each even place.
-    upper : Tensor, shape (cells,)
-        Upper node of each cell, infinite in the last.
-    scale, offset : Tensor, shape (cells,)
-        ``scale x + offset`` runs from 0 to 1 in the cell.
-    steps : int
-        Largest number of nodes between two even places.
     """
 
     start: float
+    """The first node."""
     per_width: float
+    """Even places per unit."""
     guide: Tensor
+    """Cell of each even place; shape (places,)."""
     upper: Tensor
+    """Upper node of each cell, infinite in the last; shape (cells,)."""
     scale: Tensor
     offset: Tensor
+    """``scale x + offset`` runs from 0 to 1 in the cell; shape (cells,)."""
     steps: int
+    """Largest number of nodes between two even places."""
 
     @classmethod
     def between(cls, nodes: Tensor) -> Cells:
@@ -131,25 +122,17 @@ def _aligned_places(nodes: Tensor, rounding: float) -> int:
 
 @dataclass(frozen=True)
 class Quantity:
-    """Quantity of an axis.
-
-    Parameters
-    ----------
-    name : str
-        Name in queries, files and tables, with the unit.
-    unit, text : str
-        SI unit, and a description for readers.
-    default : callable
-        Range, value or None (left out) for a `Screen`, if a surface's ranges do not name it.
-    is_collapsible : bool
-        Whether planning may replace the range by a single value.
-    """
+    """Quantity of an axis."""
 
     name: str
+    """Name in queries, files and tables, with the unit."""
     unit: str
     text: str
+    """SI unit, and a description for readers."""
     default: Callable[[Screen], Any]
+    """Range, value or None (left out) for a `Screen`, if a surface's ranges do not name it."""
     is_collapsible: bool = True
+    """Whether planning may replace the range by a single value."""
 
 
 AXES = (
@@ -254,19 +237,13 @@ def within(x: Tensor, least: float, least_counts: bool = True) -> bool:
 
 @dataclass(frozen=True)
 class Axis(Displayed):
-    """One axis, linear in the logarithm of its quantity.
-
-    Parameters
-    ----------
-    name : str
-        Quantity with its unit, such as ``"normal_force_n"``.
-    nodes : Tensor, shape (nodes,)
-        Increasing positive values. An axis with a single node does not vary. A single NaN means
-        that the surface was built without the quantity.
-    """
+    """One axis, linear in the logarithm of its quantity."""
 
     name: str
+    """Quantity with its unit, such as ``"normal_force_n"``."""
     nodes: Tensor
+    """Increasing positive values. An axis with a single node does not vary. A single NaN means that
+    the surface was built without the quantity; shape (nodes,)."""
 
     @classmethod
     def absent(cls, name: str) -> Axis:
@@ -345,21 +322,15 @@ class Axis(Displayed):
 
 @dataclass(frozen=True)
 class Corners:
-    """The columns around each point that `Axes.blend` interpolates between.
-
-    Parameters
-    ----------
-    row : Tensor of int, shape (points,)
-        Row of the first column in the flat table: the one at the lower end of the cell on all axes.
-    parts : tuple of Tensor, shape (points,)
-        Position in the cell (0 to 1) along each axis that varies.
-    offsets : tuple of int
-        Rows of all columns around the point, relative to the first; the last axis varies fastest.
-    """
+    """The columns around each point that `Axes.blend` interpolates between."""
 
     row: Tensor
+    """Row of the first column in the flat table: the one at the lower end of the cell on all axes;
+    shape (points,)."""
     parts: tuple[Tensor, ...]
+    """Position in the cell (0 to 1) along each axis that varies; shape (points,)."""
     offsets: tuple[int, ...]
+    """Rows of all columns around the point, relative to the first; the last axis varies fastest."""
 
     def whole(self, columns: Tensor) -> Tensor:
         """Blend all numbers of each column, shape (points, entries)."""
@@ -393,15 +364,10 @@ class Corners:
 
 @dataclass(frozen=True)
 class Axes(Displayed):
-    """The axes of one surface, in the order of `AXES`.
-
-    Parameters
-    ----------
-    each : tuple of Axis
-        One for each quantity of `AXES`.
-    """
+    """The axes of one surface, in the order of `AXES`."""
 
     each: tuple[Axis, ...]
+    """One for each quantity of `AXES`."""
 
     @classmethod
     def of(cls, nodes: Mapping[str, Tensor]) -> Self:

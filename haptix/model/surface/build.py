@@ -118,26 +118,18 @@ class Columns:
 
 @dataclass(frozen=True)
 class HeldOutPoints:
-    """Solved points of one shape that were not used to choose the nodes.
-
-    Parameters
-    ----------
-    places : dict of Tensor or None
-        Values of each axis.
-    voltage_v, mu : Tensor
-        Amplitude [V] and solved friction.
-    end_v, end_drive : Tensor
-        Amplitude [V] and drive at which the contact's column ends.
-    log_breakdown : Tensor or None
-        ln of the breakdown voltage [V] as in `Columns`; None where it ends no column.
-    """
+    """Solved points of one shape that were not used to choose the nodes."""
 
     places: Mapping[str, Tensor | None]
+    """Values of each axis."""
     voltage_v: Tensor
     mu: Tensor
+    """Amplitude [V] and solved friction."""
     end_v: Tensor
     end_drive: Tensor
+    """Amplitude [V] and drive at which the contact's column ends."""
     log_breakdown: Tensor | None
+    """ln of the breakdown voltage [V] as in `Columns`; None where it ends no column."""
 
     def error(self, table: Interpolant) -> Tensor:
         """Absolute error of mu at every point."""

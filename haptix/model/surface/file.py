@@ -88,10 +88,8 @@ def save_table(table: Interpolant, info: Info, path: Path) -> None:
 def load_table(path: Path, model: ContactModel | None = None) -> tuple[Interpolant, Info]:
     """Read a file; its tensors stay in the file and are mapped into memory.
 
-    Raises
-    ------
-    FileFormatError
-        If the file is missing, foreign, damaged, of a later version or of another model.
+    Raises `FileFormatError` if the file is missing, foreign, damaged, of a later version or of
+    another model.
     """
     header, tensors = _read(path)
     if not isinstance(header, dict) or header.get("format") != FORMAT:
@@ -233,6 +231,9 @@ _ATTRIBUTES = {
 def export_netcdf(table: Interpolant, info: Mapping[str, Any], path: Path) -> None:
     """Write a surface as NetCDF-4, whole or not at all; a file of that name is replaced.
 
+    Raises `MissingExtraError` if xarray or h5netcdf are not installed; `FileFormatError` if the
+    file cannot be written.
+
     Parameters
     ----------
     table : Interpolant
@@ -243,13 +244,6 @@ def export_netcdf(table: Interpolant, info: Mapping[str, Any], path: Path) -> No
         Plain values; becomes the attribute ``haptix_info``, as JSON.
     path : Path
         File to write, such as ``my.nc``.
-
-    Raises
-    ------
-    MissingExtraError
-        If xarray or h5netcdf are not installed.
-    FileFormatError
-        If the file cannot be written.
     """
     dataset = as_dataset(table, info)
     # As characters, NC_CHAR: Octave's reader ends at an attribute of the newer kind NC_STRING.

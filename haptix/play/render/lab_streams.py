@@ -48,7 +48,7 @@ class LabOutlets:
 
     Drive samples wait until a mark has reported when one of them was played: mark the first. Marks
     wait until somebody records them. Ends as a context manager; a recorder keeps what it has
-    received.
+    received. Raises `MissingExtraError` without the extra ``lab``.
 
     Parameters
     ----------
@@ -60,11 +60,6 @@ class LabOutlets:
         The host's, as the device has it.
     drive_hz : float, optional
         Samples of the drive in a second; by default those of the device.
-
-    Raises
-    ------
-    MissingExtraError
-        Without the extra ``lab``.
     """
 
     def __init__(
@@ -202,10 +197,7 @@ class LabOutlets:
     def wait_for_recorders(self, most_s: float = 60.0) -> None:
         """Return as soon as somebody records all three streams.
 
-        Raises
-        ------
-        InputError
-            If nobody does within `most_s`.
+        Raises `InputError` if nobody does within `most_s`.
         """
         until = time.monotonic() + positive("most_s", most_s)
         while not self.has_recorders():
@@ -238,7 +230,9 @@ class LiveOutlets:
     asked for under the finger that came down last; NaN without one. Its times are those of the
     samples, by the driver's clock. Markers are the marks of `LiveRenderer.mark`, by the same clock.
 
-    Use it inside the renderer's context; on leaving, what was played is sent to its end.
+    Use it inside the renderer's context; on leaving, what was played is sent to its end. Raises
+    `InputError` if somebody else takes the renderer's record; `MissingExtraError` without the extra
+    ``lab``.
 
     Parameters
     ----------
@@ -246,13 +240,6 @@ class LiveOutlets:
         Entered, on a driver that takes marks and can revise. Its `record` and `taken` are used.
     name : str
         Beginning of the streams' names.
-
-    Raises
-    ------
-    InputError
-        If somebody else takes the renderer's record.
-    MissingExtraError
-        Without the extra ``lab``.
     """
 
     def __init__(self, renderer: LiveRenderer, name: str = "haptix") -> None:

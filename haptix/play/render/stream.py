@@ -59,12 +59,8 @@ class RenderStream(RenderCore, ABC):
     and the renderer can be entered again.
 
     Parameters are those of `RenderCore`. The device's voltage ceiling is lowered to the surface's
-    voltage limit.
-
-    Raises
-    ------
-    LimitError
-        On entering, if the surface's voltage limit is above the device's ceiling.
+    voltage limit. Raises `LimitError` on entering, if the surface's voltage limit is above the
+    device's ceiling.
     """
 
     def __init__(

@@ -464,6 +464,8 @@ class LiveVirtualFinger:
     ) -> dict[int, Felt]:
         """Return what fingers on several paths feel; the last time of a part begins the next one.
 
+        Raises `InputError` if a path is shorter than a sample.
+
         Parameters
         ----------
         amplitude_v : ndarray, shape (samples,)
@@ -473,11 +475,6 @@ class LiveVirtualFinger:
         paths : mapping of int to Trajectory
             True path of each finger. One that does not begin where its part before ended begins
             from rest.
-
-        Raises
-        ------
-        InputError
-            If a path is shorter than a sample.
         """
         drive = Amplitude(amplitude_v, sample_rate_hz, start_s, self._thickness)
         sensed = {}

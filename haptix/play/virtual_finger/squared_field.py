@@ -39,22 +39,15 @@ _EMPTY = 1e-12  # of the largest energy: rounding of the transform
 
 @dataclass(frozen=True)
 class GapField:
-    """Chebyshev points in the gap.
-
-    Parameters
-    ----------
-    reference_m : float
-        h [m].
-    points : int
-        Number of points.
-    span_m : (float, float), optional
-        Thinnest insulator and widest gap [m] between which the points are even in
-        ``ln(u + thinnest)``; without it they are even in s.
-    """
+    """Chebyshev points in the gap."""
 
     reference_m: float
+    """h [m]."""
     points: int
+    """Number of points."""
     span_m: tuple[float, float] | None = None
+    """Thinnest insulator and widest gap [m] between which the points are even in ``ln(u +
+    thinnest)``; without it they are even in s."""
 
     @classmethod
     def for_drive(
@@ -82,6 +75,8 @@ class GapField:
     ) -> GapField:
         """Choose h and the fewest points that give the attraction on every gap within 1e-4.
 
+        Raises `InputError` if the insulators differ too much between the bands.
+
         Parameters
         ----------
         thickness_m : ndarray of complex, shape (bands,)
@@ -90,11 +85,6 @@ class GapField:
             Attraction of each band in a contact spot, in any unit.
         widest_gap_m : float
             Widest gap [m].
-
-        Raises
-        ------
-        InputError
-            If the insulators differ too much between the bands.
         """
         size = np.abs(thickness_m)
         reference, thinnest = float((attraction * size).sum() / attraction.sum()), float(size.min())
@@ -169,22 +159,15 @@ _FINEST_HZ = 96e3  # from this rate on straight lines between samples will do: 0
 
 @dataclass(frozen=True)
 class Samples:
-    """A drive signal, with 0 V before and after, band-limited between its samples.
-
-    Parameters
-    ----------
-    volts : ndarray, shape (samples,)
-        The samples [V].
-    sample_rate_hz, start_s : float
-        Their rate [Hz], and the time of the first [s].
-    thickness_m : callable
-        h0 [m] at frequencies [Hz].
-    """
+    """A drive signal, with 0 V before and after, band-limited between its samples."""
 
     volts: Array
+    """The samples [V]; shape (samples,)."""
     sample_rate_hz: float
     start_s: float
+    """Their rate [Hz], and the time of the first [s]."""
     thickness_m: Thickness
+    """h0 [m] at frequencies [Hz]."""
 
     def field(self, widest_gap_m: float) -> GapField:
         """Return the points that hold this drive in gaps of up to `widest_gap_m`."""
@@ -220,21 +203,16 @@ class Samples:
 
 @dataclass(frozen=True)
 class Spectrum:
-    """Part of a drive as a spectrum, read at a rate that its square needs.
-
-    Parameters
-    ----------
-    start_s, rate_hz, samples
-        Time of the first sample [s], rate [Hz] and number of the samples read.
-    spectrum, thickness_m : ndarray of complex, shape (frequencies,)
-        Spectrum of the voltage, up to half of the rate that it was played at; and h0 [m] there.
-    """
+    """Part of a drive as a spectrum, read at a rate that its square needs."""
 
     start_s: float
     rate_hz: float
     samples: int
+    """Time of the first sample [s], rate [Hz] and number of the samples read."""
     spectrum: ComplexArray
     thickness_m: ComplexArray
+    """Spectrum of the voltage, up to half of the rate that it was played at; and h0 [m] there;
+    shape (frequencies,)."""
 
     def squares(self, field: GapField, t_s: Array, output_rate_hz: float) -> Array:
         """``(E (u + h))^2`` [V^2] at the points of `field` and at times [s], (points, times).
@@ -272,22 +250,15 @@ class Spectrum:
 
 @dataclass(frozen=True)
 class Amplitude:
-    """An ideal carrier of which only the amplitude is known: its attraction has no ripple.
-
-    Parameters
-    ----------
-    volts : ndarray, shape (samples,)
-        Amplitude V0 [V], linear between samples; 0 V before and after.
-    sample_rate_hz, start_s : float
-        Rate of the samples [Hz], and the time of the first [s].
-    thickness_m : complex
-        h0 [m] at the carrier's frequency.
-    """
+    """An ideal carrier of which only the amplitude is known: its attraction has no ripple."""
 
     volts: Array
+    """Amplitude V0 [V], linear between samples; 0 V before and after; shape (samples,)."""
     sample_rate_hz: float
     start_s: float
+    """Rate of the samples [Hz], and the time of the first [s]."""
     thickness_m: complex
+    """h0 [m] at the carrier's frequency."""
 
     def field(self, widest_gap_m: float) -> GapField:
         """Return the points that hold this drive in gaps of up to `widest_gap_m`."""

@@ -250,12 +250,8 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
     async def ask(self, kind: str, **fields: Any) -> Any:
         """Send a message and return its answer; fields that are None are left out.
 
-        Raises
-        ------
-        Refused
-            If the service refuses it.
-        Lost
-            If the connection is gone, or no answer came within 25 s.
+        Raises `Refused` if the service refuses it; `Lost` if the connection is gone, or no answer
+        came within 25 s.
         """
         self._number += 1
         number = self._number

@@ -35,10 +35,7 @@ class SessionLayout:
     def set(self, document: Mapping[str, Any]) -> None:
         """Replace all regions by those of a document, or change nothing.
 
-        Raises
-        ------
-        InputError
-            Naming the region and its error.
+        Raises `InputError` naming the region and its error.
         """
         with self.layout.change():
             patches = self.patches
@@ -56,10 +53,7 @@ class SessionLayout:
     def change(self, ops: Iterable[Mapping[str, Any]]) -> None:
         """Make all of the changes, or none.
 
-        Raises
-        ------
-        InputError
-            Naming the change and its error.
+        Raises `InputError` naming the change and its error.
         """
         patches = dict(self.patches)
         values: list[tuple[Patch, float]] = []

@@ -56,10 +56,7 @@ class Listen(NamedTuple):
 def listens(host: str, port: int) -> socket.socket:
     """Return a socket whose connections send at once.
 
-    Raises
-    ------
-    DeviceError
-        If the port is taken.
+    Raises `DeviceError` if the port is taken.
     """
     try:
         listener = socket.create_server((host, port))
@@ -149,10 +146,7 @@ class Access:
     def show_code(self) -> None:
         """Show the code on the terminal, for a page that asks for it.
 
-        Raises
-        ------
-        Problem
-            If it was shown a moment ago.
+        Raises `Problem` if it was shown a moment ago.
         """
         if not self._shows.takes():
             raise Problem("limit", "the terminal shows a code already")
@@ -161,12 +155,8 @@ class Access:
     def pair(self, code: str, origin: str | None, name: str) -> str:
         """Return a token for a page that shows the code.
 
-        Raises
-        ------
-        Problem
-            If the code is another one, too old or used, or after five tries in a minute.
-        OSError
-            If the token cannot be kept; the code is good still.
+        Raises `Problem` if the code is another one, too old or used, or after five tries in a
+        minute; `OSError` if the token cannot be kept; the code is good still.
         """
         if not origin or origin == "null":
             raise Problem("access", "expected a page with an origin; programs read service.json")

@@ -53,10 +53,7 @@ class AssetStore:
     def path(self, digest: str) -> Path:
         """Return where a file is.
 
-        Raises
-        ------
-        Problem
-            If the name is no hash, or nothing has it.
+        Raises `Problem` if the name is no hash, or nothing has it.
         """
         self._check(digest)
         for path in self.folder.glob(f"{digest}.*"):
@@ -66,10 +63,8 @@ class AssetStore:
     async def put(self, digest: str, suffix: str, chunks: AsyncIterator[bytes]) -> bool:
         """Keep a file; return whether it is new.
 
-        Raises
-        ------
-        Problem
-            If it is too large, of a kind that nothing reads, or its content has another hash.
+        Raises `Problem` if it is too large, of a kind that nothing reads, or its content has
+        another hash.
         """
         self._check(digest)
         if suffix not in SUFFIXES:
@@ -129,10 +124,7 @@ class Decoding:
     async def __call__(self, owner: str, fields: dict[str, Any]) -> None:
         """Check the new assets in a message of an owner.
 
-        Raises
-        ------
-        Problem
-            With the place in the message of the file that cannot be read.
+        Raises `Problem` with the place in the message of the file that cannot be read.
         """
         textures = {
             (digest, use): self._bytes.get(digest, 0)

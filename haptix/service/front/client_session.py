@@ -112,10 +112,7 @@ class ServiceSession:
     def pong(self, message: m.Pong, now_s: float) -> bool:
         """Take the answer to a ping; return whether the client's clock has jumped.
 
-        Raises
-        ------
-        Problem
-            If no such ping waits.
+        Raises `Problem` if no such ping waits.
         """
         sent_s = self.pings.pop(message.n, None)
         if sent_s is None:

@@ -105,11 +105,8 @@ class ClientClock:
     def stamp(self, client_s: float, now_s: float) -> float:
         """Return a touch's time by the service's clock.
 
-        Raises
-        ------
-        Problem
-            If it lies ahead of now by more than 5 ms and the clocks' uncertainty, or is older
-            than half a second.
+        Raises `Problem` if it lies ahead of now by more than 5 ms and the clocks' uncertainty, or
+        is older than half a second.
         """
         stamp_s = self.service_s(client_s)
         ahead_s = stamp_s - now_s

@@ -79,10 +79,7 @@ class OutputControl:
     def acquire(self, session: ServiceSession, takeover: bool) -> None:
         """Give a session the lease, not armed.
 
-        Raises
-        ------
-        Problem
-            If another one has it, and `takeover` is not asked for.
+        Raises `Problem` if another one has it, and `takeover` is not asked for.
         """
         if self.holder is session:
             return

@@ -95,10 +95,7 @@ class Job(Process):
     def answer(self, text: str) -> None:
         """Answer its question.
 
-        Raises
-        ------
-        Problem
-            If it asks nothing, or this is no answer to it.
+        Raises `Problem` if it asks nothing, or this is no answer to it.
         """
         if self.message.state != "asking":
             raise Problem("order", "expected a job that asks")
@@ -169,10 +166,7 @@ class JobBoard:
     def begin(self, kind: str, owner: str, **fields: Any) -> JobMessage:
         """Queue a job.
 
-        Raises
-        ------
-        Problem
-            If too many wait.
+        Raises `Problem` if too many wait.
         """
         if len(self._queue) >= MOST_QUEUED:
             raise Problem("limit", f"expected at most {MOST_QUEUED} jobs that wait; cancel one")
@@ -193,10 +187,7 @@ class JobBoard:
     def get(self, name: str, owner: str) -> Job:
         """Return an owner's job.
 
-        Raises
-        ------
-        Problem
-            If the owner has none of this name.
+        Raises `Problem` if the owner has none of this name.
         """
         job = self.jobs.get(name)
         if job is None or job.owner != owner:

@@ -131,10 +131,7 @@ class Process:
     async def ask(self, do: str, **fields: Any) -> dict[str, Any]:
         """Return the answer to a question.
 
-        Raises
-        ------
-        Problem
-            If it is refused, or the process is not there.
+        Raises `Problem` if it is refused, or the process is not there.
         """
         number = self._next
         self._next += 1
@@ -295,12 +292,8 @@ class Pool:
     ) -> dict[str, Any]:
         """Return the answer to a question of an owner.
 
-        Of questions that are limited, as all that a client may repeat, only a few may wait.
-
-        Raises
-        ------
-        Problem
-            If it is refused, takes too long, or too many wait.
+        Of questions that are limited, as all that a client may repeat, only a few may wait. Raises
+        `Problem` if it is refused, takes too long, or too many wait.
         """
         if is_limited and self._waiting >= MOST_WAITING:
             raise Problem("limit", f"expected at most {MOST_WAITING} questions that wait")

@@ -43,6 +43,10 @@ def serve(
 ) -> None:
     """Serve clients of this machine until interrupted.
 
+    Raises `DeviceError` if the port is taken, or the device or surface cannot be opened;
+    `InputError` if certificate and key cannot be used; `MissingExtraError` if the extra ``serve``
+    is not installed.
+
     Parameters
     ----------
     device : str
@@ -64,15 +68,6 @@ def serve(
         By default the finger.
     feels : bool
         Whether the virtual finger loads at once, and not with the first subscription to `felt`.
-
-    Raises
-    ------
-    DeviceError
-        If the port is taken, or the device or surface cannot be opened.
-    InputError
-        If certificate and key cannot be used.
-    MissingExtraError
-        If the extra ``serve`` is not installed.
     """
     with from_extra("serve"):
         for name in ("fastapi", "uvicorn", "websockets"):  # imported while the engine starts

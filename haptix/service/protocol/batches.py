@@ -103,10 +103,7 @@ class TouchBatch(NamedTuple):
 def read_touches(data: bytes) -> TouchBatch:
     """Return the touches of a batch.
 
-    Raises
-    ------
-    Problem
-        If it is no batch.
+    Raises `Problem` if it is no batch.
     """
     if len(data) < _HEADER.size:
         raise Problem("message", f"expected a batch of touches, got {len(data)} bytes")
@@ -227,10 +224,7 @@ def write_frame(frame: TelemetryFrame) -> bytes:
 def read_frame(data: bytes) -> TelemetryFrame:
     """Return a frame of telemetry, as a client reads it.
 
-    Raises
-    ------
-    Problem
-        If it is none.
+    Raises `Problem` if it is none.
     """
     if len(data) < _FRAME.size or data[0] != 2 or not 1 <= data[1] <= len(STREAMS):
         raise Problem("message", f"expected a frame of telemetry, got {len(data)} bytes")

@@ -70,10 +70,7 @@ class DaskWorkers(Executor):
     ) -> DaskWorkers:
         """Open a local cluster ("dask"), or connect to an address or a scheduler file.
 
-        Raises
-        ------
-        HaptixError
-            If Dask is not installed, or nothing answers.
+        Raises `HaptixError` if Dask is not installed, or nothing answers.
         """
         with from_extra("cluster"):
             from distributed import Client, LocalCluster
@@ -117,15 +114,12 @@ class DaskWorkers(Executor):
     def expect(self, where: str, kind: str = "") -> None:
         """Check the workers that there are, and from now on each that arrives.
 
+        Raises `HaptixError` if none may be used; the message names each and its reason.
+
         Parameters
         ----------
         where, kind : str
             Place of the campaign, which workers must reach, and its kind, which they must import.
-
-        Raises
-        ------
-        HaptixError
-            If none may be used; the message names each and its reason.
         """
         self._asked, self._own = (where, kind), as_seen_here(where, kind)
         with suppress(TimeoutError):

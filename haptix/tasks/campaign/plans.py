@@ -135,10 +135,7 @@ def people_of(
 def places_of(patterns: tuple[str, ...], folder: Path) -> Iterator[Path]:
     """Yield the files or folders of names and patterns within a folder, in order.
 
-    Raises
-    ------
-    InputError
-        If there is nothing of a name or pattern.
+    Raises `InputError` if there is nothing of a name or pattern.
     """
     for pattern in patterns:
         paths = [folder / pattern] if Path(pattern).is_absolute() else sorted(folder.glob(pattern))
@@ -472,10 +469,7 @@ KINDS: dict[str, type[Campaign]] = {
 def kind_named(name: str) -> type[Campaign]:
     """Return the class of a kind; for a task it is `Sweep`.
 
-    Raises
-    ------
-    InputError
-        If there is no such kind, or its module is not installed.
+    Raises `InputError` if there is no such kind, or its module is not installed.
     """
     if name in KINDS:
         return KINDS[name]
@@ -497,10 +491,7 @@ def kind_named(name: str) -> type[Campaign]:
 def load_campaign(path: str | Path) -> Campaign:
     """Read a campaign's file, whatever its kind.
 
-    Raises
-    ------
-    HaptixError
-        If the file cannot be read, or is no campaign; the message names the error.
+    Raises `HaptixError` if the file cannot be read, or is no campaign; the message names the error.
     """
     path = file_at("path", path)
     fields = read_json(path) if path.suffix == ".json" else read_toml(path)

@@ -324,12 +324,8 @@ def estimate(
 ) -> tuple[str, list[dict[str, Any]]]:
     """Return a sentence and a row about tasks, hours and bytes, from the tasks done so far.
 
-    If there are none, the first `PILOTS` are done.
-
-    Raises
-    ------
-    HaptixError
-        If none of these has a result; the message has the first one's reason.
+    If there are none, the first `PILOTS` are done. Raises `HaptixError` if none of these has a
+    result; the message has the first one's reason.
     """
     tasks = CampaignResult.of(ResultStore(where), campaign)
     if not tasks.reused:

@@ -83,27 +83,20 @@ def _filtered(field: Tensor, factor: Tensor) -> Tensor:
 
 @dataclass(frozen=True)
 class BoundedSolution(Displayed):
-    """Pressures and gaps of a batch of surfaces.
-
-    Parameters
-    ----------
-    pressure_pa : Tensor, shape (batch, n, n)
-        Contact pressure.
-    gap_m : Tensor, shape (batch, n, n)
-        Gap; within the residual of 0 in contact, negative where the ceiling lets surfaces overlap.
-    residual : Tensor, shape (batch,)
-        Largest violation of the conditions on the gap anywhere, over the scale given.
-    iterations : Tensor, shape (batch,)
-        Steps on the finest grid.
-    converged : Tensor of bool, shape (batch,)
-        Whether the residual is within the tolerance.
-    """
+    """Pressures and gaps of a batch of surfaces."""
 
     pressure_pa: Tensor
+    """Contact pressure; shape (batch, n, n)."""
     gap_m: Tensor
+    """Gap; within the residual of 0 in contact, negative where the ceiling lets surfaces overlap;
+    shape (batch, n, n)."""
     residual: Tensor
+    """Largest violation of the conditions on the gap anywhere, over the scale given; shape
+    (batch,)."""
     iterations: Tensor
+    """Steps on the finest grid; shape (batch,)."""
     converged: Tensor
+    """Whether the residual is within the tolerance; shape (batch,)."""
 
 
 def coarser(height: Tensor) -> Tensor:
@@ -125,18 +118,12 @@ def finer(pressure: Tensor) -> Tensor:
 
 @dataclass(frozen=True)
 class BoundedProblem:
-    """A solid on a grid and on coarser grids, ready for any heights.
-
-    Parameters
-    ----------
-    levels : tuple of PeriodicSolid
-        The finest grid first; each next one has half the points along a side.
-    ceiling_pa : float or None
-        Largest pressure, the hardness; None is elastic.
-    """
+    """A solid on a grid and on coarser grids, ready for any heights."""
 
     levels: tuple[PeriodicSolid, ...]
+    """The finest grid first; each next one has half the points along a side."""
     ceiling_pa: float | None = None
+    """Largest pressure, the hardness; None is elastic."""
 
     @classmethod
     def on_grid(

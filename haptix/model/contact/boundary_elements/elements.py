@@ -119,33 +119,24 @@ class BoundaryElements:
 
     The reference for the mean field: nothing is averaged before the contact is solved. Pressures
     are nominal, heights point towards the solid, all of it is double precision.
-
-    Parameters
-    ----------
-    surfaces : Surfaces
-        Height maps.
-    modulus : ElasticSolid
-        The solid's ``E*(q)``.
-    hardness_pa : float, optional
-        Pressure at which the solid yields [Pa]; by default it is elastic. Where it yields, the
-        gap is counted as 0.
-    tolerance : float
-        Largest violation of the contact conditions at any point, over h_rms: 1e-5 leaves the gaps
-        within about that of the exact ones on the grid, and fewer than one contact pixel in 10^3
-        undecided.
-    device : torch.device or str
-        Device of the fields.
-    at_a_time : int, optional
-        Surfaces in one batch: by default 1 on a CPU, where batches run side by side on its threads,
-        and as many as fit on a GPU.
     """
 
     surfaces: Surfaces
+    """Height maps."""
     modulus: ElasticSolid
+    """The solid's ``E*(q)``."""
     hardness_pa: float | None = None
+    """Pressure at which the solid yields [Pa]; by default it is elastic. Where it yields, the gap
+    is counted as 0."""
     tolerance: float = 1e-5
+    """Largest violation of the contact conditions at any point, over h_rms: 1e-5 leaves the gaps
+    within about that of the exact ones on the grid, and fewer than one contact pixel in 10^3
+    undecided."""
     device: torch.device | str = "cpu"
+    """Device of the fields."""
     at_a_time: int | None = None
+    """Surfaces in one batch: by default 1 on a CPU, where batches run side by side on its threads,
+    and as many as fit on a GPU."""
 
     def __post_init__(self) -> None:
         if self.hardness_pa is not None:
@@ -172,6 +163,10 @@ class BoundaryElements:
     ) -> ContactSolution:
         """Solve all surfaces at every nominal pressure.
 
+        Raises `InputError` if a pressure is not above 0, or closes every gap, or is above the
+        hardness, or the memory does not suffice; `FileFormatError` if the checkpoint is damaged or
+        belongs to something else.
+
         Parameters
         ----------
         pressure_pa : array_like, shape (loads,) or a number
@@ -185,14 +180,6 @@ class BoundaryElements:
         -------
         ContactSolution
             Of shape (loads, surfaces).
-
-        Raises
-        ------
-        InputError
-            If a pressure is not above 0, or closes every gap, or is above the hardness, or the
-            memory does not suffice.
-        FileFormatError
-            If the checkpoint is damaged or belongs to something else.
         """
         pressure = self._checked_pressure(pressure_pa)
         batches = self._batches()

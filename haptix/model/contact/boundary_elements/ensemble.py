@@ -43,7 +43,8 @@ def run_ensemble(
     """Do the jobs 0, 1, ... and return their rows; those in the checkpoint are not done again.
 
     Every job runs on one thread of torch: fields that one thread works on stay in its cache, and
-    threads do not wait for each other.
+    threads do not wait for each other. Raises `FileFormatError` if the checkpoint cannot be read or
+    belongs to another ensemble.
 
     Parameters
     ----------
@@ -59,11 +60,6 @@ def run_ensemble(
         File (.npz) that keeps finished jobs, replaced as a whole after each.
     progress : Progress, optional
         Called after each job, on the calling thread.
-
-    Raises
-    ------
-    FileFormatError
-        If the checkpoint cannot be read or belongs to another ensemble.
     """
     path = None if checkpoint is None else Path(checkpoint)
     done = {} if path is None else _load(path, fingerprint)

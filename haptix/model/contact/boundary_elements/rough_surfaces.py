@@ -97,9 +97,11 @@ class Surfaces(Displayed):
     ) -> Surfaces:
         """Draw surfaces with the spectrum C(q), wave by wave with random phases.
 
-        Every wave ``2 pi (i, j) / side`` in the band has exactly the mean square
-        ``C(q) (2 pi / side)^2`` (Persson et al., J. Phys.: Condens. Matter 17, R1 (2005)).
-        Surface i of a seed is the same on every grid, and however many are drawn with it.
+        Every wave ``2 pi (i, j) / side`` in the band has exactly the mean square ``C(q) (2 pi /
+        side)^2`` (Persson et al., J. Phys.: Condens. Matter 17, R1 (2005)). Surface i of a seed is
+        the same on every grid, and however many are drawn with it. Raises `InputError` if a number
+        is impossible, or the grid has less than 2 pixels per shortest wavelength, or the box less
+        than one roll-off wavelength.
 
         Parameters
         ----------
@@ -116,12 +118,6 @@ class Surfaces(Displayed):
         q_high : float, optional
             Cut the spectrum at this wavenumber [1/m]; by default its own end. To see what is
             missing, compare `slope_rms` with the spectrum's.
-
-        Raises
-        ------
-        InputError
-            If a number is impossible, or the grid has less than 2 pixels per shortest wavelength,
-            or the box less than one roll-off wavelength.
 
         Warns
         -----
@@ -160,6 +156,8 @@ class Surfaces(Displayed):
     def measured(cls, height_m: Any, pixel_m: float, mirrored: bool = False) -> Surfaces:
         """Take measured height maps, with the mean of each taken off.
 
+        Raises `InputError` if the map is not square, not finite, flat or smaller than 16 by 16.
+
         Parameters
         ----------
         height_m : array_like, shape (n, n) or (surfaces, n, n)
@@ -169,11 +167,6 @@ class Surfaces(Displayed):
         mirrored : bool
             Reflect the map at its borders, to 2n by 2n: for maps that do not continue from one
             border to the other, as the periodic solution takes them to do.
-
-        Raises
-        ------
-        InputError
-            If the map is not square, not finite, flat or smaller than 16 by 16.
 
         Warns
         -----

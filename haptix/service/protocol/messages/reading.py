@@ -40,10 +40,7 @@ def build() -> None:
 def read_client(text: str, most_bytes: int = MOST_TEXT_BYTES) -> Any:
     """Return the client's message of a JSON text.
 
-    Raises
-    ------
-    Problem
-        With the field that is wrong.
+    Raises `Problem` with the field that is wrong.
     """
     if len(text) > most_bytes or len(text.encode()) > most_bytes:
         raise Problem("limit", f"expected at most {most_bytes} bytes of text")
