@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptix.play.touch.events import TouchEvent
+from haptix.service.engine import touch_gate
 from haptix.service.engine.touch_gate import TouchGate
-from haptix.service.front import client_touches
 from tests.hand_clock import HandClock
 from tests.waiting import pause, wait_for
 
@@ -44,7 +44,7 @@ def test_every_down_and_up_passes_and_each_finger_in_its_order(reports, size):
 
 def test_moves_at_1_khz_pass_at_the_interval_and_slow_ones_all(monkeypatch):
     clock = HandClock()
-    monkeypatch.setattr(client_touches, "time", SimpleNamespace(monotonic=clock))
+    monkeypatch.setattr(touch_gate, "time", SimpleNamespace(monotonic=clock))
     passed, interval_s = [], 0.01
     gate = TouchGate(passed.extend, lambda: interval_s)
     stamps = [0.001 * number for number in range(100)]
@@ -82,7 +82,7 @@ def test_touches_are_taken_by_one_thread_at_a_time_and_what_is_forgotten_is_not(
         thread.join()
     assert most == 1
     passed = []
-    monkeypatch.setattr(client_touches, "MOST_INTERVAL_S", 60.0)
+    monkeypatch.setattr(touch_gate, "MOST_INTERVAL_S", 60.0)
     gate = TouchGate(passed.extend, lambda: 60.0)
     gate.put([touch(0.0)])  # the first passes at once
     gate.put([touch(0.001)])
