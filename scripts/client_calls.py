@@ -65,8 +65,9 @@ def changes(description: dict[str, Any]) -> list[Call]:
     """Return the calls of a region; the first adds one."""
     schemas = description["components"]["schemas"]
     found = []
-    for op, ref in _ops(schemas)["discriminator"]["mapping"].items():
-        type_ = ref.rpartition("/")[2]
+    for ref in _ops(schemas)["oneOf"]:
+        type_ = _end(ref)
+        op = schemas[type_]["properties"]["op"]["const"]
         name = "set_value" if type_ == "SetValue" else op
         fields = _fields(description, type_, ("op", "name"))
         found.append(Call(op, name, schemas[type_]["description"], fields, type_, "LayoutReply"))

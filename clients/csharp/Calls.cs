@@ -32,7 +32,7 @@ namespace Haptix
             return Ask<Output>("disarm", new JObject());
         }
 
-        /// <summary>Say how pixels become mm: ``origin_mm + turn(rotation_deg) (px / px_per_mm)``.</summary>
+        /// <summary>Map pixels to mm: ``origin_mm + turn(rotation_deg) (px / px_per_mm)``.</summary>
         public Task<Done> Geometry(double pxPerMm, double[] originMm = null, double rotationDeg = 0.0)
         {
             return Ask<Done>("geometry", new JObject { { "px_per_mm", pxPerMm }, { "origin_mm", Json(originMm) },
@@ -75,7 +75,7 @@ namespace Haptix
             return Ask<Output>("pause", new JObject { { "on", on } });
         }
 
-        /// <summary>Play an effect that ends, such as a transient; `effect_ended` tells its end.</summary>
+        /// <summary>Play an effect that ends, such as a transient; `effect_ended` reports its end.</summary>
         public Task<Playing> Play(Material effect)
         {
             return Ask<Playing>("play", new JObject { { "effect", Json(effect) } });
@@ -105,7 +105,7 @@ namespace Haptix
             return Ask<Subscribed>("subscribe", new JObject { { "streams", Json(streams) } });
         }
 
-        /// <summary>Ask how far a job is, and be told of its changes until it ends.</summary>
+        /// <summary>Request the progress of a job, and its changes until it ends.</summary>
         public Task<Job> Watch(string job)
         {
             return Ask<Job>("watch", new JObject { { "job", job } });
@@ -131,7 +131,7 @@ namespace Haptix
 
     public sealed partial class Region
     {
-        /// <summary>Change what is given of a region, in a cross-fade.</summary>
+        /// <summary>Change the given fields of a region, in a cross-fade.</summary>
         public Task<LayoutReply> Change(double? xMm = null, double? yMm = null, double? rotationDeg = null,
             double? widthMm = null, double? heightMm = null, object shape = null, double? scale = null,
             double? z = null, string blend = null, double? opacity = null, long? priority = null,
@@ -143,7 +143,7 @@ namespace Haptix
                 { "material", Json(material) } });
         }
 
-        /// <summary>Move a region within `over_s`; what is left out stays.</summary>
+        /// <summary>Move a region within `over_s`; fields that are left out stay.</summary>
         public Task<LayoutReply> Move(double? xMm = null, double? yMm = null, double? rotationDeg = null,
             double overS = 0.02)
         {

@@ -43,7 +43,7 @@ export class Calls {
     return this.ask("disarm");
   }
 
-  /** Say how pixels become mm: ``origin_mm + turn(rotation_deg) (px / px_per_mm)``.
+  /** Map pixels to mm: ``origin_mm + turn(rotation_deg) (px / px_per_mm)``.
    * @param {Omit<m.Geometry, "type" | "id">} fields
    * @returns {Promise<m.Done>} */
   geometry(fields) {
@@ -91,7 +91,7 @@ export class Calls {
     return this.ask("pause", { on });
   }
 
-  /** Play an effect that ends, such as a transient; `effect_ended` tells its end.
+  /** Play an effect that ends, such as a transient; `effect_ended` reports its end.
    * @param {m.Play["effect"]} effect
    * @returns {Promise<m.Playing>} */
   play(effect) {
@@ -124,7 +124,7 @@ export class Calls {
     return this.ask("subscribe", { streams });
   }
 
-  /** Ask how far a job is, and be told of its changes until it ends.
+  /** Request the progress of a job, and its changes until it ends.
    * @param {m.Watch["job"]} job
    * @returns {Promise<m.Job>} */
   watch(job) {
@@ -172,14 +172,14 @@ export class Region {
     this.name = name;
   }
 
-  /** Change what is given of a region, in a cross-fade.
+  /** Change the given fields of a region, in a cross-fade.
    * @param {Omit<m.ChangeRegion, "op" | "name">} [fields]
    * @returns {Promise<m.LayoutReply>} */
   change(fields = {}) {
     return this.#calls.layoutChange([{ op: "change", name: this.name, ...fields }]);
   }
 
-  /** Move a region within `over_s`; what is left out stays.
+  /** Move a region within `over_s`; fields that are left out stay.
    * @param {Omit<m.MoveRegion, "op" | "name">} [fields]
    * @returns {Promise<m.LayoutReply>} */
   move(fields = {}) {

@@ -92,7 +92,7 @@ class AsyncCalls(ABC):
         origin_mm: tuple[float, float] = (0.0, 0.0),
         rotation_deg: float = 0.0,
     ) -> m.Done:
-        """Say how pixels become mm: ``origin_mm + turn(rotation_deg) (px / px_per_mm)``.
+        """Map pixels to mm: ``origin_mm + turn(rotation_deg) (px / px_per_mm)``.
 
         Parameters
         ----------
@@ -129,7 +129,7 @@ class AsyncCalls(ABC):
         return await self.ask("pause", on=on)
 
     async def play(self, effect: Document) -> m.PlayingMessage:
-        """Play an effect that ends, such as a transient; `effect_ended` tells its end."""
+        """Play an effect that ends, such as a transient; `effect_ended` reports its end."""
         return await self.ask("play", effect=effect)
 
     async def release(self) -> m.Done:
@@ -151,7 +151,7 @@ class AsyncCalls(ABC):
         return await self.ask("subscribe", streams=streams)
 
     async def watch(self, job: str) -> m.JobMessage:
-        """Ask how far a job is, and be told of its changes until it ends."""
+        """Request the progress of a job, and its changes until it ends."""
         return await self.ask("watch", job=job)
 
 
@@ -212,12 +212,12 @@ class ClientRegion:
         self._calls, self.name = calls, name
 
     async def change(self, **fields: Unpack[ChangeRegionFields]) -> m.LayoutReply:
-        """Change what is given of a region, in a cross-fade."""
+        """Change the given fields of a region, in a cross-fade."""
         change = given(op="change", name=self.name, **fields)
         return await self._calls.layout_change([change])
 
     async def move(self, **fields: Unpack[MoveRegionFields]) -> m.LayoutReply:
-        """Move a region within `over_s`; what is left out stays."""
+        """Move a region within `over_s`; fields that are left out stay."""
         change = given(op="move", name=self.name, **fields)
         return await self._calls.layout_change([change])
 
@@ -269,7 +269,7 @@ class PlainCalls(ABC):
         origin_mm: tuple[float, float] = (0.0, 0.0),
         rotation_deg: float = 0.0,
     ) -> m.Done:
-        """Say how pixels become mm: ``origin_mm + turn(rotation_deg) (px / px_per_mm)``.
+        """Map pixels to mm: ``origin_mm + turn(rotation_deg) (px / px_per_mm)``.
 
         Parameters
         ----------
@@ -306,7 +306,7 @@ class PlainCalls(ABC):
         return self.ask("pause", on=on)
 
     def play(self, effect: Document) -> m.PlayingMessage:
-        """Play an effect that ends, such as a transient; `effect_ended` tells its end."""
+        """Play an effect that ends, such as a transient; `effect_ended` reports its end."""
         return self.ask("play", effect=effect)
 
     def release(self) -> m.Done:
@@ -328,7 +328,7 @@ class PlainCalls(ABC):
         return self.ask("subscribe", streams=streams)
 
     def watch(self, job: str) -> m.JobMessage:
-        """Ask how far a job is, and be told of its changes until it ends."""
+        """Request the progress of a job, and its changes until it ends."""
         return self.ask("watch", job=job)
 
 
@@ -389,12 +389,12 @@ class PlainRegion:
         self._calls, self.name = calls, name
 
     def change(self, **fields: Unpack[ChangeRegionFields]) -> m.LayoutReply:
-        """Change what is given of a region, in a cross-fade."""
+        """Change the given fields of a region, in a cross-fade."""
         change = given(op="change", name=self.name, **fields)
         return self._calls.layout_change([change])
 
     def move(self, **fields: Unpack[MoveRegionFields]) -> m.LayoutReply:
-        """Move a region within `over_s`; what is left out stays."""
+        """Move a region within `over_s`; fields that are left out stay."""
         change = given(op="move", name=self.name, **fields)
         return self._calls.layout_change([change])
 
