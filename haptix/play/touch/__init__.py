@@ -18,16 +18,19 @@ from haptix.play.touch.filters import (
     PlaceFilter,
     SingerKalman,
 )
+from haptix.play.touch.listing import TouchscreenInfo, find_touchscreens
 from haptix.play.touch.touches import Touches, TouchSettings, TouchState, TouchTracker
 from haptix.play.touch.touchscreen import (
+    ORIENTATIONS,
     AxisRange,
     ScreenAxes,
     SlotDecoder,
     Touchscreen,
-    find_touchscreens,
+    system_matrix,
 )
 
 __all__ = [
+    "ORIENTATIONS",
     "AppClock",
     "AreaProxy",
     "AxisRange",
@@ -47,8 +50,10 @@ __all__ = [
     "TouchTracker",
     "Touches",
     "Touchscreen",
+    "TouchscreenInfo",
     "events_of",
     "find_touchscreens",
     "paced",
     "read_events",
+    "system_matrix",
 ]

@@ -1,8 +1,10 @@
 """Checks of touchscreens: evdev, against ones made with uinput."""
 
+import os
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from haptix.base.errors import DeviceError, InputError
@@ -11,33 +13,49 @@ from haptix.play.touch import touchscreen as codes
 from tests.devices.guest.ways import check, error_of, require
 
 _NAME = "haptix test touchscreen"
+_DIRECT = 1  # INPUT_PROP_DIRECT
+
+
+def _axis(low: int, high: int, res: int = 0) -> Any:
+    from evdev import AbsInfo
+
+    return AbsInfo(low if low > 0 else 0, low, high, 0, 0, res)
+
+
+@contextmanager
+def _device(
+    absolute: Mapping[int, Any], keys: tuple[int, ...] = (codes.BTN_TOUCH,), direct: bool = True
+) -> Iterator[tuple[Any, str]]:
+    """Make an input device; give the side that writes its events, and its path."""
+    from evdev import UInput
+
+    capabilities: Any = {codes.EV_ABS: [*absolute.items()], codes.EV_KEY: [*keys]}
+    properties = [_DIRECT] if direct else []
+    with UInput(capabilities, name=_NAME, input_props=properties) as side:
+        yield side, str(side.device.path)
 
 
 @contextmanager
 def _touchscreen(resolution: int = 20, slots: int = 3) -> Iterator[tuple[Any, str]]:
-    """Make a touchscreen; give the side that writes its events, and its path."""
-    from evdev import AbsInfo, UInput
-    from evdev import ecodes as e
-
-    def axis(low: int, high: int, res: int = 0) -> AbsInfo:
-        return AbsInfo(low if low > 0 else 0, low, high, 0, 0, res)
-
-    absolute: list[Any] = [
-        (e.ABS_MT_POSITION_X, axis(100, 3300, resolution)),
-        (e.ABS_MT_POSITION_Y, axis(0, 2250, resolution)),
-        (e.ABS_MT_TRACKING_ID, axis(0, 65535)),
-        (e.ABS_MT_TOUCH_MAJOR, axis(0, 1000, resolution)),
-        (e.ABS_MT_PRESSURE, axis(0, 255)),
-    ]
+    """Make a touchscreen of protocol B, or of protocol A without slots."""
+    absolute = {
+        codes.ABS_MT_POSITION_X: _axis(100, 3300, resolution),
+        codes.ABS_MT_POSITION_Y: _axis(0, 2250, resolution),
+        codes.ABS_MT_TOUCH_MAJOR: _axis(0, 1000, resolution),
+        codes.ABS_MT_PRESSURE: _axis(0, 255),
+        codes.ABS_MT_DISTANCE: _axis(0, 20),
+    }
     if slots:
-        absolute.append((e.ABS_MT_SLOT, axis(0, slots - 1)))
-    with UInput({e.EV_ABS: absolute, e.EV_KEY: [e.BTN_TOUCH]}, name=_NAME) as side:
-        yield side, str(side.device.path)
+        absolute[codes.ABS_MT_TRACKING_ID] = _axis(0, 65535)
+        absolute[codes.ABS_MT_SLOT] = _axis(0, slots - 1)
+    with _device(absolute) as made:
+        yield made
 
 
-def _write(side: Any, *values: tuple[int, int]) -> None:
+def _write(side: Any, *values: tuple[int, int], touched: bool = True) -> None:
     for code, value in values:
         side.write(codes.EV_ABS, code, value)
+    side.write(codes.EV_KEY, codes.BTN_TOUCH, int(touched))
     side.syn()
 
 
@@ -54,7 +72,8 @@ def _refuses(kind: type[Exception], text: str, path: str, **sizes: float) -> Non
 def two_fingers() -> dict[str, float]:
     """Places, force, area and times of two fingers that come and go."""
     with _touchscreen() as (side, path):
-        require((path, _NAME) in list(find_touchscreens()), list(find_touchscreens()))
+        (found,) = [info for info in find_touchscreens() if info.path == path]
+        _equal(found, (path, _NAME, "B", 3, (160.0, 112.5), ()))
         with Touchscreen(path, force_n_per_unit=0.01) as screen:
             _equal(screen.name, _NAME)
             _equal(screen.read(), [])
@@ -158,9 +177,123 @@ def a_driver_that_does_not_say_its_size() -> dict[str, float]:
     return {}
 
 
+def _told(screen: Any) -> list[Any]:
+    return [(touch.kind, round(touch.x_mm, 2), round(touch.y_mm, 2)) for touch in screen.read(0.3)]
+
+
 @check()
-def a_touchscreen_without_slots() -> dict[str, float]:
-    """It does not tell its fingers apart."""
-    with _touchscreen(slots=0) as (_, path):
-        _refuses(InputError, "protocol B", path)
+def protocol_a() -> dict[str, float]:
+    """Contacts without slots are matched from report to report, and lift with an empty one."""
+    x, y = codes.ABS_MT_POSITION_X, codes.ABS_MT_POSITION_Y
+
+    def report(*places: tuple[int, int], distance: int = 0) -> None:
+        for place in places or [()]:
+            for code, value in zip((x, y), place, strict=False):
+                side.write(codes.EV_ABS, code, value)
+            if place:
+                side.write(codes.EV_ABS, codes.ABS_MT_DISTANCE, distance)
+            side.write(codes.EV_SYN, codes.SYN_MT_REPORT, 0)
+        side.write(codes.EV_KEY, codes.BTN_TOUCH, int(bool(places)))
+        side.syn()
+
+    with _touchscreen(slots=0) as (side, path):
+        (found,) = [info for info in find_touchscreens() if info.path == path]
+        _equal(found.protocol, "A")
+        with Touchscreen(path) as screen:
+            report((300, 200), distance=4)
+            _equal(_told(screen), [])
+            report((300, 200), (2000, 1000))
+            _equal(_told(screen), [("down", 10.0, 10.0), ("down", 95.0, 50.0)])
+            report((2020, 1000), (320, 200))
+            moved = sorted(screen.read(0.3), key=lambda touch: touch.touch_id)
+            _equal([touch.x_mm for touch in moved], [11.0, 96.0])
+            report()
+            _equal([kind for kind, *_ in _told(screen)], ["up", "up"])
     return {}
+
+
+@check()
+def single_touch() -> dict[str, float]:
+    """One finger by BTN_TOUCH, also one that touched before the screen was opened."""
+    absolute = {codes.ABS_X: _axis(0, 4000, 20), codes.ABS_Y: _axis(0, 2000, 20)}
+    with _device(absolute, direct=False) as (side, path):
+        (found,) = [info for info in find_touchscreens() if info.path == path]
+        _equal((found.protocol, found.slots, found.size_mm), ("single", 1, (200.0, 100.0)))
+        _write(side, (codes.ABS_X, 400), (codes.ABS_Y, 200))
+        with Touchscreen(path) as screen:
+            _write(side, (codes.ABS_X, 420))
+            _equal(_told(screen), [("down", 21.0, 10.0)])
+            _write(side, touched=False)
+            _equal([kind for kind, *_ in _told(screen)], ["up"])
+            _write(side, (codes.ABS_X, 800), touched=False)
+            _equal(_told(screen), [])
+    return {}
+
+
+@check()
+def a_touchpad_and_a_game_pad_are_no_touchscreens() -> dict[str, float]:
+    """Neither is listed."""
+    places = {
+        codes.ABS_MT_POSITION_X: _axis(0, 2000, 20),
+        codes.ABS_MT_POSITION_Y: _axis(0, 1000, 20),
+        codes.ABS_MT_SLOT: _axis(0, 4),
+        codes.ABS_MT_TRACKING_ID: _axis(0, 65535),
+    }
+    btn_tool_finger, btn_gamepad = 0x145, 0x130
+    for key in (btn_tool_finger, btn_gamepad):
+        with _device(places, (codes.BTN_TOUCH, key), direct=False) as (_, path):
+            require(path not in [info.path for info in find_touchscreens()], hex(key))
+    return {}
+
+
+@check()
+def a_touchscreen_that_one_may_not_read() -> dict[str, float]:
+    """It is listed with the command that helps, and opening it says the same."""
+    with _touchscreen() as (_, path):
+        Path(path).chmod(0o600)
+        user = os.fork()
+        if user == 0:
+            os.setgroups([])
+            os.setuid(65534)
+            (found,) = [info for info in find_touchscreens() if info.path == path]
+            error = error_of(lambda: Touchscreen(path))
+            says = [text for text in (*found.odd, str(error)) if "usermod -aG input" in text]
+            os._exit(0 if len(says) == 2 and type(error) is DeviceError else 1)
+        _equal(os.waitpid(user, 0)[1], 0)
+    return {}
+
+
+@check()
+def hovering_through_hid_multitouch() -> dict[str, float]:
+    """A HID panel with In Range and Tip Switch: the finger touches while its tip does."""
+    from tests.devices.guest.hid_panel import HidPanel
+
+    with HidPanel() as panel:
+        (found,) = [info for info in find_touchscreens() if info.name == panel.name]
+        with Touchscreen(found.path) as screen:
+            for tip, in_range, x, kinds in (
+                *((0, 1, 1000, []), (0, 1, 1100, []), (1, 1, 1200, ["down"])),
+                *((1, 1, 1300, ["move"]), (0, 1, 1400, ["up"]), (0, 1, 1000, [])),
+                (0, 0, 1000, []),
+            ):
+                panel.report(tip, in_range, x, 2000)
+                told = screen.read(0.3)
+                _equal([touch.kind for touch in told], kinds)
+                if told and kinds != ["up"]:
+                    require(abs(told[0].x_mm - x * 200 / 4095) < 0.1, told)
+    return {}
+
+
+@check()
+def a_size_that_the_kernel_rounds() -> dict[str, float]:
+    """A panel of 345 x 194 mm with 4096 x 2304 places states 12 per mm: 341 x 192 mm."""
+    from tests.devices.guest.hid_panel import HidPanel
+
+    with HidPanel(width_mm=345, height_mm=194) as panel:
+        (found,) = [info for info in find_touchscreens() if info.name == panel.name]
+        require(found.size_mm is None and "too coarse" in " ".join(found.odd), found)
+        _refuses(InputError, "width_mm", found.path)
+        with Touchscreen(found.path, width_mm=345.0, height_mm=194.0) as screen:
+            _equal([round(side) for side in screen.axes.size_mm], [345, 194])
+        x = screen.axes.x
+        return {"stated_width_mm": (x.high - x.low) / round(x.per_mm)}

@@ -14,7 +14,7 @@ from pathlib import Path
 #: What the guest loads, with whatever these depend on.
 MODULES = (
     *("virtio_pci", "9p", "9pnet_virtio", "vhci_hcd", "usbhid", "hid_generic"),
-    *("uinput", "evdev"),
+    *("uinput", "evdev", "uhid", "hid_multitouch"),
 )
 _META_PACKAGE = "linux-image-amd64"
 
