@@ -7,10 +7,12 @@ typedef struct {
     double x_mm, y_mm, vx_mm_s, vy_mm_s;
 } prediction;
 
-/* Place and velocity at a time, at most `lost_after_s` from the report. */
+/* Place and velocity at a time, at most `lost_after_s` from the report; of a finger that rests, the
+ * place that was reported. */
 static prediction predicted(const hx_following *f, const hx_track *t, double t_s)
 {
-    double age_s = t_s - t->reported_s, limit_s = f->lost_after_s;
+    double rested_s = t_s - t->rests_s;
+    double age_s = (rested_s > 0.0 ? t->rests_s : t_s) - t->reported_s, limit_s = f->lost_after_s;
     double ahead_s = f->latency_s + (age_s < limit_s ? age_s : limit_s);
     ahead_s = ahead_s > -limit_s ? ahead_s : -limit_s;
     double to_speed = 0.0, to_place = 0.0;
@@ -24,6 +26,12 @@ static prediction predicted(const hx_following *f, const hx_track *t, double t_s
         t->vx_mm_s + t->ax_mm_s2 * to_speed,
         t->vy_mm_s + t->ay_mm_s2 * to_speed,
     };
+    if (rested_s > 0.0) {
+        double left = exp(-rested_s / f->blend_s);
+        p.x_mm = t->rest_x_mm + left * (p.x_mm - t->rest_x_mm);
+        p.y_mm = t->rest_y_mm + left * (p.y_mm - t->rest_y_mm);
+        p.vx_mm_s = p.vy_mm_s = 0.0;
+    }
     return p;
 }
 
@@ -31,9 +39,9 @@ static prediction predicted(const hx_following *f, const hx_track *t, double t_s
  * falls. */
 static double gain_at(const hx_following *f, const hx_track *t, int64_t at_rest, double t_s)
 {
-    double until_s = t->start_s, lost_s = t->reported_s + f->lost_after_s;
-    if (t->is_down && (t->is_sliding || at_rest) && lost_s > until_s)
-        until_s = lost_s;
+    double until_s = t->start_s, last_s = at_rest ? t->reported_s + f->lost_after_s : t->rests_s;
+    if (t->is_down && (t->is_sliding || at_rest) && last_s > until_s)
+        until_s = last_s;
     double rising_s = (t_s < until_s ? t_s : until_s) - t->start_s;
     double falling_s = t_s - until_s;
     double gain = t->gain + (rising_s > 0.0 ? rising_s : 0.0) / f->fade_s;
@@ -89,9 +97,8 @@ int64_t hx_fingers(const hx_following *following, const hx_track *tracks, int64_
             force[at] = t->normal_force_n + df * left[i];
             gain[at] = gain_at(following, t, at_rest, t0_s + step_s * (double)(i + 1));
         }
-        int is_lost = t0_s + half_s - t->reported_s > following->lost_after_s;
-        vx[to] = is_lost ? 0.0 : half.vx_mm_s;
-        vy[to] = is_lost ? 0.0 : half.vy_mm_s;
+        vx[to] = half.vx_mm_s;
+        vy[to] = half.vy_mm_s;
         which[to] = (double)k;
         double speed = hypot(vx[to], vy[to]);
         *fastest = speed > *fastest ? speed : *fastest;

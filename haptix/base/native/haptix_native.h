@@ -120,6 +120,7 @@ typedef struct {
     double start_s;                       /* from when on it is so predicted */
     double dx_mm, dy_mm, df_n;            /* what was played less the prediction, at that time */
     double gain;                          /* share of its amplitude that it gets, at that time */
+    double rests_s, rest_x_mm, rest_y_mm; /* when it rests without a report, and where */
     int64_t is_down, is_sliding;
 } hx_track;
 

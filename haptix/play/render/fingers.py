@@ -240,7 +240,15 @@ class _PredictedTrack:
 
     def ahead(self, t_s: float) -> TouchState:
         """Return the prediction for a time, without the offset."""
-        return self.tracker.at(t_s, self.now)
+        return self.tracker.at(t_s, self.now, self.rests_s)
+
+    @property
+    def rests_s(self) -> float:
+        """When the finger rests, if no report changes the prediction before."""
+        # Two intervals from its start on: reports are late, but all by about the same.
+        moves_s: float = self.now[5]
+        reported_s: float = self.now[0]
+        return min(self.start_s + moves_s, reported_s + self.tracker.settings.lost_after_s)
 
     def place(self, t_s: float) -> tuple[float, float, float]:
         """Return place and force at a time."""
@@ -258,8 +266,8 @@ class _PredictedTrack:
         """Return the time [s] until which the finger gets drive."""
         if not (self.is_down and (self.now[-1] or at_rest)):
             return self.start_s
-        reported_s: float = self.now[0]
-        return max(reported_s + settings.touch.lost_after_s, self.start_s)
+        lost_s = self.now[0] + settings.touch.lost_after_s
+        return max(lost_s if at_rest else self.rests_s, self.start_s)
 
     def gain_at(self, t_s: float, settings: LiveSettings, at_rest: bool) -> float:
         """Return the share of its amplitude that the finger gets at a time."""
@@ -270,10 +278,10 @@ class _PredictedTrack:
     @property
     def row(self) -> tuple[Any, ...]:
         """The same for the library in C."""
-        reported_s, _, estimate, is_sliding = self.now
+        reported_s, _, estimate, x_mm, y_mm, _, is_sliding = self.now
         return (
             reported_s, *self.tracker.course(self.now), estimate.normal_force_n, self.start_s,
-            *self.offset, self.gain, self.is_down, is_sliding,
+            *self.offset, self.gain, self.rests_s, x_mm, y_mm, self.is_down, is_sliding,
         )  # fmt: skip
 
 

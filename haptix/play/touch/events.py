@@ -146,6 +146,8 @@ class TouchCounts:
     """Touches that ended because their id came down again, or to make room."""
     unknown_up: int = 0
     """Dropped: "up" of an unknown touch."""
+    jumps: int = 0
+    """Dropped: farther than a finger moves; it counts only if the next report is near it."""
     crowded: int = 0
     """Dropped: more touches at once than allowed."""
 

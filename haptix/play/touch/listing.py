@@ -124,7 +124,7 @@ def _opened(
 def _bits(path: Path) -> set[int]:
     """Return the codes of a bitmap of sysfs: words of a long, the highest first."""
     try:
-        words = path.read_text(encoding="ascii").split()
+        words = path.read_text(encoding="utf-8").split()
     except OSError:
         return set()
     number = 0

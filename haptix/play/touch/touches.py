@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections import deque
 from dataclasses import field
-from math import hypot, nan
+from math import exp, hypot, nan
 from typing import Any, NamedTuple
 
 from haptix.base import checks
@@ -35,8 +35,18 @@ _SIMULTANEOUS_S = 1e-5
 _LATE_IN_A_ROW = 3
 # Number of ended touches whose ids are remembered: late events must not start them again.
 _REMEMBERED = 32
-# Time of the last report, the filter's state after it, the force, and whether the finger slides.
-_Now = tuple[float, FilterState, ForceEstimate, bool]
+# Intervals without a report, after which a finger rests where it was reported last. Panels and
+# browsers are silent about a finger that does not move; one report may go missing.
+_RESTS_AFTER = 2.2
+_FIRST_INTERVAL_S, _LONGEST_INTERVAL_S = 1 / 60, 0.036
+_NEWEST = 0.25  # weight of the newest interval in the estimate
+# A report jumps if it is farther from where the finger is expected: what panels are off as fingers
+# come down and turn, what a hand accelerates, and the motion in which a finger comes down.
+_OFF_MM, _MOST_MM_S2, _FIRST_MM_S, _MOST_MM_S = 5.0, 5e4, 1500.0, 3000.0
+_JUMPS_IN_A_ROW = 3
+# Time of the last report, the filter's state after it, the force, the reported place, for how long
+# it counts, and whether the finger slides.
+_Now = tuple[float, FilterState, ForceEstimate, float, float, float, bool]
 
 
 @checked()
@@ -147,6 +157,12 @@ class _Entry(NamedTuple):
     is_sliding: bool
     moved_s: float
     """Time of the last report whose averaged velocity was that of a sliding finger."""
+    interval_s: float
+    """Interval of reports, as estimated until then."""
+    held: _Entry | None = None
+    """The last report that counts, where this one jumps; the state is that after it."""
+    jumps: int = 0
+    """Number of reports in a row that jump."""
 
 
 class TouchTracker:
@@ -167,6 +183,8 @@ class TouchTracker:
         Counts to add to; by default its own.
     touch_id : int
         Which touch it is.
+    interval_s : float
+        Interval of the panel's reports, until it is estimated.
     """
 
     def __init__(
@@ -179,6 +197,7 @@ class TouchTracker:
         contact_area_m2: float | None = None,
         counts: TouchCounts | None = None,
         touch_id: int = 0,
+        interval_s: float = _FIRST_INTERVAL_S,
     ) -> None:
         self.settings = settings
         self.touch_id = touch_id
@@ -189,6 +208,7 @@ class TouchTracker:
         self._force = settings.force.assumed
         self._late_t_s = -1e300
         self._late = 0
+        self.interval_s = interval_s
         self._restart(t_s, x_mm, y_mm)
         if normal_force_n is not None or contact_area_m2 is not None:
             self._take_force(normal_force_n, contact_area_m2)
@@ -208,7 +228,9 @@ class TouchTracker:
         normal_force_n: float | None = None,
         contact_area_m2: float | None = None,
     ) -> bool:
-        """Take a further report; all numbers finite. False if it came too late and was dropped.
+        """Take a further report; all numbers finite. False if it was dropped.
+
+        It was if it came too late, or if it jumps: then it counts once the next one is near it.
 
         Parameters
         ----------
@@ -228,7 +250,10 @@ class TouchTracker:
         elif dt > _SIMULTANEOUS_S and (
             len(history) == 1 or last.t_s - history[-2].t_s >= settings.least_interval_s
         ):
-            history.append(self._after(last, t_s, x_mm, y_mm))
+            self._add(t_s, x_mm, y_mm)
+            if history[-1].held is not None:
+                self.counts.jumps += 1
+                return False
         elif dt >= -_SIMULTANEOUS_S:
             self.counts.coalesced += 1
             history.pop()
@@ -259,14 +284,19 @@ class TouchTracker:
         """The present state, for `at` and `course`; every report replaces it by a new object."""
         return self._now
 
-    def at(self, t_s: float, now: Any = None) -> TouchState:
+    def at(self, t_s: float, now: Any = None, rests_s: float | None = None) -> TouchState:
         """Place, velocity and force of the finger at a time, predicted over the latency.
+
+        A finger of which nothing is reported for two intervals of reports has not moved: it rests
+        at the place that was reported last.
 
         Parameters
         ----------
         t_s : float
         now : optional
             An earlier state of the tracker: predict as it was predicted then.
+        rests_s : float, optional
+            When it rests without a further report; by default two intervals after the last one.
 
         Examples
         --------
@@ -276,16 +306,18 @@ class TouchTracker:
         >>> track.at(0.015).is_down
         True
         """
-        t, filtered, force, slides = self._now if now is None else now
-        age = t_s - t
-        lost = age > self.settings.lost_after_s
-        x, y, vx, vy = self._filter.ahead(filtered, self._ahead_s(age))
-        if lost:
-            vx = vy = 0.0
-        down = self.is_down
+        t, filtered, force, x_mm, y_mm, moves_s, slides = self._now if now is None else now
+        age, settings = t_s - t, self.settings
+        lost = age > settings.lost_after_s
+        moving = moves_s if rests_s is None else rests_s - t
+        x, y, vx, vy = self._filter.ahead(filtered, self._ahead_s(min(age, moving)))
+        if age > moving:
+            left = exp(-(age - moving) / settings.blend_s)
+            x, y, vx, vy = x_mm + left * (x - x_mm), y_mm + left * (y - y_mm), 0.0, 0.0
+        down, slides = self.is_down, slides and age <= moving
         return TouchState(
             t_s, x, y, vx, vy, hypot(vx, vy), age, force.normal_force_n, force.sigma_n,
-            force.source, slides and down and not lost, lost, down,
+            force.source, slides and down, lost, down,
         )  # fmt: skip
 
     def course(self, now: Any) -> Course:
@@ -298,6 +330,26 @@ class TouchTracker:
         limit = settings.lost_after_s
         ahead = settings.latency_s + (age_s if age_s < limit else limit)
         return ahead if ahead > -limit else -limit
+
+    def _next(self, last: _Entry, t_s: float, x_mm: float, y_mm: float) -> _Entry:
+        """Return the entry of the next report, after it was silent and if it jumps."""
+        used, interval_s = last.held or last, last.interval_s
+        before, is_new = used, used is self._history[0]
+        if t_s - used.t_s > _RESTS_AFTER * interval_s:  # silent: it rested where it was
+            before = self._first(used.t_s + interval_s, used.x_mm, used.y_mm, interval_s)
+            is_new = True
+        dt = t_s - before.t_s
+        x, y, *_ = self._filter.ahead(before.filtered, dt)
+        reach_mm = _OFF_MM + 0.5 * _MOST_MM_S2 * dt * dt + _FIRST_MM_S * dt * is_new
+        if hypot(x_mm - x, y_mm - y) > reach_mm:
+            near_mm = _OFF_MM + _MOST_MM_S * (t_s - last.t_s)
+            is_near = hypot(x_mm - last.x_mm, y_mm - last.y_mm) < near_mm
+            if last.held is None or not (is_near or last.jumps >= _JUMPS_IN_A_ROW):
+                return used._replace(t_s=t_s, x_mm=x_mm, y_mm=y_mm, held=used, jumps=last.jumps + 1)
+            before = self._first(last.t_s, last.x_mm, last.y_mm, interval_s)  # so it is there
+        interval_s += _NEWEST * (min(t_s - last.t_s, 1.5 * interval_s) - interval_s)
+        after = self._after(before, t_s, x_mm, y_mm)
+        return after._replace(interval_s=min(interval_s, _LONGEST_INTERVAL_S))
 
     def _after(self, last: _Entry, t_s: float, x_mm: float, y_mm: float) -> _Entry:
         settings = self.settings
@@ -315,18 +367,24 @@ class TouchTracker:
         # While a finger turns, its velocity averages to zero, but its speed does not.
         turns = slow_speed > settings.turn_above_mm_s and t_s - moved_s < settings.turn_s
         slides = moved or (last.is_sliding and turns)
-        return _Entry(t_s, x_mm, y_mm, filtered, slow_vx, slow_vy, slow_speed, slides, moved_s)
+        return _Entry(
+            t_s, x_mm, y_mm, filtered, slow_vx, slow_vy, slow_speed, slides, moved_s,
+            last.interval_s,
+        )  # fmt: skip
 
     def _add(self, t_s: float, x_mm: float, y_mm: float) -> None:
         if self._history:
-            self._history.append(self._after(self._history[-1], t_s, x_mm, y_mm))
+            self._history.append(self._next(self._history[-1], t_s, x_mm, y_mm))
         else:
             self._restart(t_s, x_mm, y_mm)
 
     def _restart(self, t_s: float, x_mm: float, y_mm: float) -> None:
         self._history.clear()
+        self._history.append(self._first(t_s, x_mm, y_mm, self.interval_s))
+
+    def _first(self, t_s: float, x_mm: float, y_mm: float, interval_s: float) -> _Entry:
         start = self._filter.start(t_s, x_mm, y_mm)
-        self._history.append(_Entry(t_s, x_mm, y_mm, start, 0.0, 0.0, 0.0, False, t_s))
+        return _Entry(t_s, x_mm, y_mm, start, 0.0, 0.0, 0.0, False, t_s, interval_s)
 
     def _insert(self, t_s: float, x_mm: float, y_mm: float) -> None:
         """Undo the later reports, add the late one, and add the others again."""
@@ -356,8 +414,12 @@ class TouchTracker:
             self.counts.bad_force += 1
 
     def _publish(self) -> None:
-        last = self._history[-1]
-        self._now: _Now = (last.t_s, last.filtered, self._force, last.is_sliding)
+        last = self._history[-1].held or self._history[-1]
+        self.interval_s = last.interval_s
+        moves_s = min(_RESTS_AFTER * self.interval_s, self.settings.lost_after_s)
+        self._now: _Now = (
+            last.t_s, last.filtered, self._force, last.x_mm, last.y_mm, moves_s, last.is_sliding,
+        )  # fmt: skip
 
 
 class Touches:
@@ -395,6 +457,7 @@ class Touches:
         self.counts = TouchCounts()
         self._trackers: dict[int, TouchTracker] = {}
         self._ended: dict[int, float] = {}
+        self._interval_s = _FIRST_INTERVAL_S
         self._active: tuple[tuple[int, TouchTracker], ...] = ()
 
     @property
@@ -443,7 +506,9 @@ class Touches:
             return self._begin(event)
         # A "down" that arrives after its first "move" is treated as an earlier report.
         taken = tracker.push(event.t_s, event.x_mm, event.y_mm, force, area)
-        return taken or self._late(event, tracker.last_t_s)
+        if taken or event.t_s > tracker.last_t_s:  # which jumped
+            return taken
+        return self._late(event, tracker.last_t_s)
 
     def touch(
         self,
@@ -539,13 +604,14 @@ class Touches:
         if kind == "move":
             self.counts.without_down += 1
         self._trackers[touch_id] = TouchTracker(
-            self.settings, t_s, x_mm, y_mm, force, area, self.counts, touch_id
+            self.settings, t_s, x_mm, y_mm, force, area, self.counts, touch_id, self._interval_s
         )
         self._active = tuple(self._trackers.items())
         return True
 
     def _end(self, touch_id: int, tracker: TouchTracker, t_s: float = nan) -> None:
         tracker.lift()
+        self._interval_s = tracker.interval_s
         del self._trackers[touch_id]
         self._active = tuple(self._trackers.items())
         last_t_s = tracker.last_t_s
