@@ -335,13 +335,18 @@ class TouchTracker:
         """Return the entry of the next report, after it was silent and if it jumps."""
         used, interval_s = last.held or last, last.interval_s
         before, is_new = used, used is self._history[0]
-        if t_s - used.t_s > _RESTS_AFTER * interval_s:  # silent: it rested where it was
+        dt = t_s - used.t_s
+        x, y, *_ = self._filter.ahead(used.filtered, dt)
+        off_mm, moved_mm = (
+            hypot(x_mm - x, y_mm - y), hypot(x_mm - used.x_mm, y_mm - used.y_mm),
+        )  # fmt: skip
+        # After a silence a finger rested where it was, unless it went on as expected: then reports
+        # are missing.
+        if dt > _RESTS_AFTER * interval_s and moved_mm <= off_mm:
             before = self._first(used.t_s + interval_s, used.x_mm, used.y_mm, interval_s)
-            is_new = True
-        dt = t_s - before.t_s
-        x, y, *_ = self._filter.ahead(before.filtered, dt)
+            dt, off_mm, is_new = t_s - before.t_s, moved_mm, True
         reach_mm = _OFF_MM + 0.5 * _MOST_MM_S2 * dt * dt + _FIRST_MM_S * dt * is_new
-        if hypot(x_mm - x, y_mm - y) > reach_mm:
+        if off_mm > reach_mm:
             near_mm = _OFF_MM + _MOST_MM_S * (t_s - last.t_s)
             is_near = hypot(x_mm - last.x_mm, y_mm - last.y_mm) < near_mm
             if last.held is None or not (is_near or last.jumps >= _JUMPS_IN_A_ROW):
