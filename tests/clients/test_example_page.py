@@ -29,6 +29,17 @@ def address():
     server.server_close()
 
 
+def hover_with_a_pen(page, x, y):
+    """Move a pen above the glass, its barrel's button pressed: the browser calls that a "down"."""
+    page.evaluate("pad.addEventListener('pointerdown', (e) => (window.pressed = e.buttons))")
+    devtools = page.context.new_cdp_session(page)
+    for kind, buttons in (("Pressed", 2), ("Moved", 2), ("Released", 0)):
+        button = "none" if kind == "Moved" else "right"
+        at = {"x": x, "y": y, "pointerType": "pen", "button": button, "buttons": buttons}
+        devtools.send("Input.dispatchMouseEvent", {"type": f"mouse{kind}", "clickCount": 1, **at})
+    assert page.evaluate("window.pressed") == 2
+
+
 def test_ribs_under_the_pointer(service, address):
     # A person grants this in the browser's own prompt.
     with chromium("--disable-features=LocalNetworkAccessChecks") as browser:
@@ -40,6 +51,7 @@ def test_ribs_under_the_pointer(service, address):
         page.get_by_role("button", name="Connect").click()
         page.get_by_text("slide over the ribs").wait_for()
         box = page.locator("#pad").bounding_box()
+        hover_with_a_pen(page, box["x"] + 60, box["y"] + 40)
         page.mouse.move(box["x"] + 20, box["y"] + 40)  # hovers: no touch
         page.mouse.down()
         page.get_by_text("enter ribs").wait_for()

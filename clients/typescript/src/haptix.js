@@ -131,7 +131,7 @@ export class Session extends Connection {
 
   /**
    * Report what a PointerEvent tells, coalesced points included, in CSS pixels from the corner of
-   * `element`; say `geometry` first. A pointer touches while a button is down.
+   * `element`; say `geometry` first. A pointer touches while its first button is down.
    * @param {PointerEvent} event
    * @param {{element?: Element, normal_force_n?: number}} [options]
    * @returns {boolean}

@@ -5,7 +5,8 @@
 const OLDEST_S = 0.4; // the service refuses what is older than 0.5 s
 const ENDS = ["pointerup", "pointercancel", "pointerleave", "lostpointercapture"];
 
-/** Which pointers touch, and under which number. A pointer touches while a button is down. */
+/** Which pointers touch, and under which number. A finger, a pen's tip and a mouse's first button have
+ * the bit 1 of `buttons`; a pen that hovers with its barrel's button pressed has others alone. */
 export class Pointers {
   /** points that were left out: too old, or of more fingers than the service takes */
   dropped = { late: 0, fingers: 0 };
@@ -28,7 +29,7 @@ export class Pointers {
    */
   touches(event, element, now_s, normal_force_n) {
     const known = this.#down.get(event.pointerId);
-    const ends = ENDS.includes(event.type) || event.buttons === 0;
+    const ends = ENDS.includes(event.type) || (event.buttons & 1) === 0;
     if (ends && known === undefined) return [];
     // The lifts of others were lost: the first of its type is down alone.
     const isFirst = event.type === "pointerdown" && event.isPrimary;

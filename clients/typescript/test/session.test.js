@@ -223,6 +223,11 @@ test("pointers become touches of few numbers, and what is predicted or old is le
   const kinds = (event, at_s = now()) =>
     pointers.touches(event, ELEMENT, at_s).map(({ touch_id, kind }) => [touch_id, kind]);
   assert.deepEqual(kinds(pointerEvent("pointermove", { buttons: 0 })), []); // hovers
+  // A pen above the glass whose barrel's button is pressed: Chromium 156 sends a pointerdown.
+  assert.deepEqual(kinds(pointerEvent("pointerdown", { pointerId: 3, buttons: 2 })), []);
+  assert.deepEqual(kinds(pointerEvent("pointermove", { pointerId: 3, buttons: 3 })), [[0, "down"]]);
+  assert.deepEqual(kinds(pointerEvent("pointermove", { pointerId: 3, buttons: 2 })), [[0, "up"]]);
+  assert.deepEqual(kinds(pointerEvent("pointerup", { pointerId: 3, buttons: 0 })), []);
   assert.deepEqual(kinds(pointerEvent("pointerdown")), [[0, "down"]]);
   assert.deepEqual(kinds(pointerEvent("pointerdown", { pointerId: 900 })), [[1, "down"]]);
   assert.deepEqual(kinds(pointerEvent("pointerdown", { pointerId: 901 })), []); // a third of two

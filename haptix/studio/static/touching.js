@@ -92,7 +92,6 @@ export class Touching {
   /** @param {PointerEvent} event */
   #pointer(event) {
     const { element } = this.board;
-    if (event.pointerType === "mouse" && event.buttons > 1 && event.buttons % 2 === 0) return; // others than the first
     if (event.type === "pointerdown") {
       element.setPointerCapture(event.pointerId);
       element.focus({ preventScroll: true });
