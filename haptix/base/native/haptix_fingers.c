@@ -66,34 +66,39 @@ int64_t hx_fingers(const hx_following *following, const hx_track *tracks, int64_
         n += gets_drive(following, &tracks[k], at_rest, t0_s, step_s, points);
     int64_t size = n * points;
     double *x = numbers, *y = x + size, *force = y + size, *gain = force + size;
-    double *begin = gain + size, *middle = begin + points, *end = middle + points;
-    double *left = end + points, *vx = left + points, *vy = vx + n;
+    double *left = gain + size, *vx = left + points, *vy = vx + n;
     double *which = vy + n, *fastest = which + n;
-    /* A parabola through the predictions at the begin, the middle and the end. It errs by 2 um over
-     * 10 ms where the acceleration of 10 m/s^2 that they assume decays within 0.3 s. */
-    double length_s = step_s * (double)points, half_s = length_s / 2;
-    for (int64_t i = 0; i < points; i++) {
-        double at = (double)(i + 1) / (double)points;
-        begin[i] = (2 * at - 1) * (at - 1);
-        middle[i] = 4 * at * (1 - at);
-        end[i] = at * (2 * at - 1);
-        left[i] = exp(-at * length_s / following->blend_s);
-    }
+    for (int64_t i = 0; i < points; i++)
+        left[i] = exp(-step_s * (double)(i + 1) / following->blend_s);
     *fastest = 0.0;
     for (int64_t k = 0, to = 0; k < count; k++) {
         const hx_track *t = &tracks[k];
         if (!gets_drive(following, t, at_rest, t0_s, step_s, points))
             continue;
+        /* While it moves, a parabola through the predictions at the begin, the middle and the end.
+         * It errs by 2 um over 10 ms where the acceleration of 10 m/s^2 that they assume decays
+         * within 0.3 s. From when it rests on, it goes to the place that was reported. */
+        double moves_s = fmin(fmax(t->rests_s - t0_s, 0.0), step_s * (double)points);
         prediction first = predicted(following, t, t0_s);
-        prediction half = predicted(following, t, t0_s + half_s);
-        prediction last = predicted(following, t, t0_s + 2 * half_s);
+        prediction half = predicted(following, t, t0_s + moves_s / 2);
+        prediction last = predicted(following, t, t0_s + moves_s);
+        double back = exp((t->rests_s > t0_s ? moves_s : 0.0) / following->blend_s);
         double passed_s = t0_s - t->start_s;
         double decay = exp(-(passed_s > 0.0 ? passed_s : 0.0) / following->blend_s);
         double dx = decay * t->dx_mm, dy = decay * t->dy_mm, df = decay * t->df_n;
         for (int64_t i = 0, at = to * points; i < points; i++, at++) {
-            double of_first = begin[i], of_half = middle[i], of_last = end[i];
-            x[at] = first.x_mm * of_first + half.x_mm * of_half + last.x_mm * of_last + dx * left[i];
-            y[at] = first.y_mm * of_first + half.y_mm * of_half + last.y_mm * of_last + dy * left[i];
+            double u = moves_s > 0.0 ? step_s * (double)(i + 1) / moves_s : 2.0;
+            if (u <= 1.0) {
+                double of_first = (2 * u - 1) * (u - 1), of_half = 4 * u * (1 - u);
+                double of_last = u * (2 * u - 1);
+                x[at] = first.x_mm * of_first + half.x_mm * of_half + last.x_mm * of_last;
+                y[at] = first.y_mm * of_first + half.y_mm * of_half + last.y_mm * of_last;
+            } else {
+                x[at] = t->rest_x_mm + back * left[i] * (last.x_mm - t->rest_x_mm);
+                y[at] = t->rest_y_mm + back * left[i] * (last.y_mm - t->rest_y_mm);
+            }
+            x[at] += dx * left[i];
+            y[at] += dy * left[i];
             force[at] = t->normal_force_n + df * left[i];
             gain[at] = gain_at(following, t, at_rest, t0_s + step_s * (double)(i + 1));
         }

@@ -125,7 +125,7 @@ typedef struct {
 } hx_track;
 
 /* Fingers that get drive at t0_s + step_s * (1 ... points), of `count`: their number n. Write x, y,
- * force and gain, each [n][points]; [4][points] weights; of each finger, [3][n]: its velocities, and
+ * force and gain, each [n][points]; [points] weights; of each finger, [3][n]: its velocities, and
  * which it is; and the speed of the fastest. */
 int64_t hx_fingers(const hx_following *following, const hx_track *tracks, int64_t count,
                    double t0_s, double step_s, int64_t points, int64_t at_rest, double *numbers);

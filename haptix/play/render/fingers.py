@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import exp, hypot, inf, isnan, nan
 from typing import Any
 
@@ -327,21 +327,22 @@ class PredictedFingers:
         before = dict(tracks)
         for tracker in dict.fromkeys([*down, *tracks]):
             now, is_down, old = tracker.now, tracker.is_down, tracks.get(tracker)
+            news = _PredictedTrack(tracker, now, is_down, t0_s, (0.0, 0.0, 0.0), 0.0)
             if old is None:
-                tracks[tracker] = _PredictedTrack(tracker, now, is_down, t0_s, (0.0, 0.0, 0.0), 0.0)
+                tracks[tracker] = news
                 continue
             if old.now is now and old.is_down == is_down:
                 if not is_down and not self._gain(old, t0_s):
                     del tracks[tracker]
                     self._reactions.pop(tracker, None)
                 continue
-            new = tracker.at(t0_s, now)
+            new = news.ahead(t0_s)
             x, y, force = old.place(t0_s)
             offset = (x - new.x_mm, y - new.y_mm, force - new.normal_force_n)
             gain = self._gain(old, t0_s)
             if not gain and old.now[0] + self._settings.touch.lost_after_s < t0_s:
                 offset = (0.0, 0.0, 0.0)  # the finger was lost, and its drive had faded out
-            tracks[tracker] = _PredictedTrack(tracker, now, is_down, t0_s, offset, gain)
+            tracks[tracker] = replace(news, offset=offset, gain=gain)
 
         if tracks != before:
             self._rows = ffi.new("hx_track[]", [track.row for track in tracks.values()])
@@ -396,7 +397,7 @@ class PredictedFingers:
         self._at_rest = at_rest or not self._settings.sliding.is_needed
         rows, known, ids = self._rows, self._known, self._ids
         count = len(ids)
-        numbers = np.empty(4 * (count + 1) * points + 3 * count + 1)
+        numbers = np.empty((4 * count + 1) * points + 3 * count + 1)
         at = _address(DOUBLES, numbers)
         n = library.hx_fingers(
             self._following.at, rows, count, t0_s, step_s, points, self._at_rest, at
@@ -405,7 +406,7 @@ class PredictedFingers:
             return Fingers.none(points)
         self._driven_until_s = max(self._driven_until_s, t0_s + step_s * points)
         size = n * points
-        per_finger = 4 * (size + points)  # index of the numbers that are not for each point
+        per_finger = 4 * size + points  # index of the numbers that are not for each point
         trackers = list(self.tracks)
         if n < count:
             which = numbers[per_finger + 2 * n : per_finger + 3 * n].astype(int).tolist()

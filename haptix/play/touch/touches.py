@@ -37,7 +37,7 @@ _LATE_IN_A_ROW = 3
 _REMEMBERED = 32
 # Intervals without a report, after which a finger rests where it was reported last. Panels and
 # browsers are silent about a finger that does not move; one report may go missing.
-_RESTS_AFTER = 2.2
+_RESTS_AFTER, _LEAST_REST_S = 2.2, 0.015  # less than the second, a busy machine may be late
 _FIRST_INTERVAL_S, _LONGEST_INTERVAL_S = 1 / 60, 0.036
 _NEWEST = 0.25  # weight of the newest interval in the estimate
 # A report jumps if it is farther from where the finger is expected: what panels are off as fingers
@@ -342,7 +342,7 @@ class TouchTracker:
         )  # fmt: skip
         # After a silence a finger rested where it was, unless it went on as expected: then reports
         # are missing.
-        if dt > _RESTS_AFTER * interval_s and moved_mm <= off_mm:
+        if dt > _rests_after_s(interval_s) and moved_mm <= off_mm:
             before = self._first(used.t_s + interval_s, used.x_mm, used.y_mm, interval_s)
             dt, off_mm, is_new = t_s - before.t_s, moved_mm, True
         reach_mm = _OFF_MM + 0.5 * _MOST_MM_S2 * dt * dt + _FIRST_MM_S * dt * is_new
@@ -421,10 +421,14 @@ class TouchTracker:
     def _publish(self) -> None:
         last = self._history[-1].held or self._history[-1]
         self.interval_s = last.interval_s
-        moves_s = min(_RESTS_AFTER * self.interval_s, self.settings.lost_after_s)
+        moves_s = min(_rests_after_s(last.interval_s), self.settings.lost_after_s)
         self._now: _Now = (
             last.t_s, last.filtered, self._force, last.x_mm, last.y_mm, moves_s, last.is_sliding,
         )  # fmt: skip
+
+
+def _rests_after_s(interval_s: float) -> float:
+    return max(_RESTS_AFTER * interval_s, _LEAST_REST_S)
 
 
 class Touches:

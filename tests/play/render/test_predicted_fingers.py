@@ -25,17 +25,21 @@ FILTERS = (ConstantVelocityKalman(), OneEuroFilter(), SingerKalman(), Interactin
 def expected(track, settings, at_rest, t0_s, points):
     """Place, force and gain of a finger: a parabola through predictions, and what decays."""
     t_s = t0_s + STEP_S * np.arange(1, points + 1)
-    length_s = STEP_S * points
+    length_s = min(max(track.rests_s - t0_s, 0.0), STEP_S * points)  # then it rests
     ahead = [track.ahead(t0_s + part * length_s) for part in (0.0, 0.5, 1.0)]
+    rests = [track.ahead(t) for t in t_s]
     decays = [exp(-(t - track.start_s) / settings.touch.blend_s) for t in t_s]
     rows = [
-        np.polyval(np.polyfit([0.0, 0.5, 1.0], values, 2), (t_s - t0_s) / length_s)
-        + np.array(decays) * offset
-        for values, offset in zip(
-            zip(*((one.x_mm, one.y_mm, one.normal_force_n) for one in ahead), strict=True),
-            track.offset,
-            strict=True,
+        np.where(
+            t_s <= t0_s + length_s,
+            np.polyval(
+                np.polyfit([0.0, 0.5, 1.0], [getattr(one, name) for one in ahead], 2),
+                (t_s - t0_s) / max(length_s, 1e-12),
+            ),
+            [getattr(one, name) for one in rests],
         )
+        + np.array(decays) * offset
+        for name, offset in zip(("x_mm", "y_mm", "normal_force_n"), track.offset, strict=True)
     ]
     return [*rows, np.array([track.gain_at(t, settings, at_rest) for t in t_s])], ahead[1]
 

@@ -56,7 +56,7 @@ def test_only_an_update_lets_reports_count():
     fingers = sliding()
     fingers.update(0.2)
     before = fingers.motion(0.22, STEP_S, 120, 0.0).motion.x_mm
-    report(fingers, 0.2, 40.0)
+    report(fingers, 0.2, 30.0)
     assert np.array_equal(fingers.motion(0.22, STEP_S, 120, 0.0).motion.x_mm, before)
     fingers.update(0.21)
     assert not np.array_equal(fingers.motion(0.22, STEP_S, 120, 0.0).motion.x_mm, before)
@@ -70,8 +70,8 @@ def test_a_correction_is_blended_from_where_the_finger_was_played():
     fingers.update(0.21)
     new = fingers.motion(0.21, STEP_S, 240, 0.0).motion.x_mm
     assert abs(new[0] - old[120]) < 0.1
-    tracker = fingers.touches[0]
-    expected = tracker.at(0.21 + 0.02).x_mm  # after seven time constants of the blending
+    [track] = fingers.tracks.values()
+    expected = track.ahead(0.21 + 0.02).x_mm  # after seven time constants of the blending
     assert new[-1] == pytest.approx(expected, abs=0.01)
 
 
@@ -81,9 +81,11 @@ def test_gains_fade_in_and_out_at_the_rate_of_the_settings():
     fingers.update(0.2)
     gain = fingers.motion(0.2, STEP_S, 1200, 0.0).gain
     times = 0.2 + STEP_S * np.arange(1, 1201)
-    # In over the fade, and out once the last report, at 0.19 s, is too old.
+    # In over the fade, and out where two reports, each 10 ms after the one before, did not come.
+    [track] = fingers.tracks.values()
+    assert track.rests_s == pytest.approx(0.2 + 2.2 * 0.01, abs=2e-4)
     rising = np.minimum((times - 0.2) / fade_s, 1.0)
-    falling = np.clip(1.0 - (times - 0.19 - 0.08) / fade_s, 0.0, 1.0)
+    falling = np.clip(1.0 - (times - track.rests_s) / fade_s, 0.0, 1.0)
     assert gain == pytest.approx(np.minimum(rising, falling), abs=1e-9)
     report(fingers, 0.205, 0.0, "up")
     fingers.update(0.21)
