@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from haptix.model.friction import ContactModel
     from haptix.model.surface import FrictionSurface
     from haptix.play.simulation import Setting
+    from haptix.play.touch import TouchEvent
     from haptix.play.virtual_finger import Evaluation
 
 
@@ -93,7 +94,9 @@ class OfPhotograph(OnScreen):
         None, description="LOW,HIGH friction coefficients. [default: what is reachable]"
     )
     trajectory: FileThere | None = Field(
-        None, description="CSV: t_s, x_mm, y_mm, normal_force_n. [default: a recorded path]"
+        None,
+        description="CSV: t_s, x_mm, y_mm, normal_force_n; or a recording of a touch panel by "
+        "libinput record, evemu, getevent or hid-recorder. [default: a recorded path]",
     )
     carrier_hz: CarrierHz | None = Field(
         None, description="Frequency of the carrier. [default: 4000]"
@@ -104,9 +107,13 @@ class OfPhotograph(OnScreen):
         from haptix.feel.motion import Trajectory
         from haptix.play.render import SineCarrier
         from haptix.play.simulation import FINGER_PATH, Setting
+        from haptix.play.touch import paths_of
 
         drive = None if self.carrier_hz is None else SineCarrier(self.carrier_hz)
-        path = Trajectory.from_csv(self.trajectory or FINGER_PATH)
+        if (events := self.recorded(model)) is not None:
+            path = paths_of(events)[0]
+        else:
+            path = Trajectory.from_csv(self.trajectory or FINGER_PATH)
         apart_s = path.duration_s / (len(path.t_s) - 1)
         if len(path.t_s) > _A_FEW and apart_s > 1.0:
             raise InputError(
@@ -122,6 +129,21 @@ class OfPhotograph(OnScreen):
             )
         texture, name = self.texture(polarity)
         return Setting(model, texture, path, drive), name
+
+    def recorded(self, model: ContactModel) -> list[TouchEvent] | None:
+        """Return the touches of a panel's recording; None where the path is a CSV."""
+        from haptix.play.touch import is_recording, read_recording
+
+        if self.trajectory is None or not is_recording(self.trajectory):
+            return None
+        screen = model.screen
+        try:
+            return read_recording(self.trajectory)
+        except InputError as error:
+            if screen.width_mm is None or screen.height_mm is None:
+                why = f"{error} and height_mm in the screen's profile"
+                raise InputError(why) from None
+        return read_recording(self.trajectory, screen.width_mm, screen.height_mm)
 
     def texture(self, polarity: Any) -> tuple[Feelable, str]:
         """Return the photograph and its name."""
@@ -359,7 +381,7 @@ class PlayPath(OfPath, command="play"):
             model = self.model_copy(update={"finger": finger, "screen": screen}).model()
             setting, _ = self.setting(model)
             surface = self.built(setting, context, opened.limits.ceiling_v)
-            events = events_of(setting.path)
+            events = self.recorded(model) or events_of(setting.path)
             # Not strict: after a stall of this machine, touches come too late to matter.
             live = LiveSettings(
                 reaction_s=self.reaction_ms / 1e3, horizon_s=self.horizon_ms / 1e3, strict=False

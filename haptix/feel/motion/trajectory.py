@@ -124,12 +124,14 @@ class Trajectory(Table):
     def from_csv(cls, path: str | Path) -> Self:
         """Read a CSV with the columns t_s, x_mm, y_mm and normal_force_n, in any order.
 
+        The finger is lifted where the force is 0.
+
         Raises
         ------
         FileFormatError
             If the file is not such a table.
         InputError
-            If its numbers are not a path, or a normal force is not above 0 N.
+            If its numbers are not a path, or the finger never touches.
 
         Examples
         --------
@@ -141,8 +143,8 @@ class Trajectory(Table):
         try:
             read = cls(*np.array(table, dtype=float).reshape(-1, len(_COLUMNS)).T)
             force = read.normal_force_n
-            if force.min() <= 0:
-                raise _bad_force("a force above 0 N", force, force <= 0)
+            if force.max() <= 0:
+                raise _bad_force("a force above 0 N somewhere", force, force == force.max())
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
         return read

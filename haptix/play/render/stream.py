@@ -32,7 +32,7 @@ from haptix.base.checks import Array, instance, number
 from haptix.base.errors import InputError, LimitError
 from haptix.feel.layout import Layout, LayoutEvent, LayoutEventKind, Listeners
 from haptix.feel.materials import Feelable, check_feelable
-from haptix.feel.motion import Report, Trajectory
+from haptix.feel.motion import LIFTED_BELOW_N, Report, Trajectory
 from haptix.model.surface import FrictionSurface
 from haptix.play.render.drive import Drive, DriverCarrier
 from haptix.play.render.fingers import RecordedFingers
@@ -330,11 +330,20 @@ class Renderer(RenderStream):
         ends = {int(end) for column in columns for end in (column.argmin(), column.argmax())}
         for i in sorted(ends):
             t_s, x_mm, y_mm, force_n = (float(column[i]) for column in columns)
-            event = TouchEvent(t_s, touch_id, x_mm, y_mm, "move", force_n)
+            known_n = force_n if force_n >= LIFTED_BELOW_N else None
+            event = TouchEvent(t_s, touch_id, x_mm, y_mm, "move", known_n)
             if (problem := problem_of(event)) is not None:
                 raise InputError(f"{problem}, in sample {i + 1}")
-        self._follow(touch_id, *columns)
-        self._render_known(max(self.points, round(_LONG_S / self.step_s)))
+        touches = path.normal_force_n >= LIFTED_BELOW_N
+        turns = np.flatnonzero(np.diff(touches, prepend=False, append=False))
+        longest = max(self.points, round(_LONG_S / self.step_s))
+        for first, end in turns.reshape(-1, 2).tolist():
+            t, x, y, force = (column[first:end] for column in columns)
+            self._follow(touch_id, t, x, y, force)
+            if end < len(touches):
+                t_s = float(path.t_s[end])
+                self._fingers.lift(touch_id, t_s, t_s - (self._start_s or 0.0))
+            self._render_known(longest)
 
     def _take(self, event: TouchEvent) -> None:
         if (problem := problem_of(event)) is not None:

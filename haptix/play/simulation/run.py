@@ -220,7 +220,13 @@ def play_live(
     start_s = float(setting.path.t_s[0])
     with LiveRenderer(surface, setting.texture, device, setting.drive, settings) as renderer:
         columns = (seen.t_s, seen.x_mm, seen.y_mm, seen.normal_force_n, seen.arrival_s)
+        last_s, scan_s = start_s, 1 / panel.rate_hz
         for t, x, y, force, arrival in zip(*(c.tolist() for c in columns), strict=True):
+            if t - last_s > 1.5 * scan_s:  # lifted: the panel says so with its next scan
+                lifted_s = last_s + scan_s - start_s
+                up = TouchEvent(lifted_s, 0, x, y, "up")
+                renderer.event(up, lifted_s + panel.latency_s)
+            last_s = t
             renderer.event(TouchEvent(t - start_s, 0, x, y, "move", force), arrival - start_s)
         renderer.run_until(max(renderer.now_s(), setting.path.duration_s))
     device.clock.sleep(_ENDS_S)
@@ -276,9 +282,11 @@ def _without_surface(known: Played, sent_v: Array, h0_m: float) -> Array:
     """Return the amplitudes at which the model has the friction of the surface at `sent_v`."""
     renderer, model = known.renderer, known.setting.model
     at_s = known.start_s + known.collected("sample") / renderer.sample_rate_hz
-    force = known.setting.path.at(at_s)[2]
+    true_n, axis = known.setting.path.at(at_s)[2], renderer.surface.normal_force_n
+    force = true_n.clip(axis.low, axis.high)  # a lifted finger has none
     sample = renderer.surface.evaluate(torch.from_numpy(force), torch.from_numpy(sent_v))
-    mu, mend = sample.mu.cpu().numpy(), (sample.status.cpu().numpy() == Status.OK) & (sent_v > 0)
+    mend = (sample.status.cpu().numpy() == Status.OK) & (sent_v > 0) & (force == true_n)
+    mu = sample.mu.cpu().numpy()
     hertz = None if renderer.surface.frequency_hz.is_absent else renderer.drive.frequency_hz
     exact = sent_v.copy()
     if mend.any():

@@ -9,7 +9,6 @@ from haptix.play.touch.events import (
     TouchEvent,
     events_of,
     paced,
-    read_events,
 )
 from haptix.play.touch.filters import (
     ConstantVelocityKalman,
@@ -19,6 +18,7 @@ from haptix.play.touch.filters import (
     SingerKalman,
 )
 from haptix.play.touch.listing import TouchscreenInfo, find_touchscreens
+from haptix.play.touch.recordings import is_recording, paths_of, read_events, read_recording
 from haptix.play.touch.touches import Touches, TouchSettings, TouchState, TouchTracker
 from haptix.play.touch.touchscreen import (
     ORIENTATIONS,
@@ -53,7 +53,10 @@ __all__ = [
     "TouchscreenInfo",
     "events_of",
     "find_touchscreens",
+    "is_recording",
     "paced",
+    "paths_of",
     "read_events",
+    "read_recording",
     "system_matrix",
 ]

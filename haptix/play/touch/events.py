@@ -1,4 +1,4 @@
-"""Touch events: from a touchscreen, a recording or a path, their clock, and their normal force."""
+"""Touch events: of a touchscreen or a path, their clock, and their normal force."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from math import exp, expm1, inf, log, sqrt
-from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
@@ -26,7 +25,6 @@ from haptix.base.checks import (
     positive,
 )
 from haptix.base.errors import InputError
-from haptix.base.files import read_csv
 from haptix.feel.motion import Trajectory
 
 TouchKind = Literal["down", "move", "up"]
@@ -152,58 +150,8 @@ class TouchCounts:
     """Dropped: more touches at once than allowed."""
 
 
-_REQUIRED = ("t_s", "x_mm", "y_mm")
-_OPTIONAL = ("touch_id", "kind", "normal_force_n", "contact_area_m2")
-
-
-def read_events(path: str | Path) -> list[TouchEvent]:
-    """Read the touches of a CSV, in the order of its lines.
-
-    Parameters
-    ----------
-    path : path
-        With the columns t_s, x_mm and y_mm, and where there are several fingers touch_id. Without a
-        column kind, the first line of an id is its "down" and its last is followed by an "up".
-        normal_force_n and contact_area_m2 may be missing, as columns or cell by cell.
-
-    Returns
-    -------
-    list of TouchEvent
-        As recorded, even if out of order, not finite or twice at one time: `Touches` sorts them.
-
-    Raises
-    ------
-    FileFormatError, InputError
-        If the file is not such a table; the message names the line.
-    """
-    events: list[TouchEvent] = []
-    seen: dict[int, int] = {}
-    has_kinds = False
-    for row in read_csv(path, _REQUIRED, _OPTIONAL):
-        cells = row.cells
-        t_s, x_mm, y_mm = (row.number(name) for name in _REQUIRED)
-        touch_id = row.whole("touch_id") if "touch_id" in cells else 0
-        has_kinds = "kind" in cells
-        kind = cells["kind"].strip() if has_kinds else "move" if touch_id in seen else "down"
-        known = next((k for k in KINDS if k == kind), None)
-        if known is None:
-            raise InputError(f"{row.place}: kind: expected {', '.join(KINDS)}, got {kind!r}")
-        force, area = (
-            row.number(name) if cells.get(name, "").strip() else None for name in _OPTIONAL[2:]
-        )
-        seen[touch_id] = len(events)
-        events.append(TouchEvent(t_s, touch_id, x_mm, y_mm, known, force, area))
-    if not events:
-        raise InputError(f"{path}: expected at least one touch, got none; is the file empty?")
-    if not has_kinds:
-        # Insert from the end, so that the indices before stay valid.
-        for last in sorted(seen.values(), reverse=True):
-            events.insert(last + 1, events[last]._replace(kind="up"))
-    return events
-
-
 def events_of(path: Trajectory, touch_id: int = 0) -> list[TouchEvent]:
-    """Return a path as the events of one touch: down, moves, and up at the last place.
+    """Return a path as events: down, moves, and up at the last place, and where it is lifted.
 
     Parameters
     ----------
@@ -220,9 +168,15 @@ def events_of(path: Trajectory, touch_id: int = 0) -> list[TouchEvent]:
     """
     instance("path", path, Trajectory, "haptix.Trajectory.from_csv reads a file")
     columns = (path.t_s, path.x_mm, path.y_mm, path.normal_force_n)
-    rows = zip(*(column.tolist() for column in columns), strict=True)
-    moves = [TouchEvent(t, touch_id, x, y, "move", force) for t, x, y, force in rows]
-    return [moves[0]._replace(kind="down"), *moves[1:], moves[-1]._replace(kind="up")]
+    events: list[TouchEvent] = []
+    is_down = False
+    for t, x, y, force in zip(*(column.tolist() for column in columns), strict=True):
+        if force >= LIFTED_BELOW_N:
+            events.append(TouchEvent(t, touch_id, x, y, "move" if is_down else "down", force))
+        elif is_down:
+            events.append(events[-1]._replace(t_s=t, kind="up"))
+        is_down = force >= LIFTED_BELOW_N
+    return [*events, events[-1]._replace(kind="up")] if is_down else events
 
 
 def paced(

@@ -24,7 +24,7 @@ class HidPanel:
         self.name = name
         self._scan = 0
         self._fd = os.open("/dev/uhid", os.O_RDWR)
-        descriptor = _descriptor(round(width_mm * 10), round(height_mm * 10))
+        descriptor = descriptor(round(width_mm * 10), round(height_mm * 10))
         about = (name.encode(), b"", b"", len(descriptor), 3, 0x1209, 0x7777, 1, 0, descriptor)
         os.write(self._fd, struct.pack("<I128s64s64sHHIIII4096s", _CREATE2, *about))
         threading.Thread(target=self._answer, daemon=True).start()
@@ -60,7 +60,7 @@ class HidPanel:
         os.close(self._fd)
 
 
-def _descriptor(width, height):
+def descriptor(width, height):
     """Report descriptor; lengths in units of 10^-2 cm."""
     parts = [
         "050d 0904 a101 8501",  # digitizers, touch screen, application, report 1

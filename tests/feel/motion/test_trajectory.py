@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptix import HaptixError, InputError, Trajectory
+from haptix.play.touch import events_of
 
 COLUMNS = ("t_s", "x_mm", "y_mm", "normal_force_n")
 HEADER = ",".join(COLUMNS) + "\n"
@@ -78,7 +79,7 @@ BAD_FILES = {
     "decimal commas": (HEADER + "0,0,1,5,2,0,0,5\n1,0,1,5,2,0,0,5\n", ["1"]),
     "NaN": (HEADER + GOOD + "1,nan,2,0.5\n", ["x_mm", "2", "nan"]),
     "infinite": (HEADER + GOOD + "1,1,-inf,0.5\n", ["y_mm", "2", "-inf"]),
-    "no force": (HEADER + GOOD + "1,1,2,0\n", ["normal_force_n", "2", "above 0"]),
+    "no force": (HEADER + "0,1,2,0\n1,1,2,0\n", ["normal_force_n", "1", "above 0"]),
     "pulling": (HEADER + GOOD + "1,1,2,-0.1\n", ["normal_force_n", "2", "-0.1"]),
     "times equal": (HEADER + GOOD + "1,1,2,0.5\n1,1,2,0.5\n", ["t_s", "3"]),
     "times swapped": (HEADER + GOOD + "2,1,2,0.5\n1,1,2,0.5\n", ["t_s", "3", "2"]),
@@ -99,6 +100,14 @@ def test_a_bad_file_is_one_sentence_naming_the_place(tmp_path, name):
     for word in words:
         row_or_line = (word, str(int(word) + 1)) if word.isdigit() else (word,)
         assert any(re.search(rf"(?<![\w.]){re.escape(w)}(?![\w.])", rest) for w in row_or_line)
+
+
+def test_a_lifted_part_is_read(tmp_path):
+    rows = "0,10,20,0.5\n0.1,20,20,0.5\n0.2,30,20,0\n0.3,10,30,0\n0.4,12,30,0.5\n0.5,22,30,0.5\n"
+    path = Trajectory.from_csv(write(tmp_path / "lifted.csv", HEADER + rows))
+    assert path.normal_force_n.tolist() == [0.5, 0.5, 0, 0, 0.5, 0.5]
+    kinds = [event.kind for event in events_of(path)]
+    assert kinds == ["down", "move", "up", "down", "move", "up"]
 
 
 def test_a_bad_value_is_named_whatever_the_source():

@@ -1,0 +1,180 @@
+"""HID reports of touch panels: which bits are fingers, by the report descriptor (HID 1.11)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import NamedTuple, Self
+
+from haptix.play.touch.touchscreen import (
+    ABS_MT_DISTANCE,
+    ABS_MT_POSITION_X,
+    ABS_MT_POSITION_Y,
+    ABS_MT_TRACKING_ID,
+    EV_ABS,
+    EV_SYN,
+    SYN_MT_REPORT,
+    SYN_REPORT,
+)
+
+_X, _Y = 0x10030, 0x10031
+_TIP, _CONFIDENCE, _CONTACT, _COUNT = 0xD0042, 0xD0047, 0xD0051, 0xD0054
+_MM = {0x11: 10.0, 0x13: 25.4}  # units of length, centimetre and inch, of the linear systems
+
+
+class _Field(NamedTuple):
+    """One value of a report."""
+
+    usage: int
+    bit: int
+    bits: int
+    low: int
+    high: int
+    length_mm: float | None
+    finger: int
+    """Number of its innermost collection."""
+
+
+@dataclass
+class HidReports:
+    """Reports of a touch panel, as events of protocol A.
+
+    Parameters
+    ----------
+    fields : dict
+        Fields of each report, by its id; 0 where reports have no ids.
+    """
+
+    fields: dict[int, list[_Field]]
+    _frame: list[dict[int, int]] = field(default_factory=list)
+    _missing: int = 0
+
+    @classmethod
+    def of(cls, descriptor: bytes) -> Self | None:
+        """Return the reports of a panel's descriptor; None where none holds a finger."""
+        fields = {
+            number: each for number, each in _fields(descriptor).items()
+            if {one.usage for one in each} >= {_X, _Y, _TIP}
+        }  # fmt: skip
+        return cls(fields) if fields else None
+
+    @property
+    def axes(self) -> Iterator[tuple[int, tuple[int, int]]]:
+        """Codes and ranges of x and y."""
+        for code, usage in ((ABS_MT_POSITION_X, _X), (ABS_MT_POSITION_Y, _Y)):
+            one = self._first(usage)
+            yield code, (one.low, one.high)
+
+    @property
+    def size_mm(self) -> tuple[float, float] | None:
+        """Size that the descriptor states, without the kernel's rounding."""
+        width, height = self._first(_X).length_mm, self._first(_Y).length_mm
+        return None if width is None or height is None else (width, height)
+
+    def events(self, report: bytes) -> Iterator[tuple[int, int, int]]:
+        """Yield events (type, code, value) of a report; those of one that goes on come with it."""
+        number = report[0] if 0 not in self.fields else 0
+        values: dict[int, dict[int, int]] = {}
+        for one in self.fields.get(number, ()):
+            raw = int.from_bytes(report, "little") >> one.bit & ((1 << one.bits) - 1)
+            if one.low < 0 and raw >> (one.bits - 1):
+                raw -= 1 << one.bits
+            values.setdefault(one.finger, {})[one.usage] = raw
+        if not values:
+            return
+        counts = [each[_COUNT] for each in values.values() if _COUNT in each]
+        if counts and counts[0]:
+            self._frame, self._missing = [], counts[0]
+        fingers = [each for each in values.values() if _TIP in each and _X in each]
+        if not counts:
+            self._frame, self._missing = [], len(fingers)
+        taken = fingers[: self._missing]
+        self._frame += taken
+        self._missing -= len(taken)
+        if self._missing > 0:
+            return  # the next report goes on with this frame
+        for number, finger in enumerate(self._frame):
+            yield EV_ABS, ABS_MT_TRACKING_ID, finger.get(_CONTACT, number)
+            yield EV_ABS, ABS_MT_POSITION_X, finger[_X]
+            yield EV_ABS, ABS_MT_POSITION_Y, finger[_Y]
+            touches = finger[_TIP] and finger.get(_CONFIDENCE, 1)
+            yield EV_ABS, ABS_MT_DISTANCE, 0 if touches else 1
+            yield EV_SYN, SYN_MT_REPORT, 0
+        if not self._frame:
+            yield EV_SYN, SYN_MT_REPORT, 0
+        yield EV_SYN, SYN_REPORT, 0
+
+    def _first(self, usage: int) -> _Field:
+        return next(one for each in self.fields.values() for one in each if one.usage == usage)
+
+
+def _fields(descriptor: bytes) -> dict[int, list[_Field]]:
+    """Return the input fields of each report; see HID 1.11, section 6.2.2."""
+    found: dict[int, list[_Field]] = {}
+    bits: dict[int, int] = {}
+    state: dict[int, int] = {}  # global items, by tag
+    saved: list[dict[int, int]] = []
+    usages: list[int] = []
+    least = 0
+    collections, finger = [0], 0
+    at = 0
+    while at < len(descriptor):
+        prefix = descriptor[at]
+        if prefix == 0xFE:  # a long item, of which none is defined
+            at += 3 + descriptor[at + 1]
+            continue
+        size = (0, 1, 2, 4)[prefix & 3]
+        data = descriptor[at + 1 : at + 1 + size]
+        at += 1 + size
+        tag, value = prefix & 0xFC, int.from_bytes(data, "little")
+        signed = int.from_bytes(data, "little", signed=True)
+        page = state.get(0x04, 0) << 16
+        if tag == 0xA4:  # push
+            saved.append(dict(state))
+        elif tag == 0xB4 and saved:  # pop
+            state = saved.pop()
+        elif tag & 0x0C == 0x04:  # another global item; limits and exponents are signed
+            state[tag] = signed if tag in (0x14, 0x24, 0x34, 0x44, 0x54) else value
+        elif tag == 0x08:
+            usages.append(value if size == 4 else page | value)
+        elif tag == 0x18:
+            least = value if size == 4 else page | value
+        elif tag == 0x28:
+            usages += range(least, (value if size == 4 else page | value) + 1)
+        elif tag == 0xA0:
+            finger += 1
+            collections.append(finger)
+            usages = []
+        elif tag == 0xC0:
+            collections.pop()
+        elif tag in (0x80, 0x90, 0xB0):
+            report, width, count = state.get(0x84, 0), state.get(0x74, 0), state.get(0x94, 0)
+            if tag == 0x80:
+                start = bits.setdefault(report, 8 if report else 0)
+                for number in range(count):
+                    if usages and not value & 1:  # data, no constant
+                        usage = usages[min(number, len(usages) - 1)]
+                        found.setdefault(report, []).append(
+                            _Field(
+                                usage,
+                                start + number * width,
+                                width,
+                                state.get(0x14, 0),
+                                state.get(0x24, 0),
+                                _length_mm(state),
+                                collections[-1],
+                            )
+                        )
+                bits[report] = start + width * count
+            usages = []
+    return found
+
+
+def _length_mm(state: dict[int, int]) -> float | None:
+    unit_mm = _MM.get(state.get(0x64, 0))
+    length = state.get(0x44, 0) - state.get(0x34, 0)
+    exponent = state.get(0x54, 0)
+    if unit_mm is None or length <= 0:
+        return None
+    exponent = exponent - 16 if 8 <= exponent <= 15 else exponent
+    return float(length * unit_mm * 10.0**exponent)

@@ -1,0 +1,206 @@
+"""Recordings of touch panels, as the tools write them, read as touches."""
+
+import json
+
+import numpy as np
+import pytest
+
+from haptix import InputError, Texture
+from haptix.base.errors import FileFormatError
+from haptix.play.simulation import Setting
+from haptix.play.touch import is_recording, paths_of, read_events, read_recording
+from tests.command_line import run_haptix
+from tests.devices.guest.hid_panel import descriptor
+
+# Two strokes of one finger by protocol B: 20 units per mm, and a pause in which it is lifted.
+STEPS = [
+    (0.00, [(3, 0x39, 12), (3, 0x35, 400), (3, 0x36, 800), (1, 0x14A, 1), (0, 0, 0)]),
+    (0.01, [(3, 0x35, 420), (0, 0, 0)]),
+    (0.02, [(3, 0x39, -1), (1, 0x14A, 0), (0, 0, 0)]),
+    (0.50, [(3, 0x39, 13), (3, 0x35, 900), (1, 0x14A, 1), (0, 0, 0)]),
+    (0.51, [(3, 0x36, 840), (0, 0, 0)]),
+]
+FOUND = [
+    (0.00, 12, 20.0, 40.0, "down"),
+    (0.01, 12, 21.0, 40.0, "move"),
+    (0.02, 12, 21.0, 40.0, "up"),
+    (0.50, 13, 45.0, 40.0, "down"),
+    (0.51, 13, 45.0, 42.0, "move"),
+    (0.51, 13, 45.0, 42.0, "up"),  # it was recorded no longer
+]
+AXES = {0x2F: (9, 0), 0x35: (4095, 20), 0x36: (2303, 20), 0x39: (65535, 0)}
+NAMES = {
+    **{0x2F: "ABS_MT_SLOT", 0x35: "ABS_MT_POSITION_X", 0x36: "ABS_MT_POSITION_Y"},
+    **{0x39: "ABS_MT_TRACKING_ID", 0x14A: "BTN_TOUCH"},
+}
+
+
+def events():
+    return [(t + 7.0, *event) for t, each in STEPS for event in each]
+
+
+def evemu(resolution=True):
+    """As `evemu-record` of evemu 2.7 writes it."""
+    lines = ["# EVEMU 1.3", "N: Made-up Panel", "I: 0003 1234 5678 0111", "P: 02 00 00 00"]
+    lines += ["B: 00 0b 00 00", "B: 01 " + "00 " * 41 + "04"]
+    lines += [
+        f"A: {code:02x} 0 {high} 0 0{f' {res}' * resolution}" for code, (high, res) in AXES.items()
+    ]
+    lines += [f"E: {t:.6f} {k:04x} {c:04x} {v:04d}\t# a comment" for t, k, c, v in events()]
+    return "\n".join(lines)
+
+
+def libinput():
+    """As `libinput record` of 1.26 writes it, of a keyboard beside the panel too."""
+    keyboard = "- node: /dev/input/event1\n  evdev:\n    codes:\n      1: [1, 2]\n  events:\n"
+    keyboard += "  - evdev:\n    - [  7,      0,   1,  30,       1] # EV_KEY / KEY_A\n"
+    panel = "- node: /dev/input/event7\n  evdev:\n    codes:\n      1: [330] # EV_KEY\n"
+    panel += "      3: [47, 53, 54, 57] # EV_ABS\n    absinfo:\n"
+    panel += "".join(f"      {c}: [0, {high}, 0, 0, {res}]\n" for c, (high, res) in AXES.items())
+    panel += "    properties: [1]\n  udev:\n    properties:\n    - ID_INPUT=1\n  events:\n"
+    for t, k, c, v in events():
+        sec, usec = int(t), round(t % 1 * 1e6)
+        panel += f"  - evdev:\n    - [{sec:3d}, {usec:6d}, {k:3d}, {c:3d}, {v:7d}] # a comment\n"
+    return f"# libinput record\nversion: 1\nndevices: 2\nlibinput:\n  version: 1\n{keyboard}{panel}"
+
+
+def getevent(labels):
+    """As Android's `getevent -lp; getevent -lt` writes it, or without labels."""
+    lines = ["add device 1: /dev/input/event2", '  name:     "panel"', "  events:"]
+    lines += ["    KEY (0001): BTN_TOUCH" if labels else "    KEY (0001): 014a "]
+    for code, (high, res) in AXES.items():
+        name = f"{NAMES[code]:21}" if labels else f"{code:04x} "
+        about = f"value 0, min 0, max {high}, fuzz 0, flat 0, resolution {res}"
+        lines.append(f"    ABS (0003): {name} : {about}")
+    for t, k, c, v in events():
+        kind, code, value = f"{k:04x}", f"{c:04x}", f"{v & 0xFFFFFFFF:08x}"
+        if labels:
+            kind = {0: "EV_SYN", 1: "EV_KEY", 3: "EV_ABS"}[k]
+            code = NAMES.get(c, "SYN_REPORT")
+            value = {1: "DOWN", 0: "UP"}[v] if k == 1 else value
+        lines.append(f"[{t:15.6f}] /dev/input/event2: {kind:12} {code:20} {value}")
+    return "\n".join(lines)
+
+
+def hid():
+    """As `hid-recorder` of hid-tools writes it, of a panel of 4095 places on 204.7 mm."""
+    report = descriptor(2047, 1151)
+    lines = ["D: 0", f"R: {len(report)} {report.hex(' ')}", "N: panel", "I: 3 1209 7777"]
+
+    def told(t, tip, x, y):
+        data = [1, tip | 2, 5, x & 255, x >> 8, y & 255, y >> 8, 1, 0, 0]
+        lines.append(f"E: {t:013.6f} {len(data)} " + " ".join(f"{byte:02x}" for byte in data))
+
+    told(7.00, 1, 400, 800)
+    told(7.01, 1, 420, 800)
+    told(7.02, 0, 420, 800)
+    return "\n".join(lines)
+
+
+RECORDINGS = {
+    "evemu": evemu, "libinput": libinput, "getevent -l": lambda: getevent(True),
+    "getevent": lambda: getevent(False),
+}  # fmt: skip
+
+
+def write(tmp_path, text):
+    path = tmp_path / "recording"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("name", RECORDINGS)
+def test_a_recording_is_read_as_touches(tmp_path, name):
+    path = write(tmp_path, RECORDINGS[name]())
+    assert is_recording(path)
+    found = read_events(path)
+    assert [event[1:5] for event in found] == [event[1:] for event in FOUND]
+    assert [event.t_s for event in found] == pytest.approx([event[0] for event in FOUND])
+
+
+def test_hid_reports_are_read_by_their_descriptor(tmp_path):
+    found = read_events(write(tmp_path, hid()))
+    assert [event.kind for event in found] == ["down", "move", "up"]
+    # The size is that of the descriptor, which the kernel would round.
+    assert found[1].x_mm == pytest.approx(420 * 204.7 / 4095)
+    assert found[1].y_mm == pytest.approx(800 * 115.1 / 4095)
+
+
+def test_the_size_is_asked_for_where_the_recording_states_none(tmp_path):
+    path = write(tmp_path, evemu(resolution=False))
+    with pytest.raises(InputError, match=r"recording: the driver gives no size.*width_mm"):
+        read_recording(path)
+    assert read_recording(path, 204.75, 115.15)[0].x_mm == pytest.approx(20.0)
+
+
+def test_a_panel_that_lies_turned(tmp_path):
+    first = read_recording(write(tmp_path, evemu()), matrix="turn-180")[0]
+    assert (first.x_mm, first.y_mm) == pytest.approx((204.75 - 20, 115.15 - 40))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("t_s,x_mm,y_mm\n0,1,2\n", "libinput record, evemu-record, getevent"),
+        ("E: 0.1 0003 0035 0400\nE: 0.1 0000 0000 0000", "axes of a touch panel"),
+        ("[  1.0] /dev/input/event2: 0003 0035 00000190", "getevent -lp"),
+        (evemu().replace("0039 0012", "0039 -001").replace("0039 0013", "0039 -001"), "one touch"),
+    ],
+)
+def test_what_is_no_recording_says_what_is_missing(tmp_path, text, words):
+    with pytest.raises(FileFormatError, match=words) as caught:
+        read_recording(write(tmp_path, text))
+    assert str(tmp_path) in str(caught.value)
+
+
+def test_the_path_of_a_finger_that_lifts(tmp_path):
+    [path] = paths_of(read_events(write(tmp_path, evemu())), normal_force_n=0.3)
+    assert path.normal_force_n.tolist() == [0.3, 0.3, 0.0, 0.0, 0.3, 0.3, 0.0]
+    assert path.at(0.3)[2] == 0.0
+    assert [float(each) for each in path.at(0.505)[:2]] == pytest.approx([45.0, 41.0])
+
+
+def test_fingers_that_are_down_together_have_a_path_each():
+    rows = [(0.0, 1), (0.1, 1), (0.1, 2), (0.2, 2)]
+    from haptix.play.touch import TouchEvent
+
+    events_ = [TouchEvent(t, n, 10.0 * n, 5.0, "move") for t, n in rows]
+    assert [path.x_mm[0] for path in paths_of(events_)] == [10.0, 20.0]
+
+
+def test_a_recording_is_rendered_with_its_lifted_part_without_drive(tmp_path):
+    text = evemu()
+    t = np.arange(0.0, 0.6, 0.01)
+    lines = [line for line in text.splitlines() if not line.startswith("E:")]
+    for i, t_s in enumerate(t):
+        if i in (0, 30):
+            lines += [f"E: {t_s:.6f} 0003 0039 {i + 1:04d}", f"E: {t_s:.6f} 0003 0036 0400"]
+            lines += [f"E: {t_s:.6f} 0001 014a 0001"]
+        if i == 20:
+            lines += [f"E: {t_s:.6f} 0003 0039 -001", f"E: {t_s:.6f} 0001 014a 0000"]
+        if not 20 < i < 30:
+            lines += [f"E: {t_s:.6f} 0003 0035 {200 + 20 * i:04d}", f"E: {t_s:.6f} 0000 0000 0000"]
+    path = write(tmp_path, "\n".join(lines))
+    [finger] = paths_of(read_events(path))
+    import haptix
+    from haptix.play.render import Renderer
+
+    device = haptix.open_device("mock:pace=virtual")
+    model = haptix.ContactModel(
+        haptix.Finger.preset("semi-wet"), haptix.Screen.preset("3m-sct3250")
+    )
+    surface, _ = Setting(model, Texture(np.ones((2, 2)), 100.0), finger).surface()
+    texture = Texture(np.ones((2, 2)), width_mm=100.0, beyond="hold")
+    with Renderer(surface, texture, device) as renderer:
+        renderer.play(finger)
+    volts = np.abs(device.mock.played_v)
+    rate = renderer.sample_rate_hz
+    assert volts[: int(0.18 * rate)].max() > 100 < volts[int(0.4 * rate) : int(0.5 * rate)].max()
+    assert volts[int(0.22 * rate) : int(0.29 * rate)].max() == 0.0
+
+
+def test_the_command_plays_a_recording(tmp_path):
+    path = write(tmp_path, evemu())
+    played = run_haptix("play", "--trajectory", path, "--material", "gallery:basket", "--json")
+    assert played.code == 0, played.err
+    assert json.loads(played.out)[0]["seconds"] > 0.4
