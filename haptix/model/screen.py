@@ -152,6 +152,25 @@ class Calibration(Part):
         return any(NO_INSTRUMENT in instrument for instrument in self.instruments)
 
 
+class TouchArea(Part):
+    """The touch panel on the picture, as `haptix touchscreen calibrate` finds it with a finger.
+
+    Parameters
+    ----------
+    width_mm, height_mm : float
+        Size of the picture [mm].
+    matrix : tuple of 6 float
+        From shares of the panel's axes to shares of the picture, see `haptix.play.touch.ScreenAxes`.
+    rate_hz : float or None
+        Reports per second of a finger that moves.
+    """
+
+    width_mm: Plain
+    height_mm: Plain
+    matrix: tuple[float, float, float, float, float, float]
+    rate_hz: Annotated[Plain | None, Field(exclude_if=lambda value: value is None)] = None
+
+
 class Screen(Document):
     """One touchscreen. A calibration writes a profile of its own.
 
@@ -176,6 +195,8 @@ class Screen(Document):
         below, it raises none.
     width_mm, height_mm : float or None
         Size of the picture on the screen, for `haptix.feel.ScreenGeometry.on`.
+    touch : TouchArea or None
+        Where the touch panel lies on the picture.
     is_placeholder : bool
         True where the numbers are a guess; everything that is made with it says so.
     calibration : Calibration or None
@@ -201,6 +222,7 @@ class Screen(Document):
     # A file leaves them out if they are unknown, as above.
     width_mm: Annotated[Plain | None, Field(exclude_if=lambda value: value is None)] = None
     height_mm: Annotated[Plain | None, Field(exclude_if=lambda value: value is None)] = None
+    touch: Annotated[TouchArea | None, Field(exclude_if=lambda value: value is None)] = None
     is_placeholder: bool = False
     calibration: Calibration | None = None
 
@@ -249,8 +271,8 @@ class Screen(Document):
         return None if self.calibration is None else self.calibration.verified
 
     def content_hash(self) -> str:
-        """SHA-256 of everything in the profile but the hash itself."""
-        fields = self.model_dump(mode="json")
+        """SHA-256 of all in the profile that friction depends on: not the hash, nor the panel."""
+        fields = self.model_dump(mode="json", exclude={"touch"})
         if fields["calibration"] is not None:
             del fields["calibration"]["content_hash"]
         return digest(fields)

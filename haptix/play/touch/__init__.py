@@ -18,15 +18,14 @@ from haptix.play.touch.filters import (
     SingerKalman,
 )
 from haptix.play.touch.listing import TouchscreenInfo, find_touchscreens
+from haptix.play.touch.orientation import ORIENTATIONS, fitted_matrix, system_matrix
 from haptix.play.touch.recordings import is_recording, paths_of, read_events, read_recording
 from haptix.play.touch.touches import Touches, TouchSettings, TouchState, TouchTracker
 from haptix.play.touch.touchscreen import (
-    ORIENTATIONS,
     AxisRange,
     ScreenAxes,
     SlotDecoder,
     Touchscreen,
-    system_matrix,
 )
 
 __all__ = [
@@ -53,6 +52,7 @@ __all__ = [
     "TouchscreenInfo",
     "events_of",
     "find_touchscreens",
+    "fitted_matrix",
     "is_recording",
     "paced",
     "paths_of",

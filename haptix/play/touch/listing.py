@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
+import re
 import struct
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
 from haptix.base.errors import InputError
+from haptix.play.touch.orientation import Matrix, system_matrix
 from haptix.play.touch.touchscreen import (
     ABS_MT_SLOT,
     BTN_TOUCH,
     EV_ABS,
     NO_PERMISSION,
-    Matrix,
     Protocol,
     ScreenAxes,
     evdev_module,
     protocol_of,
     require_linux,
     size_problem,
-    system_matrix,
 )
 
 # linux/input-event-codes.h
@@ -43,6 +43,8 @@ class TouchscreenInfo(NamedTuple):
         Number of fingers that it tells apart; None where it cannot be read or does not say.
     size_mm : tuple of float, or None
         Width and height that the driver states, where one can rely on them.
+    most_hz : float or None
+        Most reports per second that its USB link carries; None where it is on another bus.
     odd : tuple of str
         What to know or to do before it is used.
     """
@@ -52,6 +54,7 @@ class TouchscreenInfo(NamedTuple):
     protocol: Protocol
     slots: int | None
     size_mm: tuple[float, float] | None
+    most_hz: float | None
     odd: tuple[str, ...]
 
 
@@ -95,7 +98,9 @@ def find_touchscreens(root: Path = Path("/")) -> Iterator[TouchscreenInfo]:
             odd.append(NO_PERMISSION)
         except OSError as error:
             odd.append(f"cannot be opened: {error.strerror}")
-        yield TouchscreenInfo(str(path), name, protocol, slots, size_mm, tuple(odd))
+        yield TouchscreenInfo(
+            str(path), name, protocol, slots, size_mm, _most_hz(device), tuple(odd)
+        )
 
 
 def _opened(
@@ -119,6 +124,17 @@ def _opened(
         odd.append(f"{problem}: measure it, or haptix touchscreen calibrate {path}")
         return slots, None, odd
     return slots, ScreenAxes.of(ranges, matrix=matrix).size_mm, odd
+
+
+def _most_hz(device: Path) -> float | None:
+    """Return the polls per second of a USB device's interrupt endpoint."""
+    for folder in device.resolve().parents:
+        for interval in sorted(folder.glob("ep_8?/interval")):
+            if (
+                told := re.match(r"(\d+)(us|ms)", interval.read_text(encoding="utf-8"))
+            ) is not None:
+                return {"us": 1e6, "ms": 1e3}[told[2]] / int(told[1])
+    return None
 
 
 def _bits(path: Path) -> set[int]:

@@ -16,7 +16,8 @@ from haptix.feel.motion import Trajectory
 from haptix.play.touch import touchscreen as codes
 from haptix.play.touch.events import KINDS, TouchEvent
 from haptix.play.touch.hid import HidReports
-from haptix.play.touch.touchscreen import Matrix, ScreenAxes, SlotDecoder, protocol_of
+from haptix.play.touch.orientation import Matrix
+from haptix.play.touch.touchscreen import ScreenAxes, SlotDecoder, protocol_of
 
 _LABELS = {
     name: number

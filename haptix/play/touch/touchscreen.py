@@ -7,16 +7,22 @@ import select
 import struct
 import sys
 from collections.abc import Callable, Collection, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
-from math import inf, isfinite, pi
+from math import inf, pi
 from pathlib import Path
 from typing import Any, Literal, Self
 
 from haptix.base.checks import Positive, checked, positive
 from haptix.base.errors import DeviceError, InputError, from_extra
 from haptix.play.touch.events import TouchEvent
+from haptix.play.touch.orientation import (
+    ORIENTATIONS,
+    Matrix,
+    checked_matrix,
+    is_turned,
+    system_matrix,
+)
 
 # linux/input-event-codes.h
 EV_SYN, EV_KEY, EV_ABS = 0x00, 0x01, 0x03
@@ -49,20 +55,6 @@ INPUT_EVENT = struct.Struct("llHHi")
 
 Protocol = Literal["B", "A", "single"]
 """Multi-touch protocols of Linux, B with slots and A without, and panels of one touch."""
-
-Matrix = tuple[float, float, float, float, float, float]
-"""Rows of an affine map of places as shares of the panel, as libinput has it."""
-
-ORIENTATIONS: dict[str, Matrix] = {
-    "normal": (1, 0, 0, 0, 1, 0),
-    "turn-90": (0, -1, 1, 1, 0, 0),
-    "turn-180": (-1, 0, 1, 0, -1, 1),
-    "turn-270": (0, 1, 0, -1, 0, 1),
-    "mirror-x": (-1, 0, 1, 0, 1, 0),
-    "mirror-y": (1, 0, 0, 0, -1, 1),
-    "swap": (0, 1, 0, 1, 0, 0),
-}
-"""Names of common matrices; turns are clockwise, as the person sees it."""
 
 SlotValues = Callable[[], tuple[int, Mapping[int, Mapping[int, int]]]]
 """Returns, from the kernel, the current slot and the values of each slot by code."""
@@ -225,30 +217,6 @@ class ScreenAxes:
             width_mm * a / x_mm, width_mm * b / y_mm, width_mm * c,
             height_mm * d / x_mm, height_mm * e / y_mm, height_mm * f,
         )  # fmt: skip
-
-
-def checked_matrix(matrix: Matrix | str | Collection[float]) -> Matrix:
-    """Return a calibration matrix by its name or its six numbers; `InputError` if it is none."""
-    expected = f"six numbers of a map that can be inverted, or one of {', '.join(ORIENTATIONS)}"
-    if isinstance(matrix, str):
-        if matrix in ORIENTATIONS:
-            return ORIENTATIONS[matrix]
-        try:
-            matrix = [float(word) for word in matrix.replace(",", " ").split()]
-        except ValueError:
-            raise InputError(f"matrix: expected {expected}, got {matrix!r:.80}") from None
-    values = tuple(matrix)
-    if len(values) == 6 and all(isfinite(value) for value in values):
-        a, b, _, d, e, _ = values
-        if abs(a * e - b * d) > 1e-3:
-            return values
-    raise InputError(f"matrix: expected {expected}, got {values!r:.80}")
-
-
-def is_turned(matrix: Matrix) -> bool:
-    """Return whether the panel's x runs along the picture's height."""
-    a, b, _, d, e, _ = matrix
-    return abs(b) + abs(d) > abs(a) + abs(e)
 
 
 def protocol_of(codes: Collection[int]) -> Protocol | None:
@@ -638,34 +606,6 @@ class Touchscreen:
 
     def _is_touched(self) -> bool:
         return BTN_TOUCH in self._device.active_keys()
-
-
-def system_matrix(path: str | Path, root: Path = Path("/")) -> Matrix:
-    """Return udev's LIBINPUT_CALIBRATION_MATRIX of a device; the map of no change without one.
-
-    Parameters
-    ----------
-    path : path
-        Device file.
-    root : Path
-        Where ``run/udev`` lies.
-
-    Raises
-    ------
-    InputError
-        If it is not six numbers of a map.
-    """
-    text = ""
-    with suppress(OSError):
-        number = Path(path).stat().st_rdev
-        file = root / f"run/udev/data/c{os.major(number)}:{os.minor(number)}"
-        text = file.read_text(encoding="utf-8", errors="replace")
-    key = "E:LIBINPUT_CALIBRATION_MATRIX="
-    values = [line.removeprefix(key) for line in text.splitlines() if line.startswith(key)]
-    try:
-        return checked_matrix(values[-1] if values else "normal")
-    except InputError as error:
-        raise InputError(f"udev's LIBINPUT_CALIBRATION_MATRIX: {error}") from None
 
 
 def _eviocgmtslots(length: int) -> int:

@@ -34,7 +34,7 @@ COMMANDS = {
     ),
     "devices": (
         "haptix.tasks.cli.hardware:devices",
-        "List what can be opened, and what the buses show: USB, HID, serial, audio, NI outputs.",
+        "List what can be opened, and what the buses show; and the touchscreens of this machine.",
     ),
     "doctor": (
         "haptix.tasks.cli.hardware:doctor",

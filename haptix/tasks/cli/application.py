@@ -78,6 +78,7 @@ def group_of(word: str, about: str) -> typer.Typer:
     group = typer.Typer(
         help=about, no_args_is_help=True, add_completion=False, rich_markup_mode=None
     )
+    group.callback()(lambda: None)  # or a single command would stand for the group
     for command, (path, _) in TASKS.items():
         first, _, rest = command.partition(" ")
         if first == word and rest:

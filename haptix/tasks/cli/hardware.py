@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 import platform
+from contextlib import suppress
 from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,7 +17,7 @@ from typing import Annotated, Any
 
 import typer
 
-from haptix.base.errors import FileFormatError
+from haptix.base.errors import DeviceError, FileFormatError, MissingExtraError
 from haptix.base.fields import Address, Folder
 from haptix.base.terminal import AsJson, show
 from haptix.base.version import __version__, foreign_package
@@ -24,10 +25,10 @@ from haptix.tasks.cli.application import option
 
 
 def devices(as_json: AsJson = False) -> None:
-    """List what can be opened, and what the buses show: USB, HID, serial, audio, NI outputs."""
+    """List what can be opened, and what the buses show; and the touchscreens of this machine."""
     from firmware_io import list_devices
 
-    show("devices", [asdict(device) for device in list_devices()], as_json)
+    show("devices", [*map(asdict, list_devices()), *_touchscreens()], as_json)
 
 
 def doctor(
@@ -67,10 +68,45 @@ def doctor(
         _check_firmware(),
     ]
     buses = [_row(report.kind, report.available, report.detail) for report in survey_buses()]
-    rows = [*needed, *buses, _check_udev(root), _check_timing()]
+    rows = [*needed, *buses, _check_udev(root), _check_touchscreens(), _check_timing()]
     show("doctor", rows, as_json)
     if any(row["ok"] == "no" for row in needed):
         raise typer.Exit(1)
+
+
+def _touchscreens() -> list[dict[str, Any]]:
+    """Return the touchscreens as `haptix devices` lists them; none where there can be none."""
+    from haptix.play.touch import find_touchscreens
+
+    rows = []
+    with suppress(DeviceError, MissingExtraError):
+        for found in find_touchscreens():
+            size = (
+                "size unknown"
+                if found.size_mm is None
+                else "{:.4g} x {:.4g} mm".format(*found.size_mm)
+            )
+            many = "one finger" if found.slots == 1 else f"{found.slots or 'some'} fingers"
+            rate = "" if found.most_hz is None else f", up to {found.most_hz:.4g} reports per s"
+            note = "; ".join([f"{many}, {size}{rate}", *found.odd])
+            usable = not any("you may not read it" in text for text in found.odd)
+            about = {"address": found.path, "kind": "touchscreen", "name": found.name}
+            rows.append({**about, "usable": usable, "note": note})
+    return rows
+
+
+def _check_touchscreens() -> dict[str, Any]:
+    from haptix.play.touch import find_touchscreens
+
+    try:
+        found = [*find_touchscreens()]
+    except (DeviceError, MissingExtraError) as error:
+        return _row("touchscreen", False, str(error))
+    if not found:
+        return _row("touchscreen", False, "none; touches may come from a page or an app as well")
+    odd = [f"{each.path} {each.name}: {text}" for each in found for text in each.odd]
+    names = ", ".join(f"{each.path} {each.name}" for each in found)
+    return _row("touchscreen", not odd, "; ".join(odd) or names)
 
 
 def _install_udev(root: Path, yes: bool) -> None:

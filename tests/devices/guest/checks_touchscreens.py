@@ -1,5 +1,6 @@
 """Checks of touchscreens: evdev, against ones made with uinput."""
 
+import threading
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -13,6 +14,7 @@ from tests.devices.guest.ways import Elsewhere, check, error_of, require
 
 _NAME = "haptix test touchscreen"
 _DIRECT = 1  # INPUT_PROP_DIRECT
+_TID = codes.ABS_MT_TRACKING_ID
 
 
 def _axis(low: int, high: int, res: int = 0) -> Any:
@@ -72,7 +74,7 @@ def two_fingers() -> dict[str, float]:
     """Places, force, area and times of two fingers that come and go."""
     with _touchscreen() as (side, path):
         (found,) = [info for info in find_touchscreens() if info.path == path]
-        _equal(found, (path, _NAME, "B", 3, (160.0, 112.5), ()))
+        _equal(found, (path, _NAME, "B", 3, (160.0, 112.5), None, ()))
         with Touchscreen(path, force_n_per_unit=0.01) as screen:
             _equal(screen.name, _NAME)
             _equal(screen.read(), [])
@@ -294,3 +296,60 @@ def a_size_that_the_kernel_rounds() -> dict[str, float]:
             _equal([round(side) for side in screen.axes.size_mm], [345, 194])
         x = screen.axes.x
         return {"stated_width_mm": (x.high - x.low) / round(x.per_mm)}
+
+
+@check()
+def calibrating_with_a_finger() -> dict[str, float]:
+    """Four marks and a stroke on a panel that lies turned by a quarter: the profile keeps it."""
+    from haptix.base.task import Context
+    from haptix.model.screen import Screen
+    from haptix.tasks.touchscreens import CalibrateTouchscreen
+
+    marks = {  # of 20 mm from the edges of 115.2 x 204.8 mm, where the panel's x runs down
+        "upper left": (400, 1903),
+        "upper right": (400, 400),
+        "lower right": (3695, 400),
+        "lower left": (3695, 1903),
+    }
+    absolute = {
+        codes.ABS_MT_POSITION_X: _axis(0, 4095),
+        codes.ABS_MT_POSITION_Y: _axis(0, 2303),
+        codes.ABS_MT_SLOT: _axis(0, 4),
+        codes.ABS_MT_TRACKING_ID: _axis(0, 65535),
+    }
+    file = Path("/run/screen.toml")
+    Screen(name="turned").save(file)
+
+    class Person(Context):
+        """Does what it is told."""
+
+        def tell(self, **what: Any) -> None:
+            step = what["step"]
+            place = next((at for mark, at in marks.items() if mark in step), None)
+            threading.Thread(
+                target=self.stroke if place is None else self.tap, args=[place]
+            ).start()
+
+        def tap(self, place: tuple[int, int]) -> None:
+            for x, y in (place, (place[0] + 2, place[1]), (place[0], place[1] + 2)):
+                _write(side, (_TID, 7), (codes.ABS_MT_POSITION_X, x), (codes.ABS_MT_POSITION_Y, y))
+                time.sleep(0.01)
+            _write(side, (_TID, -1), touched=False)
+
+        def stroke(self, _: None) -> None:
+            _write(side, (_TID, 8), (codes.ABS_MT_POSITION_X, 100))
+            for i in range(60):
+                time.sleep(0.01)
+                _write(side, (codes.ABS_MT_POSITION_X, 120 + 20 * i))
+            _write(side, (_TID, -1), touched=False)
+
+    with _device(absolute) as (side, path):
+        task = CalibrateTouchscreen(touchscreen=path, screen=file, width_mm=115.2, height_mm=204.8)
+        result = task.run(Person())
+        touch = Screen.load(file).touch
+        require(touch is not None)
+        with Touchscreen(path, touch.width_mm, touch.height_mm, matrix=touch.matrix) as screen:
+            _write(side, (_TID, 9), (codes.ABS_MT_POSITION_X, 400), (codes.ABS_MT_POSITION_Y, 400))
+            (told,) = screen.read(1.0)
+            require(abs(told.x_mm - 95.2) < 0.2 and abs(told.y_mm - 20.0) < 0.2, told)
+    return {"off_mm": result.document["off_mm"], "rate_hz": result.document["rate_hz"]}

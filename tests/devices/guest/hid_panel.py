@@ -24,8 +24,8 @@ class HidPanel:
         self.name = name
         self._scan = 0
         self._fd = os.open("/dev/uhid", os.O_RDWR)
-        descriptor = descriptor(round(width_mm * 10), round(height_mm * 10))
-        about = (name.encode(), b"", b"", len(descriptor), 3, 0x1209, 0x7777, 1, 0, descriptor)
+        report = descriptor(round(width_mm * 10), round(height_mm * 10))
+        about = (name.encode(), b"", b"", len(report), 3, 0x1209, 0x7777, 1, 0, report)
         os.write(self._fd, struct.pack("<I128s64s64sHHIIII4096s", _CREATE2, *about))
         threading.Thread(target=self._answer, daemon=True).start()
         time.sleep(1.5)  # the kernel's probe asks for reports

@@ -310,6 +310,7 @@ def test_doctor(haptix_cli, tmp_path):
         "udev rule",
         "firmware",
         "timing",
+        "touchscreen",
     } | buses == set(rows)
     for name in ("haptix", "packages", "torch", "cache", "solver", "firmware"):
         assert rows[name]["ok"] == "yes"
