@@ -160,7 +160,7 @@ class TouchArea(Part):
     width_mm, height_mm : float
         Size of the picture [mm].
     matrix : tuple of 6 float
-        From shares of the panel's axes to shares of the picture, see `haptix.play.touch.ScreenAxes`.
+        From shares of the panel's axes to shares of the picture, see `haptix.play.ScreenAxes`.
     rate_hz : float or None
         Reports per second of a finger that moves.
     """

@@ -40,6 +40,7 @@ from .simulation import evaluate_live as evaluate_live
 from .simulation import simulate as simulate
 from .simulation import summary_of as summary_of
 from .simulation import write as write
+from .touch import ORIENTATIONS as ORIENTATIONS
 from .touch import AppClock as AppClock
 from .touch import AreaProxy as AreaProxy
 from .touch import AxisRange as AxisRange
@@ -56,13 +57,19 @@ from .touch import TouchCounts as TouchCounts
 from .touch import Touches as Touches
 from .touch import TouchEvent as TouchEvent
 from .touch import Touchscreen as Touchscreen
+from .touch import TouchscreenInfo as TouchscreenInfo
 from .touch import TouchSettings as TouchSettings
 from .touch import TouchState as TouchState
 from .touch import TouchTracker as TouchTracker
 from .touch import events_of as events_of
 from .touch import find_touchscreens as find_touchscreens
+from .touch import fitted_matrix as fitted_matrix
+from .touch import is_recording as is_recording
 from .touch import paced as paced
+from .touch import paths_of as paths_of
 from .touch import read_events as read_events
+from .touch import read_recording as read_recording
+from .touch import system_matrix as system_matrix
 from .virtual_finger import FELT_WITHIN_S as FELT_WITHIN_S
 from .virtual_finger import Converter as Converter
 from .virtual_finger import Evaluation as Evaluation
