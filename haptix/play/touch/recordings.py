@@ -202,7 +202,7 @@ def paths_of(events: Iterable[TouchEvent], normal_force_n: float = 0.5) -> list[
     >>> path = Trajectory.of([0.0, 0.1, 0.2, 0.3], [5.0, 9.0, 20.0, 24.0], 20.0, [0.5, 0.5, 0, 0.5])
     >>> [again] = paths_of(events_of(path))
     >>> again.normal_force_n.tolist()
-    [0.5, 0.5, 0.0, 0.0, 0.5]
+    [0.5, 0.5, 0.0, 0.0, 0.5, 0.0]
     """
     rows: list[list[tuple[float, float, float, float]]] = []
     path_of: dict[int, int] = {}
