@@ -334,6 +334,7 @@ class Renderer(RenderStream):
             event = TouchEvent(t_s, touch_id, x_mm, y_mm, "move", known_n)
             if (problem := problem_of(event)) is not None:
                 raise InputError(f"{problem}, in sample {i + 1}")
+        self._check_gap(path.t_s)
         touches = path.normal_force_n >= LIFTED_BELOW_N
         turns = np.flatnonzero(np.diff(touches, prepend=False, append=False))
         longest = max(self.points, round(_LONG_S / self.step_s))

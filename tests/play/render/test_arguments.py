@@ -85,10 +85,6 @@ RENDERERS = {
         lambda g: g.entered("play", Trajectory.of([0, 1, 2], [0, 9e5, 0], 1, 0.5)),
         "x_mm: .*millimetres.*, in sample 2",
     ),
-    "a path with a lift": (
-        lambda g: g.entered("play", Trajectory.of([0, 1, 2], 1, 1, [0.5, 0.5, 0])),
-        "normal_force_n: .*0.001.*, in sample 3",
-    ),
     "a path with a pause": (
         lambda g: g.entered("play", Trajectory.of([0, 1, 72], 1, 1, 0.5)),
         "within 60 s of .* 71 s later",

@@ -45,7 +45,7 @@ KINDS = {
          "mock:pace=real,pace=real", "COM3", "tcp:", "tcp:host", LONG),
     ),
     "number": (
-        "--width-mm --carrier-hz --direct-hz --touch-hz --touch-latency-ms --reaction-ms "
+        "--width-mm --height-mm --inset-mm --carrier-hz --direct-hz --touch-hz --touch-latency-ms --reaction-ms "
         "--horizon-ms --largest-mb --memory-gb --simulate-db --difference-db --between-db "
         "--max-voltage-v --minutes --crosstalk --temperature-c --humidity-percent --weight-n "
         "--repeatability-percent --tolerance-jnd --normal-reading-n --tangential-reading-n "
@@ -65,7 +65,7 @@ KINDS = {
     "pair": ("--fix --prior", ("", "=", "h0_m", "h0_m=", "h0_m=nan", "h0_m=1,2,3", "=1,2")),
     "label": ("--participant --session --task", ("", "a b", "\u00e4", "../x", "a" * 65)),
     "name": ("--name --panel --serial --listen", ("", " ")),
-    "any text": ("--operator", ()),
+    "any text": ("--operator touchscreen", ()),
 }  # fmt: skip
 OUT_IS_A_FOLDER = {
     "demo", "render", "tradeoff", "campaign", "stimuli make", "stimuli analyse",
