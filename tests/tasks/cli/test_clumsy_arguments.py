@@ -45,7 +45,8 @@ KINDS = {
          "mock:pace=real,pace=real", "COM3", "tcp:", "tcp:host", LONG),
     ),
     "number": (
-        "--width-mm --height-mm --inset-mm --carrier-hz --direct-hz --touch-hz --touch-latency-ms --reaction-ms "
+        "--width-mm --height-mm --inset-mm "
+        "--carrier-hz --direct-hz --touch-hz --touch-latency-ms --reaction-ms "
         "--horizon-ms --largest-mb --memory-gb --simulate-db --difference-db --between-db "
         "--max-voltage-v --minutes --crosstalk --temperature-c --humidity-percent --weight-n "
         "--repeatability-percent --tolerance-jnd --normal-reading-n --tangential-reading-n "
