@@ -228,10 +228,13 @@ class Bus:
         Returns the library with its version, and the devices. It may raise anything.
     remedy : str
         What to install if it raises.
+    is_slow : bool
+        Whether a search takes so long that a watch makes it every few seconds only.
     """
 
     search: Callable[[], tuple[str, list[DeviceInfo]]]
     remedy: str
+    is_slow: bool = False
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Self
 
 from firmware_io.device import Device
@@ -96,8 +98,13 @@ class BusReport:
     devices: tuple[DeviceInfo, ...]
 
 
-def list_devices() -> list[DeviceInfo]:
+def list_devices(most_age_s: float = 0.0) -> list[DeviceInfo]:
     """Return the mock and all devices on the buses, without opening any.
+
+    Parameters
+    ----------
+    most_age_s : float
+        Age up to which an earlier search of a slow bus (audio) counts, in seconds.
 
     Examples
     --------
@@ -105,11 +112,11 @@ def list_devices() -> list[DeviceInfo]:
     True
     """
     mock = DeviceInfo("mock:", "mock", "mock driver", True, "Plays into memory; always there.")
-    return [mock, *(device for report in survey_buses() for device in report.devices)]
+    return [mock, *(device for report in survey_buses(most_age_s) for device in report.devices)]
 
 
-def survey_buses() -> list[BusReport]:
-    """Search every bus, without opening a device.
+def survey_buses(most_age_s: float = 0.0) -> list[BusReport]:
+    """Search every bus, without opening a device; see `list_devices`.
 
     There is one report for each bus. A library that is missing or fails is reported, never raised.
     """
@@ -122,6 +129,9 @@ def survey_buses() -> list[BusReport]:
             continue
         if bus is None:
             continue
+        if bus.is_slow and kind in _KEPT and time.monotonic() - _KEPT[kind][0] < most_age_s:
+            reports.append(_KEPT[kind][1])
+            continue
         try:
             detail, devices = bus.search()
             reports.append(BusReport(kind, True, detail, tuple(devices)))
@@ -131,7 +141,13 @@ def survey_buses() -> list[BusReport]:
             why = str(error).partition("; run: pip")[0] or type(error).__name__
             detail = f"{why} ({bus.remedy})"
             reports.append(BusReport(kind, False, detail, ()))
+        _KEPT[kind] = (time.monotonic(), reports[-1])
     return reports
+
+
+_KEPT: dict[str, tuple[float, BusReport]] = {}
+"""The last search of each bus, and its time."""
+_WATCHED = partial(list_devices, 5.0)  # as a watch searches: a slow bus every five seconds
 
 
 class DeviceWatch:
@@ -144,7 +160,7 @@ class DeviceWatch:
     on_change : callable
         Called in that thread with the device, and whether it is connected now.
     interval_s : float
-        Time between two searches, in seconds.
+        Time between two searches, in seconds; at least five for audio.
     look : callable
         Returns the devices; `list_devices` by default.
 
@@ -158,7 +174,7 @@ class DeviceWatch:
         self,
         on_change: Callable[[DeviceInfo, bool], None],
         interval_s: float = 0.5,
-        look: Callable[[], list[DeviceInfo]] = list_devices,
+        look: Callable[[], list[DeviceInfo]] = _WATCHED,
     ) -> None:
         self.error: Exception | None = None
         self._on_change = on_change

@@ -305,5 +305,5 @@ SCHEME = Scheme(
         "host_api": str,
     },
     makes_rate=True,
-    bus=Bus(_search, "pip install sounddevice; on Debian: apt install libportaudio2"),
+    bus=Bus(_search, "pip install sounddevice; on Debian: apt install libportaudio2", is_slow=True),
 )

@@ -173,6 +173,10 @@ def beyond(
 _LINE_V = 5.0  # high level of the digital line on a second output
 _MOST_RATE_ERROR = 1e-3  # share by which a clock that divides the card's timebase may be off
 STILL_S = WATCHDOG_S  # a clock that has stopped for so long holds a voltage
+_NOT_INSTALLED = {
+    "DaqNotFoundError": "NI-DAQmx is not installed: install it",
+    "DaqFunctionNotSupportedError": "NI-DAQmx is too old: install a newer one",
+}
 _RESERVED = (-50103, -201105)  # DAQmx: the resource is reserved
 _UNKNOWN = (-200220, -200170)  # DAQmx: no such device, no such channel
 
@@ -404,6 +408,9 @@ def nidaqmx_module() -> Any:
 
 def _refusal(name: str, error: Exception) -> DeviceError:
     code, text = getattr(error, "error_code", None), str(error).replace("\n", " ")
+    for kind, why in _NOT_INSTALLED.items():
+        if type(error).__name__ == kind:
+            return DeviceError(f"{why} from National Instruments: {text}")
     if code in _RESERVED:
         return DeviceBusyError(f"{name} is in use by another program or task: {text}")
     if code in _UNKNOWN:

@@ -8,6 +8,8 @@ import pytest
 
 pytest.importorskip("nidaqmx", reason="the extra daq holds the signatures that calls are bound to")
 
+from nidaqmx.errors import DaqFunctionNotSupportedError, DaqNotFoundError
+
 from firmware_io import (
     DeviceBusyError,
     DeviceDisconnectedError,
@@ -224,3 +226,15 @@ def test_readings_are_compared_with_the_last_samples():
     read = np.array([0.7, 0.9, 3.1, 3.3])
     off = [bool(beyond(one, sent, 3, 10.0)[0]) for one in read[:, None]]
     assert off == [True, False, False, True]
+
+
+@pytest.mark.parametrize(
+    ("error", "says"),
+    [
+        (DaqNotFoundError("Could not find NI-DAQmx"), "not installed: install it"),
+        (DaqFunctionNotSupportedError("no such function"), "too old: install a newer one"),
+    ],
+)
+def test_a_machine_without_the_driver_of_the_card_is_told_what_to_install(error, says):
+    refusal = daq._refusal("daq:channel=Dev1/ao0", error)
+    assert says in str(refusal) and "address" not in str(refusal)

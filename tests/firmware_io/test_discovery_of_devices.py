@@ -235,6 +235,20 @@ def buses(monkeypatch):
     return usb
 
 
+def test_a_watch_spares_a_bus_whose_search_starts_a_process(buses, monkeypatch):
+    searches = []
+    monkeypatch.setattr(
+        "firmware_io.links.audio.ask_in_own_process",
+        lambda *asked: searches.append(asked) or here(*asked),
+    )
+    list_devices()
+    list_devices()
+    assert len(searches) == 2
+    watch = DeviceWatch(lambda device, is_there: None)
+    assert [watch.poll() != [], watch.poll(), watch.poll()] == [True, [], []]
+    assert len(searches) == 2
+
+
 def test_connected_devices_are_listed(buses):
     mock, *others = list_devices()
     assert mock.usable

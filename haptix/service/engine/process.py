@@ -387,13 +387,13 @@ class EngineServer:
     def _lose(self, reason: str) -> None:
         """Close a driver that does not answer, and tell why, once."""
         self._look_s = time.monotonic() + _OPEN_S
+        if reason != self._gone:
+            self._gone = reason
+            self._outbox.say(event="output", state="gone", reason=reason)
         device, self._device = self._device, None
         if device is not None:
             with suppress(HaptixError, OSError):
                 device.close()
-        if reason != self._gone:
-            self._gone = reason
-            self._outbox.say(event="output", state="gone", reason=reason)
 
     # --- in turn ---------------------------------------------------------------------------------
 

@@ -38,7 +38,7 @@ COMMANDS = {
     ),
     "doctor": (
         "haptix.tasks.cli.hardware:doctor",
-        "Check this machine: packages, system libraries, cache, and a solve against known numbers.",
+        "Check this machine: packages, a known solve, drivers, audio, permissions, clocks.",
     ),
 }
 

@@ -7,13 +7,18 @@ to write a rule as root.
 from __future__ import annotations
 
 import json
+import math
 import os
 import platform
+import re
+import sys
+import time
 from contextlib import suppress
 from dataclasses import asdict
 from datetime import UTC, datetime
+from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -22,6 +27,9 @@ from haptix.base.fields import Address, Folder
 from haptix.base.terminal import AsJson, show
 from haptix.base.version import __version__, foreign_package
 from haptix.tasks.cli.application import option
+
+if TYPE_CHECKING:
+    from firmware_io.link import DeviceInfo
 
 
 def devices(as_json: AsJson = False) -> None:
@@ -47,7 +55,7 @@ def doctor(
         option("Trip each limit of a driver at 0 V, such as usb:, and keep a record.", Address),
     ] = None,
 ) -> None:
-    """Check this machine: packages, system libraries, cache, and a solve against known numbers.
+    """Check this machine: packages, a known solve, drivers, audio, permissions, clocks.
 
     Exit code 1 if something that every use needs is broken.
     """
@@ -67,8 +75,11 @@ def doctor(
         _check_solver(),
         _check_firmware(),
     ]
-    buses = [_row(report.kind, report.available, report.detail) for report in survey_buses()]
-    rows = [*needed, *buses, _check_udev(root), _check_touchscreens(), _check_timing()]
+    reports = survey_buses()
+    buses = [_row(report.kind, report.available, report.detail) for report in reports]
+    found = [device for report in reports for device in report.devices]
+    rows = [*needed, *buses, _check_touchscreens(), _check_drivers(found), _check_outputs(found)]
+    rows += [_check_udev(root), _check_permissions(found), _check_clock(), _check_timing()]
     show("doctor", rows, as_json)
     if any(row["ok"] == "no" for row in needed):
         raise typer.Exit(1)
@@ -156,6 +167,85 @@ def _prove(address: str, as_json: bool) -> None:
 
 def _row(what: str, good: bool, detail: str) -> dict[str, Any]:
     return {"check": what, "ok": "yes" if good else "no", "detail": detail}
+
+
+def _check_drivers(found: list[DeviceInfo]) -> dict[str, Any]:
+    """Say which of the devices on USB, HID and serial ports are drivers."""
+    buses = ("usb", "hid", "serial")
+    drivers = [device.address for device in found if device.usable and device.kind in buses]
+    if drivers:
+        return _row("driver", True, ", ".join(drivers))
+    ports = [device.address for device in found if device.kind == "serial"]
+    detail = "none is connected: plug it in and power it; mock: needs none"
+    if ports:
+        detail += f"; a board whose USB numbers are not haptix's is named: {', '.join(ports)}"
+    return _row("driver", False, detail)
+
+
+def _check_outputs(found: list[DeviceInfo]) -> dict[str, Any]:
+    outputs = [device.name for device in found if device.kind == "audio"]
+    if not outputs:
+        return _row("audio output", False, "none is connected, or no sound server runs")
+    mixers = [name for name in outputs if _MIXER.match(name)]
+    detail = ", ".join(outputs)
+    if len(mixers) == len(outputs):
+        detail += "; these mix, resample and drop samples: let JACK or the interface itself be seen"
+    return _row("audio output", len(mixers) < len(outputs), detail)
+
+
+#: Names of outputs that are no interface, but a sound server's or a converter's way to one.
+_MIXER = re.compile(r"(pulse|pipewire|default|sysdefault|dmix|Microsoft Sound Mapper)\b", re.I)
+
+
+def _check_permissions(found: list[DeviceInfo]) -> dict[str, Any]:
+    """Say which files of devices this user may not open, and which command gives the right."""
+    if not sys.platform.startswith("linux"):
+        return _row("permissions", True, "the system asks by itself where it wants to")
+    denied = {}
+    for device in found:
+        for key, form, remedy in _FILES:
+            match = re.fullmatch(key, device.address)
+            if match and (device.usable or device.kind == "serial"):
+                path = form.format(
+                    *(int(part) if part.isdigit() else part for part in match.groups())
+                )
+                if Path(path).exists() and not os.access(path, os.R_OK | os.W_OK):
+                    denied[path] = remedy
+    sound = [*map(str, Path("/dev/snd").glob("pcm*p"))]
+    denied |= {path: _GROUP.format("audio") for path in sound if not os.access(path, os.W_OK)}
+    advice = "; ".join(f"{remedy} for {path}" for path, remedy in denied.items())
+    return _row("permissions", not denied, advice or "this user may open what is connected")
+
+
+_GROUP = "sudo adduser $USER {}, then log in again,"
+_RULE = "sudo haptix doctor --install-udev, then replug it,"
+#: Address of a device, its file, and what lets a user open that.
+_FILES = (
+    (r"usb:bus=(\d+),address=(\d+)", "/dev/bus/usb/{:03d}/{:03d}", _RULE),
+    (r"hid:path=(/dev/.*)", "{}", _RULE),
+    (r"serial:port=(/dev/.*)", "{}", _GROUP.format("dialout")),
+)
+
+
+def _check_clock() -> dict[str, Any]:
+    """Say how fine the computer's clock is, and how long it takes to read it."""
+    begin_s, count = time.perf_counter(), 20_000
+    seen = [time.monotonic() for _ in range(count)]
+    read_us = (time.perf_counter() - begin_s) / count * 1e6
+    step_us = min((b - a for a, b in pairwise(seen) if b > a), default=math.inf) * 1e6
+    source = Path("/sys/devices/system/clocksource/clocksource0/current_clocksource")
+    name = f"{source.read_text().strip()}, " if source.exists() else ""
+    good = read_us < _SLOW_US and step_us < _COARSE_US
+    detail = f"{name}read in {read_us:.2g} us, in steps of {step_us:.2g} us"
+    if not good:
+        detail += "; choose a faster one: the TSC, as in the kernel's option clocksource=tsc"
+    return _row("clock", good, detail)
+
+
+_SLOW_US, _COARSE_US = (
+    5.0,
+    500.0,
+)  # HPET and ACPI take microseconds; a tick of 15.6 ms is too coarse
 
 
 def _check_udev(root: Path) -> dict[str, Any]:

@@ -311,6 +311,10 @@ def test_doctor(haptix_cli, tmp_path):
         "firmware",
         "timing",
         "touchscreen",
+        "driver",
+        "audio output",
+        "permissions",
+        "clock",
     } | buses == set(rows)
     for name in ("haptix", "packages", "torch", "cache", "solver", "firmware"):
         assert rows[name]["ok"] == "yes"
