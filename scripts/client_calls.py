@@ -178,7 +178,8 @@ def _python_face(description: dict[str, Any]) -> str:
     async def {call.name}(self{parameters}) -> m.LayoutReply:
         \"""{call.about}\"""
         change = given(op="{call.kind}", name=self.name{passed})
-        return await self._calls.layout_change([change])
+        reply: m.LayoutReply = await self.session.layout_change([change])
+        return reply
 """
     return text
 
@@ -222,7 +223,7 @@ def javascript() -> str:
     adding, *others = changes(description)
     text += _JAVASCRIPT_LAYOUT.replace("ABOUT", adding.about)
     for call in others:
-        sent = f'this.#calls.layoutChange([{{ op: "{call.kind}", name: this.name'
+        sent = f'this.session.layoutChange([{{ op: "{call.kind}", name: this.name'
         text += _javascript(call, "m.LayoutReply", sent, '"op" | "name"')
     return text + "}\n"
 
@@ -418,13 +419,14 @@ class ClientRegion:
     Parameters
     ----------
     calls : AsyncCalls
-        The client.
+        The client, `session` from then on.
     name : str
         Its name.
     """
 
     def __init__(self, calls: AsyncCalls, name: str) -> None:
-        self._calls, self.name = calls, name
+        self.session: Any = calls
+        self.name = name
 '''
 _JAVASCRIPT = """
 /** @import * as m from "../types/messages.js" */
@@ -476,13 +478,14 @@ export class Layout {
   }
 }
 
-/** A region of the layout, by its name; each call is one change. */
+/**
+ * A region of the layout, by its name; each call is one change.
+ * @template {Calls} [S=Calls]
+ */
 export class Region {
-  #calls;
-
-  /** @param {Calls} calls @param {string} name */
-  constructor(calls, name) {
-    this.#calls = calls;
+  /** @param {S} session @param {string} name */
+  constructor(session, name) {
+    this.session = session;
     this.name = name;
   }
 """

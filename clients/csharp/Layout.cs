@@ -47,12 +47,12 @@ namespace Haptix
     /// <summary>A region of the layout, by its name; each call is one change.</summary>
     public sealed partial class Region
     {
-        readonly Session _session;
+        public readonly Session Session;
         public readonly string Name;
 
         internal Region(Session session, string name)
         {
-            _session = session;
+            Session = session;
             Name = name;
         }
 
@@ -61,15 +61,47 @@ namespace Haptix
             var change = new JObject { { "op", op }, { "name", Name } };
             foreach (JProperty field in fields.Properties())
                 if (field.Value.Type != JTokenType.Null) change[field.Name] = field.Value;
-            return _session.LayoutChange(new object[] { change });
+            return Session.LayoutChange(new object[] { change });
         }
 
-        static JToken Json(object value) { return Session.Json(value); }
+        static JToken Json(object value) { return Haptix.Session.Json(value); }
     }
 
     public sealed partial class Session
     {
+        const string Felt = "felt"; // name of the region that `Feel` makes
         Layout _layout;
+        Material _felt;
+
+        /// <summary>Open a session and fill the screen with a material; what is returned has the `Session`.</summary>
+        public static async Task<Region> Feel(string name, Material material, bool personAsked = false)
+        {
+            Session session = await Connect(name).ConfigureAwait(false);
+            try { return await session.Feel(material, personAsked).ConfigureAwait(false); }
+            catch (Exception)
+            {
+                session.Dispose();
+                throw;
+            }
+        }
+
+        /// <summary>
+        /// Fill the screen with a material and arm: all that it takes to feel one. What was felt before is replaced.
+        /// After a lost connection it is felt again, on a virtual driver by itself; a real one is armed only where
+        /// a person asked.
+        /// </summary>
+        public async Task<Region> Feel(Material material, bool personAsked = false)
+        {
+            await Acquire().ConfigureAwait(false);
+            double[] sizeMm = Welcome.Inventory.ScreenMm;
+            var region = new JObject { { "name", Felt }, { "material", Json(material) }, { "x_mm", 0 }, { "y_mm", 0 },
+                { "width_mm", sizeMm[0] }, { "height_mm", sizeMm[1] } };
+            await Ask<LayoutReply>("layout_set", new JObject { { "document", new JObject { { "regions", new JArray(region) } } } }).ConfigureAwait(false);
+            _felt = material;
+            if (personAsked || !Array.Exists(Welcome.Inventory.Devices, device => device.IsReal)) await Arm().ConfigureAwait(false);
+            else Tell(new Warning { Type = "warning", Sentence = "the driver is real: call Arm once a person asks for its voltage" });
+            return Layout.Of(Felt);
+        }
 
         /// <summary>What is felt where. The service keeps it for who connects again.</summary>
         public Layout Layout { get { return _layout ?? (_layout = new Layout(this)); } }

@@ -100,6 +100,11 @@ namespace Haptix
                 catch (Refused) { lock (_gate) _watched.Remove(job); } // another service knows none
             }
             _isWelcome = true;
+            if (again && _felt != null)
+            {
+                try { await Feel(_felt).ConfigureAwait(false); }
+                catch (Refused refused) { Tell(new Warning { Type = "warning", Sentence = "nothing is felt: " + refused.Message }); }
+            }
             if (again) Tell(new Resumed { Welcome = Welcome });
             else _opened.TrySetResult(this);
         }

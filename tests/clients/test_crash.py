@@ -14,7 +14,7 @@ PYTHON = """
 import sys
 import haptix
 h = haptix.service.connect("kiosk")
-h.layout.add({"kind": "grating", "period_mm": 2}, name="ribs")
+h.layout.add({"kind": "grating", "period_mm": 2}, width_mm=80, height_mm=50)
 h.acquire()
 h.arm()
 print("armed", flush=True)
@@ -25,7 +25,7 @@ import { connect } from "haptix-client";
 import { find } from "haptix-client/node";
 import { WebSocket } from "ws";
 const h = await connect({ name: "kiosk", find, WebSocket });
-await h.layout.add({ kind: "grating", period_mm: 2 }, { name: "ribs" });
+await h.layout.add({ kind: "grating", period_mm: 2 }, { width_mm: 80, height_mm: 50 });
 await h.acquire();
 await h.arm();
 console.log("armed");
@@ -39,7 +39,7 @@ static class Kiosk
     static void Main()
     {
         Session h = Session.Connect("kiosk").Result;
-        h.Layout.Add(new Grating { PeriodMm = 2 }, name: "ribs").Wait();
+        h.Layout.Add(new Grating { PeriodMm = 2 }, widthMm: 80, heightMm: 50).Wait();
         h.Acquire().Wait();
         h.Arm().Wait();
         Console.WriteLine("armed");

@@ -207,6 +207,41 @@ def test_a_layout_by_calls_plain_and_with_await(service, connect):
     assert ops[5]["material"]["kind"] == "button"
 
 
+def test_a_material_is_felt_in_one_call_and_again_after_a_lost_connection(
+    service, connect, monkeypatch, caplog
+):
+    """A virtual driver is armed; a real one only where a person asked."""
+    ribs = haptix.feel.Grating(period_mm=2.0)
+    patch = haptix.service.feel(ribs)
+    with patch.session as h:
+        assert h.lease.is_mine and h.output.state == "off"
+        assert "real: call `arm`" in caplog.text
+    monkeypatch.setattr(
+        service.hub,
+        "inventory",
+        service.hub.inventory.model_copy(
+            update={"screen_mm": (300.0, 200.0), "devices": ()},
+        ),
+    )
+    service.engine.told.clear()
+    with haptix.service.feel(ribs, "kiosk").session as h:
+        assert h.output.state == "armed"
+        resumed = []
+        h.on("resumed", resumed.append)
+        service.hub.control.release("as after a new start")
+        service.hub.sessions[h.welcome.session].close(1012, "cut")
+        wait_for(lambda: resumed)
+        assert h.lease.is_mine and h.output.state == "armed"
+        shown = [fields for do, fields, _ in service.engine.told if do == "layout_set"]
+        assert len(shown) == 2 and shown[0]["document"] == shown[1]["document"]
+        (region,) = shown[0]["document"]["regions"]
+        assert (region["width_mm"], region["height_mm"]) == (300.0, 200.0)
+        assert region["material"]["kind"] == "grating"
+    with connect("asked") as h:
+        assert h.feel({"kind": "noise"}, person_asked=True).name == "felt"
+        assert h.output.state == "armed"
+
+
 def test_streams_that_were_asked_for_one_by_one_are_all_asked_for_again(service, connect):
     with connect("test") as h:
         resumed = []

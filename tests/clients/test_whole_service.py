@@ -96,9 +96,14 @@ def test_unity_s_component_is_felt(environment, tmp_path, inputs, pointer):
     assert "log enter ribs" in done.stdout  # of the sample
 
 
+def programs(page, language):
+    """Return the programs of a page."""
+    return re.findall(rf"```{language}\n(.*?)```", page.read_text(), re.DOTALL)
+
+
 def program(page, language):
     """Return the first program of a page."""
-    return re.search(rf"```{language}\n(.*?)```", page.read_text(), re.DOTALL)[1]
+    return programs(page, language)[0]
 
 
 def feels_ribs(command, environment, folder):
@@ -112,7 +117,26 @@ def feels_ribs(command, environment, folder):
 
 
 def test_the_program_for_python_is_felt(environment, tmp_path):
-    (tmp_path / "app.py").write_text(program(ROOT / "docs" / "service.md", "python"))
+    *_, long = programs(ROOT / "docs" / "service.md", "python")
+    (tmp_path / "app.py").write_text(long)
+    feels_ribs([sys.executable, "app.py"], environment, tmp_path)
+
+
+def test_three_lines_feel_a_texture(environment, tmp_path):
+    short, *_ = programs(ROOT / "docs" / "service.md", "python")
+    slides = """
+h, frames = patch.session, []
+h.on("frame", frames.append)
+h.subscribe({"friction": 100})
+for i in range(200):
+    h.touch(10 + 0.2 * i, 20, 0.5)
+    __import__("time").sleep(0.005)
+reached = [row[4] for frame in frames for row in frame.rows if row[4] > 0]
+print("friction", min(reached))
+print("friction", max(reached))
+h.close()
+"""
+    (tmp_path / "app.py").write_text(short + slides)
     feels_ribs([sys.executable, "app.py"], environment, tmp_path)
 
 

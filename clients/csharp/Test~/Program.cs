@@ -59,6 +59,7 @@ static class Program
             add("refusals", Refusals);
             add("layout", () => Regions(golden));
             add("takeover", Takeover);
+            add("feel", Feel);
             add("telemetry", Telemetry);
             add("reconnecting", Reconnecting);
             add("flood", () => Task.Run(() => Flood()));
@@ -163,6 +164,21 @@ static class Program
         try { await Session.Connect("test", () => new Service("ws://127.0.0.1:1/", "")); }
         catch (Lost) { return; }
         throw new Exception("expected: lost");
+    }
+
+    static async Task Feel()
+    {
+        Region patch = await Session.Feel("test", Material.Parse("{\"kind\": \"grating\", \"period_mm\": 2}"));
+        using (Session h = patch.Session)
+        {
+            Warning warning = Check.Next<Warning>(h, () => { });
+            Check.That(warning.Sentence.Contains("call Arm") && h.Output.State == "off", "a real driver, and nobody has asked");
+            Region again = await h.Feel(Material.Parse("{\"kind\": \"noise\"}"), personAsked: true);
+            Check.That(h.Output.State == "armed" && again.Name == "felt", "armed");
+            Task cut = h.Play(Material.Parse("{\"kind\": \"cut\"}")); // the engine of the tests closes the socket
+            Check.Next<Resumed>(h, () => { });
+            Check.That(cut.IsFaulted && h.Lease.IsMine && h.Output.State == "off", "a real driver is never armed again by itself");
+        }
     }
 
     static async Task Takeover()

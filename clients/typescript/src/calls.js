@@ -162,13 +162,14 @@ export class Layout {
   }
 }
 
-/** A region of the layout, by its name; each call is one change. */
+/**
+ * A region of the layout, by its name; each call is one change.
+ * @template {Calls} [S=Calls]
+ */
 export class Region {
-  #calls;
-
-  /** @param {Calls} calls @param {string} name */
-  constructor(calls, name) {
-    this.#calls = calls;
+  /** @param {S} session @param {string} name */
+  constructor(session, name) {
+    this.session = session;
     this.name = name;
   }
 
@@ -176,26 +177,26 @@ export class Region {
    * @param {Omit<m.ChangeRegion, "op" | "name">} [fields]
    * @returns {Promise<m.LayoutReply>} */
   change(fields = {}) {
-    return this.#calls.layoutChange([{ op: "change", name: this.name, ...fields }]);
+    return this.session.layoutChange([{ op: "change", name: this.name, ...fields }]);
   }
 
   /** Move a region within `over_s`; fields that are left out stay.
    * @param {Omit<m.MoveRegion, "op" | "name">} [fields]
    * @returns {Promise<m.LayoutReply>} */
   move(fields = {}) {
-    return this.#calls.layoutChange([{ op: "move", name: this.name, ...fields }]);
+    return this.session.layoutChange([{ op: "move", name: this.name, ...fields }]);
   }
 
   /** Remove a region; it fades out.
    * @returns {Promise<m.LayoutReply>} */
   remove() {
-    return this.#calls.layoutChange([{ op: "remove", name: this.name }]);
+    return this.session.layoutChange([{ op: "remove", name: this.name }]);
   }
 
   /** Set the value of a control, such as a slider; it comes after all other changes.
    * @param {m.SetValue["value"]} value
    * @returns {Promise<m.LayoutReply>} */
   setValue(value) {
-    return this.#calls.layoutChange([{ op: "value", name: this.name, value }]);
+    return this.session.layoutChange([{ op: "value", name: this.name, value }]);
   }
 }

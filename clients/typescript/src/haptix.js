@@ -7,6 +7,7 @@
  */
 
 import { writeTouches } from "./batches.js";
+import { Region } from "./calls.js";
 import { Connection, http, now, Refused, URL_HERE } from "./connection.js";
 import { keep, kept } from "./keep.js";
 import { Pointers } from "./pointers.js";
@@ -14,6 +15,14 @@ import { Pointers } from "./pointers.js";
 /** @import * as m from "../types/messages.js" */
 /** @import { Options } from "./connection.js" */
 /** @typedef {m.Touch & {coalesced?: boolean}} Touch */
+/**
+ * @typedef {object} FeelOptions
+ * @property {HTMLElement} [element] of a page: what is felt fills it, and its pointers are followed
+ * @property {number} [px_per_mm] CSS pixels for a millimetre of this screen, 96 / 25.4 unless you measure it
+ * @property {"none" | "vertical" | "horizontal"} [scroll] as in `follow`
+ * @property {boolean} [person_asked] whether a person has asked for the voltage of a real driver, which is not
+ *   armed otherwise; a virtual one always is
+ */
 
 /**
  * Open a session.
@@ -45,9 +54,25 @@ export async function pair({ code, name, url = URL_HERE }) {
   return token;
 }
 
+/**
+ * Open a session and fill an element, or the screen, with a material: a felt texture in one call. What is
+ * returned has the `session`.
+ * @param {object} material
+ * @param {Options & FeelOptions} options
+ * @returns {Promise<Region<Session>>}
+ */
+export async function feel(material, options) {
+  const session = await connect(options);
+  return session.feel(material, options).catch(async (error) => {
+    await session.close();
+    throw error;
+  });
+}
+
 export { Lost, now, Refused } from "./connection.js";
 
 const SLIDES_S = 0.15; // after the last report of another place
+const FELT = "felt"; // name of the region that `feel` makes
 const KINDS = ["pointerdown", "pointermove", "pointerup", "pointercancel", "pointerleave"];
 
 /** A session with the service, made by `connect`. */
@@ -59,6 +84,12 @@ export class Session extends Connection {
   /** @type {Map<number, string>} where fingers are */
   #places = new Map();
   #slid_s = -Infinity;
+  /** @type {(() => void) | undefined} */
+  #felt;
+  /** @type {(() => void) | undefined} */
+  #unfollow;
+  /** @type {() => Promise<any>} what `feel` shows */
+  #feelAgain = async () => {};
 
   /** Send again what the service does not keep for who resumes. @protected @override */
   async restore() {
@@ -171,6 +202,31 @@ export class Session extends Connection {
       element.style.touchAction = before;
       this.#lift();
     };
+  }
+
+  /**
+   * Fill an element, or the screen, with a material and arm: all that it takes to feel one. What was felt
+   * before is replaced. After a lost connection it is felt again, on a virtual driver by itself.
+   * @param {object} material
+   * @param {FeelOptions} [options]
+   * @returns {Promise<Region<Session>>}
+   */
+  async feel(material, options = {}) {
+    const { element, px_per_mm = 96 / 25.4, scroll, person_asked = false } = options;
+    const [width_mm, height_mm] = element
+      ? [element.offsetWidth / px_per_mm, element.offsetHeight / px_per_mm]
+      : this.welcome.inventory.screen_mm;
+    if (element) await this.geometry({ px_per_mm });
+    await this.acquire();
+    const place = { x_mm: 0, y_mm: 0, width_mm, height_mm };
+    await this.layoutSet({ regions: [{ name: FELT, material: /** @type {any} */ (material), ...place }] });
+    this.#unfollow?.();
+    this.#unfollow = element && this.follow(element, { scroll });
+    this.#felt ??= this.on("resumed", () => void this.#feelAgain().catch((error) => console.warn(error)));
+    this.#feelAgain = () => this.feel(material, { ...options, person_asked: false });
+    if (person_asked || !this.welcome.inventory.devices.some((device) => device.is_real)) await this.arm();
+    else console.warn("the driver is real: call `arm` once a person asks for its voltage");
+    return new Region(this, FELT);
   }
 
   /** @param {Touch} touch */

@@ -5,7 +5,7 @@ import { after, test } from "node:test";
 import { setTimeout as sleep } from "node:timers/promises";
 import WebSocket from "ws";
 
-import { connect, now, Refused } from "../src/haptix.js";
+import { connect, feel, now, Refused } from "../src/haptix.js";
 import { find } from "../src/node.js";
 import { Pointers } from "../src/pointers.js";
 
@@ -285,5 +285,27 @@ test("what is left out is counted and told once", async () => {
   assert.equal(h.dropped, 2);
   assert.equal(told.length, 1);
   assert.match(told[0], /left out.*busy.*dropped/);
+  await h.close();
+});
+
+test("a material is felt in one call, and again after a lost connection", async () => {
+  const patch = await feel({ kind: "grating", period_mm: 2 }, { name: "test", find, WebSocket: Kept });
+  const h = patch.session;
+  sessions.push(h);
+  assert.equal(h.output.state, "off"); // the driver of this service is real, and no person has asked
+  const element = Object.assign(new EventTarget(), ELEMENT, { style: { touchAction: "auto" } });
+  const again = await h.feel({ kind: "noise" }, { element, px_per_mm: 4, scroll: "vertical", person_asked: true });
+  assert.equal(h.output.state, "armed");
+  assert.equal(again.name, "felt");
+  assert.equal(element.style.touchAction, "pan-y pinch-zoom");
+  assert.equal((await again.change({ opacity: 0.5 })).type, "layout");
+  let shown = 0;
+  const { layoutSet } = h;
+  h.layoutSet = (document) => (shown++, layoutSet.call(h, document));
+  const resumed = next(h, "resumed");
+  sockets.at(-1).terminate();
+  await resumed;
+  while (!shown) await sleep(10);
+  assert.equal(h.output.state, "off"); // real: never by itself
   await h.close();
 });

@@ -203,33 +203,38 @@ class ClientRegion:
     Parameters
     ----------
     calls : AsyncCalls
-        The client.
+        The client, `session` from then on.
     name : str
         Its name.
     """
 
     def __init__(self, calls: AsyncCalls, name: str) -> None:
-        self._calls, self.name = calls, name
+        self.session: Any = calls
+        self.name = name
 
     async def change(self, **fields: Unpack[ChangeRegionFields]) -> m.LayoutReply:
         """Change the given fields of a region, in a cross-fade."""
         change = given(op="change", name=self.name, **fields)
-        return await self._calls.layout_change([change])
+        reply: m.LayoutReply = await self.session.layout_change([change])
+        return reply
 
     async def move(self, **fields: Unpack[MoveRegionFields]) -> m.LayoutReply:
         """Move a region within `over_s`; fields that are left out stay."""
         change = given(op="move", name=self.name, **fields)
-        return await self._calls.layout_change([change])
+        reply: m.LayoutReply = await self.session.layout_change([change])
+        return reply
 
     async def remove(self) -> m.LayoutReply:
         """Remove a region; it fades out."""
         change = given(op="remove", name=self.name)
-        return await self._calls.layout_change([change])
+        reply: m.LayoutReply = await self.session.layout_change([change])
+        return reply
 
     async def set_value(self, value: float) -> m.LayoutReply:
         """Set the value of a control, such as a slider; it comes after all other changes."""
         change = given(op="value", name=self.name, value=value)
-        return await self._calls.layout_change([change])
+        reply: m.LayoutReply = await self.session.layout_change([change])
+        return reply
 
 
 class PlainCalls(ABC):
@@ -380,30 +385,35 @@ class PlainRegion:
     Parameters
     ----------
     calls : PlainCalls
-        The client.
+        The client, `session` from then on.
     name : str
         Its name.
     """
 
     def __init__(self, calls: PlainCalls, name: str) -> None:
-        self._calls, self.name = calls, name
+        self.session: Any = calls
+        self.name = name
 
     def change(self, **fields: Unpack[ChangeRegionFields]) -> m.LayoutReply:
         """Change the given fields of a region, in a cross-fade."""
         change = given(op="change", name=self.name, **fields)
-        return self._calls.layout_change([change])
+        reply: m.LayoutReply = self.session.layout_change([change])
+        return reply
 
     def move(self, **fields: Unpack[MoveRegionFields]) -> m.LayoutReply:
         """Move a region within `over_s`; fields that are left out stay."""
         change = given(op="move", name=self.name, **fields)
-        return self._calls.layout_change([change])
+        reply: m.LayoutReply = self.session.layout_change([change])
+        return reply
 
     def remove(self) -> m.LayoutReply:
         """Remove a region; it fades out."""
         change = given(op="remove", name=self.name)
-        return self._calls.layout_change([change])
+        reply: m.LayoutReply = self.session.layout_change([change])
+        return reply
 
     def set_value(self, value: float) -> m.LayoutReply:
         """Set the value of a control, such as a slider; it comes after all other changes."""
         change = given(op="value", name=self.name, value=value)
-        return self._calls.layout_change([change])
+        reply: m.LayoutReply = self.session.layout_change([change])
+        return reply

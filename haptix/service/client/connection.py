@@ -35,7 +35,16 @@ from pydantic import BaseModel, ValidationError
 
 from haptix.base.errors import DeviceError, HaptixError, InputError, from_extra
 from haptix.base.files import read_json, write_whole
-from haptix.service.client.calls import AsyncCalls, ClientLayout, PlainCalls, PlainLayout, given
+from haptix.service.client.calls import (
+    AsyncCalls,
+    ClientLayout,
+    ClientRegion,
+    Document,
+    PlainCalls,
+    PlainLayout,
+    PlainRegion,
+    given,
+)
 from haptix.service.protocol import messages as m
 from haptix.service.protocol.batches import TelemetryFrame, read_frame, write_touches
 from haptix.service.protocol.limiter import Limiter, service_folder
@@ -54,6 +63,7 @@ _WAIT_S, _CLOSE_S, _FILE_S = 25.0, 1.0, 60.0
 _FIRST_S, _LAST_S = 0.1, 5.0  # between two attempts to connect again
 _REPLAYED = ("geometry", "subscribe")  # sent again on resuming: the service does not keep them
 _CLOSED = "this client is closed; connect again"
+_FELT = "felt"  # name of the region that `feel` makes
 _MOST_SENDING = 64  # batches that are not sent yet; above this, a touch waits
 
 TouchKind = Literal["down", "move", "up"]
@@ -179,15 +189,22 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
     ----------
     welcome : Welcome
         First message of the service: limits, devices, profiles.
+    lease : Lease
+        Who holds the output, by the last message.
+    output : OutputMessage
+        What the output does, by the last message.
     layout : ClientLayout
         Calls that change the layout.
     """
 
     welcome: m.Welcome
+    lease: m.Lease
+    output: m.OutputMessage
 
     def __init__(self, name: str, find: Callable[[], tuple[str, str]]) -> None:
         self._name, self._find, self._resume = name, find, ""
         self._app = _word_of(name)
+        self._felt: Document | None = None  # what `feel` shows
         self._on: dict[tuple[int, str], m.ContactMessage] = {}  # the last of each region
         self.layout = ClientLayout(self)
         self._pending: dict[int, asyncio.Future[Any]] = {}
@@ -274,6 +291,42 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
         if kind == "watch":
             self._watched.add(fields["job"])
         return reply
+
+    async def feel(self, material: Document, *, person_asked: bool = False) -> ClientRegion:
+        """Fill the screen with a material and arm: all that it takes to feel one.
+
+        What was felt before is replaced. After a lost connection it is felt again, on a virtual
+        driver by itself.
+
+        Parameters
+        ----------
+        material : Material or dict
+            One of `haptix.feel` that names no files, or its document.
+        person_asked : bool
+            Whether a person has asked for the voltage of a real driver, which is not armed
+            otherwise. A virtual one always is.
+
+        Returns
+        -------
+        ClientRegion
+            The region, with this client as its `session`.
+
+        Raises
+        ------
+        Refused
+            If the material is none, or another app holds the output.
+        """
+        await self.acquire()
+        width_mm, height_mm = self.welcome.inventory.screen_mm
+        place = {"x_mm": 0.0, "y_mm": 0.0, "width_mm": width_mm, "height_mm": height_mm}
+        region = {"name": _FELT, "material": material, **place}
+        await self.layout_set({"regions": [region]})
+        self._felt = material
+        if person_asked or not any(one.is_real for one in self.welcome.inventory.devices):
+            await self.arm()
+        else:
+            _LOG.warning("the driver is real: call `arm` once a person asks for its voltage")
+        return ClientRegion(self, _FELT)
 
     async def asset(self, path: str | Path) -> str:
         """Send a file that materials read; return ``sha256:...``, as a document calls it.
@@ -383,6 +436,11 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
                     wait_s = min(2 * wait_s, _LAST_S)
                 else:
                     _LOG.info("connected again as session %d", self.welcome.session)
+                    if self._felt is not None:
+                        try:
+                            await self.feel(self._felt)
+                        except HaptixError as error:
+                            _LOG.warning("nothing is felt after the lost connection: %s", error)
                     self._emit("resumed", self.welcome)
                     break
         self._emit("closed", LostConnection(self._ended or "closed", True))
@@ -432,6 +490,12 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
             pong = {"type": "pong", "n": message.n, "clock_s": self.now_s()}
             await self._send(json.dumps(pong))
             return
+        if isinstance(message, m.Welcome):
+            self.lease, self.output = message.lease, message.output
+        elif isinstance(message, m.Lease):
+            self.lease = message
+        elif isinstance(message, m.OutputMessage):
+            self.output = message
         answer = self._pending.get(message.id)
         if answer is None or answer.done():
             self._emit(message.type, message)
@@ -540,6 +604,18 @@ class Client(ReportsTouches[None], PlainCalls):
         """Send a message and return its answer; see `AsyncClient.ask`."""
         return self._run(self._client.ask(kind, **fields))
 
+    def feel(self, material: Document, *, person_asked: bool = False) -> PlainRegion:
+        """Fill the screen with a material and arm; see `AsyncClient.feel`.
+
+        Parameters
+        ----------
+        material : Material or dict
+        person_asked : bool
+            Whether a person has asked for the voltage of a real driver.
+        """
+        region = self._run(self._client.feel(material, person_asked=person_asked))
+        return PlainRegion(self, region.name)
+
     def asset(self, path: str | Path) -> str:
         """Send a file that materials read; return ``sha256:...``, as a document calls it."""
         return self._run(self._client.asset(path))
@@ -548,6 +624,16 @@ class Client(ReportsTouches[None], PlainCalls):
     def welcome(self) -> m.Welcome:
         """First message of the service: limits, devices, profiles."""
         return self._client.welcome
+
+    @property
+    def lease(self) -> m.Lease:
+        """Who holds the output, by the last message."""
+        return self._client.lease
+
+    @property
+    def output(self) -> m.OutputMessage:
+        """What the output does, by the last message."""
+        return self._client.output
 
     def touches(self, touches: list[m.TouchMessage]) -> None:
         """Report many touches in one batch of bytes.
@@ -605,3 +691,35 @@ def connect(name: str, address: str = "", token: str = "") -> Client:
         If the service does not admit this client.
     """
     return Client(name, address, token)
+
+
+def feel(material: Document, name: str = "feel", *, person_asked: bool = False) -> PlainRegion:
+    """Open a session and fill the screen with a material: a felt texture in one call.
+
+    Parameters
+    ----------
+    material : Material or dict
+        One of `haptix.feel` that names no files, or its document.
+    name : str
+        Name of this program in the list of sessions.
+    person_asked : bool
+        Whether a person has asked for the voltage of a real driver, which is not armed otherwise.
+
+    Returns
+    -------
+    PlainRegion
+        The region; its `session` is the `Client`. Nothing is felt any more once the program ends.
+
+    Raises
+    ------
+    DeviceError
+        If no service runs.
+    Refused
+        If the material is none, or another app holds the output.
+    """
+    client = connect(name)
+    try:
+        return client.feel(material, person_asked=person_asked)
+    except BaseException:
+        client.close()
+        raise

@@ -41,7 +41,7 @@ from haptix.base.files import parse_json
 from haptix.play.touch.events import ForceModel, TouchEvent
 from haptix.service.engine.touch_gate import TouchGate
 from haptix.service.protocol.batches import TelemetryFrame, write_frame
-from haptix.service.protocol.messages import Stream
+from haptix.service.protocol.messages import SCREEN_MM, Stream
 from haptix.service.protocol.wire import (
     BEAT,
     JSON,
@@ -447,6 +447,7 @@ class EngineServer:
             "is_real": not self._known.is_virtual,
             **used_by,
             "touched_by": finger if touched_by is None else touched_by,
+            "screen_mm": (used[1].width_mm or SCREEN_MM, used[1].height_mm or SCREEN_MM),
             "profiles": profiles_of(*used, {"finger": finger, "screen": screen}),
             "carrier_hz": carrier_hz(self._surface),
             "kinds": sorted(KINDS),

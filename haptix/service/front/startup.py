@@ -161,5 +161,6 @@ def _inventory(device: str, opened: dict[str, Any]) -> m.Inventory:
         ),
         finger=opened["finger"],
         screen=opened["screen"],
+        screen_mm=tuple(opened["screen_mm"]),
         kinds=tuple(opened["kinds"]),
     )

@@ -23,6 +23,7 @@ MOST_DEPTH, MOST_KEYS, MOST_LISTS, MOST_VALUES = 16, 16_384, 32_768, 100_000
 """Of a text. Those of 256 regions have 8,000 keys; 20,000 touches by columns have 80,000 values. To
 refuse 500,000 values took 6 s, in which nobody's STOP was read."""
 MOST_TOUCHES = 1024  # of one batch
+SCREEN_MM = 500.0  # of a screen whose profile has no size: larger than any
 MOST_STREAM_HZ = 1000
 
 Code = Literal[
@@ -369,6 +370,7 @@ class Inventory(Message):
     devices: tuple[DeviceMessage, ...]
     finger: str
     screen: str
+    screen_mm: tuple[float, float] = (SCREEN_MM, SCREEN_MM)
     kinds: tuple[str, ...]
 
 
