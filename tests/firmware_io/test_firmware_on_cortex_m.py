@@ -15,6 +15,7 @@ SOURCES = LIBRARIES["haptix-firmware"].sources
 ROOM = Path(firmware_io.__file__).parent
 BOARD = Path(__file__).parent / "cortex_m"
 SESSIONS = sorted((ROOM / "golden").glob("session-*.json"))
+QUICK = ("session-edges", "session-revise", "session-sense")
 
 
 def c_header(session):
@@ -84,7 +85,13 @@ def run(tmp_path, session):
     )
 
 
-@pytest.mark.parametrize("path", SESSIONS, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path",
+    [  # the others play on this machine's processor in test_conformance.py
+        pytest.param(path, id=path.stem, marks=() if path.stem in QUICK else pytest.mark.slow)
+        for path in SESSIONS
+    ],
+)
 def test_a_microcontroller_plays_the_golden_sessions(tmp_path, path):
     done = run(tmp_path, json.loads(path.read_text()))
     assert (done.returncode, done.stdout + done.stderr) == (0, "as golden\n")

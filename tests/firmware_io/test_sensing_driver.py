@@ -53,7 +53,7 @@ class Bench:
 
     def known(self):
         """Until the panel is known: 50 ms untouched, and 16 readings of 4 ms."""
-        return self.play(0.3)
+        return self.play(0.2)
 
     def change(self, **changes):
         """Change the converter at the next sample; return that sample's place in the output."""

@@ -70,7 +70,7 @@ def test_a_library_is_built_once(builder, checkout):
     assert kept(checkout) == [path]
 
 
-@pytest.mark.parametrize("changed", ["a header", "a flag"])
+@pytest.mark.parametrize("changed", ["a header", pytest.param("a flag", marks=pytest.mark.slow)])
 def test_what_else_goes_into_it_builds_it_again(builder, checkout, monkeypatch, changed):
     path = builder.built(NAME)
     if changed == "a header":

@@ -46,6 +46,7 @@ def test_a_command_says_so_in_a_sentence(foreign, tmp_path, name, words):
     assert done.stderr.count("\n") == 1
 
 
+@pytest.mark.slow  # a process with torch
 def test_the_doctor_says_so_of_what_it_can_do_without(foreign, tmp_path):
     done = foreign("calibration", "-m", "haptix.tasks.cli", "doctor", "--json")
     assert done.returncode == 1

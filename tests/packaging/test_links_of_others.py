@@ -65,6 +65,7 @@ def test_the_command_line_knows_its_keys(environment):
         assert re.search(said, done.stderr)
 
 
+@pytest.mark.slow  # starts the service; the command and a device open it above
 def test_the_service_opens_it(environment, tmp_path):
     file = tmp_path / "host.bin"
     command = ["-m", "haptix.tasks.cli", "serve", "--port", "0", "--device", f"kept:file={file}"]
