@@ -114,6 +114,14 @@ def plain_terminal() -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="session", autouse=True)
+def no_waiting_for_the_disk() -> Iterator[None]:
+    """What a test writes need not outlast a power cut, and a file is on a disk after 7 ms."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", lambda file: None)
+        yield
+
+
 @pytest.fixture(scope="session")
 def haptix_cli() -> CommandLine:
     """Call ``haptix ARGUMENTS``."""
