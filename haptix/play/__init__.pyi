@@ -49,6 +49,7 @@ from .touch import ForceEstimate as ForceEstimate
 from .touch import ForceModel as ForceModel
 from .touch import InteractingSinger as InteractingSinger
 from .touch import OneEuroFilter as OneEuroFilter
+from .touch import PanelClock as PanelClock
 from .touch import PlaceFilter as PlaceFilter
 from .touch import ScreenAxes as ScreenAxes
 from .touch import SingerKalman as SingerKalman

@@ -23,6 +23,7 @@ from haptix.play.touch.recordings import is_recording, paths_of, read_events, re
 from haptix.play.touch.touches import Touches, TouchSettings, TouchState, TouchTracker
 from haptix.play.touch.touchscreen import (
     AxisRange,
+    PanelClock,
     ScreenAxes,
     SlotDecoder,
     Touchscreen,
@@ -38,6 +39,7 @@ __all__ = [
     "ForceModel",
     "InteractingSinger",
     "OneEuroFilter",
+    "PanelClock",
     "PlaceFilter",
     "ScreenAxes",
     "SingerKalman",

@@ -6,11 +6,13 @@ import os
 import select
 import struct
 import sys
+from collections import deque
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import inf, pi
 from pathlib import Path
+from statistics import fmean
 from typing import Any, Literal, Self
 
 from haptix.base.checks import Positive, checked, positive
@@ -25,9 +27,10 @@ from haptix.play.touch.orientation import (
 )
 
 # linux/input-event-codes.h
-EV_SYN, EV_KEY, EV_ABS = 0x00, 0x01, 0x03
+EV_SYN, EV_KEY, EV_ABS, EV_MSC = 0x00, 0x01, 0x03, 0x04
 SYN_REPORT, SYN_MT_REPORT, SYN_DROPPED = 0x00, 0x02, 0x03
 BTN_TOUCH = 0x14A
+MSC_TIMESTAMP = 0x05
 ABS_X, ABS_Y, ABS_PRESSURE, ABS_DISTANCE = 0x00, 0x01, 0x18, 0x19
 ABS_MT_SLOT = 0x2F
 ABS_MT_TOUCH_MAJOR, ABS_MT_TOUCH_MINOR = 0x30, 0x31
@@ -65,6 +68,10 @@ _SIDES_MM, _MOST_ASPECT = (20.0, 3000.0), 5.0
 _ZERO_LIFTS = (ABS_MT_PRESSURE, ABS_MT_TOUCH_MAJOR)  # a finger where they become 0, see `_touches`
 # Of a slot whose values were lost: no touch before the panel says so again.
 _LOST = {ABS_MT_DISTANCE: 1, ABS_MT_PRESSURE: 0, ABS_MT_TOOL_TYPE: MT_TOOL_PALM}
+# Of the panel's clock: reports that decide whether it holds, and how far it may scatter and drift
+# over them. It wraps around, and begins anew after a pause.
+_CLOCK_REPORTS, _CLOCK_SPREAD_S, _CLOCK_DRIFT_S = 32, 0.015, 0.002
+_WRAP_US, _CLOCK_PAUSE_S = 1 << 32, 0.5
 _FARTHEST_MM = 40.0  # a finger moves less between two reports
 
 _CLOCK_MONOTONIC = 1
@@ -264,6 +271,57 @@ class _Slot:
     """Codes that have been above 0 in this contact."""
 
 
+class PanelClock:
+    """Stamps reports by the panel's own clock (MSC_TIMESTAMP), where it agrees with the kernel's.
+
+    The kernel stamps a report when it arrives: over USB, up to some 10 ms late, and unevenly. The
+    panel's clock counts microseconds from any time on, and starts anew after a pause. It holds
+    where the difference between both, over the last reports, neither scatters nor drifts; their
+    mean then maps the one to the other, so that stamps are even and as late as before.
+    """
+
+    def __init__(self) -> None:
+        self._panel_s = 0.0
+        self._last: tuple[float, int] | None = None
+        self._behind_s: deque[float] = deque(maxlen=_CLOCK_REPORTS)
+        self._stamped_s = -inf
+
+    def stamp(self, t_s: float, panel_us: int | None) -> float:
+        """Return the time of a report [s] on the kernel's clock.
+
+        Parameters
+        ----------
+        t_s : float
+            The kernel's stamp.
+        panel_us : int or None
+            Value of MSC_TIMESTAMP, where the report has one.
+        """
+        found_s = t_s
+        if panel_us is not None:
+            panel_us &= _WRAP_US - 1
+            if self._last is not None:
+                gap_s = (panel_us - self._last[1]) % _WRAP_US * 1e-6
+                if max(gap_s, t_s - self._last[0]) > _CLOCK_PAUSE_S:
+                    self._behind_s.clear()
+                self._panel_s += gap_s
+            self._last = (t_s, panel_us)
+            self._behind_s.append(t_s - self._panel_s)
+            if self.holds:
+                found_s = self._panel_s + fmean(self._behind_s)
+        # Where it begins or ends to hold, no stamp is before one that was told.
+        self._stamped_s = max(found_s, min(self._stamped_s, t_s + _CLOCK_SPREAD_S))
+        return self._stamped_s
+
+    @property
+    def holds(self) -> bool:
+        """Whether stamps are those of the panel's clock."""
+        behind_s = [*self._behind_s]
+        half = _CLOCK_REPORTS // 2
+        if len(behind_s) < _CLOCK_REPORTS or max(behind_s) - min(behind_s) > _CLOCK_SPREAD_S:
+            return False
+        return abs(fmean(behind_s[:half]) - fmean(behind_s[half:])) < _CLOCK_DRIFT_S
+
+
 class SlotDecoder:
     """Turns the events of a device into touches, once per SYN_REPORT.
 
@@ -308,6 +366,8 @@ class SlotDecoder:
         self._contact: dict[int, int] = {}
         self._ids = 0
         self._is_touched: bool | None = False if protocol == "single" else None  # BTN_TOUCH
+        self._clock = PanelClock()
+        self._panel_us: int | None = None
         self._is_broken = False
         self._rest = b""
         if ask is not None or ask_key is not None:
@@ -346,12 +406,16 @@ class SlotDecoder:
                     values = self._slots.setdefault(0, _Slot()).values
                     values[ABS_MT_TRACKING_ID] = self._ids if self._is_touched else -1
                 self._contacts, self._contact = None, {}
-                return self._report(sec + usec * 1e-6)
+                t_s = self._clock.stamp(sec + usec * 1e-6, self._panel_us)
+                self._panel_us = None
+                return self._report(t_s)
             elif code == SYN_MT_REPORT and self._protocol == "A":
                 self._contacts = self._contacts or []
                 if self._contact:
                     self._contacts.append(self._contact)
                     self._contact = {}
+        elif kind == EV_MSC and code == MSC_TIMESTAMP:
+            self._panel_us = value
         elif self._is_broken:
             pass
         elif kind == EV_ABS:
@@ -482,7 +546,8 @@ class SlotDecoder:
 class Touchscreen:
     """A touchscreen, read without waiting: multi-touch protocols B and A, or single touch.
 
-    Time stamps are those of the kernel, on the clock of `time.monotonic`.
+    Time stamps are on the clock of `time.monotonic`: those of the kernel, or of the panel's own
+    clock where it agrees, see `PanelClock`.
 
     Parameters
     ----------

@@ -4,6 +4,7 @@ import threading
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -353,3 +354,23 @@ def calibrating_with_a_finger() -> dict[str, float]:
             (told,) = screen.read(1.0)
             require(abs(told.x_mm - 95.2) < 0.2 and abs(told.y_mm - 20.0) < 0.2, told)
     return {"off_mm": result.document["off_mm"], "rate_hz": result.document["rate_hz"]}
+
+
+@check()
+def a_panel_that_is_polled_unevenly() -> dict[str, float]:
+    """Reports of each 9 ms that arrive 13 and 5 ms apart are read by the panel's scan time."""
+    from tests.devices.guest.hid_panel import HidPanel
+
+    with HidPanel() as panel:
+        (found,) = [info for info in find_touchscreens() if info.name == panel.name]
+        with Touchscreen(found.path) as screen:
+            told = []
+            for i in range(80):
+                panel.report(1, 1, 1000 + 20 * i, 2000, ms=9)
+                time.sleep(0.013 if i % 2 else 0.005)
+                told += screen.read()
+    gaps_s = [b.t_s - a.t_s for a, b in pairwise(told[45:])]
+    require(len(told) > 75, len(told))
+    # The mean of what arrives late moves a little, as the guest's own pace does.
+    require(max(abs(gap_s - 0.009) for gap_s in gaps_s) < 0.002, gaps_s)
+    return {"longest_gap_ms": 1e3 * max(gaps_s)}

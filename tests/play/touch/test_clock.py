@@ -4,12 +4,13 @@ import math
 import time
 from itertools import count
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from haptix import InputError
-from haptix.play.touch import AppClock, TouchCounts, Touches, TouchEvent, TouchSettings
+from haptix.play.touch import AppClock, PanelClock, TouchCounts, Touches, TouchEvent, TouchSettings
 
 NOW_S = 5000.0
 
@@ -102,3 +103,47 @@ def test_a_wrong_unit_is_found():
         AppClock.measure(lambda: 5.0)
     with pytest.raises(InputError, match="read"):
         AppClock.measure(lambda: math.nan)
+
+
+def stamps(kernel_s, panel_us):
+    clock = PanelClock()
+    found = [clock.stamp(t, int(us) % 2**32) for t, us in zip(kernel_s, panel_us, strict=True)]
+    assert (np.diff(found) >= 0).all()
+    return np.array(found), clock.holds
+
+
+UNEVEN_S = 100 + np.cumsum(np.tile([0.013, 0.005], 150))  # 9 ms on average, as USB polls
+
+
+def test_a_panel_that_is_polled_unevenly_is_read_by_its_own_clock():
+    found, holds = stamps(UNEVEN_S, 9000.0 * np.arange(300))
+    assert holds
+    assert np.diff(found[40:]) == pytest.approx(0.009, abs=3e-4)
+    # As late as before: what was measured of the panel's latency holds.
+    assert np.mean(found - UNEVEN_S) == pytest.approx(0.0, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    "panel_us",
+    [
+        np.full(300, 7),  # stands
+        900.0 * np.arange(300),  # counts tenths
+        8000.0 * np.arange(300),  # 11 % slow
+        np.random.default_rng(1).integers(0, 2**32, 300),
+    ],
+    ids=["stands", "tenths", "slow", "random"],
+)
+def test_a_panel_whose_clock_is_wrong_is_read_by_the_kernels(panel_us):
+    found, holds = stamps(UNEVEN_S, panel_us)
+    assert not holds
+    assert found == pytest.approx(UNEVEN_S, abs=1e-12)
+
+
+def test_the_panels_clock_may_wrap_and_start_anew():
+    begin_us = 2**32 - 1_000_000
+    kernel_s = np.concatenate([UNEVEN_S, UNEVEN_S + 5])
+    panel_us = np.concatenate([begin_us + 9000.0 * np.arange(300), 9000.0 * np.arange(300)])
+    found, _ = stamps(kernel_s, panel_us)
+    for first in (40, 340):
+        assert np.diff(found[first : first + 250]) == pytest.approx(0.009, abs=3e-4)
+    assert abs(found - kernel_s).max() < 0.01

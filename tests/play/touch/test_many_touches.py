@@ -207,7 +207,7 @@ def test_nothing_that_comes_in_stops_it(events, t):
             assert np.isfinite(tracker.at(t)[:9]).all()
     counts = touches.counts
     ups = sum(event.kind == "up" for event in events)
-    dropped = counts.late + counts.invalid + counts.crowded
+    dropped = counts.late + counts.invalid + counts.crowded + counts.jumps
     # Every event has exactly one fate. An up of a touch that was there is counted by no number.
     assert counts.taken + dropped <= len(events) <= counts.taken + dropped + ups
 
