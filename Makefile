@@ -29,6 +29,9 @@ test-devices: .venv/.ready ## the tests through real USB, HID, touchscreen and a
 mutants: .venv/.ready ## 300 small errors in the packages, each for the tests nearest to it (ARGS='--count 40 haptix/play/render'); hours
 	.venv/bin/python scripts/mutants.py $(ARGS)
 
+test-peers: .venv/.ready ## the field's own tools read what haptix writes (first: bash scripts/setup-peers.sh)
+	.venv/bin/python -m pytest -m peers tests/peers $(ARGS)
+
 clients: .venv/.ready ## the clients' types and messages, from the schema; needs Node 20 (ARGS='--pack FOLDER' for a release)
 	.venv/bin/python scripts/make-clients.py $(ARGS)
 

@@ -1,7 +1,8 @@
 """Two stimuli of a set, in PsychoPy's Coder: which was stronger?"""
 
 from psychopy import core, event, visual
-from psychopy.hardware import HapticStimulus, HaptixSession
+
+from psychopy_haptix.session import HapticStimulus, HaptixSession
 
 window = visual.Window()
 words = visual.TextStim(window, text="Slide your finger. First or second stronger? 1 or 2")
