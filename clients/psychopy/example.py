@@ -1,7 +1,6 @@
 """Two stimuli of a set, in PsychoPy's Coder: which was stronger?"""
 
 from psychopy import core, event, visual
-
 from psychopy_haptix.session import HapticStimulus, HaptixSession
 
 window = visual.Window()
