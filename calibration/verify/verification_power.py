@@ -217,7 +217,7 @@ def extended_plan(
     if fit["h0_m"].value is None:
         fitted_parameters = parameters.started_at(**{name: fit.best(name) for name in fit.free})
         # More strokes do not tell the forms apart better than these have.
-        own = fit.covariance if fit.posterior is None else fit.posterior.own
+        own = fit.posterior.own
         at = fit.free.index("h0_m")
         left = reported_within("h0_m") ** 2 - (fit.covariance - own)[at, at]
         if left <= 0:
