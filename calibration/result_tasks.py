@@ -14,7 +14,7 @@ from haptix.base.errors import InputError
 from haptix.base.fields import Address, Argument, FileThere, FolderThere, Positive, Text, Typed
 from haptix.base.report import record, row
 from haptix.base.task import Context, Result, Task
-from haptix.model.presets import FingerName, TermName
+from haptix.model.presets import DEFAULT_CARRIER_HZ, FingerName, TermName
 
 if TYPE_CHECKING:
     from calibration.plan.parameters import Array
@@ -221,7 +221,7 @@ class MatchScreens(Task, command="calibrate match"):
     normal_force_n: tuple[Positive, ...] = Field(
         (0.2, 0.5, 0.8), description="Normal forces; may be repeated."
     )
-    frequency_hz: Positive = Field(4000.0, description="Of the drive.")
+    frequency_hz: Positive = Field(DEFAULT_CARRIER_HZ, description="Of the drive.")
     levels: Annotated[int, Field(ge=2, le=1000)] = Field(
         5, description="Frictions in the common range."
     )

@@ -26,6 +26,7 @@ from haptix.base.report import Heading
 from haptix.model.finger import Finger, Roughness
 from haptix.model.friction import ContactModel
 from haptix.model.perception.thresholds import WEBER_FRACTION
+from haptix.model.presets import DEFAULT_CARRIER_HZ
 from haptix.model.screen import Calibration, Screen
 from haptix.model.status import Status
 
@@ -226,7 +227,7 @@ def match_screens(
     b: Screen,
     fingers: Sequence[Finger],
     normal_force_n: Sequence[float] = (0.2, 0.5, 0.8),
-    frequency_hz: float = 4000.0,
+    frequency_hz: float = DEFAULT_CARRIER_HZ,
     levels: int = 5,
 ) -> list[Match]:
     """Compare two screens under the same fingers, at each force [N].

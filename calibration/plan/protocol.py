@@ -19,6 +19,7 @@ from firmware_io import DriveLimits
 from haptix.base.checks import positive
 from haptix.base.documents import Document, Part
 from haptix.base.errors import InputError
+from haptix.model.presets import DEFAULT_CARRIER_HZ
 
 FORCES_N = (0.1, 0.3, 0.5, 0.7, 0.9)
 VOLTAGES_V = (0.0, 50.0, 100.0, 150.0, 200.0)
@@ -28,7 +29,7 @@ FREQUENCY_HZ = 125.0
 SWEEP_HZ = (30.0, 60.0, 300.0, 1000.0, 4000.0)
 """Frequencies that separate the screen's insulator from the skin's: each at every force."""
 
-CARRIER_HZ = 4000.0
+CARRIER_HZ = DEFAULT_CARRIER_HZ
 """Frequency at which `haptix render` plays."""
 
 USUAL_MM_PER_S, _SLOW, _FAST = 50.0, 25.0, 100.0

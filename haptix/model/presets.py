@@ -11,6 +11,12 @@ from pydantic import AfterValidator, Field
 
 from haptix.base.fields import ProfileName, is_there, one_of
 
+DEFAULT_CARRIER_HZ = 4000.0
+"""Carrier where none is named: too fast to be felt, and exactly a twelfth of 48 kHz."""
+
+FORCES_N = (0.05, 3.0)
+"""Range of forces of a surface that is built for whoever strokes the screen."""
+
 FINGERS: dict[str, dict[str, Any]] = {
     "semi-wet": {
         "bulk_modulus_pa": 10e3,

@@ -14,8 +14,8 @@ from haptix.base.errors import InputError
 from haptix.base.fields import Address, Argument, NewDocument, check_new
 from haptix.base.report import record
 from haptix.base.task import Context, Result
-from haptix.model.presets import FingerName
-from haptix.tasks.strokes import FORCES_N, OnScreen
+from haptix.model.presets import DEFAULT_CARRIER_HZ, FORCES_N, FingerName
+from haptix.tasks.strokes import OnScreen
 
 if TYPE_CHECKING:
     from haptix.model.friction import ContactModel
@@ -62,7 +62,6 @@ class Enroll(OnScreen, command="enroll"):
         from haptix.model.surface import cached_surface
         from haptix.play.devices import open_device
         from haptix.play.render import LiveRenderer, LiveSettings
-        from haptix.play.render.samples import DEFAULT_CARRIER_HZ
         from haptix.play.sensing import ContactCurrent, FingerObserver
 
         model = self.model()
@@ -138,7 +137,6 @@ class Enroll(OnScreen, command="enroll"):
         """Return the current of the finger that slides on a mock."""
         from haptix.model.finger import Finger
         from haptix.model.friction import ContactModel
-        from haptix.play.render.samples import DEFAULT_CARRIER_HZ
         from haptix.play.virtual_finger import VirtualCurrent
 
         slider = model.finger if self.slider is None else Finger.named(self.slider)

@@ -30,7 +30,7 @@ from haptix.base.fields import (
 from haptix.base.report import row
 from haptix.base.task import Context, Result, Task
 from haptix.base.terminal import accuracy_note, breakdown_note, placeholder_note, warning_note
-from haptix.model.presets import FingerName, ScreenName
+from haptix.model.presets import DEFAULT_CARRIER_HZ, FORCES_N, FingerName, ScreenName
 
 if TYPE_CHECKING:
     from haptix.feel.materials import Feelable
@@ -51,8 +51,6 @@ _KEPT_FIELDS = (
 
 MillimetresWide = Annotated[float, Field(ge=0.1, le=1e4)]
 Touches = Field(min_length=2, max_length=20_000, fail_fast=True)
-FORCES_N = (0.05, 3.0)
-"""Range of forces of a surface that the service builds."""
 Finite = Annotated[float, Field(ge=-1e6, le=1e6)]
 
 
@@ -178,7 +176,7 @@ class Demo(OfPhotograph, command="demo"):
         "3m-sct3250", description="Screen: a preset (3m-sct3250) or a TOML file."
     )
     width_mm: MillimetresWide = Field(60.0, description="Width of the photograph on the screen.")
-    carrier_hz: CarrierHz = Field(4000.0, description="Frequency of the carrier.")
+    carrier_hz: CarrierHz = Field(DEFAULT_CARRIER_HZ, description="Frequency of the carrier.")
     polarity: Literal["bright-high", "dark-high"] = Field(
         "bright-high", description="bright-high or dark-high: which grey has high friction."
     )
@@ -435,7 +433,6 @@ class Headroom(OnScreen, route="headroom", kind="headroom"):
         from haptix.feel.materials.picture import picture
         from haptix.model.status import Status
         from haptix.model.surface import cached_surface
-        from haptix.play.render.samples import DEFAULT_CARRIER_HZ
 
         scene = {"normal_force_n": self.normal_force_n, "frequency_hz": DEFAULT_CARRIER_HZ}
         update = partial(context.progress, "build the surface")
@@ -467,7 +464,6 @@ class KeepSurface(OnScreen, route="surfaces", kind="surface"):
     def run(self, context: Context) -> Result:
         """Build a surface as the service does at its start."""
         from haptix.model.surface import cached_surface
-        from haptix.play.render.samples import DEFAULT_CARRIER_HZ
 
         scene = {"normal_force_n": FORCES_N, "frequency_hz": DEFAULT_CARRIER_HZ}
         tolerance = f"{self.tolerance_jnd:g} JND"

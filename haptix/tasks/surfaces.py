@@ -37,7 +37,7 @@ from haptix.base.files import cache_folder, reading
 from haptix.base.report import record
 from haptix.base.task import Context, Result, Task
 from haptix.base.terminal import accuracy_note, breakdown_note, placeholder_note, warning_note
-from haptix.model.presets import FingerName, ScreenName, TermName
+from haptix.model.presets import DEFAULT_CARRIER_HZ, FingerName, ScreenName, TermName
 
 if TYPE_CHECKING:
     from haptix.model.friction import ContactModel
@@ -321,7 +321,7 @@ class Reach(OfModel, command="reach", route="reaches"):
     """Lowest and highest friction that a surface offers for a finger, and what limits it."""
 
     normal_force_n: tuple[Force, ...] = Field((0.2, 0.5, 1.0), description="Normal forces [N].")
-    frequency_hz: Frequency = Field(4000.0, description="Frequency of the drive.")
+    frequency_hz: Frequency = Field(DEFAULT_CARRIER_HZ, description="Frequency of the drive.")
     past_limits: PastLimits = False
 
     def run(self, context: Context) -> Result:

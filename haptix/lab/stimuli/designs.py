@@ -17,8 +17,9 @@ from haptix.base.documents import Part
 from haptix.base.errors import InputError
 from haptix.feel.signals.shapes import Sine
 from haptix.feel.signals.signal import signal_from
-from haptix.lab.stimuli.stimulus import DEFAULT_CARRIER_HZ, Stimulus, stimulus_from
+from haptix.lab.stimuli.stimulus import Stimulus, stimulus_from
 from haptix.model.perception.thresholds import Perception
+from haptix.model.presets import DEFAULT_CARRIER_HZ
 from haptix.model.screen import Screen
 from haptix.play.devices import DriveLimits
 
@@ -349,7 +350,7 @@ class MatchedIntensityDesign(Part):
     length_s: PositiveFloat
     drive: Literal["direct", "carrier"] = "direct"
     normal_force_n: PositiveFloat = 0.5
-    carrier_hz: PositiveFloat = 4000.0
+    carrier_hz: PositiveFloat = DEFAULT_CARRIER_HZ
     fade_s: Annotated[float, Field(ge=0)] = 0.05
 
     def stimuli(self, known: Perception, limits: DriveLimits) -> list[Stimulus]:

@@ -17,11 +17,9 @@ from haptix.base.kinds import Kind
 from haptix.feel.along_path import MaterialSignal, SpeedProfile, speed_from
 from haptix.feel.materials import material_of
 from haptix.feel.signals.signal import Signal, signal_from
+from haptix.model.presets import DEFAULT_CARRIER_HZ
 
 Quantity = Literal["mu", "contrast", "share", "volts"]
-
-DEFAULT_CARRIER_HZ = 4000.0
-"""Too fast to be felt, and exactly a twelfth of 48 kHz."""
 
 
 @checked()

@@ -19,6 +19,7 @@ from haptix.feel.layout import Layout
 from haptix.feel.materials import Evaluator, Feelable, TargetKind, check_feelable
 from haptix.feel.motion import Motion
 from haptix.model.finger import FingerResponse
+from haptix.model.presets import DEFAULT_CARRIER_HZ
 from haptix.model.status import LIMITS, Status
 from haptix.model.surface import FrictionSurface, Slice
 from haptix.model.waves import turns
@@ -50,9 +51,6 @@ _row, _FLOAT64 = np.ascontiguousarray, np.dtype(np.float64)
 _ALL = Mix()  # full intensity, and no effects
 
 _BLOCK_TIMES = 100_000  # that the statistics keep
-
-DEFAULT_CARRIER_HZ = 4000.0
-"""Too high to be felt, and exactly a twelfth of the usual 48 kHz."""
 
 
 class Fingers(NamedTuple):

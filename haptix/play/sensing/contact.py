@@ -26,6 +26,7 @@ from haptix.base.documents import Document
 from haptix.base.errors import InputError
 from haptix.model.finger import Finger
 from haptix.model.friction import ContactModel
+from haptix.model.presets import DEFAULT_CARRIER_HZ
 from haptix.model.screen import Screen
 from haptix.model.status import Status
 from haptix.model.surface import FrictionSurface
@@ -340,7 +341,7 @@ class EnrolledFinger(Document):
     mean: _Row
     covariance: Annotated[tuple[_Row, ...], Field(min_length=_LATENT, max_length=_LATENT)]
     screen: str = ""
-    frequency_hz: Annotated[float, Field(gt=0)] = 4000.0
+    frequency_hz: Annotated[float, Field(gt=0)] = DEFAULT_CARRIER_HZ
     slid: tuple[tuple[float, float, float, float], ...] = ()
     day: date | None = None
 

@@ -29,11 +29,11 @@ from haptix.feel.materials.spectral import (
 from haptix.feel.motion import Motion, Trajectory
 from haptix.feel.motion.block import facts_on
 from haptix.model.friction import ContactModel
+from haptix.model.presets import DEFAULT_CARRIER_HZ
 from haptix.model.states import ContactState
 from haptix.model.status import Status
 from haptix.model.surface import FrictionSurface, cached_surface
 from haptix.play.render import DirectWave, Drive, LiveRenderer, LiveSettings, Renderer
-from haptix.play.render.samples import DEFAULT_CARRIER_HZ
 from haptix.play.touch import TouchEvent, events_of
 from haptix.play.virtual_finger import (
     FELT_WITHIN_S,

@@ -18,6 +18,7 @@ from pydantic import BaseModel
 from haptix.base.errors import InputError
 from haptix.base.task import Context, task_at
 from haptix.feel.materials.decoded import PICTURES
+from haptix.model.presets import DEFAULT_CARRIER_HZ, FORCES_N
 
 if TYPE_CHECKING:
     from haptix.feel.materials import Material
@@ -33,7 +34,6 @@ BYTES_PER_PIXEL = 48  # of a texture: the pixels, its pyramid, and one level mor
 MOST_SAMPLES, MOST_TABLE_BYTES = 48_000 * 60, 2_000_000
 """Of a sound, and of a table or model, which the engine reads in a second or two."""
 
-_SURFACE_FORCES_N = (0.05, 3.0)
 """Forces [N] of the surface that is built where none is given: all that a finger slides with."""
 _TOLERANCE = "0.05 JND"
 
@@ -195,8 +195,6 @@ class DocumentWork:
 
     def _reach(self, normal_force_n: float) -> Column:
         """Friction that the screen can give at a force."""
-        from haptix.play.render.samples import DEFAULT_CARRIER_HZ
-
         surface = surface_of(self._opening).driven_at(DEFAULT_CARRIER_HZ)
         return surface.column(normal_force_n, None)
 
@@ -207,12 +205,11 @@ def surface_of(opening: dict[str, Any]) -> FrictionSurface:
     from haptix.model.friction import ContactModel
     from haptix.model.screen import Screen
     from haptix.model.surface import FrictionSurface, cached_surface
-    from haptix.play.render.samples import DEFAULT_CARRIER_HZ
 
     if opening["surface"] is not None:
         return FrictionSurface.load(opening["surface"])
     model = ContactModel(Finger.named(opening["finger"]), Screen.named(opening["screen"]))
-    scene = {"normal_force_n": _SURFACE_FORCES_N, "frequency_hz": DEFAULT_CARRIER_HZ}
+    scene = {"normal_force_n": FORCES_N, "frequency_hz": DEFAULT_CARRIER_HZ}
     surface, _ = cached_surface(model, scene, _TOLERANCE)
     return surface.limited(opening.get("ceiling_v", surface.voltage_limit_v))
 
