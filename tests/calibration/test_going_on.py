@@ -33,7 +33,7 @@ def session(tmp_path, finger, screen):
 def quick(monkeypatch):
     """The verdicts of a test in place of a fit's; as many strokes as a plan for 2.2 % has."""
     verdicts = []
-    monkeypatch.setattr(Fit, "load", lambda path: SimpleNamespace(theory=None))
+    monkeypatch.setattr(Fit, "load", lambda path: SimpleNamespace(theory="open-gaps"))
     monkeypatch.setattr(steps, "extended_plan", lambda *given: given[2].extended(10))
     monkeypatch.setattr(
         steps, "finish_folder", lambda folder, context: Finished(verdicts.pop(0), None, 4, {})
