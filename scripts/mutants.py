@@ -1,12 +1,12 @@
 """Make small errors in the packages, and count those that the tests find: `make mutants`.
 
-    .venv/bin/python scripts/mutants.py                              # 300 of all packages
+    .venv/bin/python scripts/mutants.py                                   # 300 of all packages
     .venv/bin/python scripts/mutants.py --count 40 haptix/play/render     # 40 of a folder
 
 An error is another comparison, operator or number, or a call or a `raise` that is left out. Each is
-made in a copy of the repository, where the tests nearest to it run as `make quick` runs them, up to
-the first that fails. The choice follows from the seed and the text of each line, so that it stays
-the same while other lines change. What no test finds within its minute is listed.
+made in a copy of the repository, where the tests nearest to it run as `make quick` runs them, for a
+minute of the processor, up to the first that fails. The choice follows from the seed and the text
+of each line, so that it stays the same while other lines change. What no test finds is listed.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ from typing import Any
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("haptix", "firmware_io", "calibration")
-LONGEST_S = 300.0  # a mutant that hangs longer than that is found
+OPTIONS = ("--processor-time", "-x", "-p", "no:cacheprovider")
+LONGEST_S = 900.0  # a mutant that hangs longer than that is found
 NOT_COPIED = shutil.ignore_patterns(
     ".git", ".venv", "__pycache__", "node_modules", "dist", "site", ".*_cache", ".hypothesis"
 )
@@ -144,7 +145,7 @@ def is_found(mutant: Mutant, copy: Path) -> bool:
     end = mutant.start + len(mutant.before.encode())
     target.write_bytes(source[: mutant.start] + mutant.after.encode() + source[end:])
     tests = subprocess.Popen(
-        [sys.executable, "scripts/quick.py", str(mutant.file), "-x", "-p", "no:cacheprovider"],
+        [sys.executable, "scripts/quick.py", str(mutant.file), *OPTIONS],
         cwd=copy,
         env={**os.environ, "PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"},
         stdout=subprocess.DEVNULL,
