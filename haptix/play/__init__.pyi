@@ -62,6 +62,8 @@ from .touch import TouchscreenInfo as TouchscreenInfo
 from .touch import TouchSettings as TouchSettings
 from .touch import TouchState as TouchState
 from .touch import TouchTracker as TouchTracker
+from .touch import TuioDecoder as TuioDecoder
+from .touch import TuioSource as TuioSource
 from .touch import events_of as events_of
 from .touch import find_touchscreens as find_touchscreens
 from .touch import fitted_matrix as fitted_matrix

@@ -28,6 +28,7 @@ from haptix.play.touch.touchscreen import (
     SlotDecoder,
     Touchscreen,
 )
+from haptix.play.touch.tuio import TuioDecoder, TuioSource
 
 __all__ = [
     "ORIENTATIONS",
@@ -52,6 +53,8 @@ __all__ = [
     "Touches",
     "Touchscreen",
     "TouchscreenInfo",
+    "TuioDecoder",
+    "TuioSource",
     "events_of",
     "find_touchscreens",
     "fitted_matrix",

@@ -70,7 +70,7 @@ _ZERO_LIFTS = (ABS_MT_PRESSURE, ABS_MT_TOUCH_MAJOR)  # a finger where they becom
 _LOST = {ABS_MT_DISTANCE: 1, ABS_MT_PRESSURE: 0, ABS_MT_TOOL_TYPE: MT_TOOL_PALM}
 # Of the panel's clock: reports that decide whether it holds, and how far it may scatter and drift
 # over them. It wraps around, and begins anew after a pause.
-_CLOCK_REPORTS, _CLOCK_SPREAD_S, _CLOCK_DRIFT_S = 32, 0.015, 0.002
+_CLOCK_REPORTS, _CLOCK_SPREAD_S, _CLOCK_DRIFT_S = 32, 0.015, 0.003
 _WRAP_US, _CLOCK_PAUSE_S = 1 << 32, 0.5
 _FARTHEST_MM = 40.0  # a finger moves less between two reports
 
