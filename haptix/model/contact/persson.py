@@ -9,7 +9,7 @@ where a light contact breaks up within 1e-4 of q0, and the last waves, where the
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from math import ceil, inf, log, pi, sqrt
 from typing import Any, Literal, get_args
@@ -34,6 +34,7 @@ from haptix.model.contact.finite_size import (
 )
 from haptix.model.contact.roughness import RoughnessSpectrum
 from haptix.model.contact.tables import Y_MAX, PiecewiseLinear, SeparationIntegral, UniformCubic
+from haptix.model.contact.topography import over_rings
 
 LATTICE_STEP = log(10) / 24
 """Step of ln p. All tables of a contact use one lattice, so that no result depends on which other
@@ -57,7 +58,8 @@ _SPOT_RANGE = -30.0, 40.0  # of ln (q_s/q_c)^2: at the lower end all waves count
 _SPOT_NODES = 351  # steps of 0.2: the cubic for the share of the waves that count is exact to 1e-6
 _SEPARATION_POINTS = 32  # Gauss points, at most, in each panel of one mean separation
 _FIRST_SPAN, _PER_SPAN = 8.0, 2.0  # span of the first panel in ln(q/q0 - 1); points per unit of it
-_MOST_BENDS = 20  # a spectrum with more is integrated over even panels, not from bend to bend
+_FEW_BENDS = 20  # a spectrum with more has short panels, in which it is a power law: 3e-6 with 4
+_MOST_NODES = 100  # a spectrum with more is averaged over rings, which keep its power
 _LEAST_BAND = 3.0  # q1/q0: the theory is one of many waves, and two decades of them are usual
 _Y_FLAT = 5.9  # erfc(5.9) = 7e-17: contact at this y is complete to double precision
 _GAP_BINS = 600  # with the strips: I within 3e-4 for any contact, 1e-4 usually
@@ -230,8 +232,12 @@ class MeanField:
                 f"slope that decides the area comes from short waves, got {spectrum.q0:g} to "
                 f"{spectrum.q1:g} /m; measure finer, or add the short waves as a self-affine tail"
             )
-        self.spectrum = RoughnessSpectrum(
-            spectrum.wavenumber.to(device), spectrum.density.to(device)
+        if len(spectrum.wavenumber) > _MOST_NODES:
+            spectrum = over_rings(spectrum)
+        self.spectrum = replace(
+            spectrum,
+            wavenumber=spectrum.wavenumber.to(device),
+            density=spectrum.density.to(device),
         )
         self.modulus = modulus
         self.gap_distribution = gap_distribution
@@ -292,17 +298,16 @@ class MeanField:
             log_below = PiecewiseLinear.through(excess, log_below)(shorter)
         self._log_waves = PiecewiseLinear.through(excess, torch.stack([log_below, log_opening], -1))
         # Panels of the separation integral: the first ends where q is twice q0, the others at the
-        # bends of the spectrum, or evenly where a measured spectrum has many bends.
+        # bends of the spectrum.
         last = float(excess[-1])
         bends = [0.0, *(float(kink) for kink in kinks)]
-        if len(bends) > _MOST_BENDS:
-            bends = np.arange(0.0, last, 0.5).tolist()
         ends = [*sorted(bend for bend in bends if bend < last), last]
-        counts = [_SEPARATION_POINTS // 2 if len(bends) > 4 else _SEPARATION_POINTS] * len(ends)
-        if self.reach > 1 and len(bends) <= _MOST_BENDS:
-            # With a reach above 1 tau is 0 at no wave, and a short panel needs few points.
-            spans = [_FIRST_SPAN, *np.diff(ends)]
-            counts = [min(_SEPARATION_POINTS, 6 + ceil(_PER_SPAN * span)) for span in spans]
+        # With a reach of 1 tau is 0 at the first wave, which asks for more points.
+        least = 6 if len(bends) <= _FEW_BENDS else 4
+        if self.reach == 1:
+            least = 8 if len(bends) > _FEW_BENDS else 16 if len(bends) > 4 else _SEPARATION_POINTS
+        spans = [_FIRST_SPAN, *np.diff(ends)]
+        counts = [min(_SEPARATION_POINTS, least + ceil(_PER_SPAN * span)) for span in spans]
         rules = (np.stack(np.polynomial.legendre.leggauss(count), -1) for count in counts)
         self._panels = [
             (end, torch.from_numpy(rule).to(self.device))

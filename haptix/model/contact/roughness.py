@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from math import log10, pi
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -14,7 +14,11 @@ from haptix.base import checks
 from haptix.base.display import Displayed
 from haptix.base.errors import InputError
 
-_RINGS_PER_DECADE = 10  # over which a measured map's spectrum is averaged
+if TYPE_CHECKING:
+    from haptix.model.contact.topography import Removed
+
+Convention = Literal["C", "C_iso", "C_1D"]
+"""Conventions of spectra: the C of Persson, the C_iso and the C_1D of Jacobs et al. (2017)."""
 
 
 @dataclass(frozen=True)
@@ -31,10 +35,14 @@ class RoughnessSpectrum(Displayed):
         Increasing wavenumbers q [1/m]; the first and last bound the spectrum.
     density : Tensor, shape (nodes,)
         C at the nodes [m^4], positive.
+    notes : tuple of str
+        How a measured one came about, such as the form that was removed. One that begins with
+        "warning: " says what is likely to be wrong.
     """
 
     wavenumber: Tensor
     density: Tensor
+    notes: tuple[str, ...] = ()
 
     @classmethod
     def self_affine(
@@ -79,15 +87,20 @@ class RoughnessSpectrum(Displayed):
         return cls(q, shape * h_rms**2 / unscaled.moment(1))
 
     @classmethod
-    def from_table(cls, q: Any, c: Any) -> RoughnessSpectrum:
-        """Take a measured spectrum: wavenumbers [1/m] and C [m^4], array-likes of one length.
+    def from_table(cls, q: Any, c: Any, convention: Convention = "C") -> RoughnessSpectrum:
+        """Take a measured spectrum: wavenumbers [1/m] and densities, array-likes of one length.
 
         Parameters
         ----------
         q : array-like, shape (n,)
-            Wavenumbers [1/m], increasing.
+            Wavenumbers [1/m], 2 pi over the wavelength, increasing.
         c : array-like, shape (n,)
-            Spectrum C [m^4] at them.
+            Spectrum at them, in the units of its convention.
+        convention : {"C", "C_iso", "C_1D"}
+            "C" [m^4] of Persson, with ``h_rms^2 = 2 pi int q C dq``. "C_iso" [m^4] of Jacobs,
+            Junge, Pastewka (Surf. Topogr. Metrol. Prop. 5, 013001, 2017), which SurfaceTopography
+            writes, is 4 pi^2 times as large: ``h_rms^2 = int q C_iso dq / (2 pi)``. "C_1D" [m^3],
+            that of line scans, has ``h_rms^2 = int C_1D dq / pi``.
 
         Raises
         ------
@@ -100,6 +113,9 @@ class RoughnessSpectrum(Displayed):
         >>> bool(measured.h_rms_m > 0)
         True
         """
+        if convention not in get_args(Convention):
+            names = ", ".join(f'"{name}"' for name in get_args(Convention))
+            raise InputError(f"convention: expected one of {names}, got {convention!r:.40}")
         try:
             wavenumber = torch.as_tensor(q, dtype=torch.float64)
             density = torch.as_tensor(c, dtype=torch.float64)
@@ -115,65 +131,97 @@ class RoughnessSpectrum(Displayed):
             raise InputError("q: expected positive wavenumbers [1/m] in increasing order")
         if not bool((density > 0).all() and density.isfinite().all()):
             raise InputError("c: expected positive finite C(q) [m^4]; drop empty bins first")
-        return cls(wavenumber, density)
+        if convention == "C_1D":
+            from haptix.model.contact.topography import of_line_spectrum
+
+            return of_line_spectrum(wavenumber, density)
+        return cls(wavenumber, density / (4 * pi**2 if convention == "C_iso" else 1.0))
 
     @classmethod
-    def from_topography(cls, height_m: Any, pixel_m: float | None = None) -> RoughnessSpectrum:
-        """Radially averaged spectrum of a measured height map, mean plane removed.
+    def from_topography(
+        cls,
+        height_m: Any,
+        pixel_m: float | Sequence[float] | None = None,
+        is_periodic: bool | None = None,
+        remove: Removed | None = None,
+    ) -> RoughnessSpectrum:
+        """Radially averaged spectrum of a height map, or that of line scans of one surface.
 
-        A Hann window suppresses the jump at the borders of a map that is not periodic. The spectrum
-        has no waves outside ``2 pi / side`` to ``pi / pixel_m``; `statement` prints its band.
+        The mean squares of the heights, and of a map's slope, are those of its pixels. A Hann
+        window suppresses the jump at the borders, except where the map is periodic. The spectrum
+        has no waves outside ``2 pi / side`` to ``pi / pixel_m``; `extended` adds them by a law.
+        Its `notes` say what was done, and warn of a form that was left in.
 
         Parameters
         ----------
-        height_m : array_like, shape (rows, columns), or SurfaceTopography.Topography
-            Heights [m]; a topography brings its own unit and pixels.
-        pixel_m : float
-            Distance between pixels [m]; left out for a topography.
+        height_m : array_like, SurfaceTopography.Topography, or a list of line scans
+            Heights [m]; a topography brings its own unit, pixels and period. Masked points, and
+            those that are not finite, are missing: up to 5 % of them are filled.
+        pixel_m : float or (float, float)
+            Distance between pixels [m], or between rows and between columns; left out for a
+            topography.
+        is_periodic : bool, optional
+            Whether the map goes on at its borders as it began.
+        remove : {"mean", "plane", "radius", "form"}, optional
+            Polynomial that is removed: of degree 0, 1, 2 (a fingertip's radius of curvature) or 4
+            (the form of a whole fingertip). By default a plane, or the mean of a periodic map.
 
         Raises
         ------
         InputError
-            If the map is not finite, too small or flat, or its unit or pixels are not known.
+            If the map is too small or flat, too much of it is missing, or its unit or pixels are
+            not known.
 
         Examples
         --------
         >>> height_m = torch.randn(64, 64, dtype=torch.float64) * 1e-6
-        >>> spectrum = RoughnessSpectrum.from_topography(height_m, pixel_m=1e-5)
-        >>> bool(0 < spectrum.h_rms_m < 2e-6)
-        True
+        >>> spectrum = RoughnessSpectrum.from_topography(height_m, pixel_m=1e-5, is_periodic=True)
+        >>> print(f"{float(spectrum.h_rms_m / height_m.std(correction=0)):.6f}")
+        1.000000
         """
-        if hasattr(height_m, "heights"):
-            height_m, pixel_m = _read_topography(height_m, pixel_m)
-        if pixel_m is None:
-            raise InputError("pixel_m: expected the distance between pixels [m], got None")
-        checks.positive("pixel_m", pixel_m)
-        height = np.asarray(height_m, dtype=float)
-        if height.ndim != 2 or min(height.shape) < 8 or not np.isfinite(height).all():
-            raise InputError(
-                "height_m: expected a finite map of at least 8 x 8 pixels, "
-                f"got shape {height.shape}; fill missing points first"
-            )
-        if np.ptp(height) == 0:
-            raise InputError("height_m: expected some roughness, got a flat map")
-        rows, columns = height.shape
-        y, x = np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij")
-        plane = np.column_stack([x.ravel(), y.ravel(), np.ones(height.size)])
-        tilt, *_ = np.linalg.lstsq(plane, height.ravel(), rcond=None)
-        window = np.outer(np.hanning(rows), np.hanning(columns))
-        window /= np.sqrt((window**2).mean())
-        waves = np.fft.fft2((height.ravel() - plane @ tilt).reshape(height.shape) * window)
-        side_y, side_x = rows * pixel_m, columns * pixel_m
-        density = np.abs(waves) ** 2 / height.size**2 * side_x * side_y / (2 * pi) ** 2
-        down, across = np.fft.fftfreq(rows, pixel_m), np.fft.fftfreq(columns, pixel_m)
-        q = 2 * pi * np.hypot(down[:, None], across)
-        # A little wider than the band: rounding must not leave out the waves at its ends.
-        low, high = 2 * pi / min(side_x, side_y) * (1 - 1e-9), pi / pixel_m * (1 + 1e-9)
-        edges = np.geomspace(low, high, max(3, round(_RINGS_PER_DECADE * np.log10(high / low))) + 1)
-        ring = np.digitize(q, edges)
-        rings = [r for r in range(1, len(edges)) if (ring == r).any()]
-        centre = [float(np.exp(np.log(q[ring == r]).mean())) for r in rings]
-        return cls.from_table(centre, [float(density[ring == r].mean()) for r in rings])
+        # Here, since a measured surface is made into a spectrum by this class.
+        from haptix.model.contact.topography import MeasuredSurface
+
+        return MeasuredSurface.of(height_m, pixel_m, is_periodic).spectrum(remove)
+
+    def extended(self, hurst: float, q1: float = 1e9, q0: float | None = None) -> RoughnessSpectrum:
+        """Return a copy with the waves that an instrument did not see, by a law that is stated.
+
+        Parameters
+        ----------
+        hurst : float
+            Hurst exponent H of the shorter waves, in (0, 1]: ``C ~ q^(-2(1+H))``.
+        q1 : float
+            Wavenumber [1/m] up to which it goes on; skin is made of molecules from 1e9 /m.
+        q0 : float, optional
+            Wavenumber [1/m] down to which C stays as it is at the lowest measured one.
+
+        Raises
+        ------
+        InputError
+            If a value is outside its range.
+
+        Examples
+        --------
+        >>> seen = RoughnessSpectrum.from_table([1e3, 1e4, 1e5], [1e-19, 1e-20, 1e-23])
+        >>> whole = seen.extended(hurst=0.86)
+        >>> whole.q1, bool(whole.slope_rms > seen.slope_rms)
+        (1000000000.0, True)
+        """
+        checks.positive("hurst", hurst)
+        if hurst > 1:
+            raise InputError(f"hurst: expected a Hurst exponent in (0, 1], got {hurst:g}")
+        q, c, notes = self.wavenumber, self.density, list(self.notes)
+        if q0 is not None and q0 < self.q0:
+            checks.positive("q0", q0)
+            q, c = torch.cat([q.new_tensor([q0]), q]), torch.cat([c[:1], c])
+            notes.append(f"from {q0:.3g} to {self.q0:.3g} /m extended as constant")
+        if q1 > self.q1:
+            checks.positive("q1", q1)
+            last = c[-1:] * (q1 / self.q1) ** (-2 * (1 + hurst))
+            q, c = torch.cat([q, q.new_tensor([q1])]), torch.cat([c, last])
+            notes.append(f"from {self.q1:.3g} to {q1:.3g} /m extended with H = {hurst:g}")
+        return replace(self, wavenumber=q, density=c, notes=tuple(notes))
 
     @property
     def q0(self) -> float:
@@ -258,21 +306,6 @@ class RoughnessSpectrum(Displayed):
         segment = segment.clamp(0, len(self.wavenumber) - 2)
         rise = torch.log(self.density[segment + 1] / self.density[segment])
         return segment, rise / torch.log(self.wavenumber[segment + 1] / self.wavenumber[segment])
-
-
-def _read_topography(topography: Any, pixel_m: float | None) -> tuple[Any, float]:
-    """Heights [m] and pixel [m] of an object of SurfaceTopography's kind."""
-    if pixel_m is not None:
-        raise InputError(f"pixel_m: a topography brings its own pixels, got {pixel_m:g} as well")
-    if topography.unit is None:
-        raise InputError(
-            "height_m: expected a topography whose unit is known; give it one, such as unit='um'"
-        )
-    in_metres = topography.to_unit("m")
-    sides = np.unique(np.round(np.asarray(in_metres.pixel_size, dtype=float), 15))
-    if len(sides) != 1:
-        raise InputError(f"height_m: expected square pixels, got {in_metres.pixel_size} m")
-    return np.ma.filled(in_metres.heights(), np.nan), float(in_metres.pixel_size[0])
 
 
 def _power_integral(value_times_q: Tensor, ratio: Tensor, exponent: Tensor) -> Tensor:
