@@ -135,7 +135,9 @@ class MeasuredSurface:
         count = np.bincount(ring, minlength=len(edges) - 1)
         wanted = float(slope2.sum()) if self.is_map else None
         if not self.is_map:
-            height2 = _of_all_directions(edges, height2)
+            # Each wave of a scan stands for those from half a wave a side below to half above it.
+            first = np.ceil(edges / low - 1e-6) - 0.5
+            height2 = _of_all_directions(edges, height2, first * low)
             slope2 = height2 * edges[1:] * edges[:-1]
         notes = [*self.notes, *dict.fromkeys(note for part in flat for note in part.notes)]
         notes.append("no window, since it is periodic" if self.is_periodic else "Hann window")
@@ -308,23 +310,25 @@ def _ring_edges(low: float, high: float) -> Array:
     return np.geomspace(low * (1 - 1e-9), high * (1 + 1e-9), count + 1)
 
 
-def _of_all_directions(edges: Array, along: Array) -> Array:
-    """Mean squares by ring of the isotropic surface whose line scans have those of `along`.
+def _of_all_directions(edges: Array, along: Array, ends: Array) -> Array:
+    """Mean squares by ring of the isotropic surface whose line scans have `along` between `ends`.
 
     A ring of waves q in all directions has the waves ``q cos(angle)`` along a line, most of them
-    near q. From the shortest waves on, each ring is what is left when the shorter ones are counted.
-    The total is kept: where it does not come out, the surface is not isotropic.
+    near q. Their shares are inverted by the iteration of Richardson (J. Opt. Soc. Am. 62, 55, 1972)
+    and Lucy, which keeps the total and stays positive.
     """
-    count = len(along)
     # Shares of ring j that a line shows in ring i, averaged over the ring.
     inside = edges[:-1, None] ** (1 - _WITHIN) * edges[1:, None] ** _WITHIN
-    turn = np.arcsin(np.minimum(edges[:, None, None] / inside[None], 1.0)) * 2 / pi
+    turn = np.arcsin(np.minimum(ends[:, None, None] / inside[None], 1.0)) * 2 / pi
     shown = np.diff(turn, axis=0).mean(-1)
-    rings, left = np.zeros(count), along.copy()
-    for j in range(count - 1, -1, -1):
-        rings[j] = max(left[j], 0.0) / shown[j, j]
-        left -= rings[j] * shown[:, j]
-    return rings * (along.sum() / rings.sum())
+    rings = np.maximum(along, _LEAST_POWER * along.sum())
+    wanted = rings
+    for _ in range(_LUCY_ROUNDS):
+        rings = rings * (shown.T @ (wanted / np.maximum(shown @ rings, 1e-300))) / shown.sum(0)
+    return np.asarray(rings * (along.sum() / rings.sum()))
+
+
+_LUCY_ROUNDS = 30  # more would turn the scatter of few scans into single waves
 
 
 def of_line_spectrum(wavenumber: torch.Tensor, density: torch.Tensor) -> RoughnessSpectrum:
@@ -333,7 +337,7 @@ def of_line_spectrum(wavenumber: torch.Tensor, density: torch.Tensor) -> Roughne
     edges = _ring_edges(line.q0, line.q1)
     ends = torch.from_numpy(edges).clamp(line.q0, line.q1)
     along = -line.moment(0, ends).diff().numpy() / (2 * pi**2)  # C_1D dq / pi
-    height2 = _of_all_directions(edges, along)
+    height2 = _of_all_directions(edges, along, edges)
     every = np.ones(len(along), dtype=bool)
     return _from_rings(edges, height2, height2 * edges[1:] * edges[:-1], every, None, ())
 
