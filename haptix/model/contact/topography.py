@@ -130,8 +130,8 @@ class MeasuredSurface:
         seen = q <= edges[-1]
         q, power = q[seen], power[seen] * (power.sum() / power[seen].sum())
         ring = np.clip(np.digitize(q, edges) - 1, 0, len(edges) - 2)
-        height2 = np.bincount(ring, power, len(edges) - 1)
-        slope2 = np.bincount(ring, power * q**2, len(edges) - 1)
+        height2: Array = np.bincount(ring, power, len(edges) - 1).astype(float)
+        slope2: Array = np.bincount(ring, power * q**2, len(edges) - 1).astype(float)
         count = np.bincount(ring, minlength=len(edges) - 1)
         wanted = float(slope2.sum()) if self.is_map else None
         if not self.is_map:
@@ -180,7 +180,7 @@ def _evenly(x_m: Array, height_m: Array) -> MeasuredSurface:
 def _of_array(height_m: Any, pixel_m: float | Sequence[float] | None) -> MeasuredSurface:
     """Check heights and pixels; masked and infinite points become NaN."""
     try:
-        height = np.ma.filled(np.ma.asarray(height_m, dtype=float), np.nan)
+        height: Array = np.ma.filled(np.ma.asarray(height_m, dtype=float), np.nan)
     except (TypeError, ValueError):
         raise InputError("height_m: expected a map or a line scan of numbers [m]") from None
     if pixel_m is None:
@@ -264,7 +264,7 @@ def _levelled(height: Array, remove: Removed) -> _Levelled:
 
 _COSTS = {
     "plane": "",
-    # A polynomial of n terms takes as much as the n longest waves: those within sqrt(n/pi) 2 pi/side.
+    # A polynomial of n terms takes as much as the n longest waves, up to sqrt(n/pi) 2 pi/side.
     "radius": ", and with it waves longer than 0.7 times the side",
     "form": ", and with it waves longer than 0.45 times the side",
 }
@@ -278,7 +278,7 @@ def _from_neighbours(height: Array, missing: npt.NDArray[np.bool_]) -> Array:
     beside = binary_dilation(missing, iterations=2) & ~missing
     known, wanted = np.argwhere(beside), np.argwhere(missing)
     if height.ndim == 1:
-        return np.interp(wanted[:, 0], known[:, 0], height[beside])
+        return np.asarray(np.interp(wanted[:, 0], known[:, 0], height[beside]))
     filled = griddata(known, height[beside], wanted, "linear")
     outside = np.isnan(filled)
     if outside.any():

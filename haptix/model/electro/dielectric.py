@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
+from math import log, pi
 from types import MappingProxyType
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
+import numpy as np
 import torch
 from pydantic import (
     BeforeValidator,
@@ -21,11 +23,17 @@ from pydantic import (
 from torch import Tensor
 
 from haptix.base.documents import Part
+from haptix.base.errors import InputError
 
 VACUUM_PERMITTIVITY = 8.8541878128e-12
 """eps0 [F/m], CODATA 2018."""
 
-_NOISE = 1.05  # a measured column may rise by this factor from row to row
+_NOISE = 0.08  # rms of ln by which rows may leave the nearest column that does not rise
+_DECADE = log(10) * (1 + 1e-9)  # of ln f
+_AT_AN_END = 1 + 1e-6  # a drive at the first or last frequency of a table may be rounded
+
+Beyond = Literal["refuse", "hold", "power-law"]
+"""What a table says beyond its ends."""
 
 # A scale of 1 is not written: files and hashes from before this field existed stay valid.
 _Scale = Annotated[PositiveFloat, Field(exclude_if=lambda scale: scale == 1)]
@@ -72,18 +80,21 @@ class MonotoneCubic:
 class SkinDielectric(Part):
     """Permittivity and resistivity of the stratum corneum against frequency.
 
-    ``eps2(w) = eps_SC + i / (w eps0 rho_SC)`` (paper, Eq. 4), by a monotone cubic over logarithms;
-    beyond its ends the table keeps its last values. The built-in table is an order of magnitude
-    only, and its `source` says so.
+    ``eps2(w) = eps_SC + i / (w eps0 rho_SC)`` (paper, Eq. 4), by a monotone cubic over logarithms.
+    The built-in table is an order of magnitude only, and its `source` says so.
 
     Skin at these frequencies shows relaxations only. By the relations of Kramers and Kronig neither
     permittivity nor resistivity then rises with frequency, and a table in which one does is
-    rejected (a rise of up to 5 % from row to row counts as noise).
+    rejected. Up to 8 % rms from the nearest column that does not rise count as noise.
 
     Parameters
     ----------
     frequency_hz, permittivity, resistivity_ohm_m : tuple of float
-        Columns of the table, frequency increasing. A single row means constants.
+        Columns of the table, frequency increasing. A single row means constants. In place of the
+        resistivity it may have ``conductivity_s_per_m`` or ``loss_tangent``.
+    beyond : {"refuse", "hold", "power-law"}, optional
+        What holds beyond the table's ends: an error, its last values, or the power law of its last
+        decade. By default an error; the built-in table, and a single row, hold.
     scale : float
         Factor on the skin's effective thickness ``d2/eps2``, which a calibration may fit: 2 for a
         skin that insulates twice as much as the table says.
@@ -104,9 +115,28 @@ class SkinDielectric(Part):
     frequency_hz: tuple[PositiveFloat, ...] = (1e1, 1e2, 1e3, 1e4, 1e5, 1e6)
     permittivity: tuple[PositiveFloat, ...] = (1e4, 3e3, 1.5e3, 1e3, 6e2, 3e2)
     resistivity_ohm_m: tuple[PositiveFloat, ...] = (1e5, 1e5, 3e4, 8e3, 2e3, 3e2)
+    beyond: Annotated[Beyond | None, Field(exclude_if=lambda value: value is None)] = None
     scale: _Scale = 1.0
     is_placeholder: bool = True
     source: str = "order of magnitude after Yamamoto & Yamamoto (1976); not measured values"
+
+    @model_validator(mode="before")
+    @classmethod
+    def _in_resistivity(cls, table: Any) -> Any:
+        other = {"conductivity_s_per_m", "loss_tangent"}
+        if not isinstance(table, dict) or not (given := other & table.keys()):
+            return table
+        if len(given) > 1 or "resistivity_ohm_m" in table:
+            raise ValueError(f"expected one of resistivity_ohm_m, {', '.join(sorted(other))}")
+        (name,) = given
+        losses = tuple(float(loss) for loss in table[name])
+        if not all(loss > 0 for loss in losses):
+            raise ValueError(f"{name}: expected numbers above 0")
+        if name == "loss_tangent":
+            rows = zip(table["frequency_hz"], table["permittivity"], losses, strict=True)
+            losses = tuple(2 * pi * f * VACUUM_PERMITTIVITY * eps * tan for f, eps, tan in rows)
+        rest = {key: value for key, value in table.items() if key != name}
+        return {**rest, "resistivity_ohm_m": tuple(1 / loss for loss in losses)}
 
     @model_validator(mode="after")
     def _columns_match(self) -> Self:
@@ -116,24 +146,118 @@ class SkinDielectric(Part):
         if list(self.frequency_hz) != sorted(set(self.frequency_hz)):
             raise ValueError("expected frequencies in increasing order")
         for name in ("permittivity", "resistivity_ohm_m"):
-            for row, (value, following) in enumerate(pairwise(getattr(self, name)), start=1):
-                if following > _NOISE * value:
-                    raise ValueError(
-                        f"{name}: expected a causal table, whose {name.split('_')[0]} does not "
-                        f"rise with frequency, but it rises from {value:g} in row {row} to "
-                        f"{following:g}; check the rows, or drop them"
-                    )
+            self._check_causal(name)
         return self
+
+    def _check_causal(self, name: str) -> None:
+        values = getattr(self, name)
+        if all(after <= before for before, after in pairwise(values)):
+            return
+        from scipy.optimize import isotonic_regression  # takes a third of a second to import
+
+        logs = np.log(values)
+        nearest = isotonic_regression(logs, increasing=False)
+        for first, last in pairwise(nearest.blocks):
+            rise = logs[first:last] - nearest.x[first:last]
+            if np.sqrt(np.mean(rise**2)) > _NOISE:
+                raise ValueError(
+                    f"{name}: expected a causal table, whose {name.split('_')[0]} does not rise "
+                    f"with frequency, but it rises from {min(values[first:last]):g} to "
+                    f"{max(values[first:last]):g} in rows {first + 1} to {last}; check the rows, "
+                    "or drop them"
+                )
+
+    @classmethod
+    def of_impedance(
+        cls,
+        frequency_hz: Any,
+        impedance_ohm: Any,
+        area_m2: float,
+        thickness_m: float,
+        **fields: Any,
+    ) -> Self:
+        """Make a table of the impedance that an LCR meter reads of a layer between two plates.
+
+        Parameters
+        ----------
+        frequency_hz : array_like, shape (n,)
+            Frequencies [Hz], increasing.
+        impedance_ohm : array_like of complex, shape (n,)
+            Series impedance ``R + i X`` [Ohm]; that of a capacitor has X below 0.
+        area_m2, thickness_m : float
+            Area of the electrode, and thickness of the layer [m].
+        fields
+            Other fields, such as `source`.
+
+        Raises
+        ------
+        InputError
+            If the layer does not lose energy and store charge at all frequencies.
+
+        Examples
+        --------
+        >>> area_m2, thickness_m, omega = 1e-4, 2e-5, 2 * torch.pi * 1e3
+        >>> admittance = 1e-6 + 1j * omega * 1e-8  # 1 MOhm beside 10 nF
+        >>> skin = SkinDielectric.of_impedance([1e3], [1 / admittance], area_m2, thickness_m)
+        >>> round(skin.permittivity[0]), round(skin.resistivity_ohm_m[0])
+        (226, 5000000)
+        """
+        frequency, impedance = np.asarray(frequency_hz, float), np.asarray(impedance_ohm, complex)
+        admittance = thickness_m / area_m2 / impedance
+        omega = 2 * pi * frequency
+        if not (np.isfinite(admittance).all() and (admittance.real > 0).all()):
+            raise InputError("impedance_ohm: expected a resistance above 0 Ohm at all frequencies")
+        if not (admittance.imag > 0).all():
+            raise InputError(
+                "impedance_ohm: expected that of a capacitor, whose reactance (and phase) is below "
+                "0; the meter may state it with the other sign"
+            )
+        return cls(
+            frequency_hz=tuple(frequency.tolist()),
+            permittivity=tuple((admittance.imag / omega / VACUUM_PERMITTIVITY).tolist()),
+            resistivity_ohm_m=tuple((1 / admittance.real).tolist()),
+            **{"is_placeholder": False, **fields},
+        )
+
+    @property
+    def law(self) -> Beyond:
+        """What it says beyond its ends, see `beyond`."""
+        built_in = type(self).model_fields["frequency_hz"].default
+        held = len(self.frequency_hz) == 1 or self.frequency_hz == built_in
+        return self.beyond or ("hold" if held else "refuse")
+
+    def _check_band(self, frequency_hz: Tensor) -> None:
+        first, last = self.frequency_hz[0], self.frequency_hz[-1]
+        low, high = (float(end) for end in frequency_hz.detach().aminmax())
+        if low * _AT_AN_END < first or high > last * _AT_AN_END:
+            outside = low if low * _AT_AN_END < first else high
+            raise InputError(
+                f"frequency_hz: expected one within the skin's dielectric table, {first:g} to "
+                f"{last:g} Hz, got {outside:.4g} Hz; measure further, or state the law beyond its "
+                'ends: dielectric.beyond = "power-law" or "hold"'
+            )
 
     def relative_permittivity(self, frequency_hz: Tensor) -> Tensor:
         """Complex eps2 at frequencies [Hz] of any shape, the scale included."""
+        if self.law == "refuse" and frequency_hz.numel():
+            self._check_band(frequency_hz)
         log_f = torch.log(frequency_hz)
         nodes, *columns = log_f.new_tensor(
             [self.frequency_hz, self.permittivity, self.resistivity_ohm_m]
         ).log()
-        permittivity, resistivity = MonotoneCubic.through(nodes, torch.stack(columns, -1))(
-            log_f
-        ).unbind(-1)
+        table = torch.stack(columns, -1)
+        within = MonotoneCubic.through(nodes, table)(log_f)
+        if self.law == "power-law" and len(nodes) > 1:
+            for end in (0, -1):
+                # Two rows at least, and those of the last decade, whose noise then matters less.
+                away = (nodes - nodes[end]).abs()
+                near = away <= away.sort().values[1].clamp(min=_DECADE)
+                x = nodes[near] - nodes[near].mean()
+                rise = (x[:, None] * table[near]).sum(0) / (x**2).sum()
+                past = log_f - nodes[end]
+                past = past.clamp(max=0.0) if end == 0 else past.clamp(min=0.0)
+                within = within + past[..., None] * rise.clamp(max=0.0)
+        permittivity, resistivity = within.unbind(-1)
         loss = 1 / (2 * torch.pi * frequency_hz * VACUUM_PERMITTIVITY * torch.exp(resistivity))
         return torch.complex(torch.exp(permittivity), loss) / self.scale
 

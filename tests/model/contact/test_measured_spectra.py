@@ -94,8 +94,8 @@ def test_a_table_of_very_many_nodes_has_the_contact_of_its_law() -> None:
 
 def test_a_periodic_map_has_no_window_and_keeps_its_single_waves() -> None:
     height = isotropic(1) + ridges(SIDE_M / 2)
-    for given in (height, -height[::-1]):
-        found = RoughnessSpectrum.from_topography(given, PIXEL_M, is_periodic=True)
+    for turned in (height, -height[::-1]):
+        found = RoughnessSpectrum.from_topography(turned, PIXEL_M, is_periodic=True)
         assert float(found.h_rms_m) == pytest.approx(height.std(), rel=1e-9)
         below = float(found.h_rms_m**2 - found.moment(1, torch.tensor(2.6 * 2 * math.pi / SIDE_M)))
         within = height.std() ** 2 - float(
@@ -129,20 +129,20 @@ def test_missing_points_are_filled_or_refused() -> None:
     wanted = RoughnessSpectrum.from_topography(height, PIXEL_M)
     for filler in (9.97e36, math.nan):
         masked = np.ma.masked_array(np.where(holes, filler, height), mask=holes)
-        for given in (masked, np.where(holes, math.nan, height)):
-            found = RoughnessSpectrum.from_topography(given, PIXEL_M)
+        for holed in (masked, np.where(holes, math.nan, height)):
+            found = RoughnessSpectrum.from_topography(holed, PIXEL_M)
             # 2 % of the points, of which the smooth fill keeps the long waves.
             assert float(found.h_rms_m) == pytest.approx(float(wanted.h_rms_m), rel=0.01)
             assert float(found.slope_rms) == pytest.approx(float(wanted.slope_rms), rel=0.03)
             assert any("missing" in note for note in found.notes)
-    for given, sentence in (
+    for wrong, sentence in (
         (np.where(holes, 9.97e36, height), "mask"),
         (height * 1e6, "metres"),
         (np.ma.masked_array(height, mask=np.eye(POINTS)[::-1].cumsum(0) > 0), "missing"),
         (np.full((20, 20), math.nan), "missing"),
     ):
         with pytest.raises(InputError, match=f"height_m.*{sentence}"):
-            RoughnessSpectrum.from_topography(given, PIXEL_M)
+            RoughnessSpectrum.from_topography(wrong, PIXEL_M)
 
 
 @pytest.mark.parametrize("ratio", [1 + 4.5e-7, 1 + 6e-4, 1.25])
@@ -216,7 +216,7 @@ def test_the_conventions_of_spectra_are_those_of_their_papers() -> None:
         # the corner at the roll-off; a factor of 4 pi^2 is 6.3 in rms.
         assert float(found.h_rms_m) == pytest.approx(1e-6, rel=0.08), convention
     with pytest.raises(InputError, match=r"convention.*C_iso.*got 'PSD'"):
-        RoughnessSpectrum.from_table([1e3, 1e4], [1.0, 1.0], "PSD")  # type: ignore[arg-type]
+        RoughnessSpectrum.from_table([1e3, 1e4], [1.0, 1.0], "PSD")
 
 
 def test_waves_that_were_not_seen_are_added_by_a_stated_law() -> None:

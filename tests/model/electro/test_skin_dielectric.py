@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from scipy import constants
 from scipy.interpolate import PchipInterpolator
 
-from haptix import Finger, Screen
+from haptix import ContactModel, Finger, Screen
 from haptix.base.errors import InputError
 from haptix.model.contact import MeanField
 from haptix.model.electro import (
@@ -214,6 +214,102 @@ def test_a_table_that_is_not_causal_is_refused_by_name(
     with pytest.raises(InputError, match=rf"dielectric.*{column}"):
         Finger(dielectric={column: rising})
     Finger(dielectric={column: noisy})
+
+
+def of_relaxations(rows: int, low_hz: float = 1e2, high_hz: float = 1e6) -> tuple[Any, Any, Any]:
+    """A causal table: a flat stretch, then a broad relaxation as Cole and Cole have it."""
+    f = np.geomspace(low_hz, high_hz, rows)
+    omega = 2 * math.pi * f
+    eps = 100 + 3e3 / (1 + (1j * omega * 1e-5) ** 0.8) + 2e-5 / (1j * omega * constants.epsilon_0)
+    return f, eps.real, 1 / (-eps.imag * omega * constants.epsilon_0)
+
+
+@pytest.mark.parametrize("rows", [13, 40, 200])
+@pytest.mark.parametrize("noise", [0.02, 0.03])
+def test_noise_of_an_instrument_is_no_lack_of_causality(rows: int, noise: float) -> None:
+    rng = np.random.default_rng(rows)
+    f, eps, rho = of_relaxations(rows)
+    for _ in range(50):
+        scatter = np.exp(noise * rng.standard_normal((2, rows)))
+        skin = SkinDielectric(
+            frequency_hz=tuple(f),
+            permittivity=tuple(eps * scatter[0]),
+            resistivity_ohm_m=tuple(rho * scatter[1]),
+        )
+        at = torch.tensor([f[0], f[rows // 2]], dtype=torch.float64)
+        exact = eps[[0, rows // 2]]
+        np.testing.assert_allclose(skin.relative_permittivity(at).real, exact, rtol=5 * noise)
+
+
+def test_a_slow_rise_within_noise_is_refused() -> None:
+    f, eps, rho = of_relaxations(60)
+    rising = eps * np.where((f > 1e3) & (f < 1e4), (f / 1e3) ** 0.5, 1.0)  # 3 times a decade
+    scatter = np.exp(0.02 * np.random.default_rng(1).standard_normal(60))
+    with pytest.raises(ValidationError, match=r"permittivity: .*causal.*in rows \d+ to \d+"):
+        SkinDielectric(
+            frequency_hz=tuple(f),
+            permittivity=tuple(rising * scatter),
+            resistivity_ohm_m=tuple(rho),
+        )
+
+
+def test_conductivity_loss_and_impedance_are_other_words_for_resistivity() -> None:
+    f, eps, rho = of_relaxations(9)
+    omega, area_m2, thickness_m = 2 * math.pi * f, 2e-4, 5e-5
+    skin = SkinDielectric(
+        frequency_hz=tuple(f), permittivity=tuple(eps), resistivity_ohm_m=tuple(rho)
+    )
+    table = {"frequency_hz": tuple(f), "permittivity": tuple(eps)}
+    others = [
+        SkinDielectric.model_validate({**table, "conductivity_s_per_m": tuple(1 / rho)}),
+        SkinDielectric.model_validate(
+            {**table, "loss_tangent": tuple(1 / (rho * omega * constants.epsilon_0 * eps))}
+        ),
+        SkinDielectric.of_impedance(
+            f,
+            thickness_m / area_m2 / (1 / rho + 1j * omega * constants.epsilon_0 * eps),
+            area_m2,
+            thickness_m,
+        ),
+    ]
+    at = torch.logspace(2, 6, 17, dtype=torch.float64)
+    for other in others:
+        torch.testing.assert_close(
+            other.relative_permittivity(at), skin.relative_permittivity(at), rtol=1e-8, atol=0
+        )
+    finger = Finger(dielectric={**table, "conductivity_s_per_m": list(1 / rho)})
+    assert finger.dielectric == others[0]
+    for wrong, sentence in (
+        ({**table, "conductivity_s_per_m": (0.0,) * 9}, "above 0"),
+        ({**table, "conductivity_s_per_m": (1.0,) * 9, "loss_tangent": (1.0,) * 9}, "one of"),
+    ):
+        with pytest.raises(InputError, match=sentence):
+            Finger(dielectric=wrong)
+    for impedance, sentence in ((100 + 5j, "other sign"), (-100 - 5j, "resistance above 0")):
+        with pytest.raises(InputError, match=sentence):
+            SkinDielectric.of_impedance([1e3], [impedance], area_m2, thickness_m)
+
+
+def test_beyond_a_measured_table_a_drive_is_refused_or_a_law_is_stated() -> None:
+    f, eps, rho = of_relaxations(25, 1e5, 1e7)  # where both fall by power laws
+    table = {"frequency_hz": tuple(f), "permittivity": tuple(eps), "resistivity_ohm_m": tuple(rho)}
+    at = torch.tensor([125.0], dtype=torch.float64)
+    measured = SkinDielectric(**table, is_placeholder=False)
+    model = ContactModel(Finger(dielectric=measured), Screen())
+    with pytest.raises(InputError, match="frequency_hz: .*100000 to 1e.07 Hz, got 125 Hz.*beyond"):
+        model.solve(0.5, 100.0, 125.0)
+    model.solve(0.5, 100.0, f[0])  # the ends are in it
+    model.solve(0.5, 100.0)  # a conducting skin asks for no table
+    held = SkinDielectric(**table, beyond="hold").relative_permittivity(at)
+    assert float(held.real) == pytest.approx(eps[0], rel=1e-9)
+    law = SkinDielectric(**table, beyond="power-law")
+    past = torch.tensor([5e4, 2e7], dtype=torch.float64)
+    found = law.relative_permittivity(past)
+    _, exact, _ = of_relaxations(2, 5e4, 2e7)
+    # Over an octave a relaxation bends away from the power law of its last decade by that much.
+    np.testing.assert_allclose(found.real, exact, rtol=0.25)
+    assert SkinDielectric(**law.model_dump()) == law
+    assert "beyond" not in measured.model_dump()
 
 
 BAD_TABLES = {
