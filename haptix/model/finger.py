@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import pi, sqrt
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
@@ -18,6 +19,13 @@ from haptix.model.electro.dielectric import AnySkinDielectric, SkinDielectric
 from haptix.model.presets import FINGERS
 
 _STANDING_MM_PER_S = 1e-3  # gains of slower fingers are those at this speed
+
+SHORTEST_PER_M = 1e7
+"""Wavenumber [1/m] up to which a finger's roughness must be measured: waves of 0.6 um. Shorter ones
+leave the gaps of the insulator's thickness, and tau_f takes up their part of the slope."""
+
+_LONGEST_WAVES = 2.0  # q0 times the side of the apparent area over 2 pi: longer waves carry height
+_ROUGHNESS = "roughness spectrum of the finger"
 
 PoissonRatio = Annotated[float, Field(gt=-1, le=0.5)]
 
@@ -43,6 +51,15 @@ class Roughness(Part):
             raise ValueError("expected q0_per_m <= q_rolloff_per_m <= q1_per_m, and q0 < q1")
         return self
 
+    def unmeasured(self, apparent_area_m2: float) -> list[str]:
+        """Name what friction rests on and was not measured."""
+        return [_ROUGHNESS] if self.is_placeholder else []
+
+    @property
+    def warnings(self) -> list[str]:
+        """None: it is a law."""
+        return []
+
     def spectrum(self) -> RoughnessSpectrum:
         """Return the spectrum itself."""
         return RoughnessSpectrum.self_affine(
@@ -51,7 +68,11 @@ class Roughness(Part):
 
 
 class MeasuredRoughness(Part):
-    """A measured spectrum, as `RoughnessSpectrum.from_table` takes it."""
+    """A measured spectrum, as `RoughnessSpectrum.from_table` takes it.
+
+    A table may be given in another ``convention``, and with its ``h_rms_m``, which is then
+    compared; it is kept as the C of Persson.
+    """
 
     q_per_m: tuple[float, ...]
     density_m4: tuple[float, ...]
@@ -59,6 +80,12 @@ class MeasuredRoughness(Part):
     source: str = ""
     """Where the numbers come from."""
     is_placeholder: bool = False
+    measured_per_m: Annotated[
+        tuple[PositiveFloat, PositiveFloat] | None, Field(exclude_if=lambda band: band is None)
+    ] = None
+    """Band [1/m] that was measured, where the table goes further by a law."""
+    notes: Annotated[tuple[str, ...], Field(exclude_if=lambda notes: not notes)] = ()
+    """How it was made of a measurement; one that begins with "warning: " is told with results."""
 
     @classmethod
     def of(cls, spectrum: RoughnessSpectrum, source: str = "") -> Self:
@@ -67,7 +94,43 @@ class MeasuredRoughness(Part):
             q_per_m=tuple(spectrum.wavenumber.tolist()),
             density_m4=tuple(spectrum.density.tolist()),
             source=source,
+            measured_per_m=spectrum.measured_per_m,
+            notes=spectrum.notes,
         )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _in_convention(cls, table: Any) -> Any:
+        if not isinstance(table, dict) or not {"convention", "h_rms_m"} & table.keys():
+            return table
+        rest = {key: value for key, value in table.items() if key not in ("convention", "h_rms_m")}
+        spectrum = RoughnessSpectrum.from_table(
+            table.get("q_per_m"), table.get("density_m4"), table.get("convention", "C")
+        )
+        if "h_rms_m" in table:
+            spectrum.check_h_rms(table["h_rms_m"])
+        return {
+            **rest,
+            "q_per_m": tuple(spectrum.wavenumber.tolist()),
+            "density_m4": tuple(spectrum.density.tolist()),
+        }
+
+    def unmeasured(self, apparent_area_m2: float) -> list[str]:
+        """Name what friction on an apparent area [m^2] rests on and was not measured."""
+        if self.is_placeholder:
+            return [_ROUGHNESS]
+        low, high = self.measured_per_m or (self.q_per_m[0], self.q_per_m[-1])
+        unseen = []
+        if high < SHORTEST_PER_M:
+            unseen.append(f"shorter than {2e6 * pi / high:.3g} um")
+        if low > _LONGEST_WAVES * 2 * pi / sqrt(apparent_area_m2):
+            unseen.append(f"longer than {2e3 * pi / low:.3g} mm")
+        return [f"roughness of the finger in waves {' and '.join(unseen)}"] if unseen else []
+
+    @property
+    def warnings(self) -> list[str]:
+        """Notes that say what is likely to be wrong."""
+        return [note.removeprefix("warning: ") for note in self.notes if "warning: " in note[:9]]
 
     @model_validator(mode="after")
     def _is_a_spectrum(self) -> Self:
@@ -76,7 +139,8 @@ class MeasuredRoughness(Part):
 
     def spectrum(self) -> RoughnessSpectrum:
         """Return the spectrum itself."""
-        return RoughnessSpectrum.from_table(self.q_per_m, self.density_m4)
+        spectrum = RoughnessSpectrum.from_table(self.q_per_m, self.density_m4)
+        return replace(spectrum, notes=self.notes, measured_per_m=self.measured_per_m)
 
 
 def _kind_of_roughness(value: Any) -> str:

@@ -70,6 +70,8 @@ class ContactState(Displayed):
     find_accuracy: Callable[[], Accuracy] = field(repr=False, compare=False)
     sum_gaps: Callable[[], GapSums] = field(repr=False, compare=False)
     """These make the values of the properties below at their first use: many callers need none."""
+    of_finger: tuple[str, ...] = field(default=(), repr=False, compare=False)
+    """Warnings of the finger's measured roughness."""
 
     @cached_property
     def status(self) -> Tensor:
@@ -170,7 +172,8 @@ class ContactState(Displayed):
         """Say where states lie below what was validated or past a limit, as outputs quote it."""
         lowest, highest = (float(end) for end in self.x.detach().aminmax())
         fewest = float(self.rolloff_waves.detach().min())
-        return [*beyond_validation(lowest, highest, fewest), *limits_passed(self.status)]
+        beyond = beyond_validation(lowest, highest, fewest)
+        return [*beyond, *limits_passed(self.status), *self.of_finger]
 
     @property
     def attraction_pa(self) -> Tensor:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import log10, pi
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
@@ -16,6 +16,8 @@ from haptix.base.errors import InputError
 
 if TYPE_CHECKING:
     from haptix.model.contact.topography import Removed
+
+_SAME_H_RMS = 1.2  # a band that ends elsewhere changes it by so much; conventions by 6.3
 
 Convention = Literal["C", "C_iso", "C_1D"]
 """Conventions of spectra: the C of Persson, the C_iso and the C_1D of Jacobs et al. (2017)."""
@@ -38,11 +40,14 @@ class RoughnessSpectrum(Displayed):
     notes : tuple of str
         How a measured one came about, such as the form that was removed. One that begins with
         "warning: " says what is likely to be wrong.
+    measured_per_m : (float, float), optional
+        Band [1/m] that was measured, where the spectrum was extended.
     """
 
     wavenumber: Tensor
     density: Tensor
     notes: tuple[str, ...] = ()
+    measured_per_m: tuple[float, float] | None = None
 
     @classmethod
     def self_affine(
@@ -221,7 +226,40 @@ class RoughnessSpectrum(Displayed):
             last = c[-1:] * (q1 / self.q1) ** (-2 * (1 + hurst))
             q, c = torch.cat([q, q.new_tensor([q1])]), torch.cat([c, last])
             notes.append(f"from {self.q1:.3g} to {q1:.3g} /m extended with H = {hurst:g}")
-        return replace(self, wavenumber=q, density=c, notes=tuple(notes))
+        band = self.measured_per_m or (self.q0, self.q1)
+        return RoughnessSpectrum(q, c, tuple(notes), band)
+
+    def of_measured_band(self) -> RoughnessSpectrum:
+        """Return a copy without the waves that were added by a law."""
+        low, high = self.measured_per_m or (self.q0, self.q1)
+        seen = (self.wavenumber >= low * (1 - 1e-9)) & (self.wavenumber <= high * (1 + 1e-9))
+        return RoughnessSpectrum(self.wavenumber[seen], self.density[seen], self.notes)
+
+    def check_h_rms(self, h_rms_m: Any) -> None:
+        """Refuse another root-mean-square roughness [m] than its own, as a wrong convention gives.
+
+        Raises
+        ------
+        InputError
+            If they differ by more than 20 %; it says which convention would fit.
+
+        Examples
+        --------
+        >>> RoughnessSpectrum.self_affine(23e-6, 0.8, 1e3, 1e4, 1e6).check_h_rms(22e-6)
+        """
+        stated = checks.plain(h_rms_m)
+        if stated is None:
+            raise InputError(f"h_rms_m: expected a number [m], got {h_rms_m!r:.40}")
+        checks.positive("h_rms_m", stated)
+        ratio = float(self.h_rms_m.detach()) / stated
+        if abs(log10(ratio)) > log10(_SAME_H_RMS):
+            known = {2 * pi: "C_iso", 1 / (2 * pi): "C"}
+            fits = [name for factor, name in known.items() if 1 / 1.2 < ratio / factor < 1.2]
+            meant = f'; with convention = "{fits[0]}" it would be the same' if fits else ""
+            raise InputError(
+                f"h_rms_m: expected {stated:.3g} m as stated, but the spectrum has "
+                f"{stated * ratio:.3g} m: another convention, unit or band{meant}"
+            )
 
     @property
     def q0(self) -> float:
@@ -262,6 +300,7 @@ class RoughnessSpectrum(Displayed):
         return (
             f"waves of {self.q0:.3g} to {self.q1:.3g} /m ({decades:.1f} decades), h_rms "
             f"{float(self.h_rms_m.detach()):.3g} m, rms slope {float(self.slope_rms.detach()):.3g}"
+            + "".join(f"; {note}" for note in self.notes)
         )
 
     def __call__(self, q: Tensor) -> Tensor:

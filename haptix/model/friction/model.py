@@ -241,9 +241,7 @@ class ContactModel(Displayed):
         >>> haptix.ContactModel(haptix.Finger.preset("wet"), haptix.Screen()).placeholders()
         ['roughness spectrum of the finger', 'dielectric of the skin']
         """
-        names = []
-        if self.finger.roughness.is_placeholder:
-            names.append("roughness spectrum of the finger")
+        names = self.finger.roughness.unmeasured(self.finger.apparent_area_at_1n_m2)
         return names + self.solver.terms.placeholders() + self.screen.warnings()
 
     @one_thread()
@@ -395,6 +393,7 @@ class ContactModel(Displayed):
             **solved,
             find_status=find_status,
             find_accuracy=find_accuracy,
+            of_finger=tuple(self.finger.roughness.warnings),
             sum_gaps=partial(
                 self.solver.sum_gaps,
                 force,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from math import pi, sqrt
 from typing import Any
 
 import torch
@@ -10,11 +11,13 @@ from torch import Tensor
 
 from haptix.model.electro import SKIN_DIELECTRICS
 from haptix.model.fidelity import FidelityName
-from haptix.model.finger import Finger, Roughness
+from haptix.model.finger import SHORTEST_PER_M, Finger, MeasuredRoughness, Roughness
 from haptix.model.friction.model import ContactModel
 from haptix.model.perception.thresholds import WEBER_FRACTION
 
 _SHORTEST_WAVES = (1e7, 1e8, 1e9)  # q1 [1/m]: from waves of 0.6 um to the size of molecules
+
+_TAILS = (0.7, 1e9), (0.95, 1e9), (0.86, SHORTEST_PER_M)  # H and q1 [1/m] of waves not measured
 
 DIELECTRIC, ROUGHNESS = "skin dielectric", "roughness"
 
@@ -29,7 +32,8 @@ def placeholder_spread(
     """Change of friction when other values replace the unmeasured ones, in JND of friction.
 
     Each of `haptix.model.SKIN_DIELECTRICS` replaces the skin's dielectric. Spectra of equal
-    h_rms, rms slope and Hurst exponent that end at other wavelengths replace the roughness.
+    h_rms, rms slope and Hurst exponent that end at other wavelengths replace the roughness. A
+    measured one gets the waves that were not measured, by three laws.
 
     Parameters
     ----------
@@ -71,9 +75,23 @@ def _others(model: ContactModel, has_frequency: bool) -> Iterator[tuple[str, Fin
         for skin in SKIN_DIELECTRICS.values():
             scaled = skin.model_copy(update={"scale": finger.dielectric.scale})
             yield DIELECTRIC, finger.replace(dielectric=scaled)
-    if isinstance(finger.roughness, Roughness) and finger.roughness.is_placeholder:
-        for other in alike(finger.roughness):
+    roughness = finger.roughness
+    if isinstance(roughness, MeasuredRoughness):
+        if roughness.unmeasured(finger.apparent_area_at_1n_m2):
+            for seen in unseen_waves(roughness, finger.apparent_area_at_1n_m2):
+                yield ROUGHNESS, finger.replace(roughness=seen)
+    elif roughness.is_placeholder:
+        for other in alike(roughness):
             yield ROUGHNESS, finger.replace(roughness=other)
+
+
+def unseen_waves(
+    roughness: MeasuredRoughness, apparent_area_m2: float
+) -> Iterator[MeasuredRoughness]:
+    """Yield a measured roughness with each of some laws for the waves that were not measured."""
+    seen, longest = roughness.spectrum().of_measured_band(), 2 * pi / sqrt(apparent_area_m2)
+    for hurst, shortest in _TAILS:
+        yield MeasuredRoughness.of(seen.extended(hurst, shortest, longest))
 
 
 def alike(roughness: Roughness) -> list[Roughness]:

@@ -296,7 +296,7 @@ def test_beyond_a_measured_table_a_drive_is_refused_or_a_law_is_stated() -> None
     at = torch.tensor([125.0], dtype=torch.float64)
     measured = SkinDielectric(**table, is_placeholder=False)
     model = ContactModel(Finger(dielectric=measured), Screen())
-    with pytest.raises(InputError, match="frequency_hz: .*100000 to 1e.07 Hz, got 125 Hz.*beyond"):
+    with pytest.raises(InputError, match=r"frequency_hz: .*100000 to 1e.07 Hz, got 125 Hz.*beyond"):
         model.solve(0.5, 100.0, 125.0)
     model.solve(0.5, 100.0, f[0])  # the ends are in it
     model.solve(0.5, 100.0)  # a conducting skin asks for no table
