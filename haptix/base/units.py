@@ -18,8 +18,11 @@ _PREFIXES = {
 }  # fmt: skip
 _SYMBOLS = {
     "V": "V", "N": "N", "Hz": "Hz", "m": "m", "Pa": "Pa", "s": "s", "g": "g", "°": "°",
+    "S": "S", "F": "F", "deg": "°",
     "Ohm": "Ohm", "ohm": "Ohm", "\N{GREEK CAPITAL LETTER OMEGA}": "Ohm", "\N{OHM SIGN}": "Ohm",
 }  # fmt: skip
+
+_RAISED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
 
 # Suffix of a field's name: an example, and the power of ten of its own unit. Longest first, so
 # that "_mm_per_s" is not taken for seconds.
@@ -124,6 +127,23 @@ def read_number(name: str, text: str) -> float:
             return _quantity(name, text, *_SUFFIXES[suffix])
     such = "" if suffix is None else f', or one with its unit such as "{_SUFFIXES[suffix][1]}"'
     raise ValueError(f"expected a number{such}, got {text!r:.80}{decimal_comma(text)}")
+
+
+def factor_to(unit: str, own: str) -> float | None:
+    """Return by how much a number in `unit` is multiplied to be in `own`; None for another kind.
+
+    Examples
+    --------
+    >>> factor_to("um", "m"), factor_to("1/um", "/m"), factor_to("Ohm", "m")
+    (1e-06, 1000000.0, None)
+    """
+    text = unit.strip().translate(_RAISED).replace("**", "^").removeprefix("rad")
+    text = re.sub(r"[·*.⋅]", " ", text)
+    read = _read_unit(text.removeprefix("1") if text.startswith("1/") else text)
+    mine = _read_unit(own)
+    if not text or read is None or mine is None or read[1] != mine[1]:
+        return None
+    return float(f"1e{read[0] - mine[0]}")
 
 
 def decimal_comma(text: str) -> str:

@@ -89,6 +89,11 @@ class MeasuredSurface:
             tuple(dict.fromkeys(note for surface in surfaces for note in surface.notes)),
         )
 
+    @classmethod
+    def of_line(cls, x_m: Array, height_m: Array) -> MeasuredSurface:
+        """Take a line scan of heights [m] at places [m], even or not."""
+        return _evenly(x_m, height_m)
+
     @property
     def is_map(self) -> bool:
         """Whether it is a map, and no line scans."""

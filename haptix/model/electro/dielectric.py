@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from math import log, pi
+from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, Literal, Self
 
@@ -18,12 +20,15 @@ from pydantic import (
     NonNegativeFloat,
     PositiveFloat,
     Tag,
+    ValidationError,
     model_validator,
 )
 from torch import Tensor
 
-from haptix.base.documents import Part
+from haptix.base.checks import Array
+from haptix.base.documents import Part, first_error
 from haptix.base.errors import InputError
+from haptix.model.contact.measured_files import Columns
 
 VACUUM_PERMITTIVITY = 8.8541878128e-12
 """eps0 [F/m], CODATA 2018."""
@@ -219,6 +224,73 @@ class SkinDielectric(Part):
             **{"is_placeholder": False, **fields},
         )
 
+    @classmethod
+    def read(
+        cls,
+        path: Path,
+        area_m2: float | None = None,
+        thickness_m: float | None = None,
+        **fields: Any,
+    ) -> Self:
+        """Read a table of permittivity and a loss, or the readings of an LCR meter.
+
+        Beside the frequency, the header names one pair of columns, with their units:
+        ``permittivity`` with ``resistivity (Ohm m)``, ``conductivity (S/m)`` or ``loss tangent``;
+        or ``Z`` with ``theta``, ``R`` with ``X``, ``Cp`` with ``Rp``, ``G`` or ``D``, ``Cs`` with
+        ``Rs`` or ``D``.
+
+        Parameters
+        ----------
+        path : Path
+            Text with a header.
+        area_m2, thickness_m : float, optional
+            Electrode and layer of an LCR meter's readings, as for `of_impedance`.
+        fields
+            Other fields, such as `beyond`.
+
+        Raises
+        ------
+        InputError, FileFormatError
+            If the columns or units are others, or the table is not that of a skin.
+        """
+        table = Columns.read(path)
+        found = {_named_column(name): index for index, name in enumerate(table.names)}
+
+        def column(name: str) -> Array:
+            own = _COLUMNS[name][1]
+            unit = table.units[found[name]]
+            if own == "":
+                return table.values[:, found[name]]
+            if name == "theta" and unit.startswith("rad"):
+                return np.degrees(table.values[:, found[name]])
+            return table.column(found[name], own, _DEFAULT_UNITS.get(name, ""))
+
+        pair = next((pair for pair in _PAIRS if {"f", *pair} <= found.keys()), None)
+        if pair is None:
+            known = ", ".join(f"{a} with {b}" for a, b in _PAIRS)
+            raise InputError(
+                f"{path}: expected a header that names f and {known}, got "
+                f"{', '.join(table.names) or 'none'}"
+            )
+        order = np.argsort(column("f"), kind="stable")
+        f, first, second = (column(name)[order] for name in ("f", *pair))
+        fields = {"is_placeholder": False, "source": path.name, **fields}
+        try:
+            if pair[0] == "permittivity":
+                # A relative permittivity of 0 or below is checked by the field.
+                columns = {"frequency_hz": f, "permittivity": first, _LOSSES[pair[1]]: second}
+                lists = {name: tuple(values.tolist()) for name, values in columns.items()}
+                return cls.model_validate({**lists, **fields})
+            if area_m2 is None or thickness_m is None:
+                raise InputError(
+                    f"{path}: readings of an LCR meter need the electrode's area and the layer's "
+                    "thickness (--area-m2, --thickness-m)"
+                )
+            ohm = _impedance(pair, 2 * pi * f, first, second)
+            return cls.of_impedance(f, ohm, area_m2, thickness_m, **fields)
+        except ValidationError as error:
+            raise InputError(first_error(str(path), error)) from None
+
     @property
     def law(self) -> Beyond:
         """What it says beyond its ends, see `beyond`."""
@@ -260,6 +332,62 @@ class SkinDielectric(Part):
         permittivity, resistivity = within.unbind(-1)
         loss = 1 / (2 * torch.pi * frequency_hz * VACUUM_PERMITTIVITY * torch.exp(resistivity))
         return torch.complex(torch.exp(permittivity), loss) / self.scale
+
+
+# Names of columns, as patterns of what stands in headers in small letters, and their units.
+_COLUMNS: dict[str, tuple[str, str]] = {
+    "f": (r"f|freq.*", "Hz"),
+    "permittivity": (r"(rel.*)?permittivity.*|eps.*|er|dielectric constant|ε.*", ""),
+    "resistivity": (r"resistivity|rho.*|ρ", "Ohm m"),
+    "conductivity": (r"conductivity|sigma.*|σ", "S/m"),
+    "loss tangent": (r"loss[ _]tangent|tan.*|d|df|loss factor", ""),
+    "Z": (r"\|?z\|?|impedance|\|?z\|? ?magnitude", "Ohm"),
+    "theta": (r"theta|phase|phi|θ|φ", "deg"),
+    "R": (r"r|re\(?z\)?|z'", "Ohm"),
+    "X": (r"x|im\(?z\)?|z''", "Ohm"),
+    "Cp": (r"cp|c", "F"),
+    "Rp": (r"rp", "Ohm"),
+    "G": (r"gp?", "S"),
+    "Cs": (r"cs", "F"),
+    "Rs": (r"rs|esr", "Ohm"),
+}
+_DEFAULT_UNITS = {
+    "f": "Hz", "Z": "Ohm", "theta": "deg", "R": "Ohm", "X": "Ohm", "Cp": "F", "Rp": "Ohm", "G": "S",
+    "Cs": "F", "Rs": "Ohm",
+}  # fmt: skip
+_PAIRS = (
+    ("permittivity", "resistivity"), ("permittivity", "conductivity"),
+    ("permittivity", "loss tangent"), ("Z", "theta"), ("R", "X"), ("Cp", "Rp"), ("Cp", "G"),
+    ("Cp", "loss tangent"), ("Cs", "Rs"), ("Cs", "loss tangent"),
+)  # fmt: skip
+_LOSSES = {
+    "resistivity": "resistivity_ohm_m",
+    "conductivity": "conductivity_s_per_m",
+    "loss tangent": "loss_tangent",
+}
+
+
+def _named_column(name: str) -> str:
+    text = re.sub(r"[_-]+", " ", name.strip().lower())
+    for known, (pattern, _) in _COLUMNS.items():
+        if re.fullmatch(pattern, text) or re.fullmatch(pattern, name.strip().lower()):
+            return known
+    return ""
+
+
+def _impedance(pair: tuple[str, str], omega: Array, first: Array, second: Array) -> Any:
+    """Series impedance [Ohm] of a pair of an LCR meter's readings."""
+    if pair == ("Z", "theta"):
+        return first * np.exp(1j * np.radians(second))
+    if pair == ("R", "X"):
+        return first + 1j * second
+    if pair[0] == "Cs":
+        loss = second if pair[1] == "Rs" else second / (omega * first)
+        return loss - 1j / (omega * first)
+    conductance = {"Rp": lambda: 1 / second, "G": lambda: second}.get(
+        pair[1], lambda: omega * first * second
+    )()
+    return 1 / (conductance + 1j * omega * first)
 
 
 class ColeCole(Part):

@@ -1,0 +1,224 @@
+"""Measurements of a finger in files: height maps, line scans, spectra, dielectric tables."""
+
+from __future__ import annotations
+
+import csv
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from haptix.base.errors import FileFormatError, InputError, from_extra
+from haptix.base.files import LARGEST_TABLE_BYTES, read_bytes
+from haptix.base.units import factor_to
+from haptix.model.contact.roughness import Convention, RoughnessSpectrum
+from haptix.model.contact.topography import MeasuredSurface
+
+_TEXTS = (".csv", ".tsv", ".txt", ".dat")
+_UNIT = re.compile(r"^(.*?)(?:[\s_]*[\[(]([^\])]*)[\])]|\s*[/,]\s*([^\s/,]+)|_([A-Za-z]+))?$")
+_OWN = ("m", "/m", "m4", "m3", "Hz", "F", "Ohm", "S", "S/m", "Ohm m", "deg")
+_WIDEST = 7  # columns of a table; one of more is a map
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Numbers of a text file: names and units as its header has them, or "" without one."""
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: npt.NDArray[np.float64]
+    """Shape (rows, columns)."""
+
+    @classmethod
+    def read(cls, path: Path) -> Columns:
+        """Read a table whose rows end in numbers, after any lines of other text.
+
+        Cells are separated by tabs, semicolons, commas or spaces; the decimal sign is a point, or a
+        comma where commas separate nothing. The last lines before the numbers name the columns and
+        their units: ``q (1/m)``, ``z [um]``, ``f_Hz``, or a line of units of their own.
+
+        Raises
+        ------
+        FileFormatError
+            If there are no such rows, or they are of different lengths.
+        """
+        raw = read_bytes(path, LARGEST_TABLE_BYTES)
+        try:
+            text = raw.decode("utf-8-sig")
+        except UnicodeDecodeError:
+            text = raw.decode("latin-1")
+        return cls.of(text, str(path))
+
+    @classmethod
+    def of(cls, text: str, place: str) -> Columns:
+        """Read the text of a file; `place` names it in errors."""
+        lines = [line.strip(" \r\n") for line in text.splitlines()]
+        first = next((n for n, line in enumerate(lines) if _is_numbers(line)), None)
+        if first is None:
+            raise FileFormatError(f"{place}: expected rows of numbers, got none")
+        width, values = len(_split(lines[first])), []
+        for number, line in enumerate(lines[first:], start=first + 1):
+            if not line or line.startswith("#"):
+                continue
+            if not _is_numbers(line) or len(_split(line)) != width:
+                raise FileFormatError(
+                    f"{place}, line {number}: expected {width} numbers as in line {first + 1}, "
+                    f"got {line!r:.80}"
+                )
+            values.append([_number(cell) for cell in _split(line)])
+        above = [_split(line.lstrip("#% ")) for line in lines[:first]]
+        head = [[cell.strip(' "') for cell in cells] for cells in above if len(cells) == width]
+        below: list[str] = []
+        if len(head) > 1 and any(_is_unit(cell.strip("[]()")) for cell in head[-1]):
+            below = [cell.strip("[]()") for cell in head.pop()]
+        named = [_UNIT.match(cell) for cell in (head[-1] if head else [""] * width)]
+        names = [match[1].strip() if match else "" for match in named]
+        units = [next((g for g in m.groups()[1:] if g), "") if m else "" for m in named]
+        return cls(tuple(names), tuple(below or units), np.array(values))
+
+    def column(self, index: int, own: str, unit: str = "") -> npt.NDArray[np.float64]:
+        """Return a column in its own unit, such as "m"; `unit` counts where the file has none.
+
+        Raises
+        ------
+        InputError
+            If its unit is not known, or of something else.
+        """
+        said = self.units[index] or unit
+        factor = factor_to(said, own)
+        if factor is None:
+            name = self.names[index] or f"column {index + 1}"
+            raise InputError(
+                f"{name}: expected a unit such as {own}, got {said or 'none'}; name it in the "
+                "header, as in z (um), or pass --unit"
+            )
+        return self.values[:, index] * factor
+
+
+def _is_unit(text: str) -> bool:
+    return any(factor_to(text, own) for own in _OWN)
+
+
+def _split(line: str) -> list[str]:
+    mark = next((mark for mark in "\t;," if mark in line), "")
+    if not mark:
+        return re.findall(r"[^\s(\[]+(?:\s*[(\[][^\])]*[\])])?", line)
+    return next(csv.reader([line], delimiter=mark, skipinitialspace=True))
+
+
+def _number(cell: str) -> float:
+    text = cell.strip().strip('"')
+    if not text or text.lower() in ("nan", "bad", "---", "***"):
+        return float("nan")
+    return float(text.replace(",", "."))
+
+
+def _is_numbers(line: str) -> bool:
+    try:
+        return not all(np.isnan([_number(cell) for cell in _split(line)])) if line else False
+    except ValueError:
+        return False
+
+
+def read_surface(
+    path: Path,
+    unit: str = "",
+    pixel_m: float | None = None,
+    is_periodic: bool | None = None,
+) -> MeasuredSurface:
+    """Read a height map or a line scan: numpy, text with units, or what SurfaceTopography reads.
+
+    Parameters
+    ----------
+    path : Path
+        ``.npy``: heights. Text: rows of heights, or columns of position and height.
+    unit : str
+        Unit of lengths where the file has none, such as "um".
+    pixel_m : float, optional
+        Distance between pixels [m] where the file has none.
+    is_periodic : bool, optional
+        Whether the map goes on at its borders as it began, where the file does not say.
+
+    Raises
+    ------
+    InputError, FileFormatError
+        If it is no such file, or does not say its unit or pixels.
+    """
+    if path.suffix == ".npy":
+        heights = np.load(path, allow_pickle=False)
+        return MeasuredSurface.of(heights * _metres(unit, path), pixel_m, is_periodic)
+    if path.suffix.lower() in _TEXTS:
+        try:
+            table = Columns.read(path)
+        except FileFormatError:
+            if path.suffix.lower() == ".csv":
+                raise
+        else:
+            return _of_columns(table, path, unit, pixel_m, is_periodic)
+    with from_extra("topography"):
+        import SurfaceTopography
+    try:
+        topography = SurfaceTopography.read_topography(str(path))
+    except Exception as error:  # each of its readers has errors of its own
+        why = str(error).strip().partition("\n")[0]
+        raise FileFormatError(
+            f"{path}: expected a height map that SurfaceTopography reads, got: {why or error!r}"
+        ) from None
+    if topography.unit is None and unit:
+        heights = topography.heights() * _metres(unit, path)
+        pixels = [float(side) * _metres(unit, path) for side in topography.pixel_size]
+        return MeasuredSurface.of(heights, pixels, is_periodic)
+    return MeasuredSurface.of(topography, None, is_periodic)
+
+
+def _of_columns(
+    table: Columns, path: Path, unit: str, pixel_m: float | None, is_periodic: bool | None
+) -> MeasuredSurface:
+    if table.values.shape[1] > _WIDEST:
+        return MeasuredSurface.of(table.values * _metres(unit, path), pixel_m, is_periodic)
+    if table.values.shape[1] == 1:
+        return MeasuredSurface.of(table.column(0, "m", unit), pixel_m, is_periodic)
+    if table.values.shape[1] > 2:
+        raise InputError(
+            f"{path}: expected two columns, position and height, or a map of more than {_WIDEST} "
+            f"columns, got {table.values.shape[1]}"
+        )
+    return MeasuredSurface.of_line(table.column(0, "m", unit), table.column(1, "m", unit))
+
+
+def _metres(unit: str, path: Path) -> float:
+    factor = factor_to(unit, "m")
+    if factor is None:
+        raise InputError(
+            f"{path}: it does not say the unit of its heights; pass --unit, such as um"
+        )
+    return factor
+
+
+def read_spectrum(path: Path, convention: Convention, unit: str = "") -> RoughnessSpectrum:
+    """Read a spectrum of two columns, wavenumber and density, in a named convention.
+
+    Parameters
+    ----------
+    path : Path
+        Text; its header names the units, such as ``q (1/um), C (um^4)``.
+    convention : {"C", "C_iso", "C_1D"}
+        As for `RoughnessSpectrum.from_table`.
+    unit : str
+        Unit of length where the file has none.
+
+    Raises
+    ------
+    InputError, FileFormatError
+        If it is no such table.
+    """
+    table = Columns.read(path)
+    if table.values.shape[1] < 2:
+        raise InputError(f"{path}: expected two columns, wavenumber and density, got one")
+    power = 3 if convention == "C_1D" else 4
+    q = table.column(0, "/m", unit and f"/{unit}")
+    density = table.column(1, f"m{power}", unit and f"{unit}{power}")
+    there = np.isfinite(q) & np.isfinite(density) & (density > 0) & (q > 0)
+    return RoughnessSpectrum.from_table(q[there], density[there], convention)
