@@ -262,17 +262,21 @@ class Query(OfModel, command="query", route="queries"):
 
         inputs = _product(self, "normal_force_n", "voltage_v", "frequency_hz", "h0_m")
         spread: dict[str, Any] = {}
+        roughness: dict[str, float] = {}
         if self.surface is None:
             model = self.model()
             state, spread = model.solve(**inputs), placeholder_spread(model, **inputs)
             largest = {name: float(jnd.max()) for name, jnd in spread.items()}
             x = float(state.x.min())
             note = placeholder_note(model.placeholders(), largest)
-            note += f"; x = p0/(E* slope) from {x:.2g}; {state.accuracy}"
+            h_rms_m = float(model.contact.spectrum.h_rms_m)
+            note += f"; h_rms {h_rms_m * 1e6:.3g} um; x = p0/(E* slope) from {x:.2g}"
+            note += f"; {state.accuracy}"
             outputs = {name: getattr(state, name) for name in _OF_A_STATE}
             share = float(state.pull_past_breakdown.max())
             status, warnings = state.status, state.warnings()
             about, screen = described(model.finger, model.screen), model.screen
+            roughness["h_rms_m"] = h_rms_m
         else:
             table = FrictionSurface.load(self.surface)
             with reading(self.surface, "a surface with its model"):
@@ -302,7 +306,7 @@ class Query(OfModel, command="query", route="queries"):
         title = f"{first_line(about)}\nfriction at the period's mean attraction{note}"
         title += breakdown_note(share) + warning_note([*warnings, *beyond])
         spreads = {f"{name.replace(' ', '_')}_spread_jnd": jnd for name, jnd in spread.items()}
-        document = [row | about for row in _rows(inputs, outputs | spreads, status)]
+        document = [row | about | roughness for row in _rows(inputs, outputs | spreads, status)]
         # A table of 80 columns has no room for the columns of its title.
         shown = {name: column for name, column in outputs.items() if name not in _IN_THE_TITLE}
         return Result(document, [(title, _rows(inputs, shown, status))])

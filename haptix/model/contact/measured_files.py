@@ -123,7 +123,7 @@ def _is_numbers(line: str) -> bool:
 
 
 def read_surface(
-    path: Path,
+    path: Path | Columns,
     unit: str = "",
     pixel_m: float | None = None,
     is_periodic: bool | None = None,
@@ -132,8 +132,8 @@ def read_surface(
 
     Parameters
     ----------
-    path : Path
-        ``.npy``: heights. Text: rows of heights, or columns of position and height.
+    path : Path or Columns
+        ``.npy``: heights. Text, or the columns of one: rows of heights, or position and height.
     unit : str
         Unit of lengths where the file has none, such as "um".
     pixel_m : float, optional
@@ -146,6 +146,8 @@ def read_surface(
     InputError, FileFormatError
         If it is no such file, or does not say its unit or pixels.
     """
+    if isinstance(path, Columns):
+        return _of_columns(path, "text", unit, pixel_m, is_periodic)
     if path.suffix == ".npy":
         heights = np.load(path, allow_pickle=False)
         return MeasuredSurface.of(heights * _metres(unit, path), pixel_m, is_periodic)
@@ -174,7 +176,7 @@ def read_surface(
 
 
 def _of_columns(
-    table: Columns, path: Path, unit: str, pixel_m: float | None, is_periodic: bool | None
+    table: Columns, path: Path | str, unit: str, pixel_m: float | None, is_periodic: bool | None
 ) -> MeasuredSurface:
     if table.values.shape[1] > _WIDEST:
         return MeasuredSurface.of(table.values * _metres(unit, path), pixel_m, is_periodic)
@@ -185,10 +187,15 @@ def _of_columns(
             f"{path}: expected two columns, position and height, or a map of more than {_WIDEST} "
             f"columns, got {table.values.shape[1]}"
         )
+    if factor_to(table.units[0], "/m") is not None:
+        raise InputError(
+            f"{path}: this is a spectrum; name its convention: C of Persson, or C_iso or C_1D of "
+            "Jacobs et al. (2017), as SurfaceTopography writes them (--convention)"
+        )
     return MeasuredSurface.of_line(table.column(0, "m", unit), table.column(1, "m", unit))
 
 
-def _metres(unit: str, path: Path) -> float:
+def _metres(unit: str, path: Path | str) -> float:
     factor = factor_to(unit, "m")
     if factor is None:
         raise InputError(
@@ -197,13 +204,15 @@ def _metres(unit: str, path: Path) -> float:
     return factor
 
 
-def read_spectrum(path: Path, convention: Convention, unit: str = "") -> RoughnessSpectrum:
+def read_spectrum(
+    path: Path | Columns, convention: Convention, unit: str = ""
+) -> RoughnessSpectrum:
     """Read a spectrum of two columns, wavenumber and density, in a named convention.
 
     Parameters
     ----------
-    path : Path
-        Text; its header names the units, such as ``q (1/um), C (um^4)``.
+    path : Path or Columns
+        Text, or the columns of one; its header names the units, such as ``q (1/um), C (um^4)``.
     convention : {"C", "C_iso", "C_1D"}
         As for `RoughnessSpectrum.from_table`.
     unit : str
@@ -214,9 +223,10 @@ def read_spectrum(path: Path, convention: Convention, unit: str = "") -> Roughne
     InputError, FileFormatError
         If it is no such table.
     """
-    table = Columns.read(path)
+    table = path if isinstance(path, Columns) else Columns.read(path)
     if table.values.shape[1] < 2:
-        raise InputError(f"{path}: expected two columns, wavenumber and density, got one")
+        place = "text" if table is path else path
+        raise InputError(f"{place}: expected two columns, wavenumber and density, got one")
     power = 3 if convention == "C_1D" else 4
     q = table.column(0, "/m", unit and f"/{unit}")
     density = table.column(1, f"m{power}", unit and f"{unit}{power}")

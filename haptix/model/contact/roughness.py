@@ -197,7 +197,7 @@ class RoughnessSpectrum(Displayed):
         hurst : float
             Hurst exponent H of the shorter waves, in (0, 1]: ``C ~ q^(-2(1+H))``.
         q1 : float
-            Wavenumber [1/m] up to which it goes on; skin is made of molecules from 1e9 /m.
+            Wavenumber [1/m] up to which it goes on, if that is further; molecules end it at 1e9 /m.
         q0 : float, optional
             Wavenumber [1/m] down to which C stays as it is at the lowest measured one.
 
@@ -222,7 +222,6 @@ class RoughnessSpectrum(Displayed):
             q, c = torch.cat([q.new_tensor([q0]), q]), torch.cat([c[:1], c])
             notes.append(f"from {q0:.3g} to {self.q0:.3g} /m extended as constant")
         if q1 > self.q1:
-            checks.positive("q1", q1)
             last = c[-1:] * (q1 / self.q1) ** (-2 * (1 + hurst))
             q, c = torch.cat([q, q.new_tensor([q1])]), torch.cat([c, last])
             notes.append(f"from {self.q1:.3g} to {q1:.3g} /m extended with H = {hurst:g}")

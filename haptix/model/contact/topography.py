@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import pi, sqrt
 from typing import Any, Literal, get_args
 
@@ -70,22 +70,31 @@ class MeasuredSurface:
         InputError
             If unit or pixels are not known, or the heights are none of a surface.
         """
-        several = isinstance(height_m, list | tuple)
+        several = isinstance(height_m, list | tuple) and len(height_m) > 0
         parts = list(height_m) if several and hasattr(height_m[0], "unit") else [height_m]
-        if hasattr(parts[0], "unit"):
-            if pixel_m is not None:
-                raise InputError(f"pixel_m: a topography brings its own pixels, got {pixel_m} too")
-            surfaces = [_of_topography(part) for part in parts]
+        if not hasattr(parts[0], "unit"):
+            surface = _of_array(height_m, pixel_m)
+        elif pixel_m is not None:
+            raise InputError(f"pixel_m: a topography brings its own pixels, got {pixel_m} too")
         else:
-            surfaces = [_of_array(height_m, pixel_m)]
-        kinds = {surface.heights_m[0].ndim for surface in surfaces}
-        if len(surfaces) > 1 and kinds != {1}:
+            surface = cls.together([_of_topography(part) for part in parts])
+        return surface if is_periodic is None else replace(surface, is_periodic=is_periodic)
+
+    @classmethod
+    def together(cls, surfaces: Sequence[MeasuredSurface]) -> MeasuredSurface:
+        """Take line scans of one surface together; a map stays alone.
+
+        Raises
+        ------
+        InputError
+            If there are several maps.
+        """
+        if len(surfaces) > 1 and any(surface.is_map for surface in surfaces):
             raise InputError("height_m: expected one map, or line scans alone, got several maps")
-        periodic = surfaces[0].is_periodic if is_periodic is None else is_periodic
         return cls(
             tuple(part for surface in surfaces for part in surface.heights_m),
             tuple(side for surface in surfaces for side in surface.pixel_m),
-            periodic,
+            all(surface.is_periodic for surface in surfaces),
             tuple(dict.fromkeys(note for surface in surfaces for note in surface.notes)),
         )
 

@@ -384,9 +384,9 @@ def _impedance(pair: tuple[str, str], omega: Array, first: Array, second: Array)
     if pair[0] == "Cs":
         loss = second if pair[1] == "Rs" else second / (omega * first)
         return loss - 1j / (omega * first)
-    conductance = {"Rp": lambda: 1 / second, "G": lambda: second}.get(
-        pair[1], lambda: omega * first * second
-    )()
+    conductance = second
+    if pair[1] != "G":
+        conductance = 1 / second if pair[1] == "Rp" else omega * first * second
     return 1 / (conductance + 1j * omega * first)
 
 
