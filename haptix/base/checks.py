@@ -9,7 +9,7 @@ from dataclasses import fields as dataclass_fields
 from functools import wraps
 from math import inf, isfinite, isnan
 from numbers import Real
-from typing import Annotated, Any, TypeVar, dataclass_transform
+from typing import Annotated, Any, ParamSpec, TypeVar, dataclass_transform
 
 import numpy as np
 import numpy.typing as npt
@@ -210,3 +210,44 @@ def increasing(name: str, values: Any, least_count: int = 1) -> Array:
             f"{array[at]:g}"
         )
     return array
+
+
+Given = ParamSpec("Given")
+Found = TypeVar("Found")
+
+
+def eager(function: Callable[Given, Found]) -> Callable[Given, Found]:
+    """Decorate a function that no graph of torch can hold: it then says so.
+
+    It decides by the values of its tensors, and computes a part of them in C. A trace would keep
+    those decisions, and memory that C has not written.
+
+    Parameters
+    ----------
+    function : callable
+        Function of tensors.
+    """
+    sentence = (
+        f"{function.__name__}: expected a plain call, since torch.jit.trace, torch.export, "
+        "torch.compile with fullgraph and torch.vmap cannot follow it; pass whole tensors, and "
+        "wrap calls from compiled code in torch.compiler.disable"
+    )
+
+    @wraps(function)
+    def run(*given: Given.args, **named: Given.kwargs) -> Found:
+        import torch  # loaded by those who call; checks of parameters come before it
+
+        if torch.compiler.is_dynamo_compiling():  # an error where the whole must be one graph
+            torch._dynamo.graph_break(msg=sentence)
+            outside: Callable[Given, Found] = torch.compiler.disable(function)
+            return outside(*given, **named)
+        if torch._C._get_tracing_state() is not None or torch.compiler.is_compiling():
+            raise InputError(sentence)
+        try:
+            return function(*given, **named)
+        except RuntimeError as error:
+            if "vmap" not in str(error):
+                raise
+            raise InputError(sentence) from None
+
+    return run

@@ -19,6 +19,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+from haptix.base.checks import eager
 from haptix.base.errors import InputError
 from haptix.base.threads import one_thread
 from haptix.model.contact.area import AreaLaw
@@ -335,6 +336,7 @@ class MeanField:
         """``tau(1, zeta1)`` [Pa], ``E* slope / sqrt(2)`` for a half-space: the scale of p."""
         return self.stress_variance.sqrt()
 
+    @eager
     def area_fraction(self, pressure_pa: Any) -> Tensor:
         """A/A0 at full magnification, for pressures [Pa] of any shape: erf(p / tau) by Persson.
 
@@ -445,6 +447,7 @@ class MeanField:
         blocks = torch.cat([self._blocks[what, block] for block in range(low, high + 1)])
         return blocks[first - low * _PER_BLOCK : last - low * _PER_BLOCK + 1]
 
+    @eager
     @one_thread()
     def mean_gap(self, pressure_pa: Any) -> Tensor:
         """Mean separation [m] of the two surfaces, for pressures [Pa] of any shape.
@@ -460,6 +463,7 @@ class MeanField:
         pressure = self._pressures(pressure_pa)
         return self._separation(pressure, torch.zeros_like(pressure), self.stress_variance)
 
+    @eager
     def inverse_square_gap(
         self, pressure_pa: Any, h0_m: Any, contact_spots: ContactSpots = "included"
     ) -> Tensor:
@@ -493,6 +497,7 @@ class MeanField:
             inverse_square = inverse_square + self.area_fraction(pressure) / h0.abs() ** 2
         return inverse_square
 
+    @eager
     @one_thread()
     def gap_density(self, pressure_pa: Any, gap_m: Any) -> Tensor:
         """P(u) [1/m] of the open gaps; pressures [Pa] and gaps [m] broadcast.

@@ -341,7 +341,7 @@ class RoughnessSpectrum(Displayed):
 
     def _segment(self, q: Tensor) -> tuple[Tensor, Tensor]:
         segment = torch.searchsorted(self.wavenumber, q.detach().contiguous(), right=True) - 1
-        segment = segment.clamp(0, len(self.wavenumber) - 2)
+        segment = segment.clamp(0, self.wavenumber.shape[0] - 2)
         rise = torch.log(self.density[segment + 1] / self.density[segment])
         return segment, rise / torch.log(self.wavenumber[segment + 1] / self.wavenumber[segment])
 

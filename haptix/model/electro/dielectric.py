@@ -70,7 +70,7 @@ class MonotoneCubic:
 
     def __call__(self, x: Tensor) -> Tensor:
         """Values at `x` of any shape, with the columns as the last axis."""
-        if len(self.nodes) == 1:
+        if self.nodes.shape[0] == 1:
             return self.values[0].expand(*x.shape, -1)
         x = x.clamp(self.nodes[0], self.nodes[-1])
         cell = torch.searchsorted(self.nodes[1:-1], x.detach().contiguous(), right=True)

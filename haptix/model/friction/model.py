@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from haptix.base.checks import choice, instance
+from haptix.base.checks import choice, eager, instance
 from haptix.base.display import Displayed
 from haptix.base.errors import InputError, LimitError
 from haptix.base.threads import backward_on_one_thread, one_thread
@@ -244,6 +244,7 @@ class ContactModel(Displayed):
         names = self.finger.roughness.unmeasured(self.finger.apparent_area_at_1n_m2)
         return names + self.solver.terms.placeholders() + self.screen.warnings()
 
+    @eager
     @one_thread()
     def solve(
         self, normal_force_n: Any, voltage_v: Any, frequency_hz: Any = None, h0_m: Any = None
@@ -282,6 +283,7 @@ class ContactModel(Displayed):
         voltage = self._voltage(voltage_v)
         return self._solve(voltage, *self._places(normal_force_n, frequency_hz, h0_m))
 
+    @eager
     @one_thread()
     def at_drive(
         self, normal_force_n: Any, drive: Any, frequency_hz: Any = None, h0_m: Any = None
@@ -450,6 +452,7 @@ class ContactModel(Displayed):
         scattered = fidelity.scatter(self.solver.load(force, self._pull(voltage, circuit)))
         return Scatter(*(column.reshape(*shape, -1) for column in vars(scattered).values()))
 
+    @eager
     @one_thread()
     def over_period(
         self,

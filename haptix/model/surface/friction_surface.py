@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torch import Tensor
 
-from haptix.base.checks import Array, instance
+from haptix.base.checks import Array, eager, instance
 from haptix.base.display import Displayed, axes_or_new
 from haptix.base.errors import FileFormatError, InputError, RangeError, ToleranceError
 from haptix.base.files import cache_folder, file_at
@@ -295,6 +295,7 @@ class FrictionSurface(Displayed):
         """Bytes of the table."""
         return self.table.nbytes
 
+    @eager
     def mu(
         self, normal_force_n: Any, voltage_v: Any, frequency_hz: Any = None, h0_m: Any = None
     ) -> Tensor:
@@ -328,6 +329,7 @@ class FrictionSurface(Displayed):
         """
         return self.evaluate(normal_force_n, voltage_v, frequency_hz, h0_m, strict=True).mu
 
+    @eager
     def evaluate(
         self,
         normal_force_n: Any,
@@ -367,6 +369,7 @@ class FrictionSurface(Displayed):
             check_ok(status, self.table, "evaluate")
         return SurfaceSample(mu, status)
 
+    @eager
     def voltage(
         self,
         mu: Any,
@@ -409,6 +412,7 @@ class FrictionSurface(Displayed):
             check_ok(status, self.table, "voltage")
         return Inversion(voltage, status)
 
+    @eager
     def reachable(
         self, normal_force_n: Any, frequency_hz: Any = None, h0_m: Any = None
     ) -> tuple[Tensor, Tensor]:
@@ -434,6 +438,7 @@ class FrictionSurface(Displayed):
         high, _ = self.table.evaluate(no_voltage + inf, places)
         return low, high
 
+    @eager
     def intervals(
         self, normal_force_n: Any, frequency_hz: Any = None, h0_m: Any = None
     ) -> Intervals:
@@ -459,6 +464,7 @@ class FrictionSurface(Displayed):
         """
         return intervals_at(self.info, _places(normal_force_n, frequency_hz, h0_m))
 
+    @eager
     def highest_voltage(
         self, normal_force_n: Any, frequency_hz: Any = None, h0_m: Any = None
     ) -> Tensor:
