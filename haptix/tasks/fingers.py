@@ -142,6 +142,7 @@ class MakeFinger(Task, command="finger", route="fingers", keeps="results"):
 
     def _measured(self) -> tuple[MeasuredSurface | None, RoughnessSpectrum]:
         """Read the roughness, and compare its h_rms with what is known of it."""
+        from haptix.model.contact import RoughnessSpectrum
         from haptix.model.contact.measured_files import Columns, read_spectrum, read_surface
         from haptix.model.contact.topography import MeasuredSurface
 
@@ -159,7 +160,7 @@ class MakeFinger(Task, command="finger", route="fingers", keeps="results"):
             surface = MeasuredSurface.together(
                 [read_surface(source, unit, self.pixel_m, periodic) for source in sources]
             )
-            spectrum = surface.spectrum(self.remove)
+            spectrum = RoughnessSpectrum.of_surface(surface, self.remove)
         if self.h_rms_m is not None:
             spectrum.check_h_rms(self.h_rms_m)
         return surface, spectrum

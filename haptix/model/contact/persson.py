@@ -35,7 +35,6 @@ from haptix.model.contact.finite_size import (
 )
 from haptix.model.contact.roughness import RoughnessSpectrum
 from haptix.model.contact.tables import Y_MAX, PiecewiseLinear, SeparationIntegral, UniformCubic
-from haptix.model.contact.topography import over_rings
 
 LATTICE_STEP = log(10) / 24
 """Step of ln p. All tables of a contact use one lattice, so that no result depends on which other
@@ -234,7 +233,7 @@ class MeanField:
                 f"{spectrum.q1:g} /m; measure finer, or add the short waves as a self-affine tail"
             )
         if len(spectrum.wavenumber) > _MOST_NODES:
-            spectrum = over_rings(spectrum)
+            spectrum = spectrum.of_few_nodes()
         self.spectrum = replace(
             spectrum,
             wavenumber=spectrum.wavenumber.to(device),

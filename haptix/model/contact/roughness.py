@@ -5,17 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import log10, pi
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import Any, Literal, get_args
 
 import torch
 from torch import Tensor
 
 from haptix.base import checks
-from haptix.base.display import Displayed
 from haptix.base.errors import InputError
-
-if TYPE_CHECKING:
-    from haptix.model.contact.topography import Removed
+from haptix.model.contact.power_laws import PowerLaws
+from haptix.model.contact.topography import (
+    MeasuredSurface,
+    Removed,
+    of_line_spectrum,
+    over_rings,
+)
 
 _SAME_H_RMS = 1.2  # a band that ends elsewhere changes it by so much; conventions by 6.3
 
@@ -24,30 +27,19 @@ Convention = Literal["C", "C_iso", "C_1D"]
 
 
 @dataclass(frozen=True)
-class RoughnessSpectrum(Displayed):
+class RoughnessSpectrum(PowerLaws):
     """Power spectrum of a randomly rough surface, linear in log-log between its nodes.
 
     The convention is ``h_rms^2 = 2 pi int q C(q) dq`` and ``slope^2 = 2 pi int q^3 C(q) dq``
     (Persson et al., J. Phys.: Condens. Matter 17, R1 (2005)). Build one with `self_affine`,
     `from_table` or `from_topography`.
-
-    Parameters
-    ----------
-    wavenumber : Tensor, shape (nodes,)
-        Increasing wavenumbers q [1/m]; the first and last bound the spectrum.
-    density : Tensor, shape (nodes,)
-        C at the nodes [m^4], positive.
-    notes : tuple of str
-        How a measured one came about, such as the form that was removed. One that begins with
-        "warning: " says what is likely to be wrong.
-    measured_per_m : (float, float), optional
-        Band [1/m] that was measured, where the spectrum was extended.
     """
 
-    wavenumber: Tensor
-    density: Tensor
     notes: tuple[str, ...] = ()
+    """How a measured one came about, such as the form that was removed. One that begins with
+    "warning: " says what is likely to be wrong."""
     measured_per_m: tuple[float, float] | None = None
+    """Band [1/m] that was measured, where the spectrum was extended."""
 
     @classmethod
     def self_affine(
@@ -137,9 +129,8 @@ class RoughnessSpectrum(Displayed):
         if not bool((density > 0).all() and density.isfinite().all()):
             raise InputError("c: expected positive finite C(q) [m^4]; drop empty bins first")
         if convention == "C_1D":
-            from haptix.model.contact.topography import of_line_spectrum
-
-            return of_line_spectrum(wavenumber, density)
+            rings = of_line_spectrum(PowerLaws(wavenumber, density))
+            return cls(rings.wavenumber, rings.density)
         return cls(wavenumber, density / (4 * pi**2 if convention == "C_iso" else 1.0))
 
     @classmethod
@@ -184,10 +175,28 @@ class RoughnessSpectrum(Displayed):
         >>> print(f"{float(spectrum.h_rms_m / height_m.std(correction=0)):.6f}")
         1.000000
         """
-        # Here, since a measured surface is made into a spectrum by this class.
-        from haptix.model.contact.topography import MeasuredSurface
+        return cls.of_surface(MeasuredSurface.of(height_m, pixel_m, is_periodic), remove)
 
-        return MeasuredSurface.of(height_m, pixel_m, is_periodic).spectrum(remove)
+    @classmethod
+    def of_surface(
+        cls, surface: MeasuredSurface, remove: Removed | None = None
+    ) -> RoughnessSpectrum:
+        """Return the spectrum of a surface that was read; otherwise as `from_topography`.
+
+        Parameters
+        ----------
+        surface : MeasuredSurface
+            A height map, or line scans.
+        remove
+            As for `from_topography`.
+        """
+        rings, notes = surface.spectrum(remove)
+        return cls(rings.wavenumber, rings.density, notes)
+
+    def of_few_nodes(self) -> RoughnessSpectrum:
+        """Return a spectrum of some ten nodes a decade that has the power of one of many."""
+        rings = over_rings(self)
+        return RoughnessSpectrum(rings.wavenumber, rings.density, self.notes, self.measured_per_m)
 
     def extended(self, hurst: float, q1: float = 1e9, q0: float | None = None) -> RoughnessSpectrum:
         """Return a copy with the waves that an instrument did not see, by a law that is stated.
@@ -225,6 +234,8 @@ class RoughnessSpectrum(Displayed):
             last = c[-1:] * (q1 / self.q1) ** (-2 * (1 + hurst))
             q, c = torch.cat([q, q.new_tensor([q1])]), torch.cat([c, last])
             notes.append(f"from {self.q1:.3g} to {q1:.3g} /m extended with H = {hurst:g}")
+        if len(notes) == len(self.notes):
+            return self
         band = self.measured_per_m or (self.q0, self.q1)
         return RoughnessSpectrum(q, c, tuple(notes), band)
 
@@ -261,16 +272,6 @@ class RoughnessSpectrum(Displayed):
             )
 
     @property
-    def q0(self) -> float:
-        """Lowest wavenumber of the spectrum [1/m]."""
-        return float(self.wavenumber[0])
-
-    @property
-    def q1(self) -> float:
-        """Highest wavenumber of the spectrum [1/m]."""
-        return float(self.wavenumber[-1])
-
-    @property
     def q_rolloff(self) -> float:
         """Wavenumber [1/m] that contributes most to the mean square: where ``q^2 C`` is highest."""
         q, c = self.wavenumber.detach(), self.density.detach()
@@ -301,56 +302,3 @@ class RoughnessSpectrum(Displayed):
             f"{float(self.h_rms_m.detach()):.3g} m, rms slope {float(self.slope_rms.detach()):.3g}"
             + "".join(f"; {note}" for note in self.notes)
         )
-
-    def __call__(self, q: Tensor) -> Tensor:
-        """C [m^4] at wavenumbers inside the band, any shape."""
-        segment, exponent = self._segment(q)
-        return self.density[segment] * (q / self.wavenumber[segment]) ** exponent
-
-    def moment(self, power: int, above: Tensor | None = None) -> Tensor:
-        """``2 pi int_q^q1 q'^power C dq'`` in closed form, for each lower limit in `above`.
-
-        ``moment(1, q)`` is the mean square of the roughness above the wavenumber q.
-
-        Parameters
-        ----------
-        power : int
-            Power of the wavenumber: 1 for heights, 3 for slopes.
-        above : Tensor, optional
-            Lower limits q [1/m], of any shape; all waves if not given.
-
-        Examples
-        --------
-        >>> rough = RoughnessSpectrum.self_affine(2e-6, hurst=0.8, q0=1e3, q_rolloff=1e4, q1=1e7)
-        >>> round(float(rough.moment(1)) ** 0.5 * 1e6, 6)  # the heights' root mean square, in um
-        2.0
-        """
-        q, c = self.wavenumber, self.density
-        exponent = torch.log(c[1:] / c[:-1]) / torch.log(q[1:] / q[:-1])
-        whole = _power_integral(
-            c[:-1] * q[:-1] ** (power + 1), q[1:] / q[:-1], power + 1 + exponent
-        )
-        tails = torch.cat([whole.flip(0).cumsum(0).flip(0), whole.new_zeros(1)])
-        if above is None:
-            return 2 * pi * tails[0]
-        segment, exponent_here = self._segment(above)
-        prefactor = self(above) * above ** (power + 1)
-        ratio = q[segment + 1] / above
-        rest = _power_integral(prefactor, ratio, power + 1 + exponent_here)
-        return 2 * pi * (rest + tails[segment + 1])
-
-    def _segment(self, q: Tensor) -> tuple[Tensor, Tensor]:
-        segment = torch.searchsorted(self.wavenumber, q.detach().contiguous(), right=True) - 1
-        segment = segment.clamp(0, self.wavenumber.shape[0] - 2)
-        rise = torch.log(self.density[segment + 1] / self.density[segment])
-        return segment, rise / torch.log(self.wavenumber[segment + 1] / self.wavenumber[segment])
-
-
-def _power_integral(value_times_q: Tensor, ratio: Tensor, exponent: Tensor) -> Tensor:
-    """``int f dq`` over a segment where ``q f ~ q^exponent``; ``(ratio^e - 1)/e``, stable at 0."""
-    span = torch.log(ratio)
-    growth = exponent * span
-    small = growth.abs() < 1e-6
-    safe = torch.where(small, torch.ones_like(growth), growth)
-    factor = torch.where(small, 1 + growth / 2, torch.expm1(safe) / safe)
-    return value_times_q * span * factor

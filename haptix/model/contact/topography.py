@@ -13,7 +13,7 @@ import torch
 
 from haptix.base import checks
 from haptix.base.errors import InputError
-from haptix.model.contact.roughness import RoughnessSpectrum
+from haptix.model.contact.power_laws import PowerLaws
 
 Array = npt.NDArray[np.float64]
 Removed = Literal["mean", "plane", "radius", "form"]
@@ -108,8 +108,8 @@ class MeasuredSurface:
         """Whether it is a map, and no line scans."""
         return self.heights_m[0].ndim == 2
 
-    def spectrum(self, remove: Removed | None = None) -> RoughnessSpectrum:
-        """Return the spectrum, which has the mean squares of the heights and of their slope.
+    def spectrum(self, remove: Removed | None = None) -> tuple[PowerLaws, tuple[str, ...]]:
+        """Return the spectrum, which has the mean squares of heights and slope, and its notes.
 
         Parameters
         ----------
@@ -157,7 +157,7 @@ class MeasuredSurface:
         notes.append("no window, since it is periodic" if self.is_periodic else "Hann window")
         if not self.is_map:
             notes.append(f"{len(flat)} line scans, taken as those of an isotropic surface")
-        return _from_rings(edges, height2, slope2, count > 0, wanted, tuple(notes))
+        return _from_rings(edges, height2, slope2, count > 0, wanted), tuple(notes)
 
 
 def _of_topography(topography: Any) -> MeasuredSurface:
@@ -345,27 +345,24 @@ def _of_all_directions(edges: Array, along: Array, ends: Array) -> Array:
 _LUCY_ROUNDS = 30  # more would turn the scatter of few scans into single waves
 
 
-def of_line_spectrum(wavenumber: torch.Tensor, density: torch.Tensor) -> RoughnessSpectrum:
-    """Return the isotropic surface whose line scans have a spectrum C_1D [m^3] at wavenumbers."""
-    line = RoughnessSpectrum(wavenumber, density)
+def of_line_spectrum(line: PowerLaws) -> PowerLaws:
+    """Return the isotropic surface whose line scans have a spectrum C_1D [m^3]."""
     edges = _ring_edges(line.q0, line.q1)
     ends = torch.from_numpy(edges).clamp(line.q0, line.q1)
     along = -line.moment(0, ends).diff().numpy() / (2 * pi**2)  # C_1D dq / pi
     height2 = _of_all_directions(edges, along, edges)
     every = np.ones(len(along), dtype=bool)
-    return _from_rings(edges, height2, height2 * edges[1:] * edges[:-1], every, None, ())
+    return _from_rings(edges, height2, height2 * edges[1:] * edges[:-1], every, None)
 
 
-def over_rings(spectrum: RoughnessSpectrum) -> RoughnessSpectrum:
+def over_rings(spectrum: PowerLaws) -> PowerLaws:
     """Return a spectrum of few nodes that has the power of one of many."""
-    spectrum = RoughnessSpectrum(
-        spectrum.wavenumber.detach(), spectrum.density.detach(), spectrum.notes
-    )
+    spectrum = PowerLaws(spectrum.wavenumber.detach(), spectrum.density.detach())
     edges = _ring_edges(spectrum.q0, spectrum.q1)
     ends = torch.from_numpy(edges).clamp(spectrum.q0, spectrum.q1)
     height2, slope2 = (-spectrum.moment(power, ends).diff().numpy() for power in (1, 3))
     every = np.ones(len(height2), dtype=bool)
-    return _from_rings(edges, height2, slope2, every, float(slope2.sum()), spectrum.notes)
+    return _from_rings(edges, height2, slope2, every, float(slope2.sum()))
 
 
 _WITHIN = (np.arange(8) + 0.5) / 8  # places within a ring
@@ -377,8 +374,7 @@ def _from_rings(
     slope2: Array,
     has_waves: npt.NDArray[np.bool_],
     wanted_slope2: float | None,
-    notes: tuple[str, ...],
-) -> RoughnessSpectrum:
+) -> PowerLaws:
     """Return the spectrum whose rings between `edges` have given mean squares of heights.
 
     Between the nodes, one a ring, it is a power law; the nodes' densities are found by repeated
@@ -398,16 +394,15 @@ def _from_rings(
     log_density = torch.from_numpy(np.log(power / (pi * np.diff(ends.numpy() ** 2))))
     wanted = torch.from_numpy(np.log(power))
     for _ in range(_MOST_ROUNDS):
-        found = -RoughnessSpectrum(q, log_density.exp()).moment(1, ends).diff()
+        found = -PowerLaws(q, log_density.exp()).moment(1, ends).diff()
         change = wanted - torch.log(found)
         log_density = log_density + _STEP * change.clamp(-2.0, 2.0)
         if float(change.abs().max()) < 1e-9:
             break
 
-    def tilted(power: float) -> RoughnessSpectrum:
-        spectrum = RoughnessSpectrum(q, log_density.exp() * (q / q[-1]) ** power, notes)
-        level = total / float(spectrum.moment(1))
-        return RoughnessSpectrum(q, spectrum.density * level, notes)
+    def tilted(power: float) -> PowerLaws:
+        spectrum = PowerLaws(q, log_density.exp() * (q / q[-1]) ** power)
+        return PowerLaws(q, spectrum.density * (total / float(spectrum.moment(1))))
 
     if wanted_slope2 is None:
         return tilted(0.0)

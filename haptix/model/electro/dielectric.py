@@ -25,8 +25,8 @@ from pydantic import (
 )
 from torch import Tensor
 
-from haptix.base.checks import Array
-from haptix.base.documents import Part, first_error
+from haptix.base.checks import Array, first_error
+from haptix.base.documents import Part
 from haptix.base.errors import InputError
 from haptix.model.contact.measured_files import Columns
 

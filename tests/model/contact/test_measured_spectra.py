@@ -228,7 +228,7 @@ def test_waves_that_were_not_seen_are_added_by_a_stated_law() -> None:
     assert float(found.h_rms_m) == pytest.approx(22e-6, rel=1e-9)  # the law is exact
     assert float(found.slope_rms) == pytest.approx(float(whole.slope_rms), rel=1e-9)
     assert len(found.notes) == 2 and "H = 0.86" in found.notes[1]
-    assert seen.extended(0.8, q1=1e5) == seen  # it reaches further already
+    assert seen.extended(0.8, q1=1e5) is seen  # it reaches further already
     for hurst in (0.0, 1.1, math.nan):
         with pytest.raises(InputError, match="hurst"):
             seen.extended(hurst)
