@@ -426,6 +426,26 @@ def test_who_arms_while_armed_goes_on(service):
         assert len(service.engine.when("arm")) == 1
 
 
+@pytest.mark.parametrize(("fails_after", "state"), [(True, "failed"), (False, "armed")])
+def test_a_driver_that_fails_as_it_is_armed_is_not_called_armed(
+    service, monkeypatch, fails_after, state
+):
+    """Its failure is read before the one who armed hears of the success; or it failed before."""
+
+    async def ask(do, **fields):
+        if do == "arm":
+            event = {"event": "output", "state": "failed", "reason": "unplugged", "number": 1}
+            service.hub.on_engine_event(event)
+        return {"revision": 1, "told": 0 if fails_after else 1}
+
+    monkeypatch.setattr(service.engine, "ask", ask)
+    with Client(service) as client:
+        client.ask("layout_set", layout={"regions": []})
+        client.ask("acquire")
+        assert client.ask("arm")["state"] == state
+        assert service.hub.control.output.state == state
+
+
 @pytest.mark.parametrize("end", ["all_left", "output"])
 def test_each_region_is_left_as_often_as_entered(service, end):
     """By who is on it when the output stops, or the engine dies; not by a holder before."""

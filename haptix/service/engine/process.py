@@ -184,6 +184,7 @@ class EngineServer:
         self._is_free = threading.Semaphore()  # the device: no renderer has it, nobody opens it
         self._gone = ""  # why the driver is gone
         self._look_s = 0.0  # when to look for it
+        self._told = 0  # reports of the output's state
         self._surface: Any = None
         self._layouts: dict[int, Any] = {}  # by session
         self._ended = threading.Event()
@@ -313,12 +314,17 @@ class EngineServer:
         try:
             renderer.__exit__(InputError, error, None)
         except HaptixError as failure:
-            self._outbox.say(event="output", state="failed", reason=str(failure))
+            self._tell_output("failed", str(failure))
         finally:
             self._look_s = 0.0
             self._is_free.release()
         self._entered.clear()
         self._outbox.say(event="all_left")
+
+    def _tell_output(self, state: str, reason: str) -> None:
+        """Report a state of the output, with the number of this report."""
+        self._told += 1
+        self._outbox.say(event="output", state=state, reason=reason, number=self._told)
 
     def _fail(self, error: Exception) -> None:
         """End at 0 V with a reason; no thread ends by an exception of a driver or of ours."""
@@ -326,7 +332,7 @@ class EngineServer:
         if not isinstance(error, HaptixError):
             sys.excepthook(type(error), error, error.__traceback__)
         self._stop(str(error))
-        self._outbox.say(event="output", state="failed", reason=str(error))
+        self._tell_output("failed", str(error))
 
     def _watches(self) -> None:
         asleep: Any = None  # the renderer that sleeps because the front is silent
@@ -360,7 +366,7 @@ class EngineServer:
                 self._device.progress(is_fresh=True)
             elif self._gone:
                 self._open_again()
-                self._outbox.say(event="output", state="back", reason="the driver is there again")
+                self._tell_output("back", "the driver is there again")
         except DeviceFaultError:  # it is at 0 V, and can be armed
             pass
         except HaptixError as error:
@@ -389,7 +395,7 @@ class EngineServer:
         self._look_s = time.monotonic() + _OPEN_S
         if reason != self._gone:
             self._gone = reason
-            self._outbox.say(event="output", state="gone", reason=reason)
+            self._tell_output("gone", reason)
         device, self._device = self._device, None
         if device is not None:
             with suppress(HaptixError, OSError):
@@ -526,7 +532,7 @@ class EngineServer:
         if self._is_paused:
             renderer.pause()
         with self._lock:
-            overtaken = self._stops != stops
+            overtaken, told = self._stops != stops, self._told
             if not overtaken:
                 self._renderer = renderer
         _LOG.info("armed for session %d%s", session, ", and overtaken by a stop" * overtaken)
@@ -535,7 +541,7 @@ class EngineServer:
             renderer.__exit__(InputError, error, None)
             raise error
         drive = {"carrier_hz": carrier_hz(self._surface), "highest_v": renderer.highest_v}
-        return {"full_drive": drive}
+        return {"full_drive": drive, "told": told}
 
     def _observer(self) -> FingerObserver | Literal[False]:
         """Return a new observer without an estimate; warn if the driver measures no current."""

@@ -489,10 +489,13 @@ async def _answer(hub: Hub, session: ServiceSession, message: Any) -> m.Message 
     elif message.type == "arm" and control.is_live:
         return control.output.model_copy(update={"id": number})
     elif message.type == "arm":
-        hub.full_drive = (await _ask(hub, "arm", session=session.layout)).get("full_drive")
+        armed = await _ask(hub, "arm", session=session.layout)
+        hub.full_drive = armed.get("full_drive")
         if control.holder is not session:  # it left, or lost the lease, while the engine armed
             hub.engine.tell("stop", reason="the lease was lost while arming")
             raise Problem("lease", "arm: the lease was lost meanwhile")
+        if control.heard > armed.get("told", control.heard):  # it has failed since
+            return control.output.model_copy(update={"id": number})
         return control.set(number, state="armed", reason="armed by its holder")
     else:
         await _ask(hub, "disarm")

@@ -66,6 +66,7 @@ class OutputControl:
         self.holder: ServiceSession | None = None
         self._kept: KeptLease | None = None
         self._was_live = False  # when the driver or the engine failed
+        self.heard = 0  # number of the engine's last report of the output
         self._sent = Settings()  # the engine's settings
         self.output = m.OutputMessage(
             state="off",

@@ -209,6 +209,7 @@ class Hub:
         """Pass on an event of the engine."""
         kind = event.pop("event")
         if kind == "output":
+            self.control.heard = event.pop("number", 0)
             self._on_output(event["state"], event["reason"])
         elif kind == "contact" and (holder := self.control.holder) is not None:
             if event.pop("session") == holder.layout:  # not of the holder before
