@@ -3,9 +3,17 @@ from . import lab as lab
 from . import model as model
 from . import play as play
 from . import service as service
+from .base.errors import DeviceDisconnectedError as DeviceDisconnectedError
+from .base.errors import DeviceError as DeviceError
+from .base.errors import DeviceFaultError as DeviceFaultError
+from .base.errors import FileFormatError as FileFormatError
 from .base.errors import HaptixError as HaptixError
 from .base.errors import InputError as InputError
 from .base.errors import LimitError as LimitError
+from .base.errors import MissingExtraError as MissingExtraError
+from .base.errors import OverloadWarning as OverloadWarning
+from .base.errors import RangeError as RangeError
+from .base.errors import ToleranceError as ToleranceError
 from .base.version import __version__ as __version__
 from .feel.layout import Layout as Layout
 from .feel.materials import Texture as Texture

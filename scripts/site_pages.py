@@ -63,7 +63,9 @@ def reference(package: str) -> str:
     }
     links = [f"[`{name}`][{_path(other, name)}]" for name, other in sorted(elsewhere.items())]
     parts = [f"Also here: {', '.join(links)}."] if links else []
-    parts += [f"::: {_path(package, name)}" for name in names if name not in elsewhere]
+    # What a client can ask stands in classes that are made, one for each form.
+    calls = "\n    options:\n      inherited_members: true" if package == "haptix.service" else ""
+    parts += [f"::: {_path(package, name)}{calls}" for name in names if name not in elsewhere]
     return "\n\n".join([f"# {package}", _plain(about), *parts]) + "\n"
 
 

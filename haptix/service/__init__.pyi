@@ -1,3 +1,7 @@
+from .client.calls import ClientLayout as ClientLayout
+from .client.calls import ClientRegion as ClientRegion
+from .client.calls import PlainLayout as PlainLayout
+from .client.calls import PlainRegion as PlainRegion
 from .client.connection import AsyncClient as AsyncClient
 from .client.connection import Client as Client
 from .client.connection import Lost as Lost

@@ -134,6 +134,9 @@ def test_results_have_their_names():
     assert issubclass(haptix.InputError, haptix.HaptixError)
     assert issubclass(haptix.InputError, ValueError)
     assert issubclass(haptix.LimitError, haptix.HaptixError)
+    for name in haptix.base.errors.__all__:
+        if name != "from_extra":  # each error is where people look
+            assert getattr(haptix, name) is getattr(haptix.base.errors, name)
 
 
 def test_the_command_and_the_data_files_ship():
