@@ -50,6 +50,10 @@ TASKS: dict[str, tuple[str, str]] = {
         "haptix.tasks.surfaces:TradeOff",
         "Measure error, build time, query time and memory of many ways to build a scene's surface.",
     ),
+    "finger": (
+        "haptix.tasks.fingers:MakeFinger",
+        "Make a finger of a height map, line scans or a spectrum, and of a dielectric table.",
+    ),
     "material show": (
         "haptix.tasks.materials:ShowMaterial",
         "Draw a material: its friction by place, direction, speed, force and time.",

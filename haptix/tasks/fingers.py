@@ -33,7 +33,7 @@ _LONGEST_TEXT = 4_000_000
 
 
 class MakeFinger(Task, command="finger", route="fingers", keeps="results"):
-    """Make a finger of measurements: height map, line scans or spectrum, and a dielectric table.
+    """Make a finger of a height map, line scans or a spectrum, and of a dielectric table.
 
     Writes finger.toml and a picture: the map, its spectrum beside that of the model, and the waves
     that were added or are not known. A finger keeps what it was made of in its notes.
