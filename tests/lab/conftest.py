@@ -39,6 +39,12 @@ def own_cache(tmp_path_factory, monkeypatch):
     return root
 
 
+@pytest.fixture(autouse=True)
+def undrawn(monkeypatch):
+    """No sheet of a set, which takes longer than the rest of it; test_pictures.py draws one."""
+    monkeypatch.setattr("haptix.lab.stimuli.drawing.contact_sheet", lambda *given: b"no picture")
+
+
 @pytest.fixture
 def rng():
     return np.random.default_rng(20)

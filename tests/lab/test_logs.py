@@ -532,10 +532,7 @@ def test_kills_at_random_places_lose_nothing_and_repeat_nothing(tmp_path):
 
 
 @pytest.mark.usefixtures("own_cache")
-def test_make_never_replaces_a_trial_table_that_was_added_to(finger, screen, tmp_path, monkeypatch):
-    monkeypatch.setattr(
-        "haptix.lab.stimuli.drawing.contact_sheet", lambda *given: b""
-    )  # takes long
+def test_make_never_replaces_a_trial_table_that_was_added_to(finger, screen, tmp_path):
 
     def make(volts):
         one = Stimulus("one", Constant(volts).lasting(0.01), "volts")
