@@ -125,20 +125,6 @@ def placeholder_note(
     return f"{note} (others in their place: {', '.join(parts)})" if parts else note
 
 
-PULL_PAST_BREAKDOWN = 0.5
-"""Outputs warn if at least this share of the attraction comes from gaps past their breakdown."""
-
-
-def breakdown_note(share: float) -> str:
-    """Return the part of a title about the largest `ContactState.pull_past_breakdown`."""
-    if share < PULL_PAST_BREAKDOWN:
-        return ""
-    return (
-        f"; warning: up to {share:.0%} of the attraction comes from gaps whose field is past what "
-        "they bear: they spark or leak, and friction is likely to be lower"
-    )
-
-
 def accuracy_note(accuracy: Mapping[str, Any] | None) -> str:
     """Return what a title says of an `Accuracy.record`, where there is one."""
     return "" if accuracy is None else f"; {accuracy['says']}"

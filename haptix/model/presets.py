@@ -86,3 +86,17 @@ ScreenName = Annotated[str, AfterValidator(preset_or_file(SCREENS)), ProfileName
 TermName = Annotated[
     str, AfterValidator(one_of(*TERM_NAMES)), Field(json_schema_extra={"enum": [*TERM_NAMES]})
 ]
+
+
+PULL_PAST_BREAKDOWN = 0.5
+"""Outputs warn if at least this share of the attraction comes from gaps past their breakdown."""
+
+
+def breakdown_note(share: float) -> str:
+    """Return the part of a title about the largest `ContactState.pull_past_breakdown`."""
+    if share < PULL_PAST_BREAKDOWN:
+        return ""
+    return (
+        f"; warning: up to {share:.0%} of the attraction comes from gaps whose field is past what "
+        "they bear: they spark or leak, and friction is likely to be lower"
+    )

@@ -31,8 +31,8 @@ from haptix.base.fields import (
     refuse_input,
 )
 from haptix.base.task import Context, Result, Task
-from haptix.base.terminal import breakdown_note, placeholder_note
-from haptix.model.presets import FINGERS, SCREENS, FingerName, ScreenName
+from haptix.base.terminal import placeholder_note
+from haptix.model.presets import FINGERS, SCREENS, FingerName, ScreenName, breakdown_note
 
 if TYPE_CHECKING:
     from haptix.lab.experiment import Experiment

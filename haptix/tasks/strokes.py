@@ -29,8 +29,14 @@ from haptix.base.fields import (
 )
 from haptix.base.report import row
 from haptix.base.task import Context, Result, Task
-from haptix.base.terminal import accuracy_note, breakdown_note, placeholder_note, warning_note
-from haptix.model.presets import DEFAULT_CARRIER_HZ, FORCES_N, FingerName, ScreenName
+from haptix.base.terminal import accuracy_note, placeholder_note, warning_note
+from haptix.model.presets import (
+    DEFAULT_CARRIER_HZ,
+    FORCES_N,
+    FingerName,
+    ScreenName,
+    breakdown_note,
+)
 
 if TYPE_CHECKING:
     from haptix.feel.materials import Feelable

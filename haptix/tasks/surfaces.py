@@ -36,8 +36,14 @@ from haptix.base.fields import (
 from haptix.base.files import cache_folder, reading
 from haptix.base.report import record
 from haptix.base.task import Context, Result, Task
-from haptix.base.terminal import accuracy_note, breakdown_note, placeholder_note, warning_note
-from haptix.model.presets import DEFAULT_CARRIER_HZ, FingerName, ScreenName, TermName
+from haptix.base.terminal import accuracy_note, placeholder_note, warning_note
+from haptix.model.presets import (
+    DEFAULT_CARRIER_HZ,
+    FingerName,
+    ScreenName,
+    TermName,
+    breakdown_note,
+)
 
 if TYPE_CHECKING:
     from haptix.model.friction import ContactModel
