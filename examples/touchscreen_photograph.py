@@ -36,12 +36,11 @@ def main(
     seconds: float = float("inf"),
 ) -> None:
     if path is None or photograph is None:
-        for where, name in find_touchscreens():
-            print(f"{where}  {name}")
+        for found in find_touchscreens():
+            print(found.path, found.name, *found.odd, sep="  ")
         raise haptix.InputError("give a touchscreen of this list, and a photograph")
     screen = Touchscreen(path, width_mm, height_mm)
-    x, y = screen.axes.x, screen.axes.y
-    across_mm, down_mm = x.mm(x.high), y.mm(y.high)
+    across_mm, down_mm = screen.axes.size_mm
     layout = haptix.Layout()
     layout.add(haptix.Texture.from_image(photograph, across_mm), 0, 0, across_mm, down_mm)
     model = haptix.ContactModel(

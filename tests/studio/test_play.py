@@ -417,3 +417,23 @@ def test_a_driver_that_fails_says_why_and_a_virtual_one_is_armed_again(front, pl
     front.hub.on_engine_event(event)
     play.get_by_text("the cable was pulled").wait_for()
     wait_for(lambda: len(front.engine.when("arm")) > armed)
+
+
+def test_the_board_is_to_scale_once_the_width_of_the_screen_is_told(play):
+    """A region of 60 mm is as wide as 60 mm of a screen whose width a person has measured."""
+    field = play.get_by_label("Width of this screen")
+    assert "not those on the glass" in field.locator("xpath=..").inner_text()
+    of_screen = play.evaluate("screen.width")
+    field.fill("2000")  # so large that the board has room for it
+    field.press("Enter")
+    assert "To scale" in field.locator("xpath=..").inner_text()
+    assert (
+        json.loads(play.evaluate("localStorage['haptix.view']"))["px_per_real_mm"]
+        == of_screen / 2000
+    )
+    field.fill("50")  # a watch: the window is too small for its millimetres
+    field.press("Enter")
+    assert "too small" in field.locator("xpath=..").inner_text()
+    field.fill("")
+    field.press("Enter")
+    assert "not those on the glass" in field.locator("xpath=..").inner_text()

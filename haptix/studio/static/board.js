@@ -43,6 +43,8 @@ export function placeOf(region) {
 export class Board {
   /** Pixels of the page for a millimetre. */
   px_per_mm = 4;
+  /** Pixels of the page for a real millimetre of this screen; 0 where that is not known. */
+  real_px_per_mm = 0;
   /** @type {Box} */
   box = { left: 0, top: 0, width: 100, height: 60 };
   /** @type {m.LayoutDocument} */
@@ -81,12 +83,13 @@ export class Board {
     return { left, top, width: wide, height: high, transform: `rotate(${turn}rad)` };
   }
 
-  /** Fit the board into the free space of the page. */
+  /** Fit the board into the free space of the page: to scale, where that is known and has room. */
   fit() {
     const { clientWidth: width, clientHeight: height } = this.element;
     if (!width || !height) return;
     const box = boxOf(this.document);
-    const px_per_mm = Math.min(width / box.width, height / box.height);
+    const fits = Math.min(width / box.width, height / box.height);
+    const px_per_mm = this.real_px_per_mm > 0 ? Math.min(fits, this.real_px_per_mm) : fits;
     // Centred in the free space.
     box.left -= (width / px_per_mm - box.width) / 2;
     box.top -= (height / px_per_mm - box.height) / 2;

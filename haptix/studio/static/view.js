@@ -12,6 +12,8 @@ export const CHOICES = {
   force_n: 0.5,
   /** Normal force at full pressure of a pen [N]. */
   pressure_n: 1.0,
+  /** Pixels of this screen for a real millimetre; 0 until a person has measured its width. */
+  px_per_real_mm: 0,
   is_audible: false,
   /** Level of the sound [dB of full scale]. */
   volume_db: -30,
@@ -27,6 +29,11 @@ export const view = new Value({ ...CHOICES, ...read() });
 export function choose(changes) {
   view.set({ ...view.get(), ...changes });
   store(KEY, JSON.stringify(view.get()));
+}
+
+/** Return the width of this screen's picture in its pixels. */
+export function screenPixels() {
+  return screen.width * devicePixelRatio;
 }
 
 /** @returns {Partial<Choices>} */

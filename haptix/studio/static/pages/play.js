@@ -11,7 +11,7 @@ import { Readings, Sensed, Telemetry } from "../telemetry.js";
 import { texts } from "../texts.js";
 import { Touching } from "../touching.js";
 import { nameOf, SCALE, Trail, UNREACHABLE } from "../trail.js";
-import { choose, view } from "../view.js";
+import { choose, screenPixels, view } from "../view.js";
 
 /** @import { App } from "../app.js" */
 
@@ -45,7 +45,7 @@ export function mount(root, app) {
   root.append(
     el("section.plane", {}, board.element, hint,
       el("div.legend", {}, where, legend())),
-    el("div.tools.sheet", {}, app.guide.element, forceTools(), soundTools(sound), strokes.element, comparison.element),
+    el("div.tools.sheet", {}, app.guide.element, forceTools(), scaleTools(board), soundTools(sound), strokes.element, comparison.element),
     el("section.live", {},
       el("div.sheet", {}, readings.element, el("details", {}, el("summary", {}, t.means), bullets(t.meanings)),
         sensed.element),
@@ -163,6 +163,37 @@ function forceTools() {
   });
   return el("div.tool", {}, el("label", { for: "force" }, t.forceTitle), select,
     el("div.slide", {}, slider, value), help);
+}
+
+/** Ask once how wide this screen is, so that a millimetre of the board is one on the glass.
+ * @param {Board} board */
+function scaleTools(board) {
+  const input = el("input", {
+    id: "screen-width", type: "number", min: "20", max: "3000", step: "1", placeholder: t.scaleAsk,
+    onchange: () => {
+      const width_mm = Number(input.value);
+      const is_width = width_mm >= 20 && width_mm <= 3000;
+      choose({ px_per_real_mm: is_width ? screenPixels() / width_mm : 0 });
+    },
+  });
+  const help = el("small");
+  const tell = () => {
+    const { px_per_real_mm } = view.get();
+    const real = px_per_real_mm / devicePixelRatio;
+    help.textContent = real ? t.scale(board.px_per_mm / real) : t.scaleUnknown;
+  };
+  const geometry = board.onFit;
+  board.onFit = () => {
+    geometry();
+    tell();
+  };
+  view.on(({ px_per_real_mm }) => {
+    input.value = px_per_real_mm ? String(Math.round(screenPixels() / px_per_real_mm)) : "";
+    board.real_px_per_mm = px_per_real_mm / devicePixelRatio;
+    board.fit();
+    tell();
+  });
+  return el("div.tool", {}, el("label", { for: "screen-width" }, t.scaleTitle), input, help);
 }
 
 /** @param {Sound} sound */
