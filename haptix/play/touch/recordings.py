@@ -168,7 +168,8 @@ def _touches(panel: _Recorded, axes: ScreenAxes) -> list[TouchEvent]:
     protocol = protocol_of(panel.ranges)
     assert protocol is not None
     has_key = codes.BTN_TOUCH in panel.keys
-    decoder = SlotDecoder(axes, None, protocol, (lambda: False) if has_key else None)
+    ask_key = (lambda: False) if has_key else None
+    decoder = SlotDecoder(axes, None, protocol, ask_key, panel.ranges)
     begin_s = panel.events[0][0]
     touches = []
     for t_s, kind, code, value in panel.events:

@@ -345,6 +345,9 @@ class SlotDecoder:
     ask_key : callable, optional
         Returns whether BTN_TOUCH is 1, for a panel that has that key. Without it the key counts
         from its first event on, except with one touch, where it is the touch.
+    codes : collection of int
+        EV_ABS codes that the panel has, where they are known: after a loss without `ask`, what has
+        such a code is no touch before the panel states it again.
     """
 
     def __init__(
@@ -353,6 +356,7 @@ class SlotDecoder:
         ask: SlotValues | None = None,
         protocol: Protocol = "B",
         ask_key: Callable[[], bool] | None = None,
+        codes: Collection[int] = (),
     ) -> None:
         self.axes = axes
         self.dropped = 0
@@ -366,12 +370,16 @@ class SlotDecoder:
         self._contact: dict[int, int] = {}
         self._ids = 0
         self._is_touched: bool | None = False if protocol == "single" else None  # BTN_TOUCH
+        self._seen = set(codes)
+        self._unknown: dict[int, int] = {}  # of slots whose values were lost
         self._clock = PanelClock()
         self._panel_us: int | None = None
         self._is_broken = False
         self._rest = b""
-        if ask is not None or ask_key is not None:
+        if ask is not None:
             self._refresh()
+        elif ask_key is not None:
+            self._is_touched = ask_key()
 
     def feed_bytes(self, data: bytes) -> list[TouchEvent]:
         """Take bytes of a device file; an incomplete event waits for its rest."""
@@ -422,6 +430,7 @@ class SlotDecoder:
             if code == ABS_MT_SLOT:
                 self._current = value
             elif (known := self._codes.get(code)) is not None:
+                self._seen.add(known)
                 if self._protocol == "A":
                     self._contact[known] = value
                 else:
@@ -438,8 +447,9 @@ class SlotDecoder:
                 self._slots.setdefault(number, _Slot()).values = dict(values)
         else:
             for slot in self._slots.values():
-                known = {code: value for code, value in _LOST.items() if code in slot.values}
-                slot.values = {**known, ABS_MT_TRACKING_ID: -1}
+                slot.values = {ABS_MT_TRACKING_ID: -1}
+            if self._protocol != "A":  # which states all in every report
+                self._unknown = {code: value for code, value in _LOST.items() if code in self._seen}
         if self._ask_key is not None:
             self._is_touched = self._ask_key()
         elif self._is_touched is not None:
@@ -513,7 +523,7 @@ class SlotDecoder:
 
     def _touches(self, slot: _Slot) -> bool:
         """Return whether a contact is on the glass."""
-        values = slot.values
+        values = self._unknown | slot.values
         if ABS_MT_POSITION_X not in values or ABS_MT_POSITION_Y not in values:
             return False
         if self._is_touched is False or values.get(ABS_MT_DISTANCE, 0) != 0:

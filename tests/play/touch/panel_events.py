@@ -54,7 +54,10 @@ class Panel:
             # By pressure alone a finger is known to hover once it has touched.
             hovers = chance.random() < 0.7 and self.shown_by != "pressure"
             self.contacts[slot] = Contact(
-                self.numbers, chance.randrange(4096), chance.randrange(2304), 5 if hovers else 0
+                self.numbers,
+                chance.randrange(1, 4096),
+                chance.randrange(1, 2304),
+                5 if hovers else 0,
             )
         elif (what := chance.random()) < 0.3:
             contact.x = min(4095, contact.x + chance.randrange(60))
@@ -67,7 +70,7 @@ class Panel:
         elif what < 0.8 and self.protocol == "B":  # another finger in the slot, none between
             self.numbers += 1
             hovers = 3 * (self.shown_by != "pressure")
-            self.contacts[slot] = Contact(self.numbers, chance.randrange(4096), 100, hovers)
+            self.contacts[slot] = Contact(self.numbers, chance.randrange(1, 4096), 100, hovers)
         else:
             del self.contacts[slot]
 

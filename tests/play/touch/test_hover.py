@@ -27,6 +27,7 @@ def follow(seed, protocol, reports=10):
         panel.ask if asks and protocol != "A" else None,
         protocol,
         panel.ask_key if asks else (lambda: False) if panel.shown_by == "key" else None,
+        codes.SLOT_CODES if panel.shown_by == "distance" else (codes.ABS_MT_TOOL_TYPE,),
     )
     touches, missed = Touches(), False
     for number in range(reports):
