@@ -361,6 +361,11 @@ class Simulate(Task, command="stimuli simulate"):
     )
     difference_db: float = Field(2.0, description="Difference of two conditions [dB].")
     between_db: NotNegative = Field(3.0, description="Spread of thresholds between people [dB].")
+    preregister: NewFile | None = Field(
+        None,
+        description="With --participants: write design, exclusions, test and power to this file, "
+        "such as STUDY/code/preregistration.json; `analyse` compares the sessions with it.",
+    )
     workers: AtOnce = Field(1, description="Processes that simulate.")
 
     def run(self, context: Context) -> Result:
@@ -386,6 +391,8 @@ class Simulate(Task, command="stimuli simulate"):
                 "between": self.between_db,
             }
             observers = self.threshold_db[:1], self.slope, self.lapse
+        elif self.preregister is not None:
+            raise InputError("--preregister: expected --participants, the planned number of them")
         simulated = simulations(plan, *observers, self.runs, comparison)
         with Here() if self.workers == 1 else Processes(self.workers) as executor:
             rows = [row for rows in executor.map(SimulateObserver.rows, simulated) for row in rows]
@@ -398,6 +405,11 @@ class Simulate(Task, command="stimuli simulate"):
             for count in self.participants:
                 power = [row["power"] for row in rows if row["participants"] == count]
                 title += f"; {count} participants: {min(power):.2f} to {max(power):.2f}"
+            if self.preregister is not None:
+                from haptix.lab.analysis.preregistration import Preregistration
+
+                Preregistration.of(plan, max(self.participants), rows).save(self.preregister)
+                title += f"; stated in {self.preregister}"
         return Result(rows, [(title, _rounded(rows))])
 
     def _predicted(self, context: Context) -> Result:
@@ -502,12 +514,17 @@ class Analyse(Task, command="stimuli analyse"):
         description="Folder of tables and report. [default: derivatives/haptix of a study; "
         "of a log its name + _analysis]",
     )
+    preregistration: FileThere | None = Field(
+        None,
+        description="What was stated before the data. [default: code/preregistration.json of a "
+        "study]",
+    )
 
     def run(self, context: Context) -> Result:
         """Analyse, and write tables and report."""
         from haptix.lab.analysis.results import analyse, write_analysis
 
-        source, analysis = self.source, analyse(self.source)
+        source, analysis = self.source, analyse(self.source, self.preregistration)
         is_study = (source / "dataset_description.json").exists()
         beside = source / "derivatives" / "haptix" if is_study else source / "analysis"
         if not source.is_dir():

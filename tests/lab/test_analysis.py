@@ -4,6 +4,7 @@ import csv
 import json
 import shutil
 from dataclasses import replace
+from datetime import timedelta
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from scipy.stats import bootstrap, ttest_1samp
 from firmware_io import open_device
 from haptix.base.errors import FileFormatError, InputError
 from haptix.lab.analysis import results as analysis
+from haptix.lab.analysis.preregistration import Preregistration
 from haptix.lab.analysis.results import analyse, report_html, write_analysis
 from haptix.lab.analysis.study import export
 from haptix.lab.experiment import (
@@ -29,6 +31,7 @@ from haptix.lab.experiment import (
     UpDown,
 )
 from haptix.lab.experiment.methods import bradley_terry, bradley_terry_intervals
+from haptix.lab.experiment.recipe import ExperimentRecipe
 from tests.lab.presented import at_level
 
 WAVE = np.sin(2 * np.pi * 1000 * np.arange(48) / 48_000)
@@ -492,3 +495,35 @@ def test_two_people_under_one_name_are_asked_about(tmp_path):
     run(tmp_path / "rating" / "p1.tsv", Magnitudes([10.0, 20.0], 3), SimulatedObserver(20.0),
         "magnitude")  # fmt: skip
     assert len(analyse(tmp_path).tables["thresholds"]) == 2
+
+
+def test_an_analysis_is_compared_with_what_was_preregistered(tmp_path):
+    recipe = ExperimentRecipe(
+        name="two",
+        stimulus={"quantity": "volts", "drive_hz": 120, "length_s": 0.01,
+                  "signal": {"kind": "sine", "amplitude": 1.0, "frequency_hz": 120}},
+        method={"kind": "constant-stimuli", "levels": [18, 22, 26, 30], "repeats": 4},
+        exclude={"off_touch": 0.5}, seed=3,
+    )  # fmt: skip
+    stated = Preregistration.of(recipe, 2, [{"participants": 2, "power": 0.9}])
+    stated.save(tmp_path / "stated.json")
+    logs = tmp_path / "logs"
+    logs.mkdir()
+    plan = recipe.session_plan()
+    for who in ("a", "b"):
+        method = recipe.make_method(1, 5 if who == "a" else 6)  # an order of its own
+        run(logs / f"{who}.tsv", method, SimulatedObserver(24.0), plan=plan, source="program")
+
+    def notes(file="stated.json"):
+        return [n for n in analyse(logs, tmp_path / file).notes if "preregistered" in n]
+
+    assert notes() == [f"as preregistered on {stated.written_on} ({stated.content_hash[:12]})"]
+    tampered = stated.replace(participants=3)
+    tampered.save(tmp_path / "tampered.json")
+    assert len(notes("tampered.json")) == 2  # the hash, and the number of participants
+    later = stated.replace(written_on=stated.written_on + timedelta(days=1), content_hash="")
+    later = later.replace(content_hash=later.own_hash())
+    later.save(tmp_path / "later.json")
+    assert all("began before" in note for note in notes("later.json"))
+    run(logs / "c.tsv", UpDown(32.0), SimulatedObserver(24.0), source="program")
+    assert any("c: another method and exclude" in note for note in notes())

@@ -179,6 +179,19 @@ def test_an_executor_changes_no_byte_and_stays_open(parts, tmp_path, workers):
     assert [share for stage, share in told if stage == "render"][-1] == 1.0
 
 
+def test_a_neighbour_changes_no_byte(finger, screen, tmp_path):
+    """A stimulus of another force and frequency in the set leaves file and sidecar as they are."""
+    first, other = (
+        Stimulus(name, Constant(0.1, length_s=0.05), carrier_hz=hertz, normal_force_n=force)
+        for name, hertz, force in (("a", 3000.0, 0.5), ("b", 1500.0, 0.3))
+    )
+    for name, stimuli in (("alone", (first,)), ("both", (first, other))):
+        StimulusSet("s", stimuli, finger, (screen,), sample_rate_hz=48_000).make(tmp_path / name)
+    for file in ("a.wav", "a.json"):
+        alone, both = ((tmp_path / name / file).read_bytes() for name in ("alone", "both"))
+        assert alone == both
+
+
 def test_what_fails_in_a_worker_is_said_and_nothing_runs_on(parts, tmp_path, monkeypatch):
     def fill_up(self, drive_v, trigger):
         raise OSError(errno.ENOSPC, "No space left on device")

@@ -18,6 +18,7 @@ from haptix.base.errors import MissingExtraError, from_extra
 from haptix.base.files import digest, json_text, reading, write_folder
 from haptix.base.report import page, paragraph, picture, table
 from haptix.base.version import __version__
+from haptix.lab.analysis.preregistration import NAME, Preregistration
 from haptix.lab.analysis.study import BIDS_VERSION
 from haptix.lab.experiment import Estimate, Magnitudes, Method, MethodsByCondition, Pairs
 from haptix.lab.experiment.methods import ThresholdMethod, bradley_terry, bradley_terry_intervals
@@ -416,12 +417,21 @@ class Analysis:
     runs: tuple[RunOfMethod, ...]
 
 
-def analyse(source: str | Path) -> Analysis:
+def analyse(source: str | Path, preregistration: str | Path | None = None) -> Analysis:
     """Analyse a log, a folder of logs, or a study in the form of BIDS.
 
     Thresholds are those that the experiment stated: none where the answers could be guesses, or
     where they lie beyond the levels; the means count them as above or below. Sessions that their
-    plan excludes are in the tables, but not in the means.
+    plan excludes are in the tables, but not in the means. A `preregistration`, by default
+    ``code/preregistration.json`` of a study, is compared with the sessions, and the notes say in
+    what they differ.
+
+    Parameters
+    ----------
+    source : path
+        What is analysed.
+    preregistration : path, optional
+        File of `haptix.lab.analysis.preregistration.Preregistration`.
 
     Raises
     ------
@@ -430,7 +440,14 @@ def analyse(source: str | Path) -> Analysis:
     InputError
         If there is none.
     """
-    runs = [run for session in read_sessions(source) for run in runs_of(session)]
+    sessions = read_sessions(source)
+    runs = [run for session in sessions for run in runs_of(session)]
+    stated_at = Path(preregistration or Path(source) / "code" / NAME)
+    stated: list[str] = []
+    if preregistration or stated_at.exists():
+        known = Preregistration.load(stated_at)
+        stated = [f"not as preregistered: {one}" for one in known.deviations([*sessions])]
+        stated = stated or [f"as preregistered on {known.written_on} ({known.content_hash[:12]})"]
     pairs = [run for run in runs if isinstance(run.method, Pairs)]
     numbers = [run for run in runs if isinstance(run.method, Magnitudes)]
     tables: dict[str, list[Row]] = {}
@@ -447,7 +464,9 @@ def analyse(source: str | Path) -> Analysis:
         tables["magnitudes"] = magnitude_rows(numbers)
         tables["exponents"] = _filled(map(_exponent_row, numbers))
         tables["exponents-group"], _ = over_participants(tables["exponents"], "exponent")
-    return Analysis({name: rows for name, rows in tables.items() if rows}, _notes(runs), (*runs,))
+    return Analysis(
+        {name: rows for name, rows in tables.items() if rows}, (*_notes(runs), *stated), (*runs,)
+    )
 
 
 def _threshold_row(run: RunOfMethod) -> Row:

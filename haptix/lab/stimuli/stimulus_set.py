@@ -104,7 +104,6 @@ class Batch:
 
     plan: SetPlan
     screen: Screen
-    ranges: dict[str, Any]
     folder: Path
     first: int
     """Place of its first stimulus in the whole set."""
@@ -121,40 +120,37 @@ class SetFiles:
         The set, or some stimuli of it.
     screen : Screen
         One of its screens.
-    ranges : mapping
-        Of the surfaces, see `Apparatus.ranges`: those of the whole set.
     folder : Path
         Where the set is published.
-    apparatus : Apparatus
-        Over those ranges.
     pulses : int
         Of an onset's trigger.
     """
 
-    def __init__(
-        self,
-        plan: SetPlan,
-        screen: Screen,
-        ranges: dict[str, Any],
-        folder: Path,
-        apparatus: Apparatus,
-        pulses: int,
-    ) -> None:
-        self.plan, self.screen, self.ranges, self.folder = plan, screen, ranges, folder
+    def __init__(self, plan: SetPlan, screen: Screen, folder: Path, pulses: int) -> None:
+        self.plan, self.screen, self.folder = plan, screen, folder
         self._perception = repr(plan.perception)
-        self.drafts, self.apparatus, self.pulses = folder / DRAFTS, apparatus, pulses
+        self.drafts, self.pulses = folder / DRAFTS, pulses
 
     @classmethod
-    def of(cls, plan: SetPlan, screen: Screen, folder: Path) -> SetFiles:
-        """Return the files of a whole set."""
-        ranges = Apparatus.ranges(screen, plan.stimuli, plan.limits.ceiling_v)
-        apparatus = Apparatus.over(plan.finger, screen, ranges)
-        return cls(plan, screen, ranges, folder, apparatus, pulses(len(plan.stimuli)))
+    def of(
+        cls, plan: SetPlan, screen: Screen, folder: Path, on_progress: Callable[[float], None]
+    ) -> SetFiles:
+        """Return the files of a whole set, whose surfaces are in the cache then."""
+        files = cls(plan, screen, folder, pulses(len(plan.stimuli)))
+        for number, stimulus in enumerate(plan.stimuli, 1):
+            files.apparatus(stimulus)
+            on_progress(number / len(plan.stimuli))
+        return files
+
+    def apparatus(self, stimulus: Stimulus) -> Apparatus:
+        """Apparatus of one stimulus, over ranges that no other stimulus decides."""
+        ranges = Apparatus.cell(self.screen, stimulus, self.plan.limits.ceiling_v)
+        return _apparatus(pickle.dumps((self.plan.finger, self.screen, ranges)))
 
     def batch(self, first: int, end: int) -> Batch:
         """Return a worker's inputs for the stimuli from number `first` to before `end`."""
         some = replace(self.plan, stimuli=self.plan.stimuli[first:end])
-        return Batch(some, self.screen, self.ranges, self.folder, first, self.pulses)
+        return Batch(some, self.screen, self.folder, first, self.pulses)
 
     def make(
         self,
@@ -164,13 +160,13 @@ class SetFiles:
         on_progress: Callable[[float], None] = lambda share: None,
     ) -> Made:
         """Make one file and its sidecar in the drafts, or find them there or published."""
-        plan = self.plan
+        plan, apparatus = self.plan, self.apparatus(stimulus)
         name = plan.file_name(stimulus, self.screen)
-        recipe = self._recipe(stimulus, index)
+        recipe = self._recipe(stimulus, index, apparatus)
         if (finished := self._finished(name, recipe)) is not None:
             return Made(finished, is_reused=True)
-        response, each = self.apparatus.responses(stimulus)
-        skin = self.apparatus.skin(stimulus)
+        response, each = apparatus.responses(stimulus)
+        skin = apparatus.skin(stimulus)
         rendering = Rendering(stimulus, response, plan.sample_rate_hz, skin)
         if rendering.samples < 1:
             raise InputError(f"{stimulus.name}: expected one sample or more, got none")
@@ -197,8 +193,13 @@ class SetFiles:
             "quantisation_step_v": step_v(plan.encoding, plan.full_scale_v, tally.peak_v),
             "ceiling_v": plan.limits.ceiling_v,
             "trigger": None if trigger is None else trigger.describe(),
-            **sidecar(rendering, self.apparatus, each, tally, plan.perception),
-            "surface_ranges": {key: list(ends) for key, ends in self.ranges.items()},
+            **sidecar(rendering, apparatus, each, tally, plan.perception),
+            "surface_ranges": {
+                key: list(ends)
+                for key, ends in apparatus.cell(
+                    self.screen, stimulus, plan.limits.ceiling_v
+                ).items()
+            },
             "sha256": file_hash(draft),
             "recipe_sha256": recipe,
         }
@@ -208,12 +209,12 @@ class SetFiles:
         unreachable = "" if tally.is_reached else reach(name, tally, response)
         return Made(table, (), unreachable, sidecar_sha256=hashlib.sha256(text).hexdigest())
 
-    def _recipe(self, stimulus: Stimulus, index: int) -> str:
+    def _recipe(self, stimulus: Stimulus, index: int, apparatus: Apparatus) -> str:
         """Hash of everything that determines a file and its sidecar."""
         plan = self.plan
         return digest([
-            __version__, stimulus.describe(), self.apparatus.surface_keys(),
-            self.apparatus.profile_hash(), plan.sample_rate_hz, plan.container, plan.encoding,
+            __version__, stimulus.describe(), apparatus.surface_keys(),
+            apparatus.profile_hash(), plan.sample_rate_hz, plan.container, plan.encoding,
             plan.full_scale_v, plan.limits.ceiling_v, plan.trigger and [index + 1, self.pulses],
             plan.name, TOLERANCE, self._perception,
         ])  # fmt: skip
@@ -243,19 +244,16 @@ def beside(name: str) -> str:
 
 def make_batch(batch: Batch, threads: int = 1) -> list[Made]:
     """Make some files, in the process of a worker."""
-    at = pickle.dumps((batch.plan.finger, batch.screen, batch.ranges))
-    files = SetFiles(
-        batch.plan, batch.screen, batch.ranges, batch.folder, _apparatus(at), batch.pulses
-    )
+    files = SetFiles(batch.plan, batch.screen, batch.folder, batch.pulses)
     return [
         files.make(batch.first + index, stimulus, threads)
         for index, stimulus in enumerate(batch.plan.stimuli)
     ]
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=16)
 def _apparatus(pickled: bytes) -> Apparatus:
-    """Surfaces of a set, which a worker keeps for its next batch."""
+    """Surfaces of a cell, which a worker keeps for its next batch."""
     return Apparatus.over(*pickle.loads(pickled))
 
 
@@ -308,9 +306,11 @@ class MakingJob:
         made: list[Made] = []
         for screen in parts.screens:
             self.on_progress("surface", 0.0)
-            files = SetFiles.of(parts, screen, self.folder)  # the surface, which a cache keeps
-            self.on_progress("surface", 1.0)
-            self.profiles[files.apparatus.profile_hash()] = files.apparatus.profiles()
+            files = SetFiles.of(
+                parts, screen, self.folder, partial(self.on_progress, "surface")
+            )  # the surfaces, which a cache keeps
+            apparatus = files.apparatus(parts.stimuli[0])
+            self.profiles[apparatus.profile_hash()] = apparatus.profiles()
             made += self._all(files, len(made))
         limits = [line for entry in made for line in entry.limits]
         unreachable = [entry.unreachable for entry in made if entry.unreachable]
