@@ -49,6 +49,7 @@ class PowerLaws(Displayed):
 
         Examples
         --------
+        >>> from haptix.model.contact import RoughnessSpectrum
         >>> rough = RoughnessSpectrum.self_affine(2e-6, hurst=0.8, q0=1e3, q_rolloff=1e4, q1=1e7)
         >>> round(float(rough.moment(1)) ** 0.5 * 1e6, 6)  # the heights' root mean square, in um
         2.0
