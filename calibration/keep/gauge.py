@@ -15,10 +15,9 @@ from math import isnan, nan, sqrt
 from typing import Annotated, Literal
 
 import numpy as np
+from scipy.special import ndtr, ndtri, stdtr, stdtrit
 from scipy.stats import f as fisher
 from scipy.stats import linregress
-from scipy.stats import norm as normal
-from scipy.stats import t as student
 
 from calibration.plan.parameters import Array
 from haptix.base.errors import InputError
@@ -83,10 +82,10 @@ class ControlChart:
             middle, free = float(before.mean()), len(before) - 1
             sd = max(float(before.std(ddof=1)) * sqrt(1 + 1 / len(before)), _LEAST_SD)
             off = (column[place] - middle) / sd
-            score = -float(np.sign(off)) * float(normal.ppf(student.sf(abs(off), free)))
+            score = -float(np.sign(off)) * float(ndtri(stdtr(free, -abs(off))))
             mean = (1 - _LATEST) * mean + _LATEST * score
             variance = (1 - _LATEST) ** 2 * variance + _LATEST**2
-            half = float(student.isf(normal.sf(_BEYOND), free)) * sd
+            half = -float(stdtrit(free, ndtr(-_BEYOND))) * sd
             low, high, said = middle - half, middle + half, []
             if not low <= column[place] <= high:
                 said.append(
@@ -101,7 +100,7 @@ class ControlChart:
         line = linregress(np.arange(len(column)), column)
         lasts = len(column) - 1
         drift = float(line.slope) * lasts
-        unsure = float(student.ppf(_LEVEL, len(column) - 2) * line.stderr) * lasts
+        unsure = float(stdtrit(len(column) - 2, _LEVEL) * line.stderr) * lasts
         return cls(tuple(values), middle, low, high, drift, unsure, tuple(said), tuple(alarms))
 
     @property
