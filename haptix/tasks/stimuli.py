@@ -507,7 +507,11 @@ class Analyse(Task, command="stimuli analyse"):
     """
 
     source: Annotated[FileOrFolder, Argument] = Field(
-        description="Log of `haptix stimuli run`, folder of logs, or a study."
+        description="Log of `haptix stimuli run`, folder of logs, or a study; with --columns, a "
+        "table of trials of another program, or a folder of tables."
+    )
+    columns: FileThere | None = Field(
+        None, description="Which column of another program's table is what, as TOML."
     )
     out: Folder | None = Field(
         None,
@@ -522,9 +526,12 @@ class Analyse(Task, command="stimuli analyse"):
 
     def run(self, context: Context) -> Result:
         """Analyse, and write tables and report."""
+        from haptix.lab.analysis.foreign import TrialColumns
         from haptix.lab.analysis.results import analyse, write_analysis
 
-        source, analysis = self.source, analyse(self.source, self.preregistration)
+        columns = None if self.columns is None else TrialColumns.load(self.columns)
+        source = self.source
+        analysis = analyse(source, self.preregistration, columns)
         is_study = (source / "dataset_description.json").exists()
         beside = source / "derivatives" / "haptix" if is_study else source / "analysis"
         if not source.is_dir():

@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from haptix.base.checks import Array
-from haptix.base.errors import MissingExtraError, from_extra
+from haptix.base.errors import FileFormatError, MissingExtraError, from_extra
 from haptix.base.files import digest, json_text, reading, write_folder
 from haptix.base.report import page, paragraph, picture, table
 from haptix.base.version import __version__
+from haptix.lab.analysis.foreign import TrialColumns, advice, is_table
 from haptix.lab.analysis.preregistration import NAME, Preregistration
 from haptix.lab.analysis.study import BIDS_VERSION
 from haptix.lab.experiment import Estimate, Magnitudes, Method, MethodsByCondition, Pairs
@@ -30,7 +31,7 @@ from haptix.lab.experiment.psychometric import (
     group_of_likelihoods,
 )
 from haptix.lab.experiment.session_plan import SessionPlan, estimate_of, replayed, summary
-from haptix.lab.experiment.trial_log import LoggedSession, read_sessions
+from haptix.lab.experiment.trial_log import LoggedSession, is_log, read_sessions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -128,6 +129,16 @@ def runs_of(session: LoggedSession) -> Iterator[RunOfMethod]:
             estimate = estimates[name]
             estimate = replace(estimate, warnings=(*first, *estimate.warnings))
             yield RunOfMethod(session, name, experiment, part, estimate, rows, whole, remarks)
+
+
+def _foreign_runs(source: Path, columns: TrialColumns) -> Iterator[RunOfMethod]:
+    shared = columns.model_dump(include={"task", "level", "level_unit"})
+    for session, condition, method in columns.sessions(source):
+        estimate = estimate_of(method, session.rows, columns.task, condition)
+        yield RunOfMethod(
+            session, condition, digest(shared)[:8], method, estimate, session.rows, {},
+            session.remarks,
+        )  # fmt: skip
 
 
 def _unfinished(
@@ -417,8 +428,12 @@ class Analysis:
     runs: tuple[RunOfMethod, ...]
 
 
-def analyse(source: str | Path, preregistration: str | Path | None = None) -> Analysis:
-    """Analyse a log, a folder of logs, or a study in the form of BIDS.
+def analyse(
+    source: str | Path,
+    preregistration: str | Path | None = None,
+    columns: TrialColumns | None = None,
+) -> Analysis:
+    """Analyse a log, a folder of logs, a study in the form of BIDS, or tables of other programs.
 
     Thresholds are those that the experiment stated: none where the answers could be guesses, or
     where they lie beyond the levels; the means count them as above or below. Sessions that their
@@ -432,6 +447,8 @@ def analyse(source: str | Path, preregistration: str | Path | None = None) -> An
         What is analysed.
     preregistration : path, optional
         File of `haptix.lab.analysis.preregistration.Preregistration`.
+    columns : TrialColumns, optional
+        Which column is what, where another program wrote the tables.
 
     Raises
     ------
@@ -440,14 +457,21 @@ def analyse(source: str | Path, preregistration: str | Path | None = None) -> An
     InputError
         If there is none.
     """
-    sessions = read_sessions(source)
-    runs = [run for session in sessions for run in runs_of(session)]
-    stated_at = Path(preregistration or Path(source) / "code" / NAME)
     stated: list[str] = []
-    if preregistration or stated_at.exists():
-        known = Preregistration.load(stated_at)
-        stated = [f"not as preregistered: {one}" for one in known.deviations([*sessions])]
-        stated = stated or [f"as preregistered on {known.written_on} ({known.content_hash[:12]})"]
+    if columns is not None:
+        runs = [*_foreign_runs(Path(source), columns)]
+    else:
+        if is_table(Path(source)) and not is_log(Path(source)):
+            raise FileFormatError(advice(Path(source)))
+        sessions = read_sessions(source)
+        runs = [run for session in sessions for run in runs_of(session)]
+        stated_at = Path(preregistration or Path(source) / "code" / NAME)
+        if preregistration or stated_at.exists():
+            known = Preregistration.load(stated_at)
+            stated = [f"not as preregistered: {one}" for one in known.deviations([*sessions])]
+            stated = stated or [
+                f"as preregistered on {known.written_on} ({known.content_hash[:12]})"
+            ]
     pairs = [run for run in runs if isinstance(run.method, Pairs)]
     numbers = [run for run in runs if isinstance(run.method, Magnitudes)]
     tables: dict[str, list[Row]] = {}
