@@ -18,6 +18,7 @@ from haptix.base.files import check_schema_version, json_text, read_json, read_t
 from haptix.base.kinds import Kind, Kinds, document_path, in_folder
 from haptix.base.units import with_numbers
 from haptix.feel.materials.field import Evaluator, Mapped, TargetKind, check_range
+from haptix.feel.materials.patterns import SUFFIXES, fields_of
 from haptix.feel.motion import Depends, Facts, Motion, Report
 from haptix.feel.motion.block import React, unmoved
 
@@ -136,6 +137,9 @@ class Answering:
 def load(path: str | Path) -> Material:
     """Read a material from TOML or JSON; its ``kind`` says which, see `KINDS`.
 
+    Patterns of other programs (``.ahap``, ``.haptic``, ``.hjif``) are read as what of them is
+    friction, see `haptix.feel.materials.patterns`.
+
     Numbers may be strings with units, such as "2 mm".
 
     Raises
@@ -148,9 +152,12 @@ def load(path: str | Path) -> Material:
     if not isinstance(path, str | os.PathLike):
         raise InputError(f"load: expected the path of a document, got {shown(path)}")
     path = Path(path)
-    fields = read_json(path) if path.suffix == ".json" else read_toml(path)
-    check_schema_version(path, fields.pop("schema_version", 1))
     try:
+        if path.suffix in SUFFIXES:
+            fields = fields_of(path)
+        else:
+            fields = read_json(path) if path.suffix == ".json" else read_toml(path)
+        check_schema_version(path, fields.pop("schema_version", 1))
         with in_folder(path.parent):
             return material_of(fields)
     except InputError as error:

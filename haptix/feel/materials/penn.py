@@ -27,10 +27,11 @@ In its XML the root ``modelSet`` holds::
 
 from __future__ import annotations
 
+import warnings
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from functools import cached_property
-from math import pi
+from math import erfc, pi, sqrt
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal, Self
 
@@ -47,6 +48,7 @@ from haptix.base.files import read_bytes
 from haptix.base.kinds import AnyAsset
 from haptix.feel.materials.field import TargetKind
 from haptix.feel.materials.material import Material
+from haptix.feel.materials.patterns import NotFeltWarning
 from haptix.feel.materials.spectral import Noise
 
 _UNITS = {"AccelUnits": "m/s", "SpeedUnits": "mm/s", "ForceUnits": "N"}
@@ -231,6 +233,8 @@ TOOL_MASS_KG = 0.05
 hand-held tool with the fingers on it. It is assumed and not measured."""
 
 _PIXELS = 16384
+_TOLD_SHARE = 0.01  # of the places, from which on friction below 0 is told
+_SPREADS = 3.0  # of the noise below its mean: beyond lie 0.1 % of the places
 
 _HEAVY = 1e6
 
@@ -376,6 +380,15 @@ class PennModel:
             raise InputError(
                 f"{self.contents.material}: no vibration at {speed_mm_per_s:g} mm/s and "
                 f"{normal_force_n:g} N; choose a higher speed or force"
+            )
+        if (below := erfc(self.contents.mu / deviation / sqrt(2)) / 2) > _TOLD_SHARE:
+            most_kg = mass_kg * self.contents.mu / deviation / _SPREADS
+            warnings.warn(
+                f"{self.contents.material}: asks for friction below 0 in {below:.0%} of its places "
+                f"(mean {self.contents.mu:.2g}, deviation {deviation:.2g}), where nothing is felt; "
+                f"the mass is an assumption: up to {most_kg:.2g} kg it asks for none",
+                NotFeltWarning,
+                stacklevel=2,
             )
         return Noise(
             spectrum=lambda k: process.density(k * speed_mm_per_s),

@@ -19,6 +19,7 @@ from haptix.base.files import read_csv
 from haptix.base.kinds import AnyAsset
 from haptix.feel.materials.field import FrictionField, TargetKind, check_target, turned
 from haptix.feel.materials.material import Material
+from haptix.feel.materials.patterns import hjif_profile
 from haptix.feel.materials.pyramid import Pyramid
 
 _MOST_SAMPLES = 4_000_000
@@ -175,7 +176,7 @@ class Recording(Material):
     Parameters
     ----------
     file : str
-        CSV with position_mm and mu, or with position_mm and forces.
+        CSV with position_mm and mu, or with position_mm and forces; or HJIF of friction.
     normal_force_n : float, optional
         The normal force of the recording, where it is no column.
     orientation_deg : float
@@ -198,4 +199,12 @@ class Recording(Material):
     def evaluator(self) -> RecordedProfile:
         """A `RecordedProfile`."""
         options = self.model_dump(exclude={"kind", "file"})
-        return self.file.shared(options, lambda path: RecordedProfile.from_csv(path, **options))
+
+        def read(path: Path) -> RecordedProfile:
+            if path.suffix != ".hjif":
+                return RecordedProfile.from_csv(path, **options)
+            x_mm, mu, _ = hjif_profile(path)
+            of_line = {name: options[name] for name in ("orientation_deg", "beyond", "step_mm")}
+            return RecordedProfile(x_mm, mu, **of_line)
+
+        return self.file.shared(options, read)

@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import hashlib
 import io
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -43,6 +42,7 @@ from haptix.base.files import (
     write_whole,
 )
 from haptix.feel.along_path import AlongPath, SpeedProfile, relief
+from haptix.feel.materials.patterns import ahap_intensity, hjif_profile
 from haptix.feel.signals.shapes import Points
 from haptix.feel.signals.signal import Signal
 
@@ -211,79 +211,21 @@ def read_ahap(path: str | Path, low: float, high: float) -> tuple[Signal, list[s
     """Read the intensity of a pattern's continuous events; intensity 0 and 1 become low and high.
 
     Returns intensity times its control curve, as straight lines between corners, and what of the
-    file is not in it. Raises `FileFormatError` if it is no AHAP, or has no continuous event.
+    file is not in it.
+
+    Raises
+    ------
+    FileFormatError
+        If it is no AHAP, or has no continuous event.
     """
-    path = Path(path)
-    table = read_json(path)
-    with reading(path, "an AHAP pattern"):
-        events = [entry["Event"] for entry in table["Pattern"] if "Event" in entry]
-        curves = [
-            entry["ParameterCurve"] for entry in table["Pattern"] if "ParameterCurve" in entry
-        ]
-        lasting = [event for event in events if event["EventType"] == "HapticContinuous"]
-        spans = [
-            (
-                float(event["Time"]),
-                float(event["Time"]) + float(event["EventDuration"]),
-                _intensity(event),
-            )
-            for event in lasting
-        ]
-        corners = sorted(
-            (float(curve["Time"]) + float(point["Time"]), float(point["ParameterValue"]))
-            for curve in curves
-            if curve["ParameterID"] == "HapticIntensityControl"
-            for point in curve["ParameterCurveControlPoints"]
-        )
-        control = sorted({curve["ParameterID"] for curve in curves} - {"HapticIntensityControl"})
-    if not spans:
-        raise FileFormatError(f"{path}: has no HapticContinuous event, only those can be friction")
-    lost = []
-    others = len(events) - len(lasting)
-    if others:
-        lost.append(f"{others} events that are not HapticContinuous")
-    if any("HapticSharpness" in json.dumps(event) for event in lasting):
-        lost.append("sharpness, which friction does not have")
-    lost += [f"curves of {name}" for name in control]
-    return _drawn(spans, corners, low, high), lost
-
-
-def _intensity(event: dict[str, Any]) -> float:
-    for parameter in event.get("EventParameters", []):
-        if parameter["ParameterID"] == "HapticIntensity":
-            return min(max(float(parameter["ParameterValue"]), 0.0), 1.0)
-    return 1.0
-
-
-def _drawn(
-    spans: list[tuple[float, float, float]],
-    corners: list[tuple[float, float]],
-    low: float,
-    high: float,
-) -> Signal:
-    """Lines between the corners of the events and curves; before a curve its factor is 1."""
-    tiny = 1e-6  # an edge takes this long [s]
-    end = max(stop for _, stop, _ in spans)
-    edges = {0.0, end, *(t for t, _ in corners if 0 <= t <= end)}
-    for begin, stop, _ in spans:
-        edges |= {begin, max(0.0, begin - tiny), stop, max(0.0, stop - tiny)}
-    t = np.array(sorted(edges))
-    loudest = np.zeros(len(t))
-    for begin, stop, level in spans:
-        inside = (t >= begin) & ((t < stop) | (t == end) & (stop == end))
-        loudest[inside] = np.maximum(loudest[inside], level)
-    if corners:
-        loudest *= np.interp(t, [x for x, _ in corners], [y for _, y in corners], left=1.0)
-    values = low + (high - low) * np.clip(loudest, 0.0, 1.0)
-    return Points(tuple(t.tolist()), tuple(values.tolist()))
+    t_s, share, lost = ahap_intensity(Path(path))
+    return Points(tuple(t_s.tolist()), tuple((low + (high - low) * share).tolist())), lost
 
 
 UNIT_EXPONENT = -6
 """Micrometres, of lines up to `_MOST_UNITS` of them; longer ones have a coarser unit."""
 
 _MOST_UNITS = 65_535  # of a keyframe in the binary form, which has 16 bits for its position
-
-_DEFAULT_EXPONENT = -3  # of the standard, for files without one
 
 
 def write_hjif(
@@ -372,48 +314,5 @@ def read_hjif(path: str | Path, speed: SpeedProfile | float) -> tuple[AlongPath,
     The file does not contain the finger's motion, which `speed` gives; a number is in mm/s. Raises
     `FileFormatError` if it is no HJIF, or holds no curve of friction.
     """
-    path = Path(path)
-    table = read_json(path)
-    lost: list[str] = []
-    with reading(path, "HJIF"):
-        perceptions = table["perceptions"]
-        friction = [
-            perception
-            for perception in perceptions
-            if perception["perception_modality"] == "Friction"
-        ]
-        if not friction:
-            kinds = sorted({perception["perception_modality"] for perception in perceptions})
-            raise FileFormatError(
-                f"{path}: expected a perception of the modality Friction, got "
-                f"{', '.join(kinds) or 'none'}"
-            )
-        first = friction[0]
-        channel = first["channels"][0]
-        bands = [band for band in channel["bands"] if band["band_type"] == "Curve"]
-        if not bands:
-            raise FileFormatError(f"{path}: expected a band of curves, which is what is read")
-        for what, there in (
-            ("perceptions", perceptions), ("channels", first["channels"]),
-            ("bands", channel["bands"]),
-        ):  # fmt: skip
-            if len(there) > 1:
-                lost.append(f"{len(there) - 1} other {what}")
-        if bands[0].get("curve_type", "Linear") != "Linear":
-            lost.append(f"the shape of curve {bands[0]['curve_type']!r}: read as straight lines")
-        unit_mm = 1e3 * 10.0 ** int(first.get("unit_exponent", _DEFAULT_EXPONENT))
-        scale = 10.0 ** int(first.get("perception_unit_exponent", 0))
-        gain = float(channel.get("gain", 1.0)) * scale
-        corners: dict[float, float] = {}
-        for effect in bands[0]["effects"]:
-            if effect["effect_type"] != "Basis":
-                lost.append(f"an effect of type {effect['effect_type']!r}")
-                continue
-            for frame in effect["keyframes"]:
-                at = (int(effect["position"]) + int(frame["relative_position"])) * unit_mm
-                if "amplitude_modulation" in frame:
-                    corners[at] = float(frame["amplitude_modulation"]) * gain
-    x = sorted(corners)
-    if len(x) < 2:
-        raise FileFormatError(f"{path}: expected two corners of friction or more, got {len(x)}")
-    return relief(tuple(x), tuple(corners[at] for at in x), speed), lost
+    x_mm, mu, lost = hjif_profile(Path(path))
+    return relief(tuple(x_mm), tuple(mu), speed), lost

@@ -1,5 +1,6 @@
 """Models of the Penn format, from files made here: the toolkit's own may not be redistributed."""
 
+import re
 import xml.etree.ElementTree as ET
 
 import numpy as np
@@ -12,6 +13,7 @@ from scipy.interpolate import LinearNDInterpolator
 from haptix import HaptixError, InputError
 from haptix.base.errors import FileFormatError
 from haptix.feel.materials import PennModel
+from haptix.feel.materials.patterns import NotFeltWarning
 from haptix.feel.materials.penn import lsf_of_polynomial, polynomial_of_lsf
 
 RATE_HZ = 10_000.0
@@ -274,3 +276,14 @@ def test_bad_places(model, place):
         model.texture(*place)
     with pytest.raises(InputError):
         model.texture(100, 1, mass_kg=0)
+
+
+def test_friction_below_0_is_told_with_the_mass_that_asks_for_none(model):
+    deviation = model.at(150, 1).deviation  # of 1 kg at 1 N
+    too_heavy = model.contents.mu / deviation
+    with pytest.warns(NotFeltWarning, match="below 0 in 16%") as told:
+        model.texture(150, 1, mass_kg=too_heavy)  # the mean is one deviation above 0
+    (most_kg,) = re.findall(r"up to ([\d.e-]+) kg", str(told[0].message))
+    texture = model.texture(150, 1, mass_kg=float(most_kg))  # warns no more: a warning is an error
+    x = np.linspace(0, 500, 200_000)
+    assert (texture.friction(x, np.zeros_like(x)) < 0).mean() < 2e-3
