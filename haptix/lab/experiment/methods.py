@@ -38,9 +38,14 @@ class Method:
         return None
 
     def update(self, is_right: float, level: float | None = None) -> None:
-        """Take an answer; `level` is the presented level, if it differs from the method's.
+        """Take an answer.
 
-        Right is True, or 1; where a number is the answer, it is that number.
+        Parameters
+        ----------
+        is_right : float
+            True, or 1, where it is; the number, where that is the answer.
+        level : float, optional
+            The presented level, if it differs from the method's.
         """
         raise NotImplementedError
 
@@ -169,7 +174,15 @@ class MethodsByCondition(Method):
     def update(
         self, is_right: float, level: float | None = None, condition: str | None = None
     ) -> None:
-        """Take an answer to a condition, by default that of the next trial."""
+        """Take an answer to a condition.
+
+        Parameters
+        ----------
+        is_right, level : float
+            As for `Method.update`.
+        condition : str, optional
+            By default that of the next trial.
+        """
         self.methods[self.condition if condition is None else condition].update(is_right, level)
         self._taken, self._drawn = self._taken + 1, None
 

@@ -43,17 +43,21 @@ class Question:
 class SimulatedObserver:
     """Answers right with the probability of a psychometric function.
 
-    An answer depends on the seed and the trial's number alone. Without a target it reports one with
-    the probability `guess`. It compares two levels by a cumulative normal of their distance.
-    Magnitudes follow a power of 0.6 with a scatter of a tenth.
+    An answer depends on the seed and the trial's number alone. It compares two levels by a
+    cumulative normal of their distance. Magnitudes follow a power of 0.6 with a scatter of a tenth.
     """
 
     threshold: float
     slope: float = 3.5
+    """Level [dB] and steepness of the function."""
     guess: float = 0.5
+    """Probability with which it reports a target where there is none."""
     lapse: float = 0.02
+    """Share of wrong answers far above the threshold."""
     function: str = "weibull"
+    """Name of the psychometric function."""
     seed: int = 0
+    """Equal seeds give equal answers."""
 
     answers_are: ClassVar[Source] = "simulated"
 
@@ -80,15 +84,13 @@ class SimulatedObserver:
 
 @dataclass(frozen=True)
 class Keys:
-    """Waits for a key that is one of the choices.
-
-    The prompt is shown before, with ``{choices}`` filled in. Keys come from `source` and the prompt
-    goes to `sink`; by default both are the terminal.
-    """
+    """Waits for a key that is one of the choices."""
 
     prompt: str = "which one? {choices} "
+    """Shown before, with ``{choices}`` filled in."""
     source: TextIO | None = None
     sink: TextIO | None = None
+    """Where keys come from, and where the prompt goes; by default the terminal."""
 
     @property
     def answers_are(self) -> Source:

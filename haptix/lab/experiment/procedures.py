@@ -135,7 +135,15 @@ class UpDown(ThresholdMethod):
 
 
 def weighted_up_down(target: float, start: float, **others: Any) -> UpDown:
-    """One up, one down, with steps that converge at any share of right answers (Kaernbach)."""
+    """One up, one down, with steps that converge at any share of right answers (Kaernbach).
+
+    Parameters
+    ----------
+    target : float
+        The share, between 0 and 1.
+    start, others
+        As for `UpDown`.
+    """
     if not 0 < target < 1:
         raise InputError(f"target: expected a share between 0 and 1, got {target!r}")
     return UpDown(start, down_after=1, up_weight=target / (1 - target), **others)

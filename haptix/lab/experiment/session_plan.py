@@ -53,7 +53,12 @@ class TrialTask:
     def arrange(self, draw: np.random.Generator, is_empty: bool) -> tuple[tuple[bool, ...], str]:
         """Draw which intervals have the target, and which answer is right.
 
-        An empty trial has none: of the tasks that detect.
+        Parameters
+        ----------
+        draw : numpy.random.Generator
+            Source of the numbers.
+        is_empty : bool
+            Whether no interval has the target, in tasks that detect one.
         """
         place = int(draw.integers(max(2, self.intervals)))
         has_target = tuple(k == place or self.intervals == 1 for k in range(self.intervals))

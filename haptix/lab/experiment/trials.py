@@ -47,10 +47,11 @@ _UNITS = {"normal_force_n": ("force", "N"), "speed_mm_per_s": ("speed", "mm/s")}
 
 @dataclass(frozen=True)
 class Touch:
-    """Mean force and speed of the finger; None where the panel does not measure it."""
+    """Mean force and speed of the finger."""
 
     normal_force_n: float | None
     speed_mm_per_s: float | None
+    """None where the panel does not measure it."""
 
     @classmethod
     def of(cls, samples: Sequence[TouchSample]) -> Self | None:
@@ -83,10 +84,11 @@ def _mean(values: Sequence[float | None]) -> float | None:
 
 
 class StrokeRanges(Part):
-    """Ranges of force and speed of a valid stroke; those that are given are checked."""
+    """Ranges of force and speed of a valid stroke."""
 
     normal_force_n: tuple[NonNegativeFloat, NonNegativeFloat] | None = None
     speed_mm_per_s: tuple[NonNegativeFloat, NonNegativeFloat] | None = None
+    """Least and most; what is None is not checked."""
 
     @model_validator(mode="after")
     def _rises(self) -> Self:
@@ -159,7 +161,15 @@ class Presentation:
     profile: str = ""
 
     def allowed(self, level: float, ceiling_v: float) -> float:
-        """Return the level, lowered to the highest whose voltage is within a ceiling [V]."""
+        """Return the level, lowered to the highest whose voltage is within a ceiling.
+
+        Parameters
+        ----------
+        level : float
+            The level that is asked for.
+        ceiling_v : float
+            Highest voltage [V].
+        """
         if self.peak_v(level) <= ceiling_v:
             return level
         low, high, span = level, level, 1.0
@@ -558,7 +568,15 @@ class Experiment:
             )
 
     def allowed(self, level: float, presentation: Presentation | None = None) -> float:
-        """Return the level, lowered to the highest whose voltage is within the ceiling."""
+        """Return the level, lowered to the highest whose voltage is within the ceiling.
+
+        Parameters
+        ----------
+        level : float
+            The level that is asked for.
+        presentation : Presentation, optional
+            By default that of the next trial's condition.
+        """
         condition = self.method.condition if isinstance(self.method, MethodsByCondition) else ""
         return (presentation or self._made(condition)).allowed(level, self._ceiling_v)
 

@@ -134,6 +134,15 @@ class ContactCurrent(Displayed):
     ) -> Self:
         """Return the model for the finger and screen that a surface was built for.
 
+        Parameters
+        ----------
+        surface : FrictionSurface
+            The surface.
+        frequency_hz : float
+            Carrier [Hz].
+        population : PopulationSpread, optional
+            Fingers around that one.
+
         Raises
         ------
         InputError
@@ -220,7 +229,13 @@ class ContactCurrent(Displayed):
         return np.asarray(contact * self.body_f / (contact + self.body_f))
 
     def log_attraction(self, latent: Array, voltage_v: Array | float) -> Array:
-        """Logarithm of b [1/V^2] in ``mu(0)/mu(V) = 1 - b V^2``; shapes as above."""
+        """Logarithm of b [1/V^2] in ``mu(0)/mu(V) = 1 - b V^2``.
+
+        Parameters
+        ----------
+        latent, voltage_v : ndarray
+            As for `capacitance_f`.
+        """
         log_b = self._logs(latent, voltage_v)[:, 1].real
         return np.asarray(log_b - 3 * latent[:, ROUGHNESS] - latent[:, STIFFNESS])
 

@@ -249,7 +249,15 @@ class FingerObserver:
             self._assumed_n = positive("assumed_n", assumed_n)
 
     def read(self, reading: CurrentReading, now_s: float) -> bool:
-        """Take a reading that arrives now; return whether what is known has changed."""
+        """Take a reading; return whether what is known has changed.
+
+        Parameters
+        ----------
+        reading : CurrentReading
+            The reading.
+        now_s : float
+            When it arrives [s].
+        """
         before = (self._state, self._readings)
         was_trusted = self.watch.is_trusted
         is_good = self.watch.read(reading, now_s, self.baseline_f)

@@ -208,7 +208,13 @@ class ScreenAxes:
         return (y_mm, x_mm) if is_turned(checked_matrix(self.matrix)) else (x_mm, y_mm)
 
     def place_mm(self, x: float, y: float) -> tuple[float, float]:
-        """Return the place on the picture [mm] for values of the panel's axes."""
+        """Return the place on the picture [mm].
+
+        Parameters
+        ----------
+        x, y : float
+            Values of the panel's axes.
+        """
         x_mm, y_mm = self.x.mm(x), self.y.mm(y)
         if self.matrix == ORIENTATIONS["normal"]:
             return x_mm, y_mm
