@@ -59,8 +59,7 @@ setup: ## set up again, or mend, .venv (PYTHON=... picks the interpreter)
 	@bash scripts/setup.sh
 
 clean: ## remove caches and outputs; .venv stays
-	rm -rf haptix-demo my.surface dist build site clients/asyncapi.json clients/csharp/Materials.cs clients/csharp/Messages.cs clients/typescript/types .benchmarks .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
-	find clients/csharp -name '*.meta' -delete
+	rm -rf haptix-demo my.surface dist build site clients/asyncapi.json .benchmarks .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
 	find . \( -name .venv -o -name .git \) -prune -o -name __pycache__ -type d -exec rm -rf {} +
 
 # Written by setup.sh as its last act, so an interrupted set-up is taken up again.

@@ -1,4 +1,4 @@
-"""Make what the clients have from the schema of the session's messages; git keeps none of it.
+"""Make what the clients have from the schema of the session's messages.
 
     make clients                        # all below, where it is not that of today's messages
     make clients ARGS='--pack FOLDER'   # and what a release attaches
@@ -7,9 +7,11 @@
   others by tsc from the JavaScript, whose types it checks meanwhile.
 - `clients/csharp/Messages.cs` and `Materials.cs` by quicktype, and the `.meta` that Unity wants
   beside each file: scenes name files by the ids in them.
-- `clients/asyncapi.json`: the session, for the generators of other languages.
+- `clients/asyncapi.json`: the session, for the generators of other languages; git does not keep it.
+- `clients/made-from`: a hash of the messages, their fields and types.
 
-Needs Node 20 or newer. The Python client and the pages of the studio need none of this.
+git keeps the others, so that the packages of a checkout have types; a test compares the hash. Needs
+Node 20 or newer. The Python client and the pages of the studio need none of this.
 """
 
 from __future__ import annotations
@@ -44,6 +46,7 @@ MADE = {
     "materials": (TYPES / "materials.d.ts", CSHARP / "Materials.cs"),
 }
 MADE_FROM = ROOT / "build" / "clients-made-from"
+SHAPES = CLIENTS / "made-from"
 BANNER = "Made by `make clients` from the schema of the messages; do not edit."
 
 
@@ -59,6 +62,7 @@ def main() -> None:
         known = MADE_FROM.read_text() if MADE_FROM.exists() else ""
         if known != made_from or not all(path.exists() for pair in MADE.values() for path in pair):
             make()
+            SHAPES.write_text(hash_of_shapes() + "\n")
             MADE_FROM.write_text(made_from)
         write_metas()
         if folder is not None:
@@ -80,6 +84,19 @@ def hash_of_sources() -> str:
     for path in (*sorted((TYPESCRIPT / "src").iterdir()), LOCKED, Path(__file__)):
         digest.update(path.read_bytes())
     return digest.hexdigest()
+
+
+def hash_of_shapes() -> str:
+    """Return the hash of names, fields and types: of the schemas without their words."""
+    whole = json.dumps([schema(), kinds()], sort_keys=True)
+    return sha256(json.dumps(json.loads(whole, object_hook=_shape)).encode()).hexdigest()
+
+
+def _shape(part: dict[str, Any]) -> dict[str, Any]:
+    words = ("description", "title", "help", "examples")
+    return {
+        key: value for key, value in part.items() if not isinstance(value, str) or key not in words
+    }
 
 
 def make() -> None:

@@ -138,3 +138,13 @@ def test_the_calls_of_the_clients_are_those_of_the_description():
     script = runpy.run_path(str(ROOT / "scripts" / "client_calls.py"))
     for path, write in script["WRITTEN"].items():
         assert path.read_text() == write(), f"run {sys.executable} scripts/client_calls.py"
+
+
+KEPT = (ROOT / "clients" / "made-from").read_text().strip()  # before a test makes it anew
+
+
+def test_the_types_of_a_checkout_are_those_of_the_schema():
+    script = runpy.run_path(str(ROOT / "scripts" / "make-clients.py"))
+    assert script["hash_of_shapes"]() == KEPT, "run make clients, and commit what it makes"
+    for path in (path for paths in script["MADE"].values() for path in paths):
+        assert path.stat().st_size > 1000

@@ -1,0 +1,11 @@
+/** Where the service is, for programs of this user under Node: what `service.json` says. */
+/**
+ * Return address and token of the service, and the word of an app; for `connect({find})`.
+ * @param {string} [name] of the app
+ * @returns {Promise<{url: string, token: string, app: string}>}
+ */
+export declare function find(name?: string): Promise<{
+    url: string;
+    token: string;
+    app: string;
+}>;
