@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from math import floor, inf, log2, sqrt
+from math import inf, sqrt
 from typing import Any
 
 import numpy as np
@@ -224,26 +224,6 @@ class Apparatus:
             "h0_m": (min(thicknesses), max(thicknesses)),
             "voltage_v": (0.0, min(ceiling_v or screen.max_voltage_v, screen.max_voltage_v)),
         }
-
-    @classmethod
-    def cell(
-        cls, screen: Screen, stimulus: Stimulus, ceiling_v: float | None = None
-    ) -> dict[str, Any]:
-        """Ranges of the surface of one stimulus: the octaves of force and frequency around it.
-
-        They do not depend on other stimuli, so that neither do files and sidecars; stimuli of one
-        cell share a surface.
-
-        Parameters
-        ----------
-        screen, stimulus, ceiling_v
-            As in `build`.
-        """
-        ranges = cls.ranges(screen, [stimulus], ceiling_v)
-        for name in ("normal_force_n", "frequency_hz"):
-            octave = floor(log2(ranges[name][0]))
-            ranges[name] = 2.0**octave, 2.0 ** (octave + 1)
-        return ranges
 
     @property
     def screen(self) -> Screen:

@@ -143,9 +143,11 @@ class SetFiles:
         return files
 
     def apparatus(self, stimulus: Stimulus) -> Apparatus:
-        """Apparatus of one stimulus, over ranges that no other stimulus decides."""
-        ranges = Apparatus.cell(self.screen, stimulus, self.plan.limits.ceiling_v)
-        return _apparatus(pickle.dumps((self.plan.finger, self.screen, ranges)))
+        """Apparatus of one stimulus: no other one changes its bytes."""
+        return _apparatus(pickle.dumps((self.plan.finger, self.screen, self._ranges(stimulus))))
+
+    def _ranges(self, stimulus: Stimulus) -> dict[str, Any]:
+        return Apparatus.ranges(self.screen, [stimulus], self.plan.limits.ceiling_v)
 
     def batch(self, first: int, end: int) -> Batch:
         """Return a worker's inputs for the stimuli from number `first` to before `end`."""
@@ -194,12 +196,7 @@ class SetFiles:
             "ceiling_v": plan.limits.ceiling_v,
             "trigger": None if trigger is None else trigger.describe(),
             **sidecar(rendering, apparatus, each, tally, plan.perception),
-            "surface_ranges": {
-                key: list(ends)
-                for key, ends in apparatus.cell(
-                    self.screen, stimulus, plan.limits.ceiling_v
-                ).items()
-            },
+            "surface_ranges": {key: list(ends) for key, ends in self._ranges(stimulus).items()},
             "sha256": file_hash(draft),
             "recipe_sha256": recipe,
         }
@@ -251,9 +248,9 @@ def make_batch(batch: Batch, threads: int = 1) -> list[Made]:
     ]
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=64)
 def _apparatus(pickled: bytes) -> Apparatus:
-    """Surfaces of a cell, which a worker keeps for its next batch."""
+    """Surfaces of one touch, which a worker keeps for its next stimuli."""
     return Apparatus.over(*pickle.loads(pickled))
 
 
