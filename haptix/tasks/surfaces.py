@@ -423,6 +423,8 @@ class ListCache(Task, command="cache"):
         """List the cache, and remove it on request."""
         try:
             folder = cache_folder()
+            if folder.is_dir():
+                next(folder.iterdir(), None)  # glob passes over what cannot be read
             inside = [*folder.glob("results/*/*/*")]
             names = {path: path.relative_to(folder).as_posix() for path in inside}
             surfaces = sorted(path for path in inside if _IN_CACHE.fullmatch(names[path]))
