@@ -47,13 +47,6 @@ NotNegative = Annotated[Number, Field(ge=0)]
 Length = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=True), WrapValidator(_as_given)]
 """A field that is above 0 and may be infinite."""
 
-LIFTED_BELOW_N, HARDEST_N = 1e-3, 100.0
-"""Normal force below which a finger does not touch, and the largest of one: a larger number was
-probably meant in another unit."""
-
-Force = Annotated[float, Field(gt=0, le=HARDEST_N, allow_inf_nan=False)]
-"""A field that is the normal force of a finger [N]."""
-
 
 @dataclass_transform(frozen_default=True, field_specifiers=(field, Field))
 def checked(*, kw_only: bool = False) -> Callable[[type[Made]], type[Made]]:

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
-from haptix.base.checks import Force
 from haptix.base.errors import InputError
-from haptix.base.fields import Address, Argument, NewDocument, check_new
+from haptix.base.fields import Address, Argument, Force, NewDocument, check_new
 from haptix.base.report import record
 from haptix.base.task import Context, Result
 from haptix.model.presets import DEFAULT_CARRIER_HZ, FORCES_N, FingerName

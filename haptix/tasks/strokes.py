@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from haptix.base.checks import Force
 from haptix.base.errors import InputError, MissingExtraError, OverloadWarning, from_extra
 from haptix.base.fields import (
     Address,
     FileThere,
     Folder,
+    Force,
     ForClients,
     JsonObject,
     Local,

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field
 
-from haptix.base.checks import Force
 from haptix.base.errors import InputError, LimitError, ToleranceError
 from haptix.base.fields import (
     Argument,
     FileThere,
     Folder,
+    Force,
     ForceRange,
     Frequency,
     FrequencyRange,

@@ -30,8 +30,9 @@ import numpy as np
 from pydantic import Field, PositiveFloat, field_serializer, model_validator
 from pydantic.json_schema import SkipJsonSchema
 
-from haptix.base.checks import LIFTED_BELOW_N, Array, number, positive
+from haptix.base.checks import Array, number, positive
 from haptix.base.errors import FileFormatError, InputError
+from haptix.base.fields import LIFTED_BELOW_N
 from haptix.base.files import read_csv
 from haptix.feel.materials.field import FrictionField, Mapped, turned
 from haptix.feel.materials.material import Material

@@ -1,6 +1,6 @@
 """How fingers move: whole paths, and the blocks of them that a material is asked for."""
 
-from haptix.base.checks import HARDEST_N, LIFTED_BELOW_N
+from haptix.base.fields import HARDEST_N, LIFTED_BELOW_N
 from haptix.feel.motion.block import Depends, Facts, History, LocalFrame, Motion, Report
 from haptix.feel.motion.trajectory import (
     FARTHEST_MM,

@@ -11,8 +11,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from haptix.base.checks import LIFTED_BELOW_N, Array
+from haptix.base.checks import Array
 from haptix.base.errors import InputError
+from haptix.base.fields import LIFTED_BELOW_N
 from haptix.feel.motion.trajectory import Trajectory
 
 SLOW_MM_PER_S = 2.0

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from haptix.base.checks import HARDEST_N, Array, increasing, row
+from haptix.base.checks import Array, increasing, row
 from haptix.base.display import Table, axes_or_new
 from haptix.base.errors import InputError
+from haptix.base.fields import HARDEST_N
 from haptix.base.files import read_csv
 
 if TYPE_CHECKING:

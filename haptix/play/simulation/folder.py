@@ -16,8 +16,8 @@ import torch
 
 from firmware_io import volts_to_codes
 from firmware_io.limits import Current
-from haptix.base.checks import LIFTED_BELOW_N
 from haptix.base.errors import MissingExtraError, from_extra
+from haptix.base.fields import LIFTED_BELOW_N
 from haptix.base.files import check_folder, csv_text, json_text, write_folder
 from haptix.base.report import record, row
 from haptix.base.version import __version__

@@ -14,9 +14,10 @@ import torch
 from torch import Tensor
 
 from firmware_io import Device, open_device
-from haptix.base.checks import LIFTED_BELOW_N, Array
+from haptix.base.checks import Array
 from haptix.base.display import Displayed, axes_or_new
 from haptix.base.errors import InputError
+from haptix.base.fields import LIFTED_BELOW_N
 from haptix.feel.materials import Feelable, RecordedProfile, as_mu
 from haptix.feel.materials.spectral import (
     BANDS_HZ,

@@ -13,18 +13,9 @@ import numpy.typing as npt
 from pydantic import Field
 
 from haptix.base import checks
-from haptix.base.checks import (
-    HARDEST_N,
-    LIFTED_BELOW_N,
-    NotNegative,
-    Number,
-    Positive,
-    checked,
-    instance,
-    number,
-    positive,
-)
+from haptix.base.checks import NotNegative, Number, Positive, checked, instance, number, positive
 from haptix.base.errors import InputError
+from haptix.base.fields import HARDEST_N, LIFTED_BELOW_N
 from haptix.feel.motion import Trajectory
 
 TouchKind = Literal["down", "move", "up"]

@@ -10,19 +10,10 @@ import numpy as np
 import torch
 from pydantic import Field
 
-from haptix.base.checks import (
-    LIFTED_BELOW_N,
-    Array,
-    NotNegative,
-    Number,
-    Positive,
-    checked,
-    number,
-    positive,
-    row,
-)
+from haptix.base.checks import Array, NotNegative, Number, Positive, checked, number, positive, row
 from haptix.base.display import Displayed
 from haptix.base.errors import InputError
+from haptix.base.fields import LIFTED_BELOW_N
 from haptix.base.threads import one_thread
 from haptix.feel.motion import STANDING_BELOW_MM_PER_S, Trajectory
 from haptix.model.friction import ContactModel

@@ -8,18 +8,10 @@ from typing import Annotated, Literal
 import numpy as np
 import numpy.typing as npt
 
-from haptix.base.checks import (
-    LIFTED_BELOW_N,
-    Array,
-    NotNegative,
-    Number,
-    Positive,
-    checked,
-    number,
-    positive,
-)
+from haptix.base.checks import Array, NotNegative, Number, Positive, checked, number, positive
 from haptix.base.display import Displayed, Table
 from haptix.base.errors import InputError
+from haptix.base.fields import LIFTED_BELOW_N
 from haptix.base.report import Heading
 from haptix.feel.motion import Trajectory
 from haptix.model.perception.thresholds import WEBER_FRACTION, WeightedError, weighted_error

@@ -12,9 +12,10 @@ import numpy.typing as npt
 import torch
 
 from haptix.base import checks
-from haptix.base.checks import LIFTED_BELOW_N, Array
+from haptix.base.checks import Array
 from haptix.base.display import Displayed
 from haptix.base.errors import InputError, LimitError
+from haptix.base.fields import LIFTED_BELOW_N
 from haptix.base.threads import one_thread
 from haptix.feel.motion import STANDING_BELOW_MM_PER_S, Trajectory
 from haptix.model.electro import Circuit

@@ -53,7 +53,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from haptix.base.checks import HARDEST_N, Array
+from haptix.base.checks import Array
+from haptix.base.fields import HARDEST_N
 from haptix.service.protocol.messages import MOST_TOUCHES, Problem, Stream, TouchMessage
 
 _HEADER = struct.Struct("<BBHId")

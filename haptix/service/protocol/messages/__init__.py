@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from haptix.base.checks import Force
+from haptix.base.fields import Force
 from haptix.feel.layout.region import Number, PixelPlaces, Place, RegionFields
 
 PROTOCOL = (1, 0)
