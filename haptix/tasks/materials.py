@@ -130,6 +130,9 @@ class FitMaterial(Task, command="material fit"):
         description="CSV with t_s, position_mm or speed_mm_per_s, and mu or tangential_force_n "
         "with normal_force_n."
     )
+    columns: FileThere | None = Field(
+        None, description="Which column of another recording is what, as TOML."
+    )
     out: NewDocument | None = Field(None, description="Material. [default: RECORDING with .toml]")
     finger: FingerName = Field("semi-wet", description="Finger that feels both.")
     screen: ScreenName = Field("3m-sct3250", description="Screen.")
@@ -140,6 +143,7 @@ class FitMaterial(Task, command="material fit"):
         import tomlkit
 
         from haptix.base.files import write_whole
+        from haptix.feel.materials.recording_columns import RecordingColumns
         from haptix.feel.materials.spectral import fit, stretches
         from haptix.model.finger import Finger
         from haptix.model.friction import ContactModel
@@ -148,7 +152,8 @@ class FitMaterial(Task, command="material fit"):
 
         out = self.out or self.recording.with_suffix(".toml")
         refuse_input(out, self.recording)
-        recorded = stretches(self.recording)
+        columns = None if self.columns is None else RecordingColumns.load(self.columns)
+        recorded = stretches(self.recording, columns)
         material = fit(recorded, self.seed)
         fields = {"kind": material.kind, **material.model_dump(exclude_defaults=True)}
         text = tomlkit.dumps(fields)

@@ -37,6 +37,7 @@ from haptix.base.files import read_csv
 from haptix.feel.materials.field import FrictionField, Mapped, turned
 from haptix.feel.materials.material import Material
 from haptix.feel.materials.pyramid import Beyond, Pyramid
+from haptix.feel.materials.recording_columns import RecordingColumns
 from haptix.feel.motion import Motion
 from haptix.feel.motion.block import SLOW_MM_PER_S
 
@@ -80,7 +81,7 @@ class Stretch:
         return self.step_mm * len(self.change)
 
 
-def stretches(path: str | Path) -> tuple[Stretch, ...]:
+def stretches(path: str | Path, columns: RecordingColumns | None = None) -> tuple[Stretch, ...]:
     """Read a recording in time: its strokes of 10 mm or more in one direction.
 
     Raises `FileFormatError` if the file cannot be read, a column is missing or a cell is not a
@@ -92,9 +93,15 @@ def stretches(path: str | Path) -> tuple[Stretch, ...]:
         CSV with ``t_s``; ``position_mm`` or ``speed_mm_per_s`` along the stroke; and ``mu``, or
         ``tangential_force_n`` and ``normal_force_n``. Other columns are ignored. Where both are
         known the finger must slide at 2 mm/s or more, and press.
+    columns : RecordingColumns, optional
+        Which column is what, where the file has others.
     """
-    rows = list(read_csv(path, ("t_s",)))
-    names = set(rows[0].cells) if rows else set()
+    if columns is not None:
+        at = columns.read(path)
+        names = set(at)
+    else:
+        rows = list(read_csv(path, ("t_s",)))
+        names = set(rows[0].cells) if rows else set()
     needed = ({"position_mm", "speed_mm_per_s"}, {"mu", "tangential_force_n"})
     if not all(either & names for either in needed) or not names & {"mu", "normal_force_n"}:
         raise FileFormatError(
@@ -102,8 +109,10 @@ def stretches(path: str | Path) -> tuple[Stretch, ...]:
             f"tangential_force_n with normal_force_n; got {', '.join(sorted(names)) or 'no rows'}"
         )
     wanted = ("t_s", "position_mm", "speed_mm_per_s", "mu", "tangential_force_n", "normal_force_n")
-    at = {name: np.array([row.number(name) for row in rows]) for name in wanted if name in names}
-    if len(rows) < 2 or (np.diff(at["t_s"]) <= 0).any():
+    if columns is None:
+        found = [name for name in wanted if name in names]
+        at = {name: np.array([row.number(name) for row in rows]) for name in found}
+    if len(at["t_s"]) < 2 or (np.diff(at["t_s"]) <= 0).any():
         raise InputError(f"{path}: expected two rows or more whose t_s increases")
     dt = float(np.median(np.diff(at["t_s"])))
     t = np.arange(at["t_s"][0], at["t_s"][-1], dt)
