@@ -8,8 +8,9 @@ from typing import Literal, Self
 import numpy as np
 from pydantic import PositiveFloat, model_validator
 
-from haptix.base.checks import LIFTED_BELOW_N, Array
+from haptix.base.checks import Array
 from haptix.base.documents import Document, Part
+from haptix.base.fields import LIFTED_BELOW_N
 from haptix.base.tables import read_table
 
 _Signal = Literal[
