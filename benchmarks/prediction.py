@@ -15,7 +15,7 @@ import time
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 from demo_setting import demo_setting
@@ -55,6 +55,7 @@ class Setting:
     latency_s: float = 0.03
     noise_mm: float = 0.1
     step_mm: float = 0.0  # of the reported place; 0 for none
+    is_silent: bool = False  # about a place that is that of the report before
     missing: float = 0.0
     duration_s: float = 10.0
 
@@ -71,6 +72,9 @@ def errors_mm(
         events = [
             e._replace(x_mm=rounded(e.x_mm, step), y_mm=rounded(e.y_mm, step)) for e in events
         ]
+    if setting.is_silent:
+        pairs = pairwise(events)
+        events = events[:1] + [new for old, new in pairs if new[2:4] != old[2:4]]
     arrivals = [event.t_s for event in events]
     t0 = arrivals[0] + 0.1
     starts = np.arange(t0, setting.duration_s, BLOCK_S)
@@ -167,6 +171,12 @@ SURROUNDINGS = {
     "noise 0.02 mm": Setting(noise_mm=0.02),
     "noise 0.2 mm": Setting(noise_mm=0.2),
     "one in ten missing": Setting(missing=0.1),
+    "60 Hz, steps of 1 mm, silent": Setting(
+        rate_hz=60.0, noise_mm=0.0, step_mm=1.0, is_silent=True
+    ),
+    "60 Hz, steps of 2 mm, silent": Setting(
+        rate_hz=60.0, noise_mm=0.0, step_mm=2.0, is_silent=True
+    ),
 }
 
 
