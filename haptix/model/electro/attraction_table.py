@@ -394,14 +394,18 @@ class WideningAttraction(Attraction):
         """Value at ln p of a table whose parts are coefficients."""
         assert table is not None
         cubics, t = table.cubic(log_pressure, self.column)
-        return polynomial(polynomial(cubics.unbind(1), log_pressure - self.log_applied).unbind(), t)
+        return polynomial(polynomial(cubics.unbind(1), self._rise(log_pressure)).unbind(), t)
+
+    def _rise(self, log_pressure: Tensor) -> Tensor:
+        """Ln p_A/p0 within the fitted range: the polynomials grow without bound beyond it."""
+        return (log_pressure - self.log_applied).clamp(max=LARGEST_RISE)
 
     def _with_slope(self, table: UniformCubic | None, at: Tensor) -> tuple[Tensor, Tensor]:
         """Value and slope at ln p of a table whose parts are coefficients."""
         assert table is not None
         cubics, t = table.cubic(at, self.column)
         # Of each coefficient of the cubic, the polynomial in the rise.
-        values, by_rise = polynomial_with_slope(cubics.unbind(1), at - self.log_applied)
+        values, by_rise = polynomial_with_slope(cubics.unbind(1), self._rise(at))
         value, slope = polynomial_with_slope(values.unbind(), t)
         return value, slope / table.step + polynomial(by_rise.unbind(), t)
 
