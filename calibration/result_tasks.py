@@ -109,8 +109,8 @@ class FitSession(Task, command="calibrate fit"):
             "terms": record(needs),
         }
         title = (
-            f"{self.folder / FIT}: {len(fit.strokes)} strokes, which repeat within "
-            f"{fit.repeatability.log_mu:.1%}; theory {fit.theory}"
+            f"{self.folder / FIT}: {len(fit.strokes)} strokes, which {fit.scatter}; theory "
+            f"{fit.theory}"
         )
         return Result(document, [(title, ()), *fit.parts(needs)])
 

@@ -35,7 +35,9 @@ from calibration.plan.predict import StrokePredictor
 from haptix.base.errors import InputError
 from haptix.model.contact import THEORIES, TheoryName
 from haptix.model.contact.persson import GapDistribution
+from haptix.model.finger import Finger, MeasuredRoughness
 from haptix.model.friction import ContactModel
+from haptix.model.friction.placeholders import whole_roughness
 from haptix.model.perception.thresholds import WEBER_FRACTION
 from haptix.model.terms import TERMS, Stage
 
@@ -65,7 +67,8 @@ def other_forms(
 ) -> dict[str, StrokePredictor]:
     """Return predictors in the other gap distribution and the other theory for calibrations.
 
-    `tables` is one that exists already, of the other theory.
+    For a measured roughness there is one more, with the waves that were not measured. `tables` is
+    one that exists already, of the other theory.
     """
     is_plain = model.contact.gap_distribution == "plain"
     other: GapDistribution = "combined" if is_plain else "plain"
@@ -77,7 +80,14 @@ def other_forms(
         usual = THEORIES[theory].usual_terms | THEORIES[model.theory].usual_terms
         kept = {name: on for name, on in (terms or {}).items() if name not in usual}
         tables = StrokePredictor(ContactModel(finger, screen, terms=kept, theory=theory))
-    return {f'gap distribution "{other}"': StrokePredictor(by_gaps), f'theory "{theory}"': tables}
+    forms = {f'gap distribution "{other}"': StrokePredictor(by_gaps), f'theory "{theory}"': tables}
+    area = finger.apparent_area_at_1n_m2
+    if isinstance(finger.roughness, MeasuredRoughness) and finger.roughness.unmeasured(area):
+        hurst, whole = whole_roughness(finger.roughness, area)
+        extended = finger.replace(roughness=whole)
+        model = ContactModel(extended, screen, terms=terms, theory=model.theory)
+        forms[f"waves that were not measured, H = {hurst:g}"] = StrokePredictor(model)
+    return forms
 
 
 def compare_forms(
@@ -232,7 +242,15 @@ def fit_strokes(
         theory=predictor.model.theory,
         forms=tuple(compared),
         posterior=posterior,
+        unmeasured=_unmeasured(predictor.model.finger),
     )
+
+
+def _unmeasured(finger: Finger) -> tuple[str, ...]:
+    roughness = finger.roughness
+    if not isinstance(roughness, MeasuredRoughness):
+        return ()
+    return (*roughness.unmeasured(finger.apparent_area_at_1n_m2), *roughness.warnings)
 
 
 def _exchanged(residuals: Residuals, free: Array) -> tuple[Array, float] | None:

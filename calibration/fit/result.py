@@ -254,6 +254,8 @@ class Fit(Document):
         The strokes fitted in other forms of the model.
     posterior : Posterior
         What the covariance is made of.
+    unmeasured : tuple of str
+        What the roughness of the finger lacks, and warnings about it.
     made_from : mapping of str to str
         SHA-256 of each file of the session that the fit rests on.
     made_by : str
@@ -276,6 +278,7 @@ class Fit(Document):
     theory: TheoryName
     forms: tuple[FormFit, ...] = ()
     posterior: Posterior
+    unmeasured: Annotated[tuple[str, ...], Field(exclude_if=lambda names: not names)] = ()
     made_from: dict[str, str] = Field(default={})
     made_by: str = ""
     content_hash: str = ""
@@ -354,6 +357,17 @@ class Fit(Document):
             ("Which terms the strokes need", needs),
             ("Strokes that were not used", left_out),
         ]
+
+    @property
+    def scatter(self) -> str:
+        """How far the strokes lie from the model, in words, and why."""
+        size = f"{self.repeatability.log_mu:.1%}"
+        if not self.unmeasured:
+            return f"repeat within {size} in mu beyond their own errors"
+        return (
+            f"lie within {size} in mu of the model, beyond their own errors: how they repeat, and "
+            f"what the model lacks, since it was not measured: {'; '.join(self.unmeasured)}"
+        )
 
     shear: ClassVar[str] = "frictional_shear_stress_pa"
     """The parameter that belongs to its model."""

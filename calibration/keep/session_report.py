@@ -115,8 +115,7 @@ def write_report(
         listed("Rests on", rests_on),
         _raw_traces(recordings, farthest_stroke(fit, reduced, predictor)),
         paragraph(
-            f"{len(fit.strokes)} strokes in the fit; they repeat within "
-            f"{fit.repeatability.log_mu:.1%} in mu beyond their own errors. Terms on: "
+            f"{len(fit.strokes)} strokes in the fit; they {fit.scatter}. Terms on: "
             f"{', '.join(fit.terms)}. {_crosstalk(reduced)}"
         ),
     ]

@@ -8,9 +8,10 @@ import pytest
 
 import haptix
 from calibration import Fit, Parameters, fit_strokes, full_protocol, paper_protocol
-from calibration.fit.fitting import compare_terms
+from calibration.fit.fitting import compare_terms, other_forms
 from calibration.measure.reduction import Reduced
 from calibration.plan.predict import StrokeConditions, StrokePredictor
+from haptix.model.finger import MeasuredRoughness
 
 TRUTH = {
     "h0_m": 1.6e-7,
@@ -261,3 +262,32 @@ def test_nothing_to_fit(predictor, strokes, parameters):
 def test_wrong_parameters_are_named(parameters, change, said):
     with pytest.raises(haptix.InputError, match=said):
         change(parameters)
+
+
+def test_a_roughness_that_lacks_waves_is_told_beside_the_scatter(screen, reduced_of):
+    """Pixels of 10 um: the strokes of a finger with all waves are fitted with those of 20 um on."""
+    base = haptix.Finger.preset("semi-wet")
+    law = base.roughness.spectrum()
+    cut = law.wavenumber.new_tensor([law.q0, law.q_rolloff, 3.14e5])
+    spectrum = haptix.model.RoughnessSpectrum.from_table(cut, law(cut))
+    seen = base.replace(roughness=MeasuredRoughness.of(spectrum, "confocal"))
+    plan = full_protocol()
+    few = [one for one in plan.strokes if one.normal_force_n in (0.1, 0.9)][::2]
+    plan = plan.replace(strokes=tuple(few))
+    whole = StrokePredictor(haptix.ContactModel(base, screen))
+    true = Parameters.of(base, screen)
+    reduced = reduced_of(whole, plan, true, np.random.default_rng(4))
+    predictor = StrokePredictor(haptix.ContactModel(seen, screen))
+    forms = other_forms(predictor.model)
+    (with_waves,) = {name: form for name, form in forms.items() if "waves" in name}.items()
+    start = Parameters.of(seen, screen)
+    names = ("h0_m", "frictional_shear_stress_pa")
+    known = start.fixed(**{n: start[n].value for n in start.free if n not in names})
+    fit = fit_strokes(reduced, predictor, known, bootstraps=0, forms=dict([with_waves]))
+    assert fit.unmeasured == ("roughness of the finger in waves shorter than 20 um",)
+    assert "repeat within" not in fit.scatter and "shorter than 20 um" in fit.scatter
+    # 1 % was put in; the strokes of 0 to 200 V cannot be had of a contact without short waves.
+    assert fit.repeatability.log_mu > 0.015
+    (form,) = fit.forms
+    assert "waves that were not measured" in form.form and form.evidence < -10
+    assert Fit.model_validate(fit.model_dump()).unmeasured == fit.unmeasured

@@ -89,9 +89,23 @@ def unseen_waves(
     roughness: MeasuredRoughness, apparent_area_m2: float
 ) -> Iterator[MeasuredRoughness]:
     """Yield a measured roughness with each of some laws for the waves that were not measured."""
-    seen, longest = roughness.spectrum().of_measured_band(), 2 * pi / sqrt(apparent_area_m2)
-    for hurst, shortest in _TAILS:
-        yield MeasuredRoughness.of(seen.extended(hurst, shortest, longest))
+    for hurst, shortest_per_m in _TAILS:
+        yield _with_all_waves(roughness, apparent_area_m2, hurst, shortest_per_m)
+
+
+def whole_roughness(
+    roughness: MeasuredRoughness, apparent_area_m2: float
+) -> tuple[float, MeasuredRoughness]:
+    """Return a Hurst exponent, that of the presets, and a roughness that goes on with it."""
+    hurst = Roughness().hurst
+    return hurst, _with_all_waves(roughness, apparent_area_m2, hurst, Roughness().q1_per_m)
+
+
+def _with_all_waves(
+    roughness: MeasuredRoughness, apparent_area_m2: float, hurst: float, shortest_per_m: float
+) -> MeasuredRoughness:
+    seen, longest_per_m = roughness.spectrum().of_measured_band(), 2 * pi / sqrt(apparent_area_m2)
+    return MeasuredRoughness.of(seen.extended(hurst, shortest_per_m, longest_per_m))
 
 
 def alike(roughness: Roughness) -> list[Roughness]:
