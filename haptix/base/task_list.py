@@ -8,7 +8,7 @@ from __future__ import annotations
 TASKS: dict[str, tuple[str, str]] = {
     "demo": (
         "haptix.tasks.strokes:Demo",
-        "From a photograph to volts: everything once, without hardware.",
+        "From a photograph to what a finger feels: everything once, without hardware.",
     ),
     "render": (
         "haptix.tasks.strokes:Render",

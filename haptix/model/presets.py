@@ -98,5 +98,6 @@ def breakdown_note(share: float) -> str:
         return ""
     return (
         f"; warning: up to {share:.0%} of the attraction comes from gaps whose field is past what "
-        "they bear: they spark or leak, and friction is likely to be lower"
+        "they bear: on a real screen they spark or leak, and its friction is likely to be lower (a "
+        "mock driver has no voltage)"
     )

@@ -173,7 +173,7 @@ class OfPhotograph(OnScreen):
 
 
 class Demo(OfPhotograph, command="demo"):
-    """From a photograph to volts: everything once, without hardware.
+    """From a photograph to what a finger feels: everything once, without hardware.
 
     Writes demo.png, drive.wav with drive.json, felt.csv and summary.json.
     """
@@ -187,6 +187,9 @@ class Demo(OfPhotograph, command="demo"):
         "bright-high", description="bright-high or dark-high: which grey has high friction."
     )
     out: Folder = Field(Path("haptix-demo"), description="Folder for the outputs.")
+    figure: bool = Field(
+        False, description="Draw a laboratory's five panels: also force, voltage and wave."
+    )
 
     def run(self, context: Context) -> Result:
         """Build, simulate, write."""
@@ -216,7 +219,7 @@ class Demo(OfPhotograph, command="demo"):
             },
         }
         context.progress("write the files", 0.0)
-        summary = write(self.out, simulation, about, "demo.png")
+        summary = write(self.out, simulation, about, "demo.png", 5 if self.figure else 2)
         past = breakdown_note(summary["pull_past_breakdown"])
         title = f"{first_line(summary)}\nhaptix demo: outputs in {self.out}{past}"
         return Result([summary], [(title, _summary_rows(summary, simulation.evaluation))])

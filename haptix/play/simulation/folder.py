@@ -8,7 +8,7 @@ from functools import partial
 from io import BytesIO
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import soundfile
@@ -136,7 +136,11 @@ def _theory(accuracy: Accuracy) -> str:
 
 
 def write(
-    folder: Path, simulation: Simulation, about: Mapping[str, Any], picture: str = "simulation.png"
+    folder: Path,
+    simulation: Simulation,
+    about: Mapping[str, Any],
+    picture: str = "simulation.png",
+    panels: Literal[2, 5] = 5,
 ) -> dict[str, Any]:
     """Write a picture and `FILES`: all of them, or none.
 
@@ -150,6 +154,8 @@ def write(
         What was simulated, in words; goes into the summary.
     picture : str
         Name of the picture, which needs the extra ``figures`` and is left out without it.
+    panels : int
+        2 for texture and friction, 5 for force, voltage and wave as well.
 
     Returns
     -------
@@ -169,7 +175,7 @@ def write(
     except MissingExtraError as error:
         pictured = f"not drawn: {error}"
     else:
-        drawn, pictured = {picture: partial(draw, simulation)}, picture
+        drawn, pictured = {picture: partial(draw, simulation, panels=panels)}, picture
     summary = {**about, **summary_of(simulation), "picture": pictured}
     contents = (
         _felt_table(simulation),
@@ -237,10 +243,19 @@ def _current(simulation: Simulation) -> dict[str, float]:
     }
 
 
-def draw(simulation: Simulation, file: Path) -> None:
+def draw(simulation: Simulation, file: Path, panels: Literal[2, 5] = 5) -> None:
     """Draw path and texture, friction, voltage, and the waveform or the parts of the error."""
     from matplotlib.figure import Figure
 
+    if panels == 2:
+        figure = Figure(figsize=(8, 8), layout="constrained")
+        above, below = figure.subplots(2, height_ratios=(1.4, 1))
+        _texture(above, simulation)
+        above.set_title("Bright is to feel rougher; a finger slides from red to yellow")
+        _friction(below, simulation)
+        below.set(xlabel="time (s)", title="Friction that is asked for, and that the finger feels")
+        figure.savefig(file, dpi=110, format="png")
+        return
     figure = Figure(figsize=(13, 8.5), layout="constrained")
     grid = figure.add_gridspec(3, 2, width_ratios=(1, 1.5), height_ratios=(1.15, 1, 1))
     _texture(figure.add_subplot(grid[:2, 0]), simulation)

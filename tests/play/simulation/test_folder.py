@@ -11,6 +11,7 @@ from skimage.io import imread
 import haptix
 from haptix import InputError
 from haptix.play.simulation import simulate, summary_of, write
+from haptix.play.simulation.folder import draw
 from haptix.play.virtual_finger import TouchPanel
 
 FILES = {"simulation.png", "summary.json", "felt.csv", "drive.wav", "drive.json"}
@@ -52,13 +53,21 @@ def test_a_path_that_cannot_be_evaluated_is_told_without_nan(setting, surface, t
     assert told["evaluation"]["still"] == told["evaluation"]["samples"]
 
 
+def test_a_picture_has_two_panels_or_a_laboratory_s_five(simulation, tmp_path):
+    shapes = []
+    for panels in (2, 5):
+        draw(simulation, tmp_path / "picture.png", panels)
+        shapes.append(imread(tmp_path / "picture.png").shape[:2])
+    assert shapes == [(880, 880), (935, 1430)]  # 110 dots an inch
+
+
 def test_a_folder_is_whole_or_as_it_was(simulation, tmp_path, monkeypatch):
     draw = "haptix.play.simulation.folder.draw"
-    monkeypatch.setattr(draw, lambda _, file: file.write_bytes(b"first"))
+    monkeypatch.setattr(draw, lambda _, file, panels: file.write_bytes(b"first"))
     write(tmp_path, simulation, {"run": 1})
     before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
 
-    def full(_, file):
+    def full(_, file, panels):
         file.write_bytes(b"sec")
         raise OSError("No space left on device")
 
