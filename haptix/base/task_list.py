@@ -178,6 +178,10 @@ TASKS: dict[str, tuple[str, str]] = {
         "calibration.keeping_tasks:RunBatch",
         "Run panel after panel, each in a folder of its own. The same command again continues.",
     ),
+    "touchscreen calibrate": (
+        "haptix.tasks.touchscreens:CalibrateTouchscreen",
+        "Find how a touch panel lies on the picture, and its size, with a finger on four marks.",
+    ),
     "calibrate standard": (
         "calibration.keeping_tasks:ChartStandard",
         "Enter strokes on a check standard into the register, and chart them over days.",
@@ -196,6 +200,7 @@ TASKS: dict[str, tuple[str, str]] = {
 GROUPS = {
     "material": "Tasks of materials, the documents that say what a surface feels like.",
     "stimuli": "Tasks of stimuli for perception experiments: make and draw sets, run and analyse trials.",
+    "touchscreen": "Tasks of touch panels.",
     "calibrate": "Calibrate a screen: plan, measure, reduce, fit, verify; each step can be repeated.",
 }
 """Sentences of commands whose second word is the task."""

@@ -230,7 +230,7 @@ def test_commands_on_the_pages_have_the_options_that_they_name():
                 words = words[1:]
             options = {one for parameter in command.params for one in parameter.opts} | {"--help"}
             options |= {one for parameter in command.params for one in parameter.secondary_opts}
-            named = set(re.findall(r"(?<=\s)--[a-z][a-z-]*", line))
+            named = set(re.findall(r"(?<=\s)--[a-z][a-z0-9-]*", line))
             assert named <= options, f"{page.name}: haptix {line}"
             tried += 1
     assert tried > 60

@@ -117,6 +117,7 @@ def test_query_of_the_model(haptix_cli):
         assert row.pop("status") == "OK"
         assert (row.pop("finger"), row.pop("screen")) == ("semi-wet", "3m-sct3250")
         assert row.pop("pair") == "screen not measured"
+        assert row.pop("h_rms_m") == model().finger.roughness.h_rms_m
         del row["normal_force_n"], row["voltage_v"], row["roughness_spread_jnd"]
         for name, value in row.items():
             # The tables of attraction are laid out for the forces asked for, and so differ between
@@ -369,6 +370,8 @@ def test_a_table_fits_its_terminal_whole(haptix_cli, more):
     # Nor have finger and screen: they stand in the first line.
     names = [{row.pop(name) for row in rows} for name in ("finger", "screen", "pair")]
     assert all(name in lines[0] for (name,) in names)
+    # One number of the finger alone, for programs.
+    assert {row.pop("h_rms_m") for row in rows} == {2.2e-5}
     assert all(f"{max(spread):.2g} JND" in " ".join(lines) for spread in spreads)
     assert "from gaps whose field is past what they bear:" in " ".join(shown.out.split())
     # Every word of the headings, where there is room for words, and every value in one piece.

@@ -21,22 +21,23 @@ NOT_A_NUMBER = ("", "nan", "inf", "-inf", "1e309", "ten", "1,5", "0x10", "1 K", 
 KINDS = {
     "file that is read": (
         "--image --material --trajectory --profile --tap --inputs --columns --plan --certificate "
-        "--key --recipe --instruments --before --after scene plan recipe sidecar log file "
+        "--key --recipe --instruments --before --after --dielectric --preregistration --about "
+        "measurements scene plan recipe sidecar log file "
         "files profile a b recording one other table",
         NOT_READ,
     ),
     "surface that is read": ("--surface surface", NOT_READ),
-    "file or folder that is read": ("what source sessions", NOT_THERE),
-    "file that is written": ("--out --log --page out", NOT_WRITTEN),
+    "file or folder that is read": ("--csv what source sessions", NOT_THERE),
+    "file that is written": ("--out --log --page --preregister out", NOT_WRITTEN),
     "file that may be new": ("--register-file register_file", ("folder", LONG, "file/below")),
-    "folder": ("--csv --root --study study folder", NOT_MADE),
+    "folder": ("--root --study study folder", NOT_MADE),
     "preset": (
         "--finger --screen --slider --touched-by",
         ("", "missing", "semiwet", "Semi-wet", "missing.toml", LONG, ".toml", "folder/.toml"),
     ),
     "word": (
         "shell --skin-dielectric --fidelity --theory --with --without --polarity --waveform "
-        "--protocol --source --on",
+        "--protocol --source --on --convention --remove --beyond",
         ("", "missing", "mean_field", "FINITE-SIZE", LONG, "\u00fc"),
     ),
     "address": (
@@ -51,7 +52,8 @@ KINDS = {
         "--max-voltage-v --minutes --crosstalk --temperature-c --humidity-percent --weight-n "
         "--repeatability-percent --tolerance-jnd --normal-reading-n --tangential-reading-n "
         "--speed-mm-per-s --shortest-mm --longest-mm --ask-after-h --second-weight-n "
-        "--second-tangential-reading-n --seconds",
+        "--second-tangential-reading-n --seconds --h-rms-m --pixel-m --hurst --longest-m "
+        "--area-m2 --thickness-m",
         NOT_A_NUMBER,
     ),
     "numbers": (
@@ -66,7 +68,7 @@ KINDS = {
     "pair": ("--fix --prior", ("", "=", "h0_m", "h0_m=", "h0_m=nan", "h0_m=1,2,3", "=1,2")),
     "label": ("--participant --session --task", ("", "a b", "\u00e4", "../x", "a" * 65)),
     "name": ("--name --panel --serial --listen", ("", " ")),
-    "any text": ("--operator touchscreen", ()),
+    "any text": ("--operator --unit touchscreen", ()),
 }  # fmt: skip
 OUT_IS_A_FOLDER = {
     "demo", "render", "tradeoff", "campaign", "stimuli make", "stimuli analyse",
