@@ -89,17 +89,22 @@ def check_recording(
     findings += checks.held()
     if early := list(checks.touched_early()):
         return findings + early  # without a zero the forces mean nothing
-    forces = list(checks.force_axes())
+    # A force that leaks away looks like one in a wrong unit.
+    bent = list(checks.bent())
+    forces = [one for one in bent if one.kind == _LEAK] or list(checks.force_axes())
     findings += forces
     if not forces:  # in a wrong unit no other check of the forces means anything
         findings += checks.zero()
-        findings += checks.bent()
+        findings += bent
         findings += checks.off_target(tolerance)
         if not any(finding.kind == "clipped force" for finding in findings):
             findings += checks.flattened()
     if "drive_v" not in recording.assumed:
         findings += checks.drive()
     return findings
+
+
+_LEAK = "leaking charge"
 
 
 def idle_parts(recording: StrokeRecording, idle_s: float) -> tuple[slice, slice]:
@@ -536,7 +541,7 @@ class _SlidingChecks:
             is_leak = by_level > 0 and abs(by_slope / by_level - 1) < _LEAK_AGREES
             if is_leak and abs(zero.slopes[0]) < _SURELY_BENT * zero.error:
                 yield Finding(
-                    "leaking charge",
+                    _LEAK,
                     f"{name} falls back with a time constant of {1 / by_level:.2g} s, as a charge "
                     f"amplifier does: after the touch it reads {left:.3g} N; set its longest time "
                     "constant, or take a sensor that measures at rest",

@@ -271,7 +271,7 @@ def leaking(recording, name, time_constant_s):
 
 @pytest.mark.parametrize("name", ["normal_force_n", "tangential_force_n"])
 @pytest.mark.parametrize("both", [True, False], ids=["there and back", "one way"])
-@pytest.mark.parametrize("time_constant_s", [0.5, 2.0, 5.0])
+@pytest.mark.parametrize("time_constant_s", [0.5, 2.0, 3.0, 5.0])
 def test_a_charge_amplifier_is_refused(recorded, name, both, time_constant_s):
     """2 s on one axis moved the friction by 4.6 %, and nothing was said."""
     stroke = ONE_WAY.model_copy(update={"there_and_back": both})
@@ -281,8 +281,8 @@ def test_a_charge_amplifier_is_refused(recorded, name, both, time_constant_s):
         # There and back most of what is lost cancels: a tenth of a JND is left.
         assert reduce_stroke(made).mu == pytest.approx(0.3, rel=0.011)
     else:
-        # Of 0.5 s in both ways the force is off so far that its unit is asked for first.
-        assert {"leaking charge", "wrong units"} & set(found)
+        # Of 0.5 s in both ways the force is off by as much as a wrong unit, and is none.
+        assert "leaking charge" in found and "wrong units" not in found
 
 
 def test_the_time_constant_of_a_charge_amplifier_is_said(recorded):

@@ -15,7 +15,7 @@ from firmware_io import open_device
 from haptix.base.errors import FileFormatError, InputError
 from haptix.lab.analysis import results as analysis
 from haptix.lab.analysis.preregistration import Preregistration
-from haptix.lab.analysis.results import analyse, report_html, write_analysis
+from haptix.lab.analysis.results import analyse, magnitude_rows, report_html, write_analysis
 from haptix.lab.analysis.study import export
 from haptix.lab.experiment import (
     Catch,
@@ -527,3 +527,28 @@ def test_an_analysis_is_compared_with_what_was_preregistered(tmp_path):
     assert all("began before" in note for note in notes("later.json"))
     run(logs / "c.tsv", UpDown(32.0), SimulatedObserver(24.0), source="program")
     assert any("c: another method and exclude" in note for note in notes())
+
+
+def test_the_modulus_of_a_person_is_that_of_all_conditions(tmp_path):
+    """One condition feels twice as strong: the means say so, whatever numbers people like."""
+    draw = np.random.default_rng(8)
+    made = {"low": at_level(WAVE), "high": at_level(WAVE, 0.9)}
+    for who in range(6):
+        modulus = float(np.exp(2 * draw.standard_normal()))
+        methods = {name: Magnitudes([10.0, 20.0], 2, seed=who) for name in made}
+
+        def answer(asked, modulus=modulus):
+            scatter = np.exp(0.05 * draw.standard_normal())
+            return f"{modulus * 10 ** (0.03 * asked.level) * scatter:.9g}"
+
+        run(tmp_path / f"p{who}.tsv", MethodsByCondition(methods), answer, "magnitude", made=made)
+    runs = analyse(tmp_path).runs
+    for one in runs:  # as if the second condition had been felt twice as strong
+        if one.condition == "high":
+            one.method.answers = [(level, 2 * number) for level, number in one.method.answers]
+    over_all = [row for row in magnitude_rows(runs) if row["participant"] == "all"]
+    means = {(row["condition"], row["level_db"]): row for row in over_all}
+    for level in (10.0, 20.0):
+        ratio = means["high", level]["mean"] / means["low", level]["mean"]
+        assert ratio == pytest.approx(2.0, rel=0.08)  # 0.05 over twelve answers each
+        assert means["low", level]["high"] < means["high", level]["low"]

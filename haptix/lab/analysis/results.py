@@ -368,8 +368,9 @@ def magnitude_rows(runs: Sequence[RunOfMethod]) -> list[Row]:
     Student's of the logarithms (Bland & Altman, BMJ 312, 1079 (1996)). One participant's logarithms
     are taken to scatter alike at all levels, since many repeat a round number at one of them. Over
     all, it is the scatter of the participants' means at the level, about everybody's mean of all.
+    A participant's modulus is that of all conditions of a task, so that their levels compare too.
     """
-    rows = []
+    rows, of_tasks = [], dict[tuple[str, ...], dict[str, list[dict[float, float]]]]()
     for members in _grouped(runs, lambda run: _condition(run.place)).values():
         means: dict[str, list[dict[float, float]]] = {}
         for run in members:
@@ -382,19 +383,30 @@ def magnitude_rows(runs: Sequence[RunOfMethod]) -> list[Row]:
             if logs and "excluded" not in run.summary:
                 of_session = {at: float(log.mean()) for at, log in logs.items()}
                 means.setdefault(run.session.participant, []).append(of_session)
-        if len(means) > 1:
-            shared = sorted(set.intersection(*map(set, chain.from_iterable(means.values()))))
-            of_people = means.values()
-            table = np.array(
-                [np.mean([[mean[at] for at in shared] for mean in of], 0) for of in of_people]
+        of_tasks[_condition(members[0].place)] = means
+    first = {_condition(run.place): run.place for run in reversed(runs)}
+    for places in _grouped(of_tasks, lambda place: (place[0], frozenset(of_tasks[place]))).values():
+        people = [*of_tasks[places[0]]]  # who made all of these conditions
+        if len(people) < _LEAST_PARTICIPANTS:
+            continue
+        items = [
+            (place, at)
+            for place in places
+            for at in sorted(set.intersection(*map(set, chain(*of_tasks[place].values()))))
+        ]
+        table = np.array(
+            [[np.mean([one[at] for one in of_tasks[place][who]]) for place, at in items]
+             for who in people]
+        )  # fmt: skip
+        table += table.mean() - table.mean(1, keepdims=True)
+        spread = table.std(0, ddof=1)
+        rows += [
+            _magnitude(
+                {**first[place], "participant": ALL, "session": ""},
+                at, table[:, k], spread[k], len(people) - 1,
             )
-            table += table.mean() - table.mean(1, keepdims=True)
-            place = {**members[0].place, "participant": ALL, "session": ""}
-            spread = table.std(0, ddof=1)
-            rows += [
-                _magnitude(place, at, table[:, k], spread[k], len(table) - 1)
-                for k, at in enumerate(shared)
-            ]
+            for k, (place, at) in enumerate(items)
+        ]  # fmt: skip
     return rows
 
 
