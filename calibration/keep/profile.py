@@ -23,8 +23,9 @@ from haptix.base.checks import positive
 from haptix.base.errors import InputError
 from haptix.base.files import write_whole
 from haptix.base.report import Heading
+from haptix.model.contact import TheoryName
 from haptix.model.finger import Finger, Roughness
-from haptix.model.friction import ContactModel
+from haptix.model.friction import ContactModel, in_theory
 from haptix.model.perception.thresholds import WEBER_FRACTION
 from haptix.model.presets import DEFAULT_CARRIER_HZ
 from haptix.model.screen import Calibration, Screen
@@ -222,6 +223,10 @@ class Match:
         return f"both give mu {self.mu_low:.3g} to {self.mu_high:.3g}"
 
 
+_LAWS: tuple[TheoryName, ...] = ("open-gaps", "corrected", "local")
+"""Forms of the mean field that fingers were found to follow."""
+
+
 def match_screens(
     a: Screen,
     b: Screen,
@@ -233,16 +238,23 @@ def match_screens(
     """Compare two screens under the same fingers, at each force [N].
 
     Friction is that of the steady attraction at an amplitude and a frequency, as surfaces hold it:
-    by default the carrier of `haptix render`.
+    by default the carrier of `haptix render`. The uncertainty has the spread of the fingers, that
+    of both insulators, and that of the forms of the mean field: each finger may follow another.
     """
     positive("frequency_hz", frequency_hz)
     if levels < 2:
         raise InputError(f"levels: expected 2 or more, got {levels}")
     curves_a, curves_b = (_Curves(profile, fingers, frequency_hz) for profile in (a, b))
+    by_law = [
+        [_Curves(profile, [in_theory(one, law) for one in fingers], frequency_hz)
+         for profile in (a, b)]
+        for law in _LAWS
+    ]  # fmt: skip
     matches = []
     for force in normal_force_n:
         positive("normal_force_n", force)
         of_a, of_b = curves_a.at(force), curves_b.at(force)
+        of_laws = [[curves.at(force) for curves in law] for law in by_law]
         mean_a, mean_b = ((log_mu.mean(0), volts) for volts, log_mu in (of_a, of_b))
         low, high = max(mean_a[0][0], mean_b[0][0]), min(mean_a[0][-1], mean_b[0][-1])
         rows = []
@@ -251,7 +263,10 @@ def match_screens(
             each_a, each_b = _at(of_a, at_a), _at(of_b, at_a)
             difference = each_b - each_a
             between = float(difference.std(ddof=1)) if len(fingers) > 1 else 0.0
-            log_sd = hypot(curves_a.spread(force, at_a), curves_b.spread(force, at_b), between)
+            in_laws = [_at(on_b, at_a) - _at(on_a, at_a) for on_a, on_b in of_laws]
+            law = float(np.sqrt(np.nanvar(in_laws, axis=0, ddof=1).mean()))
+            spreads = curves_a.spread(force, at_a), curves_b.spread(force, at_b)
+            log_sd = hypot(*spreads, between, law)
             rows.append(
                 MatchedFriction(
                     force,

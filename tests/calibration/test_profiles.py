@@ -16,6 +16,7 @@ from calibration.keep.profile import check_profile, match_screens
 from calibration.measure.reduction import Reduced
 from calibration.verify.steadiness import Drift
 from firmware_io import Device, MockDriver, MockLink
+from haptix.model.friction import in_theory
 from haptix.model.screen import NO_INSTRUMENT, Calibration, CalibrationWarning, VerifiedRange
 from haptix.play.devices import install_profile, installed_profile, profile_of, profiles_for
 from haptix.tasks.cli.application import app as whole
@@ -305,6 +306,20 @@ def test_what_is_the_screens_and_what_the_fingers(finger, screen):
         assert abs((share - 1) / 0.11 - row.difference_jnd) <= row.uncertainty_jnd
     at_b = np.sqrt(mu(finger, thick, row.voltage_b_v) * mu(moist, thick, row.voltage_b_v))
     assert at_b == pytest.approx(row.mu, rel=2e-4)  # 81 voltages, straight between
+
+
+def test_a_match_allows_for_a_finger_of_another_law(finger, screen):
+    """A finger that follows another form of the mean field than its profile says."""
+    thick = calibrated(screen.replace(insulator_thickness_m=1.6e-6, name="other"))
+    (place,) = match_screens(calibrated(screen), thick, [finger], (0.5,), 4000.0, 3)
+    row = place.levels[-1]
+    for law in ("corrected", "local"):
+        other = in_theory(finger, law)
+        mus = [
+            float(haptix.ContactModel(other, panel).solve(0.5, row.voltage_a_v, 4000.0).mu)
+            for panel in (screen, thick)
+        ]
+        assert abs((mus[1] / mus[0] - 1) / 0.11 - row.difference_jnd) <= row.uncertainty_jnd
 
 
 def test_match_lays_both_measured_fingers_on_both_screens(tmp_path, finger, screen):
