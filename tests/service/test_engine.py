@@ -59,15 +59,13 @@ class FakeRenderer:
     def lift(self, t_s, touch_id):
         self._do("lift")
 
-    def mute(self):
-        self._do("mute")
-        self.is_muted = True
+    def mute(self, on):
+        if on:
+            self._do("mute")
+        self.is_muted = on
 
     def events(self, events):
         self._do("events")
-
-    def unmute(self):
-        self.is_muted = False
 
     def __exit__(self, *what):
         self.exits += 1

@@ -107,21 +107,16 @@ class RenderStream(RenderCore, ABC):
     def user_intensity(self, share: float) -> None:
         self._master.turn(self._samples_s, user_intensity=share)
 
-    def mute(self) -> None:
-        """Fade to the lowest friction in 5 ms; time goes on."""
-        self._master.turn(self._samples_s, is_muted=True)
+    def mute(self, on: bool = True) -> None:
+        """Fade to the lowest friction in 5 ms, or in again if not `on`; time goes on."""
+        self._master.turn(self._samples_s, is_muted=on)
 
-    def unmute(self) -> None:
-        """Fade in again."""
-        self._master.turn(self._samples_s, is_muted=False)
-
-    def pause(self) -> None:
-        """Fade out, and stop the time of materials and layouts until `resume`."""
-        self._master.pause(self._samples_s)
-
-    def resume(self) -> None:
-        """Go on after a pause."""
-        self._master.resume(self._samples_s)
+    def pause(self, on: bool = True) -> None:
+        """Fade out and stop the time of materials and layouts, or go on if not `on`."""
+        if on:
+            self._master.pause(self._samples_s)
+        else:
+            self._master.resume(self._samples_s)
 
     def on(self, kind: LayoutEventKind, callback: Callable[[LayoutEvent], None]) -> None:
         """Call a function at each "enter", "leave", "press", "release" or "detent" of a finger.

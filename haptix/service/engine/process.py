@@ -298,10 +298,7 @@ class EngineServer:
 
     def _set_mute(self, renderer: Any) -> None:
         if renderer is not None:
-            if self._sleeps or self._is_muted:
-                renderer.mute()
-            else:
-                renderer.unmute()
+            renderer.mute(self._sleeps or self._is_muted)
 
     def _stop(self, reason: str) -> None:
         with self._lock:
@@ -617,10 +614,7 @@ class EngineServer:
     def _do_pause(self, on: bool) -> None:
         renderer, self._is_paused = self._renderer, on
         if renderer is not None:
-            if on:
-                renderer.pause()
-            else:
-                renderer.resume()
+            renderer.pause(on)
 
     def _do_sense(self, on: bool) -> None:
         self._senses = on

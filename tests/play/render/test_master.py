@@ -94,14 +94,14 @@ def test_mute_takes_5_ms_and_time_goes_on_while_in_a_pause_it_stands(surface, re
         slide(renderer, 0.1)
         renderer.mute()
         slide(renderer, 0.2, 0.1)
-        renderer.unmute()
+        renderer.mute(False)
         slide(renderer, 0.3, 0.2)
         patch.move(x_mm=400, over_s=0.8)  # at 500 mm/s, the finger at 100
         slide(renderer, 0.31, 0.3)
         renderer.pause()
         slide(renderer, 0.5, 0.31)
         scene_s = renderer.next_sample_s
-        renderer.resume()
+        renderer.pause(False)
         slide(renderer, 0.7, 0.5)
     assert at(renderer, 0.15) == pytest.approx(low, rel=1e-6)
     assert at(renderer, 0.115) == pytest.approx(low, rel=1e-6)

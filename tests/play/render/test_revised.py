@@ -224,8 +224,8 @@ def test_what_an_app_changes_is_rendered_again_at_once(surface, monkeypatch):
             assert not told
         patch = layout.add(STRIPES, 0, 0, 20, 20)
         renderer.texture = layout
-        renderer.unmute()
-        renderer.resume()
+        renderer.mute(False)
+        renderer.pause(False)
         renderer.touch(renderer.now_s(), 5.0, 5.0, 0.5)
         assert len(told) == 1
         before = 1
