@@ -373,7 +373,7 @@ def test_both_cores_agree_at_the_limits(seeds):
     } <= faults
 
 
-@pytest.mark.parametrize("seeds", [range(40), pytest.param(range(40, 140), marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seeds", [range(20), pytest.param(range(20, 140), marks=pytest.mark.slow)])
 def test_both_cores_measure_alike(seeds):
     met = set().union(*map(sensing_session, seeds))
     faults = {"PEAK_CURRENT", "RMS_CURRENT", "NO_CURRENT", "OVERLOAD", "none"}
