@@ -5,6 +5,7 @@ in every report (Documentation/input/multi-touch-protocol.rst).
 """
 
 import random
+from collections import Counter
 from dataclasses import dataclass, field
 
 from haptix.play.touch import AxisRange, ScreenAxes
@@ -148,4 +149,5 @@ class Panel:
     @property
     def touching(self):
         """Places [mm] of the fingers that touch."""
-        return {AXES.place_mm(each.x, each.y) for each in self.contacts.values() if each.touches}
+        touching = (each for each in self.contacts.values() if each.touches)
+        return Counter(AXES.place_mm(each.x, each.y) for each in touching)
