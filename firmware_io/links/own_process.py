@@ -166,9 +166,10 @@ def ask_in_own_process(module: str, function: str) -> Any:
 
 
 def _start(module: str, function: str, stdin: int) -> subprocess.Popen[bytes]:
-    # ALSA and JACK write to the standard error what they tried and did not find.
+    # ALSA and JACK write to the standard error what they tried and did not find. Without -P, a file
+    # of the working folder could take a module's place.
     return subprocess.Popen(
-        [sys.executable, "-c", f"from {module} import {function}; {function}()"],
+        [sys.executable, "-P", "-c", f"from {module} import {function}; {function}()"],
         bufsize=0,
         stdin=stdin,
         stdout=subprocess.PIPE,

@@ -34,7 +34,7 @@ def sine(first, count):
 @pytest.fixture
 def opened(tmp_path, monkeypatch, no_thread_is_left):
     """A device, and the file of what it plays."""
-    monkeypatch.chdir(ROOT)
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
 
     def of(**values):
         link = OwnProcessLink(MODULE, {"file": str(tmp_path / "heard"), **values})
@@ -113,7 +113,7 @@ def test_a_program_that_dies_leaves_a_ramp(tmp_path, way):
     """
     process = subprocess.Popen(
         [sys.executable, "-c", textwrap.dedent(program)],
-        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
         stderr=subprocess.DEVNULL,
         start_new_session=True,
     )
