@@ -20,7 +20,7 @@ from urllib.parse import quote
 import platformdirs
 
 import firmware_io
-from firmware_io import CurrentReading, Device
+from firmware_io import Capabilities, CurrentReading, Device
 from firmware_io.drive_check import DriveWindow
 from firmware_io.limits import (
     BODY_CAPACITANCE_F,
@@ -30,7 +30,7 @@ from firmware_io.limits import (
     DriveLimits,
     series_capacitance_f,
 )
-from haptix.base.errors import InputError
+from haptix.base.errors import DeviceError, InputError
 from haptix.base.files import write_folder
 from haptix.model.finger import Finger
 from haptix.model.pair import FINGER, SCREEN, check_measured_with, profile_names
@@ -48,6 +48,7 @@ __all__ = [
     "ProfileFiles",
     "install_profile",
     "installed_profile",
+    "open_again",
     "open_device",
     "profile_of",
     "profiles_folder",
@@ -168,4 +169,39 @@ def open_device(address: str) -> Device:
     except BaseException:
         device.close()
         raise
+    return device
+
+
+_PLACES = ("bus", "address", "path", "port")  # keys of an address that a replugged driver may leave
+
+
+def open_again(address: str, known: Capabilities) -> Device:
+    """Open the driver that was at an address, there or at another place of its bus.
+
+    Parameters
+    ----------
+    address : str
+    known : Capabilities
+        Those that it had.
+
+    Raises
+    ------
+    DeviceError
+        If it cannot be opened, or another driver is there.
+    """
+    scheme, _, pairs = address.partition(":")
+    kept = [pair for pair in pairs.split(",") if pair.partition("=")[0].strip() not in _PLACES]
+    anywhere = f"{scheme}:{','.join(kept)}"
+    try:
+        device = open_device(address)
+    except DeviceError:
+        if anywhere == address:
+            raise
+        device = open_device(anywhere)  # the only one on its bus
+    if device.capabilities != known:
+        device.close()
+        raise DeviceError(
+            f"another driver is there, {device.capabilities.serial!r} instead of "
+            f"{known.serial!r}; restart the service for it"
+        )
     return device

@@ -19,6 +19,7 @@ from haptix.model.finger import Finger
 from haptix.model.friction import ContactModel
 from haptix.model.screen import Screen
 from haptix.model.surface import FrictionSurface
+from haptix.play import devices
 from haptix.play.touch.events import TouchEvent
 from haptix.service.engine import process as engine_module
 from haptix.service.engine.process import EngineServer
@@ -250,6 +251,38 @@ def test_another_driver_in_its_place_is_not_taken(tmp_path, flat):
         assert "back" not in engine.states
     finally:
         engine.end()
+
+
+@pytest.mark.parametrize(
+    ("address", "tried"),
+    [
+        ("usb:bus=1,address=7", ["usb:bus=1,address=7", "usb:"]),
+        (
+            "hid:path=/dev/hidraw3,mode=envelope",
+            ["hid:path=/dev/hidraw3,mode=envelope", "hid:mode=envelope"],
+        ),
+        ("serial:port=/dev/ttyUSB0", ["serial:port=/dev/ttyUSB0", "serial:"]),
+        ("usb:serial=A", ["usb:serial=A"]),
+        ("tcp:localhost:7420", ["tcp:localhost:7420"]),
+    ],
+)
+def test_a_driver_is_found_at_another_place_of_its_bus(monkeypatch, address, tried):
+    """A replugged driver may have another number; it is taken if it is the same one."""
+    opened = []
+
+    def open_device(where):
+        opened.append(where)
+        if where == address:
+            raise DeviceError("it is not there")
+        return SimpleNamespace(capabilities="those of A", close=lambda: None)
+
+    monkeypatch.setattr(devices, "open_device", open_device)
+    if len(tried) == 1:
+        with pytest.raises(DeviceError, match="not there"):
+            devices.open_again(address, "those of A")
+    else:
+        assert devices.open_again(address, "those of A").capabilities == "those of A"
+    assert opened == tried
 
 
 def test_a_device_that_a_job_gives_back_is_sensed_again(tmp_path, flat):

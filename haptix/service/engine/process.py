@@ -32,7 +32,6 @@ import numpy as np
 from haptix.base.checks import Array
 from haptix.base.errors import (
     DeviceDisconnectedError,
-    DeviceError,
     DeviceFaultError,
     HaptixError,
     InputError,
@@ -375,16 +374,9 @@ class EngineServer:
 
     def _open_again(self) -> None:
         """Open the driver that was there before, and no other."""
-        from haptix.play.devices import open_device
+        from haptix.play.devices import open_again
 
-        device = open_device(self._address)
-        if device.capabilities != self._known:
-            device.close()
-            raise DeviceError(
-                f"another driver is there, {device.capabilities.serial!r} instead of "
-                f"{self._known.serial!r}; restart the service for it"
-            )
-        self._device, self._gone = device, ""
+        self._device, self._gone = open_again(self._address, self._known), ""
         self._touch_mock()
 
     def _lose(self, reason: str) -> None:
