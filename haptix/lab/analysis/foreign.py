@@ -191,7 +191,7 @@ def advice(source: Path) -> str:
     level = next((name for name in names if "intensity" in name or "level" in name), "level")
     whose = "PsychoPy's" if "psychopyVersion" in names else "another program's"
     return (
-        f"{source}: is no log of haptix; if it is {whose} table of trials, say which column is "
+        f"{source}: is not a log of trials; if it is {whose} table of trials, say which column is "
         f'what in a TOML file, --columns map.toml: level = "{level}", level_unit = "dB" or '
         f'"linear", is_right = "{right}", task = "2ifc"; it has {", ".join(filter(None, names))}'
     )
