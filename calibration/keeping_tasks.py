@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping, Sequence
 from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,7 +12,15 @@ from pydantic import Field
 
 from calibration.tasks import RunCalibration, SessionFolder, SessionThere
 from haptix.base.errors import InputError
-from haptix.base.fields import Argument, FileThere, FolderThere, NewFile, Text
+from haptix.base.fields import (
+    Argument,
+    FileOrFolder,
+    FileThere,
+    FolderThere,
+    NewFile,
+    Positive,
+    Text,
+)
 from haptix.base.report import record
 from haptix.base.task import Context, Result, Task
 from haptix.model.presets import FingerName
@@ -252,52 +261,110 @@ class ChartStandard(Task, command="calibrate standard"):
 class StudyGauge(Task, command="calibrate gauge"):
     """Find how much of what was measured is the panels', and how much the operators' and the days'.
 
-    Analysis of variance of a CSV file whose last column is the value and whose other columns are
-    factors: the panel first, then such as operator and day. Every panel by every operator on every
-    day, as often.
+    Analysis of variance of sessions, or of a CSV file whose last column is the value and whose
+    other columns are factors: the panel first, then such as operator and day. Every panel by every
+    operator on every day, as often. The value of a session is ln mu(0) at 0.5 N and 50 mm/s over
+    0.11, in JND. ndc is how many kinds of panels are told apart; the verdict is that of AIAG.
     """
 
-    table: Annotated[FileThere, Argument] = Field(description="CSV file.")
+    sources: Annotated[tuple[FileOrFolder, ...], Field(min_length=1), Argument] = Field(
+        description="Folders of sessions, or one CSV file."
+    )
+    tolerance: Positive | None = Field(
+        None, description="On either side, in the value's unit. [default: 0.5 JND of sessions]"
+    )
 
     def run(self, context: Context) -> Result:
         """Analyse it."""
-        study = self.study()
+        from calibration.verify.steadiness import TOLERANCE_JND
+
+        is_table = self.sources[0].is_file()
+        rows = _of_table(self.sources) if is_table else _of_sessions(self.sources)
+        study, title = self.study(*rows), ""
         document = {
             "components": record(study.components),
-            **{name: getattr(study, name) for name in ("reproducibility", "gauge")},
+            **{
+                name: getattr(study, name)
+                for name in ("reproducibility", "gauge", "distinct_categories")
+            },
         }
-        return Result(document, [(study.text, study.components)])
+        tolerance = self.tolerance or (None if is_table else TOLERANCE_JND)
+        if tolerance is not None:
+            share, verdict = study.share_of_tolerance(tolerance), study.verdict(tolerance)
+            document |= {"share_of_tolerance": share, "verdict": verdict}
+            title = f"; {share:.0%} of the tolerance of {tolerance:g}: {verdict}"
+        title = f"{study.text}; ndc {study.distinct_categories}{title}"
+        return Result(document, [(title, study.components)])
 
-    def study(self) -> GaugeStudy:
-        """Read the table, in any order of its rows."""
+    def study(
+        self, factors: Sequence[str], cells: Mapping[tuple[str, ...], Sequence[float]]
+    ) -> GaugeStudy:
+        """Analyse the values of each combination of the factors' levels."""
         import numpy as np
 
         from calibration.keep.gauge import GaugeStudy
-        from haptix.base.files import read_csv
 
-        lines = list(read_csv(self.table, []))
-        names = list(lines[0].cells) if lines else []
-        if len(names) < 3:
-            raise InputError(f"{self.table}: expected two factors or more, and a value")
-        *factors, value = names
-        cells: dict[tuple[str, ...], list[float]] = {}
-        for line in lines:
-            try:
-                number = float(line.cells[value])
-            except ValueError:
-                raise InputError(
-                    f"{self.table}: expected a number in {value}, got {line.cells[value]!r}"
-                ) from None
-            cells.setdefault(tuple(line.cells[name] for name in factors), []).append(number)
         levels = [sorted({key[at] for key in cells}) for at in range(len(factors))]
         trials = {len(cell) for cell in cells.values()}
         if len(trials) > 1 or len(cells) != np.prod([len(level) for level in levels]):
             raise InputError(
-                f"{self.table}: expected every {' with every '.join(factors)}, as often; "
+                f"{self.sources[0]}: expected every {' with every '.join(factors)}, as often; "
                 f"got {len(cells)} combinations with {', '.join(map(str, sorted(trials)))} values"
             )
         values = np.array([cells[key] for key in sorted(cells)])
         return GaugeStudy.of(values.reshape(*map(len, levels), -1), factors)
+
+
+Cells = dict[tuple[str, ...], list[float]]
+
+
+def _of_table(sources: Sequence[Path]) -> tuple[list[str], Cells]:
+    """Factors of a CSV file, and the values of each combination of their levels, in any order."""
+    from haptix.base.files import read_csv
+
+    (table, *others) = sources
+    lines = list(read_csv(table, []))
+    names = list(lines[0].cells) if lines else []
+    if len(names) < 3 or others:
+        raise InputError(f"{table}: expected one file, with two factors or more, and a value")
+    *factors, value = names
+    cells: Cells = {}
+    for line in lines:
+        try:
+            number = float(line.cells[value])
+        except ValueError:
+            raise InputError(
+                f"{table}: expected a number in {value}, got {line.cells[value]!r}"
+            ) from None
+        cells.setdefault(tuple(line.cells[name] for name in factors), []).append(number)
+    return factors, cells
+
+
+def _of_sessions(sources: Sequence[Path]) -> tuple[list[str], Cells]:
+    """Panel, and operator and day where there are several; ln mu(0) of each session in JND."""
+    import numpy as np
+
+    from calibration.measure.session import Session
+    from calibration.plan.predict import StrokeConditions, StrokePredictor
+    from calibration.plan.protocol import FREQUENCY_HZ
+    from calibration.steps import profile_model, written_screen
+    from calibration.verify.budget import FORCE_N, SPEED_MM_PER_S
+    from haptix.model.perception.thresholds import WEBER_FRACTION
+
+    found = []
+    for folder in sources:
+        screen, info = written_screen(folder), Session.open(folder).info
+        if screen is None or screen.calibration is None:
+            raise InputError(f"{folder}: expected a session that is verified; it has no profile")
+        at = [np.array([one]) for one in (FORCE_N, 0.0, FREQUENCY_HZ, SPEED_MM_PER_S)]
+        seen = StrokePredictor(profile_model(folder)).by_profiles(StrokeConditions(*at))
+        place = screen.name, info.operator or "not named", str(screen.calibration.date)
+        found.append((place, float(seen.log_mu[0]) / WEBER_FRACTION))
+    kept = [k for k in range(3) if k == 0 or len({place[k] for place, _ in found}) > 1]
+    cells: Cells = {}
+    for place, value in found:
+        cells.setdefault(tuple(place[k] for k in kept), []).append(value)
+    return [("panel", "operator", "day")[k] for k in kept], cells
 
 
 def _today() -> date:

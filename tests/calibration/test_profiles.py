@@ -10,7 +10,15 @@ from typer.testing import CliRunner
 
 import firmware_io
 import haptix
-from calibration import Parameters, StrokePredictor, full_protocol
+from calibration import (
+    Parameters,
+    Protocol,
+    Session,
+    SessionInfo,
+    Stroke,
+    StrokePredictor,
+    full_protocol,
+)
 from calibration.keep.practice import TRUTH, compare_with_truth, draw_truth
 from calibration.keep.profile import check_profile, match_screens
 from calibration.measure.reduction import Reduced
@@ -320,6 +328,33 @@ def test_a_match_allows_for_a_finger_of_another_law(finger, screen):
             for panel in (screen, thick)
         ]
         assert abs((mus[1] / mus[0] - 1) / 0.11 - row.difference_jnd) <= row.uncertainty_jnd
+
+
+def test_a_gauge_study_of_sessions_is_in_jnd(tmp_path, finger, screen):
+    """Two panels by two operators, twice each; operators differ by 0.3 JND, trials by 0.1."""
+    plan = Protocol(
+        strokes=[Stroke(number=1, normal_force_n=0.5, voltage_v=0.0, frequency_hz=125.0)]
+    )
+    folders, usual = [], finger.frictional_shear_stress_pa
+    for panel, of_panel in (("a", 0.0), ("b", 5.0)):
+        for who, of_person in (("x", 0.0), ("y", 0.3)):
+            for trial in (0.0, 0.1):
+                folder = tmp_path / f"{panel}{who}{trial}"
+                size = np.exp(0.11 * (of_panel + of_person + trial))
+                own = finger.replace(frictional_shear_stress_pa=usual * size)
+                named = screen.replace(name=panel)
+                Session.begin(folder, plan, SessionInfo(screen=named, finger=own, operator=who))
+                calibrated(named, finger_hash=own.content_hash()).save(folder / "screen.toml")
+                own.save(folder / "finger.toml")
+                folders.append(str(folder))
+    found = json.loads(CliRunner().invoke(app, ["gauge", *folders, "--json"]).stdout)
+    sds = {one["source"]: one["sd"] for one in found["components"]}
+    # Two levels that are d apart have a standard deviation of d / sqrt(2), less that of their own.
+    assert sds["repeatability"] == pytest.approx(0.1 / np.sqrt(2), rel=0.2)
+    assert sds["operator"] == pytest.approx(0.3 / np.sqrt(2), rel=0.1)
+    assert sds["panel"] == pytest.approx(5 / np.sqrt(2), rel=0.01)
+    assert found["distinct_categories"] == int(np.sqrt(2) * sds["panel"] / found["gauge"])
+    assert found["verdict"] == "not fit"  # six times 0.22 JND of a width of 1 JND
 
 
 def test_match_lays_both_measured_fingers_on_both_screens(tmp_path, finger, screen):
