@@ -203,12 +203,6 @@ FolderName = Annotated[str, Field(pattern=FOLDER_NAME)]
 Label = Annotated[str, AfterValidator(_label)]
 Text = Annotated[str, AfterValidator(_text)]
 Positive = Annotated[float, Field(gt=0)]
-LIFTED_BELOW_N, HARDEST_N = 1e-3, 100.0
-"""Normal force below which a finger does not touch, and the largest of one: a larger number was
-probably meant in another unit."""
-
-Force = Annotated[float, Field(gt=0, le=HARDEST_N, allow_inf_nan=False)]
-"""A field that is the normal force of a finger [N]."""
 Frequency = Annotated[float, Field(gt=0, le=1e8)]  # [Hz]; above, the circuit is no capacitor
 NotNegative = Annotated[float, Field(ge=0)]
 Seed = Annotated[int, Field(ge=0, le=2**63 - 1)]
