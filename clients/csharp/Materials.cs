@@ -1061,7 +1061,7 @@ namespace Haptix.Materials
         public string Beyond { get; set; }
 
         /// <summary>
-        /// CSV with position_mm and mu, or with position_mm and forces.
+        /// CSV with position_mm and mu, or with position_mm and forces; or HJIF of friction.
         /// </summary>
         [Preserve, JsonProperty("file")]
         public string File { get; set; }

@@ -537,7 +537,7 @@ export interface Photograph {
 export interface Recording {
   kind: "recording";
   /**
-   * CSV with position_mm and mu, or with position_mm and forces.
+   * CSV with position_mm and mu, or with position_mm and forces; or HJIF of friction.
    */
   file: string;
   /**
