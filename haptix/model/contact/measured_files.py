@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from haptix.base.errors import FileFormatError, InputError, from_extra
+from haptix.base.errors import FileFormatError, HaptixError, InputError, from_extra
 from haptix.base.files import LARGEST_TABLE_BYTES, read_bytes
 from haptix.base.units import factor_to
 from haptix.model.contact.roughness import Convention, RoughnessSpectrum
@@ -151,14 +151,26 @@ def read_surface(
     if path.suffix == ".npy":
         heights = np.load(path, allow_pickle=False)
         return MeasuredSurface.of(heights * _metres(unit, path), pixel_m, is_periodic)
+    table, wrong = None, None
     if path.suffix.lower() in _TEXTS:
         try:
             table = Columns.read(path)
-        except FileFormatError:
-            if path.suffix.lower() == ".csv":
-                raise
-        else:
+        except FileFormatError as error:
+            wrong = error
+        if table is not None and (unit or any(table.units)):
             return _of_columns(table, path, unit, pixel_m, is_periodic)
+    try:  # exports of many instruments are text, too
+        return _of_instrument(path, unit, is_periodic)
+    except HaptixError:
+        if table is not None:
+            return _of_columns(table, path, unit, pixel_m, is_periodic)
+        if wrong is not None and path.suffix.lower() == ".csv":
+            raise wrong from None
+        raise
+
+
+def _of_instrument(path: Path, unit: str, is_periodic: bool | None) -> MeasuredSurface:
+    """Read a file by SurfaceTopography."""
     with from_extra("topography"):
         import SurfaceTopography
     try:

@@ -35,6 +35,7 @@ VACUUM_PERMITTIVITY = 8.8541878128e-12
 
 _NOISE = 0.08  # rms of ln by which rows may leave the nearest column that does not rise
 _DECADE = log(10) * (1 + 1e-9)  # of ln f
+_STEADY_HZ = 1e-6  # from here on down a period lasts for days
 _AT_AN_END = 1 + 1e-6  # a drive at the first or last frequency of a table may be rounded
 
 Beyond = Literal["refuse", "hold", "power-law"]
@@ -303,9 +304,10 @@ class SkinDielectric(Part):
         low, high = (float(end) for end in frequency_hz.detach().aminmax())
         if low * _AT_AN_END < first or high > last * _AT_AN_END:
             outside = low if low * _AT_AN_END < first else high
+            got = f"{outside:.4g} Hz" if outside > _STEADY_HZ else "a steady voltage"
             raise InputError(
                 f"frequency_hz: expected one within the skin's dielectric table, {first:g} to "
-                f"{last:g} Hz, got {outside:.4g} Hz; measure further, or state the law beyond its "
+                f"{last:g} Hz, got {got}; measure further, or state the law beyond its "
                 'ends: dielectric.beyond = "power-law" or "hold"'
             )
 
