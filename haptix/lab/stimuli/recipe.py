@@ -7,7 +7,7 @@ from pathlib import Path
 from shutil import copyfile
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, PositiveFloat, model_validator
+from pydantic import BeforeValidator, Field, PositiveFloat, model_validator
 
 from haptix.base.documents import Document, Part
 from haptix.base.errors import InputError
@@ -141,7 +141,10 @@ class MakeStimuli(Task):
     ceiling_v: float | None
     trigger: bool
     unreachable: str
-    trials: TrialPlan
+    trials: Annotated[
+        TrialPlan,
+        BeforeValidator(lambda table: TrialPlan(**table) if isinstance(table, dict) else table),
+    ]
     perception: Perception
 
     @classmethod
