@@ -19,7 +19,6 @@ from haptix.play.touch.touchscreen import (
     ScreenAxes,
     evdev_module,
     protocol_of,
-    require_linux,
     size_problem,
 )
 
@@ -72,9 +71,9 @@ def find_touchscreens(root: Path = Path("/")) -> Iterator[TouchscreenInfo]:
     Raises
     ------
     DeviceError
-        On another system than Linux.
+        On another system than Linux, or if the package evdev is missing.
     """
-    require_linux()
+    evdev_module()  # before anything else, to name what is missing
     folders = (root / "sys/class/input").glob("event*")
     for folder in sorted(folders, key=lambda path: (len(path.name), path.name)):
         device = folder / "device"

@@ -699,15 +699,10 @@ def _fcntl() -> Any:
     return fcntl
 
 
-def require_linux() -> None:
-    """Raise `DeviceError` on another system."""
-    if not sys.platform.startswith("linux"):
-        raise DeviceError("touchscreens are read through evdev, which is for Linux only")
-
-
 def evdev_module() -> Any:
     """Return the package evdev; `MissingExtraError` without it."""
-    require_linux()
+    if not sys.platform.startswith("linux"):
+        raise DeviceError("touchscreens are read through evdev, which is for Linux only")
     with from_extra("evdev"):
         import evdev
     return evdev
