@@ -18,9 +18,10 @@ from pydantic import AfterValidator, Field
 from haptix.base.errors import DeviceError, InputError
 from haptix.base.files import checked_values
 
-LIFTED_BELOW_N, HARDEST_N = 1e-3, 100.0
-"""Normal force below which a finger does not touch, and the largest of one: a larger number was
-probably meant in another unit."""
+LIFTED_BELOW_N = 1e-3
+"""Normal force [N] below which a finger does not touch."""
+HARDEST_N = 100.0
+"""Largest normal force [N] of a finger; a larger number probably has another unit."""
 
 Force = Annotated[float, Field(gt=0, le=HARDEST_N, allow_inf_nan=False)]
 """A field that is the normal force of a finger [N]."""

@@ -45,8 +45,6 @@ from .fidelity import MeanFieldBalance as MeanFieldBalance
 from .fidelity import Scatter as Scatter
 from .fidelity import UnsettledWarning as UnsettledWarning
 from .finger import Finger as Finger
-from .friction import HIGHEST_FORCE_N as HIGHEST_FORCE_N
-from .friction import LOWEST_FORCE_N as LOWEST_FORCE_N
 from .friction import ContactModel as ContactModel
 from .perception.thresholds import AmplitudeStep as AmplitudeStep
 from .perception.thresholds import Audibility as Audibility
