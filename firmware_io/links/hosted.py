@@ -299,7 +299,7 @@ class HostedLink(Link):
     def _follow_output(self) -> None:
         """Fail if the output has stopped, even if it goes on: what is queued is of the past."""
         silent_s = time.monotonic() - self._asked_s
-        if silent_s > STILL_S and self._failure is None:
+        if silent_s > STILL_S and self._failure is None and self._has_held.is_set():
             self._fail(f"its output stands, it has asked for no samples for {silent_s:.2g} s")
 
     def _check_open(self) -> None:
