@@ -102,14 +102,13 @@ _LEAST_TIMES = 30  # answers whose times show two kinds
 _EM_STEPS = 60
 _FASTEST_S, _LEAST_SPREAD = 1e-3, 0.05
 _TWENTY_TO_ONE = 3.0  # logarithm
-_WIDER = 4.6  # logarithm of 100
 _ALIKE = 1.92  # of logarithms of likelihoods: half of chi-squared at 95 %
 _SLOPES_WITHIN = 0.85
 _DRIFTS = np.array([-4.0, -2.0, -1.0, 0.0, 1.0, 2.0, 4.0])
 _NO_DRIFT = 0.7
 _OVERDISPERSION = np.array([0.003, 0.1, 0.2, 0.32, 0.46])
 _MANY_LAPSES = 0.06
-_LIKELY, _MAY_BE = 0.75, 0.15
+_LIKELY, _MAY_BE = 0.75, 0.5
 _TYPICAL_SLOPE = 3.5
 
 
@@ -313,7 +312,7 @@ def _posterior(
     # Where answers may be lapses or a flat function, what either allows is in the interval.
     of_slope = -0.5 * (axes[1] / _SLOPES_WITHIN) ** 2
     profile = (likelihood[..., 0].max((2, 3)) + of_slope).max(1)
-    allowed = axes[0][profile > profile.max() - _WIDER]
+    allowed = axes[0][profile > profile.max() - _ALIKE]
     axes = (
         _around(weight.sum((1, 2)), axes[0], 61),
         _around(weight.sum((0, 2)), axes[1], 9),
