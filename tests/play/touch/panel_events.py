@@ -70,8 +70,8 @@ class Panel:
             contact.is_palm = not contact.is_palm
         elif what < 0.8 and self.protocol == "B":  # another finger in the slot, none between
             self.numbers += 1
-            hovers = 3 * (self.shown_by != "pressure")
-            self.contacts[slot] = Contact(self.numbers, chance.randrange(1, 4096), 100, hovers)
+            height = 3 * (self.shown_by != "pressure")
+            self.contacts[slot] = Contact(self.numbers, chance.randrange(1, 4096), 100, height)
         else:
             del self.contacts[slot]
 
@@ -131,8 +131,7 @@ class Panel:
             if not self.contacts:
                 yield codes.EV_SYN, codes.SYN_MT_REPORT, 0
         elif self.protocol == "single":
-            contact = self.contacts.get(0)
-            values = {} if contact is None else self.values(contact)
+            values = self.values(self.contacts[0]) if self.contacts else {}
             for code, known in codes.SINGLE_CODES.items():
                 if known in values:
                     found = self._changes(0, {known: values[known]})

@@ -73,12 +73,12 @@ def getevent(labels):
         about = f"value 0, min 0, max {high}, fuzz 0, flat 0, resolution {res}"
         lines.append(f"    ABS (0003): {name} : {about}")
     for t, k, c, v in events():
-        kind, code, value = f"{k:04x}", f"{c:04x}", f"{v & 0xFFFFFFFF:08x}"
+        words = [f"{k:04x}", f"{c:04x}", f"{v & 0xFFFFFFFF:08x}"]
         if labels:
-            kind = {0: "EV_SYN", 1: "EV_KEY", 3: "EV_ABS"}[k]
-            code = NAMES.get(c, "SYN_REPORT")
-            value = {1: "DOWN", 0: "UP"}[v] if k == 1 else value
-        lines.append(f"[{t:15.6f}] /dev/input/event2: {kind:12} {code:20} {value}")
+            words[0] = {0: "EV_SYN", 1: "EV_KEY", 3: "EV_ABS"}[k]
+            words[1] = NAMES.get(c, "SYN_REPORT")
+            words[2] = {1: "DOWN", 0: "UP"}[v] if k == 1 else words[2]
+        lines.append("[{:15.6f}] /dev/input/event2: {:12} {:20} {}".format(t, *words))
     return "\n".join(lines)
 
 
