@@ -9,6 +9,7 @@ rendered. The screen is a mock driver in real time; any other device plays the s
 """
 
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -116,8 +117,9 @@ class Window(tk.Tk):
         scale.set(100)
         scale.configure(command=lambda share: self.turn(float(share)))
         scale.pack(side="left", fill="x", expand=True)
-        for name, call in (("pause", session.renderer.pause), ("resume", session.renderer.resume)):
-            tk.Button(bar, text=name, command=call).pack(side="left")
+        for name, on in (("pause", True), ("resume", False)):
+            button = tk.Button(bar, text=name, command=partial(session.renderer.pause, on))
+            button.pack(side="left")
         self.pad.bind("<B1-Motion>", lambda event: session.finger(event.x, event.y))
         self.pad.bind("<Button-1>", lambda event: session.finger(event.x, event.y))
         self.pad.bind("<ButtonRelease-1>", lambda _: session.lift())

@@ -4,6 +4,7 @@ import os
 import subprocess
 import time
 from contextlib import suppress
+from functools import partial
 
 import numpy as np
 import pytest
@@ -53,17 +54,17 @@ def tone(first, count):
     return 100.0 * np.sin(0.1 * np.arange(first, first + count))
 
 
+def has_played(playback):
+    return playback.stats.samples_played > RATE_HZ / 2 or not playback.is_running
+
+
 def playing(device):
     """Play half a second; again where this machine stood still, which is a fault, too."""
     while True:
         playback = Playback(device, WaveSource(tone))
         with suppress(DeviceError):
             playback.start()
-            wait_for(
-                lambda playback=playback: (
-                    playback.stats.samples_played > RATE_HZ / 2 or not playback.is_running
-                )
-            )
+            wait_for(partial(has_played, playback))
             if playback.is_running:
                 return device, playback
             playback.stop()

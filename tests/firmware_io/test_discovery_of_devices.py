@@ -237,10 +237,12 @@ def buses(monkeypatch):
 
 def test_a_watch_spares_a_bus_whose_search_starts_a_process(buses, monkeypatch):
     searches = []
-    monkeypatch.setattr(
-        "firmware_io.links.audio.ask_in_own_process",
-        lambda *asked: searches.append(asked) or here(*asked),
-    )
+
+    def asked_here(*asked):
+        searches.append(asked)
+        return here(*asked)
+
+    monkeypatch.setattr("firmware_io.links.audio.ask_in_own_process", asked_here)
     list_devices()
     list_devices()
     assert len(searches) == 2

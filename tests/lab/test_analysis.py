@@ -5,6 +5,7 @@ import json
 import shutil
 from dataclasses import replace
 from datetime import timedelta
+from typing import cast
 
 import numpy as np
 import pytest
@@ -545,7 +546,8 @@ def test_the_modulus_of_a_person_is_that_of_all_conditions(tmp_path):
     runs = analyse(tmp_path).runs
     for one in runs:  # as if the second condition had been felt twice as strong
         if one.condition == "high":
-            one.method.answers = [(level, 2 * number) for level, number in one.method.answers]
+            method = cast("Magnitudes", one.method)
+            method.answers = [(level, 2 * number) for level, number in method.answers]
     over_all = [row for row in magnitude_rows(runs) if row["participant"] == "all"]
     means = {(row["condition"], row["level_db"]): row for row in over_all}
     for level in (10.0, 20.0):

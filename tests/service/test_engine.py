@@ -7,6 +7,7 @@ import time
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -281,7 +282,8 @@ def test_a_driver_is_found_at_another_place_of_its_bus(monkeypatch, address, tri
         with pytest.raises(DeviceError, match="not there"):
             devices.open_again(address, "those of A")
     else:
-        assert devices.open_again(address, "those of A").capabilities == "those of A"
+        again: Any = devices.open_again(address, "those of A")
+        assert again.capabilities == "those of A"
     assert opened == tried
 
 

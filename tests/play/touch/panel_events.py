@@ -70,7 +70,7 @@ class Panel:
             contact.is_palm = not contact.is_palm
         elif what < 0.8 and self.protocol == "B":  # another finger in the slot, none between
             self.numbers += 1
-            height = 3 * (self.shown_by != "pressure")
+            height = 3 * int(self.shown_by != "pressure")
             self.contacts[slot] = Contact(self.numbers, chance.randrange(1, 4096), 100, height)
         else:
             del self.contacts[slot]

@@ -3,6 +3,7 @@
 import os
 import sys
 from collections import namedtuple
+from typing import Any
 
 import numpy as np
 import pytest
@@ -122,7 +123,7 @@ def test_orientations(name, upper_left, upper_right, size):
     assert axes.place_mm(2000, 100) == pytest.approx(upper_right)
     assert axes.size_mm == size
     # A size that is given is that on the picture.
-    ranges = {X: Info(0, 2000, 0), Y: Info(100, 1100, 0)}
+    ranges: Any = {X: Info(0, 2000, 0), Y: Info(100, 1100, 0)}
     given = ScreenAxes.of(ranges, width_mm=size[0], height_mm=size[1], matrix=name)
     assert given.place_mm(2000, 100) == pytest.approx(upper_right)
 

@@ -69,6 +69,8 @@ def test_a_file_that_this_user_may_not_open_is_named_with_the_command(
 def test_a_coarse_clock_is_odd(monkeypatch):
     assert hardware._check_clock()["ok"] == "yes"
     reads = count()
-    monkeypatch.setattr(hardware.time, "monotonic", lambda: next(reads) // 1000 * 15.6e-3)
+    monkeypatch.setattr(
+        "haptix.tasks.cli.hardware.time.monotonic", lambda: next(reads) // 1000 * 15.6e-3
+    )
     row = hardware._check_clock()
     assert row["ok"] == "no" and "15600" in row["detail"].replace("1.6e+04", "15600")
