@@ -202,7 +202,7 @@ FOLDER_NAME = r"^[A-Za-z0-9][A-Za-z0-9_\-]{0,79}$"
 """Pattern of the names under which the service keeps files of clients; browsers accept it, too."""
 FolderName = Annotated[str, Field(pattern=FOLDER_NAME)]
 Label = Annotated[str, AfterValidator(_label)]
-Text = Annotated[str, AfterValidator(_text)]
+Text = Annotated[str, AfterValidator(_text), Field(json_schema_extra={"pattern": r"\S"})]
 Positive = Annotated[float, Field(gt=0)]
 Frequency = Annotated[float, Field(gt=0, le=1e8)]  # [Hz]; above, the circuit is no capacitor
 NotNegative = Annotated[float, Field(ge=0)]

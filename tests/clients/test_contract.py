@@ -144,7 +144,11 @@ KEPT = (ROOT / "clients" / "made-from").read_text().strip()  # before a test mak
 
 
 def test_the_types_of_a_checkout_are_those_of_the_schema():
-    script = runpy.run_path(str(ROOT / "scripts" / "make-clients.py"))
-    assert script["hash_of_shapes"]() == KEPT, "run make clients, and commit what it makes"
+    name = str(ROOT / "scripts" / "make-clients.py")
+    script = runpy.run_path(name)
+    # In a process of its own: other tests make kinds, which the schema then has as well.
+    code = f"import runpy; print(runpy.run_path({name!r})['hash_of_shapes']())"
+    shapes = subprocess.run([sys.executable, "-c", code], capture_output=True, cwd=ROOT, check=True)
+    assert shapes.stdout.decode().strip() == KEPT, "run make clients, and commit what it makes"
     for path in (path for paths in script["MADE"].values() for path in paths):
         assert path.stat().st_size > 1000

@@ -259,6 +259,7 @@ def test_a_first_visit_is_led_in_five_steps_to_a_layout_of_one_s_own(maker, page
     page.get_by_role("link", name="Go there").click()
     page.locator("main.play .guide").wait_for()
     event = {"event": "contact", "what": "enter", "region": "Ribs", "touch_id": 0, "t_s": 0.0}
+    event["session"] = maker.hub.control.holder.layout
     maker.hub.on_engine_event(event)
     says.get_by_text("step 5 of 5").wait_for()
     page.get_by_role("link", name="Go there").click()

@@ -74,7 +74,7 @@ def own_folder(own_folder, path, surface):
 def undrawn(monkeypatch):
     """No picture, which takes longer than the rest: where other outputs are looked at."""
     draw = "haptix.play.simulation.folder.draw"
-    monkeypatch.setattr(draw, lambda simulation, file: file.write_bytes(b"no picture"))
+    monkeypatch.setattr(draw, lambda simulation, file, **_: file.write_bytes(b"no picture"))
 
 
 DEMO_PATH = """t_s,x_mm,y_mm,normal_force_n

@@ -23,11 +23,11 @@ KINDS = {
         "--image --material --trajectory --profile --tap --inputs --columns --plan --certificate "
         "--key --recipe --instruments --before --after --dielectric --preregistration --about "
         "measurements scene plan recipe sidecar log file "
-        "files profile a b recording one other table",
+        "files profile a b recording one other",
         NOT_READ,
     ),
     "surface that is read": ("--surface surface", NOT_READ),
-    "file or folder that is read": ("--csv what source sessions", NOT_THERE),
+    "file or folder that is read": ("--csv what source sources sessions", NOT_THERE),
     "file that is written": ("--out --log --page --preregister out", NOT_WRITTEN),
     "file that may be new": ("--register-file register_file", ("folder", LONG, "file/below")),
     "folder": ("--root --study study folder", NOT_MADE),
