@@ -45,7 +45,7 @@ SEARCHES = {
     "stop": "howto/stop.html",
     "plot": "howto/plot.html",
     "FrictionSurface.build": "reference/haptix.model.html#haptix.model.FrictionSurface.build",
-    "ContactModel.solve": "reference/haptix.html#haptix.ContactModel.solve",
+    "ContactModel.solve": "reference/haptix.model.html#haptix.model.ContactModel.solve",
     "install": "index.html",
     "safety": "safety.html",
     "glossary": "glossary.html",

@@ -100,7 +100,9 @@ def has_stripes(page):
 @contextlib.contextmanager
 def live(folder, browser):
     """A service whose driver counts as real, and its page once a hand has armed it."""
-    service = Running(folder / "service")
+    with pytest.MonkeyPatch.context() as named:
+        named.setattr("firmware_io.links.mock.MOCK_NAME", "board")
+        service = Running(folder / "service")
     try:
         with a_page(browser) as page:
             code = re.search(r"code for a page: (\w+)", "".join(service.lines))[1]
