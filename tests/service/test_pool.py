@@ -52,6 +52,7 @@ def test_a_worker_whose_front_has_gone_says_nothing(do):
         asked = {"n": 1, "do": do, "assets": ".", **OPENING}
         if do == "job":
             context = {"finger": "semi-wet", "screen": "3m-sct3250", "assets": "."}
+            context |= {"device": "mock:", "logs": "."}
             asked = {"n": 1, "do": do, "kind": "experiment", "context": context}
             asked |= {"recipe": {"folder": "."}, "log": "x"}
         process.stdin.write(json_frame(asked))
