@@ -15,11 +15,11 @@ packages=(
     chromium
     # the firmware's own checks
     gcc libc6-dev make
-    # the same core on a Cortex-M
-    gcc-arm-none-eabi qemu-system-arm
+    # the same core on a Cortex-M, and where an int has 16 bits
+    gcc-arm-none-eabi qemu-system-arm gcc-avr avr-libc simavr
     # the proof of the firmware's limiter
     frama-c-base why3 z3
-    # the firmware in the wheel for aarch64
+    # the firmware in the wheel for aarch64, and with the bytes in the other order
     qemu-user libc6-arm64-cross
     # the one in the wheel for Windows: 100 MB to load, 670 MB on disk
     wine wine64

@@ -20,6 +20,7 @@ int hx_test_memory(void *memory, uint32_t bytes) {
 }
 
 #define CODES 8u
+#define BIT(fault) ((uint32_t)1 << (fault)) /* an int may have 16 bits */
 
 static void say(hx_device *d, uint8_t kind, uint32_t length, uint8_t *frame) {
     frame[3] = kind;
@@ -76,22 +77,22 @@ uint32_t hx_test_limits(hx_device *d, const hx_config *config) {
     if (!hx_device_init(d, config)) return ~(uint32_t)0;
     begin(d, config);
     if (!d->is_armed || config->max_frame_samples < CODES) return ~(uint32_t)0;
-    if (stream(d, 0, -32768) != HX_FAULT_CEILING) wrong |= 1u << HX_FAULT_CEILING;
+    if (stream(d, 0, -32768) != HX_FAULT_CEILING) wrong |= BIT(HX_FAULT_CEILING);
     begin(d, config);
     d->slew_codes_per_s /= 2u * HX_MAX_FRAME_SAMPLES; /* so that a step that fits the ceiling breaks it */
-    if (stream(d, d->ceiling_code, 0) != HX_FAULT_SLEW) wrong |= 1u << HX_FAULT_SLEW;
+    if (stream(d, d->ceiling_code, 0) != HX_FAULT_SLEW) wrong |= BIT(HX_FAULT_SLEW);
     begin(d, config);
     stream(d, 0, 0);
     for (uint32_t i = 1; i < d->watchdog_ticks && !d->fault.code; i++) hx_device_play(d, &out, 0, 1u);
-    if (d->fault.code != HX_FAULT_STARVED) wrong |= 1u << HX_FAULT_STARVED;
+    if (d->fault.code != HX_FAULT_STARVED) wrong |= BIT(HX_FAULT_STARVED);
     begin(d, config);
     if (d->mode == HX_WAVEFORM) {
-        if (play_until(d, second, 0) != HX_FAULT_MEAN) wrong |= 1u << HX_FAULT_MEAN;
+        if (play_until(d, second, 0) != HX_FAULT_MEAN) wrong |= BIT(HX_FAULT_MEAN);
         begin(d, config);
         /* Three quarters of a square wave's energy, for the ramps between its levels. */
         uint64_t most = (uint64_t)((int32_t)d->ceiling_code * d->ceiling_code) / 4u * 3u * second;
         if (most > d->max_energy && play_until(d, second, second / 50u) != HX_FAULT_ENERGY)
-            wrong |= 1u << HX_FAULT_ENERGY;
+            wrong |= BIT(HX_FAULT_ENERGY);
     }
     hx_device_init(d, config);
     return wrong;
@@ -101,7 +102,7 @@ void hx_device_read_back(hx_device *d, const int16_t *sent, const int16_t *found
                          int32_t tolerance) {
     if (!hx_device_is_whole(d)) return;
     for (uint32_t i = 0; i < n; i++) {
-        int32_t error = found[i] - sent[i];
+        int32_t error = (int32_t)found[i] - sent[i];
         d->bad_readings = error > tolerance || error < -tolerance ? d->bad_readings + 1u : 0u;
         if (d->bad_readings >= HX_BAD_READINGS) d->is_lost = 1;
     }

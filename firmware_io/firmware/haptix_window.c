@@ -10,7 +10,7 @@
 void hx_window_init(hx_device *d) {
     uint64_t rate_hz = d->config.output_rate_hz;
     uint64_t rms = (uint64_t)HX_MAX_RMS_MV * 32767u * 256u / d->config.full_scale_mv;
-    if (rms > 32767u * 256u) rms = 32767u * 256u; /* in 1/256 of a code */
+    if (rms > 32767u * (uint64_t)256u) rms = 32767u * (uint64_t)256u; /* in 1/256 of a code */
     d->block_ticks = (uint32_t)((rate_hz + HX_WINDOW_BLOCKS - 1u) / HX_WINDOW_BLOCKS);
     d->max_energy = (rms * rms >> 16) * (rate_hz + 2u * d->block_ticks);
     d->ramp_energy = d->ramp_ticks / 3u + 1u;
