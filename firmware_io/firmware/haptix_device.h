@@ -64,6 +64,8 @@
 #define HX_MAX_PEAK_NA 700000u
 #define HX_MAX_RMS_NA 500000u
 #define HX_BODY_PF 150u
+/* At the ceiling, the most by which learning moves the panel's current, in phase or ahead. */
+#define HX_LEARNED_NA 100000u
 /* From this amplitude on a current is expected. */
 #define HX_SENSE_LEAST_MV 10000u
 /* A converter without samples is not believed after this long, and believed again after that. */
@@ -251,6 +253,8 @@ typedef struct {
     int32_t body;    /* and a body */
     int32_t in_phase; /* of the untouched panel as measured */
     int32_t ahead;
+    int32_t first_in_phase; /* when it was first known */
+    int32_t first_ahead;
     int32_t with_drive; /* those as factors of the drive and of the drive a sample before, times 2^shift */
     int32_t with_before;
     int32_t shift;

@@ -22,7 +22,7 @@ static uint32_t ticks_of(const hx_device *d, uint32_t ms) {
 
 static uint32_t root(uint64_t square) {
     uint32_t found = 0;
-    for (uint32_t bit = 1u << 31; bit > 0; bit >>= 1)
+    for (uint32_t bit = 0x80000000u; bit > 0; bit >>= 1)
         if ((uint64_t)(found + bit) * (found + bit) <= square) found += bit;
     return found;
 }
@@ -109,8 +109,9 @@ void hx_sense_begin(hx_device *d) {
     s->body = ratio_of(d, HX_BODY_PF);
     s->sine = step_sine;
     s->cosine = hx_sine_of(d->phase_step + QUARTER);
+    /* A full scale below it is never driven so far: no current is expected. */
     uint32_t least = (uint32_t)((uint64_t)HX_SENSE_LEAST_MV * 32767u / d->config.full_scale_mv);
-    s->least = least * least / 2u;
+    s->least = least > 32767u ? 0xffffffffu : least * least / 2u;
     if (s->measured == 0) set_panel(s, 0, panel);
 }
 
@@ -123,7 +124,7 @@ void hx_sense_miss(hx_device *d, uint32_t n) {
 }
 
 void hx_sense_touch(hx_device *d, uint32_t contact, int is_down) {
-    uint32_t finger = 1u << (contact & 31u);
+    uint32_t finger = (uint32_t)1 << (contact & 31u);
     if (is_down) d->sensor.fingers |= finger;
     else d->sensor.fingers &= ~finger;
     d->sensor.untouched_ticks = 0;
@@ -201,17 +202,36 @@ static void judge(hx_device *d, const hx_sums *half) {
     }
 }
 
-/* The panel, while nobody touches it and its current does not rise. */
+static int32_t within(int32_t value, int32_t centre, int32_t reach) {
+    return value > centre + reach ? centre + reach : value < centre - reach ? centre - reach : value;
+}
+
+/* The panel, while nobody touches it and its current does not rise. A person whose touch is not
+ * reported, and whose current rises slowly, looks like a panel that drifts: so what is learned stays
+ * within HX_LEARNED_NA of what was known first. */
 static void learn(hx_device *d, int32_t in_phase, int32_t ahead) {
     hx_sensor *s = &d->sensor;
     if (!(d->config.flags & HX_SENDS_TOUCH) || s->doubt != HX_BELIEVED) return;
     if (s->untouched_ticks < ticks_of(d, HX_UNTOUCHED_MS)) return;
     int32_t least = s->panel - s->panel / 3, most = s->panel + s->panel / 3;
     if (ahead < least || ahead > most || in_phase > most / 2 || in_phase < -most / 2) return;
-    if (s->measured == PANEL_READINGS && ahead > s->ahead + s->ahead / 256) return;
-    if (s->measured < PANEL_READINGS) s->measured++;
+    int is_known = s->measured == PANEL_READINGS;
+    if (is_known && ahead > s->ahead + s->ahead / 256) return;
+    if (!is_known) s->measured++;
     int32_t share = (int32_t)s->measured;
-    set_panel(s, s->in_phase + (in_phase - s->in_phase) / share, s->ahead + (ahead - s->ahead) / share);
+    in_phase = s->in_phase + (in_phase - s->in_phase) / share;
+    ahead = s->ahead + (ahead - s->ahead) / share;
+    if (is_known) {
+        /* As a share of the drive at the ceiling, where the current is the highest. */
+        uint32_t learned = code_of(d, HX_LEARNED_NA), most_code = (uint32_t)d->top_code;
+        int32_t reach = (int32_t)((uint64_t)learned * (uint32_t)ONE / most_code);
+        in_phase = within(in_phase, s->first_in_phase, reach);
+        ahead = within(ahead, s->first_ahead, reach);
+    } else {
+        s->first_in_phase = in_phase;
+        s->first_ahead = ahead;
+    }
+    set_panel(s, in_phase, ahead);
 }
 
 static int32_t na_of(const hx_device *d, int32_t ratio, uint32_t amplitude) {

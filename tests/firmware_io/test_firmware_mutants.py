@@ -10,6 +10,7 @@ from tests.firmware_io.firmware.mutants import (
     IN_C_ALONE,
     IN_PYTHON_ALONE,
     MUTANTS,
+    SENSING,
     Mutant,
     survives,
 )
@@ -30,6 +31,7 @@ PYTEST = [
     *(sys.executable, "-m", "pytest", "-q", "-x", "-p", "tests.firmware_io.firmware.mutated"),
     *(str(HERE / name) for name in TESTS),
 ]
+OF_SENSING = ["-k", "golden or measure or sens or converter or panel or current"]
 
 
 def test_the_list_follows_the_core():
@@ -42,7 +44,8 @@ def test_the_list_follows_the_core():
 @pytest.mark.parametrize("mutant", MUTANTS, ids=lambda mutant: f"{mutant.file}: {mutant.text}")
 def test_each_mutant_fails_the_check_of_the_firmware_alone_and_the_tests(mutant):
     assert not survives(mutant)
-    assert mutant in IN_C_ALONE or not survives(mutant, PYTEST)
+    tests = PYTEST + OF_SENSING if mutant in SENSING else PYTEST
+    assert mutant in IN_C_ALONE or not survives(mutant, tests)
 
 
 @pytest.mark.slow
@@ -50,7 +53,7 @@ def test_each_mutant_fails_the_check_of_the_firmware_alone_and_the_tests(mutant)
     "mutant", IN_PYTHON_ALONE, ids=lambda mutant: f"{mutant.file}: {mutant.text}"
 )
 def test_each_mutant_of_sensing_fails_the_tests(mutant):
-    assert not survives(mutant, [*PYTEST, "-k", "golden or measure or sens or converter or panel"])
+    assert not survives(mutant, PYTEST + OF_SENSING)
 
 
 @pytest.mark.slow

@@ -395,12 +395,46 @@ def test_readings_are_not_kept_for_the_next_host():
 
 
 def test_a_panel_that_drifts_is_followed():
-    """2 % in 20 s, and then a body that is just too much for it."""
-    bench = Bench(MockConverter(lambda _, t_s: PANEL_F * (1 + 0.02 * t_s)), volts=180.0)
+    """1 % in 4 s, which is 0.09 mA, and then a body that is just too much for it."""
+    bench = Bench(MockConverter(lambda _, t_s: PANEL_F * (1 + 0.0025 * t_s)), volts=180.0)
     bench.play(4.0)
     assert bench.driver.fault is None
-    bench.change(farads=PANEL_F * 1.08 + 170e-12)
+    bench.change(farads=PANEL_F * 1.01 + 170e-12)
     bench.until_fault()
+    assert bench.driver.core.fault().code is FaultCode.PEAK_CURRENT
+
+
+@pytest.mark.parametrize("rate_hz", [250, 4000])
+@pytest.mark.parametrize("turn", [1, -1j], ids=["body", "leak"])
+def test_a_current_that_rises_unnoticed_is_no_panel(turn, rate_hz):
+    """A board that should report touches and does not: 1 mA in 2 s is too slow to be a finger's.
+
+    The limit of 0.7 mA, the 0.1 mA that learning may add at 200 V, and noise of four deviations.
+    """
+    per_v = 2 * np.pi * CARRIER_HZ
+    rise = lambda _, t_s: PANEL_F + max(0.0, t_s - 0.2) * 0.5e-3 / (180 * per_v) * turn  # noqa: E731
+    bench = Bench(MockConverter(rise, rate_hz=rate_hz), volts=180.0)
+    with pytest.raises(DeviceFaultError):
+        bench.play(3.0)
+    assert bench.driver.core.fault().code in (FaultCode.PEAK_CURRENT, FaultCode.RMS_CURRENT)
+    end_s = np.flatnonzero(bench.driver.output[0])[-1] / RATE_HZ
+    assert 0.6e-3 <= (end_s - 0.2) * 0.5e-3 <= 0.7e-3 + 0.1e-3 + 4e-5
+
+
+def test_a_full_scale_below_10_v_expects_no_current():
+    """10 V are beyond its codes: no failure of a converter can be seen, and none is told."""
+    driver = MockDriver(converter=MockConverter())
+    small = replace(driver.about, full_scale_mv=3_500, ceiling_mv=3_500)
+    driver.core = Core(small, Sensor(0.02, PANEL_F))
+    device = Device(MockLink(driver), mode="envelope", sample_rate_hz=16_000, carrier_hz=CARRIER_HZ)
+    device.arm()
+    driver.converter.failure = "noise"
+    device.write(np.linspace(0.0, 3.4, 800))
+    for _ in range(10):
+        device.write(np.full(160, 3.4))
+        device.progress(is_fresh=True)
+    assert driver.fault is None and device.sensor_problem is None
+    device.close()
 
 
 def test_impossible_sensors_are_refused():

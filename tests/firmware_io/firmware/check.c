@@ -140,6 +140,13 @@ static void boards(void) {
     c = config, c.full_scale_mv = 0, demand(!hx_device_init(&other, &c));
     c = config, c.rates[1].sample_rate_hz = 3000, demand(!hx_device_init(&other, &c));
     c = config, c.output_rate_hz = 999, demand(!hx_device_init(&other, &c));
+    c = config, c.sense_rate_hz = 300, demand(!hx_device_init(&other, &c));
+    c = config, c.sense_rate_hz = 750, demand(!hx_device_init(&other, &c));
+    c = config, c.sense_rate_hz = 8000, demand(!hx_device_init(&other, &c));
+    c = config, c.sense_full_scale_na = 99999, demand(!hx_device_init(&other, &c));
+    c = config, c.sense_full_scale_na = 50000001, demand(!hx_device_init(&other, &c));
+    c = config, c.panel_pf = 99, demand(!hx_device_init(&other, &c));
+    c = config, c.panel_pf = 100001, demand(!hx_device_init(&other, &c));
 }
 
 /* Each is taken by a new session, or refused there; none is armed then. */
@@ -813,6 +820,296 @@ static void steep_carrier(void) {
     }
 }
 
+/* A converter on a panel of 2 nF: 180 V of 4 kHz draw 9 mA, of which 77 parts in 1000 are 0.7 mA. */
+enum failure { WELL, NOISE, DEAD, STUCK, INVERTED, SATURATED, LATE, SILENT, SQUARE, UPSIDE, AT_END };
+#define SENSE_HZ 48000u
+#define MS (SENSE_HZ / 1000u)
+#define PERIOD 12u
+#define VOLTS 23592 /* 180 V */
+static enum failure failure;
+static int32_t panel_parts, in_phase_parts, offset_code; /* of the panel's current, in 1/1000 */
+static int32_t rise_parts, rise_ahead_parts; /* in each 40 ms */
+static int32_t level_now;
+static uint32_t changed_at;
+static int32_t converter_before, late_codes[3], stuck_code, square_code;
+
+static int32_t converted(int32_t drive) {
+    double sine = device.sensor.sine ? device.sensor.sine : 32767, cosine = device.sensor.cosine;
+    double unit = device.sensor.panel / 65536.0;
+    double ahead = unit * (drive * cosine - converter_before * 32767.0) / sine;
+    double code = ahead * panel_parts / 1000.0 + unit * drive * in_phase_parts / 1000.0;
+    converter_before = drive;
+    int32_t noise = (int32_t)chance(33) - 16, exact = (int32_t)code + noise + offset_code;
+    int32_t late = late_codes[0];
+    late_codes[0] = late_codes[1], late_codes[1] = late_codes[2], late_codes[2] = exact;
+    switch (failure) {
+    case NOISE: return noise;
+    case DEAD: return 0;
+    case STUCK: return stuck_code;
+    case INVERTED: return -exact;
+    case SATURATED: return exact > 0 ? 32752 : exact < 0 ? -32752 : 0;
+    case LATE: return late;
+    case SQUARE: return exact + (drive >= 0 ? square_code : -square_code);
+    case AT_END: return 32767;
+    case UPSIDE: return exact > -12000 ? exact : -32752;
+    default: return stuck_code = exact;
+    }
+}
+
+/* Hand over what the converter measured of output samples. */
+static void converter(const int16_t *codes, uint32_t n) {
+    for (uint32_t i = 0; i < n; i++) {
+        int32_t code = converted(codes[i]);
+        raw[i] = (int16_t)(code > 32767 ? 32767 : code < -32768 ? -32768 : code);
+    }
+    if (failure != SILENT) hx_device_sense(&device, codes, raw, n, 0);
+}
+
+/* Play for so many ms, or until a fault: return it. */
+static int plays_for(uint32_t ms) {
+    for (uint32_t at = 0; at < ms && !fault(); at++) {
+        if (device.queued < 48u) stream_level(level_now, 48);
+        if (at % 40u == 0) in_phase_parts += rise_parts, panel_parts += rise_ahead_parts;
+        for (uint32_t piece = 0; piece < MS / PERIOD; piece++) {
+            hx_device_play(&device, out, NULL, PERIOD);
+            converter(out, PERIOD);
+        }
+    }
+    return fault();
+}
+
+static void change(enum failure to, int32_t panel, int32_t in_phase) {
+    failure = to, panel_parts = panel, in_phase_parts = in_phase;
+    changed_at = (uint32_t)device.clock;
+}
+
+/* One output sample, measured. */
+static void one(void) {
+    if (device.queued < 48u && device.is_armed) stream_level(level_now, 48);
+    hx_device_play(&device, out, NULL, 1);
+    converter(out, 1);
+}
+
+/* Output samples from now until a fault or a doubt. */
+static uint32_t until_told(void) {
+    uint32_t n = 0;
+    for (; n < SENSE_HZ && !fault() && !device.sensor.doubt; n++) one();
+    return n;
+}
+
+/* One half period, from a change of sign to the next, in which the converter fails. */
+static void one_half(enum failure how) {
+    for (int32_t sign = 0; sign < 2; sign++) {
+        int16_t before = out[0];
+        do {
+            before = out[0];
+            one();
+        } while ((before < 0) == (out[0] < 0));
+        failure = sign ? WELL : how;
+    }
+}
+
+/* Whether a fault has come, and the output is at 0 V within so many samples of the change. */
+static int ends_by(enum hx_fault_code code, uint32_t samples) {
+    uint64_t deadline = changed_at + samples;
+    for (uint32_t at = 0; at < 4u * samples; at++) {
+        one();
+        if (device.clock > deadline && out[0] != 0) return 0;
+    }
+    return fault() == (int)code && out[0] == 0;
+}
+
+static void sensing_on(uint32_t flags, uint32_t sense_hz, uint32_t carrier_hz, uint32_t full_scale_mv) {
+    hx_config board = config;
+    set_up_fields s = {HX_ENVELOPE, WATCHDOG_MS, 16000, full_scale_mv, full_scale_mv * 4u / 5u, STEEP,
+                       carrier_hz * 1000u, 0};
+    board.output_rate_hz = SENSE_HZ, board.full_scale_mv = full_scale_mv;
+    board.ceiling_mv = full_scale_mv * 4u / 5u;
+    board.rates[0].sample_rate_hz = SENSE_HZ, board.rates[1].sample_rate_hz = 16000;
+    board.flags = (uint16_t)flags, board.sense_rate_hz = sense_hz;
+    power_up(&board);
+    failure = WELL, panel_parts = 1000, in_phase_parts = offset_code = 0;
+    rise_parts = rise_ahead_parts = 0;
+    converter_before = 0;
+    arm_at_once(s);
+    for (int32_t i = 0; i < 100; i++) { /* up to the level in 50 ms */
+        int32_t codes[8];
+        for (int32_t k = 0; k < 8; k++) codes[k] = level_now * (8 * i + k) / 800;
+        demand(stream(codes, 8) == HX_FAULT_NONE);
+        hx_device_play(&device, out, NULL, 24);
+        converter(out, 24);
+    }
+}
+
+static void sensing(void) { level_now = VOLTS, sensing_on(HX_SENDS_TOUCH, 250, 4000, 250000); }
+
+/* Until the panel is known: 50 ms untouched and 16 readings of 4 ms. */
+static void known(void) {
+    sensing();
+    demand(plays_for(150) == HX_FAULT_NONE && device.sensor.measured == 16u);
+}
+
+static hx_touch finger(uint8_t phase) {
+    hx_touch touch = {0, 1, 1, 1, 1, phase};
+    return touch;
+}
+
+static void currents(void) {
+    hx_touch down = finger(1), up = finger(0);
+    uint32_t before;
+    hx_reading *last_reading;
+    /* Readings: at their rate, of the current that flows, with the converter's offset taken off. */
+    for (uint32_t hz = 250; hz <= 4000; hz *= 2) {
+        level_now = VOLTS, sensing_on(HX_SENDS_TOUCH, hz, 4000, 250000);
+        in_phase_parts = 50, offset_code = 200;
+        plays_for(20), device.readings = 0, hx_seal(&device);
+        plays_for(3);
+        uint32_t n = device.readings;
+        demand(hz > 500 ? n >= hz * 3u / 1000u - 1u && n <= hz * 3u / 1000u + 1u : n <= 2u);
+        plays_for(8);
+        last_reading = &device.reading[device.readings - 1u];
+        demand(last_reading->ahead_na > 8900000 && last_reading->ahead_na < 9200000);
+        demand(last_reading->in_phase_na > 400000 && last_reading->in_phase_na < 500000);
+        demand(last_reading->driven > VOLTS - 30 && last_reading->driven < VOLTS + 30);
+        demand(last_reading->flags == 0);
+    }
+    hx_device_release(&device), demand(device.readings == 0);
+    sensing(), plays_for(10), hello(), demand(device.readings == 0);
+    /* A peak, ahead or in phase, is at 0 V within a millisecond; below it nothing is. */
+    known(), change(WELL, 1085, 0), demand(ends_by(HX_FAULT_PEAK_CURRENT, MS + PERIOD));
+    known(), change(WELL, 1000, 85), demand(ends_by(HX_FAULT_PEAK_CURRENT, MS + PERIOD));
+    known(), change(WELL, 1050, 0), demand(plays_for(100) == HX_FAULT_NONE);
+    known(), change(WELL, 1000, 50), demand(plays_for(100) == HX_FAULT_NONE);
+    known(), change(WELL, 1078, 0), demand(plays_for(50) == HX_FAULT_PEAK_CURRENT); /* 0.706 mA */
+    known(), change(WELL, 985, 100), demand(plays_for(50) == HX_FAULT_PEAK_CURRENT);
+    square_code = 983; /* 0.6 mA, below the peak */
+    known(), change(SQUARE, 1000, 0), demand(ends_by(HX_FAULT_RMS_CURRENT, MS + 2u * PERIOD));
+    square_code = 835; /* 0.51 mA */
+    known(), change(SQUARE, 1000, 0), demand(plays_for(3) == HX_FAULT_RMS_CURRENT);
+    square_code = 795; /* 0.485 mA */
+    known(), change(SQUARE, 1000, 0), demand(plays_for(3) == HX_FAULT_NONE);
+    /* A broken electrode, a short, a converter at its end. */
+    sensing(), change(NOISE, 1000, 0), demand(ends_by(HX_FAULT_NO_CURRENT, MS + PERIOD));
+    known(), change(NOISE, 1000, 0), demand(ends_by(HX_FAULT_NO_CURRENT, MS + PERIOD));
+    sensing(), change(WELL, 420, 0), demand(ends_by(HX_FAULT_NO_CURRENT, MS + 2u * PERIOD));
+    sensing(), change(WELL, 1000, 2000), demand(ends_by(HX_FAULT_OVERLOAD, MS + PERIOD));
+    sensing(), change(NOISE, 1000, 0), demand(until_told() <= 25u); /* four halves: 0.5 ms */
+    sensing(), change(WELL, 1000, 2000), demand(until_told() <= 13u); /* two */
+    sensing(), change(INVERTED, 1000, 0), demand(until_told() <= 20u); /* three */
+    level_now = VOLTS / 2, sensing_on(HX_SENDS_TOUCH, 250, 4000, 250000); /* within the converter's range */
+    change(WELL, 1000, 2000), demand(ends_by(HX_FAULT_OVERLOAD, MS + PERIOD));
+    level_now = 1966, sensing_on(HX_SENDS_TOUCH, 250, 4000, 250000); /* 15 V */
+    change(NOISE, 1000, 0), demand(ends_by(HX_FAULT_NO_CURRENT, MS + PERIOD));
+    level_now = VOLTS, sensing_on(HX_SENDS_TOUCH, 250, 1000, 250000); /* one half decides nothing */
+    for (uint32_t i = 0; i < 2u; i++) { /* of either sign */
+        one_half(NOISE), demand(plays_for(20) == HX_FAULT_NONE && !device.sensor.doubt);
+        for (uint32_t k = 0; k < 30u; k++) one();
+    }
+    sensing(), change(AT_END, 1000, 0), demand(ends_by(HX_FAULT_OVERLOAD, MS + 2u * PERIOD));
+    sensing(), say(HX_STOP, 0, NULL, 0), change(NOISE, 1000, 0); /* nothing is judged on the way to 0 V */
+    for (uint32_t i = 0; i < 3u * MS; i++) one();
+    demand(fault() == HX_FAULT_NONE && !device.sensor.doubt);
+    sensing(), change(SATURATED, 1000, 0), demand(ends_by(HX_FAULT_OVERLOAD, MS + 2u * PERIOD));
+    sensing(), change(UPSIDE, 1000, 0), demand(ends_by(HX_FAULT_OVERLOAD, MS + 2u * PERIOD));
+    /* A converter that is not believed is told within 10 ms, and changes nothing. */
+    static const struct { enum failure is; uint32_t doubt; } fails[5] = {
+        {DEAD, HX_STUCK}, {STUCK, HX_STUCK}, {INVERTED, HX_LIES}, {LATE, HX_LIES}, {SILENT, HX_LATE}};
+    for (uint32_t i = 0; i < 5u; i++) {
+        known(), change(fails[i].is, 1000, 0);
+        uint32_t told = device.readings = 0;
+        hx_seal(&device);
+        demand(plays_for(10) == HX_FAULT_NONE && device.sensor.doubt == fails[i].doubt);
+        for (uint32_t k = 0; k < device.readings; k++) told |= device.reading[k].flags;
+        demand(told >> 1 == fails[i].doubt || told >> 1 == HX_LIES);
+        demand(plays_for(100) == HX_FAULT_NONE);
+        /* Believed again after half a second of good samples, not before. */
+        change(WELL, 1000, 0), demand(plays_for(450) == HX_FAULT_NONE && device.sensor.doubt);
+        demand(plays_for(100) == HX_FAULT_NONE && !device.sensor.doubt);
+        change(WELL, 1085, 0), demand(ends_by(HX_FAULT_PEAK_CURRENT, MS + PERIOD));
+    }
+    known(), change(INVERTED, 1000, 0), plays_for(20);
+    change(WELL, 1000, 0), plays_for(300), change(INVERTED, 1000, 0), plays_for(20);
+    change(WELL, 1000, 0), plays_for(300), demand(device.sensor.doubt == HX_LIES);
+    change(WELL, 1000, 2000), demand(plays_for(100) == HX_FAULT_NONE); /* of which nothing is believed */
+    known(), change(SILENT, 1000, 0), plays_for(5), demand(!device.sensor.doubt);
+    for (uint32_t i = 0; i < PERIOD; i++) one();
+    demand(device.sensor.doubt == HX_LATE);
+    change(WELL, 1000, 0), plays_for(300), change(SILENT, 1000, 0), plays_for(20);
+    change(WELL, 1000, 0), plays_for(300), demand(device.sensor.doubt == HX_LATE);
+    sensing(), hx_device_touch(&device, &down), change(LATE, 1000, 0);
+    plays_for(10), demand(device.sensor.doubt == HX_LIES); /* though no panel is known */
+    level_now = VOLTS, sensing_on(HX_SENDS_TOUCH, 4000, 4000, 250000), plays_for(100);
+    device.readings = 0, hx_seal(&device), change(INVERTED, 1000, 0), until_told();
+    demand(device.readings > 0);
+    for (uint32_t i = 0; i < device.readings; i++) /* what may be a lie is marked as one */
+        demand(device.reading[i].ahead_na > 0 || device.reading[i].flags >> 1 == HX_LIES);
+    /* What takes from a known panel's current is no load; before it is known, a quarter may be. */
+    sensing(), change(WELL, 800, 0), plays_for(30), demand(!device.sensor.doubt);
+    sensing(), change(WELL, 600, 0), demand(plays_for(30) == HX_FAULT_NONE && !device.sensor.doubt);
+    known(), change(WELL, 800, 0), plays_for(10), demand(device.sensor.doubt == HX_LIES && !fault());
+    known(), change(WELL, 940, 0), plays_for(10), demand(!device.sensor.doubt && !fault());
+    /* No finger becomes a part of the panel: reported, late, or never. */
+    sensing(), hx_device_touch(&device, &down), plays_for(300), demand(device.sensor.measured == 0);
+    change(WELL, 1085, 0), demand(plays_for(100) == HX_FAULT_NONE);
+    hx_device_touch(&device, &up), change(WELL, 1000, 0), plays_for(40), demand(device.sensor.measured == 0);
+    plays_for(110), demand(device.sensor.measured == 16u);
+    change(WELL, 1085, 0), demand(ends_by(HX_FAULT_PEAK_CURRENT, MS + PERIOD));
+    sensing(), before = device.sensor.measured;
+    hx_device_touch(&device, &down), hx_device_touch(&device, &up); /* between two output samples */
+    plays_for(40), demand(device.sensor.measured == before);
+    known(), change(WELL, 1030, 0), plays_for(500);
+    change(WELL, 1085, 0), demand(ends_by(HX_FAULT_PEAK_CURRENT, MS + PERIOD));
+    known(), rise_parts = 1, demand(plays_for(6000) && in_phase_parts < 93);
+    known(), rise_ahead_parts = 1, demand(plays_for(6000) && panel_parts < 1093);
+    known(), change(WELL, 1010, 9), plays_for(1000); /* a panel that drifts is followed */
+    change(WELL, 1010 + 79, 9), demand(plays_for(100) == HX_FAULT_PEAK_CURRENT);
+    level_now = VOLTS, sensing_on(0, 250, 4000, 250000), plays_for(300);
+    demand(device.sensor.measured == 0); /* a board that reports no touches */
+    sensing(), change(WELL, 1400, 0), plays_for(200), demand(device.sensor.measured <= 1u);
+    sensing(), change(WELL, 1000, 700), plays_for(200), demand(device.sensor.measured <= 1u);
+    sensing(), change(INVERTED, 1000, 0), plays_for(100), change(WELL, 1000, 0), plays_for(300);
+    demand(device.sensor.measured <= 1u && device.sensor.doubt); /* nor from what is not believed */
+    /* Another carrier has another panel; one of four samples a period is not measured. */
+    known(), say(HX_STOP, 0, NULL, 0), plays_for(20);
+    before = device.sensor.measured;
+    device.sensor.lies = device.sensor.missing = device.sensor.too_much = 1, hx_seal(&device);
+    set_up_fields other = {HX_ENVELOPE, WATCHDOG_MS, 16000, 250000, 200000, STEEP, 3000000u, 0};
+    hello(), demand(setup_with(other)), say(HX_ARM, 0, NULL, 0), level_now = 1000;
+    plays_for(10), demand(before == 16u && device.sensor.measured == 0);
+    demand(device.sensor.lies + device.sensor.missing + device.sensor.too_much == 0); /* of before */
+    static const uint32_t carriers_hz[3] = {1700, 7000, 11900}; /* halves of 14, 3 and 2 samples */
+    for (uint32_t i = 0; i < 3u; i++) {
+        level_now = 7000, sensing_on(HX_SENDS_TOUCH, 250, carriers_hz[i], 250000);
+        demand(plays_for(200) == HX_FAULT_NONE && !device.sensor.doubt && device.sensor.measured == 16u);
+    }
+    level_now = 1000, sensing_on(HX_SENDS_TOUCH, 250, 12000, 250000), change(NOISE, 1000, 0);
+    demand(plays_for(100) == HX_FAULT_NONE && device.sensor.doubt == HX_DIRECT);
+    /* Below 10 V, and where no code reaches it, no current is expected and no panel learned. */
+    level_now = 1000, sensing_on(HX_SENDS_TOUCH, 250, 4000, 250000), change(NOISE, 1000, 0);
+    demand(plays_for(100) == HX_FAULT_NONE && !device.sensor.doubt && device.sensor.measured == 0);
+    level_now = VOLTS, sensing_on(HX_SENDS_TOUCH, 250, 4000, 3500), change(NOISE, 1000, 0);
+    demand(plays_for(100) == HX_FAULT_NONE && !device.sensor.doubt);
+    /* Samples that are told twice count once; behind a gap a reading begins anew. */
+    known(), device.readings = 0, hx_seal(&device);
+    for (uint32_t i = 0; i < 400u; i++) {
+        if (device.queued < 48u) stream_level(level_now, 48);
+        hx_device_play(&device, out, NULL, PERIOD);
+        converter(out, PERIOD);
+        hx_device_sense(&device, out, raw, PERIOD, 0);
+    }
+    demand(!fault() && !device.sensor.doubt && device.readings >= 24u - 2u - (24u - HX_READINGS));
+    last_reading = &device.reading[device.readings - 1u];
+    demand(last_reading->clock - last_reading[-1].clock == SENSE_HZ / 250u);
+    known(), device.readings = 0, hx_seal(&device);
+    for (uint32_t i = 0; i < 400u; i++) { /* every second period is missing */
+        if (device.queued < 48u) stream_level(level_now, 48);
+        hx_device_play(&device, out, NULL, PERIOD + 5u * (i % 2u));
+        if (i % 2u == 0) converter(out, PERIOD);
+        else converter_before = out[PERIOD + 4u];
+    }
+    demand(!fault() && device.readings <= 3u);
+}
+
 /* What a converter tells of n output samples: a panel, more or less, and all that is wrong with one. */
 static void tell_current(uint32_t n, uint32_t kind, int32_t ahead, int32_t gain) {
     static int32_t before;
@@ -973,6 +1270,7 @@ int main(int argc, char **argv) {
     hostile_host();
     steep_carrier();
     weeks_later();
+    currents();
     hostile_currents(300);
     for (int round = 0; round < 1000; round++) {
         for (size_t i = 0; i < sizeof data; i++) data[i] = (uint8_t)chance(256);

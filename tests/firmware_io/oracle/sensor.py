@@ -26,7 +26,7 @@ _Integers = npt.NDArray[np.int64]
 MAX_READINGS = 256  # the build for hosts; the page asks for 16
 PANEL_READINGS = 16
 ONE = 2**16
-PEAK_NA, RMS_NA = 700_000, 500_000
+PEAK_NA, RMS_NA, LEARNED_NA = 700_000, 500_000, 100_000
 LEAST_MV = 10_000
 LATE_MS, BACK_MS, UNTOUCHED_MS = 5, 500, 50
 HIGHEST_CODE = 32_752
@@ -91,6 +91,10 @@ class OracleSensor:
         self._panel_pf = round(sensor.panel_f * 1e12)
         least = LEAST_MV * FULL_SCALE_CODE // config.full_scale_mv
         self._least = least**2 // 2
+        self._top_code = min(
+            config.ceiling_mv * FULL_SCALE_CODE // config.full_scale_mv, FULL_SCALE_CODE
+        )
+        self._first: list[int] = []
         self.readings: list[SenseReading] = []
         self._problem = SensorProblem.NONE
         self._clock = 0
@@ -319,8 +323,19 @@ class OracleSensor:
         if is_known and ahead > self._ahead_ratio + _quotient(self._ahead_ratio, 256):
             return
         self._known = min(self._known + 1, PANEL_READINGS)
-        self._phase_ratio += _quotient(in_phase - self._phase_ratio, self._known)
-        self._ahead_ratio += _quotient(ahead - self._ahead_ratio, self._known)
+        learned = [
+            ratio + _quotient(reading - ratio, self._known)
+            for ratio, reading in ((self._phase_ratio, in_phase), (self._ahead_ratio, ahead))
+        ]
+        if is_known:
+            reach = LEARNED_NA * FULL_SCALE_CODE // self._full_scale_na * ONE // self._top_code
+            learned = [
+                max(first - reach, min(first + reach, ratio))
+                for ratio, first in zip(learned, self._first, strict=True)
+            ]
+        else:
+            self._first = learned
+        self._phase_ratio, self._ahead_ratio = learned
 
     def _doubt(self, problem: SensorProblem) -> None:
         self._well_ticks = 0
