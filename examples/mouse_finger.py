@@ -16,7 +16,7 @@ import numpy as np
 import typer
 
 import haptix
-from haptix.feel import Button, Grating, LayoutEvent, Patch, ScreenGeometry, Slider
+from haptix.feel import Button, Grating, LayoutEvent, LayoutRegion, ScreenGeometry, Slider
 from haptix.play import LiveSettings, TouchEvent
 from haptix.play.render.played import COLUMNS, PlayedRecord
 
@@ -67,7 +67,7 @@ class Session:
             self.renderer.on(kind, self.heard)
 
     def heard(self, event: LayoutEvent) -> None:
-        what = "" if event.patch is None else type(event.patch.material).__name__
+        what = "" if event.region is None else type(event.region.material).__name__
         number = f" {event.detent:g}" if event.kind == "detent" else ""
         self.said = f"{event.kind} {what}{number}"
 
@@ -130,7 +130,7 @@ class Window(tk.Tk):
         self.draw()
 
     def turn(self, percent: float) -> None:
-        self.session.renderer.intensity = percent / 100
+        self.session.renderer.intensity(percent / 100)
 
     def report_callback_exception(self, kind: object, error: BaseException, trace: object) -> None:
         self.destroy()
@@ -139,9 +139,9 @@ class Window(tk.Tk):
     def draw(self) -> None:
         """Draw regions, lines and words, and do it again soon."""
         self.pad.delete("all")
-        for patch in self.session.layout.patches.values():
-            if patch.is_there:
-                self.region(patch)
+        for region in self.session.layout.regions.values():
+            if region.is_there:
+                self.region(region)
         ages, *rows = self.session.lately()
         self.plot.delete("all")
         for i, (values, (name, colour, low, high)) in enumerate(zip(rows, LINES, strict=True)):
@@ -158,12 +158,12 @@ class Window(tk.Tk):
         )
         self.after(FRAME_MS, self.draw)
 
-    def region(self, patch: Patch) -> None:
+    def region(self, region: LayoutRegion) -> None:
         pixels = self.session.screen.pixels
-        left, top = pixels(patch.x_mm, patch.y_mm)
-        right, bottom = pixels(patch.x_mm + patch.width_mm, patch.y_mm + patch.height_mm)
+        left, top = pixels(region.x_mm, region.y_mm)
+        right, bottom = pixels(region.x_mm + region.width_mm, region.y_mm + region.height_mm)
         self.pad.create_rectangle(left, top, right, bottom, fill="#e4ded4")
-        name = type(patch.material).__name__
+        name = type(region.material).__name__
         self.pad.create_text((left + right) / 2, (top + bottom) / 2, text=name)
 
     def line(

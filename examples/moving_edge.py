@@ -50,14 +50,14 @@ def main(
     in_time = mock is None or mock.pace == "real"
     late_s = 0.0 if in_time else LATENCY_S
     layout = haptix.Layout()
-    patch = layout.add(GRATING, 100.0, 0.0, 100.0, 60.0)
+    region = layout.add(GRATING, 100.0, 0.0, 100.0, 60.0)
     with haptix.LiveRenderer(surface, layout, opened) as renderer:
         began_s = renderer.now_s() if in_time else 0.0
         for event in paced(events_of(path), clock=renderer.now_s) if in_time else events_of(path):
             renderer.run_until(event.t_s + late_s)
             played_s = event.t_s - began_s + late_s + renderer.settings.reaction_s
             left_mm = float(edge_mm(played_s))
-            patch.move(left_mm, 0.0, over_s=0.0)
+            region.move(left_mm, 0.0, over_s=0.0)
             renderer.event(event)
     print(renderer.stats)
     if mock is None or in_time:

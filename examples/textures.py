@@ -28,8 +28,8 @@ ENVELOPE_RATE_HZ = 200.0  # direct drive at 100 Hz, which attracts twice in each
 def screen() -> haptix.Layout:
     """Values are changes from the friction without voltage, as a part of it."""
     up_to: dict[str, Any] = {"target": "contrast", "low": 0.0, "high": 0.55}
-    photograph = Texture.from_image(brick(), 40.0, contrast_range=(0.0, 0.55))
-    stones = Texture.from_heights(gravel(), 35.0, "slope-magnitude", contrast_range=(0.0, 0.55))
+    photograph = Texture.from_image(brick(), 40.0, **up_to)
+    stones = Texture.from_heights(gravel(), 35.0, "slope-magnitude", **up_to)
     x = np.linspace(0, 30, 301)
     detents = RecordedProfile(x, 0.5 * np.exp(-(((x % 6 - 3) / 0.6) ** 2)), "contrast")
     ground = Noise(

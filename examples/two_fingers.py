@@ -30,7 +30,7 @@ LATENCY_S = 0.02
 COLOURS = ("tab:red", "tab:blue")
 SCREEN = haptix.Layout()
 SCREEN.add(Grating(period_mm=6.0, wave="sine", low=0.0, high=0.9), 0.0, 0.0, 50.0, 40.0)
-SCREEN.add(Texture.from_image(brick(), 50.0, share_range=(0.0, 0.9)), 50.0, 0.0, 50.0, 40.0)
+SCREEN.add(Texture.from_image(brick(), 50.0, high=0.9), 50.0, 0.0, 50.0, 40.0)
 
 
 def stroke(begin_s: float, end_s: float, left_mm: float, y_mm: float) -> haptix.Trajectory:

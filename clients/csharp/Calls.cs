@@ -26,12 +26,6 @@ namespace Haptix
             return Ask<Done>("cancel", new JObject { { "effect_id", effectId } });
         }
 
-        /// <summary>End at 0 V and keep the lease.</summary>
-        public Task<Output> Disarm()
-        {
-            return Ask<Output>("disarm", new JObject());
-        }
-
         /// <summary>Map pixels to mm: ``origin_mm + turn(rotation_deg) (px / px_per_mm)``.</summary>
         public Task<Done> Geometry(double pxPerMm, double[] originMm = null, double rotationDeg = 0.0)
         {
@@ -64,13 +58,13 @@ namespace Haptix
         }
 
         /// <summary>Hold 0 V while time runs, until the lease ends.</summary>
-        public Task<Output> Mute(bool on)
+        public Task<Output> Mute(bool on = true)
         {
             return Ask<Output>("mute", new JObject { { "on", on } });
         }
 
         /// <summary>Hold 0 V while time stands, until the lease ends.</summary>
-        public Task<Output> Pause(bool on)
+        public Task<Output> Pause(bool on = true)
         {
             return Ask<Output>("pause", new JObject { { "on", on } });
         }
@@ -88,12 +82,12 @@ namespace Haptix
         }
 
         /// <summary>Learn the finger by the current that it draws, from the next `arm` on.</summary>
-        public Task<Output> Sense(bool on)
+        public Task<Output> Sense(bool on = true)
         {
             return Ask<Output>("sense", new JObject { { "on", on } });
         }
 
-        /// <summary>End at 0 V, whoever holds the output.</summary>
+        /// <summary>End at 0 V, whoever holds the output; the holder keeps the lease.</summary>
         public Task<Done> Stop()
         {
             return Ask<Done>("stop", new JObject());

@@ -503,7 +503,7 @@ namespace Haptix.Materials
         public string Kind { get; set; }
 
         /// <summary>
-        /// Each a `haptix.feel.Region`; with a ``name`` it is found by `patch`.
+        /// Each a `haptix.feel.Region`; with a ``name`` it is found by `region`.
         /// </summary>
         [Preserve, JsonProperty("regions", NullValueHandling = NullValueHandling.Ignore)]
         public Region[] Regions { get; set; }
@@ -524,7 +524,7 @@ namespace Haptix.Materials
     /// Parameters
     /// ----------
     /// name : str, optional
-    /// By which `LayoutMaterial.patch` finds it.
+    /// By which `LayoutMaterial.region` finds it.
     /// material : FrictionField or Material
     /// What is felt there; its origin lies at the region's corner.
     /// mask : FrictionField or Material, optional

@@ -634,8 +634,8 @@ namespace Haptix.Messages
         [Preserve, JsonProperty("id")]
         public long Id { get; set; }
 
-        [Preserve, JsonProperty("on")]
-        public bool On { get; set; }
+        [Preserve, JsonProperty("on", NullValueHandling = NullValueHandling.Ignore)]
+        public bool? On { get; set; }
 
         [Preserve, JsonProperty("type")]
         public string Type { get; set; }

@@ -15,9 +15,9 @@ from .layout import Layout as Layout
 from .layout import LayoutEvent as LayoutEvent
 from .layout import LayoutEventKind as LayoutEventKind
 from .layout import LayoutMaterial as LayoutMaterial
+from .layout import LayoutRegion as LayoutRegion
 from .layout import Listeners as Listeners
 from .layout import Outline as Outline
-from .layout import Patch as Patch
 from .layout import Region as Region
 from .layout import ScreenGeometry as ScreenGeometry
 from .materials import KINDS as KINDS

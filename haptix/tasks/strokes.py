@@ -155,6 +155,7 @@ class OfPhotograph(OnScreen):
         from haptix.feel.materials import Sidecar, Texture
 
         image, width_mm = self.image, self.width_mm
+        ends: tuple[Any, ...] = () if self.mu_range is None else ("mu", *self.mu_range)
         if image is None:
             try:
                 with from_extra("figures"):
@@ -163,9 +164,9 @@ class OfPhotograph(OnScreen):
                 if self.mu_range is not None:
                     raise
                 return load(_WITHOUT_PHOTOGRAPHS), f"{_WITHOUT_PHOTOGRAPHS}, no photograph: {error}"
-            return Texture.from_image(brick(), width_mm or 60.0, polarity, self.mu_range), _BRICKS
+            return Texture.from_image(brick(), width_mm or 60.0, polarity, *ends), _BRICKS
         if width_mm is not None:
-            return Texture.from_image(image, width_mm, polarity, self.mu_range), str(image)
+            return Texture.from_image(image, width_mm, polarity, *ends), str(image)
         if not Sidecar.path_for(image).exists():
             name = Sidecar.path_for(image).name
             raise InputError(f"--image: {image} has no {name} beside it; give --width-mm")

@@ -182,17 +182,17 @@ def test_a_layout_by_calls_plain_and_with_await(service, connect):
     ribs = {"kind": "grating"}
     with connect("test") as h:
         service.engine.told.clear()
-        patch = h.layout.add(ribs, x_mm=1.0, width_mm=60.0)
-        patch.move(x_mm=5.0, over_s=0.1)
-        patch.change(opacity=0.5)
-        patch.set_value(0.25)
-        assert patch.remove().revision == 1
+        region = h.layout.add(ribs, x_mm=1.0, width_mm=60.0)
+        region.move(x_mm=5.0, over_s=0.1)
+        region.change(opacity=0.5)
+        region.set_value(0.25)
+        assert region.remove().revision == 1
         named = h.layout.add(haptix.feel.materials.Button(), name="ok")
-        assert (patch.name, named.name) == ("region 1", "ok")
+        assert (region.name, named.name) == ("region 1", "ok")
         with pytest.raises(
             haptix.service.client.connection.Refused, match="less than or equal to 1"
         ):
-            patch.set_value(2.0)
+            region.set_value(2.0)
         with pytest.raises(haptix.service.client.connection.Refused, match="no job") as refused:
             h.watch("none")
         assert refused.value.code == "unknown"
@@ -212,8 +212,8 @@ def test_a_material_is_felt_in_one_call_and_again_after_a_lost_connection(
 ):
     """A virtual driver is armed; a real one only where a person asked."""
     ribs = haptix.feel.Grating(period_mm=2.0)
-    patch = haptix.service.feel(ribs)
-    with patch.session as h:
+    region = haptix.service.feel(ribs)
+    with region.session as h:
         assert h.lease.is_mine and h.output.state == "off"
         assert "real: call `arm`" in caplog.text
     monkeypatch.setattr(

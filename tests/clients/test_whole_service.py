@@ -125,7 +125,7 @@ def test_the_program_for_python_is_felt(environment, tmp_path):
 def test_three_lines_feel_a_texture(environment, tmp_path):
     short, *_ = programs(ROOT / "docs" / "service.md", "python")
     slides = """
-h, frames = patch.session, []
+h, frames = region.session, []
 h.on("frame", frames.append)
 h.subscribe({"friction": 100})
 for i in range(200):

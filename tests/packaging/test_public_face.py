@@ -89,7 +89,7 @@ FACE = {
     "FrictionSurface.voltage": ["mu", "normal_force_n", "frequency_hz", "h0_m"],
     "FrictionSurface.save": ["path"],
     "FrictionSurface.load": ["path"],
-    "Texture.from_image": ["image", "width_mm", "mu_range"],
+    "Texture.from_image": ["image", "width_mm", "target", "low", "high"],
     "open_device": ["address"],
     "Renderer": ["surface", "texture", "device"],
     "Renderer.touch": ["t_s", "x_mm", "y_mm", "normal_force_n"],

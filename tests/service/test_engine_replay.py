@@ -28,9 +28,9 @@ CHANGES = st.builds(lambda name, fields: {**fields, "name": name}, NAMES, FIELDS
 def values(layout):
     """Value of each control."""
     found = {}
-    for name, patch in layout.patches.items():
+    for name, placed in layout.regions.items():
         try:
-            found[name] = patch.value
+            found[name] = placed.value
         except InputError:
             found[name] = None
     return found
@@ -57,7 +57,7 @@ def test_the_layout_of_a_new_engine_is_the_old_one_s(tmp_path_factory, changes):
     new.change(
         [{"op": "value", "name": name, "value": one} for name, one in message["values"].items()]
     )
-    assert set(new.patches) == set(layout.patches)
+    assert set(new.regions) == set(layout.regions)
     assert values(new) == values(layout)
     for x_mm in (3.0, 8.0, 33.0):
         assert felt(new, x_mm) == felt(layout, x_mm)
@@ -87,9 +87,9 @@ def test_a_value_is_set_once_all_other_changes_hold(tmp_path):
     layout = SessionLayout(tmp_path)
     layout.set({"regions": [{"name": "volume", **SLIDER}, region("plain", 50.0)]})
     layout.change([{"op": "value", "name": "volume", "value": 0.25}])
-    assert layout.patches["volume"].value == 0.25
+    assert layout.regions["volume"].value == 0.25
     bad = {"op": "value", "name": "plain", "value": 0.5}
     with pytest.raises(RegionError, match="expected a control") as caught:
         layout.change([{"op": "value", "name": "volume", "value": 0.75}, bad])
     assert caught.value.path == "/ops/1"
-    assert layout.patches["volume"].value == 0.25
+    assert layout.regions["volume"].value == 0.25

@@ -42,7 +42,7 @@ def test_a_document_is_felt_where_its_regions_are(layout):
 def test_a_second_document_replaces_the_first(layout):
     layout.set({"regions": [region("other", 40.0, 0.3)]})
     assert [felt(layout, x) for x in (5.0, 45.0)] == [0.0, 0.3]
-    assert set(layout.patches) == {"other"}
+    assert set(layout.regions) == {"other"}
 
 
 def test_a_photograph_is_made_ready_once_and_before_it_is_felt(tmp_path, monkeypatch):
@@ -93,7 +93,7 @@ def test_one_bad_change_changes_nothing(layout, bad, words):
         layout.change([{"op": "remove", "name": "left"}, bad])
     assert caught.value.path == "/ops/1"
     assert [felt(layout, x) for x in (5.0, 25.0)] == [0.5, 0.8]
-    assert set(layout.patches) == {"left", "right"} and layout.revision == 1
+    assert set(layout.regions) == {"left", "right"} and layout.revision == 1
     with pytest.raises(RegionError) as caught:
         layout.set({"regions": [region("a"), region("a")]})
     assert caught.value.path == "/document/regions/1"

@@ -42,7 +42,7 @@ def test_a_finger_is_learned_from_the_current_of_the_driver(tmp_path):
 
             wait_for(has_learned)
             learned = stats(frames[-1])
-            client.disarm()
+            client.stop()
     finally:
         service.close()
     assert {frame.stream for frame in frames} == {"stats"}

@@ -24,7 +24,7 @@ JSON_VALUES = SCALARS | st.lists(
     max_size=2,
 )
 TYPES = [
-    *("hello", "acquire", "release", "arm", "disarm", "stop", "inventory", "bye", "geometry"),
+    *("hello", "acquire", "release", "arm", "stop", "inventory", "bye", "geometry"),
     *("touch", "layout_set", "layout_change", "play", "cancel", "intensity", "mute", "pause"),
     *("subscribe", "pong"),
 ]

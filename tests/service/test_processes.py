@@ -200,7 +200,8 @@ def test_a_finger_feels_and_every_end_is_at_0_v(running):
         # The first volts are those of the fade.
         wait_for(lambda: np.abs(running.driver.output_v).max() > 20.0)
         assert np.abs(running.driver.output_v).max() <= 200.0
-        assert client.disarm().state == "off"
+        client.stop()
+        assert client.output.state == "off"
         wait_for(lambda: not running.is_live())
         client.arm()
         wait_for(running.is_live)

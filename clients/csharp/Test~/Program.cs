@@ -168,8 +168,8 @@ static class Program
 
     static async Task Feel()
     {
-        Region patch = await Session.Feel("test", Material.Parse("{\"kind\": \"grating\", \"period_mm\": 2}"));
-        using (Session h = patch.Session)
+        Region region = await Session.Feel("test", Material.Parse("{\"kind\": \"grating\", \"period_mm\": 2}"));
+        using (Session h = region.Session)
         {
             Warning warning = Check.Next<Warning>(h, () => { });
             Check.That(warning.Sentence.Contains("call Arm") && h.Output.State == "off", "a real driver, and nobody has asked");

@@ -37,12 +37,6 @@ export class Calls {
     return this.ask("cancel", { effect_id: effectId });
   }
 
-  /** End at 0 V and keep the lease.
-   * @returns {Promise<m.Output>} */
-  disarm() {
-    return this.ask("disarm");
-  }
-
   /** Map pixels to mm: ``origin_mm + turn(rotation_deg) (px / px_per_mm)``.
    * @param {Omit<m.Geometry, "type" | "id">} fields
    * @returns {Promise<m.Done>} */
@@ -78,16 +72,16 @@ export class Calls {
   }
 
   /** Hold 0 V while time runs, until the lease ends.
-   * @param {m.Switch["on"]} on
+   * @param {m.Switch["on"]} [on]
    * @returns {Promise<m.Output>} */
-  mute(on) {
+  mute(on = true) {
     return this.ask("mute", { on });
   }
 
   /** Hold 0 V while time stands, until the lease ends.
-   * @param {m.Switch["on"]} on
+   * @param {m.Switch["on"]} [on]
    * @returns {Promise<m.Output>} */
-  pause(on) {
+  pause(on = true) {
     return this.ask("pause", { on });
   }
 
@@ -105,13 +99,13 @@ export class Calls {
   }
 
   /** Learn the finger by the current that it draws, from the next `arm` on.
-   * @param {m.Switch["on"]} on
+   * @param {m.Switch["on"]} [on]
    * @returns {Promise<m.Output>} */
-  sense(on) {
+  sense(on = true) {
     return this.ask("sense", { on });
   }
 
-  /** End at 0 V, whoever holds the output.
+  /** End at 0 V, whoever holds the output; the holder keeps the lease.
    * @returns {Promise<m.Done>} */
   stop() {
     return this.ask("stop");

@@ -289,8 +289,8 @@ test("what is left out is counted and told once", async () => {
 });
 
 test("a material is felt in one call, and again after a lost connection", async () => {
-  const patch = await feel({ kind: "grating", period_mm: 2 }, { name: "test", find, WebSocket: Kept });
-  const h = patch.session;
+  const region = await feel({ kind: "grating", period_mm: 2 }, { name: "test", find, WebSocket: Kept });
+  const h = region.session;
   sessions.push(h);
   assert.equal(h.output.state, "off"); // the driver of this service is real, and no person has asked
   const element = Object.assign(new EventTarget(), ELEMENT, { style: { touchAction: "auto" } });

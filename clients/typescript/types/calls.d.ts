@@ -23,9 +23,6 @@ export declare class Calls {
      * @param {m.Cancel["effect_id"]} effectId
      * @returns {Promise<m.Done>} */
     cancel(effectId: m.Cancel["effect_id"]): Promise<m.Done>;
-    /** End at 0 V and keep the lease.
-     * @returns {Promise<m.Output>} */
-    disarm(): Promise<m.Output>;
     /** Map pixels to mm: ``origin_mm + turn(rotation_deg) (px / px_per_mm)``.
      * @param {Omit<m.Geometry, "type" | "id">} fields
      * @returns {Promise<m.Done>} */
@@ -46,13 +43,13 @@ export declare class Calls {
      * @returns {Promise<m.LayoutReply>} */
     layoutSet(document: m.LayoutSet["document"]): Promise<m.LayoutReply>;
     /** Hold 0 V while time runs, until the lease ends.
-     * @param {m.Switch["on"]} on
+     * @param {m.Switch["on"]} [on]
      * @returns {Promise<m.Output>} */
-    mute(on: m.Switch["on"]): Promise<m.Output>;
+    mute(on?: m.Switch["on"]): Promise<m.Output>;
     /** Hold 0 V while time stands, until the lease ends.
-     * @param {m.Switch["on"]} on
+     * @param {m.Switch["on"]} [on]
      * @returns {Promise<m.Output>} */
-    pause(on: m.Switch["on"]): Promise<m.Output>;
+    pause(on?: m.Switch["on"]): Promise<m.Output>;
     /** Play an effect that ends, such as a transient; `effect_ended` reports its end.
      * @param {m.Play["effect"]} effect
      * @returns {Promise<m.Playing>} */
@@ -61,10 +58,10 @@ export declare class Calls {
      * @returns {Promise<m.Done>} */
     release(): Promise<m.Done>;
     /** Learn the finger by the current that it draws, from the next `arm` on.
-     * @param {m.Switch["on"]} on
+     * @param {m.Switch["on"]} [on]
      * @returns {Promise<m.Output>} */
-    sense(on: m.Switch["on"]): Promise<m.Output>;
-    /** End at 0 V, whoever holds the output.
+    sense(on?: m.Switch["on"]): Promise<m.Output>;
+    /** End at 0 V, whoever holds the output; the holder keeps the lease.
      * @returns {Promise<m.Done>} */
     stop(): Promise<m.Done>;
     /** Ask for streams, each with its highest rate in hertz; 0 ends one.

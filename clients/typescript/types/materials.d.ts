@@ -326,7 +326,7 @@ export interface Heights {
 export interface LayoutMaterial {
   kind: "layout";
   /**
-   * Each a `haptix.feel.Region`; with a ``name`` it is found by `patch`.
+   * Each a `haptix.feel.Region`; with a ``name`` it is found by `region`.
    */
   regions?: Region[];
   /**
@@ -345,7 +345,7 @@ export interface LayoutMaterial {
  * Parameters
  * ----------
  * name : str, optional
- *     By which `LayoutMaterial.patch` finds it.
+ *     By which `LayoutMaterial.region` finds it.
  * material : FrictionField or Material
  *     What is felt there; its origin lies at the region's corner.
  * mask : FrictionField or Material, optional

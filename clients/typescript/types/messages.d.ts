@@ -57,7 +57,7 @@ export interface Acquire {
  * A message without fields.
  */
 export interface Plain {
-  type: "release" | "arm" | "disarm" | "stop" | "inventory" | "bye";
+  type: "release" | "arm" | "stop" | "inventory" | "bye";
   id: number;
 }
 /**
@@ -226,7 +226,7 @@ export interface Intensity {
 export interface Switch {
   type: "mute" | "pause" | "sense";
   id: number;
-  on: boolean;
+  on?: boolean;
 }
 /**
  * Ask for streams, each with its highest rate in hertz; 0 ends one.

@@ -2,8 +2,8 @@ from .geometry import ScreenGeometry as ScreenGeometry
 from .layout import Layout as Layout
 from .layout import LayoutEvent as LayoutEvent
 from .layout import LayoutEventKind as LayoutEventKind
+from .layout import LayoutRegion as LayoutRegion
 from .layout import Listeners as Listeners
-from .layout import Patch as Patch
 from .layout_material import LayoutMaterial as LayoutMaterial
 from .region_state import Outline as Outline
 from .regions import Region as Region

@@ -1,7 +1,7 @@
 """A layout: regions that are added, moved, changed and removed while it is felt.
 
-A `Patch` is an app's handle of a region. `Controls` have the value of each control. `Listeners`
-call the app, in its thread, when fingers do something.
+A `LayoutRegion` is an app's handle of a region. `Controls` have the value of each control.
+`Listeners` call the app, in its thread, when fingers do something.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from haptix.feel.motion import FARTHEST_MM, Depends, Facts, Motion, Report
 LayoutEventKind = Literal["enter", "leave", "press", "release", "detent"]
 
 
-class Patch:
+class LayoutRegion:
     """A region on a layout; any thread may change it, at any time.
 
     `Layout.add` makes it.
@@ -86,20 +86,26 @@ class Patch:
         changed = {name: value for name, value in fields.items() if value is not None}
         self._regions.move(self.key, changed, number("over_s", over_s, 0.0))
 
-    def set(self, **changes: Any) -> None:
-        """Change the material, or another field of `Layout.add`, in a cross-fade.
-
-        `value` sets the value of a control: a slider, toggle or dial. If a finger is on the
-        control, its detents are shifted so that the finger is at that value, and no detent counts
-        as crossed. When that finger leaves, the shift ends.
-        """
-        value = changes.pop("value", None)
+    def change(self, **changes: Any) -> None:
+        """Change the material, or another field of `Layout.add`, in a cross-fade."""
         with self._regions.change():
             if changes:
                 self._regions.set(self.key, changes)
                 self.material = changes.get("material", self.material)
-            if value is not None:
-                self._controls.push(self.key, value)
+
+    def set_value(self, value: float) -> None:
+        """Set the value of a control: a slider, toggle or dial.
+
+        If a finger is on the control, its detents are shifted so that the finger is at that value,
+        and no detent counts as crossed. When that finger leaves, the shift ends.
+
+        Parameters
+        ----------
+        value : float
+            From 0 to 1.
+        """
+        with self._regions.change():
+            self._controls.push(self.key, value)
 
     def remove(self) -> None:
         """Remove the region from the layout; it fades out. A second call has no effect.
@@ -126,37 +132,37 @@ class Patch:
         return self._regions.has(self.key)
 
     @property
-    def region(self) -> Region:
+    def fields(self) -> Region:
         """The region's fields; while it moves, those at the end of the move."""
         return self._regions.fields(self.key)
 
     @property
     def x_mm(self) -> float:
         """Corner before the rotation [mm]; during a move, that at its end."""
-        return self.region.x_mm or 0.0
+        return self.fields.x_mm or 0.0
 
     @property
     def y_mm(self) -> float:
         """See `x_mm`."""
-        return self.region.y_mm or 0.0
+        return self.fields.y_mm or 0.0
 
     @property
     def scale(self) -> float:
         """Millimetres on the screen for one of the material; during a move, that at its end."""
-        return self.region.scale or 1.0
+        return self.fields.scale or 1.0
 
     @property
     def width_mm(self) -> float:
         """Width on the screen, before it is turned."""
-        return self.region.size_mm[0] * self.scale
+        return self.fields.size_mm[0] * self.scale
 
     @property
     def height_mm(self) -> float:
         """Height on the screen, before it is turned."""
-        return self.region.size_mm[1] * self.scale
+        return self.fields.size_mm[1] * self.scale
 
     def __repr__(self) -> str:
-        return f"Patch({self.key}, {self.material!r:.60})"
+        return f"LayoutRegion({self.key}, {self.material!r:.60})"
 
 
 class Layout(Mapped):
@@ -193,11 +199,11 @@ class Layout(Mapped):
         else:
             check_feelable("background", background)
             self._background = background.evaluator
-        self.regions = Regions()
-        """The regions, and the methods that change them."""
-        self._controls = Controls(self.regions)
-        self.patches: dict[int, Patch] = {}
-        """Patches by their keys, with those that were removed while a finger was on them."""
+        self.store = Regions()
+        """The state of the regions, which a renderer reads."""
+        self._controls = Controls(self.store)
+        self.regions: dict[int, LayoutRegion] = {}
+        """Regions by their keys, with those that were removed while a finger was on them."""
 
     def add(
         self,
@@ -207,7 +213,7 @@ class Layout(Mapped):
         width_mm: float | None = None,
         height_mm: float | None = None,
         **fields: Any,
-    ) -> Patch:
+    ) -> LayoutRegion:
         """Put a material onto the layout; it fades in.
 
         Parameters
@@ -239,16 +245,17 @@ class Layout(Mapped):
         place = {"x_mm": x_mm, "y_mm": y_mm, "width_mm": width_mm, "height_mm": height_mm}
         return self.put(Region(material=material, **place, **fields))
 
-    def put(self, region: Region) -> Patch:
+    def put(self, region: Region) -> LayoutRegion:
         """Put a region onto the layout; see `add`."""
         with self.change():
-            key = self.regions.add(region)
-            patch = self.patches[key] = Patch(self.regions, self._controls, key, region.material)
-        return patch
+            key = self.store.add(region)
+            placed = LayoutRegion(self.store, self._controls, key, region.material)
+            self.regions[key] = placed
+        return placed
 
     def change(self) -> AbstractContextManager[None]:
         """Collect changes in a context: a block shows all or none, and after an error none."""
-        return self.regions.change()
+        return self.store.change()
 
     def clear(self) -> None:
         """Remove all regions.
@@ -262,7 +269,7 @@ class Layout(Mapped):
         >>> ribs.is_there
         False
         """
-        self.regions.clear()
+        self.store.clear()
 
     def attach(self, now: Callable[[], float], changed: Callable[[], None] = lambda: None) -> None:
         """Take the clock of a renderer: the first time [s] that can still be changed.
@@ -274,11 +281,11 @@ class Layout(Mapped):
         changed : callable
             Called after each change, in the thread that makes it.
         """
-        regions = self.regions
-        with regions.lock:
-            regions.attach(now, changed)
+        store = self.store
+        with store.lock:
+            store.attach(now, changed)
             self._controls.forget()
-            self.patches = {key: patch for key, patch in self.patches.items() if regions.has(key)}
+            self.regions = {key: region for key, region in self.regions.items() if store.has(key)}
 
     def report(self, touch_id: int, report: Report) -> None:
         """Let the controls follow a real report of a finger, on the clock of samples.
@@ -305,7 +312,7 @@ class Layout(Mapped):
     @property
     def extent_mm(self) -> tuple[float, float, float, float]:
         """Left, right, top and bottom of the box around all regions."""
-        boxes = [region.box for region in self.regions.shown.regions if region.opacity.after[0]]
+        boxes = [region.box for region in self.store.shown.regions if region.opacity.after[0]]
         if not boxes:
             return (0.0, 40.0, 0.0, 20.0)
         left, right, top, bottom = zip(*boxes, strict=True)
@@ -316,15 +323,15 @@ class Layout(Mapped):
         """Quantities that the friction depends on, for the present regions."""
         below = self._background
         depends_on_all = Depends.PLACE if isinstance(below, float) else below.depends_on
-        now_s = self.regions.now()
-        for region in self.regions.shown.regions:
+        now_s = self.store.now()
+        for region in self.store.shown.regions:
             depends_on_all |= region.depends_on(now_s)
         return depends_on_all
 
     @property
     def drives_at_rest(self) -> bool:
         """Whether any region drives fingers at rest; the others then fade out by themselves."""
-        return self.regions.shown.drives_at_rest
+        return self.store.shown.drives_at_rest
 
     def wanted(self, motion: Motion) -> Array:
         """Friction wanted under the fingers, of the motion's shape."""
@@ -337,7 +344,7 @@ class Layout(Mapped):
             far = ~((np.abs(x) <= FARTHEST_MM) & (np.abs(y) <= FARTHEST_MM))
             brought_in = motion.at_places(np.where(far, 0.0, x), np.where(far, 0.0, y))
             return np.where(far, self.outside, self.wanted(brought_in))
-        shown = self.regions.shown  # read once
+        shown = self.store.shown  # read once
         if shown.multiplies:
             motion = motion.with_footprint(2 * motion.footprint_mm)
         near = 2 * motion.footprint_mm + 1e-9
@@ -406,7 +413,7 @@ class Layout(Mapped):
         of: dict[int, Facts] = {}
         states: dict[int, int] = {}
         facts = facts if isinstance(facts, LayoutFacts) else LayoutFacts.newest({}, facts)
-        of_regions, left, shown = facts.of, facts, self.regions.shown
+        of_regions, left, shown = facts.of, facts, self.store.shown
         near = shown.near(now.x_mm, now.x_mm, now.y_mm, now.y_mm)
         if of_regions.keys() - {region.key for region in near}:
             near = shown.regions
@@ -446,13 +453,13 @@ class Layout(Mapped):
         """
         return [
             region.key
-            for region in self.regions.shown.near(*(report.x_mm,) * 2, *(report.y_mm,) * 2)
+            for region in self.store.shown.near(*(report.x_mm,) * 2, *(report.y_mm,) * 2)
             if region.opacity.after[0] > 0.0 and region.is_near(report) and region.seen(report)[1]
         ]
 
     def priorities(self, motion: Motion) -> Array | None:
         """Priority of each finger at each point; None if no region has a priority."""
-        shown = self.regions.shown
+        shown = self.store.shown
         if not shown.has_priorities:
             return None
         priority = np.zeros(motion.x_mm.shape)
@@ -487,7 +494,7 @@ class LayoutEvent(NamedTuple):
     """An event of a finger, by a real report and never by prediction."""
 
     kind: LayoutEventKind
-    patch: Patch | None
+    region: LayoutRegion | None
     """The region; None on a material that fills the screen."""
     touch_id: int
     t_s: float
@@ -554,39 +561,39 @@ class Listeners:
             if facts is was and before is not None:
                 return  # the usual case: nothing has happened
         place = now if now.is_down or before is None else before.report
-        for kind, patch, detent in _changes(texture, was, facts, now.is_down):
-            event = LayoutEvent(kind, patch, touch_id, t_s, place.x_mm, place.y_mm, detent)
+        for kind, region, detent in _changes(texture, was, facts, now.is_down):
+            event = LayoutEvent(kind, region, touch_id, t_s, place.x_mm, place.y_mm, detent)
             for callback in self._callbacks.get(kind, ()):
                 callback(event)
 
 
 def _changes(
     texture: Feelable, was: Facts, now: Facts, is_down: bool
-) -> list[tuple[LayoutEventKind, Patch | None, float]]:
-    events: list[tuple[LayoutEventKind, Patch | None, float]] = []
+) -> list[tuple[LayoutEventKind, LayoutRegion | None, float]]:
+    events: list[tuple[LayoutEventKind, LayoutRegion | None, float]] = []
     old: dict[int, Facts] = was.of if isinstance(was, LayoutFacts) else {}
     new: dict[int, Facts] = now.of if isinstance(now, LayoutFacts) else {}
-    patches: dict[int, Patch] = {}
+    regions: dict[int, LayoutRegion] = {}
     if isinstance(layout := texture.evaluator, Layout):
-        patches = layout.patches
+        regions = layout.regions
     else:
         old, new = {0: was}, {0: now}
     for key, facts in old.items():
         if key not in new:
             if _is_pressed(facts):
-                events.append(("release", patches.get(key), nan))
-            events.append(("leave", patches.get(key), nan))
+                events.append(("release", regions.get(key), nan))
+            events.append(("leave", regions.get(key), nan))
     for key, facts in new.items():
-        patch, before = patches.get(key), old.get(key)
+        region, before = regions.get(key), old.get(key)
         if before is None:
-            events.append(("enter", patch, nan))
+            events.append(("enter", region, nan))
             before = Facts()
         if is_later(facts.press_s, before.press_s):
-            events.append(("press", patch, nan))
+            events.append(("press", region, nan))
         if is_later(facts.release_s, before.release_s):
-            events.append(("release", patch, nan))
+            events.append(("release", region, nan))
         if is_later(facts.detent_s, before.detent_s):
-            events.append(("detent", patch, facts.detent))
+            events.append(("detent", region, facts.detent))
     return events
 
 

@@ -9,7 +9,7 @@ from pydantic import PlainSerializer, PlainValidator, WithJsonSchema, model_vali
 
 from haptix.base.checks import plain
 from haptix.base.errors import InputError
-from haptix.feel.layout import Layout, Patch, Region
+from haptix.feel.layout import Layout, LayoutRegion, Region
 from haptix.feel.materials import TargetKind
 from haptix.feel.materials.material import ANY_KIND, Material, material_of, table_of
 
@@ -33,7 +33,7 @@ class LayoutMaterial(Material):
     Parameters
     ----------
     regions : list of tables
-        Each a `haptix.feel.Region`; with a ``name`` it is found by `patch`.
+        Each a `haptix.feel.Region`; with a ``name`` it is found by `region`.
     background : float or material
         Friction below all regions.
     target : {"share", "mu", "contrast"}
@@ -62,12 +62,12 @@ class LayoutMaterial(Material):
             layout.put(region)
         return layout
 
-    def patch(self, name: str) -> Patch:
-        """Return the patch of a region by its name."""
+    def region(self, name: str) -> LayoutRegion:
+        """Return a region of the layout, by its name, to move or change it."""
         names = [region.name for region in self.regions]
         if name not in names:
-            raise InputError(f"patch: expected the name of a region, got {name!r:.80}")
-        return self.evaluator.patches[1 + names.index(name)]
+            raise InputError(f"region: expected the name of a region, got {name!r:.80}")
+        return self.evaluator.regions[1 + names.index(name)]
 
     @property
     def extent_mm(self) -> tuple[float, float, float, float]:

@@ -208,7 +208,7 @@ class RegionState:
     """A region at one state; it never changes, a layout replaces it."""
 
     key: int
-    """Of its patch."""
+    """Of its region."""
     evaluator: Evaluator
     """Answers in millimetres from the region's corner."""
     outline: Outline

@@ -100,7 +100,7 @@ class Region(RegionFields):
     Parameters
     ----------
     name : str, optional
-        By which `LayoutMaterial.patch` finds it.
+        By which `LayoutMaterial.region` finds it.
     material : FrictionField or Material
         What is felt there; its origin lies at the region's corner.
     mask : FrictionField or Material, optional
@@ -208,7 +208,7 @@ class Regions:
             return self._fields[key]
         except KeyError:
             raise InputError(
-                "patch: expected a region of the layout; this one was removed"
+                "region: expected a region of the layout; this one was removed"
             ) from None
 
     def clear(self) -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from math import cos, radians, sin
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, get_args
+from typing import Annotated, Any, Literal, Self, cast, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +27,9 @@ HeightRule = Literal["height", "slope-magnitude", "slope-along"]
 direction, the more. ``"slope-along"``: what a finger that strokes along `direction_deg` feels as
 lateral force, more uphill and less downhill, with level 0.5 on the flat (Robles-De-La-Torre and
 Hayward, Nature 412, 445 (2001)); a stroke against the direction feels it inside out."""
+
+LEFT_OUT: float = cast("float", None)
+"""An end that is not given: 0 or 1 of a share, refused for other targets."""
 
 _CLIPPED = 99.0  # percentile of steepness that is the end of the range
 
@@ -67,8 +70,6 @@ def stretched(values: Array) -> Array:
 
 
 Polarity = Literal["bright-high", "dark-high"]
-
-Range = tuple[float, float]
 
 
 class Sidecar(Document):
@@ -124,9 +125,9 @@ _MOST_PIXELS = 4_000_000  # of a map after its pixels are split
 class Texture(Displayed, FrictionField):
     """Friction over a rectangle with its corner at (0, 0), x to the right and y downwards.
 
-    Without a range a level is a share of the reachable friction range at the finger's force. Beyond
-    the edges the level is 0, the lowest friction. With a footprint the edge is a ramp at least as
-    wide as a pixel, since a step would alias; at a point it is a step.
+    Without a target a level is a share of the reachable friction range at the finger's force.
+    Beyond the edges the level is 0, the lowest friction. With a footprint the edge is a ramp at
+    least as wide as a pixel, since a step would alias; at a point it is a step.
 
     Parameters
     ----------
@@ -134,19 +135,18 @@ class Texture(Displayed, FrictionField):
         0 to 1: from the lowest to the highest friction, at the pixels' centres.
     width_mm : float
         Width on the screen; the height follows from the pixels, which are square.
-    mu_range : (float, float), optional
-        Absolute friction coefficients of levels 0 and 1.
-    contrast_range : (float, float), optional
-        Relative changes of levels 0 and 1 from the friction without voltage.
-    share_range : (float, float), optional
-        Shares of the reachable range of levels 0 and 1.
+    target : {"share", "mu", "contrast"}
+        What `low` and `high` are: shares of what the screen can reach, friction coefficients, or
+        relative changes of friction; see `haptix.feel.as_mu`.
+    low, high : float
+        Friction at levels 0 and 1; of a share, 0 and 1 where they are left out.
     beyond : {"outside", "hold"}
         Level beyond the edges: level 0, or that of the edge.
 
     Raises
     ------
     InputError
-        If a value is outside its range, or more than one range is given.
+        If a value is outside its range, or missing.
 
     Examples
     --------
@@ -160,9 +160,9 @@ class Texture(Displayed, FrictionField):
 
     level: Array
     width_mm: float
-    mu_range: Range | None = None
-    contrast_range: Range | None = None
-    share_range: Range | None = None
+    target: TargetKind = "share"
+    low: float = LEFT_OUT
+    high: float = LEFT_OUT
     beyond: Literal["outside", "hold"] = "outside"
 
     def __post_init__(self) -> None:
@@ -181,17 +181,15 @@ class Texture(Displayed, FrictionField):
             )
         number("width_mm of a pixel", self.pixel_mm, least=1e-9)
         choice("beyond", self.beyond, ("outside", "hold"))
-        if len(self._ranges) > 1:
-            ranges = " and ".join(f"{kind}_range" for kind in self._ranges)
-            raise InputError(f"expected one range, got {ranges}")
-        name = f"{self.target}_range"
-        try:
-            low, high = self.value_range
-        except (TypeError, ValueError):
-            raise InputError(f"{name}: expected two numbers, low and high") from None
-        number(name, low)
-        number(name, high)
-        check_range(name, self.target, low, high)
+        choice("target", self.target, ("share", "mu", "contrast"))
+        for name, of_share in (("low", 0.0), ("high", 1.0)):
+            value = getattr(self, name)
+            if value is LEFT_OUT and self.target == "share":
+                object.__setattr__(self, name, of_share)
+            elif value is LEFT_OUT:
+                raise InputError(f"expected low and high for a target of {self.target}")
+            number(name, getattr(self, name))
+        check_range("low, high", self.target, self.low, self.high)
 
     @classmethod
     def from_image(
@@ -199,9 +197,9 @@ class Texture(Displayed, FrictionField):
         image: str | Path | npt.ArrayLike,
         width_mm: float,
         polarity: Polarity = "bright-high",
-        mu_range: Range | None = None,
-        contrast_range: Range | None = None,
-        share_range: Range | None = None,
+        target: TargetKind = "share",
+        low: float = LEFT_OUT,
+        high: float = LEFT_OUT,
         largest_bytes: int = LARGEST_BYTES,
     ) -> Self:
         """Take a photograph: grey between its 1st and 99th percentile becomes level 0 to 1.
@@ -212,7 +210,7 @@ class Texture(Displayed, FrictionField):
             A file, or grey (rows, columns) or colour (rows, columns, 3 or 4) pixels.
         polarity : {"bright-high", "dark-high"}
             Which end of the grey scale has the higher friction.
-        width_mm, mu_range, contrast_range, share_range
+        width_mm, target, low, high
             See the class.
         largest_bytes : int
             Memory that the texture may take while it is made.
@@ -225,9 +223,9 @@ class Texture(Displayed, FrictionField):
         Examples
         --------
         >>> grey = np.tile(np.linspace(0.0, 1.0, 64), (32, 1))
-        >>> texture = Texture.from_image(grey, width_mm=32.0, mu_range=(0.2, 0.4))
-        >>> texture.target, texture.value_range
-        ('mu', (0.2, 0.4))
+        >>> texture = Texture.from_image(grey, width_mm=32.0, target="mu", low=0.2, high=0.4)
+        >>> texture.target, texture.outside
+        ('mu', 0.2)
         """
         from haptix.feel.materials.pictures import read_grey  # needs an extra
 
@@ -235,7 +233,7 @@ class Texture(Displayed, FrictionField):
         level = stretched(read_grey(image, largest_bytes))
         if polarity == "dark-high":
             level = 1 - level
-        return cls(level, width_mm, mu_range, contrast_range, share_range)
+        return cls(level, width_mm, target, low, high)
 
     @classmethod
     def load(cls, image: str | Path, largest_bytes: int = LARGEST_BYTES) -> Self:
@@ -254,10 +252,8 @@ class Texture(Displayed, FrictionField):
             If one of the two files is missing, or is not what it should be.
         """
         beside = Sidecar.load(Sidecar.path_for(image))
-        ends: dict[str, Any] = {f"{beside.target}_range": (beside.low, beside.high)}
-        return cls.from_image(
-            image, beside.width_mm, beside.polarity, largest_bytes=largest_bytes, **ends
-        )
+        how = (beside.width_mm, beside.polarity, beside.target, beside.low, beside.high)
+        return cls.from_image(image, *how, largest_bytes)
 
     @classmethod
     def from_heights(
@@ -266,9 +262,9 @@ class Texture(Displayed, FrictionField):
         width_mm: float,
         rule: HeightRule,
         direction_deg: float = 0.0,
-        mu_range: Range | None = None,
-        contrast_range: Range | None = None,
-        share_range: Range | None = None,
+        target: TargetKind = "share",
+        low: float = LEFT_OUT,
+        high: float = LEFT_OUT,
         largest_bytes: int = LARGEST_BYTES,
     ) -> Self:
         """Take a height map, bright or large being high.
@@ -281,7 +277,7 @@ class Texture(Displayed, FrictionField):
             What makes friction, see `haptix.feel.HeightRule`.
         direction_deg : float
             Direction of the stroke for "slope-along": 0 to the right, 90 down.
-        width_mm, mu_range, contrast_range, share_range, largest_bytes
+        width_mm, target, low, high, largest_bytes
             See the class and `from_image`.
 
         Raises
@@ -293,12 +289,12 @@ class Texture(Displayed, FrictionField):
 
         number("direction_deg", direction_deg)
         level = levels_by_rule(read_grey(heights, largest_bytes), rule, direction_deg)
-        return cls(level, width_mm, mu_range, contrast_range, share_range)
+        return cls(level, width_mm, target, low, high)
 
     @cached_property
     def _pyramid(self) -> Pyramid:
         """Computed at first use: a layout uses a copy of the texture that is held at its edges."""
-        low, high = self.value_range
+        low, high = self.low, self.high
         level = self.level
         values = level if (low, high) == (0.0, 1.0) else low + (high - low) * level
         finer = _finer(self.pixel_mm, values.shape)
@@ -315,26 +311,9 @@ class Texture(Displayed, FrictionField):
         return self
 
     @property
-    def _ranges(self) -> dict[TargetKind, Range]:
-        ranges: dict[TargetKind, Range | None] = {
-            "mu": self.mu_range, "contrast": self.contrast_range, "share": self.share_range,
-        }  # fmt: skip
-        return {kind: ends for kind, ends in ranges.items() if ends is not None}
-
-    @property
-    def target(self) -> TargetKind:
-        """What the values of `friction` are: "mu", "contrast" or "share"."""
-        return next(iter(self._ranges), "share")
-
-    @property
-    def value_range(self) -> Range:
-        """Values of levels 0 and 1."""
-        return next(iter(self._ranges.values()), (0.0, 1.0))
-
-    @property
     def outside(self) -> float:
         """Value of level 0."""
-        return self.value_range[0]
+        return self.low
 
     @property
     def extent_mm(self) -> tuple[float, float, float, float]:
@@ -390,7 +369,7 @@ class _Pictured(Scaled):
     def evaluator(self) -> Texture:
         """The texture; documents of one picture share it."""
         parameters = self.model_dump(mode="json", exclude={"file"})
-        ends = {f"{self.target}_range": (self.low, self.high)}
+        ends = (self.target, self.low, self.high)
         return self.file.shared(parameters, lambda path: self._texture(path, ends))
 
     def _texture(self, path: Path, ends: Any) -> Texture:
@@ -417,7 +396,7 @@ class Photograph(_Pictured):
     polarity: Polarity = "bright-high"
 
     def _texture(self, path: Path, ends: Any) -> Texture:
-        return Texture.from_image(path, self.width_mm, self.polarity, **ends)
+        return Texture.from_image(path, self.width_mm, self.polarity, *ends)
 
 
 class Heights(_Pictured):
@@ -438,4 +417,4 @@ class Heights(_Pictured):
     direction_deg: float = 0.0
 
     def _texture(self, path: Path, ends: Any) -> Texture:
-        return Texture.from_heights(path, self.width_mm, self.rule, self.direction_deg, **ends)
+        return Texture.from_heights(path, self.width_mm, self.rule, self.direction_deg, *ends)

@@ -158,7 +158,7 @@ class Master:
 
     def __init__(self, changed: Callable[[], None]) -> None:
         self._changed = changed
-        self.intensity = self.user_intensity = 1.0
+        self.intensity = self.person_intensity = 1.0
         self.is_muted = self.is_paused = False
         self._stood_s = self._stands_s = 0.0
         self._line = Glide.resting(1.0)
@@ -175,7 +175,7 @@ class Master:
     @property
     def _goal(self) -> float:
         is_silent = self.is_muted or self.is_paused
-        return 0.0 if is_silent else self.intensity * self.user_intensity
+        return 0.0 if is_silent else self.intensity * self.person_intensity
 
     def turn(self, now_s: float, **changes: Any) -> None:
         """Set attributes, and move the intensity to the new value along a line from `now_s` on."""

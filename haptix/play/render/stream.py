@@ -89,23 +89,13 @@ class RenderStream(RenderCore, ABC):
             self._listeners.forget()
         self._attach(self.texture)
 
-    @property
-    def intensity(self) -> float:
-        """Intensity that the app sets, 0 to 1: a share of the friction above the lowest."""
-        return self._master.intensity
+    def intensity(self, value: float) -> None:
+        """Set the app's intensity, 0 to 1: a share of the friction above the lowest."""
+        self._master.turn(self._samples_s, intensity=value)
 
-    @intensity.setter
-    def intensity(self, share: float) -> None:
-        self._master.turn(self._samples_s, intensity=share)
-
-    @property
-    def user_intensity(self) -> float:
-        """Intensity that the user allows, 0 to 1; the app's is multiplied with it."""
-        return self._master.user_intensity
-
-    @user_intensity.setter
-    def user_intensity(self, share: float) -> None:
-        self._master.turn(self._samples_s, user_intensity=share)
+    def person_intensity(self, value: float) -> None:
+        """Set the intensity that the person allows, 0 to 1; the app's is multiplied with it."""
+        self._master.turn(self._samples_s, person_intensity=value)
 
     def mute(self, on: bool = True) -> None:
         """Fade to the lowest friction in 5 ms, or in again if not `on`; time goes on."""

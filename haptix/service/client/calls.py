@@ -82,10 +82,6 @@ class AsyncCalls(ABC):
         """End an effect by the number that `playing` gave."""
         return await self.ask("cancel", effect_id=effect_id)
 
-    async def disarm(self) -> m.OutputMessage:
-        """End at 0 V and keep the lease."""
-        return await self.ask("disarm")
-
     async def geometry(
         self,
         px_per_mm: float,
@@ -120,11 +116,11 @@ class AsyncCalls(ABC):
         """Replace the layout of this session by a document."""
         return await self.ask("layout_set", document=document)
 
-    async def mute(self, on: bool) -> m.OutputMessage:
+    async def mute(self, on: bool = True) -> m.OutputMessage:
         """Hold 0 V while time runs, until the lease ends."""
         return await self.ask("mute", on=on)
 
-    async def pause(self, on: bool) -> m.OutputMessage:
+    async def pause(self, on: bool = True) -> m.OutputMessage:
         """Hold 0 V while time stands, until the lease ends."""
         return await self.ask("pause", on=on)
 
@@ -136,12 +132,12 @@ class AsyncCalls(ABC):
         """Give the lease back; 0 V first."""
         return await self.ask("release")
 
-    async def sense(self, on: bool) -> m.OutputMessage:
+    async def sense(self, on: bool = True) -> m.OutputMessage:
         """Learn the finger by the current that it draws, from the next `arm` on."""
         return await self.ask("sense", on=on)
 
     async def stop(self) -> m.Done:
-        """End at 0 V, whoever holds the output."""
+        """End at 0 V, whoever holds the output; the holder keeps the lease."""
         return await self.ask("stop")
 
     async def subscribe(
@@ -264,10 +260,6 @@ class PlainCalls(ABC):
         """End an effect by the number that `playing` gave."""
         return self.ask("cancel", effect_id=effect_id)
 
-    def disarm(self) -> m.OutputMessage:
-        """End at 0 V and keep the lease."""
-        return self.ask("disarm")
-
     def geometry(
         self,
         px_per_mm: float,
@@ -302,11 +294,11 @@ class PlainCalls(ABC):
         """Replace the layout of this session by a document."""
         return self.ask("layout_set", document=document)
 
-    def mute(self, on: bool) -> m.OutputMessage:
+    def mute(self, on: bool = True) -> m.OutputMessage:
         """Hold 0 V while time runs, until the lease ends."""
         return self.ask("mute", on=on)
 
-    def pause(self, on: bool) -> m.OutputMessage:
+    def pause(self, on: bool = True) -> m.OutputMessage:
         """Hold 0 V while time stands, until the lease ends."""
         return self.ask("pause", on=on)
 
@@ -318,12 +310,12 @@ class PlainCalls(ABC):
         """Give the lease back; 0 V first."""
         return self.ask("release")
 
-    def sense(self, on: bool) -> m.OutputMessage:
+    def sense(self, on: bool = True) -> m.OutputMessage:
         """Learn the finger by the current that it draws, from the next `arm` on."""
         return self.ask("sense", on=on)
 
     def stop(self) -> m.Done:
-        """End at 0 V, whoever holds the output."""
+        """End at 0 V, whoever holds the output; the holder keeps the lease."""
         return self.ask("stop")
 
     def subscribe(

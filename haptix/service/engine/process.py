@@ -71,7 +71,7 @@ _ASK_S, _OPEN_S = 0.5, 0.25  # between two questions to a driver that rests; two
 _MOST_TOUCH_INTERVAL_S = 0.02  # two of a touchscreen of 100 Hz
 _LAYOUTS = ("layout_set", "layout_change", "layout_restore", "forget")
 """Slow work in parallel, so that one session's large pictures delay no other session."""
-_OF_DEVICE = ("arm", "disarm", "open", "lend", "take_back")
+_OF_DEVICE = ("arm", "open", "lend", "take_back")
 _RENDERS = (
     "haptix.play.devices",
     "haptix.model.friction.model",
@@ -172,7 +172,7 @@ class EngineServer:
         self._live_current: Any = None  # of a virtual finger on a mock
         self._intensity = 1.0
         self._touching: set[int] = set()
-        self._entered: dict[tuple[int, int], str] = {}  # regions by finger and key of the patch
+        self._entered: dict[tuple[int, int], str] = {}  # regions by finger and key of the region
         self._touches = TouchGate(self._touch, self._touch_interval_s)
         self._effects: dict[int, Any] = {}
         self._next_effect = 1
@@ -516,7 +516,7 @@ class EngineServer:
         self._tick_s = time.monotonic()
         self._sleeps = False  # the client that arms is alive, even if an earlier holder fell silent
         renderer.__enter__()
-        renderer.intensity = self._intensity
+        renderer.intensity(self._intensity)
         self._set_mute(renderer)
         if self._is_paused:
             renderer.pause()
@@ -571,11 +571,11 @@ class EngineServer:
         self._outbox.say(event="warning", sentence=sentence)
 
     def _contact(self, session: int, layout: SessionLayout, event: LayoutEvent) -> None:
-        if event.patch is None:
+        if event.region is None:
             return
-        place = event.touch_id, event.patch.key
+        place = event.touch_id, event.region.key
         if event.kind == "enter":
-            names = (name for name, patch in layout.patches.items() if patch is event.patch)
+            names = (name for name, region in layout.regions.items() if region is event.region)
             self._entered[place] = next(names, "")
         # One that was removed under a finger is left by the name that it had.
         region = self._entered.get(place, "")
@@ -597,7 +597,7 @@ class EngineServer:
     def _do_intensity(self, value: float) -> None:
         self._intensity = value
         if self._renderer is not None:
-            self._renderer.intensity = value
+            self._renderer.intensity(value)
 
     def _do_mute(self, on: bool) -> None:
         self._is_muted = on
@@ -659,9 +659,6 @@ class EngineServer:
                 except HaptixError as error:
                     self._lose(str(error))
                     raise
-
-    def _do_disarm(self) -> None:
-        self._stop("disarmed")
 
 
 def _load() -> None:

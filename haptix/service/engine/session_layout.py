@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from haptix.base.errors import HaptixError, InputError
 
 if TYPE_CHECKING:
-    from haptix.feel.layout import Patch
+    from haptix.feel.layout import LayoutRegion
 
 
 MOST_REGIONS = 256
@@ -29,7 +29,7 @@ class SessionLayout:
 
         self._assets = assets
         self.layout = Layout()
-        self.patches: dict[str, Patch] = {}
+        self.regions: dict[str, LayoutRegion] = {}
         self.revision = 0
 
     def set(self, document: Mapping[str, Any]) -> None:
@@ -38,15 +38,15 @@ class SessionLayout:
         Raises `InputError` naming the region and its error.
         """
         with self.layout.change():
-            patches = self.patches
-            self.patches = {}
+            regions = self.regions
+            self.regions = {}
             try:
-                for patch in patches.values():
-                    patch.remove()
+                for region in regions.values():
+                    region.remove()
                 for number, region in enumerate(document["regions"]):
                     self._do(f"/document/regions/{number}", {"op": "add", **region})
             except BaseException:
-                self.patches = patches
+                self.regions = regions
                 raise
         self.revision += 1
 
@@ -55,8 +55,8 @@ class SessionLayout:
 
         Raises `InputError` naming the change and its error.
         """
-        patches = dict(self.patches)
-        values: list[tuple[Patch, float]] = []
+        regions = dict(self.regions)
+        values: list[tuple[LayoutRegion, float]] = []
         try:
             with self.layout.change():
                 for number, op in enumerate(ops):
@@ -64,10 +64,10 @@ class SessionLayout:
                         values.append((self._control(f"/ops/{number}", op["name"]), op["value"]))
                     else:
                         self._do(f"/ops/{number}", op)
-                for patch, value in values:  # they cannot be taken back, and fail no more
-                    patch.set(value=value)
+                for region, value in values:  # they cannot be taken back, and fail no more
+                    region.set_value(value)
         except BaseException:
-            self.patches = patches
+            self.regions = regions
             raise
         self.revision += 1
 
@@ -78,38 +78,38 @@ class SessionLayout:
             if kind == "add":
                 self._add(name, fields)
                 return
-            patch = self._named(name)
+            region = self._named(name)
             if kind == "move":
-                patch.move(**fields)
+                region.move(**fields)
             elif kind == "change":
-                patch.set(**self._read(fields))
+                region.change(**self._read(fields))
             else:
-                patch.remove()
-                del self.patches[name]
+                region.remove()
+                del self.regions[name]
         except HaptixError as error:
             raise RegionError(path, f"{name}: {error}") from None
 
-    def _control(self, path: str, name: str) -> Patch:
+    def _control(self, path: str, name: str) -> LayoutRegion:
         """Return a region that has a value."""
         try:
-            patch = self._named(name)
-            _ = patch.value
+            region = self._named(name)
+            _ = region.value
         except HaptixError as error:
             raise RegionError(path, f"{name}: {error}") from None
-        return patch
+        return region
 
-    def _named(self, name: str) -> Patch:
-        if name not in self.patches:
-            names = ", ".join(map(repr, [*self.patches][-5:])) or "none, as after a new start"
+    def _named(self, name: str) -> LayoutRegion:
+        if name not in self.regions:
+            names = ", ".join(map(repr, [*self.regions][-5:])) or "none, as after a new start"
             raise InputError(f"expected the name of a region (there are {names}), got {name!r:.80}")
-        return self.patches[name]
+        return self.regions[name]
 
     def _add(self, name: str, fields: dict[str, Any]) -> None:
-        if name in self.patches:
+        if name in self.regions:
             raise InputError("expected a name that no region has; change or remove that one")
-        if len(self.patches) >= MOST_REGIONS:
+        if len(self.regions) >= MOST_REGIONS:
             raise InputError(f"expected at most {MOST_REGIONS} regions")
-        self.patches[name] = self.layout.add(**self._read(fields))
+        self.regions[name] = self.layout.add(**self._read(fields))
 
     def _read(self, fields: dict[str, Any]) -> dict[str, Any]:
         from haptix.base.kinds import in_folder

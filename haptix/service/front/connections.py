@@ -488,7 +488,7 @@ async def _answer(hub: Hub, session: ServiceSession, message: Any) -> m.Message 
         control.release("released")
     elif message.type == "arm" and control.is_live:
         return control.output.model_copy(update={"id": number})
-    elif message.type == "arm":
+    else:
         armed = await _ask(hub, "arm", session=session.layout)
         hub.full_drive = armed.get("full_drive")
         if control.holder is not session:  # it left, or lost the lease, while the engine armed
@@ -497,9 +497,6 @@ async def _answer(hub: Hub, session: ServiceSession, message: Any) -> m.Message 
         if control.heard > armed.get("told", control.heard):  # it has failed since
             return control.output.model_copy(update={"id": number})
         return control.set(number, state="armed", reason="armed by its holder")
-    else:
-        await _ask(hub, "disarm")
-        return control.set(number, state=control.rests(), reason="disarmed by its holder")
     return m.Done(id=number)
 
 

@@ -2,7 +2,7 @@
 
     off, failed, back --arm--> armed --its holder is silent--> asleep
                                armed <--its holder answers---- asleep
-    any state but gone --stop, disarm, release, takeover, a closed socket, a job--> off
+    any state but gone --stop, release, takeover, a closed socket, a job--> off
     any state --the driver or the engine fails--> failed --the engine is there again--> off
     any state --the driver does not answer--> gone --it was opened again--> back
 

@@ -108,7 +108,7 @@ export class Service {
 
   /** End at 0 V; the lease stays. */
   async disarm() {
-    if (this.session) this.output.set(await this.session.disarm());
+    await this.session?.stop();
   }
 
   /** End at 0 V for all clients; this works without a session, too. */

@@ -171,7 +171,7 @@ def test_layouts_nest():
 
 
 def test_targets():
-    absolute = Texture(LEVEL, 8.0, mu_range=(0.2, 0.5))
+    absolute = Texture(LEVEL, 8.0, target="mu", low=0.2, high=0.5)
     assert laid([region(absolute)], 0.3, "mu").target == "mu"
     veil = laid([region(absolute), plate(0.5, blend="multiply")], 0.4, "mu")
     assert friction(veil, 11.0, 8.0) == pytest.approx(0.2)
@@ -196,7 +196,7 @@ def test_bad_regions(name):
 
 
 def test_what_does_not_fit_together():
-    absolute = Texture(LEVEL, 8.0, mu_range=(0.2, 0.5))
+    absolute = Texture(LEVEL, 8.0, target="mu", low=0.2, high=0.5)
     with pytest.raises(InputError, match="width_mm"):
         laid([region(Grating(period_mm=2.0))])
     with pytest.raises(InputError, match="multiplies"):

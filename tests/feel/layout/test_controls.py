@@ -40,8 +40,8 @@ class Finger:
 
 def placed(material, x=10.0, size=(80.0, 60.0)):
     layout = Layout()
-    patch = layout.add(material, x, 0.0, *size)
-    return patch, Finger(layout)
+    region = layout.add(material, x, 0.0, *size)
+    return region, Finger(layout)
 
 
 def ridges(finger, lo, hi, y=5.0):
@@ -53,37 +53,37 @@ def ridges(finger, lo, hi, y=5.0):
 
 
 def test_detents_follow_a_value_that_the_app_sets_and_none_is_crossed():
-    patch, finger = placed(Slider(travel_mm=40.0, detents=5))  # ridges at 5, 15, ... from 10
+    region, finger = placed(Slider(travel_mm=40.0, detents=5))  # ridges at 5, 15, ... from 10
     finger.at(21.0)
-    assert patch.value == 0.25
+    assert region.value == 0.25
     np.testing.assert_allclose(ridges(finger, 10, 50), [15, 25, 35, 45], atol=0.02)
-    patch.set(value=0.75)  # detent 3, where the finger is, at 21
-    assert patch.value == 0.75
+    region.set_value(0.75)  # detent 3, where the finger is, at 21
+    assert region.value == 0.75
     np.testing.assert_allclose(ridges(finger, 0, 31), [16, 26], atol=0.02)
     finger.at(21.0)
     finger.at(22.0)
-    assert patch.value == 0.75
+    assert region.value == 0.75
     assert finger.detents == []
     finger.at(27.0)  # past the ridge at 26, by the finger
     assert finger.detents == [4.0]
-    assert patch.value == 1.0
+    assert region.value == 1.0
     finger.at(27.0, is_down=False)
     assert finger.told[-1][0] == "leave"
     np.testing.assert_allclose(ridges(finger, 10, 50), [15, 25, 35, 45], atol=0.02)
-    assert patch.value == 1.0
-    patch.set(value=0.0)  # nobody is on it
-    assert patch.value == 0.0
+    assert region.value == 1.0
+    region.set_value(0.0)  # nobody is on it
+    assert region.value == 0.0
     np.testing.assert_allclose(ridges(finger, 10, 50), [15, 25, 35, 45], atol=0.02)
 
 
 @given(st.floats(0, 1), st.floats(0, 360), st.floats(20, 45))
 def test_a_finger_anywhere_on_a_slider_is_at_the_value_that_was_set(value, angle, x):
     material = Slider(travel_mm=30.0, detents=4, orientation_deg=angle, snap=False)
-    patch, finger = placed(material)
+    region, finger = placed(material)
     finger.at(x, 20.0)
-    patch.set(value=value)
+    region.set_value(value)
     finger.at(x, 20.0)
-    assert patch.value == pytest.approx(value, abs=1e-9)
+    assert region.value == pytest.approx(value, abs=1e-9)
     assert finger.detents == []
 
 
@@ -91,7 +91,7 @@ def test_a_dial_turns_and_a_toggle_goes_over():
     dial, finger = placed(Dial(detents=12, centre_mm=(30.0, 30.0)), x=0.0, size=(60.0, 60.0))
     at = lambda turn: (30 + 20 * cos(2 * pi * turn), 30 + 20 * sin(2 * pi * turn))  # noqa: E731
     finger.at(*at(0.0))
-    dial.set(value=0.25)
+    dial.set_value(0.25)
     finger.at(*at(0.01))
     assert dial.value == 0.25
     assert finger.detents == []
@@ -102,12 +102,12 @@ def test_a_dial_turns_and_a_toggle_goes_over():
     toggle, finger = placed(Toggle(width_mm=20.0), size=(20.0, 10.0))
     finger.at(13.0)
     assert toggle.value == 0.0
-    toggle.set(value=1.0)
+    toggle.set_value(1.0)
     finger.at(13.0)
     assert (toggle.value, finger.detents) == (1.0, [])
     finger.at(13.5)
     assert (toggle.value, finger.detents) == (1.0, [])
-    toggle.set(value=0.0)
+    toggle.set_value(0.0)
     finger.at(13.5)
     assert (toggle.value, finger.detents) == (0.0, [])
     finger.at(26.0)  # over the middle, to the right
@@ -115,34 +115,34 @@ def test_a_dial_turns_and_a_toggle_goes_over():
 
 
 def test_changes_in_a_pause_do_not_pile_up():
-    patch, finger = placed(Slider(travel_mm=40.0, detents=5))
+    region, finger = placed(Slider(travel_mm=40.0, detents=5))
     finger.at(21.0)
-    shown = finger.layout.regions
+    shown = finger.layout.store
     for i in range(50):  # the clock stands
-        patch.set(value=(i % 10) / 10)
-        patch.set(opacity=1.0)
+        region.set_value((i % 10) / 10)
+        region.change(opacity=1.0)
     assert len(shown.shown.regions) == 2  # the one that is felt, and the one that comes
     np.testing.assert_allclose(ridges(finger, 0, 20), [10], atol=0.02)  # 0.9 is at 21
     finger.clock.now_s += 0.02
-    patch.set(value=0.5)
+    region.set_value(0.5)
     assert len(shown.shown.regions) == 2
 
 
 def test_a_control_that_was_moved_still_follows_the_finger():
-    patch, finger = placed(Slider(travel_mm=40.0, detents=5))
+    region, finger = placed(Slider(travel_mm=40.0, detents=5))
     finger.at(20.0)
-    patch.move(x_mm=50.0, over_s=0.0)
+    region.move(x_mm=50.0, over_s=0.0)
     finger.at(80.0)
-    assert patch.value == pytest.approx(0.75)  # 30 of 40 mm
+    assert region.value == pytest.approx(0.75)  # 30 of 40 mm
 
 
 def test_what_has_no_value_says_so():
-    patch, _ = placed(Grating(period_mm=3.0))
+    region, _ = placed(Grating(period_mm=3.0))
     with pytest.raises(InputError, match="expected a control"):
-        patch.set(value=0.3)
+        region.set_value(0.3)
     with pytest.raises(InputError, match="expected a control"):
-        _ = patch.value
-    patch, _ = placed(Slider())
+        _ = region.value
+    region, _ = placed(Slider())
     for wrong in (2, -0.1, "half", float("nan")):
         with pytest.raises(InputError, match="value"):
-            patch.set(value=wrong)
+            region.set_value(wrong)

@@ -56,11 +56,11 @@ def test_a_changed_region_stays_below_those_that_came_after_it():
     layout = Layout()
     low, high = (layout.add(Level(level), 0, 0, 20, 10) for level in (0.2, 0.8))
     assert at(layout, 5.0)[0] == 0.8
-    low.set(material=Level(0.3))
+    low.change(material=Level(0.3))
     assert at(layout, 5.0)[0] == 0.8
     high.remove()
     assert at(layout, 5.0)[0] == 0.3
-    low.set(z=1.0)
+    low.change(z=1.0)
     layout.add(Level(0.9), 0, 0, 20, 10)
     assert at(layout, 5.0)[0] == 0.3
 
@@ -98,10 +98,10 @@ def test_a_move_is_a_line_in_time(t_s, by_mm, over_s):
     layout = Layout()
     layout.attach(clock)
     material = Level(0.5)
-    patch = layout.add(material, 0, 0, 1000, 1000)
+    region = layout.add(material, 0, 0, 1000, 1000)
     clock.now_s = 2.0
-    patch.move(x_mm=by_mm, over_s=over_s)
-    assert patch.x_mm == by_mm
+    region.move(x_mm=by_mm, over_s=over_s)
+    assert region.x_mm == by_mm
     motion = Motion.of([500.0, 500.0], 500.0, [2 + t_s, 2 + t_s + 1e-9], 10.0, 0.0)
     layout.wanted(motion)
     on = material.asked[-1]
@@ -117,10 +117,10 @@ def test_a_scale_glides_as_the_places_it_gives():
     layout = Layout()
     layout.attach(clock)
     material = Level(0.5)
-    patch = layout.add(material, 5, 7, 500, 500, rotation_deg=10)
+    region = layout.add(material, 5, 7, 500, 500, rotation_deg=10)
     clock.now_s = 2.0
-    patch.move(x_mm=9, rotation_deg=40, scale=1.5, over_s=0.02)
-    assert (patch.scale, patch.width_mm) == (1.5, 750)
+    region.move(x_mm=9, rotation_deg=40, scale=1.5, over_s=0.02)
+    assert (region.scale, region.width_mm) == (1.5, 750)
     t = 2.0 + np.linspace(0.001, 0.019, 2001)
     layout.wanted(Motion.of(300 + 80 * (t - 2), 200 - 30 * (t - 2), t, 80.0, -30.0))
     on = material.asked[-1]
@@ -138,7 +138,7 @@ def test_a_scale_glides_as_the_places_it_gives():
 def test_a_change_is_told_once_when_it_is_whole():
     told = []
     layout = Layout()
-    layout.attach(HandClock(1.0), lambda: told.append(len(layout.regions.shown.regions)))
+    layout.attach(HandClock(1.0), lambda: told.append(len(layout.store.shown.regions)))
     with layout.change():
         one = layout.add(Level(1.0), 0, 0, 10, 10)
         layout.add(Level(1.0), 0, 0, 10, 10)
@@ -155,11 +155,11 @@ def test_a_new_move_begins_where_the_old_one_is():
     layout = Layout()
     layout.attach(clock)
     material = Level(0.5)
-    patch = layout.add(material, 0, 0, 1000, 1000)
+    region = layout.add(material, 0, 0, 1000, 1000)
     clock.now_s = 2.0
-    patch.move(x_mm=10)
+    region.move(x_mm=10)
     clock.now_s += GLIDE_S / 2
-    patch.move(x_mm=-10)
+    region.move(x_mm=-10)
     at(layout, 500, 500, clock.now_s)
     assert material.asked[-1].x_mm[0] == pytest.approx(495)
     at(layout, 500, 500, clock.now_s + GLIDE_S)
@@ -176,25 +176,25 @@ def test_all_that_changes_fades():
     def felt():
         return layout.wanted(Motion.of(np.full(t.shape, 5.0), 5.0, clock.now_s - 1 + t))
 
-    patch = layout.add(Level(0.8), 0, 0, 10, 10)
+    region = layout.add(Level(0.8), 0, 0, 10, 10)
     np.testing.assert_allclose(felt(), 0.2 + 0.6 * part, atol=1e-9)
     clock.now_s = 2.0
-    patch.set(material=Level(0.4))
+    region.change(material=Level(0.4))
     np.testing.assert_allclose(felt(), 0.8 - 0.4 * part, atol=1e-9)
     clock.now_s = 3.0
-    patch.set(opacity=0.5)
+    region.change(opacity=0.5)
     np.testing.assert_allclose(felt()[[0, -1]], [0.4, 0.3], atol=1e-9)
     assert np.abs(np.diff(felt())).max() < 0.05
     clock.now_s = 4.0
-    patch.remove()
-    assert not patch.is_there
+    region.remove()
+    assert not region.is_there
     np.testing.assert_allclose(felt(), 0.3 - 0.1 * part, atol=1e-9)
     clock.now_s = 5.0
     layout.add(Level(0.8), 50, 50, 10, 10)
-    assert len(layout.regions.shown.regions) == 1  # what has gone is forgotten
-    patch.remove()
+    assert len(layout.store.shown.regions) == 1  # what has gone is forgotten
+    region.remove()
     with pytest.raises(InputError, match="removed"):
-        patch.move(x_mm=3)
+        region.move(x_mm=3)
 
 
 def test_targets_are_mixed_by_what_can_be_reached():
@@ -239,8 +239,8 @@ def test_any_thread_may_change_it_while_another_asks():
     thread.start()
     for i in range(300):
         with layout.change():  # they change places
-            for k, patch in enumerate(pair):
-                patch.move(x_mm=20 * ((i + k) % 2), over_s=0)
+            for k, region in enumerate(pair):
+                region.move(x_mm=20 * ((i + k) % 2), over_s=0)
     stop.set()
     thread.join()
     assert not wrong
@@ -252,7 +252,7 @@ def test_many_regions_answer_as_if_each_were_asked(monkeypatch, seed):
         rng, clock = np.random.default_rng(seed), HandClock(0.0)
         layout = Layout(0.1)
         layout.attach(clock)
-        patches = [
+        regions = [
             layout.add(
                 Level(rng.random()), *rng.uniform(0, 100, 2), *rng.uniform(5, 20, 2),
                 rotation_deg=rng.choice([0.0, 30.0]), z=int(rng.integers(3)),
@@ -262,16 +262,16 @@ def test_many_regions_answer_as_if_each_were_asked(monkeypatch, seed):
             for _ in range(25)
         ]  # fmt: skip
         clock.now_s = 1.0
-        for patch in patches[:15]:
+        for region in regions[:15]:
             x, y = rng.uniform(0, 100, 2)
-            patch.move(x, y, over_s=0.05)
-        patches[3].remove()
-        patches[4].set(material=Level(0.9))
-        patches[4].move(x_mm=50)
+            region.move(x, y, over_s=0.05)
+        regions[3].remove()
+        regions[4].change(material=Level(0.9))
+        regions[4].move(x_mm=50)
         with layout.change():
-            patches[5].move(x_mm=20)
-            patches[6].remove()
-            patches[7].move(y_mm=20)
+            regions[5].move(x_mm=20)
+            regions[6].remove()
+            regions[7].move(y_mm=20)
         return layout
 
     def answers(layout):
@@ -357,10 +357,10 @@ def test_a_texture_that_is_added_again_is_not_made_again(monkeypatch):
     assert len(made) == 1  # held beyond its edges, and not the other one as well
     layout = Layout()
     regions = [layout.add(HALF) for _ in range(3)]
-    assert len({id(one.evaluator) for one in layout.regions.shown.regions}) == 1
+    assert len({id(one.evaluator) for one in layout.store.shown.regions}) == 1
     for region in regions:
         region.move(x_mm=3)
-    assert len({id(one.evaluator) for one in layout.regions.shown.regions}) == 1
+    assert len({id(one.evaluator) for one in layout.store.shown.regions}) == 1
 
 
 @pytest.mark.parametrize("turn", [0, 90, 180, 270])
@@ -400,7 +400,7 @@ BAD = {
     "priority": (lambda g: g.add(HALF, priority="high"), "priority"),
     "move": (lambda g: g.add(HALF).move(x_mm="5 mm"), "x_mm"),
     "over": (lambda g: g.add(HALF).move(x_mm=5, over_s=-1), "over_s"),
-    "set": (lambda g: g.add(HALF).set(colour=3), "colour"),
+    "change": (lambda g: g.add(HALF).change(colour=3), "colour"),
     "target": (lambda g: Layout(target="friction"), "target"),
     "background": (lambda g: Layout(background="grey"), "background"),
     "dpi": (lambda g: ScreenGeometry.of_dpi(100, 100, 0), "dpi"),

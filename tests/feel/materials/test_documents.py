@@ -53,7 +53,7 @@ def still(folder):
         "heights": (
             {"kind": "heights", "file": "stone.png", "width_mm": 30.0, "rule": "slope-magnitude",
              "target": "mu", "low": 0.2, "high": 0.4},
-            Texture.from_heights(stone, 30.0, "slope-magnitude", mu_range=(0.2, 0.4)),
+            Texture.from_heights(stone, 30.0, "slope-magnitude", target="mu", low=0.2, high=0.4),
         ),
         "grating": (GRATING, grating),
         "noise": (

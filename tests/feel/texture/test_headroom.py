@@ -42,7 +42,7 @@ def test_parts_of_an_absolute_ramp(surface, reach):
     low, high = reach
     span = high - low
     # From half a span below the reach to a whole one above it: a fifth, two fifths, two fifths.
-    field = ramp(mu_range=(low - 0.5 * span, high + span), beyond="hold")
+    field = ramp(target="mu", low=low - 0.5 * span, high=high + span, beyond="hold")
     found = headroom(field, surface, FORCE_N, columns=100)
     # A column more or less at each end of the reach.
     assert found.below == pytest.approx(0.2, abs=0.011)
@@ -70,7 +70,7 @@ def test_contrast_starts_from_the_friction_without_voltage(surface, reach):
 
 
 def test_the_drawing_is_a_picture(surface, reach):
-    field = ramp(mu_range=(0.9 * reach[0], 1.1 * reach[1]))
+    field = ramp(target="mu", low=0.9 * reach[0], high=1.1 * reach[1])
     png = headroom(field, surface, FORCE_N).png()
     picture = np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
     assert picture.shape[0] > 300

@@ -12,7 +12,7 @@ RIDGE = np.tile(np.interp(X, [0, 10, 30], [0, 1, 0]), (20, 1))
 
 
 def test_height():
-    texture = Texture.from_heights(RIDGE, 31.0, "height", mu_range=(0.2, 0.4))
+    texture = Texture.from_heights(RIDGE, 31.0, "height", target="mu", low=0.2, high=0.4)
     low, high = np.percentile(RIDGE, [1, 99])
     expected = 0.2 + 0.2 * np.clip((RIDGE[5] - low) / (high - low), 0, 1)
     np.testing.assert_allclose(texture.friction(X + 0.5, 5.5), expected, atol=1e-12)
@@ -60,9 +60,9 @@ def test_scale_of_the_heights_does_not_matter(tmp_path):
         (np.ones((5, 5)), "slope-magnitude", {}, "plane"),
         (RIDGE[:1], "slope-along", {}, "2 x 2"),
         (RIDGE, "slope-along", {"direction_deg": np.nan}, "direction_deg"),
-        (RIDGE, "height", {"mu_range": (0.1, 0.2), "share_range": (0, 1)}, "one range"),
-        (RIDGE, "height", {"contrast_range": (-2, 0)}, "contrast_range"),
-        (RIDGE, "height", {"share_range": (0, 2)}, "share_range"),
+        (RIDGE, "height", {"target": "mu", "low": 0.1}, "low and high"),
+        (RIDGE, "height", {"target": "contrast", "low": -2, "high": 0}, "contrast"),
+        (RIDGE, "height", {"low": 0, "high": 2}, "share"),
     ],
 )
 def test_bad_height_maps(heights, rule, options, complaint):

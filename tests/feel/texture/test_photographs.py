@@ -169,7 +169,7 @@ def test_unknown_polarity(polarity):
 
 
 @pytest.mark.parametrize(
-    "mu_range",
+    ("low", "high"),
     [
         (0.5, 0.2),
         (0.3, 0.3),
@@ -179,9 +179,9 @@ def test_unknown_polarity(polarity):
         (0.1, np.inf),
     ],
 )
-def test_bad_mu_ranges(mu_range):
-    with pytest.raises(InputError, match="mu_range") as caught:
-        Texture.from_image(GREY, 10, mu_range=mu_range)
+def test_bad_ends(low, high):
+    with pytest.raises(InputError, match=r"low|high") as caught:
+        Texture.from_image(GREY, 10, target="mu", low=low, high=high)
     one_sentence(caught)
 
 

@@ -16,8 +16,10 @@ from haptix.feel.materials import (
 
 LEVEL = np.random.default_rng(0).random((12, 20))
 FIELDS = {
-    "texture": Texture(LEVEL, 10.0, mu_range=(0.2, 0.6)),
-    "texture that holds": Texture(LEVEL, 10.0, contrast_range=(-0.1, 0.2), beyond="hold"),
+    "texture": Texture(LEVEL, 10.0, target="mu", low=0.2, high=0.6),
+    "texture that holds": Texture(
+        LEVEL, 10.0, target="contrast", low=-0.1, high=0.2, beyond="hold"
+    ),
     "one pixel": Texture(np.ones((1, 1)), 4.0),
     "sine": Grating(period_mm=2.0, wave="sine", orientation_deg=30.0, low=0.1),
     "square": Grating(period_mm=2.0, wave="square", low=0.1),
@@ -84,8 +86,9 @@ def test_what_values_mean():
 WRONG = {
     "width_mm": lambda: Texture(LEVEL, "60 mm"),
     "level": lambda: Texture("bricks", 60.0),
-    "mu_range: expected two": lambda: Texture(LEVEL, 60.0, mu_range=0.3),
-    "mu_range: expected a finite": lambda: Texture(LEVEL, 60.0, mu_range=("low", 1)),
+    "low and high": lambda: Texture(LEVEL, 60.0, target="mu", high=0.3),
+    "high: expected a finite": lambda: Texture(LEVEL, 60.0, high=np.nan),
+    "low: expected a finite": lambda: Texture(LEVEL, 60.0, target="mu", low="low", high=1),
     "largest_bytes": lambda: Texture.from_image(LEVEL, 60.0, largest_bytes="1 GB"),
     "direction_deg": lambda: Texture.from_heights(LEVEL, 60.0, "slope-along", "left"),
     "period_mm": lambda: Grating(period_mm="2 mm"),

@@ -49,13 +49,13 @@ def test_a_photograph_is_felt_as_its_sidecar_says(photograph):
     beside(photograph, MINIMAL)
     share = Texture.load(photograph)
     expected = Texture.from_image(photograph, 40, "dark-high")
-    assert (share.width_mm, share.target, share.value_range) == (40, "share", (0, 1))
+    assert (share.width_mm, share.target, share.low, share.high) == (40, "share", 0, 1)
     np.testing.assert_array_equal(share.level, expected.level)
 
     beside(photograph, {**MINIMAL, "target": "mu", "low": 0.2, "high": 0.5, "width_mm": "6 cm"})
     absolute = Texture.load(str(photograph))
     assert (absolute.width_mm, absolute.target) == (60, "mu")
-    assert absolute.mu_range == (0.2, 0.5)
+    assert (absolute.target, absolute.low, absolute.high) == ("mu", 0.2, 0.5)
 
     beside(photograph, {**MINIMAL, "target": "contrast", "low": -0.1, "high": 0.2})
     contrast = Texture.load(photograph)

@@ -86,9 +86,9 @@ def test_the_edges_themselves_belong_to_the_picture(width_mm, rows, columns):
 
 @settings(deadline=None)
 @given(maps, widths, st.floats(0, 1), st.floats(0.01, 3))
-def test_mu_range_scales_the_levels(level, width_mm, low, span):
+def test_mu_of_the_ends_scales_the_levels(level, width_mm, low, span):
     places = centres(Texture(level, width_mm))
-    absolute = Texture(level, width_mm, mu_range=(low, low + span)).friction(*places)
+    absolute = Texture(level, width_mm, target="mu", low=low, high=low + span).friction(*places)
     np.testing.assert_allclose(absolute, low + span * level, rtol=0, atol=4 * ROUNDING)
 
 
@@ -141,10 +141,10 @@ def test_an_asymmetric_picture_stays_where_it_is(polarity, footprint):
 @pytest.mark.parametrize(
     "options",
     [
-        {"mu_range": (0.1, 0.2), "contrast_range": (0.0, 0.1)},
-        {"contrast_range": (-1.1, 0.0)},
-        {"share_range": (0.0, 1.1)},
-        {"share_range": (0.5, 0.5)},
+        {"target": "mu", "low": 0.1},
+        {"target": "contrast", "low": -1.1, "high": 0.0},
+        {"high": 1.1},
+        {"low": 0.5, "high": 0.5},
         {"beyond": "repeat"},
     ],
 )

@@ -120,7 +120,7 @@ WAVES = st.one_of(
 @given(
     WAVES,
     st.lists(st.floats(0, 1), min_size=2, max_size=12),
-    st.sampled_from([None, (0.01, 5.0), (0.25, 0.4)]),
+    st.sampled_from([("share", 0.0, 1.0), ("mu", 0.01, 5.0), ("mu", 0.25, 0.4)]),
     st.lists(
         st.tuples(st.floats(-10, 80), st.floats(0.01, 8.0), st.floats(0.002, 0.05)),
         min_size=3,
@@ -130,9 +130,10 @@ WAVES = st.one_of(
     st.booleans(),
 )
 @settings(max_examples=25, deadline=None)
-def test_no_sample_is_ever_above_the_limit(fragile, wave, levels, mu_range, path, combination, two):
+def test_no_sample_is_ever_above_the_limit(fragile, wave, levels, ends, path, combination, two):
     waves = None if wave is None else DirectWave(125.0, wave)
-    texture = Texture(np.array([levels]), width_mm=70.0, mu_range=mu_range, beyond="hold")
+    target, low, high = ends
+    texture = Texture(np.array([levels]), 70.0, target, low, high, "hold")
     t, events = 0.0, []
     for i, (x, force, dt) in enumerate(path):
         t += dt

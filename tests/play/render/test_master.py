@@ -50,9 +50,9 @@ def test_intensity_scales_friction_above_the_lowest(surface, reach):
     low, high = reach
     full = low + 0.6 * (high - low)
     with playing(surface, LEVEL) as renderer:
-        renderer.user_intensity = 0.5
+        renderer.person_intensity(0.5)
         slide(renderer, 0.1)
-        renderer.intensity = 0.4
+        renderer.intensity(0.4)
         slide(renderer, 0.3, 0.1)
     assert at(renderer, 0.09) == pytest.approx(low + 0.5 * (full - low), rel=1e-3)
     assert at(renderer, 0.25) == pytest.approx(low + 0.2 * (full - low), rel=1e-3)
@@ -61,8 +61,7 @@ def test_intensity_scales_friction_above_the_lowest(surface, reach):
     assert at(renderer, 0.1 + 0.025) == pytest.approx(low + half_way * (full - low), rel=0.02)
     for wrong in (2, -1, "loud", np.nan):
         with pytest.raises(InputError, match="intensity"):
-            renderer.intensity = wrong
-    assert renderer.intensity == 0.4
+            renderer.intensity(wrong)
 
 
 def test_nothing_raises_a_voltage_beyond_what_friction_asks(surface):
@@ -89,14 +88,14 @@ def test_nothing_raises_a_voltage_beyond_what_friction_asks(surface):
 def test_mute_takes_5_ms_and_time_goes_on_while_in_a_pause_it_stands(surface, reach):
     low, _ = reach
     texture = Layout(0.1)
-    patch = texture.add(LEVEL, 0, 0, 500, 50)
+    region = texture.add(LEVEL, 0, 0, 500, 50)
     with playing(surface, texture) as renderer:
         slide(renderer, 0.1)
         renderer.mute()
         slide(renderer, 0.2, 0.1)
         renderer.mute(False)
         slide(renderer, 0.3, 0.2)
-        patch.move(x_mm=400, over_s=0.8)  # at 500 mm/s, the finger at 100
+        region.move(x_mm=400, over_s=0.8)  # at 500 mm/s, the finger at 100
         slide(renderer, 0.31, 0.3)
         renderer.pause()
         slide(renderer, 0.5, 0.31)
@@ -195,7 +194,7 @@ def test_callbacks_tell_what_fingers_do(surface, kind):
     assert [one.kind for one in heard] == [
         "enter", "press", "release", "press", "release", "leave", "enter", "leave",
     ]  # fmt: skip
-    assert {one.patch for one in heard} == {button}
+    assert {one.region for one in heard} == {button}
     assert heard[0].t_s == pytest.approx(0.1)
 
 
@@ -215,11 +214,11 @@ def test_a_touch_that_is_dropped_tells_nothing(surface):
 
 def test_a_layout_by_another_renderer_starts_settled(surface):
     layout = Layout()
-    patch = layout.add(LEVEL, 0, 0, 500, 50)
+    region = layout.add(LEVEL, 0, 0, 500, 50)
     for _ in range(2):
         with playing(surface, layout) as renderer:
             slide(renderer, 0.05)
-            patch.move(x_mm=patch.x_mm - 1, over_s=10.0)
+            region.move(x_mm=region.x_mm - 1, over_s=10.0)
             slide(renderer, 0.1, 0.05)
         assert at(renderer, 0.003) == pytest.approx(at(renderer, 0.09), rel=1e-6)
 
@@ -242,15 +241,15 @@ def test_the_finger_with_priority_gets_the_electrode(surface):
 def test_a_value_is_set_while_a_finger_is_on_its_control(surface):
     """What the finger crosses is told by its own way; what the app sets is not."""
     layout = Layout()
-    patch = layout.add(Slider(travel_mm=40.0, detents=5), 0.0, 0.0, 80.0, 20.0)
+    region = layout.add(Slider(travel_mm=40.0, detents=5), 0.0, 0.0, 80.0, 20.0)
     told = []
     with playing(surface, layout, LiveSettings()) as renderer:
         renderer.on("detent", told.append)
         for i in range(20):
             renderer.touch(0.01 * i, 1 + i, 5.0, 0.5)
         assert [event.detent for event in told] == [1.0, 2.0]
-        assert patch.value == 0.5
-        patch.set(value=0.0)
+        assert region.value == 0.5
+        region.set_value(0.0)
         for i in range(20, 25):
             renderer.touch(0.01 * i, 1 + i, 5.0, 0.5)
         # Detent 0 was at 20 mm, so that the next ridge is at 25.

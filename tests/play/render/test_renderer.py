@@ -258,7 +258,7 @@ def test_a_surface_is_limited_to_what_a_device_gives(surface, ceiling_v):
 def test_friction_out_of_reach_is_counted(surface):
     # From 0.1, below what there is without voltage (0.26), to 1, above what 200 V gives (0.33).
     level = np.repeat(np.linspace(0, 1, 40)[None, :], 4, axis=0)
-    texture = Texture(level, width_mm=40.0, mu_range=(0.1, 1.0))
+    texture = Texture(level, width_mm=40.0, target="mu", low=0.1, high=1.0)
     start, end = (0.0, 0.0, 2.0, 0.5), (0.1, 40.0, 2.0, 0.5)
     device, renderer = render(surface, texture, [start, end])
 

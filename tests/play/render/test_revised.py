@@ -202,27 +202,27 @@ def test_what_an_app_changes_is_rendered_again_at_once(surface, monkeypatch):
             curve={"kind": "pulse", "width_s": 0.02, "height": 0.3, "at_s": 0.005, "length_s": 0.03}
         ),
     )
-    patch = layout.add(STRIPES, 0, 0, 20, 20)
+    region = layout.add(STRIPES, 0, 0, 20, 20)
     device = Device(MockLink(MockDriver(pace="real")))
     with LiveRenderer(surface, layout, device) as renderer:
 
         def changes():
-            yield setattr(renderer, "intensity", 0.5)
+            yield renderer.intensity(0.5)
             yield renderer.mute()
             yield renderer.pause()
-            yield patch.move(x_mm=3.0)
+            yield region.move(x_mm=3.0)
             effect = renderer.play(bump)
             yield
             yield effect.stop()
             with layout.change():
-                patch.set(opacity=0.5)
-                patch.remove()
+                region.change(opacity=0.5)
+                region.remove()
             yield
             yield setattr(renderer, "texture", STRIPES)
 
         for _ in changes():
             assert not told
-        patch = layout.add(STRIPES, 0, 0, 20, 20)
+        region = layout.add(STRIPES, 0, 0, 20, 20)
         renderer.texture = layout
         renderer.mute(False)
         renderer.pause(False)

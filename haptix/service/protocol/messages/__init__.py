@@ -103,7 +103,7 @@ class Acquire(Message):
 class Plain(Message):
     """A message without fields."""
 
-    type: Literal["release", "arm", "disarm", "stop", "inventory", "bye"]
+    type: Literal["release", "arm", "stop", "inventory", "bye"]
     id: Id
 
 
@@ -244,7 +244,7 @@ class Switch(Message):
 
     type: Literal["mute", "pause", "sense"]
     id: Id
-    on: bool
+    on: bool = True
 
 
 class Subscribe(Message):

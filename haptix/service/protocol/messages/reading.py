@@ -137,7 +137,7 @@ def schema() -> dict[str, Any]:
 REPLIES = {
     "hello": "welcome",
     "acquire": "lease",
-    **dict.fromkeys(("arm", "disarm", "intensity", "mute", "pause", "sense"), "output"),
+    **dict.fromkeys(("arm", "intensity", "mute", "pause", "sense"), "output"),
     **dict.fromkeys(("layout_set", "layout_change"), "layout"),
     "play": "playing",
     "subscribe": "subscribed",
@@ -150,8 +150,7 @@ REPLIES = {
 _ABOUT = {
     "release": "Give the lease back; 0 V first.",
     "arm": "Let touches be felt.",
-    "disarm": "End at 0 V and keep the lease.",
-    "stop": "End at 0 V, whoever holds the output.",
+    "stop": "End at 0 V, whoever holds the output; the holder keeps the lease.",
     "inventory": "Ask which devices and profiles there are.",
     "bye": "Leave: 0 V first, and the lease is free.",
     "mute": "Hold 0 V while time runs, until the lease ends.",
