@@ -1,9 +1,19 @@
 #!/usr/bin/env bash
-# Builds the sdist and a wheel for each platform into dist/; needs the extra release.
+# Builds the sdist and a wheel for each platform into dist/, also in a fresh clone: its tools are those of
+# .venv, or else an environment of its own in build/.
 #   TARGETS="linux-x86_64" bash scripts/wheels.sh    builds that platform's alone (see hatch_build.py)
+#   PYTHON=python bash scripts/wheels.sh             with the tools of that Python
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
-python=${PYTHON:-.venv/bin/python}
+
+in_environment() { echo "$1"/*/python | cut -d ' ' -f 1; } # bin, or Scripts on Windows
+python=${PYTHON:-$(in_environment .venv)}
+if ! "$python" -c "import hatchling, ziglang" 2> /dev/null; then
+    [ -z "${PYTHON:-}" ] || { echo "$PYTHON has no hatchling and ziglang: scripts/release-requirements.txt" >&2; exit 1; }
+    [ -d build/wheel-tools ] || python3 -m venv build/wheel-tools
+    python=$(in_environment build/wheel-tools)
+    "$python" -m pip install --quiet --disable-pip-version-check --require-hashes -r scripts/release-requirements.txt
+fi
 
 "$python" -m hatchling build -t sdist -d dist
 for target in ${TARGETS:-linux-x86_64 linux-aarch64 windows-x86_64 macos-arm64 macos-x86_64}; do

@@ -4,6 +4,7 @@ import json
 import os
 import platform
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -165,3 +166,22 @@ def test_the_wheel_is_fit_to_be_published(wheel):
     if sys.platform == "linux":
         told = run(sys.executable, "-m", "auditwheel", "show", wheel)
         assert '"manylinux_2_17_x86_64"' in told or "manylinux_2_17_aarch64" in told
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/index.md"])
+def test_the_line_of_a_page_installs_this_version(wheel, page):
+    line = re.search(r"pip install --find-links dist .*", (ROOT / page).read_text("utf-8"))
+    given = [wheel.parent if word == "dist" else word for word in shlex.split(line.group())[2:]]
+    # --no-deps: what haptix needs is another test's; --no-index: PyPI has none yet.
+    said = run(sys.executable, "-m", "pip", "install", "--dry-run", "--no-deps", "--no-index",
+               "--ignore-installed", *given)  # fmt: skip
+    assert f"Would install haptix-electrovibration-{haptix.__version__}" in said
+
+
+def test_one_command_builds_in_a_fresh_clone(tmp_path):
+    target = TARGETS.get((platform.system(), platform.machine()))
+    run("git", "clone", "-q", ROOT, tmp_path / "clone")
+    run("bash", "scripts/wheels.sh", cwd=tmp_path / "clone",
+        env={**os.environ, "TARGETS": str(target)})  # fmt: skip
+    built = [*(tmp_path / "clone" / "dist").glob(f"*-{haptix.__version__}-*.whl")]
+    assert len(built) == 1
