@@ -178,6 +178,18 @@ TASKS: dict[str, tuple[str, str]] = {
         "calibration.keeping_tasks:RunBatch",
         "Run panel after panel, each in a folder of its own. The same command again continues.",
     ),
+    "service install": (
+        "haptix.tasks.login:InstallService",
+        "Start the service whenever you log in, and now. The same command again replaces it.",
+    ),
+    "service remove": (
+        "haptix.tasks.login:RemoveService",
+        "Stop the service, and start it no more. What you made stays: layouts, profiles, surfaces.",
+    ),
+    "service status": (
+        "haptix.tasks.login:ServiceStatus",
+        "Say whether the service starts when you log in, whether it runs, and where its log is.",
+    ),
     "touchscreen calibrate": (
         "haptix.tasks.touchscreens:CalibrateTouchscreen",
         "Find how a touch panel lies on the picture, and its size, with a finger on four marks.",
@@ -200,6 +212,7 @@ TASKS: dict[str, tuple[str, str]] = {
 GROUPS = {
     "material": "Tasks of materials, the documents that say what a surface feels like.",
     "stimuli": "Tasks of stimuli for perception experiments: make and draw sets, run and analyse trials.",
+    "service": "The service at log-in: install, remove and ask for it.",
     "touchscreen": "Tasks of touch panels.",
     "calibrate": "Calibrate a screen: plan, measure, reduce, fit, verify; each step can be repeated.",
 }

@@ -72,7 +72,14 @@ def description(service):
 
 
 OPERATIONS = [
-    *("GET /v1/server", "POST /v1/pair", "DELETE /v1/pair", "GET /v1/devices", "GET /v1/kinds"),
+    *(
+        "GET /v1/server",
+        "POST /v1/pair",
+        "DELETE /v1/pair",
+        "GET /v1/pair/code",
+        "GET /v1/devices",
+        "GET /v1/kinds",
+    ),
     *("PUT /v1/assets/{digest}", "GET /v1/assets/{digest}", "GET /v1/schemas/session"),
     *("GET /v1/person", "PUT /v1/person"),
     *("POST /stop", "GET /v1/profiles/{kind}", "GET /v1/gallery", "GET /v1/layouts"),

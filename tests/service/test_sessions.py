@@ -17,6 +17,8 @@ from haptix.service.front.access import listens
 from haptix.service.front.application import SUBPROTOCOL
 from haptix.service.protocol.batches import write_touches
 from haptix.service.protocol.messages import TouchMessage
+from haptix.tasks.login import running_service
+from tests.command_line import run_haptix
 from tests.service.service_under_test import Service
 from tests.waiting import PATIENCE_S, wait_for
 
@@ -187,6 +189,26 @@ def test_a_page_is_paired_and_comes_in(service):
     assert httpx.get(f"{base}/v1/server").status_code == 403
     assert httpx.delete(f"{base}/v1/pair", headers=headers).status_code == 204
     assert httpx.get(f"{base}/v1/server", headers=headers).status_code == 403
+
+
+def test_a_program_of_this_user_reads_the_code_and_a_page_does_not(service, monkeypatch):
+    monkeypatch.setenv("HAPTIX_SERVICE", str(service.access.folder))
+    assert running_service() == (service.port, service.access.code())
+    opened = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    monkeypatch.setattr("haptix.tasks.cli.service._has_browser", lambda: True)
+    run_haptix("studio")  # ends at once: that service has its pages
+    assert opened == [f"http://127.0.0.1:{service.port}/#code={service.access.code()}"]
+    page = {
+        "Origin": PAGE,
+        "Authorization": f"Bearer {service.access.pair(service.access.code(), PAGE, 'page')}",
+    }
+    for headers in (page, {}, {"Authorization": f"Bearer {service.access.native}", "Origin": PAGE}):
+        answer = httpx.get(f"http://127.0.0.1:{service.port}/v1/pair/code", headers=headers)
+        assert answer.status_code == 403
+        assert service.access.code() not in answer.text
+    monkeypatch.setenv("HAPTIX_SERVICE", str(service.access.folder / "none"))
+    assert running_service() is None
 
 
 def test_who_says_no_hello_takes_no_place_of_a_session(service):

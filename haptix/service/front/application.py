@@ -184,6 +184,12 @@ class Pairing(BaseModel):
     name: Annotated[str, Field(min_length=1, max_length=100)]
 
 
+class Code(BaseModel):
+    """The code that pairs a page."""
+
+    code: str
+
+
 class Token(BaseModel):
     """The token of a paired page for its `hello`."""
 
@@ -291,6 +297,13 @@ def application(
     async def forget(authorization: Annotated[str, Header()]) -> None:
         """Take the token back."""
         hub.access.forget(authorization.removeprefix("Bearer "))
+
+    @app.get("/v1/pair/code", dependencies=[Depends(token)])
+    async def code(request: Request) -> Code:
+        """The code for a page, for programs of this user: a service at log-in has no terminal."""
+        if request.state.owner != "programs":
+            raise Problem("access", "only programs of this user may read the code")
+        return Code(code=hub.access.code())
 
     @app.get("/v1/devices", dependencies=[Depends(token)])
     async def devices() -> m.Inventory:

@@ -18,6 +18,7 @@ from haptix.base.errors import InputError
 from haptix.base.fields import Address, FileThere, NewFile, Text
 from haptix.model.presets import FingerName, ScreenName
 from haptix.tasks.cli.application import option
+from haptix.tasks.login import running_service
 
 if TYPE_CHECKING:
     from haptix.service.front.access import Access
@@ -94,8 +95,15 @@ def studio(
     """Open the studio in a browser: feel textures by mouse, pen or touch, make and test them.
 
     It is the service of `haptix serve` with its own pages. Without arguments it plays to a mock
-    device: what a finger would feel is computed, drawn and made audible.
+    device: what a finger would feel is computed, drawn and made audible. Where a service of this
+    user runs, it opens the pages of that.
     """
+    own = (device, surface, finger, screen, touched_by, log)
+    if own == ("mock:pace=real", *(None,) * 5) and (running := running_service()):
+        _say(f"opens that of the service that runs: http://127.0.0.1:{running[0]}/")
+        if opens and _has_browser():
+            webbrowser.open("http://127.0.0.1:{}/#code={}".format(*running))
+        return
 
     def ready(access: Access, inventory: Inventory) -> None:
         address = f"{min(access.origins)}/#code={access.code()}"
