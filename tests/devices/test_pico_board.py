@@ -1,0 +1,353 @@
+"""The Pico board's firmware on an emulated RP2040, over its USB, to its converter.
+
+Every output sample is a frame on the emulated SPI; the emulator writes them to a file, and the
+index in that file is the clock of every deadline. The board is slower than the clock on the wall.
+"""
+
+import json
+import queue
+import re
+import shutil
+import subprocess
+import threading
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import firmware_io
+from firmware_io.links.tcp import TcpLink
+from firmware_io.pico_image import pico_uf2
+from firmware_io.proof_test import proof_test
+from firmware_io.protocol import (
+    Arm,
+    CapabilitiesReport,
+    FaultCode,
+    FaultReport,
+    Frame,
+    FrameParser,
+    Hello,
+    Setup,
+    StreamMode,
+    StreamSamples,
+    encode,
+)
+from tests.waiting import PATIENCE_S, wait_for
+
+pytestmark = pytest.mark.devices
+
+ROOT = Path(firmware_io.__file__).parents[1]
+BOARD = ROOT / "examples" / "boards" / "pico"
+HERE = ROOT / "tests" / "firmware_io" / "pico"
+OUTPUT_HZ, HALF = 48_000, 64
+RAMP = OUTPUT_HZ * 5 // 1000
+WATCHDOG = OUTPUT_HZ // 4
+RATE_HZ = 6000
+FULL_SCALE_V = 200.0
+LOW, HIGH, FLOATS = 0, 1, 4  # of a pin; with the pull-down that a reset switches on
+
+
+def build(folder):
+    make = ("make", "-s", "-C", BOARD, f"BUILD={folder}")
+    subprocess.run(make, check=True, capture_output=True)
+
+
+@pytest.fixture(scope="module")
+def image(tmp_path_factory):
+    for command in ("arm-none-eabi-gcc", "node"):
+        if shutil.which(command) is None:
+            pytest.skip(f"{command} is missing (bash scripts/setup-devices.sh)")
+    if not (HERE / "node_modules").exists():
+        pytest.skip("rp2040js is missing (bash scripts/setup-devices.sh)")
+    """As `haptix firmware pico` writes it; by the other compiler, and with symbols, beside it."""
+    folder = tmp_path_factory.mktemp("pico")
+    path = folder / "haptix-pico.uf2"
+    path.write_bytes(pico_uf2("rig-3"))
+    build(folder)
+    return path
+
+
+class Board:
+    """An emulated board that runs."""
+
+    def __init__(self, image, folder):
+        self.image, self.trace = image, folder / "output.codes"
+        self._emulator = subprocess.Popen(
+            ["node", HERE / "emulator.mjs", image, self.trace],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        self._lines: queue.Queue[dict] = queue.Queue()
+        threading.Thread(target=self._read, daemon=True).start()
+        self.events: list[dict] = []
+        self.descriptors = self.wait("configuration")
+        port = next(event["port"] for event in self.events if "port" in event)
+        self.address = f"tcp:127.0.0.1:{port},sample_rate_hz={RATE_HZ}"
+
+    def _read(self):
+        for line in self._emulator.stdout:
+            self._lines.put(json.loads(line))
+
+    def wait(self, name):
+        """The next event that has a name; those before it are kept."""
+        while True:
+            event = self._lines.get(timeout=PATIENCE_S)
+            self.events.append(event)
+            if name in event:
+                return event
+
+    def do(self, what, **fields):
+        self._emulator.stdin.write(json.dumps({"do": what, **fields}) + "\n")
+        self._emulator.stdin.flush()
+
+    def output(self):
+        """All output codes so far."""
+        return np.fromfile(self.trace, "<i2").astype(int)
+
+    def output_until(self, clock):
+        wait_for(lambda: self.trace.stat().st_size >= 2 * clock)
+        return self.output()
+
+    def more(self, samples):
+        """The output when so many samples more have been played."""
+        return self.output_until(self.trace.stat().st_size // 2 + samples)
+
+    def end(self):
+        self._emulator.kill()
+        self._emulator.wait()
+
+
+@pytest.fixture(scope="module")
+def board(image, tmp_path_factory):
+    """A board for what leaves it as it was."""
+    board = Board(image, tmp_path_factory.mktemp("board"))
+    yield board
+    board.end()
+
+
+@pytest.fixture
+def own_board(image, tmp_path):
+    """A board to be broken."""
+    board = Board(image, tmp_path)
+    yield board
+    board.end()
+
+
+def sine(samples, peak_v=100.0):
+    return peak_v * np.sin(2 * np.pi * 50 * np.arange(samples) / RATE_HZ)
+
+
+def lines(volts):
+    """Output codes of a stream: PROTOCOL.md's line between samples, quotients toward 0."""
+    codes = np.concatenate([[0], np.round(volts / FULL_SCALE_V * 32767)]).astype(int)
+    n = OUTPUT_HZ // RATE_HZ
+    moved = np.diff(codes)[:, None] * np.arange(1, n + 1)
+    return (codes[:-1, None] + np.sign(moved) * (np.abs(moved) // n)).ravel()
+
+
+def played(output):
+    """The output from its first code that is not 0."""
+    return output[np.flatnonzero(output)[0] :]
+
+
+def proofs(board):
+    """What a proof test of the board shows, through its real link."""
+    port = int(re.search(r":(\d+),", board.address)[1])
+    with closing(TcpLink("127.0.0.1", port)) as link:
+        return proof_test(link)
+
+
+def descriptors_of(configuration):
+    """Kind and body of each descriptor in a configuration."""
+    while configuration:
+        yield configuration[1], configuration[2 : configuration[0]]
+        configuration = configuration[configuration[0] :]
+
+
+def test_a_host_finds_three_ways_to_it_by_its_descriptors(board):
+    device, configuration = board.descriptors["device"], board.descriptors["configuration"]
+    assert device[:2] == [18, 1] and board.descriptors["address"] == 7
+    assert len(configuration) == configuration[2] + 256 * configuration[3]
+    kinds = list(descriptors_of(configuration))
+    interfaces = [body for kind, body in kinds if kind == 4]
+    assert [body[3] for body in interfaces] == [3, 0xFF, 2, 10]  # HID, vendor, CDC and its data
+    endpoints = [(body[0], body[1] & 3, body[2]) for kind, body in kinds if kind == 5]
+    assert endpoints == [
+        *((0x81, 3, 64), (0x01, 3, 64), (0x82, 2, 64), (0x02, 2, 64)),
+        *((0x84, 3, 8), (0x83, 2, 64), (0x03, 2, 64)),
+    ]
+    names = [bytes(text[2:]).decode("utf-16-le") for text in board.descriptors["strings"]]
+    assert names == ["haptix", "haptix driver", "rig-3"]
+    assert len(board.descriptors["report"]) == 27
+    assert board.descriptors["coding"][6] == 8
+
+
+def test_the_watchdog_is_shown_and_the_amplifier_waits_for_the_middle_of_the_converter(board):
+    """A reset comes first, which the firmware asks for; the first frame on SPI is 0 V."""
+    resets = [event for event in board.events if "reset" in event]
+    assert [event["reset"] for event in resets] == [1] and resets[0]["us"] < 10_000
+    (on,) = [event for event in board.events if event.get("enable") == HIGH]
+    output = board.output()
+    assert on["at"] >= 1 and not output[: on["at"] + OUTPUT_HZ].any()
+
+
+def test_the_board_plays_what_the_host_sends(board):
+    volts, start = sine(600), board.output().size
+    with firmware_io.open_device(board.address) as device:
+        assert device.capabilities.name == "pico"
+        device.write(volts)
+        device.stop()
+    expected = lines(volts)
+    first = np.flatnonzero(expected)[0]
+    found = played(board.more(WATCHDOG)[start:])[: expected.size - first]
+    np.testing.assert_array_equal(found, expected[first:])
+
+
+def test_its_proof_test_holds(board):
+    """Its own tests at power-up, each limit, and that its watchdog has been seen to reset it."""
+    rows = proofs(board)
+    assert all(row.holds for row in rows), rows
+    assert "watchdog" in next(row.seen for row in rows if row.what == "what reset it last")
+
+
+def test_the_line_rises_with_the_sample_that_is_marked(board):
+    volts, start = sine(200), board.output().size
+    with firmware_io.open_device(board.address) as device:
+        device.mark(100, 7)
+        device.write(volts)
+        device.stop()
+        (mark,) = device.marked()
+    output = board.more(WATCHDOG)[start:]
+    first = start + np.flatnonzero(output)[0] - np.flatnonzero(lines(volts))[0]
+    changes = [event for event in board.events if event.get("mark") == HIGH]
+    while not changes:
+        changes = [board.wait("mark")]
+    (rise,) = changes
+    # Both leave by the same clock; which of the two is first is the DMA's affair.
+    assert rise["mark"] == HIGH
+    assert abs(rise["at"] - (first + 100 * OUTPUT_HZ // RATE_HZ)) <= 1
+    fall = board.wait("mark")
+    assert (fall["mark"], fall["at"] - rise["at"]) == (LOW, OUTPUT_HZ // 1000)
+    assert mark.clock_ticks > 0
+
+
+def test_an_unplugged_cable_ends_at_0_v_in_a_ramp(own_board):
+    device = firmware_io.open_device(own_board.address)
+    device.arm()
+    device.write(sine(1200))
+    wait_for(lambda: own_board.output().any())
+    own_board.do("unplug")
+    output = own_board.more(4 * WATCHDOG)
+    end = int(np.flatnonzero(output)[-1])
+    assert end - int(np.flatnonzero(output)[0]) < 1200 * OUTPUT_HZ // RATE_HZ  # amid the stream
+    assert np.abs(np.diff(output[end - RAMP : end + 2])).max() <= 4.67e6 / OUTPUT_HZ / 200 * 32767
+    with pytest.raises(firmware_io.DeviceError):
+        device.write(sine(6000))
+
+
+def test_a_program_that_hangs_is_reset_within_8_ms(own_board):
+    device = firmware_io.open_device(own_board.address)
+    device.arm()
+    device.write(sine(600))
+    wait_for(lambda: own_board.output().any())
+    own_board.do("hang")
+    hung, reset = own_board.wait("hung"), own_board.wait("reset")
+    # The converter repeats its ring until the chip is reset and its pins float.
+    assert 0 < reset["us"] - hung["hung"] <= 8100
+    own_board.wait("configuration")  # it comes back, by itself
+    assert not own_board.output()[reset["at"] :].any()
+    rows = {row.what: row for row in proofs(own_board)}
+    assert not rows.pop("what reset it last").holds
+    assert all(row.holds for row in rows.values()), rows
+
+
+def test_an_output_that_is_not_what_was_sent_ends_with_the_amplifier_off(own_board):
+    device = firmware_io.open_device(own_board.address)
+    device.arm()
+    device.write(sine(600))
+    wait_for(lambda: own_board.output().any())
+    own_board.do("wire", isWrong=True)
+    while own_board.wait("enable")["enable"] == HIGH:
+        pass
+    own_board.wait("reset")
+
+
+class Frames:
+    """Frames over the emulated HID or serial endpoints."""
+
+    def __init__(self, board, endpoint):
+        self._board, self._endpoint, self._parser = board, endpoint, FrameParser()
+        self._sequence = 0
+
+    def send(self, message):
+        frame = encode(Frame(message, self._sequence))
+        self._sequence += 1
+        if self._endpoint == 1:
+            for at in range(0, len(frame), 62):
+                piece = frame[at : at + 62]
+                begins = 0x80 if at == 0 else 0
+                report = bytes([1, len(piece) | begins]) + piece.ljust(62, b"\0")
+                self._board.do("send", endpoint=1, bytes=report.hex())
+        else:
+            self._board.do("send", endpoint=self._endpoint, bytes=frame.hex())
+
+    def until(self, kind):
+        """The next answer of a kind."""
+        while True:
+            event = self._board.wait("endpoint")
+            data = bytes.fromhex(event["bytes"])
+            if self._endpoint == 1:
+                data = data[2 : 2 + (data[1] & 0x7F)]
+            for frame in self._parser.feed(data):
+                assert isinstance(frame, Frame), frame
+                if isinstance(frame.message, kind):
+                    return frame.message
+
+
+@pytest.mark.parametrize("endpoint", [1, 3], ids=["hid", "cdc"])
+def test_a_limit_is_held_on_the_other_endpoints_too(board, endpoint):
+    frames = Frames(board, endpoint)
+    frames.send(Hello(4, 4))
+    about = frames.until(CapabilitiesReport)
+    assert (about.name, about.report_bytes, about.has_tested_itself) == ("pico", 64, True)
+    frames.send(
+        Setup(
+            mode=StreamMode.WAVEFORM,
+            watchdog_ms=250,
+            sample_rate_hz=RATE_HZ,
+            full_scale_mv=200_000,
+            ceiling_mv=100_000,
+            max_slew_v_per_s=about.max_slew_v_per_s,
+        )
+    )
+    frames.send(Arm())
+    before = board.output().size
+    frames.send(StreamSamples(0, np.full(4, 20_000, np.int16)))
+    fault = frames.until(FaultReport)
+    assert fault.code is FaultCode.CEILING
+    assert not board.more(RAMP)[before:].any()
+
+
+def test_memory_that_goes_bad_ends_with_the_amplifier_off(image, board, tmp_path):
+    """As Debian's compiler makes it, which keeps the symbols: the same board and proofs."""
+    other = Board(image.with_name("pico.uf2"), tmp_path)
+    try:
+        assert bytes(other.descriptors["strings"][2][2:]).decode("utf-16-le") == "serial-not-set"
+        assert other.descriptors["configuration"] == board.descriptors["configuration"]
+        rows = proofs(other)
+        assert all(row.holds for row in rows), rows
+        symbols = subprocess.run(
+            ["arm-none-eabi-nm", image.with_name("pico.elf")],
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        at = int(re.search(r"(\w+) \w board_device", symbols)[1], 16) - 0x20000000
+        other.do("flip", address=at, bit=3)
+        while other.wait("enable")["enable"] == HIGH:
+            pass
+        other.wait("reset")
+    finally:
+        other.end()
