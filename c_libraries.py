@@ -1,4 +1,4 @@
-"""The libraries in C: what each is made of, and how it is built.
+"""The libraries in C, and the program of the Pico board: what each is made of, and how it is built.
 
 A wheel brings them; `hatch_build.py` puts them there. A checkout keeps them in build/libraries/,
 from the installation on, and builds them again when a source has changed: whoever loads one asks
@@ -14,12 +14,15 @@ import shutil
 import subprocess
 import sys
 import sysconfig
+from collections.abc import Callable, Iterable
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parent
+#: A board whose program needs no more than ziglang, so that a wheel can bring it.
+PICO = ROOT / "examples" / "boards" / "pico"
 
 
 class Library(NamedTuple):
@@ -75,17 +78,47 @@ def built(name: str) -> Path:
     """
     library = LIBRARIES[name]
     folder = ROOT / library.folder
-    digest = hashlib.sha256(repr((library, _FLAGS, sysconfig.get_platform())).encode())
-    for path in (*(folder / source for source in library.sources), *sorted(folder.glob("*.h"))):
-        digest.update(path.read_bytes())
+    sources = (*(folder / source for source in library.sources), *sorted(folder.glob("*.h")))
     suffix = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
+    options = repr((library, _FLAGS, sysconfig.get_platform()))
+    return _kept(name, suffix, options, sources, lambda path: compile_library(name, path))
+
+
+def built_pico(name: str) -> Path:
+    """Return the path of the Pico board's program, built from its sources as they are now.
+
+    Raises
+    ------
+    BuildError
+        If ziglang is missing, it refuses the sources, or what it makes cannot be kept.
+    """
+    sources = sorted(
+        path
+        for folder in (PICO, PICO.parent / "usb", ROOT / "firmware_io" / "firmware")
+        for path in folder.iterdir()
+        if path.suffix in (".c", ".h", ".S", ".ld", ".txt")
+    )
+    return _kept(name, ".bin", "", sources, compile_pico)
+
+
+def _kept(
+    name: str,
+    suffix: str,
+    options: str,
+    sources: Iterable[Path],
+    compile_to: Callable[[Path], None],
+) -> Path:
+    """Return the path of what is compiled from sources, and kept under their hash."""
+    digest = hashlib.sha256(options.encode())
+    for path in sources:
+        digest.update(path.read_bytes())
     kept = ROOT / "build" / "libraries" / f"{name}-{digest.hexdigest()[:16]}{suffix}"
     if kept.exists():
         return kept
     try:
         kept.parent.mkdir(parents=True, exist_ok=True)
         with TemporaryDirectory(dir=kept.parent) as own:
-            compile_library(name, Path(own) / kept.name)
+            compile_to(Path(own) / kept.name)
             # When complete: no process ever loads half a library, and two may build it at once.
             (Path(own) / kept.name).replace(kept)
     except OSError as error:
@@ -94,6 +127,38 @@ def built(name: str) -> Path:
             "let this user write there."
         ) from None
     return kept
+
+
+def compile_pico(path: Path) -> None:
+    """Compile the Pico board's program to `path`: bytes of its flash, without check sums.
+
+    Raises
+    ------
+    BuildError
+        If ziglang is missing, or it refuses the sources.
+    """
+    if not find_spec("ziglang"):
+        raise BuildError("To build the Pico's firmware, ziglang is needed: pip install ziglang.")
+    zig = [sys.executable, "-m", "ziglang"]
+    core = sorted((ROOT / "firmware_io" / "firmware").glob("haptix_*.c"))
+    sources = [
+        *sorted(PICO.glob("*.[cS]")),
+        *(source for source in core if source.name != "haptix_host.c"),
+    ]
+    flags = (PICO / "flags.txt").read_text().split()
+    with TemporaryDirectory() as own:
+        elf = str(Path(own) / "pico.elf")
+        for command in (
+            [
+                *(*zig, "cc", "-target", "thumb-freestanding-eabi", "-mcpu=cortex_m0plus", "-s"),
+                *(*flags, f"-I{PICO}", f"-I{core[0].parent}", "-T", str(PICO / "pico.ld")),
+                *(*map(str, sources), "-o", elf),
+            ],
+            [*zig, "objcopy", "-O", "binary", elf, str(path)],
+        ):
+            done = subprocess.run(command, capture_output=True, text=True, check=False)
+            if done.returncode != 0:
+                raise BuildError(f"ziglang could not compile the Pico's firmware: {done.stderr}")
 
 
 def compile_library(name: str, path: Path, triple: str = "") -> None:

@@ -31,6 +31,7 @@ OUTSIDE = {
     "changelog.md": "CHANGELOG.md",
     "contributing.md": "CONTRIBUTING.md",
     "security.md": "SECURITY.md",
+    "pico.md": "examples/boards/pico/README.md",
 }
 
 
@@ -115,7 +116,7 @@ def on_page_markdown(markdown: str, page: Any, **about: Any) -> str:
         return link["words"] if file in link["words"] else f"{link['words']} ({file})"
 
     markdown = re.sub(r"\[(?P<words>[^]\[]+)\]\((?P<to>\.\./[^)#]+)\)", named, markdown)
-    return re.sub(r"\]\(docs/", "](", markdown)
+    return re.sub(r"\]\((?:\.\./)*docs/", "](", markdown)
 
 
 def on_post_build(config: Any) -> None:

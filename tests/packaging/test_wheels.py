@@ -118,6 +118,12 @@ def test_the_firmware_is_the_compiled_one(alone):
     assert not list((packages / "firmware_io" / "firmware").glob("*.c"))
 
 
+def test_the_firmware_of_the_pico_is_in_the_wheel(alone):
+    haptix_alone, _, empty = alone
+    haptix_alone("firmware", "pico", "--out", str(empty / "pico.uf2"))
+    assert (empty / "pico.uf2").read_bytes().startswith(b"UF2")
+
+
 def test_a_wheel_holds_what_runs(wheel):
     names = zipfile.ZipFile(wheel).namelist()
     tops = {name.partition("/")[0] for name in names}

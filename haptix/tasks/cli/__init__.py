@@ -36,6 +36,10 @@ COMMANDS = {
         "haptix.tasks.cli.hardware:devices",
         "List what can be opened, and what the buses show; and the touchscreens of this machine.",
     ),
+    "firmware": (
+        "haptix.tasks.cli.hardware:firmware",
+        "Write the firmware of a board, as a file that its USB drive takes.",
+    ),
     "doctor": (
         "haptix.tasks.cli.hardware:doctor",
         "Check this machine: packages, a known solve, drivers, audio, permissions, clocks.",

@@ -60,6 +60,15 @@ def command_of(task: type[Task]) -> Callable[..., None]:
 
 def option(text: str, kind: Any) -> Any:
     """Return an option of a command that is written by hand, with its help and check."""
+    return typer.Option(help=text, callback=_checked(kind))
+
+
+def argument(text: str, kind: Any) -> Any:
+    """Return an argument of such a command."""
+    return typer.Argument(help=text, callback=_checked(kind))
+
+
+def _checked(kind: Any) -> Any:
     parameter = FieldInfo.from_annotation(kind)
 
     def check(info: typer.CallbackParam, value: Any) -> Any:
@@ -70,7 +79,7 @@ def option(text: str, kind: Any) -> Any:
         except ValueError as error:
             raise InputError(f"{info.opts[0]}: {error}") from None
 
-    return typer.Option(help=text, callback=check)
+    return check
 
 
 def group_of(word: str, about: str) -> typer.Typer:

@@ -1,4 +1,4 @@
-"""``haptix devices`` and ``haptix doctor``.
+"""``haptix devices``, ``haptix firmware`` and ``haptix doctor``.
 
 They are written by hand: no service, job or campaign should look at the buses of a machine, or ask
 to write a rule as root.
@@ -6,6 +6,7 @@ to write a rule as root.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import os
@@ -18,15 +19,16 @@ from dataclasses import asdict
 from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from haptix.base.errors import DeviceError, FileFormatError, MissingExtraError
-from haptix.base.fields import Address, Folder
+from haptix.base.fields import Address, Folder, NewFile, Text
+from haptix.base.files import write_whole
 from haptix.base.terminal import AsJson, show
 from haptix.base.version import __version__, foreign_package
-from haptix.tasks.cli.application import option
+from haptix.tasks.cli.application import argument, option
 
 if TYPE_CHECKING:
     from firmware_io.link import DeviceInfo
@@ -37,6 +39,25 @@ def devices(as_json: AsJson = False) -> None:
     from firmware_io import list_devices
 
     show("devices", [*map(asdict, list_devices()), *_touchscreens()], as_json)
+
+
+def firmware(
+    board: Annotated[str, argument("The board: pico.", Literal["pico"])],
+    out: Annotated[Path, option("Where to write it.", NewFile)] = Path("haptix-pico.uf2"),
+    serial: Annotated[str, option("The board's serial number, 1 to 15 characters.", Text)] = "0",
+    as_json: AsJson = False,
+) -> None:
+    """Write the firmware of a board, as a file that its USB drive takes."""
+    from firmware_io.pico_image import pico_uf2
+
+    if board != "pico":
+        raise DeviceError(
+            f"board must be pico, but is {board!r}; others are built by their Makefile."
+        )
+    image = pico_uf2(serial)
+    write_whole(out, image)
+    sha256 = hashlib.sha256(image).hexdigest()
+    show("firmware", [{"file": str(out), "bytes": len(image), "sha256": sha256}], as_json)
 
 
 def doctor(

@@ -68,6 +68,7 @@ KINDS = {
     "pair": ("--fix --prior", ("", "=", "h0_m", "h0_m=", "h0_m=nan", "h0_m=1,2,3", "=1,2")),
     "label": ("--participant --session --task", ("", "a b", "\u00e4", "../x", "a" * 65)),
     "name": ("--name --panel --serial --listen", ("", " ")),
+    "board": ("board", ("", "uno", "Pico")),
     "any text": ("--operator --unit touchscreen", ()),
 }  # fmt: skip
 OUT_IS_A_FOLDER = {
