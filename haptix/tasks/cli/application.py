@@ -77,7 +77,8 @@ def _checked(kind: Any) -> Any:
         try:
             return read(str(info.name), parameter, value)
         except ValueError as error:
-            raise InputError(f"{info.opts[0]}: {error}") from None
+            name = info.opts[0] if info.opts[0].startswith("-") else info.opts[0].upper()
+            raise InputError(f"{name}: {error}") from None
 
     return check
 
