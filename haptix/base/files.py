@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from functools import partial
 from hashlib import sha256
 from itertools import islice
+from math import isfinite
 from pathlib import Path
 from secrets import token_hex
 from typing import Any, TypeVar
@@ -331,7 +332,7 @@ def checked_values(value: Any, most_values: int = _MOST_VALUES) -> Any:
     """Return the values of a parsed document.
 
     Raises `ValueError` if they are too many or nested too deep, an integer has more than 64 bits,
-    or a text holds a character that no file name or terminal takes.
+    a number is not finite, or a text holds a character that no file name or terminal takes.
     """
     level, count = [value], 0
     for _ in range(_DEEPEST):
@@ -347,6 +348,8 @@ def checked_values(value: Any, most_values: int = _MOST_VALUES) -> Any:
                     raise ValueError(f"a text with a NUL or half a character: {item!r:.60}")
             elif isinstance(item, int) and item.bit_length() > 64:
                 raise ValueError(f"an integer of {item.bit_length()} bits; expected 64 at most")
+            elif isinstance(item, float) and not isfinite(item):
+                raise ValueError(f"{item}, or a number as large; expected 1.8e308 at most")
         count += len(inner)
         if count > most_values:
             raise ValueError(f"more than {most_values} values; keep measurements in CSV files")

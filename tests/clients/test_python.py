@@ -272,6 +272,16 @@ def test_a_flood_of_touches_does_not_bury_the_client_s_own_stop(service, connect
     assert service.engine.when("stop")
 
 
+def test_what_no_json_can_say_is_refused_before_it_is_sent(service, connect):
+    with connect("test") as h:
+        h.acquire()
+        told = len(service.engine.told)
+        with pytest.raises(InputError, match="finite"):
+            h.play({"kind": "transient", "width_s": float("nan")})
+        assert len(service.engine.told) == told
+        assert h.arm().state == "armed"
+
+
 def test_files_effects_streams_mute_and_pause_have_their_calls(service, connect, tmp_path):
     with connect("test") as h:
         path = tmp_path / "a.CSV"

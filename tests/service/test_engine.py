@@ -25,10 +25,19 @@ from haptix.play.touch.events import TouchEvent
 from haptix.service.engine import process as engine_module
 from haptix.service.engine.process import EngineServer
 from haptix.service.engine.session_layout import SessionLayout
-from haptix.service.protocol.wire import JSON, read_frame, touch_frame
+from haptix.service.protocol.wire import BEAT, JSON, frame, read_frame, touch_frame
 from tests.waiting import wait_for
 
 SIZE = {"x_mm": 0.0, "y_mm": 0.0, "width_mm": 30.0, "height_mm": 20.0}
+
+
+def test_a_frame_that_its_reader_refuses_ends_no_engine(capsys):
+    """It would be a fault of the front, and other clients share the engine."""
+    frames = iter([[(JSON, b'{"do": "tick", "n": NaN}')], [(BEAT, b"")], []])
+    output = io.BytesIO()
+    EngineServer(output).run(SimpleNamespace(read=lambda: next(frames)))
+    assert output.getvalue() == frame(BEAT, b"")
+    assert "NaN" in capsys.readouterr().err
 
 
 class FakeRenderer:
@@ -65,6 +74,9 @@ class FakeRenderer:
         if on:
             self._do("mute")
         self.is_muted = on
+
+    def intensity(self, value):
+        pass
 
     def events(self, events):
         self._do("events")

@@ -3,6 +3,7 @@
 import json
 import re
 import string
+from contextlib import suppress
 from math import inf, nan
 
 import pytest
@@ -10,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from haptix.base.files import parse_json
 from haptix.service.protocol.messages import Problem, reading
 from haptix.service.protocol.messages.reading import REPLIES
 from tests.clients.golden import GOLDEN
@@ -49,6 +51,65 @@ def test_any_object_is_read_or_refused(kind, fields):
     else:
         # What was read says the same when written: no field was dropped or turned into another.
         assert reading.read_client(message.model_dump_json()) == message
+
+
+#: What JSON can say, and the reader of the engine and of the workers refuses.
+HOSTILE = ["NaN", "Infinity", "-Infinity", "1e400", str(2**70), r'"a\u0000b"', r'"\ud800"']
+
+
+def leaves(value, path=()):
+    """The way to each value that has no values, and to each key."""
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from leaves(inner, (*path, key))
+    elif isinstance(value, list):
+        for number, inner in enumerate(value):
+            yield from leaves(inner, (*path, number))
+    else:
+        yield path
+
+
+def with_leaf(value, path, mark):
+    """A copy in which a mark takes the place of a leaf."""
+    if not path:
+        return mark
+    copy = dict(value) if isinstance(value, dict) else list(value)
+    copy[path[0]] = with_leaf(copy[path[0]], path[1:], mark)
+    return copy
+
+
+DOCUMENT = {
+    "regions": [
+        {
+            "name": "a", "x_mm": 1.0, "y_mm": 1.0, "width_mm": 9.0, "height_mm": 9.0,
+            "material": {"kind": "grating", "wavelength_mm": 1.0, "signal": {"kind": "sine"}},
+        }
+    ],
+}  # fmt: skip
+SENT = [
+    {"type": "layout_set", "id": 1, "document": DOCUMENT},
+    {"type": "play", "id": 1, "effect": {"kind": "transient", "width_s": 0.01}},
+    {
+        "type": "layout_change",
+        "id": 1,
+        "ops": [
+            {"op": "change", "name": "a", "material": {"kind": "uniform", "level": 0.1}},
+            {"op": "add", **DOCUMENT["regions"][0]},
+        ],
+    },
+    {"type": "intensity", "id": 1, "value": 0.5},
+]
+
+
+@pytest.mark.parametrize("sent", SENT, ids=lambda sent: sent["type"])
+@pytest.mark.parametrize("hostile", HOSTILE)
+def test_what_is_read_is_what_the_engine_reads_too(sent, hostile):
+    """One message that its reader refuses would end the engine that all clients share."""
+    reading.read_client(json.dumps(sent))
+    for path in leaves(sent):
+        text = json.dumps(with_leaf(sent, path, "@")).replace('"@"', hostile)
+        with suppress(Problem):
+            parse_json(json.dumps(reading.read_client(text).model_dump(mode="json")))
 
 
 @given(st.text(alphabet=string.printable, max_size=60))

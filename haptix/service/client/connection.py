@@ -144,6 +144,15 @@ def _document(value: object) -> dict[str, Any]:
     raise InputError(f"expected a material or a document of JSON, got {type(value).__name__}")
 
 
+def _text(kind: str, message: dict[str, Any]) -> str:
+    try:
+        return json.dumps(message, default=_document, allow_nan=False)
+    except ValueError as error:
+        raise InputError(
+            f"{kind}: expected finite numbers, got one that is none: {error}"
+        ) from None
+
+
 class LostConnection(NamedTuple):
     """The connection broke; the client connects again, unless `is_final`.
 
@@ -276,7 +285,7 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
         self._pending[number] = answer
         try:
             message = {"type": kind, "id": number, **given(**fields)}
-            await self._send(json.dumps(message, default=_document))
+            await self._send(_text(kind, message))
             reply = await asyncio.wait_for(answer, _WAIT_S)
         except TimeoutError:
             raise Lost(f"{kind}: the service did not answer within {_WAIT_S:g} s") from None

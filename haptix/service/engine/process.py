@@ -221,7 +221,11 @@ class EngineServer:
     # --- at once ---------------------------------------------------------------------------------
 
     def _dispatch(self, data: bytes) -> None:
-        message = parse_json(data)
+        try:
+            message = parse_json(data)
+        except ValueError as error:  # a fault of the front; the other clients go on
+            sys.excepthook(type(error), error, error.__traceback__)
+            return
         do = message["do"]
         if do == "tick":
             self._tick_s = time.monotonic()

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
-from haptix.base.fields import Force
+from haptix.base.fields import Force, JsonObject
+from haptix.base.files import checked_values
 from haptix.feel.layout.region import Number, PixelPlaces, Place, RegionFields
 
 PROTOCOL = (1, 0)
@@ -46,7 +47,9 @@ Stream = Literal["stats", "friction", "felt"]
 """Streams that a client can subscribe to."""
 
 Id = Annotated[int, Field(ge=1, le=2**53)]
-Name = Annotated[str, Field(min_length=1, max_length=100)]
+# What a message carries goes on to the engine, which all clients share: texts and numbers that its
+# reader refuses are refused here.
+Name = Annotated[str, Field(min_length=1, max_length=100), AfterValidator(checked_values)]
 
 
 class Message(BaseModel):
@@ -148,7 +151,7 @@ class RegionDocument(RegionFields, Message):
     """A region: its name, its material's document, and where it lies."""
 
     name: Name
-    material: dict[str, Any]
+    material: JsonObject
 
 
 class LayoutDocument(Message):
@@ -176,7 +179,7 @@ class ChangeRegion(RegionFields, Message):
 
     op: Literal["change"]
     name: Name
-    material: dict[str, Any] | None = None
+    material: JsonObject | None = None
 
 
 class MoveRegion(Place, Message):
@@ -220,7 +223,7 @@ class Play(Message):
 
     type: Literal["play"]
     id: Id
-    effect: dict[str, Any]
+    effect: JsonObject
 
 
 class Cancel(Message):
