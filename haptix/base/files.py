@@ -7,6 +7,7 @@ import ctypes
 import errno
 import io
 import json
+import logging
 import os
 import re
 import shutil
@@ -38,6 +39,7 @@ Also the largest picture that is read as a whole: the pixels of the largest text
 FULL_DISK = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))  # no quota on Windows
 _MANY_FILES = 64  # from here on they are synced together: one fsync takes milliseconds
 _BLOCK_BYTES = 1 << 20
+_LOG = logging.getLogger("haptix.base.files")
 _MOST_VALUES = 100_000  # of a document; checks of that many wrong ones take 0.6 GB and 6 s
 _DEEPEST = 64  # tables and lists in each other; those of haptix have at most ten
 _UNUSABLE = re.compile("[\0\ud800-\udfff]")
@@ -225,6 +227,21 @@ def _sync_folders(files: Iterable[Path]) -> None:
     for folder in {file.parent for file in files}:
         with suppress(OSError):  # some file systems sync files only
             _sync(folder)
+
+
+def set_aside(path: Path, why: Exception) -> None:
+    """Rename a damaged file of the program's own, so that it begins anew and a person can look.
+
+    Parameters
+    ----------
+    path : Path
+        The file, which is called NAME.damaged afterwards; an earlier one of that name goes.
+    why : Exception
+        What is wrong with it; both are logged as a warning.
+    """
+    aside = path.with_name(f"{path.name}.damaged")
+    path.replace(aside)
+    _LOG.warning("%s is damaged (%s): it is kept as %s, and begun anew", path, why, aside.name)
 
 
 def check_folder(folder: Path, names: Iterable[str]) -> None:

@@ -134,6 +134,21 @@ def test_layouts_of_an_earlier_version_open(tmp_path):
     assert KeptTexts(tmp_path).read("my desk") == ('{"regions":[]}', 2)
 
 
+@pytest.mark.parametrize(
+    "damage", [lambda data: data[: len(data) // 2], lambda data: data[:-1] + b"\xff"]
+)
+def test_a_damaged_version_is_named_and_an_earlier_one_is_read(tmp_path, damage):
+    store = KeptTexts(tmp_path)
+    store.write("desk", '{"regions":[]}', None)
+    store.write("desk", '{"regions":[{"name":"a"}]}', '"1"')
+    (path,) = tmp_path.glob("desk/2.json")
+    path.write_bytes(damage(path.read_bytes()))
+    with pytest.raises(Problem, match="revision 2 of 'desk' is damaged"):
+        store.read("desk")
+    assert store.read("desk", 1) == ('{"regions":[]}', 1)
+    assert store.write("desk", '{"regions":[{"name":"b"}]}', '"2"') == 3
+
+
 def test_only_the_newest_versions_and_drafts_are_kept(tmp_path, monkeypatch):
     store = KeptTexts(tmp_path, most_versions=3)
     revision = None

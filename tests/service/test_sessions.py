@@ -656,6 +656,24 @@ def test_who_resumes_finds_its_settings_again(service):
         assert settings(service) == {"mute": True}
 
 
+@pytest.mark.parametrize("name", ["person.json", "tokens.json"])
+@pytest.mark.parametrize(
+    "content", [b"", b'{"person_intens', b"[1, 2]", b"\xff", b'{"person_muted": 7}']
+)
+def test_a_damaged_file_of_its_own_is_set_aside_and_the_service_begins(tmp_path, name, content):
+    path = tmp_path / name
+    path.write_bytes(content)
+    service = Service(tmp_path)
+    try:
+        assert service.hub.control.output.person_intensity == 1.0
+        is_readable = name == "tokens.json" and content.startswith(b'{"person_muted')
+        if not is_readable:
+            assert (tmp_path / f"{name}.damaged").read_bytes() == content
+            assert not path.exists()
+    finally:
+        service.close()
+
+
 def test_the_person_s_own_strength_and_mute_stay(service):
     base = f"http://127.0.0.1:{service.port}/v1/person"
     headers = {"authorization": f"Bearer {service.access.native}"}

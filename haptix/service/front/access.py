@@ -19,8 +19,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-from haptix.base.errors import DeviceError, InputError
-from haptix.base.files import read_json, write_whole
+from haptix.base.errors import DeviceError, HaptixError, InputError
+from haptix.base.files import read_json, set_aside, write_whole
 from haptix.service.protocol.limiter import Limiter
 from haptix.service.protocol.messages import Problem
 
@@ -219,7 +219,11 @@ class Access:
         path = self.folder / "tokens.json"
         if not path.exists():
             return {}
-        pages = read_json(path)
+        try:
+            pages = read_json(path)
+        except HaptixError as error:  # pages pair again; none gets in by a damaged file
+            set_aside(path, error)
+            return {}
         return {
             str(key): {"origin": str(page["origin"]), "name": str(page["name"])}
             for key, page in pages.items()

@@ -9,9 +9,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from fastapi import APIRouter, Depends, Request
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, Field, ValidationError
 
-from haptix.base.files import write_whole
+from haptix.base.errors import HaptixError
+from haptix.base.files import read_json, set_aside, write_whole
 from haptix.service.protocol.messages import Error, Problem
 from haptix.service.worker.document_work import Profile
 
@@ -35,8 +36,12 @@ def profiles_router(hub: Hub, token: Callable[..., Awaitable[None]]) -> APIRoute
 
     path = hub.access.folder / "person.json"
     if path.exists():
-        of_person = PersonSettings.model_validate_json(path.read_text())
-        hub.control.follow(**of_person.model_dump())
+        try:
+            of_person = PersonSettings.model_validate(read_json(path))
+        except (HaptixError, ValidationError) as error:
+            set_aside(path, error)
+        else:
+            hub.control.follow(**of_person.model_dump())
 
     @router.get("/v1/person")
     async def person() -> PersonSettings:

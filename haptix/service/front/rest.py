@@ -26,7 +26,7 @@ from fastapi.responses import FileResponse
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from haptix.base.fields import FOLDER_NAME, JsonObject
-from haptix.base.files import write_whole
+from haptix.base.files import parse_json, write_whole
 from haptix.base.task import Task, all_tasks, task_at
 from haptix.feel.gallery import FOLDER, presets
 from haptix.service.front.jobs import JobBoard
@@ -346,16 +346,25 @@ class KeptTexts:
             version = self._now(name)
             if revision is not None:
                 version = next((v for v in self._all(name) if v.revision == revision), None)
-            if version is None or not (text := version.path.read_text()):
-                what = f"no layout is called {name!r}"
-                raise Problem("unknown", what if revision is None else f"{what}, {revision}")
-            return text, version.revision
+            data = b"" if version is None else version.path.read_bytes()
+        if version is None or not data:
+            what = f"no layout is called {name!r}"
+            raise Problem("unknown", what if revision is None else f"{what}, {revision}")
+        try:
+            text = data.decode()
+            parse_json(text)
+        except ValueError as error:
+            raise Problem(
+                "document",
+                f"revision {version.revision} of {name!r} is damaged: {error}; read an earlier one",
+            ) from None
+        return text, version.revision
 
     def write(self, name: str, text: str, made_from: str | None) -> int:
         """Add a version and return its revision; an equal text is written once."""
         with self._lock:
             now = self._now(name)
-            if now is not None and now.path.read_text() == text:
+            if now is not None and now.path.read_bytes() == text.encode():
                 return now.revision
             self._check(name, now, made_from)
             path = self._next(name)
