@@ -86,7 +86,7 @@ def save_table(table: Interpolant, info: Info, path: Path) -> None:
 
 
 def load_table(path: Path, model: ContactModel | None = None) -> tuple[Interpolant, Info]:
-    """Read a file; its tensors stay in the file and are mapped into memory.
+    """Read a file into memory.
 
     Raises `FileFormatError` if the file is missing, foreign, damaged, of a later version or of
     another model.
@@ -127,7 +127,9 @@ def _read(path: Path) -> tuple[Any, dict[str, Tensor]]:
         try:
             with safe_open(path, framework="pt") as file:
                 header = parse_json((file.metadata() or {}).get("haptix", "null"))
-                tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+                # Copies: what the library maps would follow a program that writes into the file,
+                # unchecked, and end this process where that makes the file shorter.
+                tensors = {name: file.get_tensor(name).clone() for name in file.keys()}  # noqa: SIM118
         except (SafetensorError, OSError, RuntimeError, ValueError) as error:
             # The library opens the file twice. If another process replaced it in between, try
             # again.

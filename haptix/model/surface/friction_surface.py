@@ -212,7 +212,7 @@ class FrictionSurface(Displayed):
 
     @classmethod
     def load(cls, path: str | Path, model: ContactModel | None = None) -> FrictionSurface:
-        """Read a surface, memory-mapped; nothing in the file is ever executed. See `save`.
+        """Read a surface into memory; nothing in the file is ever executed. See `save`.
 
         Parameters
         ----------

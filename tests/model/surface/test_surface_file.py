@@ -54,6 +54,17 @@ def load(tmp_path: Path, data: bytes) -> FrictionSurface:
     return FrictionSurface.load(path)
 
 
+def test_what_overwrites_the_file_in_place_changes_no_loaded_surface(
+    tmp_path: Path, data: bytes
+) -> None:
+    """Such as `cp` of another surface: its bytes are no surface until it has ended."""
+    surface = load(tmp_path, data)
+    columns = surface.table.columns.clone()
+    with (tmp_path / "some.surface").open("r+b") as file:
+        file.write(b"\xc0" * len(data))
+    assert torch.equal(surface.table.columns, columns)
+
+
 @pytest.mark.parametrize("which", ["full", "plain", "past_pull_in"])
 def test_a_loaded_surface_is_the_saved_one(
     which: str, tmp_path: Path, request: pytest.FixtureRequest
