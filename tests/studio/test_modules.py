@@ -1,5 +1,10 @@
 """The pages' modules on their own, in the browser that runs them."""
 
+import base64
+import io
+import zipfile
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -21,6 +26,50 @@ def module(tmp_path_factory, browser):
     yield run
     page.close()
     service.close()
+
+
+def zipped(files, **settings):
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", **settings) as archive:
+        for name, content in files.items():
+            archive.writestr(name, content)
+    return packed.getvalue()
+
+
+LAYOUT_IN = """
+    const bytes = Uint8Array.from(atob(argument), (letter) => letter.charCodeAt(0));
+    const sent = [];
+    const send = async (file, suffix) => {
+        sent.push([suffix, [...new Uint8Array(await file.arrayBuffer())]]);
+    };
+    try { return [await m.layoutIn(new Blob([bytes]), send), sent]; }
+    catch (error) { return [error.message, sent]; }
+"""
+
+
+@pytest.mark.parametrize("method", [zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED])
+def test_a_zip_whose_bytes_changed_is_refused(module, method):
+    """By a flipped bit in each tenth place of its files."""
+    content = bytes(range(256)) * 4
+    files = {"layout.json": '{"regions": []}', "assets/a.png": content}
+    whole = zipped(files, compression=method)
+    read = partial(module, "archive.js", LAYOUT_IN)
+    assert read(base64.b64encode(whole).decode()) == [{"regions": []}, [[".png", [*content]]]]
+    begin = whole.index(b"assets/a.png") + len("assets/a.png")
+    for at in range(begin, whole.index(b"PK\x01\x02"), 10):
+        damaged = bytearray(whole)
+        damaged[at] ^= 4
+        told, sent = read(base64.b64encode(damaged).decode())
+        assert "assets/a.png in the zip is damaged" in told and not sent, at
+
+
+def test_a_zip_that_states_too_much_is_refused_before_it_is_unpacked(module):
+    small = zipped({"layout.json": "{}"}, compression=zipfile.ZIP_DEFLATED)
+    entry = bytearray(small)
+    at = small.index(b"PK\x01\x02") + 24
+    entry[at : at + 4] = (2**30).to_bytes(4, "little")
+    told, sent = module("archive.js", LAYOUT_IN, base64.b64encode(entry).decode())
+    assert "256 MB" in told and not sent
 
 
 def test_undo_and_redo_lead_back_whatever_was_changed(module):

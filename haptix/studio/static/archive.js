@@ -7,6 +7,44 @@ import { texts } from "./texts.js";
 const [END, ENTRY, FILE] = [0x06054b50, 0x02014b50, 0x04034b50]; // of PKWARE's APPNOTE, 4.3
 const [END_BYTES, ENTRY_BYTES, FILE_BYTES] = [22, 46, 30];
 const DEFLATED = 8;
+const MOST_BYTES = 256 * 2 ** 20; // of all files together, unpacked
+
+const REMAINDERS = Uint32Array.from({ length: 256 }, (_, byte) => {
+  for (let bit = 0; bit < 8; bit += 1) byte = (byte >>> 1) ^ (byte & 1 ? 0xedb88320 : 0);
+  return byte;
+});
+
+/** Return the CRC-32 of bytes, as zip files have it. @param {Uint8Array} bytes */
+function crc32(bytes) {
+  let crc = 0xffffffff;
+  for (const byte of bytes) crc = (crc >>> 8) ^ REMAINDERS[(crc ^ byte) & 255];
+  return (crc ^ 0xffffffff) >>> 0;
+}
+
+/**
+ * Read a file of a zip, no further than the size that is stated for it, and check its sum.
+ * @param {ReadableStream<Uint8Array>} stream
+ * @param {string} path
+ * @param {number} size
+ * @param {number} sum
+ */
+async function whole(stream, path, size, sum) {
+  const bytes = new Uint8Array(size);
+  let at = 0;
+  try {
+    for (const reader = stream.getReader(); ; ) {
+      const { done, value } = await reader.read();
+      if (done) break;
+      if (at + value.length > size) throw new TypeError("more than its stated size");
+      bytes.set(value, at);
+      at += value.length;
+    }
+  } catch {
+    at = -1; // what is packed is no stream of deflate, or has more than is stated
+  }
+  if (at !== size || crc32(bytes) !== sum) throw new TypeError(texts.make.damaged(path));
+  return new Blob([bytes]);
+}
 
 /**
  * Return the layout of a zip, once the service has its files.
@@ -33,17 +71,22 @@ function filesIn(bytes) {
   try {
     let end = bytes.byteLength - END_BYTES;
     while (view.getUint32(end, true) !== END) end -= 1;
-    let at = view.getUint32(end + 16, true);
+    let [at, all] = [view.getUint32(end + 16, true), 0];
     for (let left = view.getUint16(end + 10, true); left && view.getUint32(at, true) === ENTRY; left -= 1) {
-      const [method, size] = [view.getUint16(at + 10, true), view.getUint32(at + 20, true)];
+      const method = view.getUint16(at + 10, true);
+      const [sum, packedSize, size] = [16, 20, 24].map((part) => view.getUint32(at + part, true));
+      if ((all += size) > MOST_BYTES) throw new TypeError(texts.make.tooLarge);
       const [name, extra, comment] = [28, 30, 32].map((part) => view.getUint16(at + part, true));
       const local = view.getUint32(at + 42, true);
       if (view.getUint32(local, true) !== FILE) break;
       const begin = local + FILE_BYTES + view.getUint16(local + 26, true) + view.getUint16(local + 28, true);
-      const packed = new Blob([bytes.slice(begin, begin + size)]);
-      const unpacked = () => new Response(packed.stream().pipeThrough(new DecompressionStream("deflate-raw"))).blob();
+      const packed = new Blob([bytes.slice(begin, begin + packedSize)]);
       const path = new TextDecoder().decode(new Uint8Array(bytes, at + ENTRY_BYTES, name));
-      files.set(path, method === DEFLATED ? unpacked : async () => packed);
+      files.set(path, () => {
+        const stream = packed.stream();
+        const raw = method === DEFLATED ? stream.pipeThrough(new DecompressionStream("deflate-raw")) : stream;
+        return whole(raw, path, size, sum);
+      });
       at += ENTRY_BYTES + name + extra + comment;
     }
   } catch (error) {

@@ -317,6 +317,8 @@ export const texts = {
     drafted: "draft saved",
     saved: (/** @type {string} */ name) => `kept as ${name}`,
     unsaved: "not saved; it is tried again",
+    damaged: (/** @type {string} */ path) => `${path} in the zip is damaged: export it again`,
+    tooLarge: "expected a zip with at most 256 MB of files",
     noLayout: "expected a zip or folder with layout.json, as Export makes it",
     export: "Export",
     exporting: "exporting…",
