@@ -110,7 +110,14 @@ class Capabilities:
         return self.name == MOCK_NAME
 
     def __post_init__(self) -> None:
-        for field in ("sample_rate_hz", "full_scale_v", "ceiling_v", "max_slew_v_per_s"):
+        above_0 = (
+            "sample_rate_hz",
+            "full_scale_v",
+            "ceiling_v",
+            "max_slew_v_per_s",
+            "max_watchdog_s",
+        )
+        for field in above_0:
             value = getattr(self, field)
             if not (math.isfinite(value) and value > 0):
                 raise DeviceError(

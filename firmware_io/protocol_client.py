@@ -118,6 +118,12 @@ class ProtocolClient:
             self.send(Hello())
             for item in self._items(began_s + number * _HELLO_S):
                 if isinstance(item, CapabilitiesReport):
+                    rates_hz = (item.output_rate_hz, *(rate.sample_rate_hz for rate in item.rates))
+                    if min(rates_hz) < 1:
+                        raise ProtocolError(
+                            f"{self.link.name} states rates of {rates_hz} Hz, and 0 is not "
+                            "possible; write its firmware again."
+                        )
                     self.fault = None
                     self.version = VERSION
                     self.output_clock = OutputClock(item.output_rate_hz)
