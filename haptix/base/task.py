@@ -24,7 +24,16 @@ from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, ClassVar, Union, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, create_model
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    TypeAdapter,
+    ValidationError,
+    ValidationInfo,
+    create_model,
+    field_validator,
+)
 from pydantic.fields import FieldInfo
 
 from haptix.base.errors import HaptixError, InputError
@@ -129,6 +138,14 @@ class Task(BaseModel, ABC):
         except ValidationError as error:
             place, why = first_wrong(error)
             raise InputError(f"{place}: {why}" if place else why) from None
+
+    @field_validator("*")
+    @classmethod
+    def _has_a_value(cls, value: Any, info: ValidationInfo) -> Any:
+        """Refuse an empty list, whose product with others has no row, where there is no default."""
+        if value == () and cls.model_fields[str(info.field_name)].default != ():
+            raise ValueError("expected at least one value")
+        return value
 
     def __init_subclass__(
         cls,

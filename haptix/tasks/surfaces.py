@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import asdict
 from functools import partial
 from itertools import product
-from math import isfinite
+from math import isfinite, prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -497,11 +497,20 @@ def note_of(table: FrictionSurface, file: Path) -> str:
         return note + accuracy_note(table.info["accuracy"])
 
 
+#: Of one query: the model takes 2.2 KB for each, and 18 KB of JSON can ask for a million.
+_MOST_STATES = 200_000
+
+
 def _product(task: Task, *names: str) -> dict[str, Any]:
     """Every combination of some parameters, one row each; a parameter without values stays None."""
     import torch
 
     lists = {name: values for name in names if (values := getattr(task, name)) is not None}
+    if (count := prod(map(len, lists.values()))) > _MOST_STATES:
+        raise LimitError(
+            f"{', '.join(lists)}: expected at most {_MOST_STATES} combinations, got {count}; ask "
+            "for them in parts"
+        )
     columns = torch.tensor(list(product(*lists.values())), dtype=torch.float64).T
     return dict.fromkeys(names) | dict(zip(lists, columns, strict=True))
 
