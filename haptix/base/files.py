@@ -13,6 +13,7 @@ import re
 import shutil
 import stat
 import sys
+import time
 import tomllib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -40,6 +41,7 @@ FULL_DISK = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))  # no quota o
 _MANY_FILES = 64  # from here on they are synced together: one fsync takes milliseconds
 _BLOCK_BYTES = 1 << 20
 _LOG = logging.getLogger("haptix.base.files")
+_LONGEST_WRITE_S = 60.0
 _MOST_VALUES = 100_000  # of a document; checks of that many wrong ones take 0.6 GB and 6 s
 _DEEPEST = 64  # tables and lists in each other; those of haptix have at most ten
 _UNUSABLE = re.compile("[\0\ud800-\udfff]")
@@ -227,6 +229,20 @@ def _sync_folders(files: Iterable[Path]) -> None:
     for folder in {file.parent for file in files}:
         with suppress(OSError):  # some file systems sync files only
             _sync(folder)
+
+
+def remove_drafts(folder: Path) -> None:
+    """Remove what `write_whole` had begun in a folder and below when its process was killed.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder. Drafts of the last minute stay: another process may be writing them.
+    """
+    for draft in folder.rglob(".*.part"):
+        with suppress(OSError):
+            if draft.stat().st_mtime < time.time() - _LONGEST_WRITE_S:
+                draft.unlink()
 
 
 def set_aside(path: Path, why: Exception) -> None:

@@ -18,6 +18,7 @@ from haptix.service.front import pool as pool_module
 from haptix.service.front.assets import AssetStore
 from haptix.service.front.pool import Pool
 from haptix.service.front.rest import KeptTexts, documents_router
+from haptix.service.front.startup import inventory_of
 from haptix.service.protocol.messages import Problem
 from haptix.service.worker.document_work import DocumentWork
 from tests.service.service_under_test import Service
@@ -120,6 +121,27 @@ def test_versions_of_a_layout_are_kept_and_follow_its_name(rest):
     assert moved.status_code == 204
     assert "third" not in rest.get("/layouts?removed=true").json()
     assert len(rest.get("/layouts/third 2/versions").json()) == 3
+
+
+def test_clients_are_not_told_where_the_token_of_a_driver_lies():
+    opened = {
+        "device": "served", "is_real": False, "finger": "wet", "screen": "3m-sct3250",
+        "screen_mm": (100.0, 60.0), "kinds": (),
+    }  # fmt: skip
+    for address in ("tcp:localhost:7420,token_file=/home/a/secret", "tcp:localhost:7420"):
+        (device,) = inventory_of(address, opened).devices
+        assert device.address == "tcp:localhost:7420"
+
+
+def test_what_a_kill_left_half_written_goes_at_the_next_start(tmp_path):
+    old, new = tmp_path / "layouts" / "desk" / ".2.json.ab.part", tmp_path / ".person.json.cd.part"
+    old.parent.mkdir(parents=True)
+    for path in (old, new):
+        path.write_bytes(b"half")
+    os.utime(old, (0, 0))
+    Service(tmp_path).close()
+    assert not old.exists()
+    assert new.exists()  # of this minute: another process may be writing it
 
 
 def test_layouts_of_an_earlier_version_open(tmp_path):

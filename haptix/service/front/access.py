@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from haptix.base.errors import DeviceError, HaptixError, InputError
-from haptix.base.files import read_json, set_aside, write_whole
+from haptix.base.files import read_json, remove_drafts, set_aside, write_whole
 from haptix.service.protocol.limiter import Limiter
 from haptix.service.protocol.messages import Problem
 
@@ -112,6 +112,7 @@ class Access:
         self._now_s = now_s
         self.folder = folder
         self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        remove_drafts(self.folder)  # layouts and assets lie below it
         self._pages: dict[str, dict[str, str]] = self._load()
         self._tries: dict[str, Limiter] = {}  # by origin, the latest last
         self._all_tries = Limiter(_ALL_TRIES / _TRIES_S, now_s, _ALL_TRIES)

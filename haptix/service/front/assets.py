@@ -76,7 +76,7 @@ class AssetStore:
         )
         largest = min(self._limits.asset_bytes, room)
         content_hash, size = sha256(), 0
-        handle, draft = tempfile.mkstemp(dir=self.folder)
+        handle, draft = tempfile.mkstemp(".part", ".asset.", self.folder)
         try:
             with os.fdopen(handle, "wb") as file:
                 async for chunk in chunks:

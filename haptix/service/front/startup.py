@@ -8,6 +8,7 @@ clients <--HTTP, WebSocket--> front <--frames--> engine <--> driver
 from __future__ import annotations
 
 import asyncio
+import re
 import shutil
 from collections.abc import Callable
 from importlib.util import find_spec
@@ -119,7 +120,7 @@ def serve(
                 failure.append(problem)
                 server.should_exit = True
                 return
-            hub.inventory = _inventory(shown, opened)
+            hub.inventory = inventory_of(shown, opened)
             hub.profiles = opened["profiles"]
             used = {key: opened[key] for key in ("finger", "screen")}
             kept = {key: opening[key] for key in ("surface", "assets")}
@@ -154,10 +155,16 @@ def serve(
         raise DeviceError(failure[0].sentence)
 
 
-def _inventory(device: str, opened: dict[str, Any]) -> m.Inventory:
+def inventory_of(device: str, opened: dict[str, Any]) -> m.Inventory:
+    """Return what clients are told of the driver at an address, and of the profiles in use."""
     return m.Inventory(
         devices=(
-            m.DeviceMessage(address=device, name=opened["device"], is_real=opened["is_real"]),
+            # Where its token lies concerns no client.
+            m.DeviceMessage(
+                address=re.sub(r",token_file=[^,]*", "", device),
+                name=opened["device"],
+                is_real=opened["is_real"],
+            ),
         ),
         finger=opened["finger"],
         screen=opened["screen"],
