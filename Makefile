@@ -3,7 +3,7 @@
 .NOTPARALLEL:
 # Modules are compiled once, and not again in each process of the tests, of which there are hundreds.
 unexport PYTHONDONTWRITEBYTECODE
-.PHONY: help demo studio quick test test-slow test-devices mutants clients docs lint types prove faults size setup clean
+.PHONY: help demo studio quick test test-slow test-devices mutants clients bundle docs lint types prove faults size setup clean
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-13s %s\n", $$1, $$2 }' Makefile
@@ -28,6 +28,9 @@ test-devices: .venv/.ready ## the tests through real USB, HID, touchscreen and a
 
 mutants: .venv/.ready ## 300 small errors in the packages, each for the tests nearest to it (ARGS='--count 40 haptix/play/render'); hours
 	.venv/bin/python scripts/mutants.py $(ARGS)
+
+bundle: ## this system's bundle with a window, Python and PyTorch, by PyInstaller; minutes (TORCH_INDEX=... for the processor's PyTorch)
+	bash scripts/bundle.sh
 
 test-peers: .venv/.ready ## the field's own tools read what haptix writes (first: bash scripts/setup-peers.sh)
 	.venv/bin/python -m pytest -m peers tests/peers $(ARGS)

@@ -1,6 +1,6 @@
 """Install, kill and remove the service under a user instance of systemd; what it saw, as JSON.
 
-    unshare -m --propagation private python login_session.py HOME
+    unshare -m --propagation private python login_session.py HOME [PROGRAM OF A BUNDLE]
 
 In a mount namespace of its own: systemd runs user instances only where /run/systemd/system exists.
 """
@@ -13,6 +13,8 @@ import sys
 import time
 import urllib.request
 from pathlib import Path
+
+PROGRAM = sys.argv[2:] or [sys.executable, "-m", "haptix.tasks.cli"]
 
 
 def main(home):
@@ -59,7 +61,7 @@ def session(home):
 
 def haptix(*words):
     return subprocess.run(
-        [sys.executable, "-m", "haptix.tasks.cli", "service", *words],
+        [*PROGRAM, "service", *words],
         capture_output=True, text=True, check=False, timeout=60,
     )  # fmt: skip
 

@@ -76,6 +76,8 @@ def main() -> None:
         sys.exit(141)
     except OSError as error:
         where = error.filename
+        if where is None and error.errno is None:  # a library's own, with a sentence alone
+            raise
         if where is None:
             _let_go_of_the_output()
             where = "the output takes no more"

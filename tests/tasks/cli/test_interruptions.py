@@ -110,3 +110,12 @@ def test_without_a_terminal_progress_is_a_line_now_and_then(monkeypatch, capsys)
         for share in (0.0, 0.25, 0.5, 0.75):
             update("build the surface", share)
     assert capsys.readouterr().err == "haptix: build the surface: 50%, 12 s left\n"
+
+
+def test_an_error_of_a_library_is_not_taken_for_the_outputs(haptix_cli, monkeypatch):
+    def fails(*_):
+        raise OSError("could not get source code")  # no number, and no file
+
+    monkeypatch.setattr("haptix.base.terminal.run", fails)
+    with pytest.raises(OSError, match="source code"):
+        haptix_cli("doctor")
