@@ -10,7 +10,7 @@ import sys
 import pytest
 
 from haptix.service.front import pool as pool_module
-from haptix.service.front.pool import MOST_WAITING, Pool
+from haptix.service.front.pool import MOST_WAITING, Pool, Process
 from haptix.service.protocol.messages import Problem
 from haptix.service.protocol.wire import json_frame
 from tests.service.test_decoding import OPENING, bomb
@@ -230,3 +230,32 @@ def test_questions_that_wait_when_the_service_ends_are_refused(assets):
         assert [one.code for one in refused] == ["device"] * MOST_WAITING + ["limit"]
 
     running(assets, scenario)
+
+
+class Sleeper(Process):
+    """A process that returns no beat, as one that imports torch on a busy machine."""
+
+    async def _spawn(self):
+        return await asyncio.create_subprocess_exec(
+            "sleep", "600", stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE
+        )
+
+
+def test_a_process_that_is_stopped_while_it_loads_is_ended_and_one_that_loads_is_not():
+    """Counted in beats of a tenth of a second: a machine that is busy gives it more time."""
+
+    async def run():
+        loads, stopped = Sleeper(), Sleeper()
+        await loads.launch()
+        await stopped.launch()
+        os.kill(stopped.pid, signal.SIGSTOP)
+        question = asyncio.create_task(stopped.ask("picture"))
+        with pytest.raises(Problem, match="hung"):
+            await asyncio.wait_for(question, PATIENCE_S)
+        assert stopped.has_hung
+        assert loads.pid is not None and not loads.has_hung
+        loads.kill()
+        for process in (loads, stopped):
+            await process.stop()
+
+    asyncio.run(run())

@@ -23,6 +23,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from haptix.service.protocol.messages import Problem
@@ -173,8 +174,12 @@ class Process:
 
     async def _beats(self, process: asyncio.subprocess.Process) -> None:
         while process.returncode is None and not self._is_ended:
-            if self._silent >= self._most_silent:
-                self.on_silence(self._silent * BEAT_S)
+            silent_s = self._silent * BEAT_S
+            # One that is stopped loads nothing, however long loading may take.
+            if self._silent >= self._most_silent or (
+                silent_s >= LONGEST_SILENCE_S and _is_stopped(process.pid)
+            ):
+                self.on_silence(silent_s)
             self._silent += 1
             self.write(frame(BEAT, b""))
             await asyncio.sleep(BEAT_S)
@@ -221,6 +226,14 @@ class Process:
             answer.set_exception(Problem(wrong["code"], wrong["sentence"], wrong.get("path", "")))
         else:
             answer.set_result(message)
+
+
+def _is_stopped(pid: int) -> bool:
+    """Whether a process is stopped by a signal or a debugger, where the system tells (Linux)."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] in ("T", "t")
+    except (OSError, IndexError):
+        return False
 
 
 class _Worker(Process):
