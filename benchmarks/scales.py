@@ -20,18 +20,12 @@ from typing import Any
 import numpy as np
 
 from haptix.base.checks import Array
-from haptix.lab.analysis.results import (
-    ALL,
-    Row,
-    RunOfMethod,
-    _exponent_row,
-    magnitude_rows,
-    over_participants,
-    scale_over_all,
-    scale_rows,
-)
+from haptix.lab.analysis.results import _exponent_row, over_participants
+from haptix.lab.analysis.runs import ALL, Row, RunOfMethod
+from haptix.lab.analysis.scales import magnitude_rows, scale_over_all, scale_rows
 from haptix.lab.experiment import Magnitudes, Pairs
-from haptix.lab.experiment.methods import Method, bradley_terry
+from haptix.lab.experiment.comparisons import bradley_terry
+from haptix.lab.experiment.methods import Method
 
 LEVELS = [10.0, 17.0, 24.0, 31.0, 38.0]
 STEPS = np.arange(5) - 2.0
@@ -57,7 +51,7 @@ def pairs(step: float, repeats: int, people: int, differ: float, draw: Draw) -> 
         of_level = dict(zip(LEVELS, value.tolist(), strict=True))
         method = Pairs(LEVELS, repeats, int(draw.integers(2**31)))
         while not method.is_done:
-            apart = of_level[method.level] - of_level[method.other_level]
+            apart = of_level[method.level] - of_level[method.other_levels[0]]
             method.update(draw.random() < 1 / (1 + np.exp(-apart)))
         runs.append(run_of(method, who))
     rows = scale_rows(runs) if people == 1 else scale_over_all(runs)

@@ -22,9 +22,11 @@ from .experiment import Quest as Quest
 from .experiment import Question as Question
 from .experiment import SessionPlan as SessionPlan
 from .experiment import SimulatedObserver as SimulatedObserver
+from .experiment import Sorting as Sorting
 from .experiment import StopRules as StopRules
 from .experiment import StrokeRanges as StrokeRanges
 from .experiment import Touch as Touch
+from .experiment import Triads as Triads
 from .experiment import TrialLog as TrialLog
 from .experiment import TrialTask as TrialTask
 from .experiment import UpDown as UpDown

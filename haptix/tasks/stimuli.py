@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack, closing, suppress
+from contextlib import ExitStack, closing
 from functools import partial
-from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -35,7 +34,7 @@ from haptix.base.terminal import placeholder_note
 from haptix.model.presets import FINGERS, SCREENS, FingerName, ScreenName, breakdown_note
 
 if TYPE_CHECKING:
-    from haptix.lab.experiment import Experiment
+    from haptix.lab.experiment import Experiment, Question
 
 _STAGES = {
     "surface": "build the friction surfaces",
@@ -218,8 +217,8 @@ class RunExperiment(Task, command="stimuli run"):
             raise InputError("--participant: a study needs one, such as 07")
         who = self.participant or "1"
         from haptix.lab.experiment import TASKS, Keys, SimulatedObserver
+        from haptix.lab.experiment.orders import seed_of
         from haptix.lab.experiment.recipe import ExperimentRecipe
-        from haptix.lab.experiment.session_plan import seed_of
         from haptix.play.devices import open_device
 
         plan = ExperimentRecipe.load(self.recipe)
@@ -304,8 +303,8 @@ class ExperimentJob(Task, route="experiments", kind="experiment", plays=True, ke
                 raise InputError(f"{kind}: expected {used} or one of {words}, got {name!r:.80}")
             recipe[kind] = name
         from haptix.base.units import with_numbers
+        from haptix.lab.experiment.orders import seed_of
         from haptix.lab.experiment.recipe import ExperimentRecipe
-        from haptix.lab.experiment.session_plan import seed_of
         from haptix.play.devices import open_device
 
         plan = ExperimentRecipe(**with_numbers("recipe", recipe))
@@ -314,7 +313,7 @@ class ExperimentJob(Task, route="experiments", kind="experiment", plays=True, ke
         with closing(open_device(self.device)) as device:
             experiment = plan.experiment(
                 device,
-                lambda question: judgement(context, question.choices),
+                lambda question: judgement(context, question),
                 context.folder / f"{self.log}.csv",
                 self.participant,
                 seed_of(plan.seed, str(self.participant), "01"),
@@ -527,7 +526,7 @@ class Analyse(Task, command="stimuli analyse"):
     def run(self, context: Context) -> Result:
         """Analyse, and write tables and report."""
         from haptix.lab.analysis.foreign import TrialColumns
-        from haptix.lab.analysis.results import analyse, write_analysis
+        from haptix.lab.analysis.results import TRIALS, analyse, write_analysis
 
         columns = None if self.columns is None else TrialColumns.load(self.columns)
         source = self.source
@@ -539,6 +538,8 @@ class Analyse(Task, command="stimuli analyse"):
         files = write_analysis(analysis, self.out or beside, source.resolve().stem, is_study)
         tables = []
         for name, rows in analysis.tables.items():
+            if name == TRIALS:
+                continue
             same = {key for key in _LABELS if len({row.get(key) for row in rows}) == 1}
             hidden = {*_WIDE, *same}
             shown = [{k: cell for k, cell in row.items() if k not in hidden} for row in rows]
@@ -547,15 +548,13 @@ class Analyse(Task, command="stimuli analyse"):
         return Result([{**analysis.tables, "notes": [*analysis.notes]}], tables, [report_line])
 
 
-def judgement(context: Context, choices: tuple[str, ...]) -> str:
-    """Ask for one of the choices; without choices, ask until a number above 0 comes."""
-    if choices:
-        return context.ask("Which one?", choices)
-    while True:
-        number = context.ask("How strong was it? Give a number above 0.")
-        with suppress(ValueError):
-            if 0 < float(number) < inf:
-                return number
+def judgement(context: Context, question: Question) -> str:
+    """Ask for one of the choices; without choices, ask until a number comes that can be."""
+    if question.choices:
+        return context.ask(question.asks, question.choices)
+    while question.objection(number := context.ask(question.asks)):
+        pass
+    return number
 
 
 def ask_to_go_on(context: Context, experiment: Experiment, after_h: float = _ASK_AFTER_H) -> None:
@@ -582,9 +581,12 @@ def _rest(context: Context, trials: int) -> None:
 
 def refuse_files_and_volts(recipe: Mapping[str, Any]) -> None:
     """Refuse files and volts in a recipe that a client of the network sends."""
+    if isinstance(recipe.get("items"), str):
+        raise InputError("recipe: items: expected a list; a set is a file")
     if "folder" in recipe or recipe.get("ceiling_v") is not None:
         raise InputError("recipe: expected no folder and no ceiling_v: no volts come in")
-    values = [recipe.get(name) for name in ("stimulus", "pedestal", "method", "conditions")]
+    names = ("stimulus", "pedestal", "method", "conditions", "items")
+    values = [recipe.get(name) for name in names]
     while values:
         value = values.pop()
         if isinstance(value, dict):

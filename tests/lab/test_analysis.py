@@ -16,7 +16,8 @@ from firmware_io import open_device
 from haptix.base.errors import FileFormatError, InputError
 from haptix.lab.analysis import results as analysis
 from haptix.lab.analysis.preregistration import Preregistration
-from haptix.lab.analysis.results import analyse, magnitude_rows, report_html, write_analysis
+from haptix.lab.analysis.results import analyse, report_html, write_analysis
+from haptix.lab.analysis.scales import magnitude_rows
 from haptix.lab.analysis.study import export
 from haptix.lab.experiment import (
     Catch,
@@ -31,7 +32,7 @@ from haptix.lab.experiment import (
     SimulatedObserver,
     UpDown,
 )
-from haptix.lab.experiment.methods import bradley_terry, bradley_terry_intervals
+from haptix.lab.experiment.comparisons import bradley_terry, bradley_terry_intervals
 from haptix.lab.experiment.recipe import ExperimentRecipe
 from tests.lab.presented import at_level
 
@@ -186,7 +187,7 @@ def test_a_scale_of_pairs_has_its_truth_within_its_spread(tmp_path):
         draw = np.random.default_rng(who)
 
         def answer(question, draw=draw):
-            p = 1 / (1 + np.exp(at[question.other_level] - at[question.level]))
+            p = 1 / (1 + np.exp(at[question.other_levels[0]] - at[question.level]))
             other = next(one for one in question.choices if one != question.right)
             return question.right if draw.random() < p else other
 

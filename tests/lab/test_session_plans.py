@@ -33,14 +33,9 @@ from haptix.lab.experiment import (
     StopRules,
     UpDown,
 )
+from haptix.lab.experiment.orders import latin_square, order_for, williams_square
 from haptix.lab.experiment.recipe import ExperimentRecipe
-from haptix.lab.experiment.session_plan import (
-    detection,
-    latin_square,
-    method_of,
-    order_for,
-    williams_square,
-)
+from haptix.lab.experiment.session_plan import detection, method_of
 from tests.lab.presented import at_level
 
 WAVE = np.sin(2 * np.pi * 120 * np.arange(240) / 48_000)
@@ -221,7 +216,7 @@ def test_pairs_are_all_compared_and_scaled(device, tmp_path):
     draw = np.random.default_rng(2)
 
     def answer(question):  # by Bradley & Terry, 1 logit apart
-        p = 1 / (1 + np.exp(-(question.level - question.other_level) / 10))
+        p = 1 / (1 + np.exp(-(question.level - question.other_levels[0]) / 10))
         other = next(one for one in question.choices if one != question.right)
         return question.right if draw.random() < p else other
 

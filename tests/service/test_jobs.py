@@ -15,6 +15,7 @@ import pytest
 import haptix
 from haptix.base.task import Context
 from haptix.feel.motion import Trajectory
+from haptix.lab.experiment import Question
 from haptix.play.render import LiveSettings
 from haptix.play.simulation import Setting, simulate
 from haptix.play.virtual_finger import TouchPanel
@@ -190,12 +191,13 @@ def test_a_magnitude_is_asked_for_until_a_number_above_zero_comes():
 
     class Person(Context):
         def ask(self, prompt, choices=()):
-            said.append(choices)
+            said.append(prompt)
             return next(answers)
 
-    assert judgement(Person(), ()) == "3.5"
-    assert said == [()] * 5
-    assert judgement(Person(), ("1", "2")) == "2"
+    question = Question(0, (), 1.0, "", asks="How strong?")
+    assert judgement(Person(), question) == "3.5"
+    assert said == ["How strong?"] * 5
+    assert judgement(Person(), Question(0, ("1", "2"), 1.0, "1")) == "2"
 
 
 def test_a_rendering_has_the_numbers_of_haptix_render(tmp_path, model, monkeypatch):

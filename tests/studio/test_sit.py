@@ -224,9 +224,9 @@ def test_every_task_of_the_product_is_sat(front, page, tmp_path):
             given.append(known.choices[-1])
             page.keyboard.press(known.choices[-1])
         else:
-            page.get_by_label("How strong").fill("0")
+            page.get_by_label("Your number").fill("0")
             page.keyboard.press("Enter")  # no magnitude: not sent
-            page.get_by_label("How strong").fill("12.5")
+            page.get_by_label("Your number").fill("12.5")
             assert not violations(page)
             keep(page, "sit-number")
             given.append("12.5")

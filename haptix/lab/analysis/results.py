@@ -3,26 +3,52 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import chain, combinations
-from math import inf, isnan
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from math import isnan
 from operator import itemgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from haptix.base.checks import Array
 from haptix.base.errors import FileFormatError, MissingExtraError, from_extra
-from haptix.base.files import digest, json_text, reading, write_folder
+from haptix.base.files import digest, json_text, write_folder
 from haptix.base.report import page, paragraph, picture, table
 from haptix.base.version import __version__
 from haptix.lab.analysis.foreign import TrialColumns, advice, is_table
 from haptix.lab.analysis.preregistration import NAME, Preregistration
+from haptix.lab.analysis.runs import (
+    ALL,
+    LEAST_PARTICIPANTS,
+    OF_GROUP,
+    Row,
+    RunOfMethod,
+    condition_of,
+    grouped,
+    half_interval,
+    holm,
+    known,
+    runs_of,
+    words,
+)
+from haptix.lab.analysis.scales import (
+    covariate_rows,
+    magnitude_differences,
+    magnitude_rows,
+    maps,
+    pair_rows,
+    scale_differences,
+    scale_rows,
+    similarity_rows,
+    trial_rows,
+)
 from haptix.lab.analysis.study import BIDS_VERSION
-from haptix.lab.experiment import Estimate, Magnitudes, Method, MethodsByCondition, Pairs
-from haptix.lab.experiment.methods import ThresholdMethod, bradley_terry, bradley_terry_intervals
+from haptix.lab.experiment import Magnitudes, Pairs
+from haptix.lab.experiment.comparisons import Comparison, Similarities
+from haptix.lab.experiment.methods import ThresholdMethod
 from haptix.lab.experiment.psychometric import (
     Group,
     counted,
@@ -30,105 +56,21 @@ from haptix.lab.experiment.psychometric import (
     group,
     group_of_likelihoods,
 )
-from haptix.lab.experiment.session_plan import SessionPlan, estimate_of, replayed, summary
-from haptix.lab.experiment.trial_log import LoggedSession, is_log, read_sessions
+from haptix.lab.experiment.session_plan import estimate_of
+from haptix.lab.experiment.trial_log import is_log, read_sessions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-ALL = "all"
-"""Participant of the rows that are over all of them."""
+TRIALS = "trials"
+"""Table of single trials, which is written, and not shown."""
 MOST_PICTURES = 100
 """Of runs; those after them are in the tables alone."""
 
-_OF_PARTICIPANT = ("seed", "order")  # fields of a method that differ between participants
-_OF_APPARATUS = ("finger", "screen", "recipe", "drive")  # the drive is that of the first level
-_GROUP = ("task", "condition", "experiment")
 _SCALE = ("scale_logit", "low_logit", "high_logit")
 _MEAN = ("mean", "low", "high")
 _INTERVAL = 0.95
 _EXACT = 1e-6  # spread of numbers without scatter
-_LEAST_PARTICIPANTS = 2
-_DRAWS = 200  # of participants with replacement: a spread is known to 5 %
-
-Row = dict[str, Any]
-Item = TypeVar("Item")
-Key = TypeVar("Key", bound=Hashable)
-
-
-def _grouped(items: Iterable[Item], key: Callable[[Item], Key]) -> dict[Key, list[Item]]:
-    """Items by their key, in the order in which they come."""
-    groups: dict[Key, list[Item]] = {}
-    for item in items:
-        groups.setdefault(key(item), []).append(item)
-    return groups
-
-
-def _condition(row: Mapping[str, Any]) -> tuple[str, ...]:
-    return tuple(row[name] for name in _GROUP)
-
-
-def _words(*parts: str) -> str:
-    return " ".join(filter(None, parts))
-
-
-def _half_interval(spread: Any, free: int) -> Any:
-    """Half of Student's interval of a value with a spread of so many degrees of freedom."""
-    from scipy.stats import t as student
-
-    return spread * student.ppf((1 + _INTERVAL) / 2, free)
-
-
-@dataclass(frozen=True)
-class RunOfMethod:
-    """The answers of a session in one condition, and the estimate of its method."""
-
-    session: LoggedSession
-    condition: str
-    """Name of the condition; empty if there is only one."""
-    experiment: str
-    """Hash of task, stimulus and method, without finger, screen and order."""
-    method: Method
-    estimate: Estimate
-    rows: tuple[Mapping[str, str], ...]
-    """Trials that count for the method."""
-    summary: Mapping[str, Any]
-    remarks: tuple[str, ...] = ()
-    """Parts of the session's log that could not be checked."""
-
-    @property
-    def place(self) -> dict[str, Any]:
-        """Columns that identify the run."""
-        one = self.session
-        place = {"participant": one.participant, "session": one.session, "task": one.task}
-        place |= {"condition": self.condition, "experiment": self.experiment}
-        return place | {"source": one.source}
-
-
-def runs_of(session: LoggedSession) -> Iterator[RunOfMethod]:
-    """Yield the runs of a session, by replaying its answers to its methods.
-
-    Raises `FileFormatError` if a row does not belong to the experiment in the head of the log.
-    """
-    sequence, remarks = replayed(session)
-    method = sequence.method
-    with reading(session.path, "a log of trials"):
-        task, plan = session.settings["task"], sequence.plan
-        methods = method.methods if isinstance(method, MethodsByCondition) else {"": method}
-        estimates = {
-            name: estimate_of(part, session.rows, task, name) for name, part in methods.items()
-        }
-        unfinished = _unfinished(plan, methods.values(), estimates.values())
-        first = (unfinished,) if unfinished and not session.finished else ()
-        whole = summary(session.rows, task, plan.exclude)
-        of_trials = (row for row in session.rows if row["kind"] == "trial")
-        accepted = [row for row in of_trials if row["accepted"] == "true"]
-        for name, part in methods.items():
-            experiment = _hash(session, name, part.describe())
-            rows = tuple(row for row in accepted if row["condition"].replace("n/a", "") == name)
-            estimate = estimates[name]
-            estimate = replace(estimate, warnings=(*first, *estimate.warnings))
-            yield RunOfMethod(session, name, experiment, part, estimate, rows, whole, remarks)
 
 
 def _foreign_runs(source: Path, columns: TrialColumns) -> Iterator[RunOfMethod]:
@@ -139,31 +81,6 @@ def _foreign_runs(source: Path, columns: TrialColumns) -> Iterator[RunOfMethod]:
             session, condition, digest(shared)[:8], method, estimate, session.rows, {},
             session.remarks,
         )  # fmt: skip
-
-
-def _unfinished(
-    plan: SessionPlan, methods: Collection[Method], estimates: Iterable[Estimate]
-) -> str:
-    """Return a warning that a session is not finished, or ""; times in the plan are not checked."""
-    stop, counted = plan.stop, sum(len(getattr(method, "answers", ())) for method in methods)
-    is_done = all(method.is_done for method in methods)
-    if is_done or counted >= (stop.most_trials or inf) or stop.most_minutes is not None:
-        return ""
-    if stop.spread is not None and all(part.width / 4 <= stop.spread for part in estimates):
-        return ""
-    return f"the session is not over: it has {counted} trials that count"
-
-
-def _hash(session: LoggedSession, condition: str, method: Mapping[str, Any]) -> str:
-    settings = session.settings
-    hashes = settings.get("hashes", {})
-    hashes = hashes.get(condition, hashes) if condition else hashes
-    of_stimulus = {name: value for name, value in hashes.items() if name not in _OF_APPARATUS}
-    shared = {name: value for name, value in method.items() if name not in _OF_PARTICIPANT}
-    experiment = {"task": settings["task"], "hashes": of_stimulus, "method": shared}
-    if session.source == "simulated":  # simulated sessions are not pooled with those of people
-        experiment["source"] = session.source
-    return digest(experiment)[:8]
 
 
 Likelihood = tuple[Array, Array]
@@ -191,12 +108,12 @@ def over_participants(
     """
     means, differences = [], []
     of_rows = dict(zip(map(id, rows), likelihoods, strict=bool(likelihoods)))
-    for task, of_task in _grouped(rows, lambda row: row["task"]).items():
-        conditions = _grouped(of_task, _condition)
+    for task, of_task in grouped(rows, lambda row: row["task"]).items():
+        conditions = grouped(of_task, condition_of)
         known = {
             place: {
                 who: kept
-                for who, those in _grouped(members, lambda row: str(row["participant"])).items()
+                for who, those in grouped(members, lambda row: str(row["participant"])).items()
                 if (kept := [row for row in those if not _left_out(row, column, of_rows)])
             }
             for place, members in conditions.items()
@@ -204,11 +121,11 @@ def over_participants(
         places = [place for place, people in known.items() if people]
         factors = dict(zip(places, np.eye(len(places)), strict=True))
         fitted = None
-        if max(map(len, known.values())) >= _LEAST_PARTICIPANTS:
+        if max(map(len, known.values())) >= LEAST_PARTICIPANTS:
             fitted = _fitted([known[place] for place in places], column, of_rows)
         for place, members in conditions.items():
             people, low, high, between, mean = known[place], None, None, None, None
-            if fitted is not None and len(people) >= _LEAST_PARTICIPANTS:
+            if fitted is not None and len(people) >= LEAST_PARTICIPANTS:
                 mean, low, high, _ = fitted.contrast(factors[place])
                 between = fitted.between
             elif people:
@@ -222,20 +139,17 @@ def over_participants(
                 "left_out": _why_left_out(members, column, of_rows),
             }
             found = {column: mean, "between": between, "low": low, "high": high}
-            means.append(dict(zip(_GROUP, place, strict=True)) | counts | found)
+            means.append(dict(zip(OF_GROUP, place, strict=True)) | counts | found)
         pairs: list[Row] = []
         for first, second in combinations(conditions, 2):
             both = known[first].keys() & known[second].keys()
-            if first[1] == second[1] or len(both) < _LEAST_PARTICIPANTS or fitted is None:
+            if first[1] == second[1] or len(both) < LEAST_PARTICIPANTS or fitted is None:
                 continue
             mean, low, high, p = fitted.contrast(factors[second] - factors[first])
             names = {"task": task, "condition": second[1], "minus": first[1]}
             found = {"participants": len(both), "difference_db": mean, "low": low, "high": high}
             pairs.append(names | found | {"p": p, "p_holm": None})
-        highest = 0.0
-        for place_of, row in enumerate(sorted(pairs, key=lambda row: row["p"])):
-            highest = max(highest, min(1.0, row["p"] * (len(pairs) - place_of)))
-            row["p_holm"] = highest
+        holm(pairs)
         differences += pairs
     return means, differences
 
@@ -285,140 +199,6 @@ def _together(likelihoods: Sequence[Likelihood | None]) -> Likelihood:
     return at, logs - logs.max()
 
 
-def scale_rows(runs: Sequence[RunOfMethod]) -> list[Row]:
-    """Return Bradley-Terry values [logit] of each level, for each participant and for all.
-
-    For all together, comparisons are pooled; the spread is a bootstrap over participants, so that
-    it holds for the population. `fit_p` is small where no scale orders the levels. The intervals
-    of 95 % are those of `bradley_terry_intervals`; over all, Student's of the spread.
-    """
-    rows = []
-    for members in _grouped(runs, lambda run: _condition(run.place)).values():
-        for run in members:
-            assert isinstance(run.method, Pairs)
-            won = run.method.wins()
-            rows += _scale(run, won, bradley_terry(won))
-        rows += scale_over_all(members)
-    return rows
-
-
-def scale_over_all(runs: Sequence[RunOfMethod]) -> list[Row]:
-    """Return the values that the participants of a condition have together, see `scale_rows`."""
-    wins: dict[str, Array] = {}
-    for run in runs:
-        if isinstance(run.method, Pairs) and "excluded" not in run.summary:
-            who = run.session.participant
-            wins[who] = wins.get(who, 0) + run.method.wins()
-    if len(wins) < _LEAST_PARTICIPANTS:
-        return []
-    several = np.array([*wins.values()])
-    value, _, fit_p = bradley_terry(several.sum(0))
-    draw = np.random.default_rng(len(wins))
-    of_draws = draw.integers(len(wins), size=(_DRAWS, len(wins)))
-    drawn = [bradley_terry(several[people].sum(0))[0] for people in of_draws]
-    fitted = (value, np.std(drawn, axis=0, ddof=1), fit_p)
-    return _scale(runs[0], several.sum(0), fitted, len(wins))
-
-
-def _scale(
-    run: RunOfMethod, wins: Array, fitted: tuple[Array, Array, float], participants: int = 0
-) -> list[Row]:
-    assert isinstance(run.method, Pairs)
-    value, spread, fit_p = fitted
-    if participants:
-        half = _half_interval(spread, participants - 1)
-        low, high = value - half, value + half
-    else:
-        low, high = bradley_terry_intervals(wins).T
-    return [
-        {
-            **run.place,
-            **({"participant": ALL, "session": ""} if participants else {}),
-            "level_db": level,
-            "comparisons": int(wins[k].sum() + wins[:, k].sum()),
-            "scale_logit": float(value[k]),
-            "low_logit": _known(float(low[k])),
-            "high_logit": _known(float(high[k])),
-            "spread_logit": _known(float(spread[k])),
-            "fit_p": None if isnan(fit_p) else fit_p,
-        }
-        for k, level in enumerate(run.method.levels)
-    ]
-
-
-def pair_rows(runs: Sequence[RunOfMethod]) -> list[Row]:
-    """Return, for each participant and pair of levels, how often the second one was more."""
-    rows = []
-    for run in runs:
-        assert isinstance(run.method, Pairs)
-        won = run.method.wins()
-        for (i, level), (k, other) in combinations(enumerate(run.method.levels), 2):
-            counts = {"comparisons": int(won[i, k] + won[k, i]), "other_is_more": int(won[k, i])}
-            rows.append({**run.place, "level_db": level, "other_db": other, **counts})
-    return rows
-
-
-def magnitude_rows(runs: Sequence[RunOfMethod]) -> list[Row]:
-    """Return geometric means of the numbers for each level, of each participant and of all.
-
-    People choose their own scales. For all together, each one's numbers are divided by their
-    geometric mean and multiplied by that of everybody (modulus equalization; Lane, Catania &
-    Stevens, J. Acoust. Soc. Am. 33, 160 (1961)). The spread is a factor: that of one participant's
-    numbers, or for all together that of the participants' means. The intervals of 95 % are
-    Student's of the logarithms (Bland & Altman, BMJ 312, 1079 (1996)). One participant's logarithms
-    are taken to scatter alike at all levels, since many repeat a round number at one of them. Over
-    all, it is the scatter of the participants' means at the level, about everybody's mean of all.
-    A participant's modulus is that of all conditions of a task, so that their levels compare too.
-    """
-    rows, of_tasks = [], dict[tuple[str, ...], dict[str, list[dict[float, float]]]]()
-    for members in _grouped(runs, lambda run: _condition(run.place)).values():
-        means: dict[str, list[dict[float, float]]] = {}
-        for run in members:
-            assert isinstance(run.method, Magnitudes)
-            levels, numbers = np.array(run.method.answers).reshape(-1, 2).T
-            logs = {at: np.log(numbers[levels == at]) for at in np.unique(levels).tolist()}
-            free = len(numbers) - len(logs)
-            scatter = np.sqrt(sum(log.var() * len(log) for log in logs.values()) / max(free, 1))
-            rows += [_magnitude(run.place, at, logs[at], scatter, free) for at in logs]
-            if logs and "excluded" not in run.summary:
-                of_session = {at: float(log.mean()) for at, log in logs.items()}
-                means.setdefault(run.session.participant, []).append(of_session)
-        of_tasks[_condition(members[0].place)] = means
-    first = {_condition(run.place): run.place for run in reversed(runs)}
-    for places in _grouped(of_tasks, lambda place: (place[0], frozenset(of_tasks[place]))).values():
-        people = [*of_tasks[places[0]]]  # who made all of these conditions
-        if len(people) < _LEAST_PARTICIPANTS:
-            continue
-        items = [
-            (place, at)
-            for place in places
-            for at in sorted(set.intersection(*map(set, chain(*of_tasks[place].values()))))
-        ]
-        table = np.array(
-            [[np.mean([one[at] for one in of_tasks[place][who]]) for place, at in items]
-             for who in people]
-        )  # fmt: skip
-        table += table.mean() - table.mean(1, keepdims=True)
-        spread = table.std(0, ddof=1)
-        rows += [
-            _magnitude(
-                {**first[place], "participant": ALL, "session": ""},
-                at, table[:, k], spread[k], len(people) - 1,
-            )
-            for k, (place, at) in enumerate(items)
-        ]  # fmt: skip
-    return rows
-
-
-def _magnitude(place: Row, level: float, logs: Array, scatter: float, free: int) -> Row:
-    """Return a row; `scatter`, of one of the logarithms, has so many degrees of freedom."""
-    spread = float(np.exp(logs.std(ddof=1))) if len(logs) > 1 else None
-    half = _half_interval(scatter / np.sqrt(len(logs)), free)
-    values = {"mean": 0.0, "low": -half, "high": half}
-    values = {name: _known(float(np.exp(logs.mean() + off))) for name, off in values.items()}
-    return {**place, "level_db": level, "answers": len(logs), **values, "spread": spread}
-
-
 @dataclass(frozen=True)
 class Analysis:
     """Results of some sessions.
@@ -426,9 +206,10 @@ class Analysis:
     Parameters
     ----------
     tables : dict of str to list of dict
-        "thresholds", "scales", "pairs", "magnitudes" and "exponents" of each participant, as the
-        tasks have them; "group" and "exponents-group" over participants; "differences" of
-        conditions within participants.
+        "thresholds", "scales", "pairs", "magnitudes", "exponents", "similarities" and "covariates"
+        of each participant, as the tasks have them; "group" and "exponents-group" over
+        participants; "differences" of conditions within participants; "scale-differences" and
+        "magnitude-differences" of items or levels; "map" and "map-fit"; "trials" of comparisons.
     notes : tuple of str
         What was mixed or is missing.
     runs : tuple of RunOfMethod
@@ -486,8 +267,9 @@ def analyse(
             ]
     pairs = [run for run in runs if isinstance(run.method, Pairs)]
     numbers = [run for run in runs if isinstance(run.method, Magnitudes)]
+    alike = [run for run in runs if isinstance(run.method, Similarities)]
     tables: dict[str, list[Row]] = {}
-    if with_threshold := [run for run in runs if not isinstance(run.method, Pairs | Magnitudes)]:
+    if with_threshold := [run for run in runs if not isinstance(run.method, Comparison)]:
         rows = _filled(map(_threshold_row, with_threshold))
         tables["thresholds"] = rows
         likelihoods = [run.estimate.likelihood for run in with_threshold]
@@ -496,10 +278,22 @@ def analyse(
         )
     if pairs:
         tables["scales"], tables["pairs"] = scale_rows(pairs), pair_rows(pairs)
+        tables["scale-differences"] = scale_differences(pairs)
     if numbers:
         tables["magnitudes"] = magnitude_rows(numbers)
-        tables["exponents"] = _filled(map(_exponent_row, numbers))
+        tables["magnitude-differences"] = magnitude_differences(numbers)
+        tables["covariates"] = covariate_rows(numbers)
+    if of_levels := [run for run in numbers if not getattr(run.method, "items", ())]:
+        tables["exponents"] = _filled(map(_exponent_row, of_levels))
         tables["exponents-group"], _ = over_participants(tables["exponents"], "exponent")
+    if alike:
+        tables["similarities"] = similarity_rows(alike)
+        try:
+            tables["map"], tables["map-fit"] = maps(alike)
+        except MissingExtraError as error:
+            stated.append(f"without a map: {error}")
+    if compared := [run for run in runs if isinstance(run.method, Comparison)]:
+        tables[TRIALS] = trial_rows(compared)
     return Analysis(
         {name: rows for name, rows in tables.items() if rows}, (*_notes(runs), *stated), (*runs,)
     )
@@ -515,10 +309,10 @@ def _threshold_row(run: RunOfMethod) -> Row:
 def _exponent_row(run: RunOfMethod) -> Row:
     assert isinstance(run.method, Magnitudes)
     others = run.estimate.others
-    values = {name: _known(others.get(name)) for name in ("exponent", "exponent_spread")}
+    values = {name: known(others.get(name)) for name in ("exponent", "exponent_spread")}
     exponent, spread = values.values()
     if exponent is not None and spread is not None and len(run.method.answers) > 2:
-        half = float(_half_interval(spread, len(run.method.answers) - 2))
+        half = float(half_interval(spread, len(run.method.answers) - 2))
         values |= {"low": exponent - half, "high": exponent + half}
     warnings = {"warnings": "; ".join(run.estimate.warnings)}
     return {**run.place, "trials": len(run.rows), **values, **run.summary, **warnings}
@@ -535,17 +329,17 @@ def _filled(rows: Iterable[Row]) -> list[Row]:
 
 def _notes(runs: Sequence[RunOfMethod]) -> tuple[str, ...]:
     notes = [*dict.fromkeys(remark for run in runs for remark in run.remarks)]
-    conditions = _grouped(runs, lambda run: (run.session.task, run.condition))
+    conditions = grouped(runs, lambda run: (run.session.task, run.condition))
     for (task, condition), alike in conditions.items():
         counts = Counter(run.experiment for run in alike)
         if len(counts) > 1:
-            what = _words(task, condition) or "the logs"
+            what = words(task, condition) or "the logs"
             parts = ", ".join(f"{count} of {name}" for name, count in counts.items())
             notes.append(
                 f"{what}: the sessions are of different experiments, whose means stay apart: "
                 f"{parts}"
             )
-    with_one = (run for run in runs if not isinstance(run.method, Pairs | Magnitudes))
+    with_one = (run for run in runs if not isinstance(run.method, Comparison))
     if without := [run for run in with_one if isnan(run.estimate.threshold)]:
         notes.append(
             f"{len(without)} of {len(runs)} runs have no threshold; their rows say why, and the "
@@ -556,19 +350,15 @@ def _notes(runs: Sequence[RunOfMethod]) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _known(value: float | None) -> float | None:
-    return None if value is None or isnan(value) else value
-
-
 def report_html(analysis: Analysis, title: str) -> str:
     """Return the page; without the extra ``stimuli`` it says that it has no pictures."""
     parts = [paragraph(line) for line in (f"haptix {__version__}", *analysis.notes)]
-    parts += [table(name, rows) for name, rows in analysis.tables.items()]
-    drawn = [run for run in analysis.runs if run.rows]
+    parts += [table(name, rows) for name, rows in analysis.tables.items() if name != TRIALS]
+    drawn = [run for run in analysis.runs if run.rows and not isinstance(run.method, Similarities)]
     try:
         parts += [picture(name, figure) for name, figure in _of_groups(analysis)]
         for run in drawn[:MOST_PICTURES]:
-            name = _words(run.session.name, run.session.task, run.condition)
+            name = words(run.session.name, run.session.task, run.condition)
             parts.append(picture(name, _of_run(run)))
     except MissingExtraError as error:
         parts.append(paragraph(f"Without pictures: {error}"))
@@ -625,9 +415,9 @@ def _axes(count: int) -> tuple[Figure, Sequence[Any]]:
 def _of_groups(analysis: Analysis) -> Iterator[tuple[str, Figure]]:
     """Thresholds of all participants; scales of all."""
     rows = analysis.tables.get("thresholds", [])
-    known = _grouped((row for row in rows if row["threshold_db"] is not None), _condition)
+    known = grouped((row for row in rows if row["threshold_db"] is not None), condition_of)
     for row_of_group in analysis.tables.get("group", []):
-        members = known.get(_condition(row_of_group), [])
+        members = known.get(condition_of(row_of_group), [])
         if len(members) < 2:
             continue
         figure, (axes,) = _axes(1)
@@ -638,18 +428,25 @@ def _of_groups(analysis: Analysis) -> Iterator[tuple[str, Figure]]:
             axes.axvspan(row_of_group["low"], row_of_group["high"], alpha=0.2)
             axes.axvline(row_of_group["threshold_db"])
         axes.set(xlabel="threshold [dB] with 95 % intervals; the band: the mean")
-        yield _words("thresholds", row_of_group["task"], row_of_group["condition"]), figure
+        yield words("thresholds", row_of_group["task"], row_of_group["condition"]), figure
     for name, columns in (("scales", _SCALE), ("magnitudes", _MEAN)):
         listed = analysis.tables.get(name, [])
-        for (_, condition, _), members in _grouped(listed, _condition).items():
-            people = _grouped(members, itemgetter("participant", "session"))
+        for (_, condition, _), members in grouped(listed, condition_of).items():
+            people = grouped(members, itemgetter("participant", "session"))
             if len(people) < 2:  # it has the picture of its run
                 continue
             figure, (axes,) = _axes(1)
             for (who, _), line in people.items():
                 _draw_levels(axes, line, columns, linewidth=3 if who == ALL else 1, label=who)
             axes.legend(fontsize="small")
-            yield _words(name, condition), figure
+            yield words(name, condition), figure
+    for (_, condition, _), members in grouped(analysis.tables.get("map", []), condition_of).items():
+        figure, (axes,) = _axes(1)
+        for row in members:
+            axes.plot(row["x"], row["y"], "o", color="0.4")
+            axes.annotate(str(row.get("item", row.get("level_db"))), (row["x"], row["y"]))
+        axes.set(aspect="equal", xlabel="near: called alike; the axes have no unit")
+        yield words("map", condition), figure
 
 
 def _columns(rows: Sequence[Row], names: tuple[str, ...]) -> Array:
@@ -660,13 +457,18 @@ def _draw_levels(axes: Any, rows: Sequence[Row], columns: tuple[str, str, str], 
     """Scale values or geometric means against the level, with intervals where there are some."""
     y, low, high = _columns(rows, columns)
     bounds = np.nan_to_num([y - low, high - y])
-    axes.errorbar([row["level_db"] for row in rows], y, bounds, fmt="o-", capsize=3, **how)
+    has_items = "item" in rows[0]
+    at = [row["item" if has_items else "level_db"] for row in rows]
+    axes.errorbar(at, y, bounds, fmt="o" if has_items else "o-", capsize=3, **how)
     label = "Bradley-Terry value [logit]" if columns is _SCALE else "geometric mean"
     if columns is not _SCALE:
         axes.set_yscale("log")
         for set_formatter in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
             set_formatter("{x:g}")
-    axes.set(xlabel="level [dB]; bars: 95 % intervals", ylabel=label)
+    what = "item" if has_items else "level [dB]"
+    axes.set(xlabel=f"{what}; bars: 95 % intervals", ylabel=label)
+    if has_items:
+        axes.tick_params(axis="x", rotation=60)
 
 
 def _of_run(run: RunOfMethod) -> Figure:

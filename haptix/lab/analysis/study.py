@@ -51,6 +51,8 @@ _ASKS = {
     "yes-no": "One interval, with the target or not: was it there?",
     "same-different": "Two intervals, alike or not: were they different?",
     "pairs": "Two stimuli: which one is more?",
+    "triads": "Three stimuli: which one is least like the other two?",
+    "sorting": "One stimulus: which group of like ones is it in?",
     "magnitude": "One stimulus: how strong is it, as a number?",
 }
 
@@ -221,7 +223,7 @@ _TEXTS = {
     "attempt": "Earlier attempts at this trial",
     "time_s": "Time of the answer since the session began [s]",
     "level_asked": "Level that the method asked for",
-    "level": "Level that was presented",
+    "level": "Level that was presented; of items their number, from 0",
     "lowered_to_ceiling": "Whether the ceiling of the voltage lowered the level",
     "correct": "Answer that was right",
     "answer": "Answer that was given",
@@ -238,7 +240,7 @@ _TEXTS = {
     "kind": "practice, catch or (counted) trial",
     "condition": "Condition of the experiment",
     "source": "Where the answer came from: terminal, page, simulated, imported or program",
-    "other_level": "Level that it was compared with; n/a for the reference",
+    "other_level": "Level that it was compared with, of a triad two; n/a for the reference",
     "onset_s": "Begin of the first interval since the session began",
     "duration_s": "Length of the presentation, with its pauses",
     "onset": "Begin of the first interval since the recording began",

@@ -1,12 +1,7 @@
 """Adaptive methods that choose levels by the answers, and the experiment that presents them."""
 
-from haptix.lab.experiment.methods import (
-    ConstantStimuli,
-    Magnitudes,
-    Method,
-    MethodsByCondition,
-    Pairs,
-)
+from haptix.lab.experiment.comparisons import Magnitudes, Pairs, Sorting, Triads
+from haptix.lab.experiment.methods import ConstantStimuli, Method, MethodsByCondition
 from haptix.lab.experiment.observer import Keys, Question, SimulatedObserver
 from haptix.lab.experiment.procedures import METHODS, Quest, UpDown, weighted_up_down
 from haptix.lab.experiment.psychometric import Estimate, fit
@@ -41,9 +36,11 @@ __all__ = [
     "Question",
     "SessionPlan",
     "SimulatedObserver",
+    "Sorting",
     "StopRules",
     "StrokeRanges",
     "Touch",
+    "Triads",
     "TrialLog",
     "TrialTask",
     "UpDown",

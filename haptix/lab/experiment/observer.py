@@ -33,10 +33,22 @@ class Question:
     """Level of the target."""
     right: str
     """The choice that is right."""
-    other_level: float | None = None
-    """Level of what it is compared with; None for the reference."""
+    other_levels: tuple[float, ...] = ()
+    """Levels that it is compared with; none for the reference."""
     is_empty: bool = False
     """Whether no interval has the target."""
+    asks: str = "Which one?"
+    """The question in words."""
+    takes_whole_numbers: bool = False
+    """Whether a number that is the answer must be a whole one."""
+
+    def objection(self, answer: str) -> str:
+        """Return why a number cannot be the answer; empty if it can."""
+        with suppress(ValueError):
+            number = float(answer)
+            if 0 < number < inf and (number.is_integer() or not self.takes_whole_numbers):
+                return ""
+        return f"expected a {'whole ' * self.takes_whole_numbers}number above 0"
 
 
 @dataclass(frozen=True)
@@ -44,7 +56,9 @@ class SimulatedObserver:
     """Answers right with the probability of a psychometric function.
 
     An answer depends on the seed and the trial's number alone. It compares two levels by a
-    cumulative normal of their distance. Magnitudes follow a power of 0.6 with a scatter of a tenth.
+    cumulative normal of their distance, and of three calls that one least alike whose level is
+    furthest from the other two. Magnitudes follow a power of 0.6 with a scatter of a tenth. Groups
+    are ranges of levels. Of items it takes the numbers as levels [dB].
     """
 
     threshold: float
@@ -66,14 +80,22 @@ class SimulatedObserver:
         draw = np.random.default_rng([self.seed, question.trial])
         shape = function_named(self.function)
         level = np.array(question.level)
+        noise_db = 20 / self.slope / np.sqrt(2)
+        if question.takes_whole_numbers:
+            felt = question.level + noise_db * draw.standard_normal()
+            return f"{1 + max(0, int(felt // (4 * noise_db)))}"
         if not question.choices:
             power = 10 ** (0.6 * (question.level - self.threshold) / 20)
             return f"{10 * power * np.exp(0.1 * draw.standard_normal()):.3g}"
         if question.is_empty:
             mistaken = next(choice for choice in question.choices if choice != question.right)
             return mistaken if draw.random() < self.guess else question.right
-        if question.other_level is not None:
-            apart = (question.level - question.other_level) * self.slope / 20
+        if len(question.other_levels) > 1:
+            levels = np.array([question.level, *question.other_levels])
+            felt = levels + noise_db * draw.standard_normal(len(levels))
+            return question.choices[int(np.argmax(np.abs(felt - np.median(felt))))]
+        if question.other_levels:
+            apart = (question.level - question.other_levels[0]) * self.slope / 20
             is_more = draw.standard_normal() < apart
             return question.choices[question.choices.index(question.right) ^ (not is_more)]
         if draw.random() < shape(level, self.threshold, self.slope, self.guess, self.lapse):
@@ -86,8 +108,8 @@ class SimulatedObserver:
 class Keys:
     """Waits for a key that is one of the choices."""
 
-    prompt: str = "which one? {choices} "
-    """Shown before, with ``{choices}`` filled in."""
+    prompt: str = "{asks} {choices} "
+    """Shown before, with ``{asks}`` and ``{choices}`` filled in."""
     source: TextIO | None = None
     sink: TextIO | None = None
     """Where keys come from, and where the prompt goes; by default the terminal."""
@@ -102,10 +124,10 @@ class Keys:
         """Answer."""
         source = sys.stdin if self.source is None else self.source
         sink = sys.stderr if self.sink is None else self.sink
-        sink.write(self.prompt.format(choices="/".join(question.choices)))
+        sink.write(self.prompt.format(asks=question.asks, choices="/".join(question.choices)))
         sink.flush()
         if not question.choices:
-            return _number(source, sink)
+            return _number(source, sink, question)
         while True:
             key = _one_key(source)
             if not key:
@@ -131,13 +153,12 @@ class Keys:
             raise InputError("the keys ended before the experiment; it continues from its log")
 
 
-def _number(source: TextIO, sink: TextIO) -> str:
-    """Read a line until it is a number above 0."""
+def _number(source: TextIO, sink: TextIO, question: Question) -> str:
+    """Read a line until it is a number that can be the answer."""
     while line := source.readline():
-        with suppress(ValueError):
-            if 0 < float(line) < inf:
-                return line.strip()
-        sink.write("a number above 0, please: ")
+        if not (objection := question.objection(line)):
+            return line.strip()
+        sink.write(f"{objection}: ")
         sink.flush()
     raise InputError("the keys ended before the experiment; it continues from its log")
 

@@ -14,13 +14,8 @@ import numpy as np
 
 from haptix.base.checks import Array, increasing, number, positive, row, whole
 from haptix.base.errors import InputError
-from haptix.lab.experiment.methods import (
-    ConstantStimuli,
-    Magnitudes,
-    Method,
-    Pairs,
-    ThresholdMethod,
-)
+from haptix.lab.experiment.comparisons import Magnitudes, Pairs, Sorting, Triads
+from haptix.lab.experiment.methods import ConstantStimuli, Method, ThresholdMethod
 from haptix.lab.experiment.psychometric import function_named
 
 
@@ -282,6 +277,7 @@ def _some(grid: Sequence[float] | float) -> Sequence[float]:
 
 
 METHODS: dict[str, type[Method]] = {
-    method.kind: method for method in (UpDown, Quest, ConstantStimuli, Magnitudes, Pairs)
+    method.kind: method
+    for method in (UpDown, Quest, ConstantStimuli, Magnitudes, Pairs, Triads, Sorting)
 }
 """Every method by the name that recipes use."""

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import fields, replace
+from functools import cached_property
 from math import inf
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -14,7 +15,7 @@ from pydantic import Field, PositiveFloat, PositiveInt, model_validator
 
 from haptix.base.checks import choice
 from haptix.base.documents import Document, Part
-from haptix.base.errors import InputError
+from haptix.base.errors import InputError, LimitError
 from haptix.base.files import digest
 from haptix.base.kinds import call, in_folder
 from haptix.feel.signals.signal import Array, Constant, Product, Signal, signal_from
@@ -23,6 +24,7 @@ from haptix.lab.experiment import (
     Catch,
     Exclude,
     Experiment,
+    Magnitudes,
     Method,
     MethodsByCondition,
     Practice,
@@ -32,8 +34,10 @@ from haptix.lab.experiment import (
     StrokeRanges,
 )
 from haptix.lab.experiment.observer import AnswerTo
-from haptix.lab.experiment.session_plan import BlockOrder, order_for, seed_of, task_named
+from haptix.lab.experiment.orders import BlockOrder, order_for, seed_of
+from haptix.lab.experiment.session_plan import task_named
 from haptix.lab.stimuli.designs import put
+from haptix.lab.stimuli.recipe import Recipe
 from haptix.lab.stimuli.rendering import Apparatus, Rendering
 from haptix.lab.stimuli.stimulus import Stimulus, stimulus_from
 from haptix.model.finger import Finger
@@ -42,7 +46,12 @@ from haptix.model.status import Status
 from haptix.model.surface import Column
 from haptix.play.devices import Device
 
-TaskName = Literal["2ifc", "2afc", "3afc", "yes-no", "same-different", "pairs", "magnitude"]
+TaskName = Literal[
+    "2ifc", "2afc", "3afc", "yes-no", "same-different", "pairs", "triads", "magnitude", "sorting"
+]
+
+_COMPARES = {"pairs": "pairs", "triads": "triads", "magnitude": "magnitudes", "sorting": "sorting"}
+"""Kind of the method of each task that compares levels or items."""
 
 _SEEDED = [name for name, method in METHODS.items() if "seed" in {at.name for at in fields(method)}]
 
@@ -61,16 +70,20 @@ class ExperimentRecipe(Document):
 
     name: str
     """Name of the experiment."""
-    stimulus: dict[str, Any]
-    """A stimulus; the level multiplies its signal by ``10^(level / 20)``."""
+    stimulus: dict[str, Any] = Field(default={})
+    """A stimulus; the level multiplies its signal by ``10^(level / 20)``. Items change it."""
     method: dict[str, Any]
-    """``kind`` is "up-down", "quest+" or "constant-stimuli"; the rest are its parameters."""
+    """``kind`` is "up-down", "quest+" or "constant-stimuli", or one that compares: "pairs",
+    "triads", "magnitudes", "sorting"; the rest are its parameters."""
+    items: tuple[ConditionTable, ...] | str = ()
+    """What is compared in place of levels: two or more, each with a `name`, and `set`, values at
+    dotted places of the stimulus; or the file of a set, all of whose stimuli are compared."""
     pedestal: dict[str, Any] | None = None
     """A signal in the same quantity, in both target and reference, to measure a JND. Without it the
     reference is 0 V."""
     task: TaskName = "2ifc"
     """A name of `haptix.lab.TASKS`: "2ifc" in two intervals, "2afc" on the two sides of one stroke,
-    "3afc", "yes-no", "same-different", "pairs", "magnitude"."""
+    "3afc", "yes-no", "same-different", "pairs", "triads", "magnitude", "sorting"."""
     finger: str = "semi-wet"
     screen: str = "3m-sct3250"
     """Presets or TOML files."""
@@ -98,7 +111,32 @@ class ExperimentRecipe(Document):
         names = [condition.name for condition in self.conditions]
         if len(set(names)) < len(names):
             raise ValueError("conditions: expected names that differ")
+        if not self.items and not self.stimulus:
+            raise ValueError("stimulus: missing; an experiment needs one, or items")
+        if self.items:
+            wrong = [name for name in ("conditions", "pedestal", "catch") if getattr(self, name)]
+            if wrong:
+                raise ValueError(f"{wrong[0]}: expected none where items are compared")
+            if self.task not in _COMPARES:
+                raise ValueError(f"items: expected a task of {', '.join(_COMPARES)}")
+            if isinstance(self.items, str) and self.stimulus:
+                raise ValueError("stimulus: expected none: those of the set are compared")
         return self
+
+    @cached_property
+    def _item_stimuli(self) -> tuple[Stimulus, ...]:
+        """Stimuli of the items."""
+        if isinstance(self.items, str):
+            return Recipe.load(self.folder / self.items).stimulus_set().stimuli
+        tables = [self._tables(item, "items")["stimulus"] for item in self.items]
+        with in_folder(self.folder):
+            stimuli = [
+                stimulus_from(item.name, table)
+                for item, table in zip(self.items, tables, strict=True)
+            ]
+        if len({stimulus.name for stimulus in stimuli}) < len(stimuli):
+            raise InputError("items: expected names that differ")
+        return tuple(stimuli)
 
     def session_plan(self) -> SessionPlan:
         """Return what surrounds the trials."""
@@ -116,7 +154,7 @@ class ExperimentRecipe(Document):
             keeps it.
         """
         if not self.conditions:
-            return self._method(self._tables(None), seed)
+            return self._method(self._tables(None), seed, participant=participant)
         methods = {
             condition.name: self._method(self._tables(condition), seed, condition.name)
             for condition in self.conditions
@@ -157,6 +195,8 @@ class ExperimentRecipe(Document):
 
     def presentation(self, sample_rate_hz: float) -> Presentation:
         """Build the surface, and return the presentation that turns a level into volts."""
+        if self.items:
+            return self._presentation_of_items(sample_rate_hz)
         return self._presentation(self._tables(None), sample_rate_hz)
 
     def presentations(self, sample_rate_hz: float) -> Presentation | dict[str, Presentation]:
@@ -168,23 +208,36 @@ class ExperimentRecipe(Document):
             for condition in self.conditions
         }
 
-    def _tables(self, condition: ConditionTable | None) -> dict[str, Any]:
+    def _tables(
+        self, condition: ConditionTable | None, among: str = "conditions"
+    ) -> dict[str, Any]:
         names = ("stimulus", "pedestal", "method")
         tables = deepcopy({name: getattr(self, name) for name in names})
         for dotted, value in condition.set.items() if condition else ():
-            put(tables, dotted, value, f"conditions.{condition.name}.set" if condition else "")
+            put(tables, dotted, value, f"{among}.{condition.name}.set" if condition else "")
         return tables
 
-    def _method(self, tables: Mapping[str, Any], seed: int | None, condition: str = "") -> Method:
+    def _method(
+        self,
+        tables: Mapping[str, Any],
+        seed: int | None,
+        condition: str = "",
+        participant: int = 1,
+    ) -> Method:
         table, task = dict(tables["method"]), task_named(self.task)
-        kinds = {"pairs": "pairs", "magnitude": "magnitudes"}
-        if (kind := kinds.get(self.task)) != table.get("kind") and (
-            kind or table.get("kind") in kinds.values()
+        if (kind := _COMPARES.get(self.task)) != table.get("kind") and (
+            kind or table.get("kind") in _COMPARES.values()
         ):
             takes = repr(kind) if kind else "a method that measures a threshold"
             raise InputError(
                 f"method.kind: the task {self.task!r} takes {takes}, got {table.get('kind')!r}"
             )
+        if self.items:
+            names = [stimulus.name for stimulus in self._item_stimuli]
+            table |= {"levels": [*range(len(names))], "items": names}
+            if kind == "magnitudes":
+                first = (participant - 1) * table.get("repeats", Magnitudes.repeats)
+                table.setdefault("first_row", first)
         if kind is None and task.guess != 0.5 and table.get("function") != "symmetric-normal":
             table.setdefault("guess", task.guess or _WITHOUT_TARGET)
         if table.get("kind") in _SEEDED:
@@ -199,16 +252,28 @@ class ExperimentRecipe(Document):
         }
         return call(f"method {kind}", METHODS[kind], settings)
 
+    def _presentation_of_items(self, sample_rate_hz: float) -> Presentation:
+        stimuli = self._item_stimuli
+        finger, screen = self._touched()
+        apparatus = Apparatus.build(finger, screen, stimuli, self.ceiling_v)
+        made = presentation_of_items(stimuli, apparatus, sample_rate_hz)
+        return self._identified(made, finger, screen)
+
+    def _touched(self) -> tuple[Finger, Screen]:
+        return Finger.named(self.finger, self.folder), Screen.named(self.screen, self.folder)
+
     def _presentation(self, tables: Mapping[str, Any], sample_rate_hz: float) -> Presentation:
         with in_folder(self.folder):
             stimulus = stimulus_from("target", tables["stimulus"])
             below = tables["pedestal"]
             pedestal = None if below is None else signal_from(below, "pedestal")
-        finger = Finger.named(self.finger, self.folder)
-        screen = Screen.named(self.screen, self.folder)
+        finger, screen = self._touched()
         apparatus = Apparatus.build(finger, screen, [stimulus], self.ceiling_v)
         response, _ = apparatus.responses(stimulus)
         made = presentation_of(stimulus, response, sample_rate_hz, pedestal)
+        return self._identified(made, finger, screen)
+
+    def _identified(self, made: Presentation, finger: Finger, screen: Screen) -> Presentation:
         hashes = {
             "finger": finger.content_hash(),
             "screen": screen.content_hash(),
@@ -271,6 +336,35 @@ def presentation_of(
     }
     identity = digest(_by_content(described))
     return Presentation(target, reference, peak, {"stimulus": identity})
+
+
+def presentation_of_items(
+    stimuli: Sequence[Stimulus], apparatus: Apparatus, sample_rate_hz: float
+) -> Presentation:
+    """Return the presentation of a set, whose levels are the numbers of its stimuli.
+
+    Each is rendered at once, as for the files of a set. Raises `LimitError` if the friction of one
+    is not reachable.
+    """
+    drives = []
+    for stimulus in stimuli:
+        response, _ = apparatus.responses(stimulus)
+        blocks = [*Rendering(stimulus, response, sample_rate_hz, apparatus.skin(stimulus)).stream()]
+        if missed := sum(block.below + block.above for block in blocks):
+            raise LimitError(
+                f"{stimulus.name}: asks in {missed} samples for friction that is not reachable, "
+                f"{response.lowest_mu:.3g} to {response.highest_mu:.3g}; lower its contrast"
+            )
+        drives.append(np.concatenate([block.drive_v for block in blocks]))
+    described = [stimulus.describe() for stimulus in stimuli]
+    identity = digest(_by_content({"items": described, "sample_rate_hz": sample_rate_hz}))
+    return Presentation(
+        lambda level: drives[int(level)],
+        np.zeros(1),
+        lambda level: float(np.abs(drives[int(level)]).max()),
+        {"stimulus": identity},
+        items=[stimulus.name for stimulus in stimuli],
+    )
 
 
 def _by_content(value: Any) -> Any:

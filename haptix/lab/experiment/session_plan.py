@@ -5,18 +5,17 @@ The sequence of trials is presented live, or replayed from its log.
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from math import sqrt
 from pathlib import Path
 from statistics import NormalDist
-from typing import Annotated, Any, Literal, TypeVar, get_args
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, PositiveFloat, PositiveInt
 
-from haptix.base.checks import choice, whole
+from haptix.base.checks import choice
 from haptix.base.documents import Part
 from haptix.base.errors import FileFormatError, InputError
 from haptix.base.files import reading
@@ -42,6 +41,12 @@ class TrialTask:
         Trials without a target are among those with one, and the answers say which is which.
     in_one_stroke : bool
         Presentations follow each other without a pause.
+    asks : str
+        The question.
+    is_ordered : bool
+        The method decides the order of a trial's presentations.
+    takes_whole_numbers : bool
+        The number of an answer is a whole one.
     """
 
     choices: tuple[str, ...]
@@ -49,6 +54,9 @@ class TrialTask:
     guess: float
     detects: bool = False
     in_one_stroke: bool = False
+    asks: str = "Which one?"
+    is_ordered: bool = False
+    takes_whole_numbers: bool = False
 
     def arrange(self, draw: np.random.Generator, is_empty: bool) -> tuple[tuple[bool, ...], str]:
         """Draw which intervals have the target, and which answer is right.
@@ -60,6 +68,8 @@ class TrialTask:
         is_empty : bool
             Whether no interval has the target, in tasks that detect one.
         """
+        if self.is_ordered and not is_empty:
+            return (True,) * self.intervals, self.choices[0] if self.guess else ""
         place = int(draw.integers(max(2, self.intervals)))
         has_target = tuple(k == place or self.intervals == 1 for k in range(self.intervals))
         if not self.detects:
@@ -73,71 +83,26 @@ TASKS = {
     "2ifc": TrialTask(("1", "2"), 2, 0.5),
     "2afc": TrialTask(("l", "r"), 2, 0.5, in_one_stroke=True),
     "3afc": TrialTask(("1", "2", "3"), 3, 1 / 3),
-    "yes-no": TrialTask(("y", "n"), 1, 0.0, detects=True),
-    "same-different": TrialTask(("d", "s"), 2, 0.0, detects=True),
-    "pairs": TrialTask(("1", "2"), 2, 0.5),
-    "magnitude": TrialTask((), 1, 0.0),
-}
+    "yes-no": TrialTask(("y", "n"), 1, 0.0, detects=True, asks="Was it there?"),
+    "same-different": TrialTask(("d", "s"), 2, 0.0, detects=True, asks="Were they different?"),
+    "pairs": TrialTask(("1", "2"), 2, 0.5, asks="Which one is more?", is_ordered=True),
+    "triads": TrialTask(
+        ("1", "2", "3"), 3, 0.0, asks="Which one is least like the other two?", is_ordered=True
+    ),
+    "magnitude": TrialTask((), 1, 0.0, asks="How strong was it? Give a number above 0."),
+    "sorting": TrialTask(
+        (), 1, 0.0, takes_whole_numbers=True,
+        asks="Which group is it in? Give a whole number from 1; a new number makes a new group.",
+    ),
+}  # fmt: skip
 """By name: the target in one of two or three intervals, or on one side of a stroke; there or not;
-two that differ or not; which of two is more; a number for one."""
+two that differ or not; which of two is more; which of three is least alike; a number for one; the
+group of one. The answers of the last three are neither right nor wrong."""
 
 
 def task_named(name: str) -> TrialTask:
     """Look a task up by its name."""
     return TASKS[choice("task", name, TASKS)]
-
-
-Item = TypeVar("Item", bound=Hashable)
-
-BlockOrder = Literal["as-listed", "random", "latin-square", "williams"]
-
-
-def latin_square(count: int) -> list[list[int]]:
-    """Cyclic Latin square: each row and each column has every number once."""
-    whole("count", count, 1)
-    return [[(row + column) % count for column in range(count)] for row in range(count)]
-
-
-def williams_square(count: int) -> list[list[int]]:
-    """Latin square in which each number follows each other one equally often.
-
-    Williams, Aust. J. Sci. Res. A 2, 149 (1949). With an odd count it has twice as many rows.
-    """
-    whole("count", count, 1)
-    first, low, high = [0], 1, count - 1
-    while low <= high:
-        first.append(low)
-        if low != high:
-            first.append(high)
-        low, high = low + 1, high - 1
-    rows = [[(start + step) % count for step in first] for start in range(count)]
-    return rows + [row[::-1] for row in rows] if count % 2 and count > 1 else rows
-
-
-def order_for(
-    items: Sequence[Item], participant: int, design: BlockOrder = "williams", seed: int = 0
-) -> list[Item]:
-    """Return the order of some conditions for a participant, counterbalanced by the number.
-
-    Participants 1, 2, ... take the rows of the square in turn: groups as large as its number of
-    rows are balanced. A random order depends on seed and participant.
-    """
-    whole("participant", participant, 0)
-    choice("order", design, get_args(BlockOrder))
-    if design == "as-listed":
-        return list(items)
-    if design == "random":
-        draw = np.random.default_rng([seed, participant])
-        return [items[int(i)] for i in draw.permutation(len(items))]
-    make = latin_square if design == "latin-square" else williams_square
-    square = make(len(items))
-    return [items[i] for i in square[(participant - 1) % len(square)]]
-
-
-def seed_of(seed: int, *labels: str) -> int:
-    """Return the seed of a session or a condition; no two have trials in the same order."""
-    text = "/".join([str(seed), *labels])
-    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:4], "big")
 
 
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -212,7 +177,7 @@ def check_plan(plan: SessionPlan, task: TrialTask, name: str) -> None:
                 "the same; give their share, such as catch = { share = 0.5 }"
             )
         return
-    if not task.choices:
+    if not (task.guess or task.detects):
         raise InputError(f"catch: {name} has no right answers, and so no catch trials")
     if task.detects != (plan.catch.level is None):
         need = "no level: there is no target" if task.detects else "a level that is surely felt"
@@ -318,8 +283,8 @@ class NextTrial:
     condition: str
     """Empty where there is one alone."""
     level: float
-    other_level: float | None
-    """Level of what it is compared with; None for the reference."""
+    other_levels: tuple[float, ...]
+    """Levels that it is compared with; none for the reference."""
     has_target: tuple[bool, ...]
     """Of each interval."""
     right: str
@@ -357,7 +322,7 @@ class TrialSequence:
         draw = np.random.default_rng([self.seed, self.trials, self.attempt])
         has_target, right = self.task.arrange(draw, kind == "catch")
         condition = self.method.condition if isinstance(self.method, MethodsByCondition) else ""
-        return NextTrial(kind, condition, level, self.method.other_level, has_target, right)
+        return NextTrial(kind, condition, level, self.method.other_levels, has_target, right)
 
     def hear(self, row: Mapping[str, str]) -> None:
         """Take the row of an attempt."""
@@ -393,9 +358,8 @@ class TrialSequence:
         lowered = row["lowered_to_ceiling"] == "true"
         if not lowered:
             known["level"] = planned.level
-            if planned.other_level is not None and float(row["other_level"]) >= planned.other_level:
-                known["other_level"] = planned.other_level
-        if self.task.choices:
+            known["other_level"] = _others(planned.other_levels, row["other_level"])
+        if planned.right:
             known["is_right"] = row["answer"] == row["right"]
         for name, value in known.items():
             if row[name] != cell(value):
@@ -403,6 +367,15 @@ class TrialSequence:
         if lowered and not float(row["level"]) < planned.level:
             return f"level is {row['level']}, and not below the {planned.level} of the plan"
         return ""
+
+
+def _others(planned: Sequence[float], found: str) -> str:
+    """Return the cell of the levels that a trial compares with; lower ones in it are kept."""
+    cells = found.split()
+    if len(cells) != len(planned) or found == "n/a":
+        return cell(" ".join(map(cell, planned)))
+    lower = [float(one) < level for one, level in zip(cells, planned, strict=True)]
+    return " ".join(c if low else cell(p) for c, low, p in zip(cells, lower, planned, strict=True))
 
 
 def replay(sequence: TrialSequence, rows: Sequence[Mapping[str, str]], path: Path) -> Iterator[str]:

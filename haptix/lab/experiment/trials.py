@@ -32,7 +32,7 @@ from haptix.lab.experiment.session_plan import (
     summary,
     task_named,
 )
-from haptix.lab.experiment.trial_log import TouchLog, TrialLog, program
+from haptix.lab.experiment.trial_log import TouchLog, TrialLog, cell, program
 from haptix.play.devices import Device
 from haptix.play.render.intervals import TouchSample, code_of, name_of, on_log_time, play, reported
 
@@ -159,6 +159,8 @@ class Presentation:
     peak_v: Callable[[float], float]
     identity: Mapping[str, str] = field(default_factory=dict)
     profile: str = ""
+    items: Sequence[str] = ()
+    """Names of the items of a set, if the levels are their numbers."""
 
     def allowed(self, level: float, ceiling_v: float) -> float:
         """Return the level, lowered to the highest whose voltage is within a ceiling.
@@ -172,6 +174,11 @@ class Presentation:
         """
         if self.peak_v(level) <= ceiling_v:
             return level
+        if self.items:
+            raise LimitError(
+                f"{self.items[int(level)]}: reaches {self.peak_v(level):.3g} V, above the ceiling "
+                f"of {ceiling_v:g} V; lower its contrast"
+            )
         low, high, span = level, level, 1.0
         while self.peak_v(low) > ceiling_v:
             low, span = low - span, 2 * span
@@ -451,18 +458,20 @@ class Experiment:
     def _present(self) -> dict[str, str]:
         planned, attempt = self._sequence.next(), self._sequence.attempt
         made = self._made(planned.condition)
-        level, other = self.allowed(planned.level, made), planned.other_level
-        target = self._drive(made, level)
-        reference = made.reference
-        if other is not None:
-            other = self.allowed(other, made)
-            reference = self._drive(made, other)
-        self._check(reference, level)
-        parts = [target if has_target else reference for has_target in planned.has_target]
+        level = self.allowed(planned.level, made)
+        others = tuple(self.allowed(other, made) for other in planned.other_levels)
+        if others:
+            parts = [self._drive(made, one) for one in (level, *others)]
+            if not planned.has_target[0]:  # a catch trial, whose order is drawn
+                parts.reverse()
+        else:
+            target = self._drive(made, level)
+            self._check(made.reference, level)
+            parts = [target if has else made.reference for has in planned.has_target]
         if self._task.in_one_stroke:
             parts = [np.concatenate(parts)]
         onsets, samples, strokes = [], list[TouchSample](), list[Touch | None]()
-        by_panel = self._ranges.given() and self.touch is None and self.source != "simulated"
+        by_panel = self.touch is None and self.source != "simulated"
         for number, part in enumerate(parts):
             if number:
                 self.wait(self.pause_s)
@@ -474,7 +483,7 @@ class Experiment:
             samples += reported_now
             if by_panel:
                 strokes.append(Touch.of(reported_now))
-                if self.show is not None:
+                if self.show is not None and self._ranges.given():
                     self.show(self._ranges.bars(strokes[-1]))
             if self.outlets is not None:
                 self.outlets.marks(played.marked)  # first: they say when the samples were played
@@ -484,20 +493,26 @@ class Experiment:
         if self.touch is not None:
             felt = self.touch()
             strokes.append(felt)
-        why = next(filter(None, map(self._ranges.objection, strokes)), "")
+        why = ""
+        if self._ranges.given():
+            why = next(filter(None, map(self._ranges.objection, strokes)), "")
         is_own = all(map(self._ranges.is_measured, strokes)) and attempt + 1 >= _COUNTS_AFTER
         is_accepted = not why or is_own
         asked_s = self.clock()
         choices = self._task.choices
         is_empty = not any(planned.has_target)
-        question = Question(self.trials, choices, level, planned.right, other, is_empty)
+        question = Question(
+            self.trials, choices, level, planned.right, others, is_empty,
+            self._task.asks, self._task.takes_whole_numbers,
+        )  # fmt: skip
         answer = self.answer(question)
         answered_s = self.clock()
         is_right: bool | None = None
         if choices:
-            is_right = checks.choice("answer", answer, choices) == planned.right
-        else:
-            _magnitude(answer)
+            checks.choice("answer", answer, choices)
+            is_right = answer == planned.right if planned.right else None
+        elif objection := question.objection(answer):
+            raise InputError(f"answer: {objection}, got {answer!r:.80}")
         samples = [replace(at, t_s=round(at.t_s - self._start, 5)) for at in samples]
         self.touches.append(self._session, self.trials, attempt, samples)
         self.log.append(
@@ -524,7 +539,7 @@ class Experiment:
                 "profile": made.profile,
                 "kind": planned.kind,
                 "condition": planned.condition,
-                "other_level": other,
+                "other_level": " ".join(map(cell, others)),
                 "source": self.source,
             }
         )
@@ -579,10 +594,3 @@ class Experiment:
         """
         condition = self.method.condition if isinstance(self.method, MethodsByCondition) else ""
         return (presentation or self._made(condition)).allowed(level, self._ceiling_v)
-
-
-def _magnitude(answer: str) -> None:
-    try:
-        checks.positive("answer", float(answer))
-    except ValueError:
-        raise InputError(f"answer: expected a number above 0, got {answer!r:.80}") from None

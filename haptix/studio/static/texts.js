@@ -352,7 +352,7 @@ export const texts = {
     instructions: (/** @type {string} */ task) => [
       "Rest a fingertip lightly on the screen and slide it to and fro, at an even pace, without lifting it.",
       texts.sit.tasks[task][0],
-      task === "magnitude" ? "There is no right number. You may take your time, and stop whenever you like." : "If you are not sure, guess. You may take your time, and stop whenever you like.",
+      ["magnitude", "triads", "sorting"].includes(task) ? "There is no right answer. You may take your time, and stop whenever you like." : "If you are not sure, guess. You may take your time, and stop whenever you like.",
     ],
     /** By task: the explanation and the question. */
     tasks: /** @type {Record<string, [string, string]>} */ ({
@@ -362,9 +362,11 @@ export const texts = {
       "yes-no": ["Sometimes it vibrates, sometimes it does not. Say whether it did.", "Did it vibrate?"],
       "same-different": ["Two things follow each other. Say whether they were the same or different.", "Were they the same?"],
       pairs: ["Two things follow each other. Say which one was stronger: the first or the second.", "Which one was stronger?"],
+      triads: ["Three things follow each other. Say which one is least like the other two: the first, the second or the third.", "Which one was least like the other two?"],
+      sorting: ["Put each one into a group with those that feel like it, by the group's number. A new number makes a new group. All come again, and you may change your mind.", "Which group is it in? Give its number."],
       magnitude: ["After each one, give a number for how strong it was. Take any number for the first; one that is twice as strong gets twice the number.", "How strong was it? Give a number above 0."],
     }),
-    number: "How strong",
+    number: "Your number",
     give: "Give it",
     right: "That was right.",
     wrong: "That was not right.",
