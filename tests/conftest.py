@@ -122,6 +122,14 @@ def no_waiting_for_the_disk() -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="session", autouse=True)
+def frozen_objects_are_not_counted() -> Iterator[None]:
+    """Each live rendering asks whether something is frozen, and to count millions takes 20 ms."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(gc, "get_freeze_count", lambda: 1)
+        yield
+
+
 @pytest.fixture(scope="session")
 def haptix_cli() -> CommandLine:
     """Call ``haptix ARGUMENTS``."""

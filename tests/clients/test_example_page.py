@@ -42,7 +42,7 @@ def hover_with_a_pen(page, x, y):
 
 def test_ribs_under_the_pointer(service, address):
     # A person grants this in the browser's own prompt.
-    with chromium("--disable-features=LocalNetworkAccessChecks") as browser:
+    with chromium(without=["LocalNetworkAccessChecks"]) as browser:
         page = browser.new_page()
         page.goto(f"{address}?url=ws://127.0.0.1:{service.port}/v1/session")
         page.get_by_role("button", name="Connect").click()

@@ -12,7 +12,7 @@ from tests.chromium import chromium
 from tests.made_clients import TYPESCRIPT
 from tests.waiting import wait_for
 
-ALLOWED = "--disable-features=LocalNetworkAccessChecks"  # a person does that
+ALLOWED = "LocalNetworkAccessChecks"  # a person does that
 HEAD = "<!doctype html><meta charset=utf-8><body style='margin:0'>"
 PAD = "<div id=pad style='width:400px;height:200px;background:#ddd'></div>"
 SCRIPT = """
@@ -77,7 +77,7 @@ def server():
 
 @pytest.fixture(scope="module")
 def browser():
-    with chromium(ALLOWED) as browser:
+    with chromium(without=[ALLOWED]) as browser:
         yield browser
 
 

@@ -94,7 +94,7 @@ def browser():
     # Chromium's own barrier between sites and this machine is off: ours must hold alone.
     with chromium(
         "--host-resolver-rules=MAP rebound.example 127.0.0.1",
-        "--disable-features=LocalNetworkAccessChecks,BlockInsecurePrivateNetworkRequests",
+        without=("LocalNetworkAccessChecks", "BlockInsecurePrivateNetworkRequests"),
     ) as browser:
         yield browser
 

@@ -303,12 +303,15 @@ def _check_timing() -> dict[str, Any]:
 
 
 def _check_packages() -> dict[str, Any]:
-    from importlib.metadata import packages_distributions
+    from importlib.metadata import distributions
 
-    names, owners = ("calibration", "firmware_io"), packages_distributions()
+    names = ("calibration", "firmware_io")
+    # By the texts of the records: `packages_distributions` looks for each of all installed files.
+    records = {one.name: f"\n{one.read_text('RECORD') or ''}" for one in distributions()}
     wrong = [advice for advice in map(foreign_package, names) if advice]
     for name in names:
-        others = set(owners.get(name, ())) - {"haptix-electrovibration"}
+        owners = {owner for owner, record in records.items() if f"\n{name}/" in record}
+        others = owners - {"haptix-electrovibration"}
         wrong += [f"{name}: {other} installs a package of this name too" for other in others]
     return _row("packages", not wrong, "; ".join(wrong) or f"{', '.join(names)}: haptix's own")
 
