@@ -149,8 +149,14 @@ def read_audio(path: str | Path, first: int = 0, count: int = -1) -> tuple[Array
     """
     with reading(path, "a WAV or FLAC file"), Path(path).open("rb") as opened:
         # libsndfile has decoders for many more formats, which are not needed here.
-        if opened.read(4) not in (b"RIFF", b"fLaC"):
+        head = opened.read(8)
+        if head[:4] not in (b"RIFF", b"fLaC"):
             raise ValueError("it begins otherwise")
+        # The library reads a file that was cut off as a shorter one. A program that wrote into a
+        # pipe could not know the size, and states 0 or the highest.
+        stated, there = int.from_bytes(head[4:], "little"), opened.seek(0, os.SEEK_END) - 8
+        if head[:4] == b"RIFF" and there < stated < 2**32 - 1:
+            raise ValueError(f"it states {stated} bytes and has {there}; copy it again")
         opened.seek(0)
         with soundfile.SoundFile(opened) as file:
             frames = file.frames - first if count < 0 else min(count, file.frames - first)
@@ -162,7 +168,10 @@ def read_audio(path: str | Path, first: int = 0, count: int = -1) -> tuple[Array
                     "into shorter files"
                 )
             file.seek(first)
-            return file.read(count, dtype="float64", always_2d=True), rate
+            data = file.read(count, dtype="float64", always_2d=True)
+            if len(data) != frames:
+                raise ValueError(f"it states {frames} samples and has {len(data)}; copy it again")
+            return data, rate
 
 
 def count_samples(path: str | Path) -> int:
