@@ -361,11 +361,12 @@ def parse_json(text: str | bytes, most_values: int = _MOST_VALUES) -> Any:
         raise _too_deep() from None
 
 
-def checked_values(value: Any, most_values: int = _MOST_VALUES) -> Any:
+def checked_values(value: Any, most_values: int = _MOST_VALUES, *, is_json: bool = True) -> Any:
     """Return the values of a parsed document.
 
     Raises `ValueError` if they are too many or nested too deep, an integer has more than 64 bits,
-    a number is not finite, or a text holds a character that no file name or terminal takes.
+    a number of JSON is not finite (TOML has a word for such numbers), or a text holds a character
+    that no file name or terminal takes.
     """
     level, count = [value], 0
     for _ in range(_DEEPEST):
@@ -381,7 +382,7 @@ def checked_values(value: Any, most_values: int = _MOST_VALUES) -> Any:
                     raise ValueError(f"a text with a NUL or half a character: {item!r:.60}")
             elif isinstance(item, int) and item.bit_length() > 64:
                 raise ValueError(f"an integer of {item.bit_length()} bits; expected 64 at most")
-            elif isinstance(item, float) and not isfinite(item):
+            elif is_json and isinstance(item, float) and not isfinite(item):
                 raise ValueError(f"{item}, or a number as large; expected 1.8e308 at most")
         count += len(inner)
         if count > most_values:
@@ -422,7 +423,7 @@ def read_toml(path: str | Path) -> dict[str, Any]:
     try:
         if any(key[0].count(".") > _DEEPEST for key in _DOTTED.finditer(text)):
             raise _too_deep()
-        return dict(checked_values(tomllib.loads(text)))
+        return dict(checked_values(tomllib.loads(text), is_json=False))
     except (ValueError, RecursionError) as error:
         why = _too_deep() if isinstance(error, RecursionError) else error
         raise FileFormatError(f"{path}: expected a TOML file, got: {why}") from None

@@ -4,7 +4,6 @@ import json
 import os
 import subprocess
 import sys
-from importlib import metadata
 
 import pytest
 
@@ -66,9 +65,14 @@ def test_python_is_told_at_the_first_use(foreign, tmp_path):
     assert str(tmp_path / "firmware_io") in done.stderr
 
 
-def test_another_distribution_in_the_same_folder_is_named(haptix_cli, monkeypatch):
-    owners = {"calibration": ["haptix-electrovibration", "calibration-of-others"]}
-    monkeypatch.setattr(metadata, "packages_distributions", lambda: owners)
+def test_another_distribution_in_the_same_folder_is_named(haptix_cli, tmp_path, monkeypatch):
+    record = tmp_path / "calibration_of_others-1.dist-info"
+    record.mkdir()
+    (record / "METADATA").write_text(
+        "Metadata-Version: 2.1\nName: calibration-of-others\nVersion: 1\n"
+    )
+    (record / "RECORD").write_text("calibration/__init__.py,,\ncalibration_of_others/a.py,,\n")
+    monkeypatch.syspath_prepend(tmp_path)
     rows = {row["check"]: row for row in json.loads(haptix_cli("doctor", "--json").out)}
     assert rows["packages"]["ok"] == "no"
     assert "calibration-of-others" in rows["packages"]["detail"]

@@ -219,7 +219,7 @@ def test_a_full_disk_and_a_fault_of_ours_are_said_as_such(
     def fails(*_):
         raise error
 
-    monkeypatch.setattr("haptix.service.front.assets.tempfile.mkstemp", lambda **_: fails())
+    monkeypatch.setattr("haptix.service.front.assets.tempfile.mkstemp", fails)
     answer = httpx.put(
         f"http://127.0.0.1:{service.port}/v1/assets/{'0' * 64}?suffix=.png",
         headers={"authorization": f"Bearer {service.access.native}"},
