@@ -9,6 +9,10 @@ from .device_errors import DevicePermissionError as DevicePermissionError
 from .device_errors import HaptixError as HaptixError
 from .device_errors import LimitError as LimitError
 from .device_errors import ProtocolError as ProtocolError
+from .generator import FunctionGenerator as FunctionGenerator
+from .generator import GeneratorProfile as GeneratorProfile
+from .generator import TraceCheck as TraceCheck
+from .generator import check_trace as check_trace
 from .limits import ABSOLUTE_CEILING_V as ABSOLUTE_CEILING_V
 from .limits import DriveLimits as DriveLimits
 from .link import Bus as Bus

@@ -23,7 +23,7 @@ OURS = ("haptix", "firmware_io", "calibration")
 KEPT = ROOT / "tests" / "data" / "kept-files" / "direct.surface"
 BLOCKED = (
     "matplotlib", "skimage", "PIL", "tifffile", "imageio", "h5py", "xarray", "h5netcdf", "serial",
-    "nidaqmx", "pylsl", "evdev", "fastapi", "uvicorn", "websockets", "SurfaceTopography",
+    "nidaqmx", "pyvisa", "pylsl", "evdev", "fastapi", "uvicorn", "websockets", "SurfaceTopography",
     "distributed", "lvm_read", "nptdms",
 )  # fmt: skip
 # What a person would do that needs each extra.
@@ -35,6 +35,7 @@ NEEDS = {
     "serve": "import_module('haptix.service.client.connection')",
     "netcdf": "surface.to_netcdf('my.nc')",
     "serial": "haptix.open_device('serial:port=COM3')",
+    "generator": "import_module('firmware_io').FunctionGenerator('TCPIP0::a::INSTR', None)",
     "cluster": "import_module('haptix.tasks.campaign.cluster').DaskWorkers.on('dask')",
     "lab": "import_module('haptix.play.render.lab_streams').LabOutlets(None)",
     "evdev": "import_module('haptix.play.touch').Touchscreen('/dev/input/event5')",
