@@ -72,6 +72,75 @@ def test_a_zip_that_states_too_much_is_refused_before_it_is_unpacked(module):
     assert "256 MB" in told and not sent
 
 
+PICTURES = {
+    "$defs": {
+        "material": {
+            "discriminator": {
+                "mapping": {"photograph": "#/$defs/Photograph", "relief": "#/$defs/Relief"}
+            }
+        },
+        **{
+            name: {
+                "title": name,
+                "properties": {
+                    field: {"title": field, "type": "string"},
+                    "width_mm": {"title": "width", "type": "number"},
+                    "duty": {"title": "duty", "type": "number", "default": 5},
+                },
+            }
+            for name, field in (("Photograph", "file"), ("Relief", "heights"))
+        },
+    }
+}
+
+
+def test_a_region_s_parameters_have_nothing_of_the_region_before(module):
+    """Its picture became the other one's relief, and its numbers stood where this one has none."""
+    changed, shown, duty = module(
+        "panel.js",
+        """
+        const changes = [];
+        const panel = new m.Panel(argument, (path, to) => changes.push([path, to]));
+        document.body.append(panel.element);
+        const of = (file) => ({ kind: "photograph", file: `sha256:${file}`, width_mm: 60 });
+        panel.show({ ...of("AAAAAAAA"), duty: 9 }, "first");
+        panel.show(of("BBBBBBBB"), "second");
+        const all = [...panel.element.querySelectorAll("select")];
+        const select = all.find((one) => one.value === "photograph");
+        select.value = "relief";
+        select.dispatchEvent(new Event("change"));
+        const valueOf = (name) => panel.element.querySelector(`#p-${name}`).value;
+        return [changes, valueOf("file"), valueOf("duty")];
+        """,
+        PICTURES,
+    )
+    assert changed == [[[], {"kind": "relief", "heights": "sha256:BBBBBBBB", "width_mm": 60}]]
+    assert shown.startswith("sha256:BBBBBB")
+    assert float(duty) == 5
+
+
+def test_a_picture_that_is_replaced_is_the_one_that_is_read(module):
+    """By undo, or by another program: the region and its controls are the same."""
+    changed = module(
+        "panel.js",
+        """
+        const changes = [];
+        const panel = new m.Panel(argument, (path, to) => changes.push(to.heights));
+        for (const file of ["AAAAAAAA", "BBBBBBBB"]) {
+            panel.show({ kind: "photograph", file: `sha256:${file}`, width_mm: 60 }, "same");
+        }
+        changes.push(panel.element.querySelector("#p-file").value);
+        const all = [...panel.element.querySelectorAll("select")];
+        const select = all.find((one) => one.value === "photograph");
+        select.value = "relief";
+        select.dispatchEvent(new Event("change"));
+        return changes;
+        """,
+        PICTURES,
+    )
+    assert changed == ["sha256:BBBBBB…", "sha256:BBBBBBBB"]
+
+
 def test_undo_and_redo_lead_back_whatever_was_changed(module):
     """Each undo of random changes gives the document before, each redo the one after."""
     found = module(

@@ -47,10 +47,14 @@ export class Panel {
     this.#change = change;
   }
 
-  /** Show a material; fields that have the focus stay as they are typed. @param {Table} material */
-  show(material) {
+  /**
+   * Show the material of a region; fields that have the focus stay as they are typed. Another region has controls of
+   * its own: those of the last one would keep what this one's material leaves out.
+   * @param {Table} material @param {string} region
+   */
+  show(material, region) {
     this.#material = material;
-    const form = JSON.stringify(shapeOf(material));
+    const form = JSON.stringify([region, shapeOf(material)]);
     if (form === this.#drawn) return this.#update(material, []);
     this.#drawn = form;
     this.#effects.clear();
@@ -90,7 +94,7 @@ export class Panel {
     const as = FILES.find((name) => String(material[name] ?? "").startsWith("sha256:"));
     return el("div.row", {}, select,
       is_wrap ? el("button.small", { type: "button", onclick: () => this.#change(path, this.#at(path).of) }, t.unwrap) : null,
-      as && material.width_mm ? this.#reading(material, path, material[as]) : null);
+      as && material.width_mm ? this.#reading(material, path, as) : null);
   }
 
   /** @param {(string | number)[]} path @returns {Table} */
@@ -98,13 +102,13 @@ export class Panel {
     return path.reduce((part, key) => part[key], this.#material);
   }
 
-  /** Buttons for the kinds of material that a picture can become. @param {Table} material @param {(string | number)[]} path @param {string} asset */
-  #reading(material, path, asset) {
+  /** Buttons for the kinds of material that a picture can become. @param {Table} material @param {(string | number)[]} path @param {string} file name of its field */
+  #reading(material, path, file) {
     const field = /** @type {Record<string, string>} */ ({ photograph: "file", relief: "heights", heights: "file" });
     const select = el("select", {
       "aria-label": t.reading,
       onchange: () => {
-        const { width_mm } = this.#at(path);
+        const { width_mm, [file]: asset } = this.#at(path);
         this.#change(path, { kind: select.value, [field[select.value]]: asset, width_mm });
       },
     }, Object.keys(field).map((kind) => el("option", { value: kind, selected: kind === material.kind }, t.readings[kind])));
@@ -136,7 +140,7 @@ export class Panel {
       return this.#number(field, value, change, id);
     }
     const names_file = typeof value === "string" && !field.enum && !field.anyOf?.some((/** @type {Schema} */ way) => way.enum);
-    if (names_file) return el("output", { id }, value.replace(/^(sha256:.{6}).*/, "$1…"));
+    if (names_file) return el("output", { id }, shortened(value));
     return control(field, value, change, id);
   }
 
@@ -175,7 +179,8 @@ export class Panel {
       if (control.type === "checkbox") control.checked = value;
       else if (control.tagName === "TEXTAREA") control.value = JSON.stringify(value, null, 1);
       else if (Array.isArray(value) && control.type === "text") control.value = value.join(", ");
-      else if (typeof value !== "object" && control.tagName !== "OUTPUT") {
+      else if (control.tagName === "OUTPUT") control.value = shortened(String(value));
+      else if (typeof value !== "object") {
         control.value = String(value);
         const slider = control.parentElement?.querySelector("input[type=range]");
         if (slider) slider.value = String(value);
@@ -191,6 +196,11 @@ function shapeOf(value) {
   if (!value || typeof value !== "object") return typeof value;
   const entries = Object.entries(value).map(([key, part]) => [key, key === "kind" ? part : shapeOf(part)]);
   return Object.fromEntries(entries.filter(([key, part]) => key === "kind" || key === "of" || part === "row" || typeof part === "object"));
+}
+
+/** Return the begin of a file's hash, or another text whole. @param {string} text */
+function shortened(text) {
+  return text.replace(/^(sha256:.{6}).*/, "$1…");
 }
 
 /** Remove the marks of Python's documentation from a text. @param {string | undefined} text */

@@ -115,7 +115,7 @@ export function mount(root, app) {
       problem.textContent = range.textContent = "";
       parameters.scrollTop = 0;
     }
-    panel.show(region.material);
+    panel.show(region.material, region.name);
     for (const [name, input] of Object.entries(places)) {
       if (input !== document_.activeElement) input.value = String(/** @type {any} */ (region)[name] ?? defaults[name]);
     }
