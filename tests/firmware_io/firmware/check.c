@@ -1097,7 +1097,8 @@ static void currents(void) {
         converter(out, PERIOD);
         hx_device_sense(&device, out, raw, PERIOD, 0);
     }
-    demand(!fault() && !device.sensor.doubt && device.readings >= 24u - 2u - (24u - HX_READINGS));
+    demand(!fault() && !device.sensor.doubt);
+    demand(device.readings >= (HX_READINGS < 22u ? HX_READINGS : 22u));
     last_reading = &device.reading[device.readings - 1u];
     demand(last_reading->clock - last_reading[-1].clock == SENSE_HZ / 250u);
     known(), device.readings = 0, hx_seal(&device);
