@@ -50,9 +50,9 @@ def a_front(folder, documents=None):
     service.close()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def studio(tmp_path_factory):
-    """Address, with a code, of `haptix studio` with a mock driver."""
+    """Address, with a code that pairs one browser, of `haptix studio` with a mock driver."""
     folder = tmp_path_factory.mktemp("service")
     with a_studio(os.environ | {"HAPTIX_SERVICE": str(folder)}) as address:
         yield address
