@@ -8,7 +8,7 @@ import random
 from collections import Counter
 from dataclasses import dataclass, field
 
-from haptix.play.touch import AxisRange, ScreenAxes
+from haptix.play.touch import AxisRange, ScreenAxes, SlotDecoder
 from haptix.play.touch import touchscreen as codes
 
 AXES = ScreenAxes(AxisRange(0, 4095, 20.0), AxisRange(0, 2303, 20.0))
@@ -150,3 +150,36 @@ class Panel:
         """Places [mm] of the fingers that touch."""
         touching = (each for each in self.contacts.values() if each.touches)
         return Counter(AXES.place_mm(each.x, each.y) for each in touching)
+
+
+def reports(seed, protocol, count=10, begin_us=0, interval_us=10_000):
+    """A random sequence: the panel, its touches, the decoder, and whether events were lost."""
+    chance = random.Random(f"{protocol} {seed}")
+    panel = Panel(protocol, chance.choice(SHOWN_BY), chance)
+    asks = chance.random() < 0.5
+    # Before it is opened. A recording begins where no finger is near; and where pressure alone
+    # shows hovering, that of each finger must have been seen.
+    for _ in range(chance.randrange(3) if asks and panel.shown_by != "pressure" else 0):
+        panel.step()
+        list(panel.report())
+    decoder = SlotDecoder(
+        AXES,
+        panel.ask if asks and protocol != "A" else None,
+        protocol,
+        panel.ask_key if asks else (lambda: False) if panel.shown_by == "key" else None,
+        codes.SLOT_CODES if panel.shown_by == "distance" else (codes.ABS_MT_TOOL_TYPE,),
+    )
+    missed = False
+    for number in range(count):
+        panel.step()
+        events = list(panel.report())
+        missed = missed and not asks
+        if (
+            panel.shown_by != "pressure" and chance.random() < 0.05
+        ):  # the kernel drops the begin of the report
+            del events[: chance.randrange(len(events))]
+            events.insert(0, (codes.EV_SYN, codes.SYN_DROPPED, 0))
+            missed = protocol == "A" or not asks
+        at_s, at_us = divmod(begin_us + interval_us * number, 1_000_000)
+        found = [touch for event in events for touch in decoder.feed(at_s, at_us, *event)]
+        yield panel, found, decoder, missed
