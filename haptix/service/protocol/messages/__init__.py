@@ -47,9 +47,11 @@ Stream = Literal["stats", "friction", "felt"]
 """Streams that a client can subscribe to."""
 
 Id = Annotated[int, Field(ge=1, le=2**53)]
+Count = Annotated[int, Field(ge=0, le=2**53)]
 # What a message carries goes on to the engine, which all clients share: texts and numbers that its
 # reader refuses are refused here.
 Name = Annotated[str, Field(min_length=1, max_length=100), AfterValidator(checked_values)]
+Word = Annotated[str, Field(max_length=200), AfterValidator(checked_values)]
 
 
 class Message(BaseModel):
@@ -87,10 +89,10 @@ class HelloMessage(Message):
     id: Id
     protocol: Annotated[str, Field(pattern=r"^[0-9]{1,4}\.[0-9]{1,4}$")]
     client: Name
-    token: Annotated[str, Field(max_length=200)] = ""
-    resume: Annotated[str, Field(max_length=200)] = ""
+    token: Word = ""
+    resume: Word = ""
     """Of the last `welcome` in this run: lease and layout are the session's again."""
-    app: Annotated[str, Field(max_length=200)] = ""
+    app: Word = ""
     """A word that only this app knows, the same at each start: after a crash the lease is its own
     again, with an empty layout."""
 
@@ -231,7 +233,7 @@ class Cancel(Message):
 
     type: Literal["cancel"]
     id: Id
-    effect_id: Annotated[int, Field(ge=1)]
+    effect_id: Id
 
 
 class Intensity(Message):
@@ -270,7 +272,7 @@ class Pong(Message):
     """Answer to `ping`: its number, and the client's own clock."""
 
     type: Literal["pong"]
-    n: Annotated[int, Field(ge=0)]
+    n: Count
     clock_s: Number
 
 
