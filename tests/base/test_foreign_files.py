@@ -502,6 +502,11 @@ def forged(path, change):
 
 FORGERIES = {
     "nan": lambda header, tensors: tensors["columns"].fill_(torch.nan),
+    "infinite friction": lambda header, tensors: tensors["columns"][..., 0].fill_(0.0),
+    "friction below 0": lambda header, tensors: tensors["columns"][..., 0].neg_(),
+    "no friction": lambda header, tensors: tensors["columns"][..., 0].fill_(-torch.inf),
+    "no pull-in": lambda header, tensors: tensors["columns"][..., -2].fill_(-torch.inf),
+    "one nan": lambda header, tensors: tensors["columns"][..., -1].fill_(torch.nan),
     "one place": lambda header, tensors: tensors["normal_force_n"].fill_(0.5),
     "zero": lambda header, tensors: tensors["normal_force_n"].mul_(0.0),
     "backwards": lambda header, tensors: tensors.update(drive=tensors["drive"].flip(0)),

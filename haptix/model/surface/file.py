@@ -178,13 +178,20 @@ def _assemble(path: Path, header: Info, tensors: dict[str, Tensor]) -> tuple[Int
         and table.columns.dtype in (torch.float32, torch.float64),
         "nodes increase": all(map(_increases, (*(axis.nodes for axis in table.axes), table.drive))),
         "axes are above 0": not any(bool((axis.nodes <= 0).any()) for axis in table.axes),
-        "friction is a number": not bool(table.columns.isnan().any()),
+        "friction is finite and above 0": _is_friction(table.columns[..., :-2]),
+        "limits are voltages": not bool((table.columns[..., -2:] == -inf).any())
+        and not bool(table.columns.isnan().any()),
         "voltages are above 0": 0 < table.unit_v < inf and 0 < table.voltage_limit_v < inf,
     }
     wrong = [rule for rule, holds in sound.items() if not holds]
     if wrong:
         raise FileFormatError(f"{path}: expected that {'; '.join(wrong)}; build it again")
     return table, info
+
+
+def _is_friction(columns: Tensor) -> bool:
+    """Whether all of -1/mu are finite and below 0."""
+    return bool((columns.isfinite() & (columns < 0)).all())
 
 
 def _increases(nodes: Tensor) -> bool:
