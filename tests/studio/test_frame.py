@@ -74,12 +74,16 @@ def test_stop_works_while_the_script_hangs(front, page):
     page.get_by_text("Off: 0 V").wait_for()  # when the script is back
 
 
-def test_escape_stops_too(front, page):
+def test_escape_stops_nothing_on_the_page_and_in_the_frame(front, page):
     page.goto(address(front))
     armed(page)
+    before = len(front.engine.when("stop"))
     page.keyboard.press("Escape")
+    page.frame_locator("iframe.stop").get_by_role("button").focus()
+    page.keyboard.press("Escape")
+    page.keyboard.press("F8")  # sent after both
     page.get_by_text("Off: 0 V").wait_for()
-    assert front.engine.when("stop")
+    assert len(front.engine.when("stop")) == before + 1
 
 
 def test_the_key_of_stop_is_shown_and_stops_from_anywhere(front, page):

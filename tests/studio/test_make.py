@@ -355,7 +355,14 @@ def test_escape_and_a_click_elsewhere_close_a_menu_and_nothing_else(maker, page)
     page.locator("h2").first.click()
     assert menu.count() == 0
     assert len(maker.engine.when("stop")) == before
-    page.keyboard.press("Escape")  # no menu is open
+    region = page.locator('button.region[aria-label^="Ribs"]')
+    region.focus()
+    summary.click()
+    page.keyboard.press("Escape")
+    assert region.get_attribute("aria-pressed") == "true"  # the menu was closed, and no more
+    page.keyboard.press("Escape")
+    assert page.locator("button.region[aria-pressed=true]").count() == 0
+    page.keyboard.press("F8")
     page.get_by_text("Off: 0 V").wait_for()
     assert len(maker.engine.when("stop")) == before + 1
 

@@ -192,7 +192,7 @@ def test_stop_ends_the_experiment_and_says_so(front, page):
     job, _, _ = begun(page, played, 1)
     played.asks(page, job)
     page.get_by_role("button", name="the first").wait_for()
-    page.keyboard.press("Escape")
+    page.keyboard.press("F8")
     page.get_by_text("the experiment was ended").wait_for()
     assert job.message.state == "cancelled"
 

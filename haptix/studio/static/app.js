@@ -277,8 +277,9 @@ const faults = new Set();
 addEventListener("error", ({ error }) => void (error && fault(error))); // else it is no exception
 addEventListener("unhandledrejection", ({ reason }) => fault(reason));
 addEventListener("pointerdown", ({ target }) => void closeMenus(target), { capture: true });
-addEventListener("keydown", ({ key }) => {
-  if (key === STOP_KEY || (key === "Escape" && !closeMenus(null))) void service.attempt(() => service.stop());
+addEventListener("keydown", (event) => {
+  if (event.key === STOP_KEY) void service.attempt(() => service.stop());
+  else if (event.key === "Escape" && closeMenus(null)) event.preventDefault(); // the page has no part in it
 });
 // A page that is left or loaded again gives the lease back; else the service keeps it for its return.
 addEventListener("pagehide", () => void service.session?.ask("bye").catch(() => {}));

@@ -5,7 +5,7 @@ const state = /** @type {HTMLElement} */ (document.querySelector("small"));
 const SHOWN_MS = 4000;
 let presses = 0;
 
-addEventListener("keydown", ({ key }) => void (["F8", "Escape"].includes(key) && form.requestSubmit()));
+addEventListener("keydown", ({ key }) => void (key === "F8" && form.requestSubmit()));
 form.addEventListener("submit", async (event) => {
   event.preventDefault();
   const number = ++presses;

@@ -19,7 +19,7 @@ export const texts = {
   frame: {
     skip: "Skip to the page",
     pages: "Pages",
-    stop: "STOP: 0 V for all, also while this page hangs. The key F8 does the same, and Esc where no menu is open.",
+    stop: "STOP: 0 V for all, also while this page hangs. The key F8 does the same.",
     theme: { system: "Theme: system", light: "Theme: light", dark: "Theme: dark" },
     arm: "Arm",
     disarm: "Disarm",

@@ -268,6 +268,7 @@ export function mount(root, app) {
     }
   });
   const keys = (/** @type {KeyboardEvent} */ event) => {
+    if (event.key === "Escape" && !event.defaultPrevented) regions.choose("");
     if (!(event.ctrlKey || event.metaKey)) return;
     if (event.key === "s") {
       event.preventDefault();
