@@ -10,6 +10,7 @@ import shutil
 import zipfile
 
 import pytest
+from PIL import Image
 from skimage import data
 from skimage.io import imsave
 
@@ -154,6 +155,17 @@ def test_a_stranger_makes_stripes_that_move_a_button_and_a_slider_of_a_photograp
         assert names <= {name.rsplit(".", 1)[-1] for name in archive.namelist()}, form
     page.reload()
     page.locator("button.region").nth(3).wait_for()
+
+
+@pytest.mark.parametrize("form", ["webp", "avif"])
+def test_pictures_of_the_web_are_felt(maker, page, tmp_path, form):
+    path = tmp_path / f"wall {form}.{form}"
+    Image.fromarray(data.brick()[::4, ::4]).save(path)
+    page.get_by_label("Add a file").set_input_files(path)
+    page.get_by_role("heading", name=f"Parameters of wall {form}").wait_for()
+    until(page, lambda: f"wall {form}" in known(maker))
+    assert known(maker)[f"wall {form}"]["height_mm"] == 60.0  # the picture is a square of 60 mm
+    page.get_by_text("just-noticeable differences").wait_for()  # so it was decoded and drawn
 
 
 def test_a_file_that_is_no_picture_becomes_no_region(maker, page, tmp_path):

@@ -27,7 +27,7 @@ MOST_PIXELS, MOST_KEPT = 200_000_000, 24_000_000
 FOLDER = "decoded"
 """Name of the cache's folder, beside the service's folder of assets."""
 
-PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
+PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".avif")
 """Suffixes of the files that are decoded."""
 
 MOST_BYTES = 2 * 2**30

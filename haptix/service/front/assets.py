@@ -22,7 +22,7 @@ from haptix.service.protocol.messages import Limits, Problem
 if TYPE_CHECKING:
     from haptix.service.front.pool import Pool
 
-SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".wav", ".flac", ".csv", ".xml")
+SUFFIXES = (*PICTURES, ".wav", ".flac", ".csv", ".xml")
 MOST_BYTES = 4 * 2**30
 """Memory of the files of all sessions' layouts in the engine."""
 

@@ -15,7 +15,7 @@ import { texts } from "./texts.js";
  */
 
 const t = texts.make;
-const PICTURES = [".png", ".jpg", ".jpeg", ".tif", ".tiff"];
+const PICTURES = [".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".avif"];
 const SOUNDS = [".wav", ".flac"];
 export const TAKEN = [...PICTURES, ...SOUNDS, ".csv", ".xml"];
 const WIDE_MM = 60;
