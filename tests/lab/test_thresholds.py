@@ -6,6 +6,8 @@ from random import Random
 
 import numpy as np
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 
 from haptix.lab.experiment import ConstantStimuli, Quest, UpDown, fit
 from haptix.lab.experiment.psychometric import fast_guesses
@@ -146,6 +148,20 @@ def with_fast_guesses(share, seed, guess_s=0.25, usual_s=0.7):
         method.update(draw.random() < p, level)
         times.append(draw.lognormvariate(log(guess_s if is_fast else usual_s), 0.35))
     return method, times
+
+
+@given(
+    st.lists(
+        st.tuples(st.sampled_from([1, 2, 3, 50, 700]), st.booleans()), min_size=30, max_size=60
+    )
+)
+@example([(1, True)] * 30)
+@example([(2, True)] * 30 + [(1, False)])
+@example([(2, True)] + [(1, False)] * 30)
+def test_times_of_a_coarse_clock_give_probabilities(trials):
+    answers = [(20.0 + number % 3, is_right) for number, (_, is_right) in enumerate(trials)]
+    found = fast_guesses(answers, [ms / 1e3 for ms, _ in trials])
+    assert ((found >= 0) & (found <= 1)).all()
 
 
 def test_fast_guesses_are_found_by_their_times():

@@ -220,9 +220,12 @@ def fast_guesses(answers: Answers, reaction_s: Sequence[float], guess: float = 0
     levels, is_right = np.array(answers, dtype=float).T
     _, at = np.unique(levels, return_inverse=True)
     by_chance = np.where(is_right > 0, guess, 1 - guess)
+    first = time <= np.quantile(time, 0.2)  # many may have the same time
+    if first.all():
+        return none
     best, fast = -inf, none
     for guesses in (False, True):
-        share, is_fast = 0.2, (time < np.quantile(time, 0.2)).astype(float)
+        share, is_fast = 0.2, first.astype(float)
         for _ in range(_EM_STEPS):
             slow = 1 - is_fast
             # Share right of those who do not guess at each level, with an answer of chance added.
