@@ -158,7 +158,7 @@ def test_a_stranger_makes_stripes_that_move_a_button_and_a_slider_of_a_photograp
 
 
 @pytest.mark.parametrize("form", ["webp", "avif"])
-def test_pictures_of_the_web_are_felt(maker, page, tmp_path, form):
+def test_pictures_of_the_web_become_regions(maker, page, tmp_path, form):
     path = tmp_path / f"wall {form}.{form}"
     Image.fromarray(data.brick()[::4, ::4]).save(path)
     page.get_by_label("Add a file").set_input_files(path)

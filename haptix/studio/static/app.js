@@ -279,7 +279,7 @@ addEventListener("unhandledrejection", ({ reason }) => fault(reason));
 addEventListener("pointerdown", ({ target }) => void closeMenus(target), { capture: true });
 addEventListener("keydown", (event) => {
   if (event.key === STOP_KEY) void service.attempt(() => service.stop());
-  else if (event.key === "Escape" && closeMenus(null)) event.preventDefault(); // the page has no part in it
+  else if (event.key === "Escape" && closeMenus(null)) event.preventDefault(); // a page would act on it too
 });
 // A page that is left or loaded again gives the lease back; else the service keeps it for its return.
 addEventListener("pagehide", () => void service.session?.ask("bye").catch(() => {}));

@@ -2,7 +2,7 @@
 
 Random sequences of events go the whole way: decoder, renderer, wire, firmware, output. What truly
 touches is known to who makes the events, by the rules of the kernel, of TUIO and of browsers.
-`HAPTIX_SEQUENCES=100000 pytest tests/play/touch/test_no_touch_no_volts.py` plays that many of each.
+`HAPTIX_SEQUENCES=100000 pytest tests/play/render/test_no_touch_no_volts.py` plays so many of each.
 """
 
 import json
@@ -16,7 +16,7 @@ import pytest
 import haptix
 from haptix.play.render import LiveRenderer, LiveSettings
 from haptix.play.touch import TouchEvent
-from tests.live_strokes import ALWAYS, CARRIER_HZ, FULL, RATE, REACTION_S
+from tests.live_strokes import ALWAYS, FULL, RATE, REACTION_S
 from tests.made_clients import node_tools
 from tests.play.touch import panel_events, tuio_frames
 
@@ -27,12 +27,6 @@ INTERVAL_S = INTERVAL_US / 1e6
 # The reaction, the fade, and a step of the control points at either side.
 SETTLES_S = REACTION_S + ALWAYS.fade_s + 0.002
 PAUSE_S = 0.02  # between sequences
-
-
-@pytest.fixture(scope="module")
-def surface(model):
-    scene = {"normal_force_n": (0.2, 1.0), "frequency_hz": CARRIER_HZ}
-    return haptix.FrictionSurface.build(model, scene, tolerance=2e-3)
 
 
 def kernel(protocol):
@@ -58,7 +52,7 @@ def tables(first, count):
 
 def pages(first, count):
     node_tools()
-    program = Path(__file__).with_name("pointer_events.mjs")
+    program = Path(__file__).parents[1] / "touch" / "pointer_events.mjs"
     numbers = map(str, (first, count, REPORTS, INTERVAL_US / 1e3))
     done = subprocess.run(["node", program, *numbers], capture_output=True, check=True, text=True)
     for line in done.stdout.splitlines():
@@ -73,7 +67,7 @@ def pointer(at_s, ms, touch_id, kind, x_px, y_px):
 
 
 def play(surface, sequences):
-    """(time [s], whether a finger touches, whether one is felt) of each report; the output."""
+    """Return (time [s], is touched, is felt) of each report, the output, and when it began."""
     device = haptix.open_device("mock:pace=stepped")
     settings = LiveSettings(sliding=ALWAYS, horizon_s=0.02, strict=False)
     told = []
