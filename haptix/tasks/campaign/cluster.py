@@ -24,7 +24,9 @@ Result = TypeVar("Result")
 _LOOK_EVERY_S = 1.0
 _FIRST_WORKER_S = 60
 # haptix reports a failure of the cluster in one sentence; their tracebacks would only repeat it.
-_TOLD_BY_US = ("distributed.client", "distributed.core", "distributed.utils")
+_TOLD_BY_US = tuple(
+    f"distributed.{part}" for part in ("batched", "client", "comm", "core", "utils")
+)
 
 
 class _Call(NamedTuple):
