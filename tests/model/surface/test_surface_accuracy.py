@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
 
-from haptix import ContactModel, FrictionSurface, Status
+from haptix import ContactModel, Finger, FrictionSurface, Screen, Status
 
 POINTS = 1500
 
@@ -206,3 +206,26 @@ def test_every_wish_has_a_status_and_a_voltage(
     expected = torch.where(mu > high, int(Status.PULL_IN), expected)
     sure = ((mu / low - 1).abs() > 1e-8) & ((mu / high - 1).abs() > 1e-8)  # the ends' own slack
     assert torch.equal(found.status[sure], expected[sure])
+
+
+@pytest.mark.slow  # a surface of four axes of the default theory
+def test_the_tolerance_holds_where_contacts_come_near_pull_in() -> None:
+    """The last cells before pull-in: thin insulators, slow drives, high voltages."""
+    points = 4000
+    model = ContactModel(Finger.preset("semi-wet"), Screen())
+    ranges = {
+        "normal_force_n": (0.1, 1.0),
+        "frequency_hz": (60.0, 1e4),
+        "h0_m": (5e-8, 5e-7),
+    }
+    surface = FrictionSurface.build(model, ranges, "0.2%")
+    force, frequency = spread(0.1, 1.0, 21, points), spread(60.0, 100.0, 22, points)
+    h0, share = spread(5e-8, 6e-8, 23, points), spread(0.9, 1.0, 24, points)
+    solved = model.solve(force, 200.0, frequency, h0)
+    voltage = share * solved.pull_in_voltage_v.clamp(max=200.0)
+    state = model.solve(force, voltage, frequency, h0)
+    found = surface.evaluate(force, voltage, frequency, h0)
+    is_ok = (state.status == int(Status.OK)) & (found.status == int(Status.OK))
+    assert int(is_ok.sum()) > points // 2
+    span = surface.info["mu_high"] - surface.info["mu_low"]
+    assert float((found.mu - state.mu).abs()[is_ok].max()) <= 2e-3 * span
