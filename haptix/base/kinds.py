@@ -247,6 +247,18 @@ def call(name: str, make: Callable[..., Made], fields: Mapping[str, Any]) -> Mad
 _SHARED: WeakValueDictionary[str, Any] = WeakValueDictionary()
 
 
+def shared(key: Any, make: Callable[[], Made]) -> Made:
+    """Return what `make` makes; it is shared as long as anything refers to it.
+
+    Equal keys, of plain values, give the same object.
+    """
+    text = json.dumps(key, sort_keys=True)
+    value: Made | None = _SHARED.get(text)
+    if value is None:
+        value = _SHARED[text] = make()
+    return value
+
+
 @dataclass(frozen=True, eq=False)
 class Asset:
     """A file that a document names: by a path relative to its folder, or by its content's hash.
@@ -285,17 +297,10 @@ class Asset:
         raise FileFormatError(f"cannot find {self.name} in {self.folder} or assets beside it")
 
     def shared(self, parameters: Any, make: Callable[[Path], Made]) -> Made:
-        """Return what `make` makes of the file; it is shared as long as anything refers to it.
-
-        Equal content and equal `parameters`, plain values, give the same object.
-        """
+        """Return what `make` makes of the file, shared by its content and `parameters`."""
         path = self.path
         content = sha256(path.read_bytes()).hexdigest() if path.is_file() else str(path)
-        key = json.dumps([content, parameters], sort_keys=True)
-        value: Made | None = _SHARED.get(key)
-        if value is None:
-            value = _SHARED[key] = make(path)
-        return value
+        return shared([content, parameters], lambda: make(path))
 
 
 def asset_of(value: Any) -> Asset:

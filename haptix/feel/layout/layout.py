@@ -42,15 +42,12 @@ class LayoutRegion:
         The layout's regions, and the values of its controls.
     key : int
         Number of the region.
-    material : Feelable
-        What is felt there.
     """
 
-    def __init__(self, regions: Regions, controls: Controls, key: int, material: Feelable) -> None:
+    def __init__(self, regions: Regions, controls: Controls, key: int) -> None:
         self._regions = regions
         self._controls = controls
         self.key = key
-        self.material = material
 
     def move(
         self,
@@ -91,7 +88,6 @@ class LayoutRegion:
         with self._regions.change():
             if changes:
                 self._regions.set(self.key, changes)
-                self.material = changes.get("material", self.material)
 
     def set_value(self, value: float) -> None:
         """Set the value of a control: a slider, toggle or dial.
@@ -125,6 +121,11 @@ class LayoutRegion:
     def value(self) -> float:
         """Value of a control, 0 to 1, as the last finger on it or the app has set it."""
         return self._controls.value(self.key)
+
+    @property
+    def material(self) -> Feelable:
+        """What is felt there."""
+        return self.fields.material
 
     @property
     def is_there(self) -> bool:
@@ -162,7 +163,8 @@ class LayoutRegion:
         return self.fields.size_mm[1] * self.scale
 
     def __repr__(self) -> str:
-        return f"LayoutRegion({self.key}, {self.material!r:.60})"
+        felt = f"{self.material!r:.60}" if self.is_there else "removed"
+        return f"LayoutRegion({self.key}, {felt})"
 
 
 class Layout(Mapped):
@@ -249,7 +251,7 @@ class Layout(Mapped):
         """Put a region onto the layout; see `add`."""
         with self.change():
             key = self.store.add(region)
-            placed = LayoutRegion(self.store, self._controls, key, region.material)
+            placed = LayoutRegion(self.store, self._controls, key)
             self.regions[key] = placed
         return placed
 

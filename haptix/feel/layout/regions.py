@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from itertools import chain
 from math import inf
 from typing import Any, NamedTuple, Self
+from weakref import ref
 
 import numpy as np
 from pydantic import ValidationError
@@ -35,8 +36,6 @@ FADE_S = 0.005
 
 GLIDE_S = 0.02
 """Time in which a region moves. Reports of a drag come every 8 to 16 ms."""
-
-_CACHED_FIELDS = 64  # textures that keep their edge values outside
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,7 +153,7 @@ class Regions:
         self._last_at: dict[int, int] = {}  # by key: the region's last known index
         self._depth = 0
         self._fields: dict[int, Region] = {}
-        self._extended_fields: dict[int, tuple[Feelable, Evaluator]] = {}
+        self._held: dict[int, tuple[ref[FrictionField], Evaluator]] = {}  # by id of the field
         self._keys = 0
 
     def attach(self, now: Callable[[], float], changed: Callable[[], None]) -> None:
@@ -174,6 +173,8 @@ class Regions:
             if self._depth == 1:
                 now_s = self.now()
                 self._draft = [region for region in self.shown.regions if not region.is_gone(now_s)]
+                if len(self._draft) < len(self.shown.regions):  # their memory is free for new ones
+                    self.shown = Shown.of(self._draft)
                 before = dict(self._fields), dict(self.materials)
             try:
                 yield
@@ -342,17 +343,21 @@ class Regions:
         )  # fmt: skip
 
     def _evaluator(self, material: Feelable) -> Evaluator:
-        """Evaluator of a material; textures are cached copies that are held beyond their edges."""
+        """Evaluator of a material; textures are copies that are held beyond their edges.
+
+        A copy is kept as long as its texture, which an app may show again.
+        """
         evaluator = material if isinstance(material, FrictionField) else material.evaluator
         if not isinstance(evaluator, FrictionField):
             return evaluator
-        cached = self._extended_fields.pop(id(evaluator), None)
-        if cached is None:
-            cached = (evaluator, _held(evaluator).evaluator)
-        self._extended_fields[id(evaluator)] = cached
-        if len(self._extended_fields) > _CACHED_FIELDS:
-            del self._extended_fields[next(iter(self._extended_fields))]
-        return cached[1]
+        at = id(evaluator)
+        if at in self._held:
+            return self._held[at][1]
+        held = _held(evaluator)
+        if held is not evaluator:
+            kept = self._held
+            self._held[at] = ref(evaluator, lambda _: kept.pop(at, None)), held.evaluator
+        return held.evaluator
 
 
 def _held(field: FrictionField) -> FrictionField:

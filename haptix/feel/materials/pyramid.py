@@ -20,6 +20,7 @@ import numpy as np
 
 from haptix.base.checks import Array
 from haptix.base.native import NULL, Struct, doubles, library, room
+from haptix.feel.materials.memory import take_room
 from haptix.feel.motion import FARTHEST_MM
 
 Beyond = Literal["outside", "hold", "repeat"]
@@ -31,6 +32,44 @@ _FLOAT = np.float64
 _sample = library.hx_map_sample
 _Origin = tuple[int, int]
 """Row and column of the map at an array's first pixel, in pixels of its level."""
+
+
+def pyramid_pixels(rows: int, columns: int, beyond_x: Beyond, beyond_y: Beyond) -> int:
+    """Return the pixels of all levels of a map, without making them.
+
+    Parameters
+    ----------
+    rows, columns : int
+        Size of the map.
+    beyond_x, beyond_y : {"outside", "hold", "repeat"}
+        See `Pyramid`.
+
+    Examples
+    --------
+    >>> pyramid_pixels(64, 64, "repeat", "repeat")  # 66 x 66, twice, and the coarser ones
+    10204
+    """
+    repeated = [n for n, beyond in ((rows, beyond_y), (columns, beyond_x)) if beyond == "repeat"]
+    widest = min(repeated) if repeated else 2 * max(rows, columns)
+    counts = 1
+    while counts == 1 or 2 ** (counts - 2) < widest:
+        counts += 1
+    heights, widths = _sides(rows, beyond_y, counts), _sides(columns, beyond_x, counts)
+    return sum(height * width for height, width in zip(heights, widths, strict=True))
+
+
+def _sides(size: int, beyond: Beyond, levels: int) -> list[int]:
+    """Pixels along one side of each level, with those around the map."""
+    if beyond == "repeat":
+        return [size + 2, *(size // 2**level + 2 for level in range(levels - 1))]
+    sides, origin = [size + 4], 0
+    for level in range(1, levels):
+        if level > 1:
+            size, origin = size + 2, origin - 1
+            size, origin = (size + 1 - origin % 2) // 2, (origin + origin % 2) // 2
+        size, origin = size + 2 * _REACH, origin - _REACH
+        sides.append(size + 4)
+    return sides
 
 
 class Pyramid:
@@ -61,6 +100,7 @@ class Pyramid:
     ) -> None:
         values = np.asarray(values, np.complex128 if np.iscomplexobj(values) else _FLOAT)
         rows, columns = values.shape
+        take_room(self, values.itemsize * pyramid_pixels(rows, columns, beyond_x, beyond_y))
         self.pixel_mm = pixel_mm
         self.outside = outside
         self._modes: tuple[Beyond, Beyond] = (beyond_y, beyond_x)

@@ -34,9 +34,11 @@ from haptix.base.checks import Array, number, positive
 from haptix.base.errors import FileFormatError, InputError
 from haptix.base.fields import LIFTED_BELOW_N
 from haptix.base.files import read_csv
+from haptix.base.kinds import shared
 from haptix.feel.materials.field import FrictionField, Mapped, turned
 from haptix.feel.materials.material import Material
-from haptix.feel.materials.pyramid import Beyond, Pyramid
+from haptix.feel.materials.memory import check_room
+from haptix.feel.materials.pyramid import Beyond, Pyramid, pyramid_pixels
 from haptix.feel.materials.recording_columns import RecordingColumns
 from haptix.feel.motion import Motion
 from haptix.feel.motion.block import SLOW_MM_PER_S
@@ -305,6 +307,9 @@ class Spectral(FrictionField, Material):
 
     @cached_property
     def _pyramid(self) -> Pyramid:
+        return shared(self.model_dump(exclude={"orientation_deg", "target"}), self._made)
+
+    def _made(self) -> Pyramid:
         energy = self.line_energies
         phase = np.random.default_rng(self.seed).uniform(0, 2 * np.pi, len(energy))
         lines = np.sqrt(energy / 2) * np.exp(1j * phase) * _PIXELS
@@ -524,8 +529,14 @@ class Noise(FrictionField, Material):
 
     @cached_property
     def _pyramid(self) -> Pyramid:
-        tile = self.mean + self.deviation * self._tile(self._rows)
+        if self.spectrum is not None:
+            return self._made()
+        return shared(self.model_dump(exclude={"orientation_deg", "target"}), self._made)
+
+    def _made(self) -> Pyramid:
         beyond_y: Beyond = "repeat" if self.grain == "isotropic" else "hold"
+        check_room(8 * pyramid_pixels(self._rows, self.pixels, "repeat", beyond_y))
+        tile = self.mean + self.deviation * self._tile(self._rows)
         return Pyramid(tile, self.tile_mm / self.pixels, self.mean, "repeat", beyond_y)
 
     def _density(self, rows: int) -> Array:

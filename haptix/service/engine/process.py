@@ -37,7 +37,9 @@ from haptix.base.errors import (
     InputError,
 )
 from haptix.base.files import parse_json
+from haptix.feel.materials.memory import MapMemory
 from haptix.play.touch.events import ForceModel, TouchEvent
+from haptix.service.engine.session_layout import MOST_MAP_BYTES
 from haptix.service.engine.touch_gate import TouchGate
 from haptix.service.protocol.batches import TelemetryFrame, write_frame
 from haptix.service.protocol.messages import SCREEN_MM, Stream
@@ -186,6 +188,7 @@ class EngineServer:
         self._told = 0  # reports of the output's state
         self._surface: Any = None
         self._layouts: dict[int, Any] = {}  # by session
+        self._maps = MapMemory(MOST_MAP_BYTES, "all sessions' materials")
         self._ended = threading.Event()
         self._telemetry = Telemetry(self._outbox.tell, _LOOK_S)
 
@@ -472,12 +475,17 @@ class EngineServer:
 
         layout = self._layouts.get(session)
         if layout is None:
-            layout = self._layouts.setdefault(session, SessionLayout(self._assets))
+            layout = self._layouts.setdefault(session, SessionLayout(self._assets, self._maps))
         getattr(layout, how)(change)
         return {"revision": layout.revision}
 
     def _do_forget(self, session: int) -> None:
+        from haptix.base.threads import return_freed_memory
+
         self._layouts.pop(session, None)
+        if self._renderer is None:  # it takes milliseconds
+            gc.collect()
+            return_freed_memory()
 
     def _do_arm(self, session: int) -> dict[str, Any]:
         if session not in self._layouts:
@@ -619,14 +627,14 @@ class EngineServer:
         from haptix.base.kinds import in_folder
         from haptix.feel.materials import material_of
 
-        with in_folder(self._assets, is_sealed=True):
-            material = material_of(effect)
         renderer = self._renderer
         if renderer is None:
             raise InputError("play: expected an armed output; send arm first")
         number = self._next_effect
         self._next_effect += 1
-        playing = renderer.play(material, done=partial(self._ended_effect, number))
+        with self._maps.counts(), in_folder(self._assets, is_sealed=True):
+            material = material_of(effect)
+            playing = renderer.play(material, done=partial(self._ended_effect, number))
         self._effects[number] = playing
         return {"effect_id": number}
 

@@ -7,12 +7,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from haptix.base.errors import HaptixError, InputError
+from haptix.feel.materials.memory import MapMemory
 
 if TYPE_CHECKING:
     from haptix.feel.layout import LayoutRegion
 
 
 MOST_REGIONS = 256
+MOST_MAP_BYTES, MOST_SESSION_MAP_BYTES = 2 * 2**30, 2**30
+"""Memory of the maps of all sessions' materials, and of one session's."""
 
 
 class SessionLayout:
@@ -22,10 +25,14 @@ class SessionLayout:
     ----------
     assets : Path
         Folder of the files that apps have sent; documents read nothing else.
+    memory : MapMemory, optional
+        Budget of all sessions, in which this one has a share.
     """
 
-    def __init__(self, assets: Path) -> None:
+    def __init__(self, assets: Path, memory: MapMemory | None = None) -> None:
         from haptix.feel.layout import Layout
+
+        self._memory = MapMemory(MOST_SESSION_MAP_BYTES, "this session's materials", memory)
 
         self._assets = assets
         self.layout = Layout()
@@ -37,7 +44,7 @@ class SessionLayout:
 
         Raises `InputError` naming the region and its error.
         """
-        with self.layout.change():
+        with self._memory.counts(), self.layout.change():
             regions = self.regions
             self.regions = {}
             try:
@@ -58,7 +65,7 @@ class SessionLayout:
         regions = dict(self.regions)
         values: list[tuple[LayoutRegion, float]] = []
         try:
-            with self.layout.change():
+            with self._memory.counts(), self.layout.change():
                 for number, op in enumerate(ops):
                     if op["op"] == "value":
                         values.append((self._control(f"/ops/{number}", op["name"]), op["value"]))
