@@ -161,6 +161,78 @@ def test_who_is_held_up_holds_up_nobody_else(assets, monkeypatch):
     running(assets, scenario)
 
 
+ANSWERS = """
+from haptix.base.files import parse_json
+from haptix.service.protocol.wire import JSON, Outbox, frame_output
+from haptix.service.worker.process import frames
+outbox = Outbox(frame_output())
+for kind, data in frames(outbox):
+    if kind == JSON:
+        outbox.say(n=parse_json(data)["n"])
+"""
+
+
+@pytest.fixture
+def light_workers(monkeypatch):
+    """Workers that answer each question at once, and load nothing; the questions of each."""
+    asked = {}
+
+    async def spawns(process):
+        return await asyncio.create_subprocess_exec(
+            sys.executable, "-c", ANSWERS,
+            stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE,
+        )  # fmt: skip
+
+    async def asks(process, do, **fields):
+        asked.setdefault(process.pid, []).append(do)
+        return await Process.ask(process, do, **fields)
+
+    monkeypatch.setattr(pool_module._Worker, "_spawn", spawns)
+    monkeypatch.setattr(pool_module._Worker, "ask", asks)
+    return asked
+
+
+def test_who_replaces_a_dead_worker_has_loaded_all(assets, light_workers):
+    async def scenario(pool):
+        pool.warm()
+        await pool.spare
+        await pool.ask("me", "picture")
+        for _ in range(2):
+            spare = (await pool.spare).pid
+            assert light_workers[spare] == ["open", "load"]  # before anybody asks
+            os.kill(pool.owned["me"].process.pid, signal.SIGKILL)
+            await until(lambda: pool.owned["me"].process.pid is None)
+            await pool.ask("me", "picture")
+            assert pool.owned["me"].process.pid == spare
+            assert light_workers[spare] == ["open", "load", "open", "picture"]
+
+    running(assets, scenario)
+
+
+def test_a_spare_that_dies_is_replaced_and_one_that_cannot_load_is_not(
+    assets, light_workers, monkeypatch
+):
+    async def scenario(pool):
+        pool.warm()
+        first = await pool.spare
+        os.kill(first.pid, signal.SIGKILL)
+        await until(lambda: first.pid is None)
+        assert (await pool.spare).pid is not None
+
+        async def fails(process):
+            raise Problem("document", "no surface")
+
+        monkeypatch.setattr(pool_module._Worker, "load", fails)
+        for _ in range(2):
+            with pytest.raises(Problem, match="no surface"):
+                await pool.ask("me", "picture")
+            with pytest.raises(Problem, match="no surface"):
+                await pool.spare
+        await until(lambda: len(processes(pool)) == 1)
+
+    running(assets, scenario)
+
+
 @pytest.mark.slow  # who hangs is tested in test_heartbeat.py
 def test_a_spare_that_hangs_is_left_for_a_new_one(assets):
     async def scenario(pool):

@@ -10,7 +10,8 @@ sender alone.
                                  +--no answer in time--> ended
 
 At rest the pool has one worker without an owner, so that a first picture does not wait for its
-start.
+start. Once anybody has asked for what needs the surface, the spare has loaded that too: whoever
+takes the place of a worker that died answers at once.
 """
 
 from __future__ import annotations
@@ -242,7 +243,19 @@ class _Worker(Process):
     def __init__(self) -> None:
         super().__init__(nice=NICE)
         self.tell_owner: Callable[[str], None] = lambda sentence: None
+        self.when_ended: Callable[[], None] = lambda: None
         self.has_surface = False
+
+    async def load(self) -> None:
+        """Load the surface, and what draws and checks materials."""
+        self.loads()
+        await self.ask("load")
+        self.has_surface = True
+        self.has_loaded()
+
+    def on_exit(self, code: int | None) -> None:
+        """Tell the pool."""
+        self.when_ended()
 
     def on_silence(self, silent_s: float) -> None:
         """Warn its owner once, and give it a little more time."""
@@ -298,7 +311,7 @@ class Pool:
         self.spare: asyncio.Task[_Worker] | None = None
         self.processes: set[_Worker] = set()
         self._waiting = 0
-        self._keeps_spare = self._ends = False
+        self._keeps_spare = self._loads_spare = self._ends = False
 
     async def ask(
         self, owner: str, do: str, *, is_limited: bool = True, **fields: Any
@@ -338,7 +351,7 @@ class Pool:
         """Keep a worker without an owner."""
         self._keeps_spare = True
         if self.spare is None and not self._ends:
-            self.spare = asyncio.create_task(self._start())
+            self.spare = asyncio.create_task(self._start_spare())
 
     def end(self) -> None:
         """End all workers at once; all questions that wait are refused."""
@@ -365,12 +378,12 @@ class Pool:
                     owned.process = await self._take()
                 process = owned.process
                 process.tell_owner = partial(self.tell, owner)
-                if do != "decode" and not process.has_surface:  # it needs little
+                if do == "schema":
                     process.loads()
-                    if do != "schema":
-                        await process.ask("load")  # the surface
-                        process.has_surface = True
-                        process.has_loaded()
+                elif do != "decode":  # it needs little
+                    self._loads_spare = True
+                    if not process.has_surface:
+                        await process.load()
             # The schema is asked for once, as the first: it imports what pictures load.
             limit_s = START_S if do == "schema" else self._longest_s
             async with asyncio.timeout(limit_s):
@@ -395,6 +408,7 @@ class Pool:
         if spare is not None:
             with suppress(Problem, TimeoutError):
                 process = await spare
+                process.when_ended = lambda: None
                 try:
                     # One that hangs may not have been noticed yet.
                     async with asyncio.timeout(LONGEST_SILENCE_S):
@@ -403,6 +417,22 @@ class Pool:
                 except TimeoutError:
                     process.kill()
         return await self._start()
+
+    async def _start_spare(self) -> _Worker:
+        process = await self._start()
+        if self._loads_spare:
+            try:
+                async with asyncio.timeout(START_S):
+                    await process.load()
+            except (Problem, TimeoutError):  # the next question gets the reason
+                process.kill()
+                raise
+        process.when_ended = self._replace_spare
+        return process
+
+    def _replace_spare(self) -> None:
+        self.spare = None
+        self.warm()
 
     async def _start(self) -> _Worker:
         process = _Worker()

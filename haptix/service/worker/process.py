@@ -90,6 +90,7 @@ class Worker:
     def __init__(self, outbox: Outbox, frames: Iterator[Frame]) -> None:
         self._outbox, self._frames = outbox, frames
         self._documents: DocumentWork | None = None
+        self._opened: tuple[str, dict[str, Any]] | None = None
         self._felt_finger: FeltFingerThread | None = None
 
     def run(self) -> None:
@@ -121,7 +122,9 @@ class Worker:
         from haptix.service.worker.document_work import DocumentWork
 
         keep_in(Path(assets).parent / FOLDER, makes=True)
-        self._documents = DocumentWork(Path(assets), opening)
+        if self._opened != (assets, opening):  # a spare is asked again, by its owner
+            self._documents = DocumentWork(Path(assets), opening)
+            self._opened = assets, opening
         return {}
 
     def _do_job(self, kind: str, context: dict[str, Any], **fields: Any) -> dict[str, Any]:
