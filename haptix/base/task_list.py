@@ -18,6 +18,10 @@ TASKS: dict[str, tuple[str, str]] = {
         "haptix.tasks.strokes:PlayPath",
         "Play a recorded path on a device, in real time.",
     ),
+    "compile": (
+        "haptix.tasks.programs:Compile",
+        "Compile a layout to a program of a touch, which a web page plays without a service.",
+    ),
     "build": (
         "haptix.tasks.surfaces:Build",
         "Solve the contact model once and write its friction surface.",

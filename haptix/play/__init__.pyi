@@ -19,6 +19,7 @@ from .render import RenderSettings as RenderSettings
 from .render import RenderStats as RenderStats
 from .render import SineCarrier as SineCarrier
 from .render import Sliding as Sliding
+from .render import compile_touch as compile_touch
 from .sensing import LATENT as LATENT
 from .sensing import ContactChange as ContactChange
 from .sensing import ContactCurrent as ContactCurrent

@@ -48,6 +48,7 @@ class Struct:
     """
 
     def __init__(self, kind: str, **fields: Any) -> None:
+        self.fields = fields
         self._made_of = (kind, fields)
         self.at = ffi.new(f"{kind} *")
         """Its address."""

@@ -306,8 +306,13 @@ class Layout(Mapped):
         return self
 
     @property
+    def background(self) -> Evaluator | float:
+        """What is felt below all regions."""
+        return self._background
+
+    @property
     def outside(self) -> float:
-        """The background."""
+        """The number of the background where there is nothing to feel."""
         below = self._background
         return below if isinstance(below, float) else below.outside
 

@@ -70,15 +70,15 @@ class Grating(FrictionField, Scaled):
     def _ready(self) -> tuple[tuple[tuple[Array, Array, Array], ...], Array, Array, Array, Array]:
         turn = radians(self.orientation_deg)
         c, s = np.array(cos(turn)), np.array(sin(turn))
-        return self._tables, c, s, np.array(self.period_mm), np.array(self.phase)
+        return self.tables, c, s, np.array(self.period_mm), np.array(self.phase)
 
     @cached_property
     def _waveform(self) -> Waveform:
         return Waveform(self.wave, self.duty)
 
     @cached_property
-    def _tables(self) -> tuple[tuple[Array, Array, Array], ...]:
-        """Tabulate a period for 0, 1, 2, 4, ... harmonics: values, steps to the next, size."""
+    def tables(self) -> tuple[tuple[Array, Array, Array], ...]:
+        """A period for 0, 1, 2, 4, ... harmonics: values, steps to the next, size."""
         tables = []
         most = self._waveform.highest_harmonic or _MOST_HARMONICS
         series = self._waveform.harmonics(most)
@@ -126,7 +126,7 @@ class Grating(FrictionField, Scaled):
         return self._between(self._waveform.at(place))
 
     def _read(self, level: int, place: Array) -> Array:
-        table, rise, size = self._tables[level]
+        table, rise, size = self.tables[level]
         at = place * size
         index = at.astype(np.intp)
         at -= index

@@ -28,6 +28,7 @@ Beyond = Literal["outside", "hold", "repeat"]
 
 _KERNEL = np.array([1, 8, 28, 56, 70, 56, 28, 8, 1]) / 256
 _REACH = len(_KERNEL) // 2
+_MARGIN, _WRAPPED = 2, 1  # pixels around a level: beyond its edges, or where it repeats
 _FLOAT = np.float64
 _sample = library.hx_map_sample
 _Origin = tuple[int, int]
@@ -102,14 +103,14 @@ class Pyramid:
         rows, columns = values.shape
         take_room(self, values.itemsize * pyramid_pixels(rows, columns, beyond_x, beyond_y))
         self.pixel_mm = pixel_mm
+        """Side of a pixel."""
         self.outside = outside
-        self._modes: tuple[Beyond, Beyond] = (beyond_y, beyond_x)
+        """Value beyond the edges."""
+        self.modes: tuple[Beyond, Beyond] = (beyond_y, beyond_x)
         levels = [self._level(values, (0, 0), 1)]
         # The last level has pixels as wide as the shorter period, or twice as wide as the map. A
         # finger that moves farther from one sample to the next does not meet the map's details.
-        repeated = [
-            n for n, mode in zip(values.shape, self._modes, strict=True) if mode == "repeat"
-        ]
+        repeated = [n for n, mode in zip(values.shape, self.modes, strict=True) if mode == "repeat"]
         widest = min(repeated) if repeated else 2 * max(rows, columns)
         smooth, origin, step = values, (0, 0), 1
         while len(levels) == 1 or step < widest:
@@ -129,13 +130,23 @@ class Pyramid:
             farthest_mm=FARTHEST_MM,
             outside=outside,
         )
+        self._finest: Array = levels[0].fields["values"]
+        self._columns = int(levels[0].fields["columns"])
+
+    @property
+    def values(self) -> Array:
+        """The map itself, shape (rows, columns)."""
+        top, left = (_WRAPPED if mode == "repeat" else _MARGIN for mode in self.modes)
+        finest = self._finest.reshape(-1, self._columns, self._channels)[top:-top, left:-left]
+        values = finest if self._channels == 1 else finest.copy().view(np.complex128)
+        return np.asarray(values[..., 0])
 
     def _padded(self, values: Array, origin: _Origin, by: int) -> tuple[Array, _Origin]:
         """The map with `by` more pixels on every side, except where the map repeats."""
-        for mode in dict.fromkeys(self._modes):  # most maps have one, and are copied once
+        for mode in dict.fromkeys(self.modes):  # most maps have one, and are copied once
             if mode == "repeat":
                 continue
-            more = [by * (its_mode == mode) for its_mode in self._modes]
+            more = [by * (its_mode == mode) for its_mode in self.modes]
             width = [(pixels, pixels) for pixels in more]
             if mode == "hold":
                 values = np.pad(values, width, mode="edge")
@@ -148,7 +159,7 @@ class Pyramid:
         from scipy.ndimage import correlate1d  # here, since it takes a tenth of a second to import
 
         values, origin = self._padded(values, origin, _REACH)
-        for axis, mode in enumerate(self._modes):
+        for axis, mode in enumerate(self.modes):
             # Beyond the padding the values are constant, and smoothing does not change them.
             ends = {"outside": "constant", "hold": "nearest", "repeat": "wrap"}[mode]
             target = None if axis == 0 else values  # which is then ours
@@ -164,8 +175,8 @@ class Pyramid:
     def _level(self, values: Array, origin: _Origin, step: int) -> Struct:
         # Places beyond the level are moved to between its two outermost pixels, which the map does
         # not reach.
-        values, origin = self._padded(values, origin, 2)
-        around = [int(mode == "repeat") for mode in self._modes]
+        values, origin = self._padded(values, origin, _MARGIN)
+        around = [_WRAPPED * (mode == "repeat") for mode in self.modes]
         if any(around):
             values = np.pad(values, [(pixels, pixels) for pixels in around], mode="wrap")
         # The centre of the map's first pixel is half a pixel from its corner.

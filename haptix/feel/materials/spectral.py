@@ -289,7 +289,7 @@ class Spectral(FrictionField, Material):
     @property
     def evaluator(self) -> Self:
         """Itself, with its tile computed."""
-        _ = self._pyramid
+        _ = self.pyramid
         return self
 
     @property
@@ -306,7 +306,8 @@ class Spectral(FrictionField, Material):
         return energy
 
     @cached_property
-    def _pyramid(self) -> Pyramid:
+    def pyramid(self) -> Pyramid:
+        """Its tile."""
         return shared(self.model_dump(exclude={"orientation_deg", "target"}), self._made)
 
     def _made(self) -> Pyramid:
@@ -318,7 +319,7 @@ class Spectral(FrictionField, Material):
 
     def _sample(self, x_mm: Array, y_mm: Array, footprint_mm: float | Array) -> Array:
         x_mm, y_mm = turned(x_mm, y_mm, self.orientation_deg)
-        return self._pyramid.sample(x_mm, y_mm, footprint_mm)
+        return self.pyramid.sample(x_mm, y_mm, footprint_mm)
 
 
 def _of_levels(level_db: Array, tile_mm: float) -> Array:
@@ -520,7 +521,7 @@ class Noise(FrictionField, Material):
     @property
     def evaluator(self) -> Self:
         """Itself, with its tile computed."""
-        _ = self._pyramid
+        _ = self.pyramid
         return self
 
     @property
@@ -528,7 +529,8 @@ class Noise(FrictionField, Material):
         return self.pixels if self.grain == "isotropic" else 1
 
     @cached_property
-    def _pyramid(self) -> Pyramid:
+    def pyramid(self) -> Pyramid:
+        """Its tile."""
         if self.spectrum is not None:
             return self._made()
         return shared(self.model_dump(exclude={"orientation_deg", "target"}), self._made)
@@ -568,4 +570,4 @@ class Noise(FrictionField, Material):
 
     def _sample(self, x_mm: Array, y_mm: Array, footprint_mm: float | Array) -> Array:
         x_mm, y_mm = turned(x_mm, y_mm, self.orientation_deg)
-        return self._pyramid.sample(x_mm, y_mm, footprint_mm)
+        return self.pyramid.sample(x_mm, y_mm, footprint_mm)

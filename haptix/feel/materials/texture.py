@@ -292,8 +292,8 @@ class Texture(Displayed, FrictionField):
         return cls(level, width_mm, target, low, high)
 
     @cached_property
-    def _pyramid(self) -> Pyramid:
-        """Computed at first use: a layout uses a copy of the texture that is held at its edges."""
+    def pyramid(self) -> Pyramid:
+        """Its map, computed at first use: a layout uses a copy that is held at its edges."""
         low, high = self.low, self.high
         level = self.level
         values = level if (low, high) == (0.0, 1.0) else low + (high - low) * level
@@ -307,7 +307,7 @@ class Texture(Displayed, FrictionField):
     @property
     def evaluator(self) -> Self:
         """Itself, with its pyramid computed."""
-        _ = self._pyramid
+        _ = self.pyramid
         return self
 
     @property
@@ -332,7 +332,7 @@ class Texture(Displayed, FrictionField):
 
     def _anywhere(self, x_mm: Array, y_mm: Array, footprint_mm: float | Array) -> Array:
         if isinstance(footprint_mm, np.ndarray) or footprint_mm > 0 or self.beyond == "hold":
-            return self._pyramid.sample(x_mm, y_mm, footprint_mm)
+            return self.pyramid.sample(x_mm, y_mm, footprint_mm)
         return super()._anywhere(x_mm, y_mm, 0.0)
 
     def _sample(self, x_mm: Array, y_mm: Array, footprint_mm: float | Array) -> Array:
@@ -340,7 +340,7 @@ class Texture(Displayed, FrictionField):
         half, width, height = self.pixel_mm / 2, self.width_mm, self.height_mm
         inside = (x_mm >= 0) & (x_mm <= width) & (y_mm >= 0) & (y_mm <= height)
         x_mm, y_mm = x_mm.clip(half, width - half), y_mm.clip(half, height - half)
-        return np.where(inside, self._pyramid.sample(x_mm, y_mm, 0.0), self.outside)
+        return np.where(inside, self.pyramid.sample(x_mm, y_mm, 0.0), self.outside)
 
 
 def _finer(pixel_mm: float, shape: tuple[int, ...]) -> int:

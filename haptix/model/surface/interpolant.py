@@ -523,7 +523,8 @@ class Slice:
         ends_by = Status.PULL_IN if end_drive >= self.pull_in_drive * (1 - _NEAR) else Status.ABOVE
         if breakdown_v <= end_v * (1 + _NEAR) and breakdown_v < self.limit_v:
             ends_by = self.limited_by
-        inside = self._lowest_n <= normal_force_n <= self._highest_n
+        lowest_n, highest_n = self.ends_n
+        inside = lowest_n <= normal_force_n <= highest_n
         return Column(self.drive, column[:-2], pull_in_v, end_drive, end_v, ends_by, inside)
 
     def reach(self, normal_force_n: Array) -> tuple[Array, Array]:
@@ -563,8 +564,8 @@ class Slice:
             unit_v=self.unit_v,
             limit_v=self.limit_v,
             pull_in_drive=self.pull_in_drive,
-            lowest_n=self._lowest_n,
-            highest_n=self._highest_n,
+            lowest_n=self.ends_n[0],
+            highest_n=self.ends_n[1],
             limited_by=int(self.limited_by),
         )
 
@@ -573,9 +574,6 @@ class Slice:
         return np.log(self.force_n)
 
     @property
-    def _lowest_n(self) -> float:
-        return float(self.force_n[0]) * (1 - SLACK)
-
-    @property
-    def _highest_n(self) -> float:
-        return float(self.force_n[-1]) * (1 + SLACK)
+    def ends_n(self) -> tuple[float, float]:
+        """Lowest and highest force inside [N], with room for rounding."""
+        return float(self.force_n[0]) * (1 - SLACK), float(self.force_n[-1]) * (1 + SLACK)

@@ -4,6 +4,7 @@ from .drive import SineCarrier as SineCarrier
 from .live import LiveRenderer as LiveRenderer
 from .master import EffectEnd as EffectEnd
 from .master import PlayingEffect as PlayingEffect
+from .program import compile_touch as compile_touch
 from .samples import Fingers as Fingers
 from .samples import RenderCore as RenderCore
 from .samples import RenderedBlock as RenderedBlock

@@ -16,7 +16,8 @@ from haptix.base.checks import Array, instance
 from haptix.base.errors import InputError
 from haptix.base.native import DOUBLES, NULL, Struct, ffi, library
 from haptix.feel.layout import Layout
-from haptix.feel.materials import Evaluator, Feelable, TargetKind, check_feelable
+from haptix.feel.layout.program import TARGETS
+from haptix.feel.materials import Evaluator, Feelable, check_feelable
 from haptix.feel.motion import Motion
 from haptix.model.finger import FingerResponse
 from haptix.model.presets import DEFAULT_CARRIER_HZ
@@ -42,8 +43,9 @@ _PARTS = 4  # places of the texture in a quarter of a period
 
 _JOIN_S = 0.002  # over which a revised window is blended into the samples queued after it
 
-_TARGETS: tuple[TargetKind, ...] = ("mu", "contrast", "share")
-_COMBINATIONS: tuple[Combination, ...] = ("strongest", "first", "mean")
+COMBINATIONS: tuple[Combination, ...] = ("strongest", "first", "mean")
+"""Numbers of the combinations."""
+
 _BLOCK, _BYTES = ffi.typeof("hx_block *"), ffi.typeof("int8_t *")
 _INT8 = np.dtype(np.int8)
 _new, _address, _render = ffi.new, ffi.from_buffer, library.hx_render
@@ -259,11 +261,11 @@ class RenderCore:
         span = self.settings.compress
         rendering = Struct(
             "hx_rendering",
-            target=_TARGETS.index(evaluator.target),
+            target=TARGETS.index(evaluator.target),
             compresses=span is not None and evaluator.target != "share",
             span_low=span[0] if span else 0.0,
             span_high=span[1] if span else 0.0,
-            combination=_COMBINATIONS.index(self.settings.combination),
+            combination=COMBINATIONS.index(self.settings.combination),
             most_v=self._most_v,
             most_step_v=self.most_step_v,
             step=self.step,

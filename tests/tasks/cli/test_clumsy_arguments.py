@@ -23,7 +23,7 @@ KINDS = {
         "--image --material --trajectory --profile --tap --inputs --columns --plan --certificate "
         "--key --recipe --instruments --before --after --dielectric --preregistration --about "
         "measurements scene plan recipe sidecar log file "
-        "files profile a b recording one other",
+        "files profile a b recording one other layout",
         NOT_READ,
     ),
     "surface that is read": ("--surface surface", NOT_READ),
