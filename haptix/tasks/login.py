@@ -11,6 +11,7 @@ import subprocess
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from http.client import HTTPException
 from pathlib import Path, PurePath
 from typing import Annotated, Any
 from urllib.request import ProxyHandler, Request, build_opener
@@ -21,7 +22,7 @@ from pydantic import Field
 
 from haptix.base.errors import HaptixError, InputError
 from haptix.base.fields import Address
-from haptix.base.files import write_whole
+from haptix.base.files import read_json, write_whole
 from haptix.base.task import Context, Result, Task
 from haptix.model.presets import FingerName, ScreenName
 from haptix.service.protocol.limiter import service_folder
@@ -325,7 +326,7 @@ def _do(commands: Sequence[Sequence[str]], must: bool = False) -> bool:
 def running_service() -> tuple[int, str] | None:
     """Return port and code of the service of this user, or None where none answers."""
     try:
-        found = json.loads((service_folder() / "service.json").read_text("utf-8"))
+        found = read_json(service_folder() / "service.json")
         port = int(found["port"])
         request = Request(
             f"http://127.0.0.1:{port}/v1/pair/code",
@@ -333,5 +334,5 @@ def running_service() -> tuple[int, str] | None:
         )
         with _DIRECT.open(request, timeout=_ANSWERS_S) as answer:
             return port, str(json.load(answer)["code"])
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
+    except (HaptixError, HTTPException, OSError, ValueError, KeyError, TypeError):
+        return None  # its file is damaged, or another program has its port

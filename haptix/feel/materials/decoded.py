@@ -83,8 +83,14 @@ def decoded(path: Path, make: Callable[[], Pixels]) -> Pixels:
     if _place is None or not _HASH.fullmatch(path.stem):
         return make()
     for premultiplied, ending in _ENDINGS.items():
-        with suppress(OSError, ValueError):
-            return np.load(_place.folder / f"{path.stem}{ending}", mmap_mode="r"), premultiplied
+        kept = _place.folder / f"{path.stem}{ending}"
+        try:
+            return np.load(kept, mmap_mode="r"), premultiplied
+        except (EOFError, ValueError):  # it is damaged: made anew, and not taken for decoded
+            with suppress(OSError):
+                kept.unlink()
+        except OSError:
+            continue
     if not _place.makes:
         raise InputError(f"image: {path.name} is not decoded yet; send the layout again")
     pixels, premultiplied = make()

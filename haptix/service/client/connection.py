@@ -17,6 +17,7 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
+import re
 import secrets
 import threading
 import time
@@ -27,11 +28,11 @@ from concurrent.futures import Future
 from contextlib import suppress
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, Generic, Literal, NamedTuple, Self, TypeVar
+from typing import Annotated, Any, Generic, Literal, NamedTuple, Self, TypeVar
 from urllib.error import HTTPError
 from urllib.request import ProxyHandler, Request, build_opener
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, Field, ValidationError
 
 from haptix.base.errors import DeviceError, HaptixError, InputError, from_extra
 from haptix.base.files import read_json, write_whole
@@ -57,6 +58,7 @@ with from_extra("serve"):
     from websockets.typing import Subprotocol
 
 _LOG = logging.getLogger("haptix.service.client.connection")
+_WORD_BYTES, _WORD = 16, re.compile(r"[\w-]{22}", re.ASCII)  # as base64
 _SUBPROTOCOL = Subprotocol("haptix.v1")
 # The service gives up a request after 20 s, with an error.
 _WAIT_S, _CLOSE_S, _FILE_S = 25.0, 1.0, 60.0
@@ -547,29 +549,40 @@ async def connect_async(name: str, address: str = "", token: str = "") -> AsyncC
         if address and token:
             return address, token
         entry = _service_file()  # at each attempt: a restarted service has another token
-        here = address or f"ws://127.0.0.1:{entry['port']}/v1/session"
-        return here, token or str(entry["token"])
+        here = address or f"ws://127.0.0.1:{entry.port}/v1/session"
+        return here, token or entry.token
 
     client = AsyncClient(name, find)
     await client.open()
     return client
 
 
-def _service_file() -> dict[str, Any]:
+class ServiceEntry(BaseModel):
+    """Where the service of this user is, as its file ``service.json`` has it."""
+
+    port: Annotated[int, Field(ge=1, le=65535)]
+    token: Annotated[str, Field(pattern=r"^[\w-]+$")]
+
+
+def _service_file() -> ServiceEntry:
     path: Path = service_folder() / "service.json"
     if not path.exists():
         raise Lost("no service runs for this user: start haptix serve")
-    return read_json(path)
+    try:
+        return ServiceEntry.model_validate(read_json(path))
+    except (HaptixError, ValidationError):
+        raise Lost(f"{path} is damaged: start haptix serve again, which writes it anew") from None
 
 
 def _word_of(name: str) -> str:
     """Return the word by which the service knows an app again that crashed."""
     path = service_folder() / "apps" / sha256(name.encode()).hexdigest()
     try:
-        if not path.exists():
+        word = path.read_text("ascii", "replace") if path.exists() else ""
+        if not _WORD.fullmatch(word):  # none yet, or a damaged one
             path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-            write_whole(path, secrets.token_urlsafe(16), is_secret=True)
-        return path.read_text()
+            write_whole(path, word := secrets.token_urlsafe(_WORD_BYTES), is_secret=True)
+        return word
     except (OSError, HaptixError) as error:
         _LOG.warning("after a crash the output is refused for 30 s: %s", error)
         return ""

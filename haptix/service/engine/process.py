@@ -186,6 +186,7 @@ class EngineServer:
         self._gone = ""  # why the driver is gone
         self._look_s = 0.0  # when to look for it
         self._told = 0  # reports of the output's state
+        self._unloaded = ""  # why nothing can be rendered
         self._surface: Any = None
         self._layouts: dict[int, Any] = {}  # by session
         self._maps = MapMemory(MOST_MAP_BYTES, "all sessions' materials")
@@ -401,7 +402,11 @@ class EngineServer:
 
     def _works(self, work: queue.SimpleQueue[dict[str, Any]]) -> None:
         if work is self._work:
-            _load()  # while the front starts, too
+            try:
+                _load()  # while the front starts, too
+            except Exception as error:  # such as a library in C that this system cannot load
+                sys.excepthook(type(error), error, error.__traceback__)
+                self._unloaded = f"the engine cannot load: {error}; install haptix anew"
         while True:
             message = work.get()
             number = message.pop("n", None)
@@ -411,6 +416,8 @@ class EngineServer:
 
     def _answer(self, message: dict[str, Any]) -> dict[str, Any]:
         do = message.pop("do")
+        if self._unloaded:
+            return {"problem": {"code": "device", "sentence": self._unloaded}}
         code = "device" if do in _OF_DEVICE else "document"
         return answer_of(do, lambda: getattr(self, f"_do_{do}")(**message), code)
 

@@ -7,12 +7,14 @@ holds no other session's data.
 
 from __future__ import annotations
 
+import asyncio
+import filecmp
 import json
 import os
 import shutil
 import tempfile
 from collections.abc import AsyncIterator, Callable, Iterable, Iterator
-from hashlib import sha256
+from hashlib import file_digest, sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -47,7 +49,7 @@ class AssetStore:
         """Keep the files of a folder, whose names are their hashes."""
         for path in folder.iterdir():
             target = self.folder / path.name
-            if not target.exists():
+            if not target.exists() or not filecmp.cmp(path, target, shallow=False):
                 shutil.copyfile(path, target)
 
     def path(self, digest: str) -> Path:
@@ -69,8 +71,10 @@ class AssetStore:
         self._check(digest)
         if suffix not in SUFFIXES:
             raise Problem("document", f"expected one of {', '.join(SUFFIXES)}, got {suffix!r}")
-        if list(self.folder.glob(f"{digest}.*")):
-            return False
+        for kept in self.folder.glob(f"{digest}.*"):
+            if await asyncio.to_thread(_is_whole, kept, digest):
+                return False
+            kept.unlink(missing_ok=True)
         room = self._limits.assets_bytes - sum(
             path.stat().st_size for path in self.folder.iterdir()
         )
@@ -96,6 +100,15 @@ class AssetStore:
     def _check(digest: str) -> None:
         if len(digest) != 64 or not set(digest) <= set("0123456789abcdef"):
             raise Problem("unknown", "expected 64 hexadecimal digits, the SHA-256 of the content")
+
+
+def _is_whole(path: Path, digest: str) -> bool:
+    """Whether a kept file has the content of its name."""
+    try:
+        with path.open("rb") as file:
+            return file_digest(file, "sha256").hexdigest() == digest
+    except OSError:
+        return False
 
 
 class Decoding:

@@ -189,7 +189,7 @@ class EngineProcess(Process):
         # An engine that hangs is killed; the driver's watchdog then ends the output at 0 V.
         super().__init__("engine")
         self._opening, self._on_event, self._on_telemetry = opening, on_event, on_telemetry
-        self._is_ending = self._is_open = False
+        self._is_ending = self._is_open = self._was_open = False
         self._spare: asyncio.subprocess.Process | None = None
         self._spare_start: asyncio.Task[None] | None = None
         self._rates: dict[str, float] = {}
@@ -200,8 +200,14 @@ class EngineProcess(Process):
         """Start the engine; return the device and surface that it has opened."""
         if self.pid is None:
             await self.launch()
-        opened = await super().ask("open", **self._opening)
-        self._is_open = True
+        try:
+            opened = await super().ask("open", **self._opening)
+        except Problem as problem:
+            if self.has_gone and not self._was_open:
+                why = "the engine ended before it was there; its own message stands above"
+                raise Problem("device", why) from problem
+            raise
+        self._is_open = self._was_open = True
         self.has_loaded()
         felt = {name: opened[name] for name in ("screen", "carrier_hz")}
         self.felt_finger.opens({"finger": opened["touched_by"], **felt})
@@ -283,7 +289,7 @@ class EngineProcess(Process):
     def on_exit(self, code: int | None) -> None:
         """Start it again."""
         self._is_open = False
-        if not self._is_ending:
+        if self._was_open and not self._is_ending:
             how = "hung" if self.has_hung else f"ended with code {code}"
             self._say("failed", f"the engine {how}; it is started again")
             self._restart = asyncio.create_task(self._restart_later())

@@ -76,6 +76,11 @@ class Process:
         return self._process.pid if self._process is not None else None
 
     @property
+    def has_gone(self) -> bool:
+        """Whether no process is there."""
+        return self._process is None or self._process.returncode is not None
+
+    @property
     def has_ended(self) -> bool:
         """Whether it has run and ended."""
         return self._reader is not None and self._reader.done()
@@ -153,7 +158,7 @@ class Process:
     def write(self, data: bytes) -> bool:
         """Send a frame; return whether there is a process to take it."""
         process = self._process
-        if process is None or process.stdin is None or process.returncode is not None:
+        if process is None or process.stdin is None or self.has_gone:
             return False
         process.stdin.write(data)
         return True

@@ -4,9 +4,9 @@ Each route's body and answer is a model, so that the description of the service 
 Routes of tasks are made from their declarations at the desk; what takes long goes to the pool of
 workers or becomes a job.
 
-A kept layout is a folder of its versions, `NAME/REVISION.json`: a write adds one and replaces none,
-an empty one marks a removed layout. A write carries, as `If-Match`, the revision that it
-was made from; without one it makes a new layout. So nobody overwrites what he has not seen.
+A kept layout is a folder of its versions, `NAME/REVISION.json`: a write adds one and replaces none;
+that of a removed layout is `REMOVED`. A write carries, as `If-Match`, the revision that it was made
+from; without one it makes a new layout. So nobody overwrites what he has not seen.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import base64
 import json
 import shutil
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Self, get_type_hints
 
@@ -301,6 +301,14 @@ class _Kept(NamedTuple):
     path: Path
 
 
+REMOVED = b'{"removed":true}'
+
+
+def _is_removed(version: _Kept) -> bool:
+    is_as_long = version.path.stat().st_size == len(REMOVED)
+    return is_as_long and version.path.read_bytes() == REMOVED
+
+
 class KeptTexts:
     """Texts by name, each with its last versions; every write names the revision it is based on.
 
@@ -308,12 +316,19 @@ class KeptTexts:
     ----------
     folder : Path
         Made if it does not exist. A file `NAME.json` in it becomes the newest version of its name.
+    fields : mapping of type, optional
+        What each text has at least, where it is an object of JSON.
     most_versions : int
         Older ones go.
     """
 
-    def __init__(self, folder: Path, most_versions: int = MOST_VERSIONS) -> None:
-        self._folder, self._most = folder, most_versions
+    def __init__(
+        self,
+        folder: Path,
+        fields: Mapping[str, type] | None = None,
+        most_versions: int = MOST_VERSIONS,
+    ) -> None:
+        self._folder, self._fields, self._most = folder, fields, most_versions
         self._lock = threading.RLock()
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         for path in folder.glob("*.json"):
@@ -337,7 +352,7 @@ class KeptTexts:
             return [
                 Version(name=name, revision=version.revision, unix_s=version.path.stat().st_mtime)
                 for version in reversed(self._all(name))
-                if version.path.stat().st_size
+                if not _is_removed(version)
             ]
 
     def read(self, name: str, revision: int | None = None) -> tuple[str, int]:
@@ -346,19 +361,25 @@ class KeptTexts:
             version = self._now(name)
             if revision is not None:
                 version = next((v for v in self._all(name) if v.revision == revision), None)
-            data = b"" if version is None else version.path.read_bytes()
-        if version is None or not data:
+            data = None if version is None else version.path.read_bytes()
+        if version is None or data is None or data == REMOVED:
             what = f"no layout is called {name!r}"
             raise Problem("unknown", what if revision is None else f"{what}, {revision}")
         try:
             text = data.decode()
-            parse_json(text)
+            self._check_fields(parse_json(text))
         except ValueError as error:
             raise Problem(
                 "document",
-                f"revision {version.revision} of {name!r} is damaged: {error}; read an earlier one",
+                f"revision {version.revision} of {name!r} is damaged: {error}; read an earlier "
+                f"one, and keep it over this one by If-Match {_etag(version.revision)}",
             ) from None
         return text, version.revision
+
+    def _check_fields(self, value: Any) -> None:
+        for field, kind in (self._fields or {}).items():
+            if not isinstance(value, dict) or not isinstance(value.get(field), kind):
+                raise ValueError(f"expected an object with {field}, got {value!r:.40}")
 
     def write(self, name: str, text: str, made_from: str | None) -> int:
         """Add a version and return its revision; an equal text is written once."""
@@ -380,7 +401,7 @@ class KeptTexts:
             if now is None:
                 raise Problem("unknown", f"no layout is called {name!r}")
             self._check(name, now, made_from)
-            write_whole(self._next(name), "")
+            write_whole(self._next(name), REMOVED)
             removed = self.names(are_removed=True)
             removed.sort(key=lambda name: self._all(name)[-1].path.stat().st_mtime)
             for old in removed[:-MOST_REMOVED]:
@@ -422,7 +443,7 @@ class KeptTexts:
     def _now(self, name: str) -> _Kept | None:
         """Return the newest version, or None where the layout is removed or was never there."""
         newest = self._all(name)[-1:]
-        return newest[0] if newest and newest[0].path.stat().st_size else None
+        return newest[0] if newest and not _is_removed(newest[0]) else None
 
     def _next(self, name: str) -> Path:
         newest = self._all(name)[-1:]
@@ -435,7 +456,8 @@ def layouts_router(folder: Path) -> APIRouter:
     Their handlers run in threads: a disk that is slow keeps no touch waiting.
     """
     router = APIRouter(responses={412: {"model": Error}})
-    layouts, drafts = KeptTexts(folder), KeptTexts(folder.parent / "drafts", most_versions=1)
+    layouts = KeptTexts(folder, {"regions": list})
+    drafts = KeptTexts(folder.parent / "drafts", {"name": str, "document": dict}, most_versions=1)
 
     @router.get("/layouts")
     def names(removed: bool = False) -> tuple[str, ...]:
