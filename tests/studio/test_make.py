@@ -2,6 +2,7 @@
 
 import asyncio
 import io
+import itertools
 import json
 import os
 import random
@@ -201,11 +202,8 @@ def test_regions_are_moved_sized_drawn_and_removed_and_all_is_taken_back(maker, 
     assert known(maker)["Ribs"]["y_mm"] == 1
     page.keyboard.press("Delete")
     until(page, lambda: "Ribs" not in known(maker))
-    plane = page.locator(".board").bounding_box()
-    page.mouse.move(plane["x"] + 20, plane["y"] + 20)
-    page.mouse.down()
-    page.mouse.move(plane["x"] + 120, plane["y"] + 90, steps=4)
-    page.mouse.up()
+    page.get_by_role("button", name="Draw", exact=True).click()
+    drag(page, (20, 20), (120, 90))
     until(page, lambda: "Ribs" in known(maker))
     assert known(maker)["Ribs"]["width_mm"] < 40
     for _ in range(5):
@@ -213,6 +211,155 @@ def test_regions_are_moved_sized_drawn_and_removed_and_all_is_taken_back(maker, 
     until(page, lambda: known(maker) == begin)
     page.keyboard.press("Control+y")
     until(page, lambda: known(maker)["Ribs"]["x_mm"] == moved)
+
+
+def drag(page, begin, end, *keys):
+    """Drag from a place of the board to another one [px], while keys are held."""
+    plane = page.locator(".board").bounding_box()
+    for key in keys:
+        page.keyboard.down(key)
+    page.mouse.move(plane["x"] + begin[0], plane["y"] + begin[1])
+    page.mouse.down()
+    page.mouse.move(plane["x"] + end[0], plane["y"] + end[1], steps=4)
+    page.mouse.up()
+    for key in keys:
+        page.keyboard.up(key)
+
+
+def chosen(page):
+    """Names of the regions that are chosen."""
+    pressed = page.locator("button.region[aria-pressed=true]")
+    labels = pressed.evaluate_all("all => all.map((one) => one.ariaLabel)")
+    return {label.split(":")[0] for label in labels}
+
+
+def region(page, name):
+    return page.locator(f'button.region[aria-label^="{name}:"]')
+
+
+def edit(page, command):
+    """Give a command by the menu."""
+    page.locator("summary", has_text="Edit").click()
+    page.locator(".menu button", has_text=command).click()
+
+
+def test_several_regions_are_chosen_moved_copied_and_removed_by_keys(maker, page):
+    until(page, lambda: len(known(maker)) == 4)
+    begin = known(maker)
+    region(page, "Ribs").click()
+    region(page, "Sand").click(modifiers=["Shift"])
+    assert chosen(page) == {"Ribs", "Sand"}
+    page.keyboard.press("ArrowDown")
+    until(page, lambda: known(maker)["Sand"]["y_mm"] == 1)
+    assert known(maker)["Ribs"]["y_mm"] == 1 and known(maker)["Button"] == begin["Button"]
+    page.keyboard.press("Control+z")  # one step for both
+    until(page, lambda: known(maker) == begin)
+    page.keyboard.press("Control+d")
+    until(page, lambda: len(known(maker)) == 6)
+    assert chosen(page) == {"Ribs 2", "Sand 2"}
+    copy = known(maker)["Sand 2"]
+    assert copy == begin["Sand"] | {"x_mm": 64, "y_mm": 4}
+    page.keyboard.press("Control+c")
+    page.keyboard.press("Delete")
+    until(page, lambda: known(maker) == begin)
+    page.keyboard.press("Control+v")
+    until(page, lambda: len(known(maker)) == 6)
+    assert known(maker)["Sand 2"]["x_mm"] == 68
+    page.keyboard.press("Control+v")
+    until(page, lambda: {"Ribs 3", "Sand 3"} <= set(known(maker)))
+    page.keyboard.press("Control+a")
+    assert len(chosen(page)) == 8
+    page.keyboard.press("Delete")
+    until(page, lambda: not known(maker))
+    for _ in range(5):  # the removal, two pastes, the other removal, the copies
+        page.keyboard.press("Control+z")
+    until(page, lambda: known(maker) == begin)
+
+
+def test_regions_are_chosen_by_a_frame_by_shift_and_in_the_list(maker, page):
+    sand, slider = (region(page, name).bounding_box() for name in ("Sand", "Slider"))
+    plane = page.locator(".board").bounding_box()
+    right = sand["x"] + sand["width"] + 10 - plane["x"]
+    drag(page, (right, 12), (sand["x"] + 30 - plane["x"], slider["y"] - plane["y"] - 4))
+    assert chosen(page) == {"Sand"}
+    bottom = slider["y"] + slider["height"] + 8 - plane["y"]
+    drag(page, (right, bottom), (2, slider["y"] + 20 - plane["y"]), "Shift")
+    assert chosen(page) == {"Sand", "Slider", "Button"}
+    assert len(known(maker)) == 4  # a frame draws no region
+    region(page, "Button").click(modifiers=["Shift"])
+    assert chosen(page) == {"Sand", "Slider"}
+    page.get_by_text("2 regions are chosen").wait_for()
+    before = known(maker)
+    box = region(page, "Sand").bounding_box()
+    drag(
+        page,
+        (box["x"] + 30 - plane["x"], box["y"] + 30 - plane["y"]),
+        (box["x"] + 50 - plane["x"], box["y"] + 30 - plane["y"]),
+    )
+    until(page, lambda: known(maker)["Sand"] != before["Sand"])
+    moves = {name: known(maker)[name]["x_mm"] - before[name]["x_mm"] for name in before}
+    assert moves["Sand"] == moves["Slider"] > 0 == moves["Ribs"] == moves["Button"]
+    region(page, "Sand").click()  # without a move it is the only one
+    assert chosen(page) == {"Sand"}
+    page.locator(".order .name", has_text="Ribs").focus()
+    page.keyboard.press("Shift+Enter")
+    assert chosen(page) == {"Sand", "Ribs"}
+    page.keyboard.press("Shift+Enter")  # the list is another one now, and has the focus
+    assert chosen(page) == {"Sand"}
+    page.keyboard.press("Escape")
+    assert not chosen(page)
+
+
+def test_a_region_is_renamed_and_has_its_old_name_after_undo(maker, page):
+    until(page, lambda: len(known(maker)) == 4)
+    begin = known(maker)
+    region(page, "Sand").click()
+    page.keyboard.press("F2")
+    page.keyboard.type("Beach")
+    page.keyboard.press("Enter")
+    until(page, lambda: "Beach" in known(maker))
+    assert list(known(maker)) == ["Ribs", "Beach", "Slider", "Button"]
+    assert known(maker)["Beach"] == begin["Sand"]
+    page.get_by_role("heading", name="Parameters of Beach").wait_for()
+    page.keyboard.press("ArrowRight")  # the region has the focus again
+    until(page, lambda: known(maker)["Beach"]["x_mm"] == 61)
+    page.keyboard.press("F2")
+    for refused in ("Ribs", "a\u0007b", ""):
+        page.locator("#r-name").fill(refused)
+        page.keyboard.press("Enter")
+        assert not page.locator("#r-name").evaluate("one => one.validity.valid")
+    page.keyboard.press("Escape")
+    page.keyboard.press("Control+z")
+    page.keyboard.press("Control+z")
+    until(page, lambda: known(maker) == begin)
+    assert chosen(page) == {"Sand"}
+
+
+def test_regions_are_aligned_and_get_the_same_gaps(maker, page):
+    page.keyboard.press("Control+a")
+    begin = known(maker)
+    edit(page, "Align right")
+    until(page, lambda: {one["x_mm"] + one["width_mm"] for one in known(maker).values()} == {116})
+    edit(page, "Align middle")
+    until(
+        page, lambda: {one["y_mm"] + one["height_mm"] / 2 for one in known(maker).values()} == {28}
+    )
+    page.keyboard.press("Control+z")
+    page.keyboard.press("Control+z")
+    until(page, lambda: known(maker) == begin)
+    edit(page, "Same gaps from left to right")
+    until(page, lambda: known(maker) != begin)
+    spans = sorted(
+        ((one["x_mm"], one["x_mm"] + one["width_mm"]) for one in known(maker).values()),
+        key=lambda span: span[0] + span[1],
+    )
+    gaps = [after[0] - before[1] for before, after in itertools.pairwise(spans)]
+    assert max(gaps) - min(gaps) < 0.01  # places are rounded to 0.001 mm
+    assert (spans[0][0], spans[-1][1]) == (0, 116)
+    region(page, "Ribs").click()
+    page.locator("summary", has_text="Edit").click()
+    assert page.locator(".menu button", has_text="Align left").is_disabled()
+    assert not violations(page)
 
 
 def test_a_parameter_is_felt_at_once_and_headroom_is_shown(maker, page):

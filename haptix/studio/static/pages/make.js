@@ -1,7 +1,9 @@
 /** Make a layout: the gallery, regions on the board, the parameters of each, and files to take away. */
 
+import { freeName } from "../arrange.js";
 import { Board, boxOf, PLACE, placeOf } from "../board.js";
 import { layoutIn } from "../archive.js";
+import { listen, menuOf } from "../commands.js";
 import { el, fill, save } from "../dom.js";
 import { schemaOf } from "../form.js";
 import { Gallery } from "../gallery.js";
@@ -12,6 +14,7 @@ import { sentence } from "../service.js";
 import { texts } from "../texts.js";
 
 /** @import { App } from "../app.js" */
+/** @import { Command } from "../commands.js" */
 /** @import { Start } from "../gallery.js" */
 /** @import * as m from "../../../../clients/typescript/types/messages.js" */
 
@@ -22,12 +25,14 @@ const CHECKED_MS = 300;
 /** @param {HTMLElement} root @param {App} app */
 export function mount(root, app) {
   const { service, history, saved } = app;
+  const document_ = root.ownerDocument;
   const board = new Board({ "aria-label": t.board, role: "group" });
   const headroom = new Headroom(board, service);
   const gallery = new Gallery(service, (start) => add(start));
   const regions = new Regions(board, history, {
     choose: () => showPanel(history.current),
     draw: (place) => add({ ...(gallery.chosen ?? t.drawn), ...place }, place),
+    refuse: (why) => service.notify("error", why),
   });
   board.onFit = () => {
     regions.place();
@@ -37,8 +42,35 @@ export function mount(root, app) {
   let panel = null;
   let [checking, checked] = [0, 0];
 
-  const undo = el("button", { type: "button", "aria-keyshortcuts": "Control+Z", onclick: () => void history.undo() }, t.undo);
-  const redo = el("button", { type: "button", "aria-keyshortcuts": "Control+Y", onclick: () => void history.redo() }, t.redo);
+  const [one, two, three] = [1, 2, 3].map((least) => () => regions.chosen.length >= least);
+  /** @type {Command[]} */
+  const edits = [
+    { name: t.undo, keys: ["Ctrl+Z"], act: () => history.undo(), can: () => Boolean(history.next.undo) },
+    { name: t.redo, keys: ["Ctrl+Y", "Ctrl+Shift+Z"], act: () => history.redo(), can: () => Boolean(history.next.redo) },
+    { name: t.cut, keys: ["Ctrl+X"], can: one, act: () => {
+      regions.copy();
+      regions.remove();
+    } },
+    { name: t.copyRegions, keys: ["Ctrl+C"], can: one, act: () => regions.copy() },
+    { name: t.paste, keys: ["Ctrl+V"], act: () => regions.paste() },
+    { name: t.duplicate, keys: ["Ctrl+D"], can: one, act: () => regions.duplicate() },
+    { name: t.rename, keys: ["F2"], can: one, act: () => document_.getElementById("r-name")?.focus() },
+    { name: t.removeRegions, keys: ["Delete", "Backspace"], can: one, act: () => regions.remove() },
+    { name: t.chooseAll, keys: ["Ctrl+A"], act: () => regions.choose(history.current.regions.map(({ name }) => name)) },
+    { name: t.chooseNone, keys: ["Escape"], can: one, act: () => regions.choose([]) },
+    { name: t.alignLeft, can: two, act: () => regions.align("x", 0) },
+    { name: t.alignCentre, can: two, act: () => regions.align("x", 0.5) },
+    { name: t.alignRight, can: two, act: () => regions.align("x", 1) },
+    { name: t.alignTop, can: two, act: () => regions.align("y", 0) },
+    { name: t.alignMiddle, can: two, act: () => regions.align("y", 0.5) },
+    { name: t.alignBottom, can: two, act: () => regions.align("y", 1) },
+    { name: t.distributeX, can: three, act: () => regions.distribute("x") },
+    { name: t.distributeY, can: three, act: () => regions.distribute("y") },
+  ];
+  const keep = { name: t.keep, keys: ["Ctrl+S"], is_for_fields: true, act: () => saved.attempt(() => saved.keep()) };
+  const undo = el("button", { type: "button", onclick: edits[0].act }, t.undo);
+  const redo = el("button", { type: "button", onclick: edits[1].act }, t.redo);
+  const draws = el("button", { type: "button", title: t.drawHelp, onclick: () => regions.draws.set(!regions.draws.get()) }, t.draw);
   const shows = el("button", {
     type: "button", "aria-pressed": "false", title: t.headroomHelp,
     onclick: () => {
@@ -56,12 +88,13 @@ export function mount(root, app) {
   const parameters = el("section.sheet.parameters", { "aria-label": t.parameters });
   const problem = el("p.told", { role: "alert" });
   const range = el("p.range");
+  const several = el("p.range");
   const forms_menu = el("div.menu");
   const exports = el("details.drop-down", {}, el("summary.main", {}, t.export), forms_menu);
   root.append(
     gallery.element,
     el("section.bench", {},
-      el("div.row.bar-of", {}, undo, redo, shows, naming(), exports),
+      el("div.row.bar-of", {}, undo, redo, menuOf(t.edit, edits), draws, shows, naming(), exports),
       board.element, reach, el("div.hint-of", {}, el("p.quiet", {}, t.hint), el("span", {}, state, " ", helps))),
     el("div.side", {}, el("section.sheet", {}, app.guide.element, el("h2", {}, t.order), list), parameters),
   );
@@ -69,8 +102,7 @@ export function mount(root, app) {
   /** Add a region. @param {Start} start @param {Partial<m.RegionDocument>} [place] */
   function add(start, place = {}) {
     const { regions: all } = history.current;
-    let name = start.title;
-    for (let number = 2; all.some((region) => region.name === name); number += 1) name = `${start.title} ${number}`;
+    const name = freeName(start.title, all.map((region) => region.name));
     const { width_mm, height_mm } = start;
     const material = structuredClone(start.document);
     const region = /** @type {m.RegionDocument} */ (JSON.parse(JSON.stringify(
@@ -81,13 +113,15 @@ export function mount(root, app) {
 
   /** @param {m.LayoutDocument} document */
   function showList(document) {
+    const at_focus = [...list.querySelectorAll("button")].findIndex((each) => each === document_.activeElement);
     const in_order = document.regions.map((region, index) => ({ region, index }));
     in_order.sort((a, b) => (b.region.z ?? 0) - (a.region.z ?? 0) || b.index - a.index);
     fill(list, in_order.map(({ region: { name } }, at) => el("li", {},
-      el("button.small.name", { type: "button", "aria-pressed": String(name === regions.chosen), onclick: () => regions.focus(name) }, name),
+      el("button.small.name", { type: "button", "aria-pressed": String(regions.chosen.includes(name)), title: t.nameHelpOf, onclick: (/** @type {MouseEvent} */ { shiftKey }) => (shiftKey ? regions.toggle(name) : regions.focus(name)) }, name),
       el("button.small", { type: "button", "aria-label": t.up(name), title: t.up(name), disabled: at === 0, onclick: () => lift(in_order, at, -1) }, "↑"),
       el("button.small", { type: "button", "aria-label": t.down(name), title: t.down(name), disabled: at === in_order.length - 1, onclick: () => lift(in_order, at, 1) }, "↓"),
-      el("button.small", { type: "button", "aria-label": t.remove(name), title: t.remove(name), onclick: () => regions.remove(name) }, "×"))));
+      el("button.small", { type: "button", "aria-label": t.remove(name), title: t.remove(name), onclick: () => regions.remove([name]) }, "×"))));
+    list.querySelectorAll("button")[at_focus]?.focus(); // it was made anew
     if (!in_order.length) fill(list, el("li.quiet", {}, t.empty));
   }
 
@@ -103,7 +137,7 @@ export function mount(root, app) {
 
   /** @param {m.LayoutDocument} document */
   function showPanel(document) {
-    const region = document.regions.find(({ name }) => name === regions.chosen);
+    const region = regions.regions.at(-1);
     showList(document);
     if (!region || !panel) {
       fill(parameters, el("h2", {}, t.parameters), el("p.quiet", {}, t.choose));
@@ -111,10 +145,11 @@ export function mount(root, app) {
     }
     if (parameters.dataset.of !== region.name || !panel.element.isConnected) {
       parameters.dataset.of = region.name;
-      fill(parameters, el("h2", {}, t.parametersOf(region.name)), range, problem, panel.element, placing(region));
+      fill(parameters, el("h2", {}, t.parametersOf(region.name)), several, range, problem, panel.element, placing(region));
       problem.textContent = range.textContent = "";
       parameters.scrollTop = 0;
     }
+    several.textContent = regions.chosen.length > 1 ? t.several(regions.chosen.length, region.name) : "";
     panel.show(region.material, region.name);
     for (const [name, input] of Object.entries(places)) {
       if (input !== document_.activeElement) input.value = String(/** @type {any} */ (region)[name] ?? defaults[name]);
@@ -138,7 +173,6 @@ export function mount(root, app) {
     }
   }
 
-  const document_ = root.ownerDocument;
   /** @type {Record<string, HTMLInputElement>} */
   const places = {};
   const defaults = /** @type {Record<string, any>} */ ({ ...PLACE, width_mm: "", height_mm: "", opacity: 1, z: 0 });
@@ -158,7 +192,25 @@ export function mount(root, app) {
     });
     const shape = el("select", { id: "r-shape", onchange: () => change(name, "shape", shape.value) },
       ["rectangle", "ellipse"].map((kind) => el("option", { value: kind, selected: history.current.regions.find((each) => each.name === name)?.shape === kind }, kind)));
-    return el("details.placing", { open: true }, el("summary", {}, t.placing), fields,
+    const called = el("input", {
+      id: "r-name", type: "text", value: name, maxLength: 100, onfocus: () => called.select(),
+      oninput: () => called.setCustomValidity(""),
+      onchange: () => {
+        const to = called.value.trim();
+        const is_taken = to !== name && history.current.regions.some((each) => each.name === to);
+        const is_name = to && !/[\p{Cc}\p{Cs}]/u.test(to);
+        called.setCustomValidity(is_taken ? t.taken(to) : is_name ? "" : t.noName);
+        if (called.reportValidity()) regions.rename(name, to);
+      },
+      onkeydown: (/** @type {KeyboardEvent} */ event) => {
+        if (event.key === "Escape") called.value = name;
+        if (!["Enter", "Escape"].includes(event.key)) return;
+        called.blur(); // which changes the name
+        if (called.validity.valid) regions.focus(called.value.trim());
+      },
+    });
+    return el("details.placing", { open: true }, el("summary", {}, t.placing),
+      el("div.field", {}, el("label", { for: called.id }, t.called), called), fields,
       el("div.field", {}, el("label", { for: "r-shape" }, t.shape), shape));
   }
 
@@ -172,7 +224,7 @@ export function mount(root, app) {
 
   /** Change a parameter of the chosen region's material. @param {(string | number)[]} path @param {any} value */
   function changeMaterial(path, value) {
-    const name = regions.chosen;
+    const name = regions.chosen.at(-1);
     history.change(t.did.parameter, (draft) => {
       const region = draft.regions.find((each) => each.name === name);
       if (!region) return;
@@ -194,7 +246,7 @@ export function mount(root, app) {
         input.value = saved.name.get();
       } });
     ends.push(saved.name.on((name) => void (input.value = name)));
-    const keep = el("button", { type: "button", title: t.keepHelp, "aria-keyshortcuts": "Control+S", onclick: () => void saved.attempt(() => saved.keep()) }, t.keep);
+    const keeps = el("button", { type: "button", title: t.keepHelp, "aria-keyshortcuts": "Control+S", onclick: keep.act }, t.keep);
     const file = el("input", { type: "file", accept: ".zip", hidden: true, "aria-label": t.importFile, onchange: async () => {
       for (const each of file.files ?? []) await saved.attempt(() => openArchive(each));
       file.value = "";
@@ -219,7 +271,7 @@ export function mount(root, app) {
         list(t.drafts, drafts.map((each) => choice(t.draftOf(each.name, each.unix_s), () => saved.openDraft(each.id)))),
         list(t.removedOnes, removed.map((each) => choice(t.bringBack(each), () => saved.bringBack(each)))));
     }
-    return el("span.row", {}, input, keep, layouts, file);
+    return el("span.row", {}, input, keeps, layouts, file);
   }
 
   /** Open a layout that was exported. @param {File} file */
@@ -246,7 +298,7 @@ export function mount(root, app) {
   /** @param {string} form */
   async function take(form) {
     const document = history.current;
-    const region = document.regions.find(({ name }) => name === regions.chosen) ?? document.regions[0];
+    const region = regions.regions.at(-1) ?? document.regions[0];
     if (!region) throw new TypeError(t.empty);
     const { y, height } = placeOf(region);
     state.textContent = t.exporting;
@@ -267,22 +319,6 @@ export function mount(root, app) {
       else void gallery.take([file]);
     }
   });
-  const keys = (/** @type {KeyboardEvent} */ event) => {
-    if (event.key === "Escape" && !event.defaultPrevented) regions.choose("");
-    if (!(event.ctrlKey || event.metaKey)) return;
-    if (event.key === "s") {
-      event.preventDefault();
-      void saved.attempt(() => saved.keep());
-    }
-    if (/** @type {Element} */ (event.target).matches("input, textarea")) return;
-    const again = event.key === "y" || (event.key === "z" && event.shiftKey) || event.key === "Z";
-    if (event.key !== "z" && !again) return;
-    event.preventDefault();
-    if (again) history.redo();
-    else history.undo();
-  };
-  addEventListener("keydown", keys);
-
   /** @returns {Promise<void>} */
   const loadPanel = () => service.attempt(async () => {
     const schema = await (await service.rest("GET", "/v1/kinds")).json();
@@ -292,6 +328,8 @@ export function mount(root, app) {
 
   let ended = false;
   ends.push(
+    listen([...edits, keep]),
+    regions.draws.on((is_on) => draws.setAttribute("aria-pressed", String(is_on))),
     history.document.on((document) => {
       regions.show(document);
       showPanel(document);
@@ -312,7 +350,6 @@ export function mount(root, app) {
   );
   return () => {
     ended = true;
-    removeEventListener("keydown", keys);
     for (const end of ends) end();
     board.close();
   };
