@@ -7,7 +7,8 @@ Compiled with -Os for the Cortex-M0+. Stack is that of the function alone (gcc's
 Cycles are those that the function alone takes while `count.c` plays 5 ms of a waveform and of an
 envelope, takes in four revisions and lets two blocks of the window end: qemu lists the instructions
 that run, and each costs what ARM's Cortex-M0+ manual says (table 3-1, no wait states); 0 did not
-run. What the compiler inlines counts where it stands.
+run. What the compiler inlines counts where it stands. Below the table: flash and RAM of the boards'
+whole firmware, each built by its own Makefile.
 """
 
 import argparse
@@ -26,6 +27,7 @@ FLAGS = (
     *("-std=gnu99", "-Os", "-ffreestanding", "-nostdlib", "-mcpu=cortex-m0plus", "-mthumb"),
     *("-DHX_QUEUE_SAMPLES=2048u", "-DHX_MAX_FRAME_SAMPLES=512u"),
 )
+BOARDS = {"pico": "pico.elf", "stm32f405": "board.elf"}
 COLUMNS = ("code bytes", "stack bytes", "cycles")
 
 
@@ -94,6 +96,15 @@ def measure(core: Path, folder: Path) -> dict[str, dict[str, int]]:
     return {name: row for name, row in found.items() if "code bytes" in row}
 
 
+def measure_board(name: str, folder: Path) -> tuple[int, int]:
+    """Return the bytes of flash and of RAM, without the stack, of a board's firmware."""
+    program = folder / BOARDS[name]
+    board = ROOT / "examples" / "boards" / name
+    said("make", "-s", "-C", board, f"BUILD={folder}", program)
+    text, data, bss = map(int, said("arm-none-eabi-size", program).splitlines()[1].split()[:3])
+    return text + data, data + bss
+
+
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--core", type=Path, default=CORE)
@@ -101,7 +112,8 @@ def main() -> None:
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         rows = measure(options.core.resolve(), Path(folder))
-    version = re.search(r'= "(.+)"', (ROOT / "haptix" / "version.py").read_text())
+        boards = {name: measure_board(name, Path(folder)) for name in BOARDS}
+    version = re.search(r'= "(.+)"', (ROOT / "haptix" / "base" / "version.py").read_text())
     assert version is not None
     if options.store:
         stored = {"release": version[1], "functions": dict(sorted(rows.items()))}
@@ -123,7 +135,9 @@ def main() -> None:
     for column in ("code bytes", "cycles"):
         gap = 0 if column == "code bytes" else 20
         print(f"{'':{gap}}{total[column]:12}{total[column] - total[f'{column} then']:+8d}", end="")
-    print()
+    print(f"\n\n{'':24}{'flash bytes':>20}{'RAM bytes':>20}")
+    for name, (flash, ram) in boards.items():
+        print(f"{name:24}{flash:20}{ram:20}")
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 """Checks of what goes wrong on the way: the error, 0 V in time, and recovery by reopening."""
 
+import os
 import threading
 import time
 from contextlib import suppress
@@ -25,6 +26,7 @@ _WATCHDOG_S = 0.25
 _BLOCK = 249  # 9 reports
 _WHOLE_BLOCKS = 2
 _BLOCKS = 6
+_UNPLUGS = int(os.environ.get("HAPTIX_UNPLUGS", "2"))
 _SETTINGS = {"mode": "waveform", "sample_rate_hz": _RATE_HZ, "watchdog_s": _WATCHDOG_S}
 
 
@@ -166,6 +168,31 @@ def unplugged_at_rest_and_replugged(way):
         found_s = time.monotonic() - began_s
         _plays_again(board, way, volts, codes)
     return {"found_again_after_s": found_s}
+
+
+@check(*WAYS)
+def unplugged_again_and_again(way):
+    """In mid-stream each time: 0 V in the watchdog time, played again in the same process."""
+    volts = wave(_BLOCKS * _BLOCK, _RATE_HZ)
+    codes = volts_to_codes(volts, 250.0)
+    fault, found_s, files = _FAULTS["unplugged_in_mid_stream"], [], []
+    with _board() as board:
+        for _ in range(_UNPLUGS):
+            device = way.open(**_SETTINGS)
+            error = _stream_into(device, board, way, fault, volts)
+            require(type(error) is DeviceDisconnectedError, repr(error))
+            with suppress(DeviceDisconnectedError):
+                device.close()
+            _is_at_rest(board)
+            board.pull_out()
+            began_s = time.monotonic()
+            board.plug_in()
+            _plays_again(board, way, volts[-_BLOCK:], codes[-_BLOCK:])
+            found_s.append(time.monotonic() - began_s)
+            files.append(len(os.listdir("/proc/self/fd")))  # noqa: PTH208
+        require(files[-1] <= files[0], f"open files grow: {files}")
+    require(threading.active_count() == 1, threading.enumerate())
+    return {"times": _UNPLUGS, "played_again_after_s": max(found_s), "files": files[-1]}
 
 
 @check(*WAYS)
