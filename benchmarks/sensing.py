@@ -8,6 +8,10 @@ Nothing of the package stands in the truth; `haptix.play.sensing` sees readings 
     python benchmarks/sensing.py contacts.npz                # 100 fingers of each contact
     python benchmarks/sensing.py contacts.npz --noise 0.01
     python benchmarks/sensing.py contacts.npz --spread 2     # fingers beyond the population
+    python benchmarks/sensing.py contacts.npz --spread 0.2   # fingers like the surface's own
+    python benchmarks/sensing.py contacts.npz --drift 0.01   # a gain that changes by 1 % a second
+    python benchmarks/sensing.py contacts.npz --per-v 3e-4   # and by 3 % in 100 V
+    python benchmarks/sensing.py contacts.npz --press 2      # a force that grows twofold
     python benchmarks/sensing.py contacts.npz --changed      # a screen that has changed since
     python benchmarks/sensing.py hostile 200000              # streams of readings that lie
 """
@@ -84,6 +88,20 @@ def told_of(
 
 
 @dataclass(frozen=True)
+class Erring:
+    """What a converter and a hand do that the observer does not expect."""
+
+    drift_per_s: float = 0.0
+    """Relative change of the converter's gain."""
+    per_v: float = 0.0
+    press: float = 1.0
+    """Force at the end of a stroke over that at its beginning."""
+
+    def gain(self, t_s: float, volts: float) -> float:
+        return 1 + self.drift_per_s * t_s + self.per_v * volts
+
+
+@dataclass(frozen=True)
 class Truth:
     """A finger of the independent simulator, with what it draws."""
 
@@ -149,6 +167,7 @@ def stroke(
     random: np.random.Generator,
     person: EnrolledFinger | None = None,
     weighed_n: float | None = None,
+    erring: Erring = Erring(),
 ) -> tuple[FingerObserver, float]:
     """Let an observer see an untouched panel for 2 s, then a stroke; return it and the time."""
     observer = FingerObserver(model, person=person)
@@ -156,7 +175,7 @@ def stroke(
     each = noise * np.sqrt(0.010 * RATE_HZ)
 
     def told(at_s: float, farads: complex, amplitude: float) -> None:
-        current = jw * farads * amplitude
+        current = jw * farads * amplitude * erring.gain(at_s, amplitude)
         error = random.normal(size=2) @ (1, 1j) * each * abs(current)
         error += random.normal(size=2) @ (1, 1j) * 1e-5 * FULL_A  # 12 bits after the lock-in
         reading = told_of(at_s, complex(current + error), amplitude)
@@ -181,7 +200,7 @@ def stroke(
             observer.touched(at, 1, speed, weighed_n)
         amplitude = volts * (0.75 + 0.25 * np.sin(2 * pi * 20 * at))
         part = i * step / slid_s
-        pressed = 1 + 0.03 * np.sin(2 * pi * 6 * at + tremor)
+        pressed = (1 + 0.03 * np.sin(2 * pi * 6 * at + tremor)) * erring.press**part
         farads = sum(
             w * np.polyval(row, amplitude**2) for w, row in zip((1 - part, part), rows, strict=True)
         )
@@ -199,6 +218,7 @@ def fingers(
     skin: float,
     is_enrolled: bool = False,
     wider: float = 1.0,
+    erring: Erring = Erring(),
 ) -> dict[str, Array]:
     """Errors [JND] of the ratio, open loop and sensed, and of ln force."""
     random = np.random.default_rng(seed)
@@ -215,7 +235,10 @@ def fingers(
         if is_enrolled:
             learned, _ = stroke(truth, usual, volts, model, noise, 5.0, random, None, usual)
             person = learned.enrolled()
-        observer, now = stroke(truth, force, volts, model, noise, slid_s, random, person)
+        observer, now = stroke(
+            truth, force, volts, model, noise, slid_s, random, person, None, erring
+        )
+        force *= erring.press
         estimate = observer.estimate(now)
         assert estimate.state is Knowledge.LEARNS, estimate
         ratio = drifting(truth, 0.1 / 60 * slid_s).ratio(force, volts)
@@ -362,11 +385,16 @@ def main() -> None:
     parser.add_argument("--enrolled", action="store_true", help="after 5 s at a known force")
     parser.add_argument("--changed", action="store_true", help="a screen that has changed")
     parser.add_argument("--uncalibrated", action="store_true")
+    parser.add_argument("--drift", type=float, default=0.0, help="of the converter's gain, 1/s")
+    parser.add_argument("--per-v", type=float, default=0.0, help="change of its gain, 1/V")
+    parser.add_argument("--press", type=float, default=1.0, help="force at the end over the first")
     given = parser.parse_args()
+    erring = Erring(given.drift, given.per_v, given.press)
     known = haptix.ContactModel(haptix.Finger.preset("semi-wet"), haptix.Screen())
     model = ContactCurrent.of_model(known, HERTZ)
     print(
-        f"{'contact':>18} noise slid |  open: median 95 % | sensed: median 95 % | force 68 % within"
+        f"{'contact':>18} noise slid |  open: median 95 % | sensed: median 95 % | force 68 % "
+        "within | interval holds | worse by 0.05, 0.1 JND, most"
     )
     for name, contact in contacts(Path(given.contacts)).items():
         own = model
@@ -390,6 +418,7 @@ def main() -> None:
                     given.skin,
                     given.enrolled,
                     given.spread,
+                    erring,
                 )
                 numbers: list[Any] = []
                 for key in ("open", "sensed"):
@@ -397,6 +426,9 @@ def main() -> None:
                 numbers.append(np.percentile(np.abs(found["force"]), 68))
                 shown = "  ".join(f"{number:6.2f}" for number in numbers)
                 shown += f"  {np.mean(np.abs(found['sd']) < 1.96):6.0%}"
+                harm = found["sensed"] - found["open"]
+                shown += f" | {np.mean(harm > 0.05):4.0%} {np.mean(harm > 0.1):4.0%}"
+                shown += f" {harm.max():+6.2f}"
                 print(f"{name:>18} {noise:5.2%} {slid_s:4g} | {shown}", flush=True)
 
 

@@ -137,7 +137,7 @@ class LiveRenderer(RenderStream):
     sense : bool or FingerObserver
         Learn the finger from the current that it draws: from the driver's own readings, or those
         that `sensed` is given where the driver has no sensor. An observer may know whose
-        finger it is. If false, nothing is computed.
+        finger it is. If false, nothing is computed. Experimental: no driver has a sensor yet.
 
     Warns
     -----

@@ -1,4 +1,7 @@
-"""Sensing: an unknown finger, known by the current that it draws."""
+"""Sensing: an unknown finger, known by the current that it draws.
+
+Experimental: no driver has a sensor yet, and all fingers that it learned were simulated.
+"""
 
 from haptix.play.sensing.contact import (
     LATENT,

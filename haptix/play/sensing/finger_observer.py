@@ -1,8 +1,8 @@
 """The observer: from the current through a contact to what the finger is.
 
-An unscented Kalman filter (Julier and Uhlmann, Proc. IEEE 92, 401, 2004) over `LATENT` and the
-error of the panel's baseline. It takes readings only while one finger slides under enough voltage,
-and says in `FingerEstimate.state` why it takes none.
+It takes readings only while one finger slides under enough voltage, and says in
+`FingerEstimate.state` why it takes none. Two filters read them: one believes the converter, the
+other lets its gain drift and follow the voltage. Each counts by how likely it makes the readings.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from haptix.base.display import Displayed
 from haptix.play.devices import CurrentReading
 from haptix.play.sensing.contact import (
     FORCE,
-    LATENT,
     ROUGHNESS,
     SKIN,
     STIFFNESS,
@@ -29,16 +28,19 @@ from haptix.play.sensing.contact import (
     EnrolledFinger,
     parts,
 )
+from haptix.play.sensing.finger_filter import FingerFilter
+from haptix.play.sensing.panel import PanelBaseline
 
 _LOG = logging.getLogger("haptix.play.sensing")
 
-_PANEL = len(LATENT)  # the state behind the latent ones
-_STATES = _PANEL + 1
 _PF = 1e-12
 _KEPT_AVERAGES = 1000  # 20 s
 # So many times its distance from the population's median, in the population's sigmas, an estimate
 # is less sure than the filter says: a finger beyond the population is taken for one at its edge.
-_WIDER = 1.7
+_WIDER = 2.0
+# Standard deviation of ln of the attraction at a known current, between contact laws: by the three
+# of docs/sensing.md.
+_THEORY = 0.2
 
 
 class Knowledge(StrEnum):
@@ -81,6 +83,11 @@ class SensingSettings(Displayed):
         A touch within this time after the last one is by the same finger [s].
     force_per_rt_s, skin_per_rt_s, panel_f_per_rt_s : float
         Wander of the logarithms of force and skin, and of the panel, over a second.
+    drift_per_s, gain_per_v : float
+        Standard deviations of how a poor converter's gain changes in a second, and with the
+        amplitude in a volt.
+    baseline_s : float
+        Time over which the untouched panel is averaged [s].
     force_sd : float
         Standard deviation of the logarithm of a force that is measured.
     """
@@ -93,9 +100,12 @@ class SensingSettings(Displayed):
     lost_s: Positive = 0.008
     regained_s: Positive = 0.5
     kept_s: Positive = 1.0
-    force_per_rt_s: Positive = 0.15
+    force_per_rt_s: Positive = 0.6
     skin_per_rt_s: Positive = 0.02
     panel_f_per_rt_s: Positive = 0.05e-12
+    drift_per_s: Positive = 0.02
+    gain_per_v: Positive = 3e-4
+    baseline_s: Positive = 0.5
     force_sd: Positive = 0.1
 
 
@@ -105,7 +115,8 @@ class FingerEstimate(Displayed):
 
     state: Knowledge
     log_gain: float
-    """Logarithm of its attraction over the known finger's, at the force the renderer takes."""
+    """Logarithm of its attraction over the known finger's, at the force the renderer takes: 0
+    while the difference is within what the readings and the theory err."""
     log_gain_sd: float
     force_n: float
     """Normal force [N], and the standard deviation of its logarithm."""
@@ -152,10 +163,23 @@ class FingerObserver:
         self.settings = SensingSettings() if settings is None else settings
         self.person = person
         self.watch = SensorWatch(self.settings, contact.frequency_hz)
-        self.baseline_f: complex = complex(nan, nan)
-        """Capacitance of the untouched panel [F]."""
-        self._baseline_weight = 0.0
-        self._untouched: deque[tuple[float, complex]] = deque()
+        self._panel = PanelBaseline(self.settings.baseline_s, self.settings.probe_v)
+        self._filters = [
+            FingerFilter(
+                contact,
+                self._panel,
+                drift_per_s,
+                gain_per_v,
+                self.settings.force_per_rt_s,
+                self.settings.skin_per_rt_s,
+                self.settings.panel_f_per_rt_s,
+            )
+            for drift_per_s, gain_per_v in (
+                (0.0, 0.0),
+                (self.settings.drift_per_s, self.settings.gain_per_v),
+            )
+        ]
+        self._untouched: deque[tuple[float, complex, float]] = deque()
         self._fingers, self._slides_since, self._lifted_s = 0, inf, -inf
         self._force_n: float | None = None
         self._assumed_n = contact.population.force_n
@@ -171,25 +195,21 @@ class FingerObserver:
 
     def forget(self) -> None:
         """Begin anew, from the population or the person that was enrolled."""
-        prior = self.contact.population.sd
-        self._mean = np.zeros(_STATES)
-        # The fit's own error stands in the form.
-        variance = np.append(prior**2, (0.3 * _PF) ** 2)
-        variance[_PANEL - 1] += self.contact.residual["capacitance"] ** 2
-        self._covariance = np.diag(variance)
-        if self.person is not None:
-            self._mean[:_PANEL], self._covariance[:_PANEL, :_PANEL] = self.person.moments
-        self._free_force()
+        for each in self._filters:
+            each.begin(None if self.person is None else self.person.moments)
         self._readings, self._variance_f2 = 0, 0.0
         self.averages.clear()
         self._last = None
         self._bin = []
 
-    def _free_force(self) -> None:
-        """Another touch has another force."""
-        self._mean[FORCE] = 0.0
-        self._covariance[FORCE, :] = self._covariance[:, FORCE] = 0.0
-        self._covariance[FORCE, FORCE] = self.contact.population.force**2
+    @property
+    def baseline_f(self) -> complex:
+        """Capacitance of the untouched panel [F]; nan before it was measured."""
+        return self._panel.farads
+
+    @baseline_f.setter
+    def baseline_f(self, farads: complex) -> None:
+        self._panel.farads = farads
 
     def enrolled(self, screen: str = "") -> EnrolledFinger:
         """Return what was learned, to give to the observer of the same person another time.
@@ -199,9 +219,10 @@ class FingerObserver:
         screen : str
             Name of the screen.
         """
+        mean, covariance = max(self._filters, key=lambda each: each.log_likelihood).latent
         return EnrolledFinger(
-            mean=tuple(self._mean[:_PANEL].tolist()),
-            covariance=tuple(map(tuple, self._covariance[:_PANEL, :_PANEL].tolist())),
+            mean=tuple(mean.tolist()),
+            covariance=tuple(map(tuple, covariance.tolist())),
             screen=screen,
             frequency_hz=self.contact.frequency_hz,
             slid=parts([*self.averages]),
@@ -236,7 +257,8 @@ class FingerObserver:
             if t_s - self._lifted_s > settings.kept_s:
                 self.forget()
             else:
-                self._free_force()
+                for each in self._filters:
+                    each.touched()
         elif self._fingers and not fingers:
             self._lifted_s = t_s
         if fingers != 1 or speed_mm_per_s < settings.least_mm_per_s:
@@ -279,7 +301,7 @@ class FingerObserver:
         settings = self.settings
         if not self.watch.is_trusted:
             return Knowledge.SENSOR
-        if np.isnan(self.baseline_f):
+        if not self._panel.is_measured:
             return Knowledge.NO_BASELINE
         if not self._fingers:
             return Knowledge.LIFTED
@@ -300,16 +322,9 @@ class FingerObserver:
             reading.t_s < self._lifted_s + settings.settled_s
         ):
             return
-        self._untouched.append((reading.t_s, self._farads(reading)))
+        self._untouched.append((reading.t_s, self._farads(reading), reading.driven_v))
         while self._untouched and self._untouched[0][0] < reading.t_s - settings.settled_s:
-            _, farads = self._untouched.popleft()
-            if self._baseline_weight == 0:
-                self.baseline_f, self._baseline_weight = farads, 1.0
-                continue
-            rise = farads - self.baseline_f
-            share = max(1 / (self._baseline_weight + 1), 1e-4)
-            self._baseline_weight += 1
-            self.baseline_f += share * rise
+            self._panel.read(*self._untouched.popleft())
 
     def _take(self, reading: CurrentReading) -> None:
         """Average some readings, and let them count."""
@@ -328,7 +343,6 @@ class FingerObserver:
         if self._last is None:
             self._last = (reading.t_s, measured)
             return
-        step_s = reading.t_s - self._last[0]
         change = abs(measured - self._last[1]) ** 2 / 4  # of each part
         share = max(1 / (self._readings + 1), 0.05)
         self._variance_f2 += share * (change - self._variance_f2)
@@ -337,45 +351,22 @@ class FingerObserver:
         self._voltage_v = volts
         force_n = nan if self._force_n is None else self._force_n
         self.averages.append(Averaged(reading.t_s, force_n, volts, measured))
-        self._update(measured, volts, step_s)
-
-    def _update(self, measured_f: complex, voltage_v: float, step_s: float) -> None:
-        """One step of the filter."""
-        settings = self.settings
-        wander = np.zeros(_STATES)
-        wander[FORCE] = settings.force_per_rt_s
-        wander[SKIN] = settings.skin_per_rt_s
-        wander[_PANEL] = settings.panel_f_per_rt_s
-        mean, covariance = self._mean, self._covariance + np.diag(wander**2) * step_s
-        if self._force_n is not None:
-            lack = np.log(self._force_n / self.contact.population.force_n) - mean[FORCE]
-            gain = covariance[:, FORCE] / (covariance[FORCE, FORCE] + settings.force_sd**2)
-            mean = mean + gain * lack
-            covariance = covariance - np.outer(gain, covariance[FORCE])
-        points, weight = _sigma_points(mean, covariance)
-        farads = self.contact.capacitance_f(points[:, :_PANEL], voltage_v) + points[:, _PANEL]
-        seen = np.column_stack([farads.real, farads.imag])
-        expected = weight @ seen
-        off = seen - expected
         # Of few readings the spread is not known: it counts as more than it seems.
-        noise = self._variance_f2 * (1 + 4 / self._readings) + (0.02 * _PF) ** 2
-        among = (weight[:, None] * off).T @ off + noise * np.eye(2)
-        across = (weight[:, None] * (points - mean)).T @ off
-        gain = np.linalg.solve(among, across.T).T
-        lack = np.array([measured_f.real, measured_f.imag]) - expected
-        # What no finger of the population draws moves the estimate no further than 4 sigma.
-        surprise = float(lack @ np.linalg.solve(among, lack)) ** 0.5
-        mean = mean + gain @ (lack * min(1.0, 4.0 / max(surprise, 1e-9)))
-        covariance = covariance - gain @ among @ gain.T
-        covariance = (covariance + covariance.T) / 2
-        least = 1e-12 * np.append(np.ones(_PANEL), _PF**2)
-        values = np.maximum(np.diag(covariance), least)
-        covariance[np.diag_indices(_STATES)] = values
-        if not (np.isfinite(mean).all() and np.isfinite(covariance).all()):
-            self.forget()
-            return
-        bound = 4 * np.append(self.contact.population.sd, 10 * _PF)
-        self._mean, self._covariance = np.clip(mean, -bound, bound), covariance
+        noise_f2 = self._variance_f2 * (1 + 4 / self._readings) + (0.02 * _PF) ** 2
+        for each in self._filters:
+            each.go_on(reading.t_s, self.settings.update_s)
+            if self._force_n is not None:
+                log_force = float(np.log(self._force_n / self.contact.population.force_n))
+                each.measure_force(log_force, self.settings.force_sd)
+            if not each.update(measured, volts, noise_f2):
+                self.forget()
+                return
+
+    def _weights(self) -> Array:
+        """How likely each filter is, by the readings."""
+        logs = np.array([each.log_likelihood for each in self._filters])
+        likely = np.exp(logs - logs.max())
+        return np.asarray(likely / likely.sum())
 
     def estimate(self, now_s: float) -> FingerEstimate:
         """Return what is known now; nothing moves the drive while the sensor is not trusted."""
@@ -387,9 +378,14 @@ class FingerObserver:
         state = self._state
         if state is Knowledge.LEARNS and not self._readings:
             state = Knowledge.NOTHING
-        points, weight = _sigma_points(self._mean, self._covariance)
-        latent, volts = points[:, :_PANEL], max(self._voltage_v, self.settings.least_v)
-        known = np.zeros((1, _PANEL))
+        each_points = [each.points() for each in self._filters]
+        latent = np.concatenate([points for points, _ in each_points])
+        shares = self._weights()
+        weight = np.concatenate(
+            [share * one for share, (_, one) in zip(shares, each_points, strict=True)]
+        )
+        volts = max(self._voltage_v, self.settings.least_v)
+        known = np.zeros((1, latent.shape[1]))
         force_n = self._force_n or self._assumed_n
         known[0, FORCE] = np.log(force_n / self.contact.population.force_n)
         attraction = self.contact.log_attraction(np.concatenate([latent, known]), volts)
@@ -401,14 +397,20 @@ class FingerObserver:
         ])  # fmt: skip
         mean = weight @ figures
         sd = np.sqrt(weight @ (figures - mean) ** 2)
-        far = np.linalg.norm(np.delete(self._mean[:_PANEL] / self.contact.population.sd, FORCE))
+        # Empirical Bayes of one finger (the positive part of James and Stein): it differs by what
+        # the estimate exceeds its own and the theory's error.
+        error2 = sd[0] ** 2 + _THEORY**2
+        log_gain = mean[0] * max(0.0, 1 - error2 / max(mean[0] ** 2, error2))
+        sd[0] = np.hypot(sd[0], mean[0] - log_gain)
+        at = weight @ latent
+        far = np.linalg.norm(np.delete(at / self.contact.population.sd, FORCE))
         sd[[0, 2, 3]] *= max(1.0, _WIDER * float(far))
         if self._force_n is None:
             sd[1] *= max(1.0, _WIDER * float(far))
         is_known = self._readings > 0 or self.person is not None
         return FingerEstimate(
             state,
-            float(mean[0]) if is_known and self.watch.is_trusted else 0.0,
+            float(log_gain) if is_known and self.watch.is_trusted else 0.0,
             float(sd[0]),
             float(self.contact.population.force_n * np.exp(mean[1])),
             float(sd[1]),
@@ -418,19 +420,6 @@ class FingerObserver:
             float(sd[3]),
             self._readings,
         )
-
-
-def _sigma_points(mean: Array, covariance: Array) -> tuple[Array, Array]:
-    """Points, shape (2 n + 1, n), and their weights: the same mean and covariance."""
-    n = len(mean)
-    scale = np.sqrt(np.diag(covariance))
-    whitened = covariance / np.outer(scale, scale)
-    root = np.linalg.cholesky(whitened + 1e-9 * np.eye(n)) * scale[:, None]
-    spread = np.sqrt(n) * root.T
-    points = np.concatenate([mean[None], mean + spread, mean - spread])
-    weight = np.full(2 * n + 1, 1 / (2 * n))
-    weight[0] = 0.0
-    return points, weight
 
 
 class SensorWatch:

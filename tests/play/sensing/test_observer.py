@@ -32,12 +32,17 @@ def contact():
 
 
 @pytest.fixture(scope="module")
+def known():
+    return haptix.ContactModel(KNOWN, SCREEN)
+
+
+@pytest.fixture(scope="module")
 def stiffer():
-    """A finger of 1.8 times the moduli: it is attracted less."""
+    """A finger of six times the moduli: it is attracted a quarter as much."""
     return haptix.ContactModel(
         KNOWN.replace(
-            youngs_modulus_pa=1.8 * KNOWN.youngs_modulus_pa,
-            bulk_modulus_pa=1.8 * KNOWN.bulk_modulus_pa,
+            youngs_modulus_pa=6 * KNOWN.youngs_modulus_pa,
+            bulk_modulus_pa=6 * KNOWN.bulk_modulus_pa,
         ),
         SCREEN,
     )
@@ -51,12 +56,15 @@ def log_attraction(model, force_n, volts):
 def slide(observer, current, seconds=0.5, force_n=0.4, volts=120.0, **how):
     """An untouched second at 20 V, then a stroke; return the time of the end."""
     t = np.arange(int((1 + seconds) * RATE)) / RATE
-    drive = np.where(t < 1, 20.0, volts) * np.cos(2 * pi * HERTZ * t)
+    amplitude = volts(t) if callable(volts) else np.where(t < 1, 20.0, volts)
+    drive = amplitude * np.cos(2 * pi * HERTZ * t)
     path = Trajectory.of([1.0, 1.0 + seconds], [0.0, 60.0 * seconds], 0.0, force_n)
     delay_s = current.converter.delay_s
     for reading in current.read(drive, RATE, path):
         if reading.t_s > 1:
-            observer.touched(reading.t_s, how.get("fingers", 1), how.get("speed", 60.0))
+            observer.touched(
+                reading.t_s, how.get("fingers", 1), how.get("speed", 60.0), how.get("weighed_n")
+            )
         observer.read(how.get("lie", lambda one: one)(reading), reading.t_s + delay_s)
     return reading.t_s + delay_s
 
@@ -96,14 +104,84 @@ def test_another_finger_is_the_known_one_scaled(contact, name):
 
 def test_a_stiffer_finger_is_known_after_half_a_second(contact, stiffer):
     observer = FingerObserver(contact)
-    estimate = observer.estimate(slide(observer, VirtualCurrent(stiffer, HERTZ, seed=3)))
+    current = VirtualCurrent(stiffer, HERTZ, seed=3)
+    estimate = observer.estimate(slide(observer, current, weighed_n=0.4))
     true = log_attraction(stiffer, 0.4, 120.0) - log_attraction(
         haptix.ContactModel(KNOWN, SCREEN), 0.4, 120.0
     )
     assert estimate.state is Knowledge.LEARNS
-    assert true < -0.3
-    # The force is not known either: half of the error goes, and the rest is within 2 sigma.
-    assert abs(estimate.log_gain - true) < min(0.7 * abs(true), 2 * estimate.log_gain_sd)
+    assert true < -1.3
+    # At a known force. It is beyond the population, so it is taken for one nearer to the median.
+    assert true < estimate.log_gain < -0.3
+    assert abs(estimate.log_gain - true) < 1.96 * estimate.log_gain_sd
+
+
+def gain_jnd(model, estimate, force_n):
+    """By how much the friction differs that the known finger feels at 120 V for an estimate."""
+    pull = 1 - float(model.solve(force_n, 0.0, HERTZ).mu / model.solve(force_n, 120.0, HERTZ).mu)
+    return (1 - pull) * abs(1 / (1 - pull * np.exp(estimate.log_gain)) - 1 / (1 - pull)) / 0.11
+
+
+@pytest.mark.parametrize("force_n", [0.15, 0.8])
+@pytest.mark.parametrize("theory", ["open-gaps", "local"])
+def test_the_surface_s_own_finger_is_not_harmed(contact, theory, force_n):
+    """Its current in each theory, at forces that the current could take for other fingers."""
+    model = haptix.ContactModel(KNOWN.replace(theory=theory), SCREEN)
+    current = VirtualCurrent(model, HERTZ)
+    # The screen was calibrated with it.
+    modelled = contact.capacitance_f(np.zeros((1, 6)), 100.0)[0]
+    observer = FingerObserver(contact.calibrated(abs(current.farads(0.4, 100.0) / modelled)))
+    estimate = observer.estimate(slide(observer, current, 0.5, force_n))
+    assert estimate.state is Knowledge.LEARNS
+    assert gain_jnd(model, estimate, force_n) < 0.05
+
+
+def waves(t_s):
+    """An amplitude that a texture changes."""
+    return np.where(t_s < 1, 20.0, 90 + 30 * np.sin(2 * pi * 20 * t_s))
+
+
+CONVERTERS = {
+    "drifts up": lambda t_s, volts: 1 + 0.01 * t_s,
+    "drifts down": lambda t_s, volts: 1 - 0.01 * t_s,
+    "drifts since the touch": lambda t_s, volts: 1 + 0.01 * max(t_s - 1, 0.0),
+    "follows the voltage": lambda t_s, volts: 1 + 3e-4 * volts,
+    "falls with the voltage": lambda t_s, volts: 1 - 3e-4 * volts,
+}
+
+
+@pytest.mark.parametrize("volts", [120.0, waves], ids=["steady", "waves"])
+@pytest.mark.parametrize("name", CONVERTERS)
+def test_a_converter_that_errs_within_bounds_is_not_followed(contact, known, name, volts):
+    """1 % of the panel in a second, or 3 % in 100 V, are as much as the whole contact draws."""
+
+    def lie(reading):
+        factor = CONVERTERS[name](reading.t_s, reading.driven_v)
+        return with_current(reading, factor * current_of(reading))
+
+    observer = FingerObserver(contact)
+    current = VirtualCurrent(known, HERTZ, seed=3)
+    estimate = observer.estimate(slide(observer, current, volts=volts, lie=lie))
+    assert estimate.state is Knowledge.LEARNS
+    assert gain_jnd(known, estimate, 0.4) < 0.05
+
+
+def test_force_that_moves_is_not_taken_for_another_finger(contact, known):
+    """From a light touch to a firm one, and back."""
+    observer, gains = FingerObserver(contact), []
+    current = VirtualCurrent(known, HERTZ, seed=3)
+    t = np.arange(int(2 * RATE)) / RATE
+    drive = waves(t) * np.cos(2 * pi * HERTZ * t)
+    at_s, x_mm = [1.0, 1.25, 1.5, 1.75, 2.0], [0.0, 15.0, 30.0, 45.0, 60.0]
+    path = Trajectory.of(at_s, x_mm, 0.0, [0.2, 0.6, 0.3, 0.5, 0.25])
+    for reading in current.read(drive, RATE, path):
+        if reading.t_s > 1:
+            observer.touched(reading.t_s, 1, 60.0)
+        if observer.read(reading, reading.t_s):
+            gains.append(observer.estimate(reading.t_s).log_gain)
+    assert len(gains) > 40
+    # At most half a JND for each unit of ln of the attraction, at 120 V.
+    assert np.abs(gains).max() < 0.1
 
 
 @pytest.mark.parametrize("force_n", [0.2, 0.6])
@@ -116,7 +194,7 @@ def test_a_finger_beyond_the_population_lies_in_the_interval_that_is_stated(cont
     estimate = observer.estimate(slide(observer, current, 1.5, force_n))
     known = haptix.ContactModel(KNOWN, SCREEN)
     true = log_attraction(model, force_n, 120.0) - log_attraction(known, 0.4, 120.0)
-    assert np.sign(estimate.log_gain) == np.sign(true)
+    assert np.sign(estimate.log_gain) in (0, np.sign(true))
     assert abs(estimate.log_gain - true) < 1.96 * estimate.log_gain_sd
 
 
@@ -132,11 +210,11 @@ def test_a_pole_turns_the_contact_s_current_as_the_panel_s(contact):
     assert estimate.skin == pytest.approx(1.0, abs=0.15)
 
 
-def test_a_measured_force_leaves_less_open(contact, stiffer):
+def test_a_measured_force_leaves_less_open(contact, known):
     found = []
     for force_n in (None, 0.4):
         observer = FingerObserver(contact)
-        current = VirtualCurrent(stiffer, HERTZ, seed=3)
+        current = VirtualCurrent(known, HERTZ, seed=3)
         t = np.arange(int(RATE * 1.5)) / RATE
         path = Trajectory.of([1.0, 1.5], [0.0, 30.0], 0.0, 0.4)
         drive = np.where(t < 1, 20.0, 120.0) * np.cos(2 * pi * HERTZ * t)
@@ -174,7 +252,7 @@ def test_without_an_untouched_panel_nothing_is_known(contact):
 
 def test_two_fingers_freeze_what_was_learned(contact, stiffer):
     observer = FingerObserver(contact)
-    end_s = slide(observer, VirtualCurrent(stiffer, HERTZ))
+    end_s = slide(observer, VirtualCurrent(stiffer, HERTZ), weighed_n=0.4)
     before = observer.estimate(end_s)
     observer.touched(end_s, 2)
     both = 2 * abs(VirtualCurrent(stiffer, HERTZ).farads(0.4, 120.0))
@@ -189,7 +267,7 @@ def test_two_fingers_freeze_what_was_learned(contact, stiffer):
 
 def test_another_touch_may_be_of_another_person(contact, stiffer):
     observer = FingerObserver(contact)
-    end_s = slide(observer, VirtualCurrent(stiffer, HERTZ))
+    end_s = slide(observer, VirtualCurrent(stiffer, HERTZ), weighed_n=0.4)
     person = observer.enrolled()
     observer.touched(end_s, 0)
     observer.touched(end_s + 0.5, 1, 60.0)
@@ -222,7 +300,7 @@ LIES = {
 def test_a_sensor_that_lies_is_not_trusted_within_10_ms(contact, stiffer, name):
     observer = FingerObserver(contact)
     current = VirtualCurrent(stiffer, HERTZ)  # 250 a second: two or three readings in 10 ms
-    end_s = slide(observer, current, 0.2)
+    end_s = slide(observer, current, 0.2, weighed_n=0.4)
     assert observer.estimate(end_s).log_gain != 0
     t = np.arange(int(0.010 * RATE)) / RATE
     drive = 120 * np.cos(2 * pi * HERTZ * t)
