@@ -55,7 +55,15 @@ LIBRARIES = {
     ),
     "haptix-native": Library(
         "haptix/base/native",
-        ("haptix_block.c", "haptix_fingers.c", "haptix_map.c", "haptix_surface.c"),
+        (
+            "haptix_block.c",
+            "haptix_engine.c",
+            "haptix_fingers.c",
+            "haptix_map.c",
+            "haptix_program.c",
+            "haptix_pyramid.c",
+            "haptix_surface.c",
+        ),
         # The same results on all machines: no product is added without being rounded.
         ("-ffp-contract=off", "-lm"),
     ),

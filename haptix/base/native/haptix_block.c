@@ -129,8 +129,7 @@ void hx_slice_friction(const hx_slice *slice, const double *force_n, const doubl
     }
 }
 
-/* As haptix.feel.materials.as_mu. */
-static double as_mu(int64_t target, double value, double lowest, double highest)
+double hx_as_mu(int64_t target, double value, double lowest, double highest)
 {
     return target == 0   ? value
            : target == 1 ? lowest * (1 + value)
@@ -139,11 +138,11 @@ static double as_mu(int64_t target, double value, double lowest, double highest)
 
 static double wanted_mu(const hx_rendering *r, double value, double lowest, double highest)
 {
-    double mu = as_mu(r->target, value, lowest, highest);
+    double mu = hx_as_mu(r->target, value, lowest, highest);
     if (!r->compresses)
         return mu;
-    double bottom = as_mu(r->target, r->span_low, lowest, highest);
-    double top = as_mu(r->target, r->span_high, lowest, highest);
+    double bottom = hx_as_mu(r->target, r->span_low, lowest, highest);
+    double top = hx_as_mu(r->target, r->span_high, lowest, highest);
     /* A texture that lies wholly outside the range goes to the nearest end. */
     double low = bottom > lowest ? bottom : lowest, high = top < highest ? top : highest;
     return low + (mu - bottom) / (top - bottom) * (high > low ? high - low : 0.0);

@@ -133,6 +133,76 @@ int64_t hx_fingers(const hx_following *following, const hx_track *tracks, int64_
 /* A line through knots at increasing times, at t0_s + step_s * (1 ... points); level beyond. */
 void hx_line(const double *knot_s, const double *knot, int64_t knots, double t0_s, double step_s,
              int64_t points, double *values);
+
+/* A pyramid is a map with its coarser levels; see haptix.feel.materials.pyramid. */
+enum { HX_LEVELS = 32 };
+
+/* How a map goes on beyond its edges. */
+enum { HX_OUTSIDE = 0, HX_HOLD = 1, HX_REPEAT = 2 };
+
+/* Numbers that the levels of a map take up, and their count. */
+int64_t hx_pyramid_size(int64_t rows, int64_t columns, int64_t beyond_x, int64_t beyond_y,
+                        int64_t *levels);
+
+/* Make the levels of values [rows][columns] in `numbers`, of the size that hx_pyramid_size gives. */
+void hx_pyramid_make(const float *values, int64_t rows, int64_t columns, double pixel_mm,
+                     double outside, int64_t beyond_x, int64_t beyond_y, hx_level *levels,
+                     double *numbers);
+
+/* An engine plays a program of a touch; docs/program.md has its format. It lies in memory of the
+ * caller, has no other state, and allocates nothing. */
+typedef struct hx_engine hx_engine;
+
+/* Fingers that an engine follows, and the most control points of a block. */
+enum { HX_FINGERS = 10, HX_POINTS = 240 };
+
+/* Why a program is refused; these are below 0. */
+enum {
+    HX_NO_PROGRAM = -1,   /* it does not begin as one, or is not whole */
+    HX_OTHER_VERSION = -2,
+    HX_DAMAGED = -3,      /* another checksum */
+    HX_WRONG_NUMBER = -4, /* a place, a size or a number that cannot be */
+    HX_TOO_LARGE = -5
+};
+
+/* Bytes of memory that the engine of a program needs, or why it is refused. */
+int64_t hx_engine_size(const uint8_t *program, int64_t size);
+
+/* Make the engine of a program that hx_engine_size accepts, in memory of that size that is aligned
+ * for a double. The program is not needed any more. */
+hx_engine *hx_engine_open(const uint8_t *program, int64_t size, void *memory);
+
+/* What a block was made of, until the next one: arrays that go finger after finger. */
+typedef struct {
+    int64_t fingers, points, step;
+    double sample_rate_hz, highest_v;
+    int64_t first_sample;
+    const double *x_mm, *y_mm, *force_n; /* [fingers * points] */
+    const double *wanted_mu, *felt_mu;   /* [fingers * points] */
+    const int8_t *status;                /* [fingers * points] haptix.model.status.Status */
+    const double *amplitude_v;           /* [points] */
+    const double *drive_v;               /* [points * step] */
+} hx_felt;
+
+/* Take a report of a finger at a time on the clock of samples; 0 if it is dropped. Its force counts
+ * if it is above 0. A finger moves on at the velocity of its last reports. */
+int64_t hx_engine_touch(hx_engine *engine, int64_t touch_id, double t_s, double x_mm, double y_mm,
+                        double force_n, int64_t is_down);
+
+/* Play the next control points, 1 to HX_POINTS. */
+const hx_felt *hx_engine_block(hx_engine *engine, int64_t points);
+
+/* The same for fingers at given places, [fingers * points] each, of 0 to HX_FINGERS; the footprint
+ * is the way of the fastest from one point to the next. */
+const hx_felt *hx_engine_play(hx_engine *engine, int64_t fingers, int64_t points,
+                              const double *x_mm, const double *y_mm, const double *force_n,
+                              const double *gain, double footprint_mm);
 /* cffi: end */
+
+/* No finger is farther from the corner of a screen; as haptix.feel.motion.FARTHEST_MM. */
+#define HX_FARTHEST_MM 1e6
+
+/* As haptix.feel.materials.as_mu. */
+double hx_as_mu(int64_t target, double value, double lowest, double highest);
 
 #endif

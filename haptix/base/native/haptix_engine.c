@@ -1,0 +1,492 @@
+/* Plays a program of a touch: fingers, regions, materials, samples. */
+#include <math.h>
+#include <stddef.h>
+#include <string.h>
+
+#include "haptix_program.h"
+
+enum { REPORTS = 8, PLACES = HX_FINGERS * HX_POINTS, ROWS = 10 };
+
+static const double first_interval_s = 1.0 / 60, longest_interval_s = 0.036;
+static const double velocity_over_s = 0.02, least_interval_s = 1e-4;
+static const double hardest_n = 100.0;
+
+typedef struct {
+    int64_t id, is_used, reports;
+    double t_s[REPORTS], x_mm[REPORTS], y_mm[REPORTS]; /* the newest first */
+    double interval_s;
+    hx_track track;
+} touch;
+
+struct hx_engine {
+    hx_program program;
+    int64_t multiplies, has_priorities, converts;
+    double step_s, before_v;
+    int64_t sample; /* the first of the next block */
+    touch touches[HX_FINGERS];
+    hx_felt felt;
+    int8_t status[PLACES];
+    double row[ROWS][PLACES];       /* space to compute in */
+    double moved[(4 * HX_FINGERS + 1) * HX_POINTS + 3 * HX_FINGERS + 1];
+    double friction[PLACES];
+    double numbers[]; /* of hx_render: PLACES + HX_POINTS + HX_POINTS * step */
+};
+
+/* What the rows hold. */
+enum { X, Y, VALUE, LOWEST, HIGHEST, LOCAL_X, LOCAL_Y, COVER, FELT, TURNED };
+
+static int64_t own_size(int64_t step)
+{
+    int64_t numbers = PLACES + HX_POINTS * (1 + step);
+    return ((int64_t)offsetof(struct hx_engine, numbers) + 8 * numbers + 7) / 8 * 8;
+}
+
+static int64_t step_of(const uint8_t *program)
+{
+    return program[20] | (int64_t)program[21] << 8; /* the check has found it to be small */
+}
+
+int64_t hx_engine_size(const uint8_t *program, int64_t size)
+{
+    int64_t contents = hx_program_size(program, size);
+    return contents < 0 ? contents : contents + own_size(step_of(program));
+}
+
+hx_engine *hx_engine_open(const uint8_t *program, int64_t size, void *memory)
+{
+    (void)size;
+    hx_engine *e = memory;
+    memset(e, 0, sizeof *e);
+    hx_program_read(program, &e->program, (uint8_t *)memory + own_size(step_of(program)));
+    const hx_program *p = &e->program;
+    e->step_s = (double)p->rendering.step / p->sample_rate_hz;
+    for (int64_t i = 0; i < p->regions; i++) {
+        e->multiplies |= p->region[i].blend == BLEND_MULTIPLY;
+        e->has_priorities |= p->region[i].priority != 0;
+    }
+    for (int64_t i = 0; i < p->materials; i++)
+        e->converts |= p->material[i].target != p->rendering.target;
+    return e;
+}
+
+/* Materials. */
+
+static int is_near(double x_mm, double y_mm)
+{
+    return fabs(x_mm) <= HX_FARTHEST_MM && fabs(y_mm) <= HX_FARTHEST_MM; /* false for NaN */
+}
+
+static void feel_map(const hx_material *m, double *x, double *y, int64_t n, double footprint_mm,
+                     double *value)
+{
+    double wide = footprint_mm / m->pixel_mm, depth = 0.0, half = m->sharp_mm / 2;
+    if (wide > 0.5) {
+        depth = log2(wide);
+        if (depth < 1.0)
+            depth = depth < 0.0 ? depth + 1.0 : 1.0;
+    }
+    int is_sharp = m->sharp_mm > 0.0 && footprint_mm == 0.0;
+    for (int64_t i = 0; i < n; i++) {
+        double across = x[i] * m->cosine + y[i] * m->sine;
+        double down = y[i] * m->cosine - x[i] * m->sine;
+        if (is_sharp) { /* at a point the edge is a step; the map has a ramp there */
+            if (!(across >= 0.0 && across <= m->width_mm && down >= 0.0 && down <= m->height_mm))
+                across = INFINITY;
+            else {
+                across = fmin(fmax(across, half), m->width_mm - half);
+                down = fmin(fmax(down, half), m->height_mm - half);
+            }
+        }
+        x[i] = across;
+        y[i] = down;
+    }
+    hx_map_sample(&m->map, x, y, depth, NULL, n, value);
+}
+
+static double read_table(const hx_material *m, int64_t number, double place)
+{
+    const double *table = m->table;
+    for (int64_t i = 0; i < number; i++)
+        table += hx_table_size(i);
+    int64_t size = hx_table_size(number);
+    double at = place * (double)size;
+    int64_t cell = (int64_t)at;
+    double low = table[cell % size];
+    return (at - (double)cell) * (table[(cell + 1) % size] - low) + low;
+}
+
+static double wave_at(const hx_material *m, double place)
+{
+    double turn = 6.283185307179586 * place;
+    if (m->wave == WAVE_SQUARE)
+        return place < m->duty ? m->high : m->low;
+    double level = m->wave == WAVE_SINE ? sin(turn) : 2 * place - 1;
+    return (m->low + m->high) / 2 + (m->high - m->low) / 2 * level;
+}
+
+static void feel_grating(const hx_material *m, const double *x, const double *y, int64_t n,
+                         double footprint_mm, double *value)
+{
+    double last = (double)(m->tables - 1), depth = 0.0;
+    if (footprint_mm > 0.0) {
+        double room = m->period_mm / (2 * footprint_mm);
+        depth = fmin(log2(room > 1.0 ? room : 1.0), last);
+    }
+    int64_t number = (int64_t)depth;
+    double part = depth - (double)number;
+    for (int64_t i = 0; i < n; i++) {
+        if (!is_near(x[i], y[i])) {
+            value[i] = m->outside;
+            continue;
+        }
+        double place = (x[i] * m->cosine + y[i] * m->sine) / m->period_mm + m->phase;
+        place -= floor(place);
+        if (footprint_mm == 0.0) {
+            value[i] = wave_at(m, place);
+            continue;
+        }
+        value[i] = read_table(m, number, place);
+        if (part > 0.0)
+            value[i] += part * (read_table(m, number + 1, place) - value[i]);
+    }
+}
+
+/* Numbers of a material at n places, which may be changed. */
+static void feel(const hx_material *m, double *x, double *y, int64_t n, double footprint_mm,
+                 double *value)
+{
+    if (m->kind == KIND_MAP)
+        feel_map(m, x, y, n, footprint_mm, value);
+    else if (m->kind == KIND_GRATING)
+        feel_grating(m, x, y, n, footprint_mm, value);
+    else
+        for (int64_t i = 0; i < n; i++)
+            value[i] = m->outside;
+}
+
+/* Convert numbers of a target to the target of all; see Layout._converted. */
+static void convert(const hx_engine *e, int64_t target, int64_t n, double *value)
+{
+    int64_t to = e->program.rendering.target;
+    if (target == to)
+        return;
+    for (int64_t i = 0; i < n; i++) {
+        double lowest = e->row[LOWEST][i], highest = e->row[HIGHEST][i];
+        double mu = hx_as_mu(target, value[i], lowest, highest);
+        value[i] = to == TARGET_MU         ? mu
+                   : to == TARGET_CONTRAST ? mu / lowest - 1
+                                           : (mu - lowest) / fmax(highest - lowest, 1e-12);
+    }
+}
+
+/* Regions. */
+
+/* A step from 0 to 1, as a ramp around a depth of 0. */
+static double ramp_at(double depth_mm, double ramp_mm)
+{
+    return fmin(fmax(0.5 + depth_mm / ramp_mm, 0.0), 1.0);
+}
+
+/* Distance to the nearest edge of a polygon, below 0 outside. */
+static double depth_in(const hx_region *r, double x, double y)
+{
+    double nearest = INFINITY;
+    int is_inside = 0;
+    const double *before = r->corner_mm + 2 * (r->corners - 1);
+    for (int64_t i = 0; i < r->corners; i++) {
+        const double *corner = r->corner_mm + 2 * i;
+        double dx = corner[0] - before[0], dy = corner[1] - before[1];
+        double along = ((x - before[0]) * dx + (y - before[1]) * dy) / fmax(dx * dx + dy * dy, 1e-300);
+        along = fmin(fmax(along, 0.0), 1.0);
+        nearest = fmin(nearest, hypot(x - before[0] - along * dx, y - before[1] - along * dy));
+        if (dy != 0.0 && (before[1] > y) != (corner[1] > y)) /* a ray to the right crosses it */
+            is_inside ^= x < before[0] + (y - before[1]) * dx / dy;
+        before = corner;
+    }
+    return is_inside ? nearest : -nearest;
+}
+
+/* Share of a place that is inside a region, see Outline.cover. */
+static double covered(const hx_region *r, double x, double y, double ramp_mm)
+{
+    double ramp = fmax(ramp_mm, 1e-9), width = r->width_mm, height = r->height_mm;
+    if (r->shape == SHAPE_RECTANGLE)
+        return (ramp_at(x, ramp) - ramp_at(x - width, ramp)) *
+               (ramp_at(y, ramp) - ramp_at(y - height, ramp));
+    if (r->shape == SHAPE_POLYGON)
+        return ramp_at(depth_in(r, x, y), ramp);
+    double a = width / 2, b = height / 2;
+    return ramp_at((1 - hypot(x / a - 1, y / b - 1)) * fmin(a, b), ramp);
+}
+
+/* Places in the axes of a region. */
+static void see(const hx_region *r, const double *x, const double *y, int64_t n, double *to_x,
+                double *to_y)
+{
+    double c = cos(r->angle_rad) / r->scale, s = sin(r->angle_rad) / r->scale;
+    for (int64_t i = 0; i < n; i++) {
+        double dx = x[i] - r->x_mm, dy = y[i] - r->y_mm;
+        to_x[i] = r->angle_rad == 0.0 ? dx / r->scale : dx * c + dy * s;
+        to_y[i] = r->angle_rad == 0.0 ? dy / r->scale : dy * c - dx * s;
+    }
+}
+
+static double blended(int64_t blend, double below, double felt)
+{
+    switch (blend) {
+    case BLEND_ADD: return below + felt;
+    case BLEND_MULTIPLY: return below * felt;
+    case BLEND_MAX: return fmax(below, felt);
+    case BLEND_MIN: return fmin(below, felt);
+    default: return felt;
+    }
+}
+
+static void lay(hx_engine *e, const hx_region *r, int64_t n, double footprint_mm)
+{
+    const hx_program *p = &e->program;
+    double *value = e->row[VALUE], *cover = e->row[COVER], *felt = e->row[FELT];
+    double *x = e->row[LOCAL_X], *y = e->row[LOCAL_Y], within_mm = footprint_mm / r->scale;
+    int is_on = 0;
+    see(r, e->row[X], e->row[Y], n, x, y);
+    for (int64_t i = 0; i < n; i++) {
+        cover[i] = r->opacity * covered(r, x[i], y[i], 4 * within_mm);
+        is_on |= cover[i] > 0.0;
+    }
+    if (!is_on)
+        return;
+    if (r->mask >= 0) {
+        feel(&p->material[r->mask], x, y, n, 2 * within_mm, felt);
+        for (int64_t i = 0; i < n; i++)
+            cover[i] *= fmin(fmax(felt[i], 0.0), 1.0);
+        see(r, e->row[X], e->row[Y], n, x, y);
+    }
+    const hx_material *m = &p->material[r->material];
+    feel(m, x, y, n, within_mm, felt);
+    if (r->blend != BLEND_MULTIPLY)
+        convert(e, m->target, n, felt);
+    for (int64_t i = 0; i < n; i++)
+        value[i] += cover[i] * (blended(r->blend, value[i], felt[i]) - value[i]);
+}
+
+/* Numbers wanted at n places; see Layout.wanted. */
+static void want(hx_engine *e, const double *x_mm, const double *y_mm, const double *force_n,
+                 int64_t n, double footprint_mm)
+{
+    const hx_program *p = &e->program;
+    const hx_material *below = &p->material[p->background];
+    double *x = e->row[X], *y = e->row[Y], *value = e->row[VALUE];
+    if (e->converts)
+        hx_slice_reach(&p->slice, force_n, n, e->row[LOWEST], e->row[HIGHEST]);
+    for (int64_t i = 0; i < n; i++) {
+        int near = is_near(x_mm[i], y_mm[i]);
+        x[i] = near ? x_mm[i] : 0.0;
+        y[i] = near ? y_mm[i] : 0.0;
+    }
+    if (e->multiplies)
+        footprint_mm *= 2;
+    memcpy(e->row[LOCAL_X], x, sizeof *x * (size_t)n);
+    memcpy(e->row[LOCAL_Y], y, sizeof *y * (size_t)n);
+    feel(below, e->row[LOCAL_X], e->row[LOCAL_Y], n, footprint_mm, value);
+    convert(e, below->target, n, value);
+    for (int64_t i = 0; i < p->regions; i++)
+        lay(e, &p->region[i], n, footprint_mm);
+    for (int64_t i = 0; i < n; i++)
+        if (!is_near(x_mm[i], y_mm[i]))
+            value[i] = below->outside;
+}
+
+/* Gains: 0 for a finger while another one is on a region of higher priority. */
+static const double *share(hx_engine *e, int64_t fingers, int64_t points, const double *x_mm,
+                           const double *y_mm, const double *gain)
+{
+    const hx_program *p = &e->program;
+    int64_t n = fingers * points;
+    double *rank = e->row[COVER], *shared = e->row[FELT];
+    for (int64_t i = 0; i < n; i++)
+        rank[i] = 0.0;
+    for (int64_t k = 0; k < p->regions; k++) {
+        const hx_region *r = &p->region[k];
+        see(r, x_mm, y_mm, n, e->row[LOCAL_X], e->row[LOCAL_Y]);
+        for (int64_t i = 0; i < n; i++)
+            if (covered(r, e->row[LOCAL_X][i], e->row[LOCAL_Y][i], 0.0) >= 0.5)
+                rank[i] = (double)r->priority;
+    }
+    for (int64_t point = 0; point < points; point++) {
+        double highest = -INFINITY;
+        for (int64_t i = point; i < n; i += points)
+            highest = fmax(highest, rank[i]);
+        for (int64_t i = point; i < n; i += points)
+            shared[i] = rank[i] == highest ? gain[i] : 0.0;
+    }
+    return shared;
+}
+
+/* Blocks. */
+
+const hx_felt *hx_engine_play(hx_engine *e, int64_t fingers, int64_t points, const double *x_mm,
+                              const double *y_mm, const double *force_n, const double *gain,
+                              double footprint_mm)
+{
+    const hx_program *p = &e->program;
+    int64_t n = fingers * points, step = p->rendering.step;
+    if (n) {
+        want(e, x_mm, y_mm, force_n, n, footprint_mm);
+        if (fingers > 1 && e->has_priorities)
+            gain = share(e, fingers, points, x_mm, y_mm, gain);
+    }
+    hx_block block = {0};
+    block.fingers = fingers;
+    block.points = points;
+    block.value = e->row[VALUE];
+    block.force_n = force_n;
+    block.gain = gain;
+    block.less = &p->slice;
+    block.before_v = e->before_v;
+    block.wave = p->wave;
+    block.period = p->period;
+    block.phase = e->sample % p->period;
+    hx_render(&p->rendering, &block, e->numbers, e->status);
+    double *amplitude_v = e->numbers + n, *drive_v = amplitude_v + points;
+    /* Numbers that are none must not go out. */
+    for (int64_t i = 0; i < points; i++)
+        amplitude_v[i] = fabs(amplitude_v[i]) <= p->rendering.most_v ? amplitude_v[i] : 0.0;
+    for (int64_t i = 0; i < points * step; i++)
+        drive_v[i] = fabs(drive_v[i]) <= p->rendering.most_v ? drive_v[i] : 0.0;
+    for (int64_t i = 0; i < n; i += points)
+        hx_slice_friction(&p->slice, force_n + i, amplitude_v, points, e->friction + i);
+    hx_felt felt = {
+        fingers, points, step, p->sample_rate_hz, p->rendering.most_v, e->sample,
+        x_mm, y_mm, force_n, e->numbers, e->friction, e->status, amplitude_v, drive_v,
+    };
+    e->felt = felt;
+    e->before_v = amplitude_v[points - 1];
+    e->sample += points * step;
+    return &e->felt;
+}
+
+static double now_s(const hx_engine *e) { return (double)e->sample / e->program.sample_rate_hz; }
+
+const hx_felt *hx_engine_block(hx_engine *e, int64_t points)
+{
+    hx_track tracks[HX_FINGERS];
+    int64_t count = 0;
+    double t0_s = now_s(e), *numbers = e->moved;
+    for (int64_t k = 0; k < HX_FINGERS; k++) {
+        touch *t = &e->touches[k];
+        if (t->is_used && !t->track.is_down && t0_s - t->track.start_s > e->program.following.fade_s)
+            t->is_used = 0;
+        if (t->is_used)
+            tracks[count++] = t->track;
+    }
+    int64_t n = hx_fingers(&e->program.following, tracks, count, t0_s, e->step_s, points, 0, numbers);
+    int64_t size = n * points;
+    double fastest = numbers[4 * size + points + 3 * n];
+    return hx_engine_play(e, n, points, numbers, numbers + size, numbers + 2 * size,
+                          numbers + 3 * size, fastest * e->step_s);
+}
+
+/* Touches. */
+
+static touch *touch_of(hx_engine *e, int64_t id)
+{
+    touch *unused = NULL;
+    for (int64_t k = 0; k < HX_FINGERS; k++) {
+        touch *t = &e->touches[k];
+        if (t->is_used && t->track.is_down && t->id == id)
+            return t;
+        if (!t->is_used && !unused)
+            unused = t;
+    }
+    return unused;
+}
+
+static void begin(const hx_engine *e, touch *t, int64_t id)
+{
+    memset(t, 0, sizeof *t);
+    t->id = id;
+    t->is_used = 1;
+    t->interval_s = first_interval_s;
+    t->track.lasting_s = 1.0;
+    t->track.is_down = 1;
+    t->track.start_s = now_s(e);
+}
+
+/* Keep a report, and the velocity from the oldest of the last ones that is not too old. */
+static void add(touch *t, double t_s, double x_mm, double y_mm)
+{
+    hx_track *track = &t->track;
+    if (t->reports) {
+        double since_s = t_s - t->t_s[0], most_s = 1.5 * t->interval_s;
+        t->interval_s += 0.25 * ((since_s < most_s ? since_s : most_s) - t->interval_s);
+        t->interval_s = fmin(t->interval_s, longest_interval_s);
+    }
+    size_t kept = (size_t)(t->reports < REPORTS ? t->reports : REPORTS - 1);
+    memmove(t->t_s + 1, t->t_s, kept * sizeof *t->t_s);
+    memmove(t->x_mm + 1, t->x_mm, kept * sizeof *t->x_mm);
+    memmove(t->y_mm + 1, t->y_mm, kept * sizeof *t->y_mm);
+    t->t_s[0] = track->reported_s = t_s;
+    t->x_mm[0] = track->x_mm = track->rest_x_mm = x_mm;
+    t->y_mm[0] = track->y_mm = track->rest_y_mm = y_mm;
+    t->reports = (int64_t)kept + 1;
+    int64_t oldest = t->reports > 1 ? 1 : 0;
+    while (oldest + 1 < t->reports && t_s - t->t_s[oldest + 1] <= velocity_over_s)
+        oldest++;
+    double over_s = t_s - t->t_s[oldest];
+    track->vx_mm_s = oldest ? (x_mm - t->x_mm[oldest]) / over_s : 0.0;
+    track->vy_mm_s = oldest ? (y_mm - t->y_mm[oldest]) / over_s : 0.0;
+}
+
+/* Place, force and gain that are played at a time; 0 if the finger gets no drive then. */
+static int played(const hx_engine *e, const hx_track *track, double t_s, double *place)
+{
+    double numbers[9];
+    int64_t n = hx_fingers(&e->program.following, track, 1, t_s - e->step_s, e->step_s, 1, 0,
+                           numbers);
+    if (n)
+        memcpy(place, numbers, 4 * sizeof *place);
+    return (int)n;
+}
+
+int64_t hx_engine_touch(hx_engine *e, int64_t touch_id, double t_s, double x_mm, double y_mm,
+                        double force_n, int64_t is_down)
+{
+    const hx_program *p = &e->program;
+    touch *t = touch_of(e, touch_id);
+    double now = now_s(e), before[4], after[4];
+    if (!t || !is_near(x_mm, y_mm) || !(fabs(t_s) <= 1e9))
+        return 0;
+    int is_new = !t->is_used;
+    if (is_new && !is_down)
+        return 0;
+    if (is_new)
+        begin(e, t, touch_id);
+    else if (is_down && !(t_s - t->t_s[0] >= least_interval_s))
+        return 0;
+    hx_track *track = &t->track;
+    int had_drive = !is_new && played(e, track, now, before);
+    if (is_down) {
+        if (t_s - track->reported_s > p->following.lost_after_s)
+            t->reports = 0; /* it was lost, and begins again */
+        add(t, t_s, x_mm, y_mm);
+        track->normal_force_n = force_n > 0.0 && force_n <= hardest_n ? force_n : p->assumed_n;
+        double speed = hypot(track->vx_mm_s, track->vy_mm_s);
+        track->is_sliding =
+            speed > (track->is_sliding ? p->rest_below_mm_s : p->slide_above_mm_s);
+    }
+    track->is_down = is_down;
+    track->start_s = now;
+    track->rests_s = fmin(now + 2 * t->interval_s, track->reported_s + p->following.lost_after_s);
+    track->dx_mm = track->dy_mm = track->df_n = track->gain = 0.0;
+    if (had_drive) {
+        hx_track alone = *track;
+        alone.gain = 1.0;
+        if (played(e, &alone, now, after)) {
+            track->dx_mm = before[0] - after[0];
+            track->dy_mm = before[1] - after[1];
+            track->df_n = before[2] - after[2];
+        }
+        track->gain = before[3];
+    }
+    return 1;
+}

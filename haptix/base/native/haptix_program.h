@@ -1,0 +1,51 @@
+/* A program of a touch as an engine keeps it; docs/program.md has the format of the file. */
+#ifndef HAPTIX_PROGRAM_H
+#define HAPTIX_PROGRAM_H
+
+#include "haptix_native.h"
+
+enum { KIND_UNIFORM = 0, KIND_MAP = 1, KIND_GRATING = 2 };
+enum { WAVE_SINE = 0, WAVE_SQUARE = 1, WAVE_SAWTOOTH = 2 };
+enum { TARGET_MU = 0, TARGET_CONTRAST = 1, TARGET_SHARE = 2 };
+enum { SHAPE_RECTANGLE = 0, SHAPE_ELLIPSE = 1, SHAPE_POLYGON = 2 };
+enum { BLEND_OVER = 0, BLEND_ADD = 1, BLEND_MULTIPLY = 2, BLEND_MAX = 3, BLEND_MIN = 4 };
+enum { MOST_TABLES = 12 };
+
+typedef struct {
+    int64_t kind, target;
+    double outside, cosine, sine;
+    hx_map map;
+    double pixel_mm, sharp_mm, width_mm, height_mm; /* of the map */
+    int64_t wave, tables;                           /* of the grating */
+    const double *table;
+    double period_mm, phase, low, high, duty;
+} hx_material;
+
+typedef struct {
+    int64_t material, mask; /* -1: none */
+    int64_t shape, blend, priority, corners;
+    const double *corner_mm; /* [corners][2] */
+    double x_mm, y_mm, angle_rad, scale, width_mm, height_mm, opacity;
+} hx_region;
+
+typedef struct {
+    hx_rendering rendering;
+    hx_following following;
+    hx_slice slice;
+    double sample_rate_hz, assumed_n, slide_above_mm_s, rest_below_mm_s;
+    int64_t period, materials, regions, background;
+    const double *wave;
+    const hx_material *material;
+    const hx_region *region; /* the lowest first */
+} hx_program;
+
+/* Numbers of the period of a grating with 0, 1, 2, 4, ... harmonics. */
+int64_t hx_table_size(int64_t table);
+
+/* Bytes of memory of the contents of a program, or why it is refused. */
+int64_t hx_program_size(const uint8_t *bytes, int64_t size);
+
+/* Take over the contents of a program that hx_program_size accepts, into memory of that size. */
+void hx_program_read(const uint8_t *bytes, hx_program *program, uint8_t *memory);
+
+#endif

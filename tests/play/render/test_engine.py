@@ -1,0 +1,430 @@
+"""The engine of programs of a touch against the renderer of the host, on the same motions."""
+
+import re
+import shutil
+import subprocess
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import haptix
+from haptix.base import native
+from haptix.base.native import NULL, ffi, library
+from haptix.feel.gallery import presets
+from haptix.feel.materials import Grating, Noise, Spectral, Texture
+from haptix.feel.materials.pyramid import Pyramid
+from haptix.feel.motion import Motion
+from haptix.play import Fingers, LiveSettings, RenderCore, SineCarrier, compile_touch
+from tests.play.render.conftest import CARRIER_HZ
+from tests.play.render.engines import Engine, Refused
+from tests.play.render.test_program import everything
+
+CODE_V = 200.0 / 2**15
+"""A step of the driver's output of 16 bits."""
+
+SINGLE = 1e-6  # of the friction: what the rounding of a map to single precision may change
+
+RANDOM = np.random.default_rng(5)
+# Numbers that single precision holds, so that both sides have the same map.
+LEVEL = RANDOM.random((12, 20)).astype(np.float32).astype(float)
+SHAPES = ("rectangle", "ellipse", ((1.0, 0.5), (9.0, 2.0), (4.0, 3.0), (6.0, 8.0)))
+
+
+@pytest.fixture(scope="module")
+def device():
+    with haptix.open_device("mock:") as opened:
+        yield opened
+
+
+def targets(draw):
+    """A target with its ends."""
+    return draw(st.sampled_from([("share", 0.0, 1.0), ("mu", 0.2, 0.45), ("contrast", 0.0, 0.5)]))
+
+
+def material(draw):
+    target, low, high = targets(draw)
+    if draw(st.booleans()):
+        beyond = draw(st.sampled_from(["outside", "hold"]))
+        # A range other than 0 to 1 would round each number of the map.
+        return Texture(LEVEL, draw(st.sampled_from([2.0, 10.0, 19.0])), beyond=beyond)
+    return Grating(
+        period_mm=draw(st.floats(0.3, 12.0)),
+        wave=draw(st.sampled_from(["sine", "square", "sawtooth"])),
+        orientation_deg=draw(st.sampled_from([0.0, 33.0, 90.0, -120.0])),
+        duty=draw(st.floats(0.1, 0.9)),
+        phase=draw(st.floats(-3.0, 3.0)),
+        target=target,
+        low=low,
+        high=high,
+    )
+
+
+@st.composite
+def layouts(draw):
+    target = draw(st.sampled_from(["share", "mu", "contrast"]))
+    below = material(draw) if draw(st.booleans()) else draw(st.floats(0.0, 0.5))
+    layout = haptix.Layout(below, target)
+    for _ in range(draw(st.integers(0, 4))):
+        felt = material(draw)
+        blends = ["over", "add", "max", "min"]
+        if felt.target == "share":
+            blends.append("multiply")
+        mask = Texture(LEVEL, 10.0) if draw(st.booleans()) else None
+        layout.add(
+            felt,
+            draw(st.floats(-3.0, 12.0)),
+            draw(st.floats(-3.0, 12.0)),
+            draw(st.floats(1.0, 15.0)),
+            draw(st.floats(1.0, 15.0)),
+            rotation_deg=draw(st.sampled_from([0.0, 20.0, -75.0])),
+            scale=draw(st.sampled_from([1.0, 0.5, 2.5])),
+            shape=draw(st.sampled_from(SHAPES)),
+            z=draw(st.sampled_from([0.0, 1.0, -1.0])),
+            blend=draw(st.sampled_from(blends)),
+            opacity=draw(st.sampled_from([1.0, 0.4])),
+            priority=draw(st.sampled_from([0, 0, 2])),
+            mask=mask,
+        )
+    return layout
+
+
+def strokes(random, fingers, points, footprint_mm):
+    """Straight strokes at a footprint, with forces inside and outside of the surface."""
+    start = random.uniform(-4, 18, (fingers, 2))
+    turn = random.uniform(0, 2 * np.pi, fingers)
+    way = footprint_mm * np.arange(1, points + 1)
+    x = start[:, :1] + np.cos(turn)[:, None] * way
+    y = start[:, 1:] + np.sin(turn)[:, None] * way
+    force = np.exp(random.uniform(np.log(0.15), np.log(1.3), (fingers, points)))
+    return Motion(fingers, points, x.ravel(), y.ravel(), force.ravel(), footprint_mm, 1 / 12_000)
+
+
+def compare(core, engine, random, fingers, footprints, most=1e-9):
+    """Play some blocks by both; the samples continue."""
+    sample, before_v = 0, 0.0
+    for footprint_mm in footprints:
+        points = int(random.integers(1, 60))
+        motion = strokes(random, fingers, points, footprint_mm)
+        gain = random.uniform(0, 1, fingers * points)
+        host = core.block(Fingers(motion, gain), sample, before_v)
+        ours = engine.play(motion, gain)
+        assert ours.first_sample == sample
+        np.testing.assert_allclose(ours.wanted_mu, host.target_mu, rtol=0, atol=most)
+        felt = core.friction(
+            motion.normal_force_n, 0.0 * motion.x_mm, np.tile(host.amplitude_v, fingers)
+        )
+        np.testing.assert_allclose(ours.felt_mu, felt, rtol=0, atol=most)
+        np.testing.assert_allclose(ours.drive_v, host.drive_v, rtol=0, atol=CODE_V)
+        if most == 1e-9:
+            np.testing.assert_allclose(ours.drive_v, host.drive_v, rtol=0, atol=1e-6)
+        sample += points * core.step
+        before_v = float(host.amplitude_v[-1])
+
+
+footprints = st.lists(
+    st.one_of(st.just(0.0), st.floats(1e-4, 0.3), st.floats(0.3, 6.0)), min_size=1, max_size=4
+)
+
+
+@settings(max_examples=120)
+@given(
+    layout=layouts(),
+    seed=st.integers(0, 10**6),
+    fingers=st.integers(0, 4),
+    footprints=footprints,
+    combination=st.sampled_from(["strongest", "first", "mean"]),
+    compress=st.sampled_from([None, (0.1, 0.6)]),
+)
+def test_the_engine_plays_what_the_renderer_plays(
+    surface, device, layout, seed, fingers, footprints, combination, compress
+):
+    how = LiveSettings(combination=combination, compress=compress)
+    carrier = SineCarrier(CARRIER_HZ)
+    core = RenderCore(surface, layout, device, carrier, how)
+    engine = Engine(compile_touch(surface, layout, device, carrier, how))
+    compare(core, engine, np.random.default_rng(seed), fingers, footprints)
+
+
+@pytest.mark.parametrize("footprint_mm", [0.0, 0.01, 0.2])
+@pytest.mark.parametrize(
+    "felt",
+    [
+        Noise(pixels=64, tile_mm=16.0, seed=3, mean=0.4, deviation=0.1),
+        Noise(pixels=64, tile_mm=16.0, grain="ribbed", orientation_deg=25.0, seed=3),
+        Spectral(seed=2, orientation_deg=-40.0),
+        Texture(LEVEL, 10.0, "mu", 0.2, 0.4),
+        Texture(LEVEL, 40.0),  # whose pixels are split
+    ],
+    ids=["noise", "ribs", "spectral", "mu", "coarse"],
+)
+def test_maps_are_the_same_to_single_precision(surface, device, felt, footprint_mm):
+    carrier = SineCarrier(CARRIER_HZ)
+    core = RenderCore(surface, felt, device, carrier)
+    engine = Engine(compile_touch(surface, felt, device, carrier))
+    compare(core, engine, np.random.default_rng(1), 3, [footprint_mm] * 3, SINGLE)
+
+
+@pytest.mark.parametrize(
+    "preset",
+    [
+        preset
+        for preset in presets()
+        if preset.family in ("weaves", "edges", "grains", "photographs")
+    ],
+    ids=lambda preset: preset.name,
+)
+def test_the_gallery_is_the_same(surface, device, preset):
+    carrier = SineCarrier(CARRIER_HZ)
+    try:
+        program = compile_touch(surface, preset.material, device, carrier)
+    except haptix.InputError:
+        assert preset.name in ("coin", "dots")  # they depend on the direction
+        return
+    core = RenderCore(surface, preset.material, device, carrier)
+    compare(core, Engine(program), np.random.default_rng(2), 2, [0.0, 0.004, 0.02, 0.2], SINGLE)
+
+
+@pytest.mark.parametrize(
+    ("x_mm", "y_mm"), [(np.nan, 1.0), (1.0, np.inf), (-2e6, 3.0), (1e300, -1e300)]
+)
+def test_a_place_that_is_none_is_outside(surface, device, x_mm, y_mm):
+    layout = haptix.Layout(0.25)
+    layout.add(Grating(period_mm=2.0), 0.0, 0.0, 30.0, 30.0)
+    motion = Motion.of([5.0, x_mm, 6.0], [5.0, y_mm, 6.0], footprint_mm=0.01)
+    core = RenderCore(surface, layout, device)
+    played = Engine(compile_touch(surface, layout, device)).play(motion, np.ones(3))
+    np.testing.assert_allclose(
+        played.wanted_mu, core.block(Fingers(motion, np.ones(3)), 0).target_mu, atol=1e-12
+    )
+    assert np.isfinite(played.drive_v).all()
+
+
+@settings(max_examples=100)
+@given(
+    rows=st.integers(1, 40),
+    columns=st.integers(1, 40),
+    beyond_x=st.sampled_from(["outside", "hold", "repeat"]),
+    beyond_y=st.sampled_from(["outside", "hold", "repeat"]),
+    seed=st.integers(0, 99),
+)
+def test_a_pyramid_is_that_of_the_host(rows, columns, beyond_x, beyond_y, seed):
+    if beyond_x == "repeat":
+        columns = 1 << (columns.bit_length() - 1)
+    if beyond_y == "repeat":
+        rows = 1 << (rows.bit_length() - 1)
+    values = np.random.default_rng(seed).random((rows, columns)).astype(np.float32)
+    host = Pyramid(values.astype(float), 0.5, 0.25, beyond_x, beyond_y)
+    modes = [("outside", "hold", "repeat").index(beyond) for beyond in (beyond_x, beyond_y)]
+    count = ffi.new("int64_t *")
+    size = library.hx_pyramid_size(rows, columns, *modes, count)
+    levels, numbers = ffi.new("hx_level[]", count[0]), ffi.new("double[]", size)
+    pixels = ffi.from_buffer("float *", values)
+    library.hx_pyramid_make(pixels, rows, columns, 0.5, 0.25, *modes, levels, numbers)
+    map_of = ffi.new(
+        "hx_map *",
+        (
+            levels, count[0], 1, columns * 0.5 * (beyond_x == "repeat"),
+            rows * 0.5 * (beyond_y == "repeat"), 1e6, 0.25,
+        ),
+    )  # fmt: skip
+    x, y = np.random.default_rng(seed).uniform(-10, 30, (2, 50))
+    for depth in np.arange(0, count[0] + 0.5, 0.5):
+        footprint_mm = 0.5 * 2**depth if depth >= 1 else 0.5 * 2 ** (depth - 1)
+        felt = np.empty(50)
+        at = [ffi.from_buffer("double *", row) for row in (x.copy(), y.copy(), felt)]
+        library.hx_map_sample(map_of, at[0], at[1], depth, NULL, 50, at[2])
+        np.testing.assert_allclose(felt, host.sample(x, y, footprint_mm), atol=1e-12)
+
+
+# Touches.
+
+
+def followed(engine, points, reports, seconds):
+    """Play a time in blocks of `points`, with the reports that have come before each block."""
+    step_s = 1 / 12_000
+    blocks, at, reports = [], 0.0, list(reports)
+    while at < seconds:
+        while reports and reports[0][1] <= at:
+            assert engine.touch(*reports.pop(0)) == 1
+        blocks.append(engine.block(points))
+        at += points * step_s
+    return blocks
+
+
+def straight(t_s, speed_mm_s=80.0):
+    return 5.0 + speed_mm_s * t_s, 8.0 + 0.5 * speed_mm_s * t_s
+
+
+@pytest.fixture(scope="module")
+def ribs(surface, device):
+    return compile_touch(surface, Grating(period_mm=2.0), device, SineCarrier(CARRIER_HZ))
+
+
+@pytest.mark.parametrize("rate_hz", [60.0, 125.0, 1000.0])
+def test_a_straight_stroke_is_played_where_the_finger_is(surface, device, ribs, rate_hz):
+    times = np.arange(0.0, 0.5, 1 / rate_hz)
+    blocks = followed(Engine(ribs), 12, [(3, t, *straight(t), 0.6) for t in times], 0.5)
+    core = RenderCore(surface, Grating(period_mm=2.0), device, SineCarrier(CARRIER_HZ))
+    sample, before_v = blocks[0].first_sample, 0.0
+    for number, block in enumerate(blocks):
+        if block.fingers and number > 120:  # the corrections of the first reports have decayed
+            at_s = (block.first_sample + core.step * np.arange(1, 13)) / core.sample_rate_hz
+            x, y = straight(at_s)
+            np.testing.assert_allclose(block.x_mm, x, atol=2e-6)
+            np.testing.assert_allclose(block.y_mm, y, atol=2e-6)
+            footprint_mm = np.hypot(80.0, 40.0) * core.step_s
+            motion = Motion(1, 12, block.x_mm, block.y_mm, block.force_n, footprint_mm, core.step_s)
+            host = core.block(Fingers(motion, np.ones(12)), sample, before_v)
+            np.testing.assert_allclose(block.wanted_mu, host.target_mu, atol=1e-7)
+            np.testing.assert_allclose(block.drive_v, host.drive_v, atol=CODE_V)
+        assert block.first_sample == sample
+        sample, before_v = sample + 12 * core.step, float(block.amplitude_v[-1])
+    assert sum(block.fingers for block in blocks) > 400
+
+
+def test_a_finger_that_rests_or_lifts_gets_no_drive(ribs):
+    moving = [(3, t, *straight(t), 0.6) for t in np.arange(0.0, 0.2, 0.01)]
+    for last in ([], [(3, 0.2, *straight(0.2), 0.6, False)]):
+        blocks = followed(Engine(ribs), 12, [*moving, *last], 0.4)
+        volts = np.array([np.abs(block.drive_v).max() for block in blocks])
+        assert volts[100:190].min() > 5.0
+        # Two intervals after the last report, and 5 ms in which the drive fades out.
+        end = 200 + 5 + 2 if last else 190 + 2 * 17 + 5 + 2
+        assert (volts[end:] == 0.0).all()
+        assert blocks[-1].fingers == 0
+
+
+def test_the_path_and_the_amplitude_do_not_jump(ribs):
+    """A finger that turns is predicted wrongly; corrections are blended in."""
+    times = np.arange(0.0, 0.6, 0.012)
+    places = [(12 + 8 * np.sin(9 * t), 10 + 6 * np.cos(7 * t)) for t in times]
+    reports = [(1, t, *place, 0.5) for t, place in zip(times, places, strict=True)]
+    blocks = followed(Engine(ribs), 12, reports, 0.6)
+    x = np.concatenate([block.x_mm for block in blocks if block.fingers == 1])
+    assert np.abs(np.diff(x)).max() < 0.06  # 72 mm/s are 0.006 mm; a correction of 0.1 mm decays
+    volts = np.concatenate([block.amplitude_v for block in blocks])
+    assert np.abs(np.diff(volts)).max() <= 4e5 / 12_000 + 1e-9
+    assert volts.max() > 20.0
+
+
+def test_reports_that_cannot_be_are_dropped(ribs):
+    engine = Engine(ribs)
+    assert engine.touch(1, 0.0, 1.0, 1.0, 0.5) == 1
+    for t_s, x_mm, y_mm in (
+        (np.nan, 1.0, 1.0), (np.inf, 1.0, 1.0), (0.01, np.nan, 1.0), (0.01, 1.0, np.inf),
+        (0.01, 2e6, 1.0), (0.0, 1.0, 1.0), (-1.0, 1.0, 1.0),
+    ):  # fmt: skip
+        assert engine.touch(1, t_s, x_mm, y_mm, 0.5) == 0
+    assert engine.touch(2, 0.01, 1.0, 1.0, 0.5, is_down=False) == 0  # it was never down
+    fingers = [engine.touch(number, 0.01, 1.0, 1.0, 0.5) for number in range(2, 20)]
+    assert fingers == [1] * 9 + [0] * 9  # ten at once
+    for number, force_n in enumerate((np.nan, -1.0, 0.0, 1e9)):
+        assert engine.touch(1, 0.02 + 0.001 * number, 2.0 + number, 1.0, force_n) == 1
+    assert engine.block(24).force_n == pytest.approx(0.5)  # what is assumed
+
+
+def test_two_fingers_share_the_electrode(surface, device):
+    layout = haptix.Layout(0.0)
+    layout.add(Grating(period_mm=2.0), 0.0, 0.0, 50.0, 10.0)
+    layout.add(Grating(period_mm=3.0), 0.0, 20.0, 50.0, 10.0, priority=1)
+    engine = Engine(compile_touch(surface, layout, device, SineCarrier(CARRIER_HZ)))
+    times = np.arange(0.0, 0.3, 0.01)
+    reports = [(k, t, 2 + 90 * t, 5 + 20 * k, 0.5) for t in times for k in (0, 1)]
+    both = followed(engine, 12, reports, 0.3)[-40]
+    assert both.fingers == 2
+    alone = Engine(compile_touch(surface, layout, device, SineCarrier(CARRIER_HZ)))
+    one = followed(alone, 12, [report for report in reports if report[0] == 1], 0.3)[-40]
+    np.testing.assert_allclose(both.amplitude_v, one.amplitude_v, atol=1e-9)
+
+
+# Damaged programs.
+
+
+def test_damage_is_named(ribs):
+    def refusal(program):
+        with pytest.raises(Refused) as refused:
+            Engine(program)
+        return refused.value.args[0]
+
+    assert refusal(b"") == refusal(b"PNG") == refusal(b"x" + ribs[1:]) == -1
+    assert refusal(ribs[:-1]) == refusal(ribs + b"\0") == -1
+    assert refusal(ribs[:8] + b"\2" + ribs[9:]) == -2
+    assert refusal(ribs[:-1] + bytes([ribs[-1] ^ 1])) == -3
+    assert refusal(with_bytes(ribs, 64, b"\xf8\xff\xff\xff")) == -4
+    for number in (np.nan, np.inf, -1.0):
+        assert refusal(with_bytes(ribs, 96, np.float64(number).tobytes())) == -4
+
+
+def with_bytes(program, at, changed):
+    """A program with some bytes changed, and the right checksum."""
+    program = bytearray(program)
+    program[at : at + len(changed)] = changed
+    program[12:16] = zlib.crc32(program[16:]).to_bytes(4, "little")
+    return bytes(program)
+
+
+def test_a_map_that_would_need_too_much_memory_is_refused(surface, device):
+    """Many materials may share one place of the file."""
+    noise = Noise(pixels=512)
+    program = compile_touch(surface, noise, device)
+    grown = program[:-96] + 300 * program[-96:]
+    grown = with_bytes(grown, 16, len(grown).to_bytes(4, "little"))
+    with pytest.raises(Refused, match="-5"):
+        Engine(with_bytes(grown, 52, (300).to_bytes(4, "little")))
+
+
+NATIVE = Path(native.__file__).parent
+
+
+@pytest.fixture(scope="module")
+def mutations(tmp_path_factory):
+    if shutil.which("cc") is None:
+        pytest.skip("cc is missing")
+    binary = tmp_path_factory.mktemp("engine") / "mutated_programs"
+    sources = [Path(__file__).parent / "mutated_programs.c", *sorted(NATIVE.glob("*.c"))]
+    flags = ["-std=c99", "-O1", "-g", "-fno-sanitize-recover=all", f"-I{NATIVE}"]
+    flags.append("-fsanitize=address,undefined,float-cast-overflow")
+    made = subprocess.run(
+        ["cc", *flags, *map(str, sources), "-lm", "-o", str(binary)], capture_output=True, text=True
+    )
+    if "cannot find" in made.stderr and "san" in made.stderr:
+        pytest.skip("the compiler has no sanitizers (on Debian: apt install libasan8 libubsan1)")
+    assert made.returncode == 0, made.stderr
+    return binary
+
+
+def mutated(binary, program, count, folder):
+    path = folder / "touch.hxp"
+    path.write_bytes(program)
+    done = subprocess.run(
+        [str(binary), str(path), str(count), "1"], capture_output=True, text=True, timeout=600
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    refused, played = map(int, re.findall(r"\d+", done.stdout))
+    assert refused + played == count
+    return refused, played
+
+
+def test_damaged_programs_are_refused_or_played(mutations, surface, device, tmp_path):
+    program = compile_touch(surface, everything(), device)
+    refused, played = mutated(mutations, program, 200, tmp_path)
+    assert refused > 60
+    assert played > 20
+
+
+@pytest.mark.slow
+def test_ten_thousand_damaged_programs_are_refused_or_played(mutations, surface, device, tmp_path):
+    plain = compile_touch(surface, Grating(period_mm=2.0), device)
+    refused, played = np.sum(
+        [
+            mutated(mutations, program, 5000, tmp_path)
+            for program in (compile_touch(surface, everything(), device), plain)
+        ],
+        axis=0,
+    )
+    assert refused > 4000
+    assert played > 1000
