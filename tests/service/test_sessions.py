@@ -211,7 +211,27 @@ def test_a_program_of_this_user_reads_the_code_and_a_page_does_not(service, monk
     assert running_service() is None
 
 
-def test_who_says_no_hello_takes_no_place_of_a_session(service):
+def test_sixty_silent_sockets_show_nobody_out_who_is_about_to_say_hello(service):
+    """They come again at once where one is closed, faster than an honest hello comes."""
+    address = f"ws://127.0.0.1:{service.port}/v1/session"
+
+    def opens():
+        return stack.enter_context(connect(address, subprotocols=[SPOKEN], proxy=None))
+
+    with ExitStack() as stack:
+        honest = opens()
+        number = max(service.hub.sessions)
+        service.hub.sessions[number].began_s = float("inf")  # however slow this machine is
+        for _ in range(60):
+            opens()
+        assert service.hub.sessions[number].closing is None
+        hello = {"type": "hello", "id": 1, "protocol": "1.0", "client": "honest"}
+        honest.send(json.dumps(hello | {"token": service.access.native}))
+        assert json.loads(honest.recv(PATIENCE_S))["type"] == "welcome"
+
+
+def test_who_says_no_hello_takes_no_place_of_a_session(service, monkeypatch):
+    monkeypatch.setattr("haptix.service.front.hub.MOST_STRANGERS", 8)
     address = f"ws://127.0.0.1:{service.port}/v1/session"
     with ExitStack() as stack:
         silent = [

@@ -29,7 +29,10 @@ _LOG = logging.getLogger("haptix.service")
 TICK_S = 0.02
 """Between two looks at the sessions. A silent client's voltage is gone a tick after its limit."""
 _FIRST_PINGS = 8
-_MOST_SESSIONS, _MOST_STRANGERS = 16, 8  # sessions after hello, and before it
+_MOST_SESSIONS = 16
+MOST_STRANGERS = 128
+"""Sessions before their hello. With few of them, silent sockets that come again at once would close
+the socket of an honest client in the milliseconds that its hello takes."""
 _MANY_REQUESTS, _MOST_REQUESTS = 32, 60  # of one session, that wait for the engine
 _REQUEST_WAIT_S = 0.02
 _QUESTIONS = ("inventory", "watch", "subscribe", "geometry", "bye")  # they move nothing
@@ -83,7 +86,7 @@ class Hub:
             for session in self.sessions.values()
             if not (session.is_welcome or session.closing)
         ]
-        for session in strangers[: max(0, len(strangers) + 1 - _MOST_STRANGERS)]:
+        for session in strangers[: max(0, len(strangers) + 1 - MOST_STRANGERS)]:
             session.close(4408, "more connections arrived, and this one had sent no hello")
         session = ServiceSession(self._next, origin, self.now_s)
         self._next += 1
