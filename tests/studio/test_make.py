@@ -362,6 +362,68 @@ def test_regions_are_aligned_and_get_the_same_gaps(maker, page):
     assert not violations(page)
 
 
+def test_zoom_and_pan_keep_places_true(maker, page):
+    board, ribs = page.locator(".board"), region(page, "Ribs")
+    until(page, lambda: len(known(maker)) == 4)
+    begin, all_of_it = known(maker), ribs.bounding_box()
+    x, y = all_of_it["x"] + 5, all_of_it["y"] + 5
+    page.mouse.move(x, y)
+    page.keyboard.down("Control")
+    page.mouse.wheel(0, -400)
+    page.keyboard.up("Control")
+    until(page, lambda: ribs.bounding_box()["width"] > 2 * all_of_it["width"])
+    near = ribs.bounding_box()
+    scale = near["width"] / all_of_it["width"]
+    assert near["x"] == pytest.approx(x - 5 * scale, abs=1)  # under the pointer nothing moved
+    assert near["y"] == pytest.approx(y - 5 * scale, abs=1)
+    page.mouse.wheel(30, 20)
+    until(page, lambda: ribs.bounding_box()["x"] != near["x"])
+    assert ribs.bounding_box()["y"] == pytest.approx(near["y"] - 20, abs=1)
+    page.mouse.down(button="middle")
+    page.mouse.move(x + 30, y + 20, steps=3)
+    page.mouse.up(button="middle")
+    until(page, lambda: abs(ribs.bounding_box()["x"] - near["x"]) < 1)
+    assert known(maker) == begin and not chosen(page)
+    px_per_mm = near["width"] / 56
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 8 * px_per_mm, y, steps=4)
+    page.mouse.up()
+    until(page, lambda: known(maker)["Ribs"]["x_mm"] == 8)
+    assert ribs.bounding_box()["width"] == pytest.approx(near["width"], abs=1)
+    page.keyboard.press("Control+z")
+    page.get_by_role("button", name="Show all").click()
+    until(page, lambda: ribs.bounding_box() == all_of_it)
+    page.get_by_role("button", name="Zoom in").click()
+    until(page, lambda: page.locator(".zoom", has_text="150 %").count())
+    middle = board.bounding_box()["x"] + board.bounding_box()["width"] / 2
+    wide = ribs.bounding_box()
+    assert wide["width"] == pytest.approx(1.5 * all_of_it["width"], abs=1)
+    assert wide["x"] == pytest.approx(middle - 1.5 * (middle - all_of_it["x"]), abs=1)
+
+
+def test_the_screen_has_an_outline_where_its_size_is_known(maker, browser):
+    edges = """() => {
+        const canvas = document.querySelector(".board canvas");
+        const context = canvas.getContext("2d");
+        const { a, e } = context.getTransform();
+        const { data } = context.getImageData(Math.round(a * 67 + e), 0, 1, canvas.height);
+        return [...data].filter((_, at) => at % 4 === 3).filter((alpha) => alpha > 200).length;
+    }"""
+    known_size = maker.hub.inventory.model_copy(update={"screen_mm": (67.0, 45.0)})
+    unknown, lengths = maker.hub.inventory, []
+    for maker.hub.inventory in (known_size, unknown):
+        with a_page(browser) as page:
+            page.goto(address(maker))
+            page.get_by_role("link", name="Make").click()
+            page.locator("summary", has_text="Layouts").click()
+            page.get_by_text("New layout", exact=True).click()
+            until(page, lambda page=page: not shown(page))
+            page.wait_for_timeout(100)
+            lengths.append(page.evaluate(edges))
+    assert lengths[0] > 100 and lengths[1] < 10
+
+
 def test_a_parameter_is_felt_at_once_and_headroom_is_shown(maker, page):
     page.locator('button.region[aria-label^="Ribs"]').focus()
     period = page.get_by_label("Period", exact=True)

@@ -91,6 +91,24 @@ def test_a_slide_is_touches_in_millimetres_with_the_force_that_is_said(front, pl
     assert {report.normal_force_n for report in front.engine.reports} == {None}
 
 
+def test_a_slide_over_a_zoomed_board_has_its_true_places(front, play):
+    play.get_by_role("button", name="Zoom in").click()
+    play.locator(".zoom", has_text="150 %").wait_for()
+
+    def zoomed(x_mm, y_mm):  # about the middle of the layout
+        return 58 + 1.5 * (x_mm - 58), 28 + 1.5 * (y_mm - 28)
+
+    try:
+        slide(play, zoomed(30, 20), zoomed(70, 36))
+        wait_for(lambda: front.engine.reports and front.engine.reports[-1].kind == "up")
+        reports = front.engine.reports
+        assert [reports[0].x_mm, reports[0].y_mm] == pytest.approx([30, 20], abs=0.1)
+        assert [reports[-1].x_mm, reports[-1].y_mm] == pytest.approx([70, 36], abs=0.1)
+    finally:
+        play.get_by_role("button", name="Show all").click()
+        play.locator(".zoom", has_text="100 %").wait_for()
+
+
 @pytest.fixture
 def hands(front, opened, browser):
     """A page that has taken over, and its input: touches and a pen, as Chromium emulates them."""

@@ -1,7 +1,8 @@
 /** The screen's plane in millimetres: regions, the trail of the finger, and where it is. */
 
-import { el } from "./dom.js";
+import { el, Value } from "./dom.js";
 import { pictureOf } from "./pictures.js";
+import { texts } from "./texts.js";
 
 /** @import * as m from "../../../clients/typescript/types/messages.js" */
 /** @typedef {{left: number, top: number, width: number, height: number}} Box [mm] */
@@ -9,6 +10,10 @@ import { pictureOf } from "./pictures.js";
 const MARGIN_MM = 4;
 const SMALLEST_MM = [80, 50];
 const LABEL_PX = 13;
+const GRID_MM = [1, 2, 5, 10, 20, 50, 100, 200]; // the finest whose lines are not too close
+const CLOSEST_PX = 24;
+const [ZOOM_STEP, LEAST_ZOOM, MOST_ZOOM] = [1.5, 0.25, 16];
+const ZOOM_A_PX = 0.002; // of a turned wheel
 
 /** Return the box of all regions, in millimetres. @param {m.LayoutDocument} document @returns {Box} */
 export function boxOf({ regions }) {
@@ -54,6 +59,13 @@ export class Board {
   moving = () => null;
   /** Called when the place of the plane on the page has changed. */
   onFit = () => {};
+  /** Scale of what a person zoomed to, of the one at which all regions fit. */
+  zoom = new Value(1);
+  /** Size of the screen, whose corner is the plane's origin; null if it is not known.
+   * @type {readonly number[] | null} */
+  screen_mm = null;
+  /** @type {{x_mm: number, y_mm: number, px_per_mm: number} | null} middle and scale that a person chose */
+  #view = null;
 
   #picture = el("canvas", { "aria-hidden": "true" });
   #trail = el("canvas", { "aria-hidden": "true" });
@@ -64,6 +76,64 @@ export class Board {
     this.element = el("div.board", props, this.#picture, this.#trail);
     this.#observer.observe(this.element);
     this.trail = /** @type {CanvasRenderingContext2D} */ (this.#trail.getContext("2d"));
+    this.element.addEventListener("wheel", (event) => {
+      if (event.ctrlKey || event.metaKey) this.zoomBy(Math.exp(-ZOOM_A_PX * event.deltaY), event);
+      else if (this.#view) this.pan(-event.deltaX, -event.deltaY);
+      else return; // the page scrolls
+      event.preventDefault();
+    }, { passive: false });
+    // The first listener: with the middle button nobody touches and chooses.
+    this.element.addEventListener("pointerdown", (event) => {
+      if (event.button !== 1) return;
+      event.stopImmediatePropagation();
+      event.preventDefault();
+      const end = new AbortController();
+      addEventListener("pointermove", ({ movementX, movementY }) => this.pan(movementX, movementY), { signal: end.signal });
+      for (const kind of ["pointerup", "pointercancel"]) addEventListener(kind, () => end.abort(), { signal: end.signal });
+    }, { capture: true });
+  }
+
+  /** Zoom about a place of the page, or about the middle. @param {number} by @param {{clientX: number, clientY: number}} [at] */
+  zoomBy(by, at) {
+    const now = this.zoom.get();
+    const ratio = Math.min(Math.max(now * by, LEAST_ZOOM), MOST_ZOOM) / now;
+    const middle = this.#middle;
+    const { x_mm, y_mm } = at ? this.place(at) : middle;
+    const share = 1 - 1 / ratio; // the place stays where it is
+    this.#view = {
+      x_mm: middle.x_mm + share * (x_mm - middle.x_mm), y_mm: middle.y_mm + share * (y_mm - middle.y_mm),
+      px_per_mm: this.px_per_mm * ratio,
+    };
+    this.fit();
+  }
+
+  /** Move what is shown. @param {number} right_px @param {number} down_px */
+  pan(right_px, down_px) {
+    const { px_per_mm } = this;
+    const { x_mm, y_mm } = this.#middle;
+    this.#view = { x_mm: x_mm - right_px / px_per_mm, y_mm: y_mm - down_px / px_per_mm, px_per_mm };
+    this.fit();
+  }
+
+  get #middle() {
+    return this.placeAt(this.element.clientWidth / 2, this.element.clientHeight / 2);
+  }
+
+  /** Show all regions again. */
+  showAll() {
+    this.#view = null;
+    this.fit();
+  }
+
+  /** Return the buttons that zoom. */
+  tools() {
+    const t = texts.zoom;
+    const button = (/** @type {string} */ text, /** @type {string} */ name, /** @type {() => void} */ onclick) =>
+      el("button.small", { type: "button", "aria-label": name, title: name, onclick }, text);
+    const all = button("", t.all, () => this.showAll());
+    this.zoom.on((zoom) => void (all.textContent = `${Math.round(100 * zoom)} %`));
+    return el("span.zoom", { role: "group", "aria-label": t.title },
+      button("−", t.out, () => this.zoomBy(1 / ZOOM_STEP)), all, button("+", t.in, () => this.zoomBy(ZOOM_STEP)));
   }
 
   /** Show a layout. @param {m.LayoutDocument} document */
@@ -83,16 +153,18 @@ export class Board {
     return { left, top, width: wide, height: high, transform: `rotate(${turn}rad)` };
   }
 
-  /** Fit the board into the free space of the page: to scale, where that is known and has room. */
+  /** Fit the board into the free space of the page: to scale, where that is known and has room; or as a person zoomed. */
   fit() {
     const { clientWidth: width, clientHeight: height } = this.element;
     if (!width || !height) return;
     const box = boxOf(this.document);
     const fits = Math.min(width / box.width, height / box.height);
-    const px_per_mm = this.real_px_per_mm > 0 ? Math.min(fits, this.real_px_per_mm) : fits;
-    // Centred in the free space.
-    box.left -= (width / px_per_mm - box.width) / 2;
-    box.top -= (height / px_per_mm - box.height) / 2;
+    const whole_px = this.real_px_per_mm > 0 ? Math.min(fits, this.real_px_per_mm) : fits;
+    const whole = { x_mm: box.left + box.width / 2, y_mm: box.top + box.height / 2, px_per_mm: whole_px };
+    const { x_mm, y_mm, px_per_mm } = this.#view ?? whole;
+    this.zoom.set(px_per_mm / whole_px);
+    box.left = x_mm - width / px_per_mm / 2;
+    box.top = y_mm - height / px_per_mm / 2;
     const ratio = devicePixelRatio;
     for (const canvas of [this.#picture, this.#trail]) {
       canvas.width = Math.round(width * ratio);
@@ -133,6 +205,14 @@ export class Board {
     this.clear(context);
     this.#drawGrid(context, grid, style.getPropertyValue("--quiet"));
     const px = 1 / this.px_per_mm;
+    if (this.screen_mm) {
+      const [wide, high] = this.screen_mm;
+      context.lineWidth = 2 * px;
+      context.setLineDash([8 * px, 4 * px]);
+      context.strokeStyle = style.getPropertyValue("--quiet");
+      context.strokeRect(0, 0, wide, high);
+      context.setLineDash([]);
+    }
     const in_order = [...this.document.regions].sort((a, b) => (a.z ?? 0) - (b.z ?? 0));
     for (const region of in_order) {
       const { x, y, width, height, turn } = placeOf(region);
@@ -181,12 +261,13 @@ export class Board {
     context.strokeStyle = grid;
     context.globalAlpha = 0.55;
     context.beginPath();
-    const from = (/** @type {number} */ start) => Math.ceil(start / 10) * 10;
-    for (let x = from(this.box.left); x < right; x += 10) {
+    const step = GRID_MM.find((mm) => mm * this.px_per_mm >= CLOSEST_PX) ?? 500;
+    const from = (/** @type {number} */ start) => Math.ceil(start / step) * step;
+    for (let x = from(this.box.left); x < right; x += step) {
       context.moveTo(x, this.box.top);
       context.lineTo(x, bottom);
     }
-    for (let y = from(this.box.top); y < bottom; y += 10) {
+    for (let y = from(this.box.top); y < bottom; y += step) {
       context.moveTo(this.box.left, y);
       context.lineTo(right, y);
     }
@@ -195,7 +276,7 @@ export class Board {
     context.fillStyle = ink;
     context.font = `${11 * px}px system-ui, sans-serif`;
     context.textAlign = "center";
-    for (let x = from(this.box.left + 8 * px); x < right - 34 * px; x += 10) {
+    for (let x = from(this.box.left + 8 * px); x < right - 34 * px; x += step) {
       context.fillText(x === 0 ? "0" : `${x}`, x, bottom - 5 * px);
     }
     context.textAlign = "right";

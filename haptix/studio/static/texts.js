@@ -230,6 +230,10 @@ export const texts = {
     shown: "The terminal shows a code now.",
     hint: "Eight letters and digits, in the terminal where haptix studio runs. It is good for five minutes.",
   },
+  zoom: {
+    title: "Zoom", in: "Zoom in (Ctrl and wheel)", out: "Zoom out (Ctrl and wheel)",
+    all: "Show all regions; the wheel or the middle button moves what is shown",
+  },
   make: {
     board: "Board. Drag a region to move it, its corner to size it; drag on free ground to choose those that the frame meets.",
     hint: "Click a material to add it. Shift and click, or a frame, choose several regions. Arrows move, with Shift they size. Edit shows all keys.",

@@ -21,6 +21,7 @@ import { texts } from "../texts.js";
 const t = texts.make;
 const GAP_MM = 4;
 const CHECKED_MS = 300;
+const UNKNOWN_MM = 500;
 
 /** @param {HTMLElement} root @param {App} app */
 export function mount(root, app) {
@@ -94,7 +95,7 @@ export function mount(root, app) {
   root.append(
     gallery.element,
     el("section.bench", {},
-      el("div.row.bar-of", {}, undo, redo, menuOf(t.edit, edits), draws, shows, naming(), exports),
+      el("div.row.bar-of", {}, undo, redo, menuOf(t.edit, edits), draws, board.tools(), shows, naming(), exports),
       board.element, reach, el("div.hint-of", {}, el("p.quiet", {}, t.hint), el("span", {}, state, " ", helps))),
     el("div.side", {}, el("section.sheet", {}, app.guide.element, el("h2", {}, t.order), list), parameters),
   );
@@ -328,6 +329,11 @@ export function mount(root, app) {
 
   let ended = false;
   ends.push(
+    service.inventory.on((inventory) => {
+      // A screen whose profile has no size stands there larger than any.
+      board.screen_mm = (inventory && inventory.screen_mm?.some((mm) => mm !== UNKNOWN_MM) && inventory.screen_mm) || null;
+      board.draw();
+    }),
     listen([...edits, keep]),
     regions.draws.on((is_on) => draws.setAttribute("aria-pressed", String(is_on))),
     history.document.on((document) => {

@@ -44,7 +44,7 @@ export function mount(root, app) {
   const spectrum = el("div.plot.low");
   root.append(
     el("section.plane", {}, board.element, hint,
-      el("div.legend", {}, where, legend())),
+      el("div.legend", {}, where, board.tools(), legend())),
     el("div.tools.sheet", {}, app.guide.element, forceTools(), scaleTools(board), soundTools(sound), strokes.element, comparison.element),
     el("section.live", {},
       el("div.sheet", {}, readings.element, el("details", {}, el("summary", {}, t.means), bullets(t.meanings)),
