@@ -392,7 +392,7 @@ def test_zoom_and_pan_keep_places_true(maker, page):
     until(page, lambda: known(maker)["Ribs"]["x_mm"] == 8)
     assert ribs.bounding_box()["width"] == pytest.approx(near["width"], abs=1)
     page.keyboard.press("Control+z")
-    page.get_by_role("button", name="Show all").click()
+    page.get_by_role("button", name=": Show all").click()
     until(page, lambda: ribs.bounding_box() == all_of_it)
     page.get_by_role("button", name="Zoom in").click()
     until(page, lambda: page.locator(".zoom", has_text="150 %").count())

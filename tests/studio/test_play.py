@@ -105,7 +105,7 @@ def test_a_slide_over_a_zoomed_board_has_its_true_places(front, play):
         assert [reports[0].x_mm, reports[0].y_mm] == pytest.approx([30, 20], abs=0.1)
         assert [reports[-1].x_mm, reports[-1].y_mm] == pytest.approx([70, 36], abs=0.1)
     finally:
-        play.get_by_role("button", name="Show all").click()
+        play.get_by_role("button", name=": Show all").click()
         play.locator(".zoom", has_text="100 %").wait_for()
 
 

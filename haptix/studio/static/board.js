@@ -131,7 +131,10 @@ export class Board {
     const button = (/** @type {string} */ text, /** @type {string} */ name, /** @type {() => void} */ onclick) =>
       el("button.small", { type: "button", "aria-label": name, title: name, onclick }, text);
     const all = button("", t.all, () => this.showAll());
-    this.zoom.on((zoom) => void (all.textContent = `${Math.round(100 * zoom)} %`));
+    this.zoom.on((zoom) => {
+      all.textContent = `${Math.round(100 * zoom)} %`;
+      all.setAttribute("aria-label", `${all.textContent}: ${t.all}`); // a person may say what stands there
+    });
     return el("span.zoom", { role: "group", "aria-label": t.title },
       button("−", t.out, () => this.zoomBy(1 / ZOOM_STEP)), all, button("+", t.in, () => this.zoomBy(ZOOM_STEP)));
   }
