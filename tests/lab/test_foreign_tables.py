@@ -55,6 +55,28 @@ def test_psychopy_s_tables_give_the_thresholds_of_their_answers(folder):
     assert found.tables["group"][0]["participants"] == 3
 
 
+def test_reaction_times_of_another_program_tell_fast_guesses(tmp_path):
+    draw, rows = np.random.default_rng(3), ["level,right,rt"]
+    share = function_named("weibull")
+    for k in range(200):
+        is_fast, level = draw.random() < 0.3, float(LEVELS[k % len(LEVELS)])
+        p = 0.5 if is_fast else float(share(level, 20.0, 3.0, 0.5, 0.02))
+        time_s = (0.25 if is_fast else 0.8) * np.exp(0.2 * draw.standard_normal())
+        rows.append(f"{level},{int(draw.random() < p)},{time_s:.4f}")
+    (tmp_path / "p1.csv").write_text("\n".join(rows) + "\n")
+    columns = TrialColumns(level="level", level_unit="dB", is_right="right", task="2ifc")
+    of_times = columns.model_copy(update={"reaction_s": "rt"})
+    alone, timed = (
+        analyse(tmp_path, columns=one).tables["thresholds"][0] for one in (columns, of_times)
+    )
+    assert alone.get("fast_guesses") is None
+    assert timed["fast_guesses"] == pytest.approx(0.3, abs=0.06)
+    assert timed["low_db"] < 20.0 < timed["high_db"]
+    (tmp_path / "p1.csv").write_text("\n".join(rows).replace("rt", "time") + "\n")
+    with pytest.raises(FileFormatError, match="rt"):
+        analyse(tmp_path, columns=of_times)
+
+
 def test_copies_are_one_and_two_of_a_name_are_asked_about(folder):
     shutil.copy(folder / "p1_exp_2026.csv", folder / "p1_exp_2026 (1).csv")
     found = analyse(folder, columns=COLUMNS)

@@ -296,7 +296,7 @@ def test_the_power_of_a_plan_is_that_of_theory(monkeypatch):
         def __init__(self, threshold):
             self.threshold = threshold + draw.standard_normal()
 
-        def estimate(self):
+        def estimate(self, reaction_s):
             logs = -0.5 * (grid - self.threshold) ** 2
             return Estimate(self.threshold, likelihood=(grid, logs))
 

@@ -71,7 +71,7 @@ def estimates(name, observer):
 
         method = run(METHODS[name](seed), share, seed)
         truth = start + drift * (len(method.answers) - 1) / 200
-        found.append((method.estimate(), truth))
+        found.append((method.estimate(reaction_s=()), truth))
     return found
 
 
@@ -178,6 +178,20 @@ def test_fast_guesses_are_found_by_their_times():
     assert np.median(shares) == pytest.approx(0.3, abs=0.06)
 
 
+def test_an_up_down_run_without_times_says_what_it_cannot_allow_for():
+    """Guesses lead its levels up, as a shallow function would: the answers alone do not tell."""
+    method, times = with_fast_guesses(0.3, 1)
+    untimed = method.estimate()
+    assert np.isfinite(untimed.threshold) and "fast guesses" in untimed.warnings[-1]
+    assert "not known" not in " ".join(method.estimate(reaction_s=times).warnings)
+    constant = run(ConstantStimuli(range(13, 32, 3), 20, 1), of_normal_observer, 1)
+    assert constant.estimate().warnings == ()
+
+
+def of_normal_observer(level, trial):
+    return 0.5 + 0.48 * normal(2.5)(level - 22.0)
+
+
 def test_fast_right_answers_are_no_guesses():
     """A good observer answers easy trials fast: nothing is taken away."""
     for seed in range(6):
@@ -185,7 +199,7 @@ def test_fast_right_answers_are_no_guesses():
         easy = [0.4 if level > 28 else 1.0 for level, _ in method.answers]
         times = [time * one for time, one in zip(times, easy, strict=True)]
         assert fast_guesses(method.answers, times).max() == 0.0
-        assert method.estimate(reaction_s=times) == method.estimate()
+        assert method.estimate(reaction_s=times) == method.estimate(reaction_s=())
 
 
 def test_a_few_answers_give_no_threshold():

@@ -47,6 +47,8 @@ class TrialColumns(Document):
     participant, session, condition : str
         Their columns, where there are any; a table without participants is of one, who is called
         as its file.
+    reaction_s : str, optional
+        Column of the reaction times [s], by which fast guesses are found.
     delimiter : str, optional
         Between two columns; found where it is not given.
     """
@@ -58,6 +60,7 @@ class TrialColumns(Document):
     participant: str = "participant"
     session: str = "session"
     condition: str = "condition"
+    reaction_s: str | None = None
     delimiter: Annotated[str | None, Field(min_length=1, max_length=1)] = None
 
     def sessions(self, source: str | Path) -> Iterator[tuple[LoggedSession, str, ConstantStimuli]]:
@@ -130,7 +133,8 @@ class TrialColumns(Document):
         table = csv.DictReader(text.splitlines(), delimiter=sign)
         names = [name.strip() for name in table.fieldnames or ()]
         table.fieldnames = names
-        if missing := [name for name in (self.level, self.is_right) if name not in names]:
+        needed = [self.level, self.is_right, *filter(None, [self.reaction_s])]
+        if missing := [name for name in needed if name not in names]:
             raise FileFormatError(
                 f"{file}: missing columns {', '.join(map(repr, missing))}; the file has "
                 f"{', '.join(filter(None, names))}"
@@ -153,6 +157,7 @@ class TrialColumns(Document):
                 "condition": cells.get(self.condition, ""),
                 "trial": str(count),
                 "level": repr(self._level_db(file, number, level)),
+                "reaction_s": self._seconds(file, number, cells),
                 "is_right": "true" if answer in _RIGHT else "false",
                 "kind": "trial",
                 "accepted": "true",
@@ -161,6 +166,17 @@ class TrialColumns(Document):
             raise FileFormatError(
                 f"{file}: expected trials with {self.level} and {self.is_right}, got none"
             )
+
+    def _seconds(self, file: Path, number: int, cells: dict[str, str]) -> str:
+        cell = cells.get(self.reaction_s or "", "").replace(",", ".")
+        if cell.lower() in _NOTHING:
+            return "n/a"
+        try:
+            return repr(float(cell))
+        except ValueError:
+            raise FileFormatError(
+                f"{file}, line {number}: {self.reaction_s}: expected seconds, got {cell!r}"
+            ) from None
 
     def _level_db(self, file: Path, number: int, cell: str) -> float:
         try:

@@ -84,7 +84,7 @@ def accuracy(
     off, widths, trials, held, warned = [], [], [], 0, 0
     for k in range(runs):
         method, count = one_run(make, observer, seed + k, ceiling)
-        estimate = method.estimate()
+        estimate = method.estimate(reaction_s=())
         trials.append(count)
         warned += bool(estimate.warnings)
         if not isnan(estimate.threshold):
@@ -160,7 +160,7 @@ def paired_power(
     found = []
     for k, truth in enumerate(truths):
         method, _ = one_run(make, replace(observer, threshold=float(truth)), seed + k, ceiling)
-        found.append(method.estimate())
+        found.append(method.estimate(reaction_s=()))
     likelihoods = [one.likelihood for one in found if one.likelihood is not None]
     if len(likelihoods) < len(found):
         raise InputError("simulate: a run has too few answers for a threshold; plan more trials")

@@ -107,7 +107,7 @@ class Magnitudes(Comparison):
         self.answers.append((self.level if level is None else float(level), number))
 
     def estimate(
-        self, empty: tuple[int, int] = (0, 0), reaction_s: Sequence[float] = ()
+        self, empty: tuple[int, int] = (0, 0), reaction_s: Sequence[float] | None = None
     ) -> Estimate:
         """Return geometric means, and of levels the exponent of the power function."""
         levels, numbers = np.array(self.answers).reshape(-1, 2).T
@@ -168,7 +168,7 @@ class Pairs(Comparison):
         return won
 
     def estimate(
-        self, empty: tuple[int, int] = (0, 0), reaction_s: Sequence[float] = ()
+        self, empty: tuple[int, int] = (0, 0), reaction_s: Sequence[float] | None = None
     ) -> Estimate:
         """Return a scale value for each level, in logits with a mean of 0; no threshold."""
         scale = dict(zip(self.levels, bradley_terry(self.wins())[0].tolist(), strict=True))
@@ -183,7 +183,7 @@ class Similarities(Comparison):
         raise NotImplementedError
 
     def estimate(
-        self, empty: tuple[int, int] = (0, 0), reaction_s: Sequence[float] = ()
+        self, empty: tuple[int, int] = (0, 0), reaction_s: Sequence[float] | None = None
     ) -> Estimate:
         """Return nothing: `alike` has the answers."""
         return Estimate()

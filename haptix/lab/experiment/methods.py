@@ -53,7 +53,7 @@ class Method:
         """Note that the presentation did not count; by default it is presented again."""
 
     def estimate(
-        self, empty: tuple[int, int] = (0, 0), reaction_s: Sequence[float] = ()
+        self, empty: tuple[int, int] = (0, 0), reaction_s: Sequence[float] | None = None
     ) -> Estimate:
         """Estimate from the answers so far.
 
@@ -61,8 +61,9 @@ class Method:
         ----------
         empty : (int, int)
             Trials without a target in which one was found, and all of them; of tasks that detect.
-        reaction_s : sequence of float
-            Reaction time of each answer [s], where they are known: see `fast_guesses`.
+        reaction_s : sequence of float, optional
+            Reaction time of each answer [s], where they are known: see `fast_guesses`. None of
+            them are needed where nobody guesses, as a simulated observer: then it is empty.
         """
         raise NotImplementedError
 
@@ -88,9 +89,9 @@ class ThresholdMethod(Method):
         raise NotImplementedError
 
     def estimate(
-        self, empty: tuple[int, int] = (0, 0), reaction_s: Sequence[float] = ()
+        self, empty: tuple[int, int] = (0, 0), reaction_s: Sequence[float] | None = None
     ) -> Estimate:
-        return fit(self.answers, self.function, self.guess_share, empty, reaction_s)
+        return fit(self.answers, self.function, self.guess_share, empty, reaction_s or ())
 
 
 class FixedOrder(Method):
@@ -184,7 +185,7 @@ class MethodsByCondition(Method):
         self.methods[self.condition].postpone()
 
     def estimate(
-        self, empty: tuple[int, int] = (0, 0), reaction_s: Sequence[float] = ()
+        self, empty: tuple[int, int] = (0, 0), reaction_s: Sequence[float] | None = None
     ) -> Estimate:
         """Return the estimate of the only condition; several have theirs in `methods`."""
         if len(self.methods) == 1:

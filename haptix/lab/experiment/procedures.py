@@ -6,8 +6,8 @@ Watson, J. Vision 17(3):10 (2017); Kontsevich & Tyler, Vision Res. 39, 2729 (199
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from math import inf, prod
+from dataclasses import dataclass, field, replace
+from math import inf, isfinite, prod
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,13 @@ from haptix.base.checks import Array, increasing, number, positive, row, whole
 from haptix.base.errors import InputError
 from haptix.lab.experiment.comparisons import Magnitudes, Pairs, Sorting, Triads
 from haptix.lab.experiment.methods import ConstantStimuli, Method, ThresholdMethod
-from haptix.lab.experiment.psychometric import function_named
+from haptix.lab.experiment.psychometric import Estimate, function_named
+
+_UNTIMED = (
+    "the reaction times are not known: if 30 % of the answers are fast guesses, the interval of an "
+    "up-down run holds the threshold in 6 of 10 runs, since guesses lead its levels up; log the "
+    "times, or present constant stimuli"
+)
 
 
 @dataclass(eq=False)
@@ -25,7 +31,8 @@ class UpDown(ThresholdMethod):
 
     Levitt, J. Acoust. Soc. Am. 49, 467 (1971); weights after Kaernbach, Percept. Psychophys. 49,
     227 (1991). With steps of one size it converges where ``p^n = w / (1 + w)``: at 79.4 % right for
-    the usual three down, one up.
+    the usual three down, one up. Without reaction times its estimate warns that it cannot allow for
+    fast guesses.
 
     Parameters
     ----------
@@ -124,6 +131,14 @@ class UpDown(ThresholdMethod):
         self._direction = direction
         size = self._step if direction < 0 else self._step * self.up_weight
         self._level = min(max(at + direction * size, self.lowest), self.highest)
+
+    def estimate(
+        self, empty: tuple[int, int] = (0, 0), reaction_s: Sequence[float] | None = None
+    ) -> Estimate:
+        found = super().estimate(empty, reaction_s)
+        if reaction_s is None and isfinite(found.threshold) and self.guess_share > 0:
+            return replace(found, warnings=(*found.warnings, _UNTIMED))
+        return found
 
     def describe(self) -> dict[str, Any]:
         return super().describe() | {"target": self.target}

@@ -227,13 +227,13 @@ def estimate_of(
 ) -> Estimate:
     """Return a method's estimate, with reaction times, and with trials without a target.
 
-    Reaction times of simulated observers say nothing.
+    Reaction times of simulated observers say nothing. Of imported answers they may not be known.
     """
     counted = [row for row in rows if row["accepted"] == "true"]
     mine = [row for row in counted if not condition or row["condition"] == condition]
     trials = [row for row in mine if row["kind"] in ("trial", "n/a")]
     times = [row["reaction_s"] for row in trials if row["source"] != "simulated"]
-    reaction_s = [] if "n/a" in times else [float(time) for time in times]
+    reaction_s = None if "n/a" in times else [float(time) for time in times]
     if not task_named(task).detects:
         return method.estimate(reaction_s=reaction_s)
     empty = [row for row in counted if row["kind"] == "catch"]
