@@ -53,7 +53,9 @@ def test_the_version_stands_in_one_place():
     source = (ROOT / settings["tool"]["hatch"]["version"]["path"]).read_text(encoding="utf-8")
     assert f'__version__ = "{haptix.__version__}"' in source
     # What cannot read it there says the same, in the form of its language.
-    packages = [ROOT / "clients" / name / "package.json" for name in ("typescript", "csharp")]
+    packages = [
+        ROOT / "clients" / name / "package.json" for name in ("typescript", "csharp", "engine")
+    ]
     versions = [json.loads(path.read_text())["version"] for path in packages]
     project = (ROOT / "clients" / "csharp" / "Haptix.Client.csproj").read_text()
     versions += re.findall("<Version>(.*)</Version>", project)

@@ -1,0 +1,106 @@
+// An engine for a page: it runs in a worker, takes pointers, and gives blocks of friction and drive.
+
+import { bytesOf, compileEngine, ProgramError } from "./core.js";
+
+export { ProgramError };
+
+export class Engine extends EventTarget {
+  #worker;
+
+  constructor(worker, { sampleRateHz, step, highestV }) {
+    super();
+    this.#worker = worker;
+    /** Samples in a second. */
+    this.sampleRateHz = sampleRateHz;
+    /** Samples from one control point to the next. */
+    this.step = step;
+    /** Highest voltage of the drive. */
+    this.highestV = highestV;
+    worker.onmessage = ({ data }) => {
+      if (data.block) this.dispatchEvent(new CustomEvent("block", { detail: data.block }));
+    };
+  }
+
+  /**
+   * Load a program of a touch. A `ProgramError` says why one is refused.
+   *
+   * @param {string | URL | ArrayBuffer | Uint8Array} program address or bytes of a .hxp file
+   */
+  static async load(program) {
+    const [module, bytes] = await Promise.all([compileEngine(), bytesOf(program)]);
+    const worker = new Worker(new URL("./worker.js", import.meta.url), { type: "module" });
+    const opened = new Promise((resolve, reject) => {
+      worker.onerror = () => reject(new Error("the worker of the engine cannot be loaded"));
+      worker.onmessage = ({ data }) => {
+        if (data.opened) return resolve(data.opened);
+        const error = new ProgramError(data.refused.code);
+        error.message = data.refused.message;
+        reject(error);
+      };
+    });
+    worker.postMessage({ open: { module, program: bytes } });
+    try {
+      return new Engine(worker, await opened);
+    } catch (error) {
+      worker.terminate();
+      throw error;
+    }
+  }
+
+  /** Report a finger; `ms` is its time stamp, as events have it. */
+  touch(id, xMm, yMm, { isDown = true, forceN = 0, ms = performance.now() } = {}) {
+    this.#worker.postMessage({
+      touch: { id, xMm, yMm, forceN, isDown, ms: performance.timeOrigin + ms },
+    });
+  }
+
+  /**
+   * Take the pointers on an element: a finger or a pen while it touches, a mouse while it is over it.
+   *
+   * @param {HTMLElement} element
+   * @param {number} widthMm width of the element in the millimetres of the program
+   * @returns {() => void} stops it
+   */
+  attach(element, widthMm) {
+    const down = new Set();
+    const report = (event, isDown) => {
+      const box = element.getBoundingClientRect();
+      const mm = widthMm / box.width;
+      const [x, y] = [(event.clientX - box.left) * mm, (event.clientY - box.top) * mm];
+      this.touch(event.pointerId, x, y, { isDown, ms: event.timeStamp });
+    };
+    const move = (event) => {
+      const touches = event.pointerType === "mouse" || (event.buttons & 1) === 1;
+      if (touches) {
+        down.add(event.pointerId);
+        const events = event.getCoalescedEvents?.() ?? [];
+        for (const one of events.length ? events : [event]) report(one, true);
+      }
+    };
+    const up = (event) => {
+      if (event.type === "pointerup" && event.pointerType === "mouse") return;
+      if (down.delete(event.pointerId)) report(event, false);
+    };
+    const listeners = {
+      pointerdown: move,
+      pointermove: move,
+      pointerup: up,
+      pointercancel: up,
+      pointerleave: up,
+    };
+    for (const [type, listener] of Object.entries(listeners)) {
+      element.addEventListener(type, listener);
+    }
+    element.style.touchAction = "none";
+    return () => {
+      for (const [type, listener] of Object.entries(listeners)) {
+        element.removeEventListener(type, listener);
+      }
+    };
+  }
+
+  /** End the worker. */
+  close() {
+    this.#worker.terminate();
+  }
+}
