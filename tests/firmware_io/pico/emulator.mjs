@@ -35,7 +35,7 @@ const flash = flashOf(readFileSync(image));
 if (bootCrc(flash.subarray(0, 252)) !== new DataView(flash.buffer).getUint32(252, true)) throw Error("no boot stage");
 
 const output = openSync(trace, "w");
-let codes = [], chip, host, isWiredWrong = false, socket = null, playedBefore = 0, flipDue = null;
+let codes = [], chip, host, offsetCode = 0, isWiredWrong = false, socket = null, playedBefore = 0, flipDue = null;
 
 function write() {
   if (codes.length) writeSync(output, new Uint8Array(new Int16Array(codes).buffer));
@@ -65,7 +65,8 @@ function start(old) {
     codes.push(code);
     chip.spi[0].completeTransmit(0);
   };
-  const done = chip.clock.createAlarm(() => chip.adc.completeADCRead(isWiredWrong ? 0 : (code + 32768) >> 4, false));
+  const measured = () => (isWiredWrong ? 0 : Math.min(Math.max(code + offsetCode + 32768, 0), 65535) >> 4);
+  const done = chip.clock.createAlarm(() => chip.adc.completeADCRead(measured(), false));
   chip.adc.onADCRead = () => done.schedule(2000);
   for (const [pin, name] of [[PIN_ENABLE, "enable"], [PIN_MARK, "mark"]])
     chip.gpio[pin].addListener((state) => say({ [name]: state, at: playedBefore + codes.length, us: chip.clock.micros }));
@@ -141,7 +142,10 @@ const commands = {
     chip.isHung = true;
     say({ hung: chip.clock.micros });
   },
-  wire: ({ isWrong }) => (isWiredWrong = isWrong),
+  /** The processor, and no other part, stands still for a while. */
+  stall: ({ us }) => (chip.stallsUntil = chip.clock.nanos + us * 1000),
+  time: () => say({ time: chip.clock.micros }),
+  wire: ({ isWrong = false, offset = 0 }) => ([isWiredWrong, offsetCode] = [isWrong, offset]),
   /** Amid a call of the core nothing would notice it: docs/safety.md. */
   flip: (where) => (flipDue = where),
 };
@@ -178,7 +182,7 @@ function run() {
         chip.sram[flipDue.address] ^= 1 << flipDue.bit;
         flipDue = null;
       }
-      if (core.waiting || chip.isHung) chip.clock.tick(chip.clock.nanosToNextAlarm || 1000);
+      if (core.waiting || chip.isHung || chip.clock.nanos < chip.stallsUntil) chip.clock.tick(chip.clock.nanosToNextAlarm || 1000);
       else chip.clock.tick(chip.core.executeInstruction() * NANOSECONDS);
     }
   } catch (stopped) {
