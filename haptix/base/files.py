@@ -93,7 +93,7 @@ def write_whole(path: str | Path, content: Content, is_secret: bool = False) -> 
     try:
         _write({path: content}, is_secret)
     except OSError as error:
-        raise FileFormatError(f"cannot write {path}: {write_failure(error, path)}") from None
+        raise FileFormatError(f"cannot write {path}: {write_failure(error, path)}") from error
 
 
 def write_folder(folder: Path, files: Mapping[str, Content]) -> list[Path]:
@@ -107,8 +107,17 @@ def write_folder(folder: Path, files: Mapping[str, Content]) -> list[Path]:
     try:
         _write(targets)
     except OSError as error:
-        raise InputError(f"cannot write to {folder}: {write_failure(error, folder)}") from None
+        raise InputError(f"cannot write to {folder}: {write_failure(error, folder)}") from error
     return list(targets)
+
+
+def is_full_disk(error: BaseException | None) -> bool:
+    """Whether an error, or its cause, is that a disk or a quota is full."""
+    while error is not None:
+        if isinstance(error, OSError) and error.errno in FULL_DISK:
+            return True
+        error = error.__cause__
+    return False
 
 
 def write_failure(error: OSError, path: Path) -> str:

@@ -16,7 +16,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from haptix.base.errors import InputError
+from haptix.base.errors import FileFormatError, InputError
+from haptix.base.files import write_failure
 
 LARGEST_BYTES = 2_200_000_000
 """Default limit of the memory that making a texture takes: `MOST_KEPT` in colour, with opacity."""
@@ -71,7 +72,8 @@ def is_kept(folder: Path, digest: str) -> bool:
 def decoded(path: Path, make: Callable[[], Pixels]) -> Pixels:
     """Return the pixels of a file, and whether they are premultiplied by their opacity.
 
-    Raises `InputError` if this process may not decode, and the cache does not have the file.
+    Raises `InputError` if this process may not decode, and the cache does not have the file;
+    `FileFormatError` if the pixels cannot be kept, as on a full disk.
 
     Parameters
     ----------
@@ -94,7 +96,12 @@ def decoded(path: Path, make: Callable[[], Pixels]) -> Pixels:
     if not _place.makes:
         raise InputError(f"image: {path.name} is not decoded yet; send the layout again")
     pixels, premultiplied = make()
-    _write(_place.folder / f"{path.stem}{_ENDINGS[premultiplied]}", pixels)
+    target = _place.folder / f"{path.stem}{_ENDINGS[premultiplied]}"
+    try:
+        _write(target, pixels)
+    except OSError as error:
+        why = write_failure(error, target)
+        raise FileFormatError(f"cannot keep the pixels of {path.name}: {why}") from error
     return pixels, premultiplied
 
 

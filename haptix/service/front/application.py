@@ -24,7 +24,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from starlette.exceptions import HTTPException
 
 from haptix.base.errors import HaptixError
-from haptix.base.files import FULL_DISK, write_failure
+from haptix.base.files import is_full_disk, write_failure
 from haptix.base.version import __version__
 from haptix.service.front.access import Access
 from haptix.service.front.assets import AssetStore
@@ -274,10 +274,10 @@ def application(
     @app.exception_handler(Exception)
     async def fail(_: Request, error: Exception) -> Response:
         """Answer unforeseen errors and a full disk by a sentence, too."""
-        sentence, status = f"a fault of the service: {type(error).__name__}; see its log", 500
+        sentence = f"a fault of the service: {type(error).__name__}; see its log"
+        status = 507 if is_full_disk(error) else 500
         if isinstance(error, OSError):
             sentence = f"cannot be kept: {write_failure(error, hub.access.folder)}"
-            status = 507 if error.errno in FULL_DISK else 500
         elif isinstance(error, HaptixError):
             sentence = str(error)
         wrong = m.Error(id=0, code="internal", sentence=sentence)

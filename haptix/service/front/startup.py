@@ -15,7 +15,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from haptix.base.errors import DeviceError, from_extra
+from haptix.base.errors import DeviceError, InputError, from_extra
+from haptix.base.files import write_failure
 from haptix.base.log import without_secrets
 from haptix.feel.gallery import ASSETS as GALLERY_ASSETS
 from haptix.service.front.access import Access, Listen, check_certificate, listens
@@ -79,9 +80,13 @@ def serve(
     listener = listens(listen.host if listen else "127.0.0.1", port)
     number = listener.getsockname()[1]
     folder = folder or service_folder()
-    access = Access(number, folder, (listen.host,) if listen else ())
-    assets = AssetStore(folder / "assets")
-    assets.keep(GALLERY_ASSETS)
+    try:
+        access = Access(number, folder, (listen.host,) if listen else ())
+        assets = AssetStore(folder / "assets")
+        assets.keep(GALLERY_ASSETS)
+    except OSError as error:
+        why = write_failure(error, folder)
+        raise InputError(f"cannot write to the service's folder {folder}: {why}") from error
     empty = m.Inventory(devices=(), finger="", screen="", kinds=())
     opening = {
         "device": device,
