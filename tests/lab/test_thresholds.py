@@ -186,6 +186,11 @@ def test_an_up_down_run_without_times_says_what_it_cannot_allow_for():
     assert "not known" not in " ".join(method.estimate(reaction_s=times).warnings)
     constant = run(ConstantStimuli(range(13, 32, 3), 20, 1), of_normal_observer, 1)
     assert constant.estimate().warnings == ()
+    grid = np.arange(10.0, 35.0, 1.0)
+    for lapse, warned in ((0.02, True), ((0.01, 0.04, 0.1), False)):
+        quest = Quest(grid, grid, (2.0, 3.5, 5.0), lapse=lapse, trials=40)
+        found = run(quest, of_normal_observer, 2).estimate()
+        assert ("fast guesses" in " ".join(found.warnings)) == warned
 
 
 def of_normal_observer(level, trial):

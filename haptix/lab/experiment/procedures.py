@@ -18,11 +18,17 @@ from haptix.lab.experiment.comparisons import Magnitudes, Pairs, Sorting, Triads
 from haptix.lab.experiment.methods import ConstantStimuli, Method, ThresholdMethod
 from haptix.lab.experiment.psychometric import Estimate, function_named
 
-_UNTIMED = (
-    "the reaction times are not known: if 30 % of the answers are fast guesses, the interval of an "
-    "up-down run holds the threshold in 6 of 10 runs, since guesses lead its levels up; log the "
-    "times, or present constant stimuli"
-)
+
+def _untimed(found: Estimate, reaction_s: Sequence[float] | None, holds: str) -> Estimate:
+    """Warn of fast guesses, which lead levels up and cannot be told without reaction times."""
+    if reaction_s is not None or not isfinite(found.threshold):
+        return found
+    why = (
+        "the reaction times are not known: if 30 % of the answers are fast guesses, which lead the "
+        f"levels up, the interval holds the threshold in {holds} runs; log the times, or present "
+        "constant stimuli"
+    )
+    return replace(found, warnings=(*found.warnings, why))
 
 
 @dataclass(eq=False)
@@ -135,10 +141,7 @@ class UpDown(ThresholdMethod):
     def estimate(
         self, empty: tuple[int, int] = (0, 0), reaction_s: Sequence[float] | None = None
     ) -> Estimate:
-        found = super().estimate(empty, reaction_s)
-        if reaction_s is None and isfinite(found.threshold) and self.guess_share > 0:
-            return replace(found, warnings=(*found.warnings, _UNTIMED))
-        return found
+        return _untimed(super().estimate(empty, reaction_s), reaction_s, "6 of 10")
 
     def describe(self) -> dict[str, Any]:
         return super().describe() | {"target": self.target}
@@ -169,7 +172,9 @@ _MOST_PROBABILITIES = 10_000_000  # levels times parameters: 160 MB
 class Quest(ThresholdMethod):
     """Presents the level with the least expected entropy of the posterior on its grids.
 
-    The grids choose levels. The threshold is that of the posterior of every method, see `fit`.
+    The grids choose levels. With one slope or lapse rate, an estimate without reaction times warns
+    that it cannot allow for fast guesses. The threshold is that of the posterior of every method,
+    see `fit`.
 
     Parameters
     ----------
@@ -279,6 +284,14 @@ class Quest(ThresholdMethod):
     @property
     def guess_share(self) -> float:
         return float(self.grids["guess"][0])
+
+    def estimate(
+        self, empty: tuple[int, int] = (0, 0), reaction_s: Sequence[float] | None = None
+    ) -> Estimate:
+        found = super().estimate(empty, reaction_s)
+        # With a grid of slopes and lapses it presents levels that tell lapses.
+        known = min(len(self.grids["slope"]), len(self.grids["lapse"])) > 1
+        return found if known else _untimed(found, reaction_s, "3 of 4")
 
     def describe(self) -> dict[str, Any]:
         grids = {"levels": self._levels, **self.grids}
