@@ -17,10 +17,20 @@ from typing import Any
 from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File
 
+import haptix
+from haptix.feel.gallery import ASSETS, presets
+from haptix.model.presets import DEFAULT_CARRIER_HZ
+from haptix.model.surface import cached_surface
+from haptix.play import ForceModel, compile_touch
+
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "scripts"))
 import figures  # noqa: E402  # beside this file
 import gallery_pictures  # noqa: E402, F401  # the blocks of docs/gallery import it from here
+
+ENGINE = ROOT / "clients" / "engine" / "src"
+FELT = "brick"
+"""Preset of the gallery that the front page lets feel."""
 
 PACKAGES = (
     "haptix", "haptix.model", "haptix.feel", "haptix.play", "haptix.plan", "haptix.lab",
@@ -89,7 +99,23 @@ def on_files(files: Any, config: Any) -> Any:
     for package in PACKAGES:
         page = f"reference/{package}.md"
         files.append(File.generated(config, page, content=reference(package)))
+    for name, content in felt().items():
+        files.append(File.generated(config, f"felt/{name}", content=content))
     return files
+
+
+def felt() -> dict[str, bytes]:
+    """Files of the texture on the front page: the engine, a picture and its program of a touch."""
+    preset = next(preset for preset in presets() if preset.name == FELT)
+    picture = ASSETS / f"{preset.document['file'].removeprefix('sha256:')}.jpg"
+    model = haptix.ContactModel(haptix.Finger(), haptix.Screen())
+    # A page knows no force: one that is assumed does.
+    scene = {"normal_force_n": ForceModel().assumed_n, "frequency_hz": DEFAULT_CARRIER_HZ}
+    surface, _ = cached_surface(model, scene, "0.05 JND")
+    with haptix.open_device("mock:") as device:
+        program = compile_touch(surface, preset.material, device)
+    engine = {path.name: path.read_bytes() for path in sorted(ENGINE.iterdir())}
+    return {**engine, "picture.jpg": picture.read_bytes(), "touch.hxp": program}
 
 
 def on_config(config: Any) -> Any:

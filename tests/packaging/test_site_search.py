@@ -107,27 +107,72 @@ def site(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def search(site):
-    """A function that types words into the site's search and returns the first links."""
+def address(site):
     handler = functools.partial(Quiet, directory=str(site))
     with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
-        address = f"http://127.0.0.1:{server.server_address[1]}/"
-        with chromium() as browser:
-            page = browser.new_page()
-
-            def links(words):
-                # A fresh page for each: what was found for the last words cannot be taken for this.
-                # In the address, since words that are typed before the page's script has begun to
-                # listen are lost.
-                page.goto(f"{address}index.html?{urllib.parse.urlencode({'q': words})}")
-                found = page.locator(".md-search-result__link")
-                found.first.wait_for(state="attached", timeout=120_000)
-                hrefs = found.evaluate_all("links => links.map(link => link.href)")
-                return [re.sub(r"\?[^#]*", "", href.removeprefix(address)) for href in hrefs]
-
-            yield links
+        yield f"http://127.0.0.1:{server.server_address[1]}/"
         server.shutdown()
+
+
+@pytest.fixture(scope="module")
+def page(address):
+    with chromium() as browser:
+        yield browser.new_page()
+
+
+@pytest.fixture(scope="module")
+def search(address, page):
+    """A function that types words into the site's search and returns the first links."""
+
+    def links(words):
+        # A fresh page for each: what was found for the last words cannot be taken for this.
+        # In the address, since words that are typed before the page's script has begun to
+        # listen are lost.
+        page.goto(f"{address}index.html?{urllib.parse.urlencode({'q': words})}")
+        found = page.locator(".md-search-result__link")
+        found.first.wait_for(state="attached", timeout=120_000)
+        hrefs = found.evaluate_all("links => links.map(link => link.href)")
+        return [re.sub(r"\?[^#]*", "", href.removeprefix(address)) for href in hrefs]
+
+    return links
+
+
+@pytest.mark.slow
+def test_the_front_page_is_felt_without_a_service(address, page):
+    asked, errors = [], []
+    page.on("request", lambda request: asked.append(request.url))
+    page.on("pageerror", lambda error: errors.append(error))
+    page.goto(f"{address}index.html")
+    figure = page.locator(".felt")
+    page.wait_for_function("document.querySelector('.felt').dataset.state")
+    assert figure.get_attribute("data-state") == "ready"
+    pad = page.locator(".felt-pad")
+    pad.scroll_into_view_if_needed()
+    box = pad.bounding_box()
+    page.evaluate(
+        "(() => { window.seen = []; const outputs = [...document.querySelectorAll('.felt output')];"
+        "const keep = () => seen.push(outputs.map(output => output.textContent));"
+        "new MutationObserver(keep).observe(outputs[1], { childList: true }) })()"
+    )
+    for step in range(120):  # across the joints, there and back
+        part = 0.1 + 0.8 * abs(step % 60 - 30) / 30
+        page.mouse.move(box["x"] + part * box["width"], box["y"] + 0.6 * box["height"])
+        page.wait_for_timeout(8)
+    seen = page.evaluate("seen")
+    numbers = np.array([row for row in seen if "\u2013" not in row], float)
+    assert len(numbers) > 20
+    assert np.ptp(numbers, axis=0).min() > 0.02  # the bright joints grip
+    # What is felt follows what is wanted, up to the edges that no drive can follow.
+    assert np.median(np.abs(numbers[:, 0] - numbers[:, 1])) < 0.005
+    drawn = page.evaluate(
+        "(() => { const c = document.querySelector('.felt canvas');"
+        "return c.getContext('2d').getImageData(0, 0, c.width, c.height).data"
+        ".filter((value, i) => i % 4 === 3 && value > 0).length })()"
+    )
+    assert drawn > 1000
+    assert errors == []
+    assert all(url.startswith((address, "blob:")) for url in asked)
 
 
 @pytest.mark.slow

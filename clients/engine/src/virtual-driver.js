@@ -97,9 +97,10 @@ export class VirtualDriver {
     const most = Math.round((SHOWN_S * this.#perS) / KEPT);
     const x = (i, count) => width * (1 - (count - i) / most);
     const y = (mu) => height * (0.95 - (0.9 * (mu - low)) / (high - low));
+    const pixel = width / (this.#canvas.clientWidth || width); // of the page
     const line = (row, colour, thick) => {
       to.strokeStyle = colour;
-      to.lineWidth = thick;
+      to.lineWidth = thick * pixel;
       to.beginPath();
       row.forEach((mu, i) => {
         const goesOn = i > 0 && !Number.isNaN(row[i - 1]);
@@ -107,7 +108,7 @@ export class VirtualDriver {
       });
       to.stroke();
     };
-    line(this.#wanted, style.getPropertyValue("--wanted").trim() || "#c60", 1);
-    line(this.#felt, style.getPropertyValue("--felt").trim() || "#06c", 2);
+    line(this.#wanted, style.getPropertyValue("--wanted").trim() || "#c60", 4);
+    line(this.#felt, style.getPropertyValue("--felt").trim() || "#06c", 1.5);
   }
 }

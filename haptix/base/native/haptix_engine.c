@@ -8,6 +8,7 @@
 enum { REPORTS = 8, PLACES = HX_FINGERS * HX_POINTS, ROWS = 10 };
 
 static const double first_interval_s = 1.0 / 60, longest_interval_s = 0.036;
+static const double rests_after = 2.2, least_rest_s = 0.015; /* as haptix.play.touch.touches */
 static const double velocity_over_s = 0.02, least_interval_s = 1e-4;
 static const double hardest_n = 100.0;
 
@@ -476,7 +477,8 @@ int64_t hx_engine_touch(hx_engine *e, int64_t touch_id, double t_s, double x_mm,
     }
     track->is_down = is_down;
     track->start_s = now;
-    track->rests_s = fmin(now + 2 * t->interval_s, track->reported_s + p->following.lost_after_s);
+    double moves_s = fmax(rests_after * t->interval_s, least_rest_s);
+    track->rests_s = fmin(now + moves_s, track->reported_s + p->following.lost_after_s);
     track->dx_mm = track->dy_mm = track->df_n = track->gain = 0.0;
     if (had_drive) {
         hx_track alone = *track;

@@ -292,8 +292,8 @@ def test_a_finger_that_rests_or_lifts_gets_no_drive(ribs):
         blocks = followed(Engine(ribs), 12, [*moving, *last], 0.4)
         volts = np.array([np.abs(block.drive_v).max() for block in blocks])
         assert volts[100:190].min() > 5.0
-        # Two intervals after the last report, and 5 ms in which the drive fades out.
-        end = 200 + 5 + 2 if last else 190 + 2 * 17 + 5 + 2
+        # Some two intervals after the last report, and 5 ms in which the drive fades out.
+        end = 200 + 5 + 2 if last else 190 + 38 + 5 + 2
         assert (volts[end:] == 0.0).all()
         assert blocks[-1].fingers == 0
 
