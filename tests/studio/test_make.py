@@ -362,6 +362,23 @@ def test_regions_are_aligned_and_get_the_same_gaps(maker, page):
     assert not violations(page)
 
 
+def test_the_tab_key_is_soon_at_the_first_region(maker, page):
+    page.get_by_role("link", name="Make").focus()
+    for presses in range(1, 11):
+        page.keyboard.press("Tab")
+        if chosen(page):
+            break
+    assert chosen(page) == {"Ribs"}, presses
+    page.evaluate("document.activeElement.blur(); document.querySelector('.skip').focus()")
+    page.keyboard.press("Enter")
+    page.keyboard.press("Escape")
+    page.keyboard.press("Tab")
+    assert chosen(page) == {"Ribs"}  # at once after "to the page"
+    left = page.locator(".gallery").bounding_box()
+    bar, board = (page.locator(place).bounding_box() for place in (".bar-of", ".board"))
+    assert left["x"] + left["width"] < board["x"] and bar["y"] + bar["height"] < board["y"]
+
+
 def test_zoom_and_pan_keep_places_true(maker, page):
     board, ribs = page.locator(".board"), region(page, "Ribs")
     until(page, lambda: len(known(maker)) == 4)

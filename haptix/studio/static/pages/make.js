@@ -92,11 +92,12 @@ export function mount(root, app) {
   const several = el("p.range");
   const forms_menu = el("div.menu");
   const exports = el("details.drop-down", {}, el("summary.main", {}, t.export), forms_menu);
-  root.append(
-    gallery.element,
+  root.append( // the regions first, for who comes by the Tab key; the style has the order that is seen
     el("section.bench", {},
+      board.element,
       el("div.row.bar-of", {}, undo, redo, menuOf(t.edit, edits), draws, board.tools(), shows, naming(), exports),
-      board.element, reach, el("div.hint-of", {}, el("p.quiet", {}, t.hint), el("span", {}, state, " ", helps))),
+      reach, el("div.hint-of", {}, el("p.quiet", {}, t.hint), el("span", {}, state, " ", helps))),
+    gallery.element,
     el("div.side", {}, el("section.sheet", {}, app.guide.element, el("h2", {}, t.order), list), parameters),
   );
 
