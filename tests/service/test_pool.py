@@ -209,6 +209,17 @@ def test_who_replaces_a_dead_worker_has_loaded_all(assets, light_workers):
     running(assets, scenario)
 
 
+def test_a_first_picture_waits_for_no_loading_where_pages_are_expected(assets, light_workers):
+    async def scenario(pool):
+        pool.warm(loads=True)
+        spare = (await pool.spare).pid
+        assert light_workers[spare] == ["open", "load"]
+        await pool.ask("me", "picture")
+        assert light_workers[spare] == ["open", "load", "open", "picture"]
+
+    running(assets, scenario)
+
+
 def test_a_spare_that_dies_is_replaced_and_one_that_cannot_load_is_not(
     assets, light_workers, monkeypatch
 ):

@@ -352,9 +352,10 @@ class Pool:
             if self._keeps_spare:
                 self.warm()
 
-    def warm(self) -> None:
-        """Keep a worker without an owner."""
+    def warm(self, *, loads: bool = False) -> None:
+        """Keep a worker without an owner; with `loads` it loads what pictures need at once."""
         self._keeps_spare = True
+        self._loads_spare |= loads
         if self.spare is None and not self._ends:
             self.spare = asyncio.create_task(self._start_spare())
 

@@ -69,7 +69,8 @@ def serve(
         Finger that truly touches a mock device: it feels, and draws the current that is sensed.
         By default the finger.
     feels : bool
-        Whether the virtual finger loads at once, and not with the first subscription to `felt`.
+        Whether the virtual finger loads at once, and not with the first subscription to `felt`,
+        and what draws materials before the first picture is asked for.
     """
     with from_extra("serve"):
         for name in ("fastapi", "uvicorn", "websockets"):  # imported while the engine starts
@@ -136,7 +137,7 @@ def serve(
             hub.jobs.results = folder / "results"
             shutil.rmtree(hub.jobs.results, ignore_errors=True)  # of jobs that are forgotten
             on_ready(access, hub.inventory)
-            pool.warm()
+            pool.warm(loads=feels)  # a page that feels also shows pictures
 
         async def end() -> None:
             await pool.stop()
