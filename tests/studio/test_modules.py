@@ -433,3 +433,23 @@ def test_the_sound_is_limited_and_its_noise_grows_with_the_finger(module):
     assert power[1][band].sum() > 100 * power[0][band].sum()
     even = heard(module, mean_n=0.5, swing_n=0.0, hz=100.0, speed_mm_s=100.0)[24_000:]
     assert np.abs(even).max() < 1e-4  # an even force makes no sound, however fast the finger
+
+
+def test_a_picture_that_comes_is_drawn_on_the_page_that_is_shown_then(module):
+    """It was asked for by the page before, whose board alone was drawn again."""
+    drawn = module(
+        "pictures.js",
+        """
+        const map = { columns: 1, rows: 1, levels: btoa("a") };
+        m.picturesFrom({ rest: async () => ({ json: async () => map }) });
+        const drawn = [];
+        const region = { name: "one", material: { kind: "grating", period_mm: 7 } };
+        const [before, now] = [() => drawn.push("before"), () => drawn.push("now")];
+        const draft = m.pictureOf(region, before);
+        m.pictureOf({ ...region, name: "its copy" }, now);
+        m.pictureOf({ name: "one", material: { kind: "noise" } }, before);
+        while (drawn.length < 3) await new Promise((resolve) => setTimeout(resolve, 20));
+        return [...drawn, m.pictureOf(region, now) !== draft];
+        """,
+    )
+    assert sorted(drawn[:3]) == ["before", "before", "now"] and drawn[3]

@@ -69,6 +69,7 @@ export class Board {
 
   #picture = el("canvas", { "aria-hidden": "true" });
   #trail = el("canvas", { "aria-hidden": "true" });
+  #again = () => this.draw();
   #observer = new ResizeObserver(() => this.fit());
 
   /** @param {Record<string, any>} props of the element */
@@ -232,7 +233,7 @@ export class Board {
       } else context.roundRect(0, 0, width, height, 1);
       context.save();
       context.clip();
-      const picture = this.moving(region) ?? pictureOf(region, () => this.draw());
+      const picture = this.moving(region) ?? pictureOf(region, this.#again);
       context.globalAlpha = region.opacity ?? 1;
       context.imageSmoothingEnabled = true;
       context.drawImage(picture, 0, 0, width, height);

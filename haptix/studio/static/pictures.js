@@ -30,6 +30,8 @@ let source = null;
 const cache = new Map();
 /** @type {Map<string, string>} what each region was last drawn with */
 const newest = new Map();
+/** @type {Map<string, Set<() => void>>} by what is drawn: who shows a draft of it, such as the boards of two pages */
+const waiting = new Map();
 
 /** Let the service draw the friction that a material asks for under a finger that moves right.
  * @param {import("./service.js").Service} service */
@@ -70,7 +72,7 @@ export function shade(share) {
 }
 
 /**
- * Return the picture of a region; `again` is called when a better one has come.
+ * Return the picture of a region; `again`, the same function each time, is called when a better one has come.
  * @param {m.RegionDocument} region
  * @param {() => void} again
  * @returns {CanvasImageSource}
@@ -78,7 +80,9 @@ export function shade(share) {
 export function pictureOf(region, again) {
   const { material, width_mm, height_mm, scale } = region;
   const key = JSON.stringify([material, width_mm, height_mm, scale]);
+  newest.set(region.name, key);
   const cached = cache.get(key);
+  waiting.get(key)?.add(again);
   if (cached) return cached;
   const first = draft(region);
   cache.set(key, first);
@@ -86,23 +90,23 @@ export function pictureOf(region, again) {
     if (cache.size <= MOST_CACHED) break;
     cache.delete(old);
   }
-  newest.set(region.name, key);
-  void improve(region, key, again);
+  waiting.set(key, new Set([again]));
+  void improve(region, key).finally(() => waiting.delete(key));
   return first;
 }
 
 /**
  * Replace a draft by the service's picture. If the service is busy or restarts, retry after longer
  * and longer pauses; if it refuses, the draft stays.
- * @param {m.RegionDocument} region @param {string} key @param {() => void} again
+ * @param {m.RegionDocument} region @param {string} key
  */
-async function improve(region, key, again) {
+async function improve(region, key) {
   for (let wait_ms = SETTLED_MS; wait_ms < LONGEST_WAIT_MS; wait_ms *= 3) {
     await pause(wait_ms);
-    if (!source || newest.get(region.name) !== key) return;
+    if (!source || ![...newest.values()].includes(key)) return;
     try {
       cache.set(key, await source(region));
-      return again();
+      return waiting.get(key)?.forEach((again) => again());
     } catch (error) {
       if (error instanceof Refused && REFUSALS.includes(error.code)) return;
     }
