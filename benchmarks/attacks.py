@@ -1,7 +1,8 @@
 """What attackers and faults do to `haptix serve`, in times; see --help.
 
 Each starts a service of its own on the mock driver, and prints one line of figures. Half-open
-connections are those that send the begin of a request and no more.
+connections are those that send the begin of a request and no more. With --all it also counts what
+needs no service, and prints the table of docs/safety.md.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import resource
 import signal
 import socket
 import sys
+import tempfile
 import threading
 import time
 import urllib.request
@@ -252,13 +254,68 @@ PROGRAMS = {
     "flood of acquire": lambda: flood("acquire"),
 }
 
+
+def zero_v() -> dict[str, Any]:
+    """The longest time to 0 V after each fault, in device time."""
+    from time_to_zero import times  # type: ignore[import-not-found]
+
+    return {f"{name}, ms": round(max(times_ms), 2) for name, times_ms in times().items()}
+
+
+def damaged_documents() -> dict[str, Any]:
+    """Documents that are cut, doubled or changed, of each kind."""
+    from tests.base.test_noticed_damage import DAMAGES, KINDS, PLACES, mistaken
+
+    with tempfile.TemporaryDirectory() as folder:
+        counts = {
+            kind: sum(mistaken(kind, damage, Path(folder)) for damage in DAMAGES.values())
+            for kind in KINDS
+        }
+    each = len(DAMAGES) * PLACES
+    found = {"tried": each * len(counts), "read as something else": sum(counts.values())}
+    return found | {f"of {each} of {kind}": count for kind, count in counts.items() if count}
+
+
+def killed_writers() -> dict[str, Any]:
+    """Writers of kept layouts that are killed; raises where a confirmed edit is lost."""
+    from tests.service import test_kept_under_kills as kills
+
+    parts = 10
+    for part in range(parts):
+        with tempfile.TemporaryDirectory() as folder:
+            kills.test_no_confirmed_edit_is_lost_when_the_writer_is_killed(Path(folder), part)
+    return {"writers killed": 3 * kills.SEQUENCES, "confirmed edits lost": 0}
+
+
+DESK = {
+    "time to 0 V": zero_v,
+    "damaged documents": damaged_documents,
+    "killed writers": killed_writers,
+}
+"""What needs no service."""
+
+
+def row(name: str, figures: dict[str, Any]) -> str:
+    """A line of the table of docs/safety.md."""
+    cells = "; ".join(f"{key}: {value}" for key, value in figures.items() if key != "states")
+    return f"| {name} | {cells} |"
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", choices=[[], *PROGRAMS], help="these, or all")
-    for name in parser.parse_args().names or PROGRAMS:
+    parser.add_argument("names", nargs="*", choices=[[], *PROGRAMS, *DESK], help="these, or all")
+    parser.add_argument("--all", action="store_true", help="all, and the table of the page")
+    options = parser.parse_args()
+    sys.path.insert(0, str(Path(__file__).parents[1]))  # the tests' own documents
+    rows = []
+    chosen = [*DESK, *PROGRAMS] if options.all else options.names or [*PROGRAMS]
+    for name in chosen:
         try:
-            figures = PROGRAMS[name]()
-        except (OSError, TimeoutError) as error:
+            figures = (PROGRAMS | DESK)[name]()
+        except (OSError, TimeoutError, AssertionError) as error:
             figures = {"failed": f"{type(error).__name__}: {error}"}
         print(json.dumps({"attack": name} | figures), flush=True)
+        rows.append(row(name, figures))
+    if options.all:
+        print("\n".join(["", "| attack | figures |", "|---|---|", *rows]))
     sys.exit()

@@ -140,8 +140,9 @@ FAULTS: dict[str, Callable[[Host], int | None]] = {
 }
 
 
-def main() -> None:
-    print(f"{'fault':44}{'median ms':>10}{'longest ms':>12}")
+def times() -> dict[str, list[float]]:
+    """Times to 0 V [ms], by fault."""
+    found: dict[str, list[float]] = {}
     for name, fault in FAULTS.items():
         times_ms = []
         for moment in range(100):
@@ -152,6 +153,13 @@ def main() -> None:
             codes = host.core.play(RATE)[0]
             last = int(np.flatnonzero(codes)[-1]) + 2 if codes.any() else 0
             times_ms.append((last + (now - began if began else 0)) / RATE * 1e3)
+        found[name] = times_ms
+    return found
+
+
+def main() -> None:
+    print(f"{'fault':44}{'median ms':>10}{'longest ms':>12}")
+    for name, times_ms in times().items():
         print(f"{name:44}{np.median(times_ms):10.2f}{max(times_ms):12.2f}")
 
 
