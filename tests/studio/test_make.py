@@ -531,10 +531,10 @@ def on_service(service):
     """What the drafts, and all versions of kept layouts, show."""
     folders = service.folder.glob("drafts/*")
     drafts = (max(folder.iterdir(), key=lambda path: int(path.stem)) for folder in folders)
-    documents = [json.loads(text)["document"] for path in drafts if (text := path.read_text())]
     versions = service.folder.glob("kept/*/*.json")
-    documents += [json.loads(text) for path in versions if (text := path.read_text())]
-    return [labels_of(document) for document in documents]
+    read = [json.loads(path.read_text()) for path in (*drafts, *versions)]
+    kept = [one for one in read if not one.get("removed")]
+    return [labels_of(one.get("document", one)) for one in kept]
 
 
 def newest_kept(service):

@@ -48,7 +48,7 @@ def pyramid_pixels(rows: int, columns: int, beyond_x: Beyond, beyond_y: Beyond) 
     Examples
     --------
     >>> pyramid_pixels(64, 64, "repeat", "repeat")  # 66 x 66, twice, and the coarser ones
-    10204
+    10353
     """
     repeated = [n for n, beyond in ((rows, beyond_y), (columns, beyond_x)) if beyond == "repeat"]
     widest = min(repeated) if repeated else 2 * max(rows, columns)
