@@ -252,6 +252,16 @@ def drawn(page):
     )
 
 
+#: A move, and then 400 ms in one turn of the page; the engine rests 0.5 s after a finger.
+BUSY = """() => {
+    const at = { pointerType: "mouse", pointerId: 1, clientX: 200, clientY: 150 };
+    document.querySelector("#pad").dispatchEvent(new PointerEvent("pointermove", at));
+    const end = performance.now() + 400;
+    while (performance.now() < end);
+    return blocks.at(-1).tS;
+}"""
+
+
 def test_a_stroke_of_the_mouse_draws_what_is_felt(site):
     address, folder = site
     with chromium() as browser:
@@ -275,9 +285,7 @@ def test_a_stroke_of_the_mouse_draws_what_is_felt(site):
         assert np.ptp(felt[here]) > 0.8 * np.ptp(wanted[here])
         assert drawn(page) > 500
         # A page that is busy does not stop the engine.
-        page.mouse.move(200, 150)
-        before = page.evaluate("blocks.at(-1).tS")
-        page.evaluate("(end => { while (performance.now() < end); })(performance.now() + 400)")
+        before = page.evaluate(BUSY)
         wait_for(lambda: page.evaluate("blocks.at(-1).tS") > before + 0.3)
         page.mouse.move(500, 400)  # off the pad
         wait_for(lambda: page.evaluate("blocks.at(-1).fingers") == 0)
