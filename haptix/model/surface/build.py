@@ -383,7 +383,9 @@ class Sampler:
             near = torch.rand(top.shape, generator=generator, dtype=torch.float64)
             return torch.cat([torch.ones_like(near), 1 - _NEAR_END * near], -1)
 
-        return self._solved(places, shares)
+        # The voltage of a limit may jump between two columns, whatever lies between them: its error
+        # is that at random points.
+        return replace(self._solved(places, shares), log_breakdown=None)
 
     def _solved(
         self, places: Mapping[str, Tensor | None], shares: Callable[[Tensor], Tensor]
