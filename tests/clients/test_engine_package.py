@@ -252,14 +252,26 @@ def drawn(page):
     )
 
 
-#: A move, and then 400 ms in one turn of the page; the engine rests 0.5 s after a finger.
+#: 400 ms in one turn of the page, with a mouse that moves. An engine of the page's own thread would
+#: make up for 100 ms of it.
 BUSY = """() => {
-    const at = { pointerType: "mouse", pointerId: 1, clientX: 200, clientY: 150 };
-    document.querySelector("#pad").dispatchEvent(new PointerEvent("pointermove", at));
+    const pad = document.querySelector("#pad"), began = blocks.at(-1).tS;
     const end = performance.now() + 400;
-    while (performance.now() < end);
-    return blocks.at(-1).tS;
+    for (let x = 20, next = 0; performance.now() < end;)
+        if (performance.now() > next) {
+            const at = { pointerType: "mouse", pointerId: 1, clientX: (x += 4), clientY: 150 };
+            pad.dispatchEvent(new PointerEvent("pointermove", at));
+            next = performance.now() + 8;
+        }
+    return began;
 }"""
+
+
+def plays_on(page):
+    """Whether the engine plays while the page is busy; on a busy machine its worker may wait."""
+    began = page.evaluate(BUSY)
+    page.wait_for_timeout(50)
+    return page.evaluate("blocks.at(-1).tS") > began + 0.3
 
 
 def test_a_stroke_of_the_mouse_draws_what_is_felt(site):
@@ -285,8 +297,7 @@ def test_a_stroke_of_the_mouse_draws_what_is_felt(site):
         assert np.ptp(felt[here]) > 0.8 * np.ptp(wanted[here])
         assert drawn(page) > 500
         # A page that is busy does not stop the engine.
-        before = page.evaluate(BUSY)
-        wait_for(lambda: page.evaluate("blocks.at(-1).tS") > before + 0.3)
+        wait_for(lambda: plays_on(page))
         page.mouse.move(500, 400)  # off the pad
         wait_for(lambda: page.evaluate("blocks.at(-1).fingers") == 0)
         volts = page.evaluate("Math.max(...blocks.at(-1).driveV.map(Math.abs))")
