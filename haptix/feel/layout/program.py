@@ -65,7 +65,7 @@ class Sections:
         return b"".join(self._parts)
 
 
-class Felt:
+class FeltRecords:
     """What is felt, as records: a material of the background, and regions from the bottom up.
 
     Parameters

@@ -13,7 +13,7 @@ import numpy as np
 
 from firmware_io import Device
 from haptix.base.errors import InputError
-from haptix.feel.layout.program import TARGETS, Felt, Sections
+from haptix.feel.layout.program import TARGETS, FeltRecords, Sections
 from haptix.feel.materials import Feelable
 from haptix.model.surface import FrictionSurface
 from haptix.play.render.drive import Drive
@@ -86,7 +86,7 @@ def compile_touch(
     numbers = [np.log(table.force_n), table.drive, table.columns]
     slice_at = sections.add(b"".join(part.astype("<f8").tobytes() for part in numbers))
     wave_at = sections.add(wave.astype("<f8").tobytes())
-    felt = Felt(texture.evaluator, sections)
+    felt = FeltRecords(texture.evaluator, sections)
     materials_at, regions_at = (
         sections.add(b"".join(records)) for records in (felt.materials, felt.regions)
     )
