@@ -199,12 +199,14 @@ class Service:
         pid = self.process.pid
         children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
         of = [Path(f"/proc/{one}") for one in (pid, *children)]
-        pages = sum(int((one / "statm").read_text().split()[1]) for one in of)
+        pages = [int((one / "statm").read_text().split()[1]) for one in of]
+        page_bytes = os.sysconf("SC_PAGE_SIZE")
         return {
             "processes": len(of),
             "threads": sum(len([*(one / "task").iterdir()]) for one in of),
             "files": sum(len([*(one / "fd").iterdir()]) for one in of),
-            "megabytes": round(pages * os.sysconf("SC_PAGE_SIZE") / 1e6),
+            "megabytes": round(sum(pages) * page_bytes / 1e6),
+            "of_the_engine": round(pages[1] * page_bytes / 1e6),
         }
 
     def end(self) -> None:
