@@ -4,19 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import tomlkit
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    PlainSerializer,
-    PlainValidator,
-    ValidationError,
-)
-from torch import Tensor
+from pydantic import BaseModel, ConfigDict, ValidationError
 
-from haptix.base.checks import first_error, plain
+from haptix.base.checks import first_error
 from haptix.base.display import html_table
 from haptix.base.errors import FileFormatError, InputError
 from haptix.base.files import (
@@ -29,19 +22,6 @@ from haptix.base.files import (
     write_whole,
 )
 from haptix.base.units import with_numbers
-
-
-def _positive(value: Any) -> float | Tensor:
-    number = plain(value)
-    if number is None:
-        raise ValueError("expected a number")
-    if not 0 < number < float("inf"):
-        raise ValueError("expected a finite number above 0")
-    return value if isinstance(value, Tensor) else number
-
-
-Quantity = Annotated[float | Tensor, PlainValidator(_positive), PlainSerializer(plain)]
-"""A positive number, or a tensor of one for gradients."""
 
 
 class Part(BaseModel):

@@ -8,11 +8,20 @@ from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import Discriminator, Field, PositiveFloat, PositiveInt, Tag, model_validator
+from pydantic import (
+    Discriminator,
+    Field,
+    PlainSerializer,
+    PlainValidator,
+    PositiveFloat,
+    PositiveInt,
+    Tag,
+    model_validator,
+)
 from torch import Tensor
 
-from haptix.base.checks import Array, positive
-from haptix.base.documents import Document, Part, Quantity
+from haptix.base.checks import Array, plain, positive
+from haptix.base.documents import Document, Part
 from haptix.base.files import digest
 from haptix.model.contact import ElasticSolid, HalfSpace, Layered, RoughnessSpectrum, TheoryName
 from haptix.model.electro.dielectric import AnySkinDielectric, SkinDielectric
@@ -27,6 +36,18 @@ leave the gaps of the insulator's thickness, and tau_f takes up their part of th
 _LONGEST_WAVES = 2.0  # q0 times the side of the apparent area over 2 pi: longer waves carry height
 _ROUGHNESS = "roughness spectrum of the finger"
 
+
+def _positive(value: Any) -> float | Tensor:
+    number = plain(value)
+    if number is None:
+        raise ValueError("expected a number")
+    if not 0 < number < float("inf"):
+        raise ValueError("expected a finite number above 0")
+    return value if isinstance(value, Tensor) else number
+
+
+Quantity = Annotated[float | Tensor, PlainValidator(_positive), PlainSerializer(plain)]
+"""A positive number, or a tensor of one for gradients."""
 PoissonRatio = Annotated[float, Field(gt=-1, le=0.5)]
 
 
