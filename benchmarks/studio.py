@@ -1,18 +1,22 @@
 """The studio in Chromium: start to the first felt stroke, frames, and pointer to plotted point.
 
-    python benchmarks/studio.py [--seconds 20] [--fingers 2] [--json]
+    python benchmarks/studio.py [--seconds 20] [--fingers 2] [--visits 0] [--json]
 
 It starts `haptix studio` with a mock driver and slides fingers over the board in headless Chromium
-with software drawing, 1280 x 800, while the service renders on the same cores.
+with software drawing, 1280 x 800, while the service renders on the same cores. With `--visits` it
+opens Make on so many services that have just started, and reports the medians: until the gallery,
+all fields and all pictures are there, and the service's processor time meanwhile.
 """
 
 import argparse
+import contextlib
 import json
 import math
 import os
 import re
 import shutil
 import signal
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -103,22 +107,66 @@ class Hand:
         self.touches.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
 
 
-def measure(seconds, fingers):
+@contextlib.contextmanager
+def a_studio():
+    """A studio that has just started, and its address."""
     environment = os.environ | {"HAPTIX_SERVICE": tempfile.mkdtemp()}
     command = [sys.executable, "-m", "haptix.tasks.cli", "studio", "--port", "0", "--no-open"]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, text=True, env=environment, start_new_session=True
+    ) as service:
+        yield service, re.search(r"http://\S+", service.stdout.readline())[0]
+        service.send_signal(signal.SIGINT)
+        service.communicate(timeout=20)
+
+
+def a_browser(playwright):
+    return playwright.chromium.launch(
+        executable_path=shutil.which("chromium"),
+        args=["--no-sandbox", "--disable-gpu", "--disable-background-networking"],
+    )
+
+
+def visit(browser):
+    """Open Make for the first time; seconds until each is there, and of the processor."""
+    came = {}
+
+    def comes(answer):
+        name = answer.url.rsplit("/", 1)[-1]
+        if answer.ok and name in ("gallery", "kinds", "pictures"):
+            came.setdefault(name, []).append(time.monotonic())
+
+    with a_studio() as (service, address):
+        page = browser.new_page(viewport={"width": 1280, "height": 800})
+        page.on("response", comes)
+        began_s, before_s = time.monotonic(), ticks(service.pid)
+        page.goto(address)
+        page.get_by_role("link", name="Make").click()
+        while {name: min(len(times), 4) for name, times in came.items()} != {
+            "gallery": 1, "kinds": 1, "pictures": 4,  # one for each region
+        }:  # fmt: skip
+            page.wait_for_timeout(20)
+        busy_s = ticks(service.pid) - before_s
+        page.close()
+    return {f"{name}_after_s": times[-1] - began_s for name, times in sorted(came.items())} | {
+        "processor_s": busy_s
+    }
+
+
+def measure_visits(count):
+    with sync_playwright() as playwright:
+        browser = a_browser(playwright)
+        visits = [visit(browser) for _ in range(count)]
+        browser.close()
+    medians = {name: round(statistics.median(one[name] for one in visits), 2) for name in visits[0]}
+    return medians | {"load_of_the_machine": os.getloadavg()[0]}
+
+
+def measure(seconds, fingers):
     began_s = time.monotonic()
-    with (
-        subprocess.Popen(
-            command, stdout=subprocess.PIPE, text=True, env=environment, start_new_session=True
-        ) as service,
-        sync_playwright() as playwright,
-    ):
-        address = re.search(r"http://\S+", service.stdout.readline())[0]
+    with a_studio() as (service, address), sync_playwright() as playwright:
         served_s = time.monotonic() - began_s
-        browser = playwright.chromium.launch(
-            executable_path=shutil.which("chromium"),
-            args=["--no-sandbox", "--disable-gpu", "--disable-background-networking"],
-        )
+        browser = a_browser(playwright)
         context = browser.new_context(viewport={"width": 1280, "height": 800}, has_touch=True)
         page = context.new_page()
         opened_s = time.monotonic()
@@ -146,8 +194,6 @@ def measure(seconds, fingers):
         Hand(context, bare_page, fingers).slide(seconds / 2)
         bare = bare_page.evaluate("measured")
         browser.close()
-        service.send_signal(signal.SIGINT)
-        service.communicate(timeout=20)
     frames, plotted = found["frames"], found["plotted"]
     return {
         "serves_after_s": round(served_s, 2),
@@ -174,9 +220,13 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--fingers", type=int, default=2)
+    parser.add_argument("--visits", type=int, default=0)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    found = measure(options.seconds, options.fingers)
+    if options.visits:
+        found = measure_visits(options.visits)
+    else:
+        found = measure(options.seconds, options.fingers)
     if options.json:
         print(json.dumps(found))
     else:

@@ -5,6 +5,8 @@ import base64
 import io
 import json
 import os
+import subprocess
+import sys
 import zipfile
 
 import httpx
@@ -219,6 +221,25 @@ def test_a_picture_is_what_the_material_asks_for(work):
     assert work.picture(above, 8.0, 4.0, 80, 0.0, 0.5)["above"] == pytest.approx(0.5, abs=0.02)
 
 
+WITHOUT_TORCH = """
+import json, sys
+from pathlib import Path
+from haptix.service.worker.document_work import DocumentWork
+opening, material = json.loads(sys.argv[1])
+work = DocumentWork(Path(), opening)
+found = [work.picture(material, 8.0, 4.0, 80, 0.0, 0.5), work.check(material, 0.5)]
+assert "torch" not in sys.modules
+print(json.dumps(found))
+"""
+
+
+def test_what_pages_ask_for_is_answered_without_torch_where_the_engine_told_the_range(work):
+    opening = {**OPENING, "reachable_mu": work.reach(0.5)}
+    command = [sys.executable, "-c", WITHOUT_TORCH, json.dumps([opening, RIBS])]
+    found = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
+    assert found == [work.picture(RIBS, 8.0, 4.0, 80, 0.0, 0.5), work.check(RIBS, 0.5)]
+
+
 def test_a_check_tells_the_range_and_what_a_step_changes(work):
     found = work.check(RIBS, 0.5)
     assert found["canonical"]["duty"] == 0.5
@@ -271,10 +292,10 @@ def test_an_exported_map_is_the_friction_at_each_place(work, tmp_path):
     unpacked(work, "friction-map").extractall(tmp_path)
     found = FrictionMap.load(tmp_path / "friction-map.png")
     pixel_mm = found.width_mm / found.values.shape[1]
-    column = work.reach(0.5)
+    low, high = work.reach(0.5)
     row = found.values[round(10 / pixel_mm), : round(30 / pixel_mm)]
     x = (np.arange(len(row)) + 0.5) * pixel_mm  # the map begins at the first region's corner
-    share = (row - column.lowest_mu) / (column.highest_mu - column.lowest_mu)
+    share = (row - low) / (high - low)
     away = np.abs(share - (0.5 + 0.5 * np.sin(2 * np.pi * x / 4)))
     assert away[x > 0.5].max() < 0.02  # behind the region's own edge
 

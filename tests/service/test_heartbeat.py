@@ -28,7 +28,6 @@ def test_a_worker_that_hangs_is_ended_and_another_answers(assets, monkeypatch): 
         pool.tell = lambda *warning: told.append(warning)
         digest = keep(assets, 1)
         await pool.ask("one", "decode", digest=digest)
-        await pool.ask("one", "schema")  # for which it imports much
         hung = pool.owned["one"].process
         number = hung.pid
         os.kill(number, signal.SIGSTOP)

@@ -192,54 +192,27 @@ def light_workers(monkeypatch):
     return asked
 
 
-def test_who_replaces_a_dead_worker_has_loaded_all(assets, light_workers):
+def test_a_worker_loads_the_surface_once_and_for_what_needs_it(assets, light_workers):
     async def scenario(pool):
         pool.warm()
-        await pool.spare
-        await pool.ask("me", "picture")
-        for _ in range(2):
-            spare = (await pool.spare).pid
-            assert light_workers[spare] == ["open", "load"]  # before anybody asks
-            os.kill(pool.owned["me"].process.pid, signal.SIGKILL)
-            await until(lambda: pool.owned["me"].process.pid is None)
-            await pool.ask("me", "picture")
-            assert pool.owned["me"].process.pid == spare
-            assert light_workers[spare] == ["open", "load", "open", "picture"]
-
-    running(assets, scenario)
-
-
-def test_a_first_picture_waits_for_no_loading_where_pages_are_expected(assets, light_workers):
-    async def scenario(pool):
-        pool.warm(loads=True)
         spare = (await pool.spare).pid
-        assert light_workers[spare] == ["open", "load"]
-        await pool.ask("me", "picture")
-        assert light_workers[spare] == ["open", "load", "open", "picture"]
+        await pool.ask("me", "picture", normal_force_n=0.5)
+        await pool.ask("me", "check", normal_force_n=0.5)
+        assert light_workers[spare] == ["open", "open", "picture", "check"]
+        await pool.ask("me", "picture", normal_force_n=1.0)
+        await pool.ask("me", "currents")
+        assert light_workers[spare][4:] == ["load", "picture", "currents"]
 
     running(assets, scenario)
 
 
-def test_a_spare_that_dies_is_replaced_and_one_that_cannot_load_is_not(
-    assets, light_workers, monkeypatch
-):
+def test_a_spare_that_dies_is_replaced(assets, light_workers):
     async def scenario(pool):
         pool.warm()
         first = await pool.spare
         os.kill(first.pid, signal.SIGKILL)
         await until(lambda: first.pid is None)
         assert (await pool.spare).pid is not None
-
-        async def fails(process):
-            raise Problem("document", "no surface")
-
-        monkeypatch.setattr(pool_module._Worker, "load", fails)
-        for _ in range(2):
-            with pytest.raises(Problem, match="no surface"):
-                await pool.ask("me", "picture")
-            with pytest.raises(Problem, match="no surface"):
-                await pool.spare
-        await until(lambda: len(processes(pool)) == 1)
 
     running(assets, scenario)
 
@@ -250,7 +223,7 @@ def test_a_spare_that_hangs_is_left_for_a_new_one(assets):
         pool.warm()
         spare = (await pool.spare).pid
         os.kill(spare, signal.SIGSTOP)
-        assert await pool.ask("one", "schema")  # before it a worker may be silent: it loads
+        assert await pool.ask("one", "decode", digest=keep(assets, 1))
         assert pool.owned["one"].process.pid != spare
 
     running(assets, scenario)
@@ -267,7 +240,7 @@ def test_a_worker_that_rests_is_ended(assets, monkeypatch):
     running(assets, scenario)
 
 
-def test_a_question_that_is_not_limited_waits_behind_all_that_may(assets):
+def test_few_questions_may_wait(assets):
     async def scenario(pool):
         digest = keep(assets, 1)
         waiting = [
@@ -277,27 +250,11 @@ def test_a_question_that_is_not_limited_waits_behind_all_that_may(assets):
         await until(lambda: processes(pool))
         with pytest.raises(Problem, match="questions that wait"):
             await pool.ask("you", "decode", digest=digest)
-        found = await pool.ask("you", "decode", digest=digest, is_limited=False)
-        assert found["bytes"] == 48
         for task in waiting:
             task.cancel()
         await asyncio.gather(*waiting, return_exceptions=True)
 
     running(assets, scenario)
-
-
-@pytest.mark.slow  # a process with torch
-def test_the_first_schema_may_take_as_long_as_its_imports(assets):
-    async def asks():
-        pool = Pool(
-            {**OPENING, "assets": str(assets)}, longest_s=1e-9
-        )  # less than any answer takes
-        try:
-            return await pool.ask("me", "schema")
-        finally:
-            await pool.stop()
-
-    assert asyncio.run(asks())["$defs"]
 
 
 def test_questions_that_wait_when_the_service_ends_are_refused(assets):

@@ -1,8 +1,5 @@
 """The REST side keeps what its description promises, whatever is sent (schemathesis)."""
 
-import asyncio
-
-import httpx
 import pytest
 import schemathesis
 from hypothesis import HealthCheck, Phase, given, settings
@@ -28,13 +25,7 @@ class StillEngine:
 
 
 class RefusingPool:
-    def __init__(self):
-        self.asked = []
-
-    async def ask(self, owner, do, is_limited=True, **fields):
-        self.asked.append(do)
-        if do == "schema" and not is_limited:
-            return {"properties": {}}
+    async def ask(self, owner, do, **fields):
         raise Problem("document", "expected another material")
 
 
@@ -48,7 +39,7 @@ def service(tmp_path_factory):
         yield made(tmp_path_factory)
 
 
-def made(tmp_path_factory, pool=None):
+def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("service")
     access = Access(PORT, folder)
     inventory = Inventory(devices=(), finger="semi-wet", screen="3m-sct3250", kinds=())
@@ -57,9 +48,10 @@ def made(tmp_path_factory, pool=None):
     hub.profiles = profiles_of(
         Finger.preset(names["finger"]), Screen.preset(names["screen"]), names
     )
+    hub.schema = {"properties": {}}
     hub.jobs.context["calibrations"] = str(folder / "calibrations")
     (folder / "layouts").mkdir()
-    documents = documents_router(pool or RefusingPool(), folder / "layouts")
+    documents = documents_router(RefusingPool(), folder / "layouts")
     app = application(hub, AssetStore(folder / "assets"), documents=documents)
     return access, app
 
@@ -103,23 +95,6 @@ STALE = (  # a revision that is drawn is none
     *("DELETE /v1/layouts/{name}", "POST /v1/layouts/{name}/rename"),
     *("PUT /v1/drafts/{name}", "DELETE /v1/drafts/{name}"),
 )
-
-
-def test_the_schema_of_kinds_is_asked_for_once_and_not_refused_for_others(tmp_path_factory):
-    """Pictures of a moving layout wait when a page is opened again, and its panel needs this."""
-    pool = RefusingPool()
-    access, app = made(tmp_path_factory, pool)
-    headers = {"Authorization": f"Bearer {access.native}"}
-
-    async def twice():
-        transport = httpx.ASGITransport(app)
-        address = f"http://127.0.0.1:{PORT}"
-        async with httpx.AsyncClient(transport=transport, base_url=address) as client:
-            return [await client.get("/v1/kinds", headers=headers) for _ in range(2)]
-
-    for answer in asyncio.run(twice()):
-        assert (answer.status_code, answer.json()) == (200, {"properties": {}})
-    assert pool.asked == ["schema"]
 
 
 def test_every_operation_is_tried(description):

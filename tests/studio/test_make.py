@@ -17,6 +17,7 @@ from skimage.io import imsave
 
 from haptix.base.errors import HaptixError
 from haptix.feel.gallery import ASSETS
+from haptix.feel.materials import schema
 from haptix.service.front.assets import AssetStore
 from haptix.service.front.rest import documents_router
 from haptix.service.protocol.messages import Problem
@@ -24,7 +25,7 @@ from haptix.service.worker.document_work import DocumentWork
 from tests.studio.conftest import a_front, a_page, address, keep, violations
 from tests.waiting import wait_for
 
-BUSY = {"type": "error", "code": "device", "sentence": "schema: the service is busy"}
+BUSY = {"type": "error", "code": "device", "sentence": "the engine is not there yet"}
 SEQUENCES = int(os.environ.get("HAPTIX_SEQUENCES", "6"))
 
 
@@ -37,7 +38,7 @@ class PoolHere:
         opening = {"surface": None, "finger": "semi-wet", "screen": "3m-sct3250"}
         self.work, self.turn = DocumentWork(store.folder, opening), asyncio.Lock()
 
-    async def ask(self, owner, do, is_limited=True, **fields):
+    async def ask(self, owner, do, **fields):
         try:
             async with self.turn:
                 return await asyncio.to_thread(getattr(self.work, do), **fields)
@@ -51,6 +52,7 @@ def served(tmp_path_factory):
     folder = tmp_path_factory.mktemp("service")
     routes = documents_router(PoolHere(folder / "assets"), folder / "kept")
     with a_front(folder, routes) as service:
+        service.hub.schema = schema()
         yield service
 
 
@@ -703,6 +705,19 @@ def test_an_exported_zip_opens_again_and_is_exported_byte_for_byte(maker, page, 
     page.locator(".hint-of", has_text="expected a zip").wait_for()
     assert len(shown(page)) == 5
     page.expected_errors.clear()  # the file was away for a while
+
+
+def test_the_fields_of_a_material_wait_for_no_picture(maker, browser, monkeypatch):
+    async def refuses(pool, owner, do, **fields):
+        raise Problem("limit", "expected at most 16 questions that wait")
+
+    monkeypatch.setattr(PoolHere, "ask", refuses)
+    with a_page(browser) as page:
+        page.goto(address(maker))
+        page.get_by_role("link", name="Make").click()
+        region(page, "Ribs").click()
+        page.locator(".panel input").first.wait_for()
+        page.expected_errors.clear()  # the browser tells of the refused pictures
 
 
 def test_the_fields_of_a_material_are_asked_for_again_by_a_button(maker, browser):

@@ -432,13 +432,18 @@ class EngineServer:
     ) -> dict[str, Any]:
         """Open the device, and load or build the surface that its finger and screen need."""
         from haptix.base.threads import return_freed_memory
-        from haptix.feel.materials import KINDS
+        from haptix.feel.materials import KINDS, schema
         from haptix.feel.materials.decoded import FOLDER, keep_in
         from haptix.model.finger import Finger
         from haptix.model.screen import Screen
         from haptix.play.devices import open_device, profiles_for
         from haptix.play.render.samples import carrier_hz
-        from haptix.service.worker.document_work import profiles_of, surface_of
+        from haptix.service.worker.document_work import (
+            FORCE_N,
+            profiles_of,
+            reachable_mu,
+            surface_of,
+        )
 
         self._assets = Path(assets)
         keep_in(self._assets.parent / FOLDER, makes=False)
@@ -449,6 +454,9 @@ class EngineServer:
         used = Finger.named(finger), Screen.named(screen)
         used_by = {"finger": finger, "screen": screen, "ceiling_v": self._device.limits.ceiling_v}
         self._surface = surface_of({"surface": surface, **used_by})
+        reachable = None
+        with suppress(HaptixError):  # a surface of other forces; who asks gets the reason
+            reachable = reachable_mu(self._surface, FORCE_N)
         self._load_sensing(used[0] if touched_by is None else Finger.named(touched_by), used[1])
         return_freed_memory()
         return {
@@ -460,6 +468,8 @@ class EngineServer:
             "profiles": profiles_of(*used, {"finger": finger, "screen": screen}),
             "carrier_hz": carrier_hz(self._surface),
             "kinds": sorted(KINDS),
+            "schema": schema(),
+            "reachable_mu": reachable,
         }
 
     def _do_layout_set(self, session: int, document: dict[str, Any]) -> dict[str, Any]:

@@ -310,6 +310,13 @@ def application(
         """Devices and installed profiles."""
         return hub.inventory
 
+    @app.get("/v1/kinds", dependencies=[Depends(token)])
+    async def kinds() -> dict[str, Any]:
+        """JSON Schema of all kinds of material, and of the signals within them."""
+        if not hub.schema:
+            raise Problem("device", "the engine is not there yet; ask again")
+        return hub.schema
+
     @app.put("/v1/assets/{digest}", status_code=201, dependencies=[Depends(token)])
     async def put_asset(digest: str, suffix: str, request: Request, response: Response) -> None:
         """Keep a file under its SHA-256: 201, or 200 if it is kept already."""

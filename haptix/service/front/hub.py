@@ -65,6 +65,7 @@ class Hub:
     ) -> None:
         self.access, self.engine, self.inventory = access, engine, inventory
         self.profiles: dict[str, Any] = {}
+        self.schema: dict[str, Any] = {}  # of all kinds of material; empty before the engine knows
         self.decode: Callable[[str, dict[str, Any]], Awaitable[None]] | None = None  # pictures
         self.full_drive: dict[str, Any] | None = None  # carrier and amplitude, once armed
         self.now_s = now_s

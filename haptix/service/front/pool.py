@@ -10,8 +10,8 @@ sender alone.
                                  +--no answer in time--> ended
 
 At rest the pool has one worker without an owner, so that a first picture does not wait for its
-start. Once anybody has asked for what needs the surface, the spare has loaded that too: whoever
-takes the place of a worker that died answers at once.
+start. The engine knows the friction at the force that pages ask for; a worker loads the surface,
+and torch with it, for other questions only.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from typing import Any
 
 from haptix.service.protocol.messages import Problem
 from haptix.service.protocol.wire import BEAT, HEADER, JSON, MOST_BYTES, frame, json_frame
+from haptix.service.worker.document_work import FORCE_N
 
 _LOG = logging.getLogger("haptix.service")
 
@@ -39,6 +40,7 @@ START_S = 120.0
 IDLE_S = 60.0
 """A worker that is idle for so long is ended, which frees its memory."""
 MOST_WORKERS, MOST_WAITING = 3, 16
+_OF_SURFACE = ("currents", "export")
 NICE = 10
 """A picture or a job may wait."""
 BEAT_S, MOST_SILENT, LONGEST_SILENCE_S = 0.1, 7, 2.0
@@ -252,7 +254,7 @@ class _Worker(Process):
         self.has_surface = False
 
     async def load(self) -> None:
-        """Load the surface, and what draws and checks materials."""
+        """Load the surface, with torch."""
         self.loads()
         await self.ask("load")
         self.has_surface = True
@@ -297,7 +299,7 @@ class Pool:
     Parameters
     ----------
     opening : dict
-        Assets, surface, finger and screen, as the engine has them.
+        Assets, and, before anybody asks, surface, finger and screen as the engine has them.
     longest_s : float
         Longest time for one answer, from when its turn comes and the worker has started.
     tell : callable
@@ -316,17 +318,14 @@ class Pool:
         self.spare: asyncio.Task[_Worker] | None = None
         self.processes: set[_Worker] = set()
         self._waiting = 0
-        self._keeps_spare = self._loads_spare = self._ends = False
+        self._keeps_spare = self._ends = False
 
-    async def ask(
-        self, owner: str, do: str, *, is_limited: bool = True, **fields: Any
-    ) -> dict[str, Any]:
+    async def ask(self, owner: str, do: str, **fields: Any) -> dict[str, Any]:
         """Return the answer to a question of an owner.
 
-        Of questions that are limited, as all that a client may repeat, only a few may wait. Raises
-        `Problem` if it is refused, takes too long, or too many wait.
+        Raises `Problem` if it is refused, takes too long, or too many wait.
         """
-        if is_limited and self._waiting >= MOST_WAITING:
+        if self._waiting >= MOST_WAITING:
             raise Problem("limit", f"expected at most {MOST_WAITING} questions that wait")
         self._waiting += 1
         owned = self.owned[owner] = self.owned.pop(owner, _Owned())
@@ -349,13 +348,12 @@ class Pool:
             self._waiting -= 1
             loop = asyncio.get_running_loop()
             owned.rests = loop.call_later(IDLE_S, self._release, owner, owned)
-            if self._keeps_spare:
+            if self._keeps_spare and not self._waiting:  # it would take time from who answers
                 self.warm()
 
-    def warm(self, *, loads: bool = False) -> None:
-        """Keep a worker without an owner; with `loads` it loads what pictures need at once."""
+    def warm(self) -> None:
+        """Keep a worker without an owner."""
         self._keeps_spare = True
-        self._loads_spare |= loads
         if self.spare is None and not self._ends:
             self.spare = asyncio.create_task(self._start_spare())
 
@@ -384,14 +382,11 @@ class Pool:
                     owned.process = await self._take()
                 process = owned.process
                 process.tell_owner = partial(self.tell, owner)
-                if do == "schema":
-                    process.loads()
-                elif do != "decode":  # it needs little
-                    self._loads_spare = True
-                    if not process.has_surface:
-                        await process.load()
-            # The schema is asked for once, as the first: it imports what pictures load.
-            limit_s = START_S if do == "schema" else self._longest_s
+                at_force_n = fields.get("normal_force_n", FORCE_N)
+                is_needed = do in _OF_SURFACE or at_force_n != FORCE_N
+                if is_needed and not process.has_surface:
+                    await process.load()
+            limit_s = self._longest_s
             async with asyncio.timeout(limit_s):
                 answer = await process.ask(do, **fields)
             process.has_loaded()
@@ -426,13 +421,6 @@ class Pool:
 
     async def _start_spare(self) -> _Worker:
         process = await self._start()
-        if self._loads_spare:
-            try:
-                async with asyncio.timeout(START_S):
-                    await process.load()
-            except (Problem, TimeoutError):  # the next question gets the reason
-                process.kill()
-                raise
         process.when_ended = self._replace_spare
         return process
 

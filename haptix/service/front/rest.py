@@ -11,7 +11,6 @@ from; without one it makes a new layout. So nobody overwrites what he has not se
 
 from __future__ import annotations
 
-import asyncio
 import base64
 import json
 import shutil
@@ -32,7 +31,7 @@ from haptix.feel.gallery import FOLDER, presets
 from haptix.service.front.jobs import JobBoard
 from haptix.service.front.pool import Pool
 from haptix.service.protocol.messages import Error, JobMessage, LayoutDocument, Problem
-from haptix.service.worker.document_work import EXPORT
+from haptix.service.worker.document_work import EXPORT, FORCE_N
 
 _MOST_COLUMNS_MOVING = 160
 Size = Annotated[float, Field(gt=0, le=1e4, allow_inf_nan=False)]
@@ -63,7 +62,7 @@ class PictureRequest(BaseModel):
     height_mm: Size
     columns: Annotated[int, Field(ge=1, le=400)] = 160
     t_s: Annotated[float, Field(ge=0, le=3600)] = 0.0
-    normal_force_n: Force = 0.5
+    normal_force_n: Force = FORCE_N
     frames: Annotated[int, Field(ge=1, le=60)] = 1
     """Pictures, one after the other in time; of more than 1, at most 160 columns."""
     frame_s: Annotated[float, Field(gt=0, le=1)] = 0.05
@@ -96,7 +95,7 @@ class CheckRequest(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
     material: JsonObject
-    normal_force_n: Force = 0.5
+    normal_force_n: Force = FORCE_N
 
 
 class Checked(BaseModel):
@@ -135,18 +134,6 @@ def documents_router(pool: Pool, layouts: Path) -> APIRouter:
             )
             for preset in presets()
         )
-
-    schema: asyncio.Future[dict[str, Any]] | None = None
-
-    @router.get("/kinds")
-    async def kinds(request: Request) -> dict[str, Any]:
-        """JSON Schema of all kinds of material, and of the signals within them."""
-        # It is the same for all, so it is asked for once; pictures that wait must not refuse it.
-        nonlocal schema
-        if schema is None or (schema.done() and (schema.cancelled() or schema.exception())):
-            question = pool.ask(request.state.owner, "schema", is_limited=False)
-            schema = asyncio.ensure_future(question)
-        return await asyncio.shield(schema)
 
     @router.post("/pictures")
     async def picture(request: Request, body: PictureRequest) -> Picture:

@@ -69,8 +69,7 @@ def serve(
         Finger that truly touches a mock device: it feels, and draws the current that is sensed.
         By default the finger.
     feels : bool
-        Whether the virtual finger loads at once, and not with the first subscription to `felt`,
-        and what draws materials before the first picture is asked for.
+        Whether the virtual finger loads at once, and not with the first subscription to `felt`.
     """
     with from_extra("serve"):
         for name in ("fastapi", "uvicorn", "websockets"):  # imported while the engine starts
@@ -117,7 +116,9 @@ def serve(
         from haptix.service.front.rest import documents_router
 
         reading.build()
-        pool = Pool({}, tell=hub.warn)
+        pool = Pool({"assets": opening["assets"]}, tell=hub.warn)
+        if feels:  # a page that feels also shows pictures
+            pool.warm()  # it loads while the engine does, and is opened anew for its owner
 
         async def start() -> None:
             try:
@@ -127,17 +128,18 @@ def serve(
                 server.should_exit = True
                 return
             hub.inventory = inventory_of(shown, opened)
-            hub.profiles = opened["profiles"]
+            hub.profiles, hub.schema = opened["profiles"], opened["schema"]
             used = {key: opened[key] for key in ("finger", "screen")}
             kept = {key: opening[key] for key in ("surface", "assets")}
-            pool.opening = {**used, **kept, "ceiling_v": opened["ceiling_v"]}
+            known = {key: opened[key] for key in ("ceiling_v", "reachable_mu")}
+            pool.opening = {**used, **kept, **known}
             hub.jobs.context = {**used, "device": device, "assets": opening["assets"]}
             hub.jobs.context["logs"] = str(folder / "experiments")
             hub.jobs.context["calibrations"] = str(folder / "calibrations")
             hub.jobs.results = folder / "results"
             shutil.rmtree(hub.jobs.results, ignore_errors=True)  # of jobs that are forgotten
             on_ready(access, hub.inventory)
-            pool.warm(loads=feels)  # a page that feels also shows pictures
+            pool.warm()
 
         async def end() -> None:
             await pool.stop()

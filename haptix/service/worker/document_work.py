@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import base64
 from datetime import UTC, date, datetime
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,12 +24,13 @@ if TYPE_CHECKING:
     from haptix.feel.materials import Material
     from haptix.model.finger import Finger
     from haptix.model.screen import Screen
-    from haptix.model.surface import Column, FrictionSurface
+    from haptix.model.surface import FrictionSurface
 
 EXPORT = "haptix.tasks.materials:ExportLayout"
 """The task that writes layouts in forms of interchange."""
 _FORCES_N = (0.1, 0.2, 0.5, 1.0, 2.0, 3.0)
-_FORCE_N = 0.5  # where a request has no other
+FORCE_N = 0.5
+"""Where a request has no other; the engine knows what friction the screen can give at it."""
 BYTES_PER_PIXEL = 48  # of a texture: the pixels, its pyramid, and one level more
 MOST_SAMPLES, MOST_TABLE_BYTES = 48_000 * 60, 2_000_000
 """Of a sound, and of a table or model, which the engine reads in a second or two."""
@@ -46,26 +47,20 @@ class DocumentWork:
     assets : Path
         Folder of the files that apps have sent; documents read nothing else.
     opening : dict
-        Surface, finger and screen, as the engine has them, and its device's ceiling [V] if known.
+        Surface, finger and screen, as the engine has them, its device's ceiling [V] if known, and
+        the friction that they can give at `FORCE_N` if known: without it the surface is loaded.
     """
 
     def __init__(self, assets: Path, opening: dict[str, Any]) -> None:
         self._assets, self._opening = assets, opening
         self.reach = lru_cache(64)(self._reach)
+        self._surface = lru_cache(1)(partial(surface_of, opening))
         self._currents = lru_cache(4)(self._solve_currents)
 
     def load(self) -> dict[str, Any]:
-        """Load what all answers but that of `decode` need."""
-        from haptix.feel.materials import panels, picture  # noqa: F401
-
-        self.reach(_FORCE_N)
+        """Load the surface, with torch."""
+        self._surface()
         return {}
-
-    def schema(self) -> dict[str, Any]:
-        """JSON Schema of all kinds of material and signal."""
-        from haptix.feel.materials import schema
-
-        return schema()
 
     def picture(
         self,
@@ -85,8 +80,7 @@ class DocumentWork:
         parsed = self.read(material)
         times = t_s + frame_s * np.arange(frames)
         wanted = np.stack([picture(parsed, width_mm, height_mm, columns, t) for t in times])
-        column = self.reach(normal_force_n)
-        low, high = float(column.lowest_mu), float(column.highest_mu)
+        low, high = self.reach(normal_force_n)
         share = (as_mu(parsed.evaluator.target, wanted, low, high) - low) / max(high - low, 1e-9)
         _, rows, columns = share.shape
         # One byte a place: 255 steps from half a range below to half a range above the range.
@@ -107,8 +101,7 @@ class DocumentWork:
         from haptix.model.perception.thresholds import WEBER_FRACTION
 
         parsed = self.read(material)
-        column = self.reach(normal_force_n)
-        low, high = float(column.lowest_mu), float(column.highest_mu)
+        low, high = self.reach(normal_force_n)
         return {
             "canonical": parsed.model_dump(mode="json", exclude_none=True),
             "target": parsed.evaluator.target,
@@ -154,10 +147,9 @@ class DocumentWork:
         """Return a layout in a form of interchange, as an archive of files; see the task."""
         from haptix.base.kinds import in_folder
 
-        column = self.reach(_FORCE_N)
         task = task_at(EXPORT)(
             **fields,
-            reachable_mu=(float(column.lowest_mu), float(column.highest_mu)),
+            reachable_mu=self.reach(FORCE_N),
             finger=self._opening["finger"],
             screen=self._opening["screen"],
         )
@@ -193,10 +185,18 @@ class DocumentWork:
         assert state.current_a is not None  # there is a frequency
         return {"normal_force_n": list(_FORCES_N), "current_a": state.current_a.tolist()}
 
-    def _reach(self, normal_force_n: float) -> Column:
-        """Friction that the screen can give at a force."""
-        surface = surface_of(self._opening).driven_at(DEFAULT_CARRIER_HZ)
-        return surface.column(normal_force_n, None)
+    def _reach(self, normal_force_n: float) -> tuple[float, float]:
+        known = self._opening.get("reachable_mu")
+        if known is not None and normal_force_n == FORCE_N:
+            low, high = known
+            return low, high
+        return reachable_mu(self._surface(), normal_force_n)
+
+
+def reachable_mu(surface: FrictionSurface, normal_force_n: float) -> tuple[float, float]:
+    """Return the lowest and the highest friction coefficient that the screen can give."""
+    column = surface.driven_at(DEFAULT_CARRIER_HZ).column(normal_force_n, None)
+    return float(column.lowest_mu), float(column.highest_mu)
 
 
 def surface_of(opening: dict[str, Any]) -> FrictionSurface:

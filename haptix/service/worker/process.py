@@ -117,7 +117,9 @@ class Worker:
 
     def _do_open(self, assets: str, **opening: Any) -> dict[str, Any]:
         """Get ready for questions about files and materials."""
-        from haptix.feel.materials import pictures  # noqa: F401
+        import scipy.ndimage  # noqa: F401, of most pictures
+
+        from haptix.feel.materials import panels, picture, pictures  # noqa: F401
         from haptix.feel.materials.decoded import FOLDER, keep_in
         from haptix.service.worker.document_work import DocumentWork
 
@@ -175,7 +177,7 @@ class JobWork:
         return partial(self._do, task)
 
     def _do(self, task: type[Task], **fields: Any) -> dict[str, Any]:
-        from haptix.base.kinds import in_folder  # with torch
+        from haptix.base.kinds import in_folder
 
         for name in ("finger", "screen"):
             if name in task.model_fields and (used := self._name(name, fields.get(name))):
