@@ -143,13 +143,13 @@ class MakeFinger(Task, command="finger", route="fingers", keeps="results"):
     def _measured(self) -> tuple[MeasuredSurface | None, RoughnessSpectrum]:
         """Read the roughness, and compare its h_rms with what is known of it."""
         from haptix.model.contact import RoughnessSpectrum
-        from haptix.model.contact.measured_files import Columns, read_spectrum, read_surface
+        from haptix.model.contact.measured_files import MeasuredTable, read_spectrum, read_surface
         from haptix.model.contact.topography import MeasuredSurface
 
         unit = self.unit or ""
-        sources: list[Path | Columns] = [*self.measurements]
+        sources: list[Path | MeasuredTable] = [*self.measurements]
         if self.text is not None:
-            sources.append(Columns.of(self.text, "text"))
+            sources.append(MeasuredTable.of(self.text, "text"))
         surface = None
         if self.convention is not None:
             if len(sources) > 1:

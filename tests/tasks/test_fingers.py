@@ -13,7 +13,7 @@ import torch
 import haptix
 from haptix.base.errors import FileFormatError, InputError
 from haptix.model.contact import RoughnessSpectrum
-from haptix.model.contact.measured_files import Columns, read_spectrum, read_surface
+from haptix.model.contact.measured_files import MeasuredTable, read_spectrum, read_surface
 from haptix.model.electro import SkinDielectric
 
 POINTS, PIXEL_M, RMS_M = 200, 2e-5, 13e-6
@@ -137,16 +137,16 @@ def test_the_wrong_convention_and_files_of_another_kind(haptix_cli: Any, files: 
 
 
 def test_columns_of_other_programs() -> None:
-    table = Columns.of('"f";"Cs";"D"\n"Hz";"nF";\n1,5;2;0,25\n3;4;0,5\n', "text")
+    table = MeasuredTable.of('"f";"Cs";"D"\n"Hz";"nF";\n1,5;2;0,25\n3;4;0,5\n', "text")
     assert table.names == ("f", "Cs", "D") and table.units == ("Hz", "nF", "")
     assert table.values.tolist() == [[1.5, 2, 0.25], [3, 4, 0.5]]
     assert table.column(1, "F").tolist() == [2e-9, 4e-9]
-    table = Columns.of("# made by hand\n# q (1/um) C_iso [um^4]\n1 2\n2 nan\n", "text")
+    table = MeasuredTable.of("# made by hand\n# q (1/um) C_iso [um^4]\n1 2\n2 nan\n", "text")
     assert table.names == ("q", "C_iso") and table.units == ("1/um", "um^4")
     with pytest.raises(FileFormatError, match="line 4: expected 2 numbers"):
-        Columns.of("a,b\n1,2\n3,4\n5\n", "text")
+        MeasuredTable.of("a,b\n1,2\n3,4\n5\n", "text")
     with pytest.raises(InputError, match="a: expected a unit such as m, got kg"):
-        Columns.of("a (kg),b\n1,2\n3,4\n", "text").column(0, "m")
+        MeasuredTable.of("a (kg),b\n1,2\n3,4\n", "text").column(0, "m")
 
 
 LAYER_M2, LAYER_M = 2e-4, 2e-5
@@ -225,7 +225,7 @@ def test_text_that_a_page_sends(tmp_path: Path) -> None:
 
 
 def test_a_spectrum_of_text_and_a_scan_without_units() -> None:
-    columns = Columns.of(text_of("", X_M * 1e6, RIDGES_M[0] * 1e6), "text")
+    columns = MeasuredTable.of(text_of("", X_M * 1e6, RIDGES_M[0] * 1e6), "text")
     surface = read_surface(columns, unit="um")
     spectrum = RoughnessSpectrum.of_surface(surface)
     assert float(spectrum.h_rms_m) == pytest.approx(RMS_M * FRACTION, rel=0.01)

@@ -23,7 +23,7 @@ _WIDEST = 7  # columns of a table; one of more is a map
 
 
 @dataclass(frozen=True)
-class Columns:
+class MeasuredTable:
     """Numbers of a text file: names and units as its header has them, or "" without one."""
 
     names: tuple[str, ...]
@@ -32,7 +32,7 @@ class Columns:
     """Shape (rows, columns)."""
 
     @classmethod
-    def read(cls, path: Path) -> Columns:
+    def read(cls, path: Path) -> MeasuredTable:
         """Read a table whose rows end in numbers, after any lines of other text.
 
         Cells are separated by tabs, semicolons, commas or spaces; the decimal sign is a point, or a
@@ -52,7 +52,7 @@ class Columns:
         return cls.of(text, str(path))
 
     @classmethod
-    def of(cls, text: str, place: str) -> Columns:
+    def of(cls, text: str, place: str) -> MeasuredTable:
         """Read the text of a file; `place` names it in errors."""
         lines = [line.strip(" \r\n") for line in text.splitlines()]
         first = next((n for n, line in enumerate(lines) if _is_numbers(line)), None)
@@ -123,7 +123,7 @@ def _is_numbers(line: str) -> bool:
 
 
 def read_surface(
-    path: Path | Columns,
+    path: Path | MeasuredTable,
     unit: str = "",
     pixel_m: float | None = None,
     is_periodic: bool | None = None,
@@ -132,7 +132,7 @@ def read_surface(
 
     Parameters
     ----------
-    path : Path or Columns
+    path : Path or MeasuredTable
         ``.npy``: heights. Text, or the columns of one: rows of heights, or position and height.
     unit : str
         Unit of lengths where the file has none, such as "um".
@@ -146,7 +146,7 @@ def read_surface(
     InputError, FileFormatError
         If it is no such file, or does not say its unit or pixels.
     """
-    if isinstance(path, Columns):
+    if isinstance(path, MeasuredTable):
         return _of_columns(path, "text", unit, pixel_m, is_periodic)
     if path.suffix == ".npy":
         heights = np.load(path, allow_pickle=False)
@@ -154,7 +154,7 @@ def read_surface(
     table, wrong = None, None
     if path.suffix.lower() in _TEXTS:
         try:
-            table = Columns.read(path)
+            table = MeasuredTable.read(path)
         except FileFormatError as error:
             wrong = error
         if table is not None and (unit or any(table.units)):
@@ -188,7 +188,11 @@ def _of_instrument(path: Path, unit: str, is_periodic: bool | None) -> MeasuredS
 
 
 def _of_columns(
-    table: Columns, path: Path | str, unit: str, pixel_m: float | None, is_periodic: bool | None
+    table: MeasuredTable,
+    path: Path | str,
+    unit: str,
+    pixel_m: float | None,
+    is_periodic: bool | None,
 ) -> MeasuredSurface:
     if table.values.shape[1] > _WIDEST:
         return MeasuredSurface.of(table.values * _metres(unit, path), pixel_m, is_periodic)
@@ -217,13 +221,13 @@ def _metres(unit: str, path: Path | str) -> float:
 
 
 def read_spectrum(
-    path: Path | Columns, convention: Convention, unit: str = ""
+    path: Path | MeasuredTable, convention: Convention, unit: str = ""
 ) -> RoughnessSpectrum:
     """Read a spectrum of two columns, wavenumber and density, in a named convention.
 
     Parameters
     ----------
-    path : Path or Columns
+    path : Path or MeasuredTable
         Text, or the columns of one; its header names the units, such as ``q (1/um), C (um^4)``.
     convention : {"C", "C_iso", "C_1D"}
         As for `RoughnessSpectrum.from_table`.
@@ -235,7 +239,7 @@ def read_spectrum(
     InputError, FileFormatError
         If it is no such table.
     """
-    table = path if isinstance(path, Columns) else Columns.read(path)
+    table = path if isinstance(path, MeasuredTable) else MeasuredTable.read(path)
     if table.values.shape[1] < 2:
         place = "text" if table is path else path
         raise InputError(f"{place}: expected two columns, wavenumber and density, got one")

@@ -28,7 +28,7 @@ from torch import Tensor
 from haptix.base.checks import Array, first_error
 from haptix.base.documents import Part
 from haptix.base.errors import InputError
-from haptix.model.contact.measured_files import Columns
+from haptix.model.contact.measured_files import MeasuredTable
 
 VACUUM_PERMITTIVITY = 8.8541878128e-12
 """eps0 [F/m], CODATA 2018."""
@@ -254,7 +254,7 @@ class SkinDielectric(Part):
         InputError, FileFormatError
             If the columns or units are others, or the table is not that of a skin.
         """
-        table = Columns.read(path)
+        table = MeasuredTable.read(path)
         found = {_named_column(name): index for index, name in enumerate(table.names)}
 
         def column(name: str) -> Array:

@@ -107,7 +107,7 @@ def chord_error(values: Tensor, at: Tensor, start: int, end: int) -> Tensor:
 
 
 @dataclass(frozen=True)
-class Columns:
+class SolvedColumns:
     """Solved columns: shape (...,), and (..., drives) of `inverse`."""
 
     inverse: Tensor
@@ -131,7 +131,7 @@ class HeldOutPoints:
     end_drive: Tensor
     """Amplitude [V] and drive at which the contact's column ends."""
     log_breakdown: Tensor | None
-    """ln of the breakdown voltage [V] as in `Columns`; None where it ends no column."""
+    """ln of the breakdown voltage [V] as in `SolvedColumns`; None where it ends no column."""
 
     def error(self, table: Interpolant) -> Tensor:
         """Absolute error of mu at every point."""
@@ -224,7 +224,7 @@ class Sampler:
         ]
         return max(passed)[1] if passed else Status.OK
 
-    def columns(self, places: Mapping[str, Tensor | None], drive: Tensor) -> Columns:
+    def columns(self, places: Mapping[str, Tensor | None], drive: Tensor) -> SolvedColumns:
         """Solve at places that broadcast, for every drive, shape (drives,)."""
         by_drive = {name: None if at is None else at[..., None] for name, at in places.items()}
         state = self.model.at_drive(drive=drive, **by_drive)
@@ -233,7 +233,7 @@ class Sampler:
             log_breakdown = log_pull_in + torch.log(self._last_ok(places, log_pull_in)) / 2
         else:
             log_breakdown = torch.log(state.breakdown_voltage_v[..., 0].to("cpu", torch.float64))
-        return Columns(-1 / state.mu.to("cpu", torch.float64), log_pull_in, log_breakdown)
+        return SolvedColumns(-1 / state.mu.to("cpu", torch.float64), log_pull_in, log_breakdown)
 
     def _last_ok(self, places: Mapping[str, Tensor | None], like: Tensor) -> Tensor:
         """Drive up to which each column's states are OK."""
@@ -244,7 +244,7 @@ class Sampler:
             low, high = torch.where(is_ok, middle, low), torch.where(is_ok, high, middle)
         return (low + high) / 2
 
-    def top(self, columns: Columns) -> Tensor:
+    def top(self, columns: SolvedColumns) -> Tensor:
         """Drive at which each column ends."""
         end = torch.full_like(columns.log_pull_in, log(self.limit_v))
         if self.limited_by:

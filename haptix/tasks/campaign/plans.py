@@ -387,7 +387,7 @@ class StimulusSets(Campaign):
                 raise InputError(f"population: {parts.name!r} {why}")
 
 
-class Comparison(Part):
+class PairedTests(Part):
     """Two conditions whose difference a paired t-test is to find.
 
     Parameters
@@ -414,7 +414,7 @@ class ExperimentSimulations(Campaign):
         Of the observers.
     runs : int
         Runs of each observer, or simulated participants of a comparison.
-    comparison : Comparison, optional
+    comparison : PairedTests, optional
         Also the power of a comparison, for each observer, difference and spread.
     """
 
@@ -425,7 +425,7 @@ class ExperimentSimulations(Campaign):
     slope: Several = (1.5, 3.5)
     lapse: SeveralOrZero = (0.02, 0.08)
     runs: Annotated[int, Field(ge=10)] = 200
-    comparison: Comparison | None = None
+    comparison: PairedTests | None = None
 
     def tasks(self) -> Iterator[CampaignTask]:
         """Yield a task for each experiment and observer, and for each comparison."""
