@@ -132,6 +132,20 @@ def measure_batch(points):
         }
 
 
+def measure_tamaas_memory(points):
+    import tamaas
+
+    surface = surfaces(points, 1)
+    shape = [points, points]
+    model = tamaas.ModelFactory.createModel(tamaas.model_type.basic_2d, [1.0, 1.0], shape)
+    model.E, model.nu = 1.0, 0.0
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    solver = tamaas.PolonskyKeerRey(model, surface.height_m[0].numpy(), 1e-5)
+    solver.solve(1e-2 * float(surface.slope_rms))
+    used = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024
+    yield {"bytes_per_point": used / points**2}
+
+
 def measure_memory(points):
     from haptix.model.contact import HalfSpace
     from haptix.model.contact.boundary_elements import BoundaryElements, estimated_bytes
@@ -152,6 +166,7 @@ MEASURES = {
     "haptix": measure_haptix,
     "batch": measure_batch,
     "memory": measure_memory,
+    "tamaas_memory": measure_tamaas_memory,
 }
 
 
@@ -217,11 +232,13 @@ def main():
                 f"{row['cores_within'] / row['seconds']:.2f} times",
                 flush=True,
             )
-        for row in in_a_process("memory", points, 1):
-            print(
-                f"{points} points: {row['bytes_per_point']:.0f} bytes per point at the peak, "
-                f"{row['estimated']:.0f} estimated"
-            )
+        (theirs,) = in_a_process("tamaas_memory", points, 1)
+        (row,) = in_a_process("memory", points, 1)
+        print(
+            f"{points} points: {row['bytes_per_point']:.0f} bytes per point at the peak, "
+            f"{row['estimated']:.0f} estimated; "
+            f"tamaas {theirs['bytes_per_point']:.0f} beside its model"
+        )
     if chosen.csv:
         with open(chosen.csv, "w", newline="") as file:  # noqa: PTH123
             writer = csv.DictWriter(file, rows[0])

@@ -16,7 +16,7 @@ Otherwise pressures on a layer a thousand times stiffer than its base would cycl
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from math import inf, pi
 
 import torch
@@ -168,15 +168,11 @@ class BoundedProblem:
         """
         tolerance = torch.as_tensor(tolerance, dtype=scale_m.dtype).to(scale_m.device)
         tolerance = tolerance.expand_as(scale_m)
-        if start_pa is None:
-            start_pa = self._from_coarser(height_m, mean_pressure_pa, scale_m, tolerance, 1)
+        problem = height_m, mean_pressure_pa, scale_m, tolerance
         return _descend(
             self.levels[0],
-            height_m,
-            mean_pressure_pa,
-            scale_m,
-            tolerance,
-            start_pa,
+            *problem,
+            self._from_coarser(*problem, 1) if start_pa is None else start_pa,
             self.ceiling_pa,
             most_iterations,
         )
@@ -206,12 +202,11 @@ def _descend(
     most_iterations: int,
 ) -> BoundedSolution:
     """Preconditioned conjugate gradients; surfaces leave the batch once solved."""
-    batch = len(height)
-    pressure_out, gap_out = torch.empty_like(height), torch.empty_like(height)
-    residual_out, steps_out = torch.empty_like(mean), torch.zeros_like(mean, dtype=torch.int64)
-    rows = torch.arange(batch, device=height.device)
+    solved: list[tuple[Tensor, BoundedSolution]] = []
+    rows = torch.arange(len(height), device=height.device)
     mean, scale, enough = mean[:, None, None], scale[:, None, None], tolerance
     p = start * (mean / start.mean((-2, -1), keepdim=True))
+    del start
     p = _with_mean(p, mean, ceiling, p > 0)
     g = solid.displacement(p).sub_(height)
     exact = True  # g is a convolution of p, not a sum of steps
@@ -229,10 +224,12 @@ def _descend(
             worst = _largest(residual) / scale[:, 0, 0]
             done = (worst <= enough) | (step == most_iterations)
         if bool(done.any()):
-            out = rows[done]
-            pressure_out[out], gap_out[out] = p[done], g[done]
-            residual_out[out], steps_out[out] = worst[done], step
-            if bool(done.all()):
+            all_done = bool(done.all())  # a batch that ends together is not copied
+            out, pressures, gaps = (rows, p, g) if all_done else (rows[done], p[done], g[done])
+            steps = torch.full_like(out, step)
+            is_met = (worst <= enough)[done]
+            solved.append((out, BoundedSolution(pressures, gaps, worst[done], steps, is_met)))
+            if all_done:
                 break
             go_on = ~done
             rows, mean, scale, enough = rows[go_on], mean[go_on], scale[go_on], enough[go_on]
@@ -240,20 +237,19 @@ def _descend(
             before, descent_before = before[go_on], descent_before[go_on]
             reach, plain = reach[go_on], plain[go_on]
             free, residual = free[go_on], residual[go_on]
-        weight = free.to(p.dtype)
-        count = weight.sum((-2, -1), keepdim=True)
-        _centre(residual, weight, count)
+        _centre(residual, free)
         steepest = solid.pressure(residual)
         if bool((plain > 0).any()):
             steepest = torch.where(plain > 0, residual, steepest)
             plain = plain - 1
-        _centre(steepest, weight, count)
+        _centre(steepest, free)
         descent = _dot(steepest, residual)
         # Polak and Ribiere's form forgets the old direction by itself where the free points change.
         carry = ((descent - _dot(steepest, before)) / descent_before).clamp_(min=0.0)
         search.mul_(carry).add_(steepest)
-        _centre(search, weight, count)
+        _centre(search, free)
         before, descent_before = residual, descent
+        del steepest
         answer = solid.displacement(search)
         length = reach * _dot(residual, search) / _dot(answer, search)
         trial = torch.addcmul(p, search, length, value=-1.0)
@@ -278,8 +274,15 @@ def _descend(
         search.masked_fill_(failed, 0.0)
         reach = torch.where(failed, reach / 8, reach)
         plain = torch.where(failed, _PLAIN_STEPS, plain)
+    return solved[0][1] if len(solved) == 1 else _in_order(solved)
+
+
+def _in_order(parts: list[tuple[Tensor, BoundedSolution]]) -> BoundedSolution:
+    """Join solutions of some rows each in the order of the rows."""
+    order = torch.cat([rows for rows, _ in parts]).argsort()
+    names = [field.name for field in fields(BoundedSolution)]
     return BoundedSolution(
-        pressure_out, gap_out, residual_out, steps_out, residual_out <= tolerance
+        *(torch.cat([getattr(part, name) for _, part in parts])[order] for name in names)
     )
 
 
@@ -299,10 +302,11 @@ def _dot(a: Tensor, b: Tensor) -> Tensor:
     return torch.bmm(a.reshape(batch, 1, -1), b.reshape(batch, -1, 1))
 
 
-def _centre(field: Tensor, weight: Tensor, count: Tensor) -> None:
-    """Set `field` to 0 where `weight` is 0, and subtract its mean from the rest."""
-    field.mul_(weight)
-    field.addcmul_(weight, field.sum((-2, -1), keepdim=True) / count, value=-1.0)
+def _centre(field: Tensor, free: Tensor) -> None:
+    """Set `field` to 0 at the points that are not free, and subtract its mean from the rest."""
+    field.mul_(free)
+    count = free.sum((-2, -1), keepdim=True)
+    field.sub_(field.sum((-2, -1), keepdim=True) / count).mul_(free)
 
 
 def _largest(field: Tensor) -> Tensor:
