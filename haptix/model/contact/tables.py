@@ -246,7 +246,7 @@ class SeparationIntegral:
         panels : sequence of (float, Tensor)
             Ends of the panels in w, with the points and weights of each, shape (points, 2).
         """
-        shape = torch.broadcast_shapes(pressure.shape, variance.shape, low.shape)
+        shape = np.broadcast_shapes(pressure.shape, variance.shape, low.shape)
         pressure, variance, low = (
             one.expand(shape).reshape(-1) for one in (pressure, variance, low)
         )
