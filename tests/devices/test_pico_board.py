@@ -274,21 +274,41 @@ def test_a_program_that_hangs_is_reset_within_8_ms(own_board):
     assert all(row.holds for row in rows.values()), [r for r in rows.values() if not r.holds]
 
 
-@pytest.mark.parametrize(
-    ("what", "fields"),
-    [("wire", {"isWrong": True}), ("wire", {"offset": 4500}), ("stall", {"us": 4000})],
-    ids=["no monitor", "27 V too much", "an interrupt that comes a half late"],
-)
-def test_an_output_that_is_not_what_was_sent_ends_with_the_amplifier_off(own_board, what, fields):
+def test_a_loop_that_hangs_is_reset_within_109_ms_while_its_interrupts_play(own_board):
+    device = firmware_io.open_device(own_board.address)
+    device.arm()
+    device.write(sine(600))
+    wait_for(lambda: own_board.output().any())
+    own_board.do("hangLoop")
+    hung, reset = own_board.wait("hung"), own_board.wait("reset")
+    assert 90_000 < reset["us"] - hung["hung"] <= 109_400  # 75 halves, one on its way, 8 ms
+    own_board.wait("configuration")
+    assert not own_board.output()[reset["at"] :].any()
+
+
+@pytest.mark.parametrize("offset", [None, 4500], ids=["no monitor", "27 V too much"])
+def test_an_output_that_is_not_what_was_sent_ends_with_the_amplifier_off(own_board, offset):
+    device = firmware_io.open_device(own_board.address)
+    device.arm()
+    device.write(sine(600))
+    wait_for(lambda: own_board.output().any())
+    own_board.do("wire", **({"isWrong": True} if offset is None else {"offset": offset}))
+    while own_board.wait("enable")["enable"] == HIGH:
+        pass
+    own_board.wait("reset")
+
+
+def test_an_interrupt_that_comes_a_half_late_ends_in_one_frame_of_0_v(own_board):
     """The DMA repeats a half for 2.7 ms before a stall of 4 ms ends: the watchdog has 8 ms."""
     device = firmware_io.open_device(own_board.address)
     device.arm()
     device.write(sine(600))
     wait_for(lambda: own_board.output().any())
-    own_board.do(what, **fields)
-    while own_board.wait("enable")["enable"] == HIGH:
+    own_board.do("stall", us=4000)
+    while (off := own_board.wait("enable"))["enable"] == HIGH:
         pass
-    own_board.wait("reset")
+    reset = own_board.wait("reset")
+    assert own_board.output_until(reset["at"])[off["at"] : reset["at"]].tolist() == [0]
 
 
 @pytest.mark.parametrize("offset", [2000, -2000])

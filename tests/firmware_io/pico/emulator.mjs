@@ -7,6 +7,7 @@ import { RP2040 } from "rp2040js";
 
 const NANOSECONDS = 8; // of a cycle at 125 MHz
 const PIN_ENABLE = 6, PIN_MARK = 7, PIN_LED = 25;
+const ALL_BUT_OSCILLATORS = 0x1fffc; // what a watchdog resets; rp2040js resets all, always
 const [, , image, trace] = process.argv;
 const say = (what) => process.stdout.write(`${JSON.stringify(what)}\n`);
 
@@ -57,7 +58,9 @@ function start(old) {
   }
   // Thrown, as the emulator would call it again at once: the chip is left as it is.
   watchdog.onWatchdogTrigger = () => {
-    throw watchdog;
+    const { wdsel } = chip.peripherals[0x40010];
+    if ((wdsel & ALL_BUT_OSCILLATORS) === ALL_BUT_OSCILLATORS) throw watchdog;
+    say({ error: "the watchdog resets nothing" });
   };
   let code = 0;
   chip.spi[0].onTransmit = (frame) => {
@@ -142,6 +145,11 @@ const commands = {
     chip.isHung = true;
     say({ hung: chip.clock.micros });
   },
+  /** The loop, and no interrupt, stands still from where interrupts are let in. */
+  hangLoop: () => {
+    chip.isLoopHung = true;
+    say({ hung: chip.clock.micros });
+  },
   /** The processor, and no other part, stands still for a while. */
   stall: ({ us }) => (chip.stallsUntil = chip.clock.nanos + us * 1000),
   time: () => say({ time: chip.clock.micros }),
@@ -182,7 +190,8 @@ function run() {
         chip.sram[flipDue.address] ^= 1 << flipDue.bit;
         flipDue = null;
       }
-      if (core.waiting || chip.isHung || chip.clock.nanos < chip.stallsUntil) chip.clock.tick(chip.clock.nanosToNextAlarm || 1000);
+      const isHeld = chip.isLoopHung && core.IPSR === 0 && !core.PM && !core.waiting && !core.checkForInterrupts();
+      if (core.waiting || chip.isHung || isHeld || chip.clock.nanos < chip.stallsUntil) chip.clock.tick(chip.clock.nanosToNextAlarm || 1000);
       else chip.clock.tick(chip.core.executeInstruction() * NANOSECONDS);
     }
   } catch (stopped) {
