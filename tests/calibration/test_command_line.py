@@ -64,6 +64,7 @@ def fits_of(folder, **fields):
     return CalibrationFits(name="priors", kind="calibration-fits", **given)
 
 
+@pytest.mark.slow
 def test_a_campaign_has_a_task_for_each_session_and_prior(fitted):
     plan = fits_of(fitted, priors={"apparent_area_at_1n_m2": (0.05, 0.4)})
     tasks = [*plan.tasks()]

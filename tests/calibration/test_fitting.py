@@ -264,6 +264,7 @@ def test_wrong_parameters_are_named(parameters, change, said):
         change(parameters)
 
 
+@pytest.mark.slow
 def test_a_roughness_that_lacks_waves_is_told_beside_the_scatter(screen, reduced_of):
     """Pixels of 10 um: the strokes of a finger with all waves are fitted with those of 20 um on."""
     base = haptix.Finger.preset("semi-wet")

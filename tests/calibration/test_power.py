@@ -45,6 +45,7 @@ def short(predictor, start):
     return short_protocol(predictor, start, 3.0, VOLTS)
 
 
+@pytest.mark.slow
 def test_strokes_that_repeat_worse_pass_less_and_more_of_them_more(predictor, start, short):
     chances = [chance_of_passing(predictor, start, short, one) for one in (0.01, 0.02, 0.03, 0.06)]
     assert chances[0] > 0.95
@@ -127,6 +128,7 @@ def test_fitted_strokes_are_added_until_the_insulator_is_determined(predictor, s
     assert determining_strokes(predictor, [start], known, 1e9, VOLTS, 0.01 * before) is None
 
 
+@pytest.mark.slow
 def test_the_command_says_how_long_it_takes(tmp_path, finger):
     finger.save(tmp_path / "finger.toml")
     command = ["plan", str(tmp_path / "usual.toml"), "--max-voltage-v", "150"]

@@ -143,6 +143,7 @@ def test_the_calls_of_the_clients_are_those_of_the_description():
 KEPT = (ROOT / "clients" / "made-from").read_text().strip()  # before a test makes it anew
 
 
+@pytest.mark.slow
 def test_the_types_of_a_checkout_are_those_of_the_schema():
     name = str(ROOT / "scripts" / "make-clients.py")
     script = runpy.run_path(name)

@@ -67,6 +67,7 @@ def test_another_schema_is_another_source():
     assert script["hash_of_sources"]() != before
 
 
+@pytest.mark.slow
 def test_a_release_has_the_clients_with_what_was_made(tmp_path):
     command = [sys.executable, SCRIPT, "--pack", tmp_path]
     subprocess.run(command, check=True, capture_output=True)

@@ -42,6 +42,7 @@ def figures(program):
 # Fig. 3B
 
 
+@pytest.mark.slow
 def test_friction_ripples_at_twice_the_frequency_of_the_drive(figures):
     columns = figures["fig3b"].columns
     time = columns["time_ms"] / 1e3

@@ -32,6 +32,7 @@ def make(tmp_path, target, *values):
     )
 
 
+@pytest.mark.slow
 def test_strict_compilation_and_sanitizers(tmp_path):
     need("make", "cc")
     done = make(tmp_path, "check")

@@ -552,6 +552,7 @@ def test_make_never_replaces_a_trial_table_that_was_added_to(finger, screen, tmp
     make(22.0)
 
 
+@pytest.mark.slow
 def test_the_program_of_a_log_is_all_that_its_trials_import():
     code = (
         "import sys, haptix.lab.experiment.recipe, haptix.lab.experiment.observer\n"

@@ -181,6 +181,7 @@ def test_the_page_is_small(front):
     assert sum(sizes.values()) + client < 500_000
 
 
+@pytest.mark.slow
 def test_types():
     make_clients()  # the pages' types are the messages'
     command = [node_tools() / ".bin" / "tsc", "-p", ROOT / "haptix" / "studio"]

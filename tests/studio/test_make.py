@@ -733,9 +733,8 @@ def test_the_fields_of_a_material_are_asked_for_again_by_a_button(maker, browser
         page.expected_errors.clear()
 
 
-@pytest.mark.parametrize(
-    "seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, SEQUENCES + 1))]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(1, SEQUENCES + 1))
 def test_no_confirmed_edit_is_lost(maker, page, seed):
     """Random edits, undo, reloads, killed pages and second pages: what was said to be saved is.
 

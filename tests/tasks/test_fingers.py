@@ -78,6 +78,7 @@ def test_a_finger_of_each_kind_of_file(
     assert again.code == 2 and "finger.toml exists" in again.err
 
 
+@pytest.mark.slow
 def test_waves_that_were_not_seen_stay_marked_and_are_added_on_request(
     haptix_cli: Any, files: Path, monkeypatch: Any
 ) -> None:

@@ -76,6 +76,7 @@ print(transient.describe()["curve"])
     ]
 
 
+@pytest.mark.slow
 def test_a_kind_of_another_package_is_found_on_the_command_line(environment):
     found = run(environment, "-m", "haptix.tasks.cli", "material", "kinds", "--json").stdout
     rows = {row["kind"]: row for row in json.loads(found)}

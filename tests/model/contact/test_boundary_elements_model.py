@@ -204,6 +204,7 @@ def test_attracted_contacts_of_a_batch_are_those_of_each_alone(surfaces: Surface
     assert yielding.attraction_pa.tolist() == [0.5, 0.0]
 
 
+@pytest.mark.slow
 def test_snap_in_is_bracketed() -> None:
     # A wave whose crests stick: past some strength the contact spreads over its flanks at once.
     x = np.arange(96) / 96

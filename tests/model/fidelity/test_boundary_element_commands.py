@@ -88,6 +88,7 @@ def test_too_little_memory_is_said_before_the_work(
     assert list(tmp_path.glob("a.surface*")) == []
 
 
+@pytest.mark.slow
 def test_voltage_beyond_snap_in_is_a_status(haptix_cli: CommandLine, gel: list[str]) -> None:
     done = haptix_cli(
         *["query", *EXACT, *gel],

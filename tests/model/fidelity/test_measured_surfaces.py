@@ -113,6 +113,7 @@ def test_time_is_estimated_and_nonsense_refused(exact: ContactModel) -> None:
         MeasuredPoints(band="all")
 
 
+@pytest.mark.slow
 def test_a_scene_may_ask_for_it() -> None:
     scene = Scene(
         finger=FINGER,

@@ -45,6 +45,7 @@ def test_what_is_held_never_changes():
     assert np.ptp(moving.evaluator.wanted(motion)) == pytest.approx(np.sin(2 * np.pi / 3))
 
 
+@pytest.mark.slow
 def test_a_plan_says_what_of_a_material_is_felt(plain_plan):
     assert [(row.name, row.kept) for row in plain_plan.rows if row.kind == "material"] == [
         ("materials.0 (by-speed) speed", False), ("materials.1 (by-speed) speed", True),

@@ -76,6 +76,7 @@ def test_the_surfaces_part_is_within_its_stated_error(model, setting, surface, u
     assert finer.error_rms_mu < usual.parts["surface"].error_rms_mu
 
 
+@pytest.mark.slow
 def test_prediction_has_little_part_with_touches_like_the_truth(setting, surface, usual):
     quick = TouchPanel(rate_hz=1000.0, latency_s=0.0)
     fast = LiveSettings(reaction_s=1e-3)

@@ -46,6 +46,7 @@ tones = st.lists(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(tones=tones, thickness=st.sampled_from([layered, leaky]))
 def test_the_points_hold_the_pull_on_every_gap(tones, thickness):

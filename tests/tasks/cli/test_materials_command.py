@@ -43,6 +43,7 @@ def test_every_kind_has_an_example_a_picture_and_a_paragraph(kind):
     assert (HERE / "docs" / "materials" / f"{kind}.png").exists()
 
 
+@pytest.mark.slow
 def test_a_material_is_rendered_and_what_is_wrong_is_one_sentence(
     haptix_cli, own_folder, surface_file
 ):
