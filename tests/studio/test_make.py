@@ -360,8 +360,76 @@ def test_regions_are_aligned_and_get_the_same_gaps(maker, page):
     assert (spans[0][0], spans[-1][1]) == (0, 116)
     region(page, "Ribs").click()
     page.locator("summary", has_text="Edit").click()
-    assert page.locator(".menu button", has_text="Align left").is_disabled()
+    until(page, page.locator(".menu button", has_text="Align left").is_disabled)  # once it is open
     assert not violations(page)
+
+
+def share_of(page, is_so):
+    """Share of the board's opaque points whose colour is so, for a condition in JavaScript."""
+    script = """(is_so) => {
+        const canvas = document.querySelector(".board canvas");
+        const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+        let [all, found] = [0, 0];
+        for (let at = 0; at < data.length; at += 28) {
+            const [r, g, b, alpha] = data.subarray(at, at + 4);
+            if (alpha === 255) [all, found] = [all + 1, found + is_so(r, g, b)];
+        }
+        return found / all;
+    }"""
+    return page.evaluate(f"({script})({is_so})")
+
+
+def is_red(page):
+    return share_of(page, "(r, g, b) => r > 200 && g < 60 && b < 60") > 0.1
+
+
+def test_the_app_s_picture_lies_beneath_and_is_no_part_of_the_layout(maker, page, tmp_path):
+    path = tmp_path / "app.png"
+    Image.new("RGB", (400, 300), (255, 0, 0)).save(path)
+    until(page, lambda: len(known(maker)) == 4)
+    begin = known(maker)
+    beneath = page.get_by_label("Show a picture beneath")
+    beneath.set_input_files(path)
+    until(page, lambda: is_red(page))
+    nudge(page)
+    name = page.get_by_label("Name of the layout")
+    name.fill("desk")
+    name.press("Enter")
+    page.keyboard.press("Control+s")
+    page.get_by_text("kept as desk").wait_for()
+    page.reload()
+    opened(page).locator("button.region").nth(3).wait_for()
+    until(page, lambda: is_red(page))  # kept for this layout
+    assert known(maker).keys() == begin.keys()
+    (document,) = (maker.folder / "kept" / "desk").glob("*.json")
+    assert json.loads(document.read_text()).keys() == {"regions"}
+    choose(page, "New layout")
+    until(page, lambda: not is_red(page))
+    path.write_bytes(b"no picture")
+    beneath.set_input_files(path)
+    page.get_by_text("app.png was not shown").wait_for()
+    choose(page, "desk")
+    until(page, lambda: is_red(page))
+    choose(page, "Keep as a copy")
+    page.get_by_text("kept as desk 2").wait_for()
+    until(page, lambda: is_red(page))
+    edit(page, "Show no picture beneath")
+    until(page, lambda: not is_red(page))
+
+
+def test_friction_is_drawn_in_grey_too(maker, page):
+    def coloured():
+        return share_of(page, "(r, g, b) => Math.max(r, g, b) - Math.min(r, g, b) > 60")
+
+    grey = page.get_by_role("button", name="Grey")
+    until(page, lambda: coloured() > 0.5)
+    grey.click()
+    until(page, lambda: coloured() < 0.01)  # names of regions are bluish
+    page.reload()
+    grey.and_(page.locator("[aria-pressed=true]")).wait_for()
+    until(page, lambda: coloured() < 0.01)  # a person's choice stays
+    grey.click()
+    until(page, lambda: coloured() > 0.5)
 
 
 def test_the_tab_key_is_soon_at_the_first_region(maker, page):

@@ -10,6 +10,7 @@ import { texts } from "./texts.js";
 const MARGIN_MM = 4;
 const SMALLEST_MM = [80, 50];
 const LABEL_PX = 13;
+const [BENEATH_MM, OVER_BENEATH] = [120, 0.6]; // width where the screen's is not known; opacity
 const GRID_MM = [1, 2, 5, 10, 20, 50, 100, 200]; // the finest whose lines are not too close
 const CLOSEST_PX = 24;
 const [ZOOM_STEP, LEAST_ZOOM, MOST_ZOOM] = [1.5, 0.25, 16];
@@ -57,6 +58,9 @@ export class Board {
   /** Pictures of regions that move, where they are shown moving.
    * @type {(region: m.RegionDocument) => CanvasImageSource | null} */
   moving = () => null;
+  /** A picture as wide as the screen beneath the regions, which are translucent then.
+   * @type {ImageBitmap | null} */
+  beneath = null;
   /** Called when the place of the plane on the page has changed. */
   onFit = () => {};
   /** Scale of what a person zoomed to, of the one at which all regions fit. */
@@ -209,6 +213,10 @@ export class Board {
     this.clear(context);
     this.#drawGrid(context, grid, style.getPropertyValue("--quiet"));
     const px = 1 / this.px_per_mm;
+    if (this.beneath) {
+      const wide = this.screen_mm?.[0] ?? BENEATH_MM;
+      context.drawImage(this.beneath, 0, 0, wide, (wide * this.beneath.height) / this.beneath.width);
+    }
     if (this.screen_mm) {
       const [wide, high] = this.screen_mm;
       context.lineWidth = 2 * px;
@@ -234,7 +242,7 @@ export class Board {
       context.save();
       context.clip();
       const picture = this.moving(region) ?? pictureOf(region, this.#again);
-      context.globalAlpha = region.opacity ?? 1;
+      context.globalAlpha = (region.opacity ?? 1) * (this.beneath ? OVER_BENEATH : 1);
       context.imageSmoothingEnabled = true;
       context.drawImage(picture, 0, 0, width, height);
       context.restore();

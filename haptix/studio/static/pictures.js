@@ -2,6 +2,7 @@
 
 import { now, Refused } from "/client/haptix.js";
 import { el, pause } from "./dom.js";
+import { view } from "./view.js";
 
 /** @import { Service } from "./service.js" */
 /** @import { Telemetry } from "./telemetry.js" */
@@ -63,10 +64,12 @@ export function painted(columns, rows, bytes, colorOf = (share) => [...shade(sha
   return canvas;
 }
 
-/** Return the colour of a share of the reachable friction: viridis, the ends held beyond.
+/** Return the colour of a share of the reachable friction: viridis or grey, the ends held beyond.
  * @param {number} share */
 export function shade(share) {
-  const at = Math.min(Math.max(share, 0), 1) * (VIRIDIS.length - 1);
+  const held = Math.min(Math.max(share, 0), 1);
+  if (view.get().is_grey) return [255 * held, 255 * held, 255 * held];
+  const at = held * (VIRIDIS.length - 1);
   const low = Math.min(Math.floor(at), VIRIDIS.length - 2);
   return VIRIDIS[low].map((value, i) => value + (VIRIDIS[low + 1][i] - value) * (at - low));
 }
@@ -79,7 +82,7 @@ export function shade(share) {
  */
 export function pictureOf(region, again) {
   const { material, width_mm, height_mm, scale } = region;
-  const key = JSON.stringify([material, width_mm, height_mm, scale]);
+  const key = JSON.stringify([material, width_mm, height_mm, scale, view.get().is_grey]);
   newest.set(region.name, key);
   const cached = cache.get(key);
   waiting.get(key)?.add(again);
@@ -177,7 +180,7 @@ export class Films {
     const scene_s = (this.#last = this.scene_s);
     if (Number.isNaN(scene_s)) return null;
     const { material, width_mm, height_mm } = region;
-    const key = JSON.stringify([material, width_mm, height_mm]);
+    const key = JSON.stringify([material, width_mm, height_mm, view.get().is_grey]);
     let film = this.#films.get(key);
     if (!film) {
       film = { seconds: new Map(), asked: -1, stands: false };

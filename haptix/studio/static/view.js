@@ -14,6 +14,8 @@ export const CHOICES = {
   pressure_n: 1.0,
   /** Pixels of this screen for a real millimetre; 0 until a person has measured its width. */
   px_per_real_mm: 0,
+  /** Whether friction is drawn in grey, as friction maps have it. */
+  is_grey: false,
   is_audible: false,
   /** Level of the sound [dB of full scale]. */
   volume_db: -30,

@@ -1,6 +1,7 @@
 /** Make a layout: the gallery, regions on the board, the parameters of each, and files to take away. */
 
 import { freeName } from "../arrange.js";
+import { Beneath } from "../beneath.js";
 import { Board, boxOf, PLACE, placeOf } from "../board.js";
 import { layoutIn } from "../archive.js";
 import { listen, menuOf } from "../commands.js";
@@ -12,6 +13,7 @@ import { Panel } from "../panel.js";
 import { Regions } from "../regions.js";
 import { sentence } from "../service.js";
 import { texts } from "../texts.js";
+import { choose, view } from "../view.js";
 
 /** @import { App } from "../app.js" */
 /** @import { Command } from "../commands.js" */
@@ -67,10 +69,19 @@ export function mount(root, app) {
     { name: t.alignBottom, can: two, act: () => regions.align("y", 1) },
     { name: t.distributeX, can: three, act: () => regions.distribute("x") },
     { name: t.distributeY, can: three, act: () => regions.distribute("y") },
+    { name: t.beneath, act: () => picture.click() },
+    { name: t.noBeneath, can: () => Boolean(board.beneath), act: () => beneath.remove() },
   ];
   const keep = { name: t.keep, keys: ["Ctrl+S"], is_for_fields: true, act: () => saved.attempt(() => saved.keep()) };
   const undo = el("button", { type: "button", onclick: edits[0].act }, t.undo);
   const redo = el("button", { type: "button", onclick: edits[1].act }, t.redo);
+  const beneath = new Beneath();
+  const picture = el("input", { type: "file", accept: "image/*", hidden: true, "aria-label": t.beneath, onchange: () => {
+    const [file] = picture.files ?? [];
+    if (file) void service.attempt(() => beneath.take(file));
+    picture.value = "";
+  } });
+  const grey = el("button", { type: "button", title: t.greyHelp, onclick: () => choose({ is_grey: !view.get().is_grey }) }, t.grey);
   const draws = el("button", { type: "button", title: t.drawHelp, onclick: () => regions.draws.set(!regions.draws.get()) }, t.draw);
   const shows = el("button", {
     type: "button", "aria-pressed": "false", title: t.headroomHelp,
@@ -95,7 +106,7 @@ export function mount(root, app) {
   root.append( // the regions first, for who comes by the Tab key; the style has the order that is seen
     el("section.bench", {},
       board.element,
-      el("div.row.bar-of", {}, undo, redo, menuOf(t.edit, edits), draws, board.tools(), shows, naming(), exports),
+      el("div.row.bar-of", {}, undo, redo, menuOf(t.edit, edits), draws, board.tools(), shows, grey, picture, naming(), exports),
       reach, el("div.hint-of", {}, el("p.quiet", {}, t.hint), el("span", {}, state, " ", helps))),
     gallery.element,
     el("div.side", {}, el("section.sheet", {}, app.guide.element, el("h2", {}, t.order), list), parameters),
@@ -241,10 +252,17 @@ export function mount(root, app) {
     }, `${path.join(".")} ${name}`);
   }
 
+  /** Give the layout, or a copy, another name; its picture follows. @param {() => Promise<unknown>} act */
+  const called = (act, is_copy = false) => saved.attempt(async () => {
+    const before = saved.name.get();
+    await act();
+    await beneath.follow(before, saved.name.get(), is_copy);
+  });
+
   function naming() {
     const input = el("input.title", { type: "text", maxLength: 60, pattern: "[A-Za-z0-9][A-Za-z0-9 _.\\-]*", "aria-label": t.name, title: t.nameHelp,
       onchange: async () => {
-        if (input.reportValidity()) await saved.attempt(() => saved.rename(input.value));
+        if (input.reportValidity()) await called(() => saved.rename(input.value));
         input.value = saved.name.get();
       } });
     ends.push(saved.name.on((name) => void (input.value = name)));
@@ -266,7 +284,7 @@ export function mount(root, app) {
       } }, text);
       const list = (/** @type {string} */ title, /** @type {Node[]} */ choices) => choices.length ? [el("h3", {}, title), ...choices] : [];
       fill(menu,
-        choice(t.fresh, () => saved.begin()), choice(t.copy, () => saved.duplicate()), choice(t.importFile, async () => file.click()),
+        choice(t.fresh, () => saved.begin()), choice(t.copy, () => called(() => saved.duplicate(), true)), choice(t.importFile, async () => file.click()),
         saved.revision ? choice(t.removeIt(name), () => saved.remove()) : null,
         list(t.kept, names.map((each) => choice(each, () => saved.open(each)))), names.length ? null : el("p.quiet", {}, t.noneKept),
         list(t.versions, versions.map((each) => choice(t.version(each.revision, each.unix_s), () => saved.restore(each)))),
@@ -336,6 +354,15 @@ export function mount(root, app) {
       board.draw();
     }),
     listen([...edits, keep]),
+    saved.name.on((name) => void service.attempt(() => beneath.open(name))),
+    beneath.picture.on((bitmap) => {
+      board.beneath = bitmap;
+      board.draw();
+    }),
+    view.on(({ is_grey }) => {
+      grey.setAttribute("aria-pressed", String(is_grey));
+      board.draw();
+    }),
     regions.draws.on((is_on) => draws.setAttribute("aria-pressed", String(is_on))),
     history.document.on((document) => {
       regions.show(document);
