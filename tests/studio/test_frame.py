@@ -8,6 +8,7 @@ import httpx
 import pytest
 
 from tests.made_clients import make_clients, node_tools
+from tests.service.test_sessions import Client
 from tests.studio.conftest import ROOT, address, violations
 from tests.waiting import wait_for
 
@@ -147,6 +148,18 @@ def test_a_second_page_observes_until_it_takes_over(front, page):
     second.get_by_role("button", name="Take over").click()
     armed(second)
     page.get_by_text("Another client holds the output").wait_for()
+
+
+def test_what_is_kept_for_an_app_is_taken_by_a_person_s_click_alone(front, page):
+    with Client(front) as app:
+        app.holds()
+    wait_for(lambda: front.hub.control._kept)  # its socket closed without a word
+    page.goto(address(front))
+    page.get_by_text("Another app has the output").wait_for()
+    assert front.hub.control._kept
+    page.get_by_role("button", name="Arm", exact=True).click()
+    armed(page)
+    assert not front.hub.control._kept
 
 
 def test_a_service_that_goes_and_comes(front, page):

@@ -239,17 +239,17 @@ export class Service {
     this.state.set({ phase: "open", reason: "" });
     // A person must arm a real driver by hand, here and after each loss.
     const is_free = lease.holder === null || lease.is_mine;
-    // Also the lease of a client that is gone: most likely of the page before this one.
-    if (!this.isReal && is_free) await this.#armVirtual(lease.holder === null);
+    if (!this.isReal && is_free) await this.#armVirtual();
   }
 
-  /** A busy machine may need some attempts, since the first one loads the renderer.
-   * @param {boolean} takeover */
-  async #armVirtual(takeover) {
+  /** A busy machine may need some attempts, since the first one loads the renderer. The lease of an app is taken by a
+   * person's click only, also while it is kept for one that is gone. */
+  async #armVirtual() {
     for (let left = ATTEMPTS; left > 0; left -= 1) {
       try {
-        return await this.arm(takeover);
+        return await this.arm();
       } catch (error) {
+        if (error instanceof Refused && error.code === "lease") return this.notify("note", texts.frame.keptForOther);
         if (left === 1 || !this.session) return this.notify("error", sentence(error));
         await pause(RETRY_MS);
       }
@@ -260,7 +260,7 @@ export class Service {
   #failed(reason) {
     if (!this.isReal) this.notify("warning", reason); // a real driver's fault is shown until it is repaired
     // With a virtual finger there is no danger, so no person has to arm again on a busy machine.
-    const arm = () => this.output.get()?.state === "failed" && this.#armVirtual(false);
+    const arm = () => this.output.get()?.state === "failed" && this.#armVirtual();
     if (!this.isReal && this.lease.get()?.is_mine) setTimeout(arm, RETRY_MS);
   }
 

@@ -24,6 +24,7 @@ export const texts = {
     arm: "Arm",
     disarm: "Disarm",
     takeOver: "Take over",
+    keptForOther: "Another app has the output, or comes back for it: a press of “Arm” or “Take over” takes it.",
     armHelp: "Lets touches be felt on a real driver. Keep STOP in reach.",
     close: "Close",
     notices: "Messages",
