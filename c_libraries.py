@@ -60,6 +60,7 @@ LIBRARIES = {
             "haptix_engine.c",
             "haptix_fingers.c",
             "haptix_map.c",
+            "haptix_material.c",
             "haptix_program.c",
             "haptix_pyramid.c",
             "haptix_surface.c",

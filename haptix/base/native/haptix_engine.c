@@ -5,7 +5,7 @@
 
 #include "haptix_program.h"
 
-enum { REPORTS = 8, PLACES = HX_FINGERS * HX_POINTS, ROWS = 10 };
+enum { REPORTS = 8, PLACES = HX_FINGERS * HX_POINTS, ROWS = 13 };
 
 static const double first_interval_s = 1.0 / 60, longest_interval_s = 0.036;
 static const double rests_after = 2.2, least_rest_s = 0.015; /* as haptix.play.touch.touches */
@@ -30,15 +30,16 @@ struct hx_engine {
     double row[ROWS][PLACES];       /* space to compute in */
     double moved[(4 * HX_FINGERS + 1) * HX_POINTS + 3 * HX_FINGERS + 1];
     double friction[PLACES];
+    double *seen;     /* rows for hx_feel, behind the numbers */
     double numbers[]; /* of hx_render: PLACES + HX_POINTS + HX_POINTS * step */
 };
 
 /* What the rows hold. */
-enum { X, Y, VALUE, LOWEST, HIGHEST, LOCAL_X, LOCAL_Y, COVER, FELT, TURNED };
+enum { X, Y, VX, VY, VALUE, LOWEST, HIGHEST, LOCAL_X, LOCAL_Y, LOCAL_VX, LOCAL_VY, COVER, FELT };
 
-static int64_t own_size(int64_t step)
+static int64_t own_size(int64_t step, int64_t depth)
 {
-    int64_t numbers = PLACES + HX_POINTS * (1 + step);
+    int64_t numbers = PLACES + HX_POINTS * (1 + step) + PLACES * HX_SEEN_ROWS * depth;
     return ((int64_t)offsetof(struct hx_engine, numbers) + 8 * numbers + 7) / 8 * 8;
 }
 
@@ -50,7 +51,7 @@ static int64_t step_of(const uint8_t *program)
 int64_t hx_engine_size(const uint8_t *program, int64_t size)
 {
     int64_t contents = hx_program_size(program, size);
-    return contents < 0 ? contents : contents + own_size(step_of(program));
+    return contents < 0 ? contents : contents + own_size(step_of(program), hx_program_depth(program));
 }
 
 hx_engine *hx_engine_open(const uint8_t *program, int64_t size, void *memory)
@@ -58,7 +59,9 @@ hx_engine *hx_engine_open(const uint8_t *program, int64_t size, void *memory)
     (void)size;
     hx_engine *e = memory;
     memset(e, 0, sizeof *e);
-    hx_program_read(program, &e->program, (uint8_t *)memory + own_size(step_of(program)));
+    int64_t step = step_of(program), size_of_all = own_size(step, hx_program_depth(program));
+    hx_program_read(program, &e->program, (uint8_t *)memory + size_of_all);
+    e->seen = e->numbers + PLACES + HX_POINTS * (1 + step);
     const hx_program *p = &e->program;
     e->step_s = (double)p->rendering.step / p->sample_rate_hz;
     for (int64_t i = 0; i < p->regions; i++) {
@@ -70,99 +73,9 @@ hx_engine *hx_engine_open(const uint8_t *program, int64_t size, void *memory)
     return e;
 }
 
-/* Materials. */
-
 static int is_near(double x_mm, double y_mm)
 {
     return fabs(x_mm) <= HX_FARTHEST_MM && fabs(y_mm) <= HX_FARTHEST_MM; /* false for NaN */
-}
-
-static void feel_map(const hx_material *m, double *x, double *y, int64_t n, double footprint_mm,
-                     double *value)
-{
-    double wide = footprint_mm / m->pixel_mm, depth = 0.0, half = m->sharp_mm / 2;
-    if (wide > 0.5) {
-        depth = log2(wide);
-        if (depth < 1.0)
-            depth = depth < 0.0 ? depth + 1.0 : 1.0;
-    }
-    int is_sharp = m->sharp_mm > 0.0 && footprint_mm == 0.0;
-    for (int64_t i = 0; i < n; i++) {
-        double across = x[i] * m->cosine + y[i] * m->sine;
-        double down = y[i] * m->cosine - x[i] * m->sine;
-        if (is_sharp) { /* at a point the edge is a step; the map has a ramp there */
-            if (!(across >= 0.0 && across <= m->width_mm && down >= 0.0 && down <= m->height_mm))
-                across = INFINITY;
-            else {
-                across = fmin(fmax(across, half), m->width_mm - half);
-                down = fmin(fmax(down, half), m->height_mm - half);
-            }
-        }
-        x[i] = across;
-        y[i] = down;
-    }
-    hx_map_sample(&m->map, x, y, depth, NULL, n, value);
-}
-
-static double read_table(const hx_material *m, int64_t number, double place)
-{
-    const double *table = m->table;
-    for (int64_t i = 0; i < number; i++)
-        table += hx_table_size(i);
-    int64_t size = hx_table_size(number);
-    double at = place * (double)size;
-    int64_t cell = (int64_t)at;
-    double low = table[cell % size];
-    return (at - (double)cell) * (table[(cell + 1) % size] - low) + low;
-}
-
-static double wave_at(const hx_material *m, double place)
-{
-    double turn = 6.283185307179586 * place;
-    if (m->wave == WAVE_SQUARE)
-        return place < m->duty ? m->high : m->low;
-    double level = m->wave == WAVE_SINE ? sin(turn) : 2 * place - 1;
-    return (m->low + m->high) / 2 + (m->high - m->low) / 2 * level;
-}
-
-static void feel_grating(const hx_material *m, const double *x, const double *y, int64_t n,
-                         double footprint_mm, double *value)
-{
-    double last = (double)(m->tables - 1), depth = 0.0;
-    if (footprint_mm > 0.0) {
-        double room = m->period_mm / (2 * footprint_mm);
-        depth = fmin(log2(room > 1.0 ? room : 1.0), last);
-    }
-    int64_t number = (int64_t)depth;
-    double part = depth - (double)number;
-    for (int64_t i = 0; i < n; i++) {
-        if (!is_near(x[i], y[i])) {
-            value[i] = m->outside;
-            continue;
-        }
-        double place = (x[i] * m->cosine + y[i] * m->sine) / m->period_mm + m->phase;
-        place -= floor(place);
-        if (footprint_mm == 0.0) {
-            value[i] = wave_at(m, place);
-            continue;
-        }
-        value[i] = read_table(m, number, place);
-        if (part > 0.0)
-            value[i] += part * (read_table(m, number + 1, place) - value[i]);
-    }
-}
-
-/* Numbers of a material at n places, which may be changed. */
-static void feel(const hx_material *m, double *x, double *y, int64_t n, double footprint_mm,
-                 double *value)
-{
-    if (m->kind == KIND_MAP)
-        feel_map(m, x, y, n, footprint_mm, value);
-    else if (m->kind == KIND_GRATING)
-        feel_grating(m, x, y, n, footprint_mm, value);
-    else
-        for (int64_t i = 0; i < n; i++)
-            value[i] = m->outside;
 }
 
 /* Convert numbers of a target to the target of all; see Layout._converted. */
@@ -217,16 +130,17 @@ static double covered(const hx_region *r, double x, double y, double ramp_mm)
     if (r->shape == SHAPE_POLYGON)
         return ramp_at(depth_in(r, x, y), ramp);
     double a = width / 2, b = height / 2;
-    return ramp_at((1 - hypot(x / a - 1, y / b - 1)) * fmin(a, b), ramp);
+    double depth = (1 - hypot(x / a - 1, y / b - 1)) * fmin(a, b);
+    return ramp_at(fmin(depth, fmin(a - fabs(x - a), b - fabs(y - b))), ramp);
 }
 
-/* Places in the axes of a region. */
-static void see(const hx_region *r, const double *x, const double *y, int64_t n, double *to_x,
-                double *to_y)
+/* Places or velocities in the axes of a region, whose corner is x0, y0. */
+static void see(const hx_region *r, const double *x, const double *y, double x0, double y0,
+                int64_t n, double *to_x, double *to_y)
 {
     double c = cos(r->angle_rad) / r->scale, s = sin(r->angle_rad) / r->scale;
     for (int64_t i = 0; i < n; i++) {
-        double dx = x[i] - r->x_mm, dy = y[i] - r->y_mm;
+        double dx = x[i] - x0, dy = y[i] - y0;
         to_x[i] = r->angle_rad == 0.0 ? dx / r->scale : dx * c + dy * s;
         to_y[i] = r->angle_rad == 0.0 ? dy / r->scale : dy * c - dx * s;
     }
@@ -243,72 +157,78 @@ static double blended(int64_t blend, double below, double felt)
     }
 }
 
-static void lay(hx_engine *e, const hx_region *r, int64_t n, double footprint_mm)
+static void lay(hx_engine *e, const hx_region *r, const hx_motion *screen)
 {
     const hx_program *p = &e->program;
     double *value = e->row[VALUE], *cover = e->row[COVER], *felt = e->row[FELT];
-    double *x = e->row[LOCAL_X], *y = e->row[LOCAL_Y], within_mm = footprint_mm / r->scale;
-    int is_on = 0;
-    see(r, e->row[X], e->row[Y], n, x, y);
+    double *x = e->row[LOCAL_X], *y = e->row[LOCAL_Y], within_mm = screen->footprint_mm / r->scale;
+    int64_t n = screen->fingers * screen->points, is_on = 0;
+    see(r, screen->x_mm, screen->y_mm, r->x_mm, r->y_mm, n, x, y);
     for (int64_t i = 0; i < n; i++) {
         cover[i] = r->opacity * covered(r, x[i], y[i], 4 * within_mm);
         is_on |= cover[i] > 0.0;
     }
     if (!is_on)
         return;
+    hx_motion on = *screen;
+    on.x_mm = x;
+    on.y_mm = y;
+    on.vx_mm_s = e->row[LOCAL_VX];
+    on.vy_mm_s = e->row[LOCAL_VY];
+    see(r, screen->vx_mm_s, screen->vy_mm_s, 0.0, 0.0, n, e->row[LOCAL_VX], e->row[LOCAL_VY]);
     if (r->mask >= 0) {
-        feel(&p->material[r->mask], x, y, n, 2 * within_mm, felt);
+        on.footprint_mm = 2 * within_mm;
+        hx_feel(p, r->mask, &on, e->seen, felt);
         for (int64_t i = 0; i < n; i++)
             cover[i] *= fmin(fmax(felt[i], 0.0), 1.0);
-        see(r, e->row[X], e->row[Y], n, x, y);
     }
-    const hx_material *m = &p->material[r->material];
-    feel(m, x, y, n, within_mm, felt);
+    on.footprint_mm = within_mm;
+    hx_feel(p, r->material, &on, e->seen, felt);
     if (r->blend != BLEND_MULTIPLY)
-        convert(e, m->target, n, felt);
+        convert(e, p->material[r->material].target, n, felt);
     for (int64_t i = 0; i < n; i++)
         value[i] += cover[i] * (blended(r->blend, value[i], felt[i]) - value[i]);
 }
 
-/* Numbers wanted at n places; see Layout.wanted. */
-static void want(hx_engine *e, const double *x_mm, const double *y_mm, const double *force_n,
-                 int64_t n, double footprint_mm)
+/* Numbers wanted under the fingers; see Layout.wanted. */
+static void want(hx_engine *e, const hx_motion *motion)
 {
     const hx_program *p = &e->program;
     const hx_material *below = &p->material[p->background];
     double *x = e->row[X], *y = e->row[Y], *value = e->row[VALUE];
+    int64_t n = motion->fingers * motion->points;
     if (e->converts)
-        hx_slice_reach(&p->slice, force_n, n, e->row[LOWEST], e->row[HIGHEST]);
+        hx_slice_reach(&p->slice, motion->force_n, n, e->row[LOWEST], e->row[HIGHEST]);
     for (int64_t i = 0; i < n; i++) {
-        int near = is_near(x_mm[i], y_mm[i]);
-        x[i] = near ? x_mm[i] : 0.0;
-        y[i] = near ? y_mm[i] : 0.0;
+        int near = is_near(motion->x_mm[i], motion->y_mm[i]);
+        x[i] = near ? motion->x_mm[i] : 0.0;
+        y[i] = near ? motion->y_mm[i] : 0.0;
     }
+    hx_motion screen = *motion;
+    screen.x_mm = x;
+    screen.y_mm = y;
     if (e->multiplies)
-        footprint_mm *= 2;
-    memcpy(e->row[LOCAL_X], x, sizeof *x * (size_t)n);
-    memcpy(e->row[LOCAL_Y], y, sizeof *y * (size_t)n);
-    feel(below, e->row[LOCAL_X], e->row[LOCAL_Y], n, footprint_mm, value);
+        screen.footprint_mm *= 2;
+    hx_feel(p, p->background, &screen, e->seen, value);
     convert(e, below->target, n, value);
     for (int64_t i = 0; i < p->regions; i++)
-        lay(e, &p->region[i], n, footprint_mm);
+        lay(e, &p->region[i], &screen);
     for (int64_t i = 0; i < n; i++)
-        if (!is_near(x_mm[i], y_mm[i]))
+        if (!is_near(motion->x_mm[i], motion->y_mm[i]))
             value[i] = below->outside;
 }
 
 /* Gains: 0 for a finger while another one is on a region of higher priority. */
-static const double *share(hx_engine *e, int64_t fingers, int64_t points, const double *x_mm,
-                           const double *y_mm, const double *gain)
+static const double *share(hx_engine *e, const hx_motion *motion, const double *gain)
 {
     const hx_program *p = &e->program;
-    int64_t n = fingers * points;
+    int64_t points = motion->points, n = motion->fingers * points;
     double *rank = e->row[COVER], *shared = e->row[FELT];
     for (int64_t i = 0; i < n; i++)
         rank[i] = 0.0;
     for (int64_t k = 0; k < p->regions; k++) {
         const hx_region *r = &p->region[k];
-        see(r, x_mm, y_mm, n, e->row[LOCAL_X], e->row[LOCAL_Y]);
+        see(r, motion->x_mm, motion->y_mm, r->x_mm, r->y_mm, n, e->row[LOCAL_X], e->row[LOCAL_Y]);
         for (int64_t i = 0; i < n; i++)
             if (covered(r, e->row[LOCAL_X][i], e->row[LOCAL_Y][i], 0.0) >= 0.5)
                 rank[i] = (double)r->priority;
@@ -325,16 +245,16 @@ static const double *share(hx_engine *e, int64_t fingers, int64_t points, const 
 
 /* Blocks. */
 
-const hx_felt *hx_engine_play(hx_engine *e, int64_t fingers, int64_t points, const double *x_mm,
-                              const double *y_mm, const double *force_n, const double *gain,
-                              double footprint_mm)
+const hx_felt *hx_engine_play(hx_engine *e, const hx_motion *motion, const double *gain)
 {
     const hx_program *p = &e->program;
-    int64_t n = fingers * points, step = p->rendering.step;
+    const double *force_n = motion->force_n;
+    int64_t fingers = motion->fingers, points = motion->points, n = fingers * points;
+    int64_t step = p->rendering.step;
     if (n) {
-        want(e, x_mm, y_mm, force_n, n, footprint_mm);
+        want(e, motion);
         if (fingers > 1 && e->has_priorities)
-            gain = share(e, fingers, points, x_mm, y_mm, gain);
+            gain = share(e, motion, gain);
     }
     hx_block block = {0};
     block.fingers = fingers;
@@ -358,7 +278,7 @@ const hx_felt *hx_engine_play(hx_engine *e, int64_t fingers, int64_t points, con
         hx_slice_friction(&p->slice, force_n + i, amplitude_v, points, e->friction + i);
     hx_felt felt = {
         fingers, points, step, p->sample_rate_hz, p->rendering.most_v, e->sample,
-        x_mm, y_mm, force_n, e->numbers, e->friction, e->status, amplitude_v, drive_v,
+        motion->x_mm, motion->y_mm, force_n, e->numbers, e->friction, e->status, amplitude_v, drive_v,
     };
     e->felt = felt;
     e->before_v = amplitude_v[points - 1];
@@ -382,9 +302,16 @@ const hx_felt *hx_engine_block(hx_engine *e, int64_t points)
     }
     int64_t n = hx_fingers(&e->program.following, tracks, count, t0_s, e->step_s, points, 0, numbers);
     int64_t size = n * points;
-    double fastest = numbers[4 * size + points + 3 * n];
-    return hx_engine_play(e, n, points, numbers, numbers + size, numbers + 2 * size,
-                          numbers + 3 * size, fastest * e->step_s);
+    const double *vx = numbers + 4 * size + points, *vy = vx + n;
+    for (int64_t i = 0; i < size; i++) {
+        e->row[VX][i] = vx[i / points];
+        e->row[VY][i] = vy[i / points];
+    }
+    hx_motion motion = {
+        n, points, numbers, numbers + size, e->row[VX], e->row[VY], numbers + 2 * size,
+        vy[2 * n] * e->step_s, e->step_s, t0_s,
+    };
+    return hx_engine_play(e, &motion, numbers + 3 * size);
 }
 
 /* Touches. */

@@ -192,11 +192,16 @@ int64_t hx_engine_touch(hx_engine *engine, int64_t touch_id, double t_s, double 
 /* Play the next control points, 1 to HX_POINTS. */
 const hx_felt *hx_engine_block(hx_engine *engine, int64_t points);
 
-/* The same for fingers at given places, [fingers * points] each, of 0 to HX_FINGERS; the footprint
- * is the way of the fastest from one point to the next. */
-const hx_felt *hx_engine_play(hx_engine *engine, int64_t fingers, int64_t points,
-                              const double *x_mm, const double *y_mm, const double *force_n,
-                              const double *gain, double footprint_mm);
+/* Fingers during a block; arrays of fingers * points go finger after finger. */
+typedef struct {
+    int64_t fingers, points; /* 0 to HX_FINGERS, 1 to HX_POINTS */
+    const double *x_mm, *y_mm, *vx_mm_s, *vy_mm_s, *force_n;
+    double footprint_mm;    /* the way of the fastest from one point to the next */
+    double step_s, start_s; /* time between points, and one step before the first */
+} hx_motion;
+
+/* The same for fingers in a given motion, with the share of its amplitude that each gets. */
+const hx_felt *hx_engine_play(hx_engine *engine, const hx_motion *motion, const double *gain);
 /* cffi: end */
 
 /* No finger is farther from the corner of a screen; as haptix.feel.motion.FARTHEST_MM. */

@@ -5,7 +5,7 @@
 
 #include "haptix_program.h"
 
-enum { HEADER = 224, MATERIAL = 96, REGION = 88, CHECKED_FROM = 16 };
+enum { VERSION = 2, HEADER = 224, MATERIAL = 128, REGION = 88, CHECKED_FROM = 16 };
 
 static const uint8_t magic[8] = {137, 'H', 'X', 'P', 13, 10, 26, 10};
 static const uint32_t no_material = 0xFFFFFFFFu;
@@ -99,8 +99,8 @@ static int64_t tables_size(int64_t tables)
 
 static int is_power_of_two(int64_t n) { return (n & (n - 1)) == 0; }
 
-/* Doubles and levels that a map takes up; 0 if it cannot be. */
-static int64_t map_size(const file *f, const uint8_t *m, int64_t *levels)
+/* Doubles and levels that each of `maps` takes up; 0 if they cannot be. */
+static int64_t map_size(const file *f, const uint8_t *m, int64_t maps, int64_t *levels)
 {
     int64_t rows = uint_at(m + 36), columns = uint_at(m + 40);
     uint32_t beyond_x = uint_at(m + 44), beyond_y = uint_at(m + 48);
@@ -110,16 +110,71 @@ static int64_t map_size(const file *f, const uint8_t *m, int64_t *levels)
     if ((beyond_x == HX_REPEAT && !is_power_of_two(columns)) ||
         (beyond_y == HX_REPEAT && !is_power_of_two(rows)))
         return 0;
-    if (!holds(f, uint_at(m + 32), rows * columns, 4))
+    int64_t pixels = maps * rows * columns;
+    if (!holds(f, uint_at(m + 32), pixels, 4))
         return 0;
-    for (int64_t i = 0; i < rows * columns; i++)
+    for (int64_t i = 0; i < pixels; i++)
         if (!is_between((double)float_at(f->bytes + uint_at(m + 32) + 4 * i), -largest, largest))
             return 0;
     return hx_pyramid_size(rows, columns, beyond_x, beyond_y, levels);
 }
 
+/* Whether a material changes another one, and may be without: its number stands at 40. */
+static int changes(uint32_t kind) { return kind >= KIND_BY_SPEED && kind <= KIND_MOVING; }
+
+/* Rows of numbers of a material, each as long as its record says. */
+static int64_t rows_of(uint32_t kind)
+{
+    switch (kind) {
+    case KIND_SLIDER:
+    case KIND_CURVE: return 1;
+    case KIND_BY_SPEED:
+    case KIND_BY_FORCE: return 2;
+    case KIND_MOVING: return 4;
+    default: return 0;
+    }
+}
+
+static int is_size(double value) { return is_between(value, 1e-9, 1e6); }
+
+/* Whether the numbers of a control can be, or of a material that changes another one. */
+static int can_be(const file *f, const uint8_t *m, uint32_t number)
+{
+    uint32_t kind = uint_at(m), at = uint_at(m + 32), count = uint_at(m + 36), of = uint_at(m + 40);
+    int64_t numbers = rows_of(kind) * (int64_t)count;
+    const uint8_t *first = f->bytes + at;
+    if (numbers && (!holds(f, at, numbers, 8) || !are_between(first, numbers, -largest, largest)))
+        return 0;
+    if (changes(kind) && of >= number && (of != no_material || kind == KIND_MOVING))
+        return 0; /* none lies in itself */
+    if (!are_between(m + 56, 9, -largest, largest))
+        return 0;
+    switch (kind) {
+    case KIND_SLIDER: return count >= 2 && rises(first, count) && is_size(real_at(m + 72));
+    case KIND_TOGGLE: return are_between(m + 72, 3, 1e-9, 1e6);
+    case KIND_DIAL: return count >= 1 && are_between(m + 72, 3, 1e-9, 1e6);
+    case KIND_BY_SPEED:
+    case KIND_BY_FORCE: return count >= 2 && rises(first, count);
+    case KIND_CURVE:
+        return count >= 1 && is_between(real_at(m + 64), 1.0, 1e6) &&
+               is_between(real_at(m + 72), 0.0, 1e6);
+    case KIND_MOVING:
+        return uint_at(m + 44) <= 1 &&
+               (count == 0 || (count >= 2 && rises(first, count) && real_at(first) == 0.0));
+    default: return 0;
+    }
+}
+
+static int64_t pyramids_size(const file *f, const uint8_t *m, int64_t maps)
+{
+    int64_t levels = 0, size = map_size(f, m, maps, &levels);
+    if (size == 0 || levels > HX_LEVELS)
+        return HX_WRONG_NUMBER;
+    return maps * (8 * size + (int64_t)sizeof(hx_level) * levels);
+}
+
 /* Bytes that a material takes up, or HX_WRONG_NUMBER. */
-static int64_t material_size(const file *f, const uint8_t *m)
+static int64_t material_size(const file *f, const uint8_t *m, uint32_t number)
 {
     uint32_t kind = uint_at(m);
     if (uint_at(m + 4) > TARGET_SHARE || !is_between(real_at(m + 8), -largest, largest) ||
@@ -128,11 +183,17 @@ static int64_t material_size(const file *f, const uint8_t *m)
     if (kind == KIND_UNIFORM)
         return 0;
     if (kind == KIND_MAP) {
-        int64_t levels = 0, size = map_size(f, m, &levels);
-        if (size == 0 || levels > HX_LEVELS || !is_between(real_at(m + 56), 1e-9, 1e6) ||
-            !is_between(real_at(m + 64), 0.0, 1e6) || !are_between(m + 72, 2, 0.0, 1e12))
+        if (!is_size(real_at(m + 56)) || !is_between(real_at(m + 64), 0.0, 1e6) ||
+            !are_between(m + 72, 2, 0.0, 1e12))
             return HX_WRONG_NUMBER;
-        return 8 * size + (int64_t)sizeof(hx_level) * levels;
+        return pyramids_size(f, m, 1);
+    }
+    if (kind == KIND_RELIEF) {
+        if (!are_between(m + 56, 2, -largest, largest) || !is_between(real_at(m + 72), 0.0, 1e6) ||
+            !are_between(m + 80, 2, 0.0, 1e12) || !is_between(real_at(m + 96), 0.0, 1.0) ||
+            !is_size(real_at(m + 104)))
+            return HX_WRONG_NUMBER;
+        return pyramids_size(f, m, 2);
     }
     if (kind == KIND_GRATING) {
         uint32_t tables = uint_at(m + 36);
@@ -141,12 +202,35 @@ static int64_t material_size(const file *f, const uint8_t *m)
         int64_t size = tables_size(tables);
         if (!holds(f, uint_at(m + 32), size, 8) ||
             !are_between(f->bytes + uint_at(m + 32), size, -largest, largest) ||
-            !is_between(real_at(m + 56), 1e-9, 1e6) || !are_between(m + 64, 3, -largest, largest) ||
+            !is_size(real_at(m + 56)) || !are_between(m + 64, 3, -largest, largest) ||
             !is_between(real_at(m + 88), 0.0, 1.0))
             return HX_WRONG_NUMBER;
         return 8 * size;
     }
-    return HX_WRONG_NUMBER;
+    return can_be(f, m, number) ? 8 * rows_of(kind) * (int64_t)uint_at(m + 36) : HX_WRONG_NUMBER;
+}
+
+/* How many materials lie in each other, from one inwards, of those that move or of all. */
+static int64_t nested(const uint8_t *materials, uint32_t number, int moving)
+{
+    int64_t depth = 0;
+    for (;;) {
+        const uint8_t *m = materials + (int64_t)number * MATERIAL;
+        if (!changes(uint_at(m)) || uint_at(m + 40) == no_material || depth > MOST_NESTED)
+            return depth + (!moving || uint_at(m) == KIND_MOVING);
+        depth += !moving || uint_at(m) == KIND_MOVING;
+        number = uint_at(m + 40);
+    }
+}
+
+int64_t hx_program_depth(const uint8_t *bytes)
+{
+    int64_t deepest = 0;
+    for (uint32_t i = 0; i < uint_at(bytes + 52); i++) {
+        int64_t depth = nested(bytes + uint_at(bytes + 72), i, 1);
+        deepest = depth > deepest ? depth : deepest;
+    }
+    return deepest;
 }
 
 /* Bytes that a region takes up, or HX_WRONG_NUMBER. */
@@ -207,7 +291,7 @@ int64_t hx_program_size(const uint8_t *bytes, int64_t size)
     file f = {bytes, size};
     if (size < HEADER || memcmp(bytes, magic, sizeof magic) != 0)
         return HX_NO_PROGRAM;
-    if (uint_at(bytes + 8) != 1)
+    if (uint_at(bytes + 8) != VERSION)
         return HX_OTHER_VERSION;
     if ((int64_t)uint_at(bytes + 16) != size)
         return HX_NO_PROGRAM;
@@ -220,9 +304,11 @@ int64_t hx_program_size(const uint8_t *bytes, int64_t size)
         return HX_WRONG_NUMBER;
     int64_t total = 8 * (slice_doubles(bytes) + uint_at(bytes + 48));
     for (uint32_t i = 0; i < materials; i++) {
-        int64_t more = material_size(&f, bytes + materials_at + (int64_t)i * MATERIAL);
+        int64_t more = material_size(&f, bytes + materials_at + (int64_t)i * MATERIAL, i);
         if (more < 0)
             return more;
+        if (nested(bytes + materials_at, i, 0) > MOST_NESTED)
+            return HX_WRONG_NUMBER;
         total += (int64_t)sizeof(hx_material) + more;
         if (total > most_bytes)
             return HX_TOO_LARGE;
@@ -246,16 +332,13 @@ static double *taken(const uint8_t *from, int64_t count, uint8_t **memory)
     return to;
 }
 
-static void read_map(const uint8_t *bytes, const uint8_t *m, hx_material *to, uint8_t **memory)
+/* Make the map of pixels that lie at a place of the file, in the memory. */
+static hx_map read_map(const uint8_t *m, const uint8_t *values, double pixel_mm, double outside,
+                       uint8_t **memory)
 {
     int64_t rows = uint_at(m + 36), columns = uint_at(m + 40), count;
     int64_t beyond_x = uint_at(m + 44), beyond_y = uint_at(m + 48);
     int64_t size = hx_pyramid_size(rows, columns, beyond_x, beyond_y, &count);
-    const uint8_t *values = bytes + uint_at(m + 32);
-    to->pixel_mm = real_at(m + 56);
-    to->sharp_mm = real_at(m + 64);
-    to->width_mm = real_at(m + 72);
-    to->height_mm = real_at(m + 80);
     hx_level *levels = (hx_level *)(void *)*memory;
     *memory += sizeof(hx_level) * (size_t)count;
     double *numbers = (double *)(void *)*memory;
@@ -264,38 +347,79 @@ static void read_map(const uint8_t *bytes, const uint8_t *m, hx_material *to, ui
     float *pixels = (float *)(void *)(numbers + size) - rows * columns;
     for (int64_t i = 0; i < rows * columns; i++)
         pixels[i] = float_at(values + 4 * i);
-    hx_pyramid_make(pixels, rows, columns, to->pixel_mm, to->outside, beyond_x, beyond_y, levels,
-                    numbers);
+    hx_pyramid_make(pixels, rows, columns, pixel_mm, outside, beyond_x, beyond_y, levels, numbers);
     hx_map map = {
         levels, count, 1,
-        beyond_x == HX_REPEAT ? (double)columns * to->pixel_mm : 0.0,
-        beyond_y == HX_REPEAT ? (double)rows * to->pixel_mm : 0.0,
-        HX_FARTHEST_MM, to->outside,
+        beyond_x == HX_REPEAT ? (double)columns * pixel_mm : 0.0,
+        beyond_y == HX_REPEAT ? (double)rows * pixel_mm : 0.0,
+        HX_FARTHEST_MM, outside,
     };
-    to->map = map;
+    return map;
 }
 
 static void read_material(const uint8_t *bytes, const uint8_t *m, hx_material *to,
                           uint8_t **memory)
 {
+    const uint8_t *numbers = bytes + uint_at(m + 32);
+    double real[9];
+    for (int i = 0; i < 9; i++)
+        real[i] = real_at(m + 56 + 8 * i);
     memset(to, 0, sizeof *to);
     to->kind = uint_at(m);
     to->target = uint_at(m + 4);
     to->outside = real_at(m + 8);
     to->cosine = real_at(m + 16);
     to->sine = real_at(m + 24);
-    if (to->kind == KIND_MAP)
-        read_map(bytes, m, to, memory);
-    if (to->kind != KIND_GRATING)
-        return;
-    to->tables = uint_at(m + 36);
-    to->wave = uint_at(m + 40);
-    to->table = taken(bytes + uint_at(m + 32), tables_size(to->tables), memory);
-    to->period_mm = real_at(m + 56);
-    to->phase = real_at(m + 64);
-    to->low = real_at(m + 72);
-    to->high = real_at(m + 80);
-    to->duty = real_at(m + 88);
+    to->numbers = uint_at(m + 36);
+    to->of = !changes(uint_at(m)) || uint_at(m + 40) == no_material ? -1 : (int64_t)uint_at(m + 40);
+    to->low = real[0];
+    to->high = real[1];
+    to->ramp_mm = real[2];
+    to->width_mm = real[3];
+    to->height_mm = real[4];
+    if (rows_of(uint_at(m)))
+        to->number = taken(numbers, rows_of(uint_at(m)) * to->numbers, memory);
+    switch (to->kind) {
+    case KIND_MAP:
+        to->pixel_mm = real[0];
+        to->sharp_mm = real[1];
+        to->width_mm = real[2];
+        to->height_mm = real[3];
+        to->map = read_map(m, numbers, to->pixel_mm, to->outside, memory);
+        break;
+    case KIND_GRATING:
+        to->wave = uint_at(m + 40);
+        to->number = taken(numbers, tables_size(to->numbers), memory);
+        to->period_mm = real[0];
+        to->phase = real[1];
+        to->low = real[2];
+        to->high = real[3];
+        to->duty = real[4];
+        break;
+    case KIND_DIAL:
+        to->about_x_mm = real[5];
+        to->about_y_mm = real[6];
+        break;
+    case KIND_RELIEF:
+        to->bias = real[5];
+        to->pixel_mm = real[6];
+        to->map = read_map(m, numbers, to->pixel_mm, 0.0, memory);
+        numbers += 4 * to->numbers * uint_at(m + 40);
+        to->other = read_map(m, numbers, to->pixel_mm, 0.0, memory);
+        break;
+    case KIND_CURVE:
+        to->first = real[0];
+        to->rate_hz = real[1];
+        to->period_s = real[2];
+        break;
+    case KIND_MOVING:
+        to->loops = uint_at(m + 44);
+        memcpy(to->rate, real, sizeof to->rate);
+        to->about_x_mm = real[3];
+        to->about_y_mm = real[4];
+        break;
+    default: break;
+    }
 }
 
 static void read_region(const uint8_t *bytes, const uint8_t *r, hx_region *to, uint8_t **memory)

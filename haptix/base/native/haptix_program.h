@@ -4,21 +4,32 @@
 
 #include "haptix_native.h"
 
-enum { KIND_UNIFORM = 0, KIND_MAP = 1, KIND_GRATING = 2 };
+enum {
+    KIND_UNIFORM = 0, KIND_MAP = 1, KIND_GRATING = 2, KIND_SLIDER = 3, KIND_TOGGLE = 4,
+    KIND_DIAL = 5, KIND_RELIEF = 6, KIND_BY_SPEED = 7, KIND_BY_FORCE = 8, KIND_CURVE = 9,
+    KIND_MOVING = 10
+};
 enum { WAVE_SINE = 0, WAVE_SQUARE = 1, WAVE_SAWTOOTH = 2 };
 enum { TARGET_MU = 0, TARGET_CONTRAST = 1, TARGET_SHARE = 2 };
 enum { SHAPE_RECTANGLE = 0, SHAPE_ELLIPSE = 1, SHAPE_POLYGON = 2 };
 enum { BLEND_OVER = 0, BLEND_ADD = 1, BLEND_MULTIPLY = 2, BLEND_MAX = 3, BLEND_MIN = 4 };
-enum { MOST_TABLES = 12 };
+enum { MOST_TABLES = 12, MOST_NESTED = 8, HX_SEEN_ROWS = 4 };
 
 typedef struct {
-    int64_t kind, target;
-    double outside, cosine, sine;
-    hx_map map;
-    double pixel_mm, sharp_mm, width_mm, height_mm; /* of the map */
-    int64_t wave, tables;                           /* of the grating */
-    const double *table;
-    double period_mm, phase, low, high, duty;
+    int64_t kind, target, of; /* the material that this one changes; -1: none */
+    double outside, cosine, sine, low, high;
+    int64_t numbers; /* detents, corners, knots, values; periods of a grating */
+    const double *number;
+    hx_map map, other; /* of a relief: slopes to the right, and down */
+    double pixel_mm, sharp_mm, width_mm, height_mm; /* of the map; inner and outer of a dial */
+    double ramp_mm;                                 /* ridge of a control, edge of a relief */
+    double bias;
+    int64_t wave; /* of a grating */
+    double period_mm, phase, duty;
+    double about_x_mm, about_y_mm;
+    double rate[3]; /* of what moves: along x, along y, turn */
+    int64_t loops;
+    double first, rate_hz, period_s; /* of a curve in time: its first value, and 0 or its period */
 } hx_material;
 
 typedef struct {
@@ -45,7 +56,15 @@ int64_t hx_table_size(int64_t table);
 /* Bytes of memory of the contents of a program, or why it is refused. */
 int64_t hx_program_size(const uint8_t *bytes, int64_t size);
 
+/* Depth to which materials that move lie in each other. */
+int64_t hx_program_depth(const uint8_t *bytes);
+
 /* Take over the contents of a program that hx_program_size accepts, into memory of that size. */
 void hx_program_read(const uint8_t *bytes, hx_program *program, uint8_t *memory);
+
+/* Numbers of a material under fingers; `rows` is room for HX_SEEN_ROWS rows of numbers for each
+ * material that moves, one in another. */
+void hx_feel(const hx_program *program, int64_t material, const hx_motion *on, double *rows,
+             double *value);
 
 #endif

@@ -354,7 +354,8 @@ class Layout(Mapped):
         shown = self.store.shown  # read once
         if shown.multiplies:
             motion = motion.with_footprint(2 * motion.footprint_mm)
-        near = 2 * motion.footprint_mm + 1e-9
+        # The ramp at an edge reaches two footprints along each axis of the region, which is turned.
+        near = 3 * motion.footprint_mm + 1e-9
         start_s = motion.start_s
         first_s = float(start_s.min()) if isinstance(start_s, np.ndarray) else start_s
         layers: list[tuple[RegionState, Motion, float | Array]] = []

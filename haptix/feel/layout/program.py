@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from math import cos, radians, sin
-from typing import get_args
+from math import cos, pi, radians, sin
+from typing import Any, get_args
 
 import numpy as np
 
@@ -13,8 +13,25 @@ from haptix.base.errors import InputError
 from haptix.feel.layout.layout import Layout
 from haptix.feel.layout.region import Blend
 from haptix.feel.layout.region_state import RegionState
-from haptix.feel.materials import Evaluator, Grating, Noise, Spectral, TargetKind, Texture
+from haptix.feel.materials import (
+    ByForce,
+    BySpeed,
+    Dial,
+    Envelope,
+    Evaluator,
+    Grating,
+    Moving,
+    Noise,
+    Relief,
+    Slider,
+    Spectral,
+    TargetKind,
+    Texture,
+    Toggle,
+)
+from haptix.feel.materials.material import Answering
 from haptix.feel.materials.pyramid import Beyond, Pyramid
+from haptix.feel.materials.timeline import RATE_HZ
 from haptix.feel.motion import Depends
 from haptix.model.waves import Shape
 
@@ -25,13 +42,17 @@ TARGETS: tuple[TargetKind, ...] = ("mu", "contrast", "share")
 """Numbers of the targets."""
 
 _BLENDS, _BEYOND, _WAVES = get_args(Blend), get_args(Beyond), get_args(Shape)
-_UNIFORM, _MAP, _GRATING = range(3)
+(
+    _UNIFORM, _MAP, _GRATING, _SLIDER, _TOGGLE, _DIAL, _RELIEF, _BY_SPEED, _BY_FORCE, _CURVE,
+    _MOVING,
+) = range(11)  # fmt: skip
 _OUTLINES = ("rectangle", "ellipse")
 _POLYGON = len(_OUTLINES)
-_HEAD = "<IIddd"  # of a material: kind, target, value outside, cosine and sine of its direction
-_OF_MAP = "6I4d"
-_OF_GRATING = "4I8x5d"
-MATERIAL_BYTES = 96
+# Of a material: kind, target, value outside, cosine and sine of its direction; place of its
+# numbers and how many, or rows and columns, and what its kind has there; its own numbers.
+_MATERIAL = "<IIddd5I4x"
+_OWN_REALS = 9
+MATERIAL_BYTES = struct.calcsize(_MATERIAL) + 8 * _OWN_REALS
 REGION_BYTES = 88
 _REGION = "<4IiIII7d"
 
@@ -125,52 +146,122 @@ class FeltRecords:
         )  # fmt: skip
 
     def _material(self, name: str, felt: Evaluator) -> int:
-        if id(felt) in self._known:
-            return self._known[id(felt)]
+        """Number of the record of what is felt; it is written once."""
+        if id(felt) not in self._known:
+            self._known[id(felt)] = self._record(name, felt)
+            self._kept.append(felt)
+        return self._known[id(felt)]
+
+    def _record(self, name: str, felt: Evaluator) -> int:
         if isinstance(felt, Texture):
             sharp = felt.beyond == "outside"
-            record = self._map(felt, felt.pyramid, 0.0, felt.pixel_mm if sharp else 0.0)
-        elif isinstance(felt, Noise | Spectral):
-            record = self._map(felt, felt.pyramid, felt.orientation_deg, 0.0)
-        elif isinstance(felt, Grating):
-            record = self._grating(felt)
-        else:
+            return self._map(felt, felt.pyramid, 0.0, felt.pixel_mm if sharp else 0.0)
+        if isinstance(felt, Noise | Spectral):
+            return self._map(felt, felt.pyramid, felt.orientation_deg, 0.0)
+        if isinstance(felt, Grating):
+            return self._grating(felt)
+        material = felt.material if isinstance(felt, Answering) else None
+        writers: dict[type, Any] = {
+            Slider: self._slider, Toggle: self._toggle, Dial: self._dial, Relief: self._relief,
+            BySpeed: self._by_curve, ByForce: self._by_curve, Envelope: self._envelope,
+            Moving: self._moving,
+        }  # fmt: skip
+        # By the very class: one that is derived from it may ask for something else.
+        if (write := writers.get(type(material))) is None:
             raise InputError(f"{name}: {_why_not(felt)}")
-        self._known[id(felt)] = len(self._records)
-        self._kept.append(felt)
-        return self._put(record)
+        return int(write(name, felt, material))
 
-    def _put(self, record: bytes) -> int:
-        self._records.append(record.ljust(MATERIAL_BYTES, b"\0"))
+    def _put(
+        self,
+        kind: int,
+        felt: Evaluator,
+        *own: float,
+        words: Sequence[int] = (),
+        turn_deg: float = 0.0,
+        numbers: Any = None,
+    ) -> int:
+        """Write a record: `words` behind the place of its numbers, then those of its own."""
+        at, turn = 0, radians(turn_deg)
+        if numbers is not None:
+            rows = np.asarray(numbers)
+            single = kind in (_MAP, _RELIEF)
+            at = self._sections.add(rows.astype("<f4" if single else "<f8").tobytes())
+        self._records.append(
+            struct.pack(
+                _MATERIAL, kind, TARGETS.index(felt.target), felt.outside, cos(turn), sin(turn),
+                at, *words, *(0,) * (4 - len(words)),
+            )
+            + struct.pack(f"<{_OWN_REALS}d", *own, *(0.0,) * (_OWN_REALS - len(own)))
+        )  # fmt: skip
         return len(self._records) - 1
 
-    def _uniform(self, value: float, target: TargetKind) -> int:
-        return self._put(struct.pack(_HEAD, _UNIFORM, TARGETS.index(target), value, 1.0, 0.0))
-
-    def _head(self, kind: int, felt: Evaluator, orientation_deg: float) -> bytes:
-        turn = radians(orientation_deg)
-        target = TARGETS.index(felt.target)
-        return struct.pack(_HEAD, kind, target, felt.outside, cos(turn), sin(turn))
-
-    def _map(self, felt: Evaluator, map_of: Pyramid, turn_deg: float, sharp_mm: float) -> bytes:
-        values = map_of.values
-        rows, columns = values.shape
-        at = self._sections.add(np.ascontiguousarray(values, dtype="<f4").tobytes())
+    def _map(self, felt: Evaluator, map_of: Pyramid, turn_deg: float, sharp_mm: float) -> int:
+        rows, columns = map_of.values.shape
         beyond_y, beyond_x = (_BEYOND.index(mode) for mode in map_of.modes)
         # Where the edge is a step, its places: the ramp begins half a pixel of the picture inside.
-        of_map = struct.pack(
-            f"<{_OF_MAP}", at, rows, columns, beyond_x, beyond_y, 0, map_of.pixel_mm, sharp_mm,
-            columns * map_of.pixel_mm, rows * map_of.pixel_mm,
+        return self._put(
+            _MAP, felt, map_of.pixel_mm, sharp_mm, columns * map_of.pixel_mm,
+            rows * map_of.pixel_mm, words=(rows, columns, beyond_x, beyond_y), turn_deg=turn_deg,
+            numbers=map_of.values,
         )  # fmt: skip
-        return self._head(_MAP, felt, turn_deg) + of_map
 
-    def _grating(self, felt: Grating) -> bytes:
+    def _grating(self, felt: Grating) -> int:
         rows = [table[: int(size)] for table, _, size in felt.tables]
-        at = self._sections.add(np.concatenate(rows).astype("<f8").tobytes())
-        return self._head(_GRATING, felt, felt.orientation_deg) + struct.pack(
-            f"<{_OF_GRATING}", at, len(rows), _WAVES.index(felt.wave), 0,
-            felt.period_mm, felt.phase, felt.low, felt.high, felt.duty,
+        return self._put(
+            _GRATING, felt, felt.period_mm, felt.phase, felt.low, felt.high, felt.duty,
+            words=(len(rows), _WAVES.index(felt.wave)), turn_deg=felt.orientation_deg,
+            numbers=np.concatenate(rows),
         )  # fmt: skip
+
+    def _slider(self, name: str, felt: Evaluator, of: Slider) -> int:
+        return self._put(
+            _SLIDER, felt, of.low, of.high, of.ridge_mm, words=(len(of.places_mm),),
+            turn_deg=of.orientation_deg, numbers=of.places_mm,
+        )  # fmt: skip
+
+    def _toggle(self, name: str, felt: Evaluator, of: Toggle) -> int:
+        sizes = (of.ridge_mm, of.width_mm, of.throw_mm)
+        return self._put(_TOGGLE, felt, of.low, of.high, *sizes)
+
+    def _dial(self, name: str, felt: Evaluator, of: Dial) -> int:
+        sizes = (of.ridge_mm, of.inner_mm, of.outer_mm, *of.centre_mm)
+        return self._put(_DIAL, felt, of.low, of.high, *sizes, words=(of.detents,))
+
+    def _relief(self, name: str, felt: Evaluator, of: Relief) -> int:
+        slopes = of.slopes
+        values, pixel_mm = slopes.pyramid.values, slopes.pyramid.pixel_mm
+        return self._put(
+            _RELIEF, felt, of.low, of.high, of.edge_mm, slopes.width_mm, slopes.height_mm, of.bias,
+            pixel_mm, words=values.shape, numbers=[values.real, values.imag],
+        )  # fmt: skip
+
+    def _by_curve(self, name: str, felt: Evaluator, of: BySpeed | ByForce) -> int:
+        corners, values = of.points
+        kind = _BY_SPEED if isinstance(of, BySpeed) else _BY_FORCE
+        changed = NONE if of.of is None else self._material(name, of.of.evaluator)
+        return self._put(kind, felt, words=(len(corners), changed), numbers=[corners, values])
+
+    def _envelope(self, name: str, felt: Evaluator, of: Envelope) -> int:
+        if of.begins != "start":
+            raise InputError(f"{name}: {_why_not(felt)}")
+        line = of.timeline
+        return self._put(
+            _CURVE, felt, round(line.t_s[0] * RATE_HZ), RATE_HZ, line.period_s or 0.0,
+            words=(len(line.value), self._material(name, of.of.evaluator)), numbers=line.value,
+        )  # fmt: skip
+
+    def _moving(self, name: str, felt: Evaluator, of: Moving) -> int:
+        changed, path = self._material(name, of.of.evaluator), of.path
+        knots, loops, numbers = 0, False, None
+        if path is not None:
+            knots, loops, numbers = len(path.t_s), path.loop, np.vstack(path.columns)
+        return self._put(
+            _MOVING, felt, *of.velocity_mm_s, of.turn_deg_s * pi / 180, *of.about_mm,
+            words=(knots, changed, int(loops)), numbers=numbers,
+        )  # fmt: skip
+
+    def _uniform(self, value: float, target: TargetKind) -> int:
+        return self._put(_UNIFORM, Answering(lambda motion: motion.x_mm, target, value))
 
 
 def _name(felt: Evaluator, region: RegionState) -> str:
@@ -181,13 +272,7 @@ def _name(felt: Evaluator, region: RegionState) -> str:
 
 
 def _why_not(felt: Evaluator) -> str:
-    flags = felt.depends_on
-    more = [str(flag.name).lower() for flag in flags & ~Depends.PLACE]
     hint = "haptix.LiveRenderer plays it"
-    if more:
-        on = " and ".join(more)
-        return f"expected friction that depends on the place alone, got one of {on}, too; {hint}"
-    return (
-        "expected a photograph, heights, noise, a spectral material or a grating, got another "
-        f"kind; {hint}"
-    )
+    if Depends.FACTS in felt.depends_on:
+        return f"expected friction that does not depend on what the finger did before; {hint}"
+    return f"expected a kind of material of haptix, got another one; {hint}"

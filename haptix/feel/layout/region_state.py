@@ -102,8 +102,10 @@ class Outline:
             return inside
         if self.shape == "ellipse":
             a, b = width / 2, height / 2
-            away = np.hypot(x_mm / a - 1, y_mm / b - 1)
-            return _step((1 - away) * min(a, b), ramp)
+            depth = (1 - np.hypot(x_mm / a - 1, y_mm / b - 1)) * min(a, b)
+            # Beyond the ends of a narrow one this is less than the way to its rectangle.
+            across, down = a - np.abs(x_mm - a), b - np.abs(y_mm - b)
+            return _step(np.minimum(depth, np.minimum(across, down)), ramp)
         return _step(_depth_in(self.shape, x_mm, y_mm), ramp)
 
     def contains(self, x_mm: float, y_mm: float) -> bool:

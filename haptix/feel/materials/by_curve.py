@@ -55,20 +55,22 @@ class _ByCurve(Material):
         return self
 
     @cached_property
-    def _points(self) -> tuple[Array, Array]:
+    def points(self) -> tuple[Array, Array]:
+        """Corners of the curve, and its values there."""
         return np.array(getattr(self, self.corners)), np.array(self.share or self.mu)
 
     def factor(self, motion: Motion) -> Array:
         """The curve's value under the fingers."""
-        return np.asarray(np.interp(type(self)._read(motion), *self._points))
+        return np.asarray(np.interp(type(self)._read(motion), *self.points))
 
     @cached_property
     def evaluator(self) -> Evaluator:
         """The curve, or its product."""
         if self.of is None:
             target: TargetKind = "share" if self.mu is None else "mu"
-            return Answering(self.factor, target, float(self._points[1][0]), self.depends_on)
-        return product(self.of.evaluator, self.factor, self.depends_on)
+            outside = float(self.points[1][0])
+            return Answering(self.factor, target, outside, self.depends_on, material=self)
+        return product(self, self.of.evaluator, self.factor, self.depends_on)
 
 
 class BySpeed(_ByCurve):
@@ -115,13 +117,16 @@ class ByForce(_ByCurve):
     _read = lambda motion: motion.normal_force_n  # noqa: E731
 
 
-def product(of: Evaluator, factor: Callable[[Motion], Array], depends_on: Depends) -> Answering:
-    """Evaluate a material times a factor."""
+def product(
+    material: Material, of: Evaluator, factor: Callable[[Motion], Array], depends_on: Depends
+) -> Answering:
+    """Evaluate a material that is another one times a factor."""
 
     def wanted(motion: Motion) -> Array:
         wider = motion.with_footprint(SIDE_BANDS * motion.footprint_mm)
         return factor(motion) * of.wanted(wider)
 
     return Answering(
-        wanted, of.target, of.outside, of.depends_on | depends_on, of.drives_at_rest, of.react
-    )
+        wanted, of.target, of.outside, of.depends_on | depends_on, of.drives_at_rest, of.react,
+        material,
+    )  # fmt: skip

@@ -87,6 +87,7 @@ class Material(Mapped, Kind):
             self.depends_on,
             self.drives_at_rest,
             self.react,
+            self,
         )
 
     def wanted(self, motion: Motion) -> Array:
@@ -132,6 +133,8 @@ class Answering:
     depends_on: Depends = Depends.PLACE
     drives_at_rest: bool = False
     react: React = unmoved
+    material: Material | None = None
+    """The document that it answers for."""
 
 
 def load(path: str | Path) -> Material:

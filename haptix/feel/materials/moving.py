@@ -56,13 +56,14 @@ class PathTable(Part):
         return self
 
     @cached_property
-    def _columns(self) -> tuple[Array, Array]:
+    def columns(self) -> tuple[Array, Array]:
+        """Times [s]; and at each x, y [mm] and angle [rad], shape (3, times)."""
         angle = self.angle_deg or (0.0,) * len(self.t_s)
         return np.array(self.t_s), np.array([self.x_mm, self.y_mm, np.deg2rad(angle)])
 
     def at(self, t_s: Array) -> tuple[Array, Array]:
         """Return x, y [mm] and angle [rad], and their rates; both of shape (3, times)."""
-        knots, values = self._columns
+        knots, values = self.columns
         if self.loop:
             t_s = t_s % knots[-1]
         segment = np.clip(np.searchsorted(knots, t_s, side="right") - 1, 0, len(knots) - 2)
@@ -135,6 +136,7 @@ class Moving(Material):
             of.depends_on | Depends.TIME,
             of.drives_at_rest,
             self.react,
+            self,
         )
 
     def react(self, facts: Facts, before: Report | None, now: Report) -> Facts:

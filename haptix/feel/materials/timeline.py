@@ -174,8 +174,9 @@ class Envelope(Material):
         """The product."""
         depends_on = Depends.TIME if self.begins == "start" else _FACTS
         return product(
-            self.of.evaluator, lambda motion: self.timeline.at(age(motion, self.begins)), depends_on
-        )
+            self, self.of.evaluator, lambda motion: self.timeline.at(age(motion, self.begins)),
+            depends_on,
+        )  # fmt: skip
 
 
 class _FromEvent(Material):

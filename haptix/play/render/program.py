@@ -23,7 +23,7 @@ from haptix.play.render.settings import LiveSettings
 MAGIC = b"\x89HXP\r\n\x1a\n"
 """First bytes; a transfer as text changes them."""
 
-VERSION = 1
+VERSION = 2
 _HEADER = struct.Struct("<8s18I18d")
 _CHECKED_FROM = 16  # the checksum is that of all bytes from here on
 
@@ -37,8 +37,8 @@ def compile_touch(
 ) -> bytes:
     """Compile what a renderer would play to a program of a touch, the bytes of a ``.hxp`` file.
 
-    Only materials whose friction depends on the place alone can be compiled. Maps are rounded to
-    single precision, by less than 1e-6 of the friction.
+    Materials of haptix can be compiled that do not depend on what a finger did before. Maps are
+    rounded to single precision, by less than 1e-6 of the friction.
 
     Parameters
     ----------

@@ -209,3 +209,21 @@ def test_what_does_not_fit_together():
         laid([], 0.0, target="volts")
     with pytest.raises(InputError, match="mask"):
         laid([plate(0.5, mask=LEVEL)])
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    st.floats(0.01, 4),
+    st.sampled_from(["rectangle", "ellipse"]),
+    st.sampled_from([0.0, 45.0]),
+    st.integers(0, 99),
+)
+def test_a_place_is_felt_the_same_whatever_else_the_block_holds(footprint, shape, turn, seed):
+    """A block that is far from a region leaves it out; its ramps must have ended there."""
+    slender = {"width_mm": 12.0, "height_mm": 1.0, "shape": shape, "rotation_deg": turn}
+    layout = laid([plate(1.0, **slender)], 0.0)
+    x, y = np.random.default_rng(seed).uniform(-15, 30, (2, 40))
+    alone = [friction(layout, *place, footprint) for place in zip(x, y, strict=True)]
+    np.testing.assert_allclose(
+        friction(layout, x, y, footprint), np.array(alone).ravel(), atol=1e-12
+    )

@@ -40,11 +40,22 @@ class Engine:
 
     def play(self, motion, gain):
         """Play fingers at given places."""
-        rows = [motion.x_mm, motion.y_mm, motion.normal_force_n, np.asarray(gain, float)]
-        rows = [np.ascontiguousarray(row) for row in rows]
-        felt = library.hx_engine_play(
-            self._at, motion.fingers, motion.points, *map(doubles, rows), motion.footprint_mm
-        )
+        rows = [
+            np.ascontiguousarray(row, np.float64)
+            for row in (
+                motion.x_mm, motion.y_mm, motion.vx_mm_s, motion.vy_mm_s, motion.normal_force_n,
+                gain,
+            )
+        ]  # fmt: skip
+        # Of a motion with times of its own, those of its first point.
+        start_s = motion.start_s
+        if isinstance(start_s, np.ndarray):
+            start_s = float(start_s[0]) - motion.step_s
+        on = ffi.new("hx_motion *", (
+            motion.fingers, motion.points, *map(doubles, rows[:5]), motion.footprint_mm,
+            motion.step_s, start_s,
+        ))  # fmt: skip
+        felt = library.hx_engine_play(self._at, on, doubles(rows[5]))
         return Block(felt)
 
     def touch(self, touch_id, t_s, x_mm, y_mm, force_n=0.0, is_down=True):

@@ -70,7 +70,7 @@ static int64_t mutate(uint8_t *bytes, int64_t size, int64_t records_at)
     int64_t kept = below(10) == 0 ? below(size + 1) : size;
     if (kept >= 224 && below(20) != 0) {
         put(bytes, 0x0A1A0A0D50584889u, 8);
-        put(bytes + 8, 1, 4);
+        put(bytes + 8, 2, 4);
         put(bytes + 16, (uint64_t)kept, 4);
         put(bytes + 12, crc(bytes + 16, kept - 16), 4);
     }
@@ -100,13 +100,17 @@ static int play(const uint8_t *bytes, int64_t size)
             if (!(fabs(felt->drive_v[at]) <= highest_v))
                 abort();
     }
-    double x[8], y[8], force[8], gain[8] = {1, 1, 1, 1, 1, 1, 1, 1};
+    double row[5][8], gain[8] = {1, 1, 1, 1, 1, 1, 1, 1};
     for (int64_t i = 0; i < 8; i++) {
-        x[i] = random_double();
-        y[i] = random_double();
-        force[i] = 0.05 + fabs((double)below(40)) / 10.0;
+        for (int k = 0; k < 4; k++)
+            row[k][i] = random_double();
+        row[4][i] = 0.05 + fabs((double)below(40)) / 10.0;
     }
-    hx_engine_play(engine, 2, 4, x, y, force, gain, below(2) ? 0.0 : (double)below(1000) / 50.0);
+    hx_motion motion = {
+        2, 4, row[0], row[1], row[2], row[3], row[4], below(2) ? 0.0 : (double)below(1000) / 50.0,
+        1e-4, 0.5,
+    };
+    hx_engine_play(engine, &motion, gain);
     free(memory);
     return 1;
 }

@@ -15,8 +15,22 @@ import haptix
 from haptix.base import native
 from haptix.base.native import NULL, ffi, library
 from haptix.feel.gallery import presets
-from haptix.feel.materials import Grating, Noise, Spectral, Texture
+from haptix.feel.materials import (
+    ByForce,
+    BySpeed,
+    Dial,
+    Envelope,
+    Grating,
+    Moving,
+    Noise,
+    Relief,
+    Slider,
+    Spectral,
+    Texture,
+    Toggle,
+)
 from haptix.feel.materials.pyramid import Pyramid
+from haptix.feel.materials.relief import Slopes
 from haptix.feel.motion import Motion
 from haptix.play import Fingers, LiveSettings, RenderCore, SineCarrier, compile_touch
 from tests.play.render.conftest import CARRIER_HZ
@@ -32,6 +46,17 @@ RANDOM = np.random.default_rng(5)
 # Numbers that single precision holds, so that both sides have the same map.
 LEVEL = RANDOM.random((12, 20)).astype(np.float32).astype(float)
 SHAPES = ("rectangle", "ellipse", ((1.0, 0.5), (9.0, 2.0), (4.0, 3.0), (6.0, 8.0)))
+
+
+COIN = next(preset.document["heights"] for preset in presets() if preset.name == "coin")
+SLOPES = Slopes(
+    Pyramid((RANDOM.normal(0, 0.6, (2, 9, 12)).astype(np.float32).T @ [1, 1j]).T, 1.0, 0.0),
+    12.0,
+    9.0,
+)
+KINDS_BESIDE_PLACES = {
+    "slider", "toggle", "dial", "relief", "by-speed", "by-force", "envelope", "moving",
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -51,6 +76,8 @@ def material(draw):
         beyond = draw(st.sampled_from(["outside", "hold"]))
         # A range other than 0 to 1 would round each number of the map.
         return Texture(LEVEL, draw(st.sampled_from([2.0, 10.0, 19.0])), beyond=beyond)
+    if draw(st.booleans()):
+        return other_kind(draw)
     return Grating(
         period_mm=draw(st.floats(0.3, 12.0)),
         wave=draw(st.sampled_from(["sine", "square", "sawtooth"])),
@@ -63,6 +90,58 @@ def material(draw):
     )
 
 
+def curve(draw):
+    return {
+        "kind": "points",
+        "t_s": [0.0, *sorted(draw(st.sets(st.floats(1e-3, 0.2), min_size=3, max_size=3)))],
+        "values_at": draw(st.lists(st.floats(0.0, 1.0), min_size=4, max_size=4)),
+    }
+
+
+def corners(draw, most):
+    return tuple(sorted(draw(st.sets(st.floats(0.0, most), min_size=2, max_size=5))))
+
+
+def other_kind(draw):
+    """A control, a relief, or a material that changes another one."""
+    target, low, high = targets(draw)
+    levels = {"target": target, "low": low, "high": high}
+    turn = draw(st.sampled_from([0.0, 33.0, -120.0]))
+    kind = draw(st.sampled_from(sorted(KINDS_BESIDE_PLACES)))
+    if kind == "slider":
+        detents = draw(st.sampled_from([2, 5, (0.0, 4.0, 7.5, 19.0)]))
+        return Slider(travel_mm=18.0, detents=detents, orientation_deg=turn, start_mm=1.0, **levels)
+    if kind == "toggle":
+        return Toggle(width_mm=draw(st.floats(4.0, 20.0)), throw_mm=2.0, **levels)
+    if kind == "dial":
+        centre = (draw(st.floats(0.0, 12.0)), 5.0)
+        return Dial(detents=6, inner_mm=3.0, outer_mm=9.0, centre_mm=centre, **levels)
+    if kind == "relief":
+        felt = Relief(width_mm=12.0, heights=COIN, edge_mm=draw(st.sampled_from([0, 2])), **levels)
+        felt.__dict__["slopes"] = SLOPES  # numbers that single precision holds
+        return felt
+    if kind in ("by-speed", "by-force"):
+        at = corners(draw, 300.0 if kind == "by-speed" else 1.2)
+        value = tuple(draw(st.lists(st.floats(0, 1), min_size=len(at), max_size=len(at))))
+        of = {"of": material(draw)} if draw(st.booleans()) else {}
+        if kind == "by-speed":
+            return BySpeed(speed_mm_s=at, share=value, **of)
+        return ByForce(normal_force_n=at, share=value, **of)
+    if kind == "envelope":
+        return Envelope(of=material(draw), curve=curve(draw), loop=draw(st.booleans()))
+    path = {
+        "t_s": [0.0, 0.004, 0.01], "x_mm": [0.0, 3.0, 1.0], "y_mm": [0.0, 0.0, -2.0],
+        "angle_deg": [0.0, 30.0, 10.0], "loop": draw(st.booleans()),
+    }  # fmt: skip
+    return Moving(
+        of=material(draw),
+        velocity_mm_s=(draw(st.floats(-50.0, 50.0)), draw(st.floats(-50.0, 50.0))),
+        turn_deg_s=draw(st.sampled_from([0.0, 40.0])),
+        about_mm=(draw(st.sampled_from([0.0, 6.0])), 3.0),
+        path=draw(st.sampled_from([None, path])),
+    )
+
+
 @st.composite
 def layouts(draw):
     target = draw(st.sampled_from(["share", "mu", "contrast"]))
@@ -71,7 +150,7 @@ def layouts(draw):
     for _ in range(draw(st.integers(0, 4))):
         felt = material(draw)
         blends = ["over", "add", "max", "min"]
-        if felt.target == "share":
+        if felt.evaluator.target == "share":
             blends.append("multiply")
         mask = Texture(LEVEL, 10.0) if draw(st.booleans()) else None
         layout.add(
@@ -92,15 +171,23 @@ def layouts(draw):
     return layout
 
 
-def strokes(random, fingers, points, footprint_mm):
-    """Straight strokes at a footprint, with forces inside and outside of the surface."""
+def strokes(random, fingers, points, footprint_mm, start_s=0.0):
+    """Straight strokes at a footprint, with forces inside and outside of the surface.
+
+    A footprint of 0 stands for all detail, at any speed.
+    """
     start = random.uniform(-4, 18, (fingers, 2))
     turn = random.uniform(0, 2 * np.pi, fingers)
     way = footprint_mm * np.arange(1, points + 1)
     x = start[:, :1] + np.cos(turn)[:, None] * way
     y = start[:, 1:] + np.sin(turn)[:, None] * way
     force = np.exp(random.uniform(np.log(0.15), np.log(1.3), (fingers, points)))
-    return Motion(fingers, points, x.ravel(), y.ravel(), force.ravel(), footprint_mm, 1 / 12_000)
+    speed = 12_000 * footprint_mm if footprint_mm else random.uniform(0.0, 250.0)
+    vx, vy = (np.repeat(speed * part(turn), points) for part in (np.cos, np.sin))
+    return Motion(
+        fingers, points, x.ravel(), y.ravel(), force.ravel(), footprint_mm, 1 / 12_000, start_s,
+        lambda: (vx, vy),
+    )  # fmt: skip
 
 
 def compare(core, engine, random, fingers, footprints, most=1e-9):
@@ -108,7 +195,8 @@ def compare(core, engine, random, fingers, footprints, most=1e-9):
     sample, before_v = 0, 0.0
     for footprint_mm in footprints:
         points = int(random.integers(1, 60))
-        motion = strokes(random, fingers, points, footprint_mm)
+        start_s = sample / core.sample_rate_hz
+        motion = strokes(random, fingers, points, footprint_mm, start_s)
         gain = random.uniform(0, 1, fingers * points)
         host = core.block(Fingers(motion, gain), sample, before_v)
         ours = engine.play(motion, gain)
@@ -130,8 +218,7 @@ footprints = st.lists(
 )
 
 
-@settings(max_examples=120)
-@given(
+anything = given(
     layout=layouts(),
     seed=st.integers(0, 10**6),
     fingers=st.integers(0, 4),
@@ -139,9 +226,26 @@ footprints = st.lists(
     combination=st.sampled_from(["strongest", "first", "mean"]),
     compress=st.sampled_from([None, (0.1, 0.6)]),
 )
+
+
+@settings(max_examples=120)
+@anything
 def test_the_engine_plays_what_the_renderer_plays(
     surface, device, layout, seed, fingers, footprints, combination, compress
 ):
+    check_both(surface, device, layout, seed, fingers, footprints, combination, compress)
+
+
+@pytest.mark.slow
+@settings(max_examples=10_000)
+@anything
+def test_ten_thousand_layouts_are_played_the_same(
+    surface, device, layout, seed, fingers, footprints, combination, compress
+):
+    check_both(surface, device, layout, seed, fingers, footprints, combination, compress)
+
+
+def check_both(surface, device, layout, seed, fingers, footprints, combination, compress):
     how = LiveSettings(combination=combination, compress=compress)
     carrier = SineCarrier(CARRIER_HZ)
     core = RenderCore(surface, layout, device, carrier, how)
@@ -170,11 +274,7 @@ def test_maps_are_the_same_to_single_precision(surface, device, felt, footprint_
 
 @pytest.mark.parametrize(
     "preset",
-    [
-        preset
-        for preset in presets()
-        if preset.family in ("weaves", "edges", "grains", "photographs")
-    ],
+    presets(),
     ids=lambda preset: preset.name,
 )
 def test_the_gallery_is_the_same(surface, device, preset):
@@ -182,7 +282,7 @@ def test_the_gallery_is_the_same(surface, device, preset):
     try:
         program = compile_touch(surface, preset.material, device, carrier)
     except haptix.InputError:
-        assert preset.name in ("coin", "dots")  # they depend on the direction
+        assert preset.name in ("button", "tick")  # they depend on what the finger did
         return
     core = RenderCore(surface, preset.material, device, carrier)
     compare(core, Engine(program), np.random.default_rng(2), 2, [0.0, 0.004, 0.02, 0.2], SINGLE)
@@ -352,7 +452,7 @@ def test_damage_is_named(ribs):
 
     assert refusal(b"") == refusal(b"PNG") == refusal(b"x" + ribs[1:]) == -1
     assert refusal(ribs[:-1]) == refusal(ribs + b"\0") == -1
-    assert refusal(ribs[:8] + b"\2" + ribs[9:]) == -2
+    assert refusal(ribs[:8] + b"\1" + ribs[9:]) == -2
     assert refusal(ribs[:-1] + bytes([ribs[-1] ^ 1])) == -3
     assert refusal(with_bytes(ribs, 64, b"\xf8\xff\xff\xff")) == -4
     for number in (np.nan, np.inf, -1.0):
@@ -371,7 +471,7 @@ def test_a_map_that_would_need_too_much_memory_is_refused(surface, device):
     """Many materials may share one place of the file."""
     noise = Noise(pixels=512)
     program = compile_touch(surface, noise, device)
-    grown = program[:-96] + 300 * program[-96:]
+    grown = program[:-128] + 300 * program[-128:]
     grown = with_bytes(grown, 16, len(grown).to_bytes(4, "little"))
     with pytest.raises(Refused, match="-5"):
         Engine(with_bytes(grown, 52, (300).to_bytes(4, "little")))
@@ -409,10 +509,30 @@ def mutated(binary, program, count, folder):
     return refused, played
 
 
-def test_damaged_programs_are_refused_or_played(mutations, surface, device, tmp_path):
-    program = compile_touch(surface, everything(), device)
-    refused, played = mutated(mutations, program, 200, tmp_path)
-    assert refused > 60
+def beside_places():
+    """A layout of all kinds that depend on more than the place."""
+    ribs = Grating(period_mm=2.0)
+    relief = Relief(width_mm=12.0, heights=COIN)
+    relief.__dict__["slopes"] = SLOPES
+    path = {"t_s": [0.0, 0.1, 0.3], "x_mm": [0, 1, 2], "y_mm": [0, 1, 0], "loop": True}
+    layout = haptix.Layout(Moving(of=Moving(of=ribs, turn_deg_s=9.0), path=path))
+    pulse = {"kind": "pulse", "height": 1.0, "width_s": 0.01, "length_s": 0.02}
+    for number, felt in enumerate(
+        [
+            Slider(), Toggle(), Dial(), relief, Envelope(of=ribs, curve=pulse, loop=True),
+            BySpeed(speed_mm_s=(0.0, 10.0, 90.0), share=(0.2, 0.9, 0.3)),
+            ByForce(normal_force_n=(0.1, 1.0), share=(0.3, 0.8), of=Moving(of=relief)),
+        ]
+    ):  # fmt: skip
+        layout.add(felt, -3.0 + number, -3.0, 12.0, 12.0, blend="max")
+    return layout
+
+
+@pytest.mark.parametrize("felt", [everything, beside_places])
+def test_damaged_programs_are_refused_or_played(mutations, surface, device, tmp_path, felt):
+    program = compile_touch(surface, felt(), device)
+    refused, played = mutated(mutations, program, 150, tmp_path)
+    assert refused > 40
     assert played > 20
 
 
@@ -421,8 +541,12 @@ def test_ten_thousand_damaged_programs_are_refused_or_played(mutations, surface,
     plain = compile_touch(surface, Grating(period_mm=2.0), device)
     refused, played = np.sum(
         [
-            mutated(mutations, program, 5000, tmp_path)
-            for program in (compile_touch(surface, everything(), device), plain)
+            mutated(mutations, program, count, tmp_path)
+            for program, count in (
+                (compile_touch(surface, everything(), device), 3000),
+                (compile_touch(surface, beside_places(), device), 5000),
+                (plain, 2000),
+            )
         ],
         axis=0,
     )

@@ -1,0 +1,336 @@
+/* What materials ask for under fingers; see the classes of haptix.feel.materials. */
+#include <math.h>
+#include <stddef.h>
+
+#include "haptix_program.h"
+
+enum { CHUNK = 64 };
+
+static const double two_pi = 6.283185307179586;
+static const double slow_mm_s = 2.0;   /* as haptix.feel.motion.block.SLOW_MM_PER_S */
+static const double side_bands = 1.4;  /* as haptix.feel.materials.by_curve.SIDE_BANDS */
+
+static double clipped(double value, double low, double high)
+{
+    return value > low ? (value < high ? value : high) : low; /* low for NaN */
+}
+
+static int is_near(double x_mm, double y_mm)
+{
+    return fabs(x_mm) <= HX_FARTHEST_MM && fabs(y_mm) <= HX_FARTHEST_MM; /* false for NaN */
+}
+
+static double scaled(const hx_material *m, double level) { return m->low + (m->high - m->low) * level; }
+
+/* Direction along x or y: 0 at rest, and smooth. */
+static double unit(double v_mm_s, double speed_mm_s) { return v_mm_s / hypot(speed_mm_s, slow_mm_s); }
+
+/* First of increasing numbers that is above a value, or not below it with `or_equal`. */
+static int64_t above(const double *number, int64_t count, double value, int or_equal)
+{
+    int64_t first = 0, end = count;
+    while (first < end) {
+        int64_t middle = first + (end - first) / 2;
+        if (number[middle] < value || (!or_equal && number[middle] == value))
+            first = middle + 1;
+        else
+            end = middle;
+    }
+    return first;
+}
+
+/* A line through corners, level beyond them. */
+static double line_at(const double *corner, const double *value, int64_t count, double at)
+{
+    int64_t next = above(corner, count, at, 0);
+    if (next == 0 || next == count)
+        return value[next == 0 ? 0 : count - 1];
+    double slope = (value[next] - value[next - 1]) / (corner[next] - corner[next - 1]);
+    return slope * (at - corner[next - 1]) + value[next - 1];
+}
+
+/* Maps and gratings. */
+
+static double map_depth(double footprint_mm, double pixel_mm)
+{
+    double wide = footprint_mm / pixel_mm;
+    if (!(wide > 0.5))
+        return 0.0;
+    double depth = log2(wide);
+    return depth >= 1.0 ? depth : depth < 0.0 ? depth + 1.0 : 1.0;
+}
+
+static void feel_map(const hx_material *m, const hx_motion *on, double *value)
+{
+    double depth = map_depth(on->footprint_mm, m->pixel_mm), half = m->sharp_mm / 2;
+    int is_sharp = m->sharp_mm > 0.0 && on->footprint_mm == 0.0;
+    int64_t n = on->fingers * on->points;
+    double x[CHUNK], y[CHUNK];
+    for (int64_t from = 0; from < n; from += CHUNK) {
+        int64_t count = n - from < CHUNK ? n - from : CHUNK;
+        for (int64_t i = 0; i < count; i++) {
+            double x_mm = on->x_mm[from + i], y_mm = on->y_mm[from + i];
+            double across = x_mm * m->cosine + y_mm * m->sine;
+            double down = y_mm * m->cosine - x_mm * m->sine;
+            if (is_sharp) { /* at a point the edge is a step; the map has a ramp there */
+                if (!(across >= 0.0 && across <= m->width_mm && down >= 0.0 &&
+                      down <= m->height_mm))
+                    across = INFINITY;
+                else {
+                    across = fmin(fmax(across, half), m->width_mm - half);
+                    down = fmin(fmax(down, half), m->height_mm - half);
+                }
+            }
+            x[i] = across;
+            y[i] = down;
+        }
+        hx_map_sample(&m->map, x, y, depth, NULL, count, value + from);
+    }
+}
+
+static void feel_relief(const hx_material *m, const hx_motion *on, double *value)
+{
+    double depth = map_depth(on->footprint_mm, m->pixel_mm), ramp = fmax(m->ramp_mm, 1e-9);
+    int64_t n = on->fingers * on->points;
+    double down[CHUNK];
+    for (int64_t from = 0; from < n; from += CHUNK) {
+        const double *x = on->x_mm + from, *y = on->y_mm + from;
+        int64_t count = n - from < CHUNK ? n - from : CHUNK;
+        hx_map_sample(&m->map, x, y, depth, NULL, count, value + from);
+        hx_map_sample(&m->other, x, y, depth, NULL, count, down);
+        for (int64_t i = 0; i < count; i++) {
+            double vx = on->vx_mm_s[from + i], vy = on->vy_mm_s[from + i], speed = hypot(vx, vy);
+            double uphill = value[from + i] * unit(vx, speed) + down[i] * unit(vy, speed);
+            double level = 0.5 * clipped(uphill, -1.0, 1.0);
+            double inside_mm = fmin(fmin(x[i], m->width_mm - x[i]), fmin(y[i], m->height_mm - y[i]));
+            value[from + i] = scaled(m, level + m->bias * clipped(inside_mm / ramp, 0.0, 1.0));
+        }
+    }
+}
+
+static double read_table(const hx_material *m, int64_t number, double place)
+{
+    const double *table = m->number;
+    for (int64_t i = 0; i < number; i++)
+        table += hx_table_size(i);
+    int64_t size = hx_table_size(number);
+    double at = place * (double)size;
+    int64_t cell = (int64_t)at;
+    double low = table[cell % size];
+    return (at - (double)cell) * (table[(cell + 1) % size] - low) + low;
+}
+
+static double wave_at(const hx_material *m, double place)
+{
+    if (m->wave == WAVE_SQUARE)
+        return place < m->duty ? m->high : m->low;
+    double level = m->wave == WAVE_SINE ? sin(two_pi * place) : 2 * place - 1;
+    return (m->low + m->high) / 2 + (m->high - m->low) / 2 * level;
+}
+
+static void feel_grating(const hx_material *m, const hx_motion *on, double *value)
+{
+    double footprint_mm = on->footprint_mm, last = (double)(m->numbers - 1), depth = 0.0;
+    if (footprint_mm > 0.0) {
+        double room = m->period_mm / (2 * footprint_mm);
+        depth = fmin(log2(room > 1.0 ? room : 1.0), last);
+    }
+    int64_t number = (int64_t)depth;
+    double part = depth - (double)number;
+    for (int64_t i = 0; i < on->fingers * on->points; i++) {
+        double x = on->x_mm[i], y = on->y_mm[i];
+        if (!is_near(x, y)) {
+            value[i] = m->outside;
+            continue;
+        }
+        double place = (x * m->cosine + y * m->sine) / m->period_mm + m->phase;
+        place -= floor(place);
+        if (footprint_mm == 0.0) {
+            value[i] = wave_at(m, place);
+            continue;
+        }
+        value[i] = read_table(m, number, place);
+        if (part > 0.0)
+            value[i] += part * (read_table(m, number + 1, place) - value[i]);
+    }
+}
+
+/* Controls. */
+
+/* A raised cosine; where the drive cannot follow it, wider and lower with the same area. */
+static double ridge(double distance_mm, double width_mm, double footprint_mm)
+{
+    double width = fmax(width_mm, 4 * footprint_mm);
+    double part = clipped(fabs(distance_mm) / width, 0.0, 0.5);
+    return width_mm / width * (0.5 + 0.5 * cos(two_pi * part));
+}
+
+static void feel_slider(const hx_material *m, const hx_motion *on, double *value)
+{
+    const double *place = m->number;
+    int64_t last = m->numbers - 1;
+    for (int64_t i = 0; i < on->fingers * on->points; i++) {
+        double along = on->x_mm[i] * m->cosine + on->y_mm[i] * m->sine;
+        /* The two tops beside the detent that is below it. */
+        int64_t below = above(place, m->numbers, along, 0) - 1;
+        below = below < 0 ? 0 : below >= last ? last - 1 : below;
+        double away = INFINITY;
+        for (int64_t k = below - 1; k <= below + 1; k++)
+            if (k >= 0 && k < last)
+                away = fmin(away, fabs(along - (place[k] + place[k + 1]) / 2));
+        double beyond = fmax(place[0] - along, along - place[last]);
+        double wall = clipped(beyond / m->ramp_mm, 0.0, 1.0);
+        value[i] = scaled(m, fmax(ridge(away, m->ramp_mm, on->footprint_mm), wall));
+    }
+}
+
+static double toggle_rise(const hx_material *m, double past_mm, double footprint_mm)
+{
+    double fall_mm = fmax(m->ramp_mm, 4 * footprint_mm);
+    return clipped(1 + past_mm / m->height_mm, 0.0, 1.0) * clipped(1 - past_mm / fall_mm, 0.0, 1.0);
+}
+
+static void feel_toggle(const hx_material *m, const hx_motion *on, double *value)
+{
+    for (int64_t i = 0; i < on->fingers * on->points; i++) {
+        double vx = on->vx_mm_s[i], along = unit(vx, hypot(vx, on->vy_mm_s[i]));
+        double past_mm = on->x_mm[i] - m->width_mm / 2;
+        double right = toggle_rise(m, past_mm, on->footprint_mm) * fmax(along, 0.0);
+        double left = toggle_rise(m, -past_mm, on->footprint_mm) * fmax(-along, 0.0);
+        value[i] = scaled(m, right + left);
+    }
+}
+
+static void feel_dial(const hx_material *m, const hx_motion *on, double *value)
+{
+    double detents = (double)m->numbers, ramp = fmax(m->ramp_mm, 4 * on->footprint_mm);
+    for (int64_t i = 0; i < on->fingers * on->points; i++) {
+        double x = on->x_mm[i] - m->about_x_mm, y = on->y_mm[i] - m->about_y_mm;
+        double radius = hypot(x, y);
+        double turn = atan2(y, x) * (detents / two_pi) - 0.5;
+        double way = (turn - rint(turn)) * radius * (two_pi / detents);
+        double depth = fmin(radius - m->width_mm, m->height_mm - radius);
+        double within = clipped(0.5 + depth / ramp, 0.0, 1.0);
+        value[i] = scaled(m, within * ridge(way, m->ramp_mm, on->footprint_mm));
+    }
+}
+
+/* Materials that change another one, by speed, force, time or motion. */
+
+static void multiply(const hx_program *p, const hx_material *m, const hx_motion *on, double *rows,
+                     double *value)
+{
+    hx_motion wider = *on;
+    wider.footprint_mm *= side_bands;
+    if (m->of >= 0)
+        hx_feel(p, m->of, &wider, rows, value);
+    else
+        for (int64_t i = 0; i < on->fingers * on->points; i++)
+            value[i] = 1.0;
+}
+
+static void feel_by_curve(const hx_program *p, const hx_material *m, const hx_motion *on,
+                          double *rows, double *value)
+{
+    multiply(p, m, on, rows, value);
+    for (int64_t i = 0; i < on->fingers * on->points; i++) {
+        double at = m->kind == KIND_BY_FORCE ? on->force_n[i]
+                                             : hypot(on->vx_mm_s[i], on->vy_mm_s[i]);
+        value[i] *= line_at(m->number, m->number + m->numbers, m->numbers, at);
+    }
+}
+
+/* A curve at a time since its beginning; NaN: it has not begun. */
+static double curve_at(const hx_material *m, double age_s)
+{
+    if (m->period_s > 0.0) {
+        age_s = fmod(age_s, m->period_s);
+        age_s += age_s < 0.0 ? m->period_s : 0.0;
+    }
+    double last = (double)(m->numbers - 1), at = clipped(age_s * m->rate_hz - m->first, 0.0, last);
+    int64_t cell = (int64_t)at;
+    double low = m->number[cell], part = at - (double)cell;
+    return part > 0.0 ? part * (m->number[cell + 1] - low) + low : low;
+}
+
+static void feel_curve(const hx_program *p, const hx_material *m, const hx_motion *on, double *rows,
+                       double *value)
+{
+    multiply(p, m, on, rows, value);
+    for (int64_t i = 0; i < on->fingers * on->points; i++) {
+        double t_s = on->start_s + on->step_s * (double)(i % on->points + 1);
+        value[i] *= curve_at(m, t_s);
+    }
+}
+
+/* How far a material has moved and turned at a time, and how fast: x, y, angle. */
+static void moved_at(const hx_material *m, double t_s, double *place, double *rate)
+{
+    const double *knot = m->number;
+    int64_t last = m->numbers - 1;
+    for (int k = 0; k < 3; k++) {
+        place[k] = m->rate[k] * t_s;
+        rate[k] = m->rate[k];
+    }
+    if (last < 1)
+        return;
+    if (m->loops)
+        t_s = fmod(t_s, knot[last]);
+    double inside_s = clipped(t_s, 0.0, knot[last]);
+    int64_t cell = above(knot, m->numbers, t_s, 0) - 1;
+    cell = cell < 0 ? 0 : cell >= last ? last - 1 : cell;
+    for (int k = 0; k < 3; k++) {
+        const double *at = knot + (k + 1) * m->numbers + cell;
+        double slope = (at[1] - at[0]) / (knot[cell + 1] - knot[cell]);
+        place[k] += at[0] + slope * (inside_s - knot[cell]);
+        rate[k] += inside_s == t_s ? slope : 0.0;
+    }
+}
+
+static void feel_moving(const hx_program *p, const hx_material *m, const hx_motion *on, double *rows,
+                        double *value)
+{
+    int64_t n = on->fingers * on->points;
+    double *x = rows, *y = x + n, *vx = y + n, *vy = vx + n, fastest = 0.0;
+    for (int64_t i = 0; i < n; i++) {
+        double place[3], rate[3];
+        moved_at(m, on->start_s + on->step_s * (double)(i % on->points + 1), place, rate);
+        double c = cos(place[2]), s = sin(place[2]);
+        double dx = on->x_mm[i] - (place[0] + m->about_x_mm);
+        double dy = on->y_mm[i] - (place[1] + m->about_y_mm);
+        double along = on->vx_mm_s[i] - rate[0] + rate[2] * dy;
+        double down = on->vy_mm_s[i] - rate[1] - rate[2] * dx;
+        x[i] = dx * c + dy * s + m->about_x_mm;
+        y[i] = dy * c - dx * s + m->about_y_mm;
+        vx[i] = along * c + down * s;
+        vy[i] = down * c - along * s;
+        fastest = fmax(fastest, hypot(vx[i], vy[i]));
+    }
+    hx_motion seen = *on;
+    seen.x_mm = x;
+    seen.y_mm = y;
+    seen.vx_mm_s = vx;
+    seen.vy_mm_s = vy;
+    seen.footprint_mm = on->footprint_mm > 0.0 ? fastest * on->step_s : 0.0;
+    hx_feel(p, m->of, &seen, rows + HX_SEEN_ROWS * n, value);
+}
+
+void hx_feel(const hx_program *p, int64_t material, const hx_motion *on, double *rows, double *value)
+{
+    const hx_material *m = &p->material[material];
+    switch (m->kind) {
+    case KIND_MAP: feel_map(m, on, value); break;
+    case KIND_GRATING: feel_grating(m, on, value); break;
+    case KIND_SLIDER: feel_slider(m, on, value); break;
+    case KIND_TOGGLE: feel_toggle(m, on, value); break;
+    case KIND_DIAL: feel_dial(m, on, value); break;
+    case KIND_RELIEF: feel_relief(m, on, value); break;
+    case KIND_BY_SPEED:
+    case KIND_BY_FORCE: feel_by_curve(p, m, on, rows, value); break;
+    case KIND_CURVE: feel_curve(p, m, on, rows, value); break;
+    case KIND_MOVING: feel_moving(p, m, on, rows, value); break;
+    default:
+        for (int64_t i = 0; i < on->fingers * on->points; i++)
+            value[i] = m->outside;
+    }
+}
