@@ -64,6 +64,7 @@ LIBRARIES = {
             "haptix_program.c",
             "haptix_pyramid.c",
             "haptix_surface.c",
+            "haptix_touch.c",
         ),
         # The same results on all machines: no product is added without being rounded.
         ("-ffp-contract=off", "-lm"),

@@ -11,7 +11,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 PACKAGE, NATIVE = ROOT / "clients" / "engine", ROOT / "haptix" / "base" / "native"
-PARTS = ("block", "engine", "fingers", "map", "material", "program", "pyramid")
+PARTS = ("block", "engine", "fingers", "map", "material", "program", "pyramid", "touch")
 FLAGS = (
     *("-target", "wasm32-wasi", "-mexec-model=reactor", "-std=c99", "-O2", "-s"),
     *("-Wall", "-Wextra", "-Werror", "-ffp-contract=off", "-Wl,--no-entry"),

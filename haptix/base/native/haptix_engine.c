@@ -5,18 +5,16 @@
 
 #include "haptix_program.h"
 
-enum { REPORTS = 8, PLACES = HX_FINGERS * HX_POINTS, ROWS = 13 };
+enum { PLACES = HX_FINGERS * HX_POINTS, ROWS = 13 };
 
-static const double first_interval_s = 1.0 / 60, longest_interval_s = 0.036;
-static const double rests_after = 2.2, least_rest_s = 0.015; /* as haptix.play.touch.touches */
-static const double velocity_over_s = 0.02, least_interval_s = 1e-4;
-static const double hardest_n = 100.0;
+static const double first_interval_s = 1.0 / 60; /* as haptix.play.touch.touches */
+static const double lightest_n = 1e-3, hardest_n = 100.0, latest_s = 1e10, largest_mm = 1e4;
 
 typedef struct {
-    int64_t id, is_used, reports;
-    double t_s[REPORTS], x_mm[REPORTS], y_mm[REPORTS]; /* the newest first */
-    double interval_s;
-    hx_track track;
+    int64_t id, is_used, is_down, is_known, is_new; /* is_known: its track has been played */
+    hx_tracker tracker;
+    double force_n;
+    hx_track track; /* as it has been predicted since the last block that knew of news */
 } touch;
 
 struct hx_engine {
@@ -25,6 +23,8 @@ struct hx_engine {
     double step_s, before_v;
     int64_t sample; /* the first of the next block */
     touch touches[HX_FINGERS];
+    int64_t order[HX_FINGERS], down; /* touches in the order in which they came */
+    double interval_s;               /* of reports of the last touch that has ended */
     hx_felt felt;
     int8_t status[PLACES];
     double row[ROWS][PLACES];       /* space to compute in */
@@ -64,6 +64,7 @@ hx_engine *hx_engine_open(const uint8_t *program, int64_t size, void *memory)
     e->seen = e->numbers + PLACES + HX_POINTS * (1 + step);
     const hx_program *p = &e->program;
     e->step_s = (double)p->rendering.step / p->sample_rate_hz;
+    e->interval_s = first_interval_s;
     for (int64_t i = 0; i < p->regions; i++) {
         e->multiplies |= p->region[i].blend == BLEND_MULTIPLY;
         e->has_priorities |= p->region[i].priority != 0;
@@ -288,19 +289,76 @@ const hx_felt *hx_engine_play(hx_engine *e, const hx_motion *motion, const doubl
 
 static double now_s(const hx_engine *e) { return (double)e->sample / e->program.sample_rate_hz; }
 
+/* Touches. */
+
+static double gain_at(const hx_engine *e, const hx_track *track, double t_s)
+{
+    return hx_finger_gain(&e->program.following, track, e->program.drives_at_rest, t_s);
+}
+
+/* Place and force that are played at a time. */
+static void played(const hx_engine *e, const hx_track *track, double t_s, double *place)
+{
+    double passed_s = fmax(t_s - track->start_s, 0.0);
+    double left = exp(-passed_s / e->program.following.blend_s);
+    hx_finger_place(&e->program.following, track, t_s, place);
+    place[0] += left * track->dx_mm;
+    place[1] += left * track->dy_mm;
+    place[2] = track->normal_force_n + left * track->df_n;
+}
+
+/* Let all reports until now count, from a time on; what was played decays into what is predicted.
+ * See haptix.play.render.fingers.PredictedFingers.update. */
+static void update(const hx_engine *e, touch *t, double t0_s)
+{
+    hx_track before = t->track, *track = &t->track;
+    t->is_new = 0;
+    track->is_down = t->is_down;
+    track->start_s = t0_s;
+    track->normal_force_n = t->force_n;
+    track->dx_mm = track->dy_mm = track->df_n = track->gain = 0.0;
+    hx_tracker_follow(&e->program.touching, &t->tracker, track);
+    if (t->is_known) {
+        double was[3], is[2];
+        track->gain = gain_at(e, &before, t0_s);
+        played(e, &before, t0_s, was);
+        hx_finger_place(&e->program.following, track, t0_s, is);
+        /* A finger that was lost, and whose drive had faded out, begins anew. */
+        if (track->gain > 0.0 || before.reported_s + e->program.following.lost_after_s >= t0_s) {
+            track->dx_mm = was[0] - is[0];
+            track->dy_mm = was[1] - is[1];
+            track->df_n = was[2] - track->normal_force_n;
+        }
+    }
+    t->is_known = 1;
+}
+
+/* Fingers that may get drive, in the order in which they came. */
+static int64_t follow(hx_engine *e, double t0_s, hx_track *tracks)
+{
+    int64_t count = 0;
+    for (int64_t k = 0; k < e->down; k++) {
+        touch *t = &e->touches[e->order[k]];
+        if (t->is_new && (t->is_down || t->is_known))
+            update(e, t, t0_s);
+        else if (!t->is_down && (!t->is_known || gain_at(e, &t->track, t0_s) <= 0.0)) {
+            t->is_used = 0;
+            continue;
+        }
+        e->order[count] = e->order[k];
+        tracks[count++] = t->track;
+    }
+    e->down = count;
+    return count;
+}
+
 const hx_felt *hx_engine_block(hx_engine *e, int64_t points)
 {
     hx_track tracks[HX_FINGERS];
-    int64_t count = 0;
     double t0_s = now_s(e), *numbers = e->moved;
-    for (int64_t k = 0; k < HX_FINGERS; k++) {
-        touch *t = &e->touches[k];
-        if (t->is_used && !t->track.is_down && t0_s - t->track.start_s > e->program.following.fade_s)
-            t->is_used = 0;
-        if (t->is_used)
-            tracks[count++] = t->track;
-    }
-    int64_t n = hx_fingers(&e->program.following, tracks, count, t0_s, e->step_s, points, 0, numbers);
+    int64_t count = follow(e, t0_s, tracks);
+    int64_t n = hx_fingers(&e->program.following, tracks, count, t0_s, e->step_s, points,
+                           e->program.drives_at_rest, numbers);
     int64_t size = n * points;
     const double *vx = numbers + 4 * size + points, *vy = vx + n;
     for (int64_t i = 0; i < size; i++) {
@@ -314,14 +372,13 @@ const hx_felt *hx_engine_block(hx_engine *e, int64_t points)
     return hx_engine_play(e, &motion, numbers + 3 * size);
 }
 
-/* Touches. */
-
+/* The touch of an id that is down, or an unused one; NULL if all are used. */
 static touch *touch_of(hx_engine *e, int64_t id)
 {
     touch *unused = NULL;
     for (int64_t k = 0; k < HX_FINGERS; k++) {
         touch *t = &e->touches[k];
-        if (t->is_used && t->track.is_down && t->id == id)
+        if (t->is_used && t->is_down && t->id == id)
             return t;
         if (!t->is_used && !unused)
             unused = t;
@@ -329,93 +386,34 @@ static touch *touch_of(hx_engine *e, int64_t id)
     return unused;
 }
 
-static void begin(const hx_engine *e, touch *t, int64_t id)
-{
-    memset(t, 0, sizeof *t);
-    t->id = id;
-    t->is_used = 1;
-    t->interval_s = first_interval_s;
-    t->track.lasting_s = 1.0;
-    t->track.is_down = 1;
-    t->track.start_s = now_s(e);
-}
-
-/* Keep a report, and the velocity from the oldest of the last ones that is not too old. */
-static void add(touch *t, double t_s, double x_mm, double y_mm)
-{
-    hx_track *track = &t->track;
-    if (t->reports) {
-        double since_s = t_s - t->t_s[0], most_s = 1.5 * t->interval_s;
-        t->interval_s += 0.25 * ((since_s < most_s ? since_s : most_s) - t->interval_s);
-        t->interval_s = fmin(t->interval_s, longest_interval_s);
-    }
-    size_t kept = (size_t)(t->reports < REPORTS ? t->reports : REPORTS - 1);
-    memmove(t->t_s + 1, t->t_s, kept * sizeof *t->t_s);
-    memmove(t->x_mm + 1, t->x_mm, kept * sizeof *t->x_mm);
-    memmove(t->y_mm + 1, t->y_mm, kept * sizeof *t->y_mm);
-    t->t_s[0] = track->reported_s = t_s;
-    t->x_mm[0] = track->x_mm = track->rest_x_mm = x_mm;
-    t->y_mm[0] = track->y_mm = track->rest_y_mm = y_mm;
-    t->reports = (int64_t)kept + 1;
-    int64_t oldest = t->reports > 1 ? 1 : 0;
-    while (oldest + 1 < t->reports && t_s - t->t_s[oldest + 1] <= velocity_over_s)
-        oldest++;
-    double over_s = t_s - t->t_s[oldest];
-    track->vx_mm_s = oldest ? (x_mm - t->x_mm[oldest]) / over_s : 0.0;
-    track->vy_mm_s = oldest ? (y_mm - t->y_mm[oldest]) / over_s : 0.0;
-}
-
-/* Place, force and gain that are played at a time; 0 if the finger gets no drive then. */
-static int played(const hx_engine *e, const hx_track *track, double t_s, double *place)
-{
-    double numbers[9];
-    int64_t n = hx_fingers(&e->program.following, track, 1, t_s - e->step_s, e->step_s, 1, 0,
-                           numbers);
-    if (n)
-        memcpy(place, numbers, 4 * sizeof *place);
-    return (int)n;
-}
-
 int64_t hx_engine_touch(hx_engine *e, int64_t touch_id, double t_s, double x_mm, double y_mm,
                         double force_n, int64_t is_down)
 {
-    const hx_program *p = &e->program;
+    const hx_touching *settings = &e->program.touching;
     touch *t = touch_of(e, touch_id);
-    double now = now_s(e), before[4], after[4];
-    if (!t || !is_near(x_mm, y_mm) || !(fabs(t_s) <= 1e9))
+    int is_force = force_n >= lightest_n && force_n <= hardest_n;
+    if (!t || (is_down && (!(fabs(x_mm) <= largest_mm) || !(fabs(y_mm) <= largest_mm) ||
+                           !(fabs(t_s) <= latest_s))))
         return 0;
-    int is_new = !t->is_used;
-    if (is_new && !is_down)
-        return 0;
-    if (is_new)
-        begin(e, t, touch_id);
-    else if (is_down && !(t_s - t->t_s[0] >= least_interval_s))
-        return 0;
-    hx_track *track = &t->track;
-    int had_drive = !is_new && played(e, track, now, before);
-    if (is_down) {
-        if (t_s - track->reported_s > p->following.lost_after_s)
-            t->reports = 0; /* it was lost, and begins again */
-        add(t, t_s, x_mm, y_mm);
-        track->normal_force_n = force_n > 0.0 && force_n <= hardest_n ? force_n : p->assumed_n;
-        double speed = hypot(track->vx_mm_s, track->vy_mm_s);
-        track->is_sliding =
-            speed > (track->is_sliding ? p->rest_below_mm_s : p->slide_above_mm_s);
+    if (!t->is_used) {
+        if (!is_down)
+            return 0;
+        memset(t, 0, offsetof(touch, tracker));
+        memset(&t->track, 0, sizeof t->track);
+        t->id = touch_id;
+        t->is_used = t->is_down = 1;
+        t->force_n = is_force ? force_n : e->program.assumed_n;
+        hx_tracker_start(settings, &t->tracker, e->interval_s, t_s, x_mm, y_mm);
+        e->order[e->down++] = t - e->touches;
+    } else if (is_down) {
+        if (!hx_tracker_push(settings, &t->tracker, t_s, x_mm, y_mm))
+            return 0;
+        if (is_force && t->tracker.is_latest)
+            t->force_n = force_n;
+    } else {
+        t->is_down = 0;
+        e->interval_s = t->tracker.interval_s;
     }
-    track->is_down = is_down;
-    track->start_s = now;
-    double moves_s = fmax(rests_after * t->interval_s, least_rest_s);
-    track->rests_s = fmin(now + moves_s, track->reported_s + p->following.lost_after_s);
-    track->dx_mm = track->dy_mm = track->df_n = track->gain = 0.0;
-    if (had_drive) {
-        hx_track alone = *track;
-        alone.gain = 1.0;
-        if (played(e, &alone, now, after)) {
-            track->dx_mm = before[0] - after[0];
-            track->dy_mm = before[1] - after[1];
-            track->df_n = before[2] - after[2];
-        }
-        track->gain = before[3];
-    }
+    t->is_new = 1;
     return 1;
 }

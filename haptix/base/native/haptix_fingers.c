@@ -35,9 +35,16 @@ static prediction predicted(const hx_following *f, const hx_track *t, double t_s
     return p;
 }
 
-/* Share of its amplitude that a finger gets at a time. It rises while the finger gets drive, then
- * falls. */
-static double gain_at(const hx_following *f, const hx_track *t, int64_t at_rest, double t_s)
+void hx_finger_place(const hx_following *following, const hx_track *track, double t_s,
+                     double *place)
+{
+    prediction p = predicted(following, track, t_s);
+    place[0] = p.x_mm;
+    place[1] = p.y_mm;
+}
+
+/* It rises while the finger gets drive, then falls. */
+double hx_finger_gain(const hx_following *f, const hx_track *t, int64_t at_rest, double t_s)
 {
     double until_s = t->start_s, last_s = at_rest ? t->reported_s + f->lost_after_s : t->rests_s;
     if (t->is_down && (t->is_sliding || at_rest) && last_s > until_s)
@@ -53,7 +60,7 @@ static int gets_drive(const hx_following *f, const hx_track *t, int64_t at_rest,
                       double step_s, int64_t points)
 {
     for (int64_t i = 1; i <= points; i++)
-        if (gain_at(f, t, at_rest, t0_s + step_s * (double)i) > 0.0)
+        if (hx_finger_gain(f, t, at_rest, t0_s + step_s * (double)i) > 0.0)
             return 1;
     return 0;
 }
@@ -100,7 +107,7 @@ int64_t hx_fingers(const hx_following *following, const hx_track *tracks, int64_
             x[at] += dx * left[i];
             y[at] += dy * left[i];
             force[at] = t->normal_force_n + df * left[i];
-            gain[at] = gain_at(following, t, at_rest, t0_s + step_s * (double)(i + 1));
+            gain[at] = hx_finger_gain(following, t, at_rest, t0_s + step_s * (double)(i + 1));
         }
         vx[to] = half.vx_mm_s;
         vy[to] = half.vy_mm_s;

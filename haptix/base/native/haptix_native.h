@@ -184,8 +184,9 @@ typedef struct {
     const double *drive_v;               /* [points * step] */
 } hx_felt;
 
-/* Take a report of a finger at a time on the clock of samples; 0 if it is dropped. Its force counts
- * if it is above 0. A finger moves on at the velocity of its last reports. */
+/* Take a report of a finger at a time on the clock of samples; 0 if it is dropped. A force that
+ * no finger has, such as 0, stands for one that is not measured. News counts from the next block
+ * on. */
 int64_t hx_engine_touch(hx_engine *engine, int64_t touch_id, double t_s, double x_mm, double y_mm,
                         double force_n, int64_t is_down);
 
@@ -206,6 +207,13 @@ const hx_felt *hx_engine_play(hx_engine *engine, const hx_motion *motion, const 
 
 /* No finger is farther from the corner of a screen; as haptix.feel.motion.FARTHEST_MM. */
 #define HX_FARTHEST_MM 1e6
+
+/* Place at which a finger is predicted at a time, without what was played before; and the share of
+ * its amplitude that it gets then. */
+void hx_finger_place(const hx_following *following, const hx_track *track, double t_s,
+                     double *place);
+double hx_finger_gain(const hx_following *following, const hx_track *track, int64_t at_rest,
+                      double t_s);
 
 /* As haptix.feel.materials.as_mu. */
 double hx_as_mu(int64_t target, double value, double lowest, double highest);

@@ -5,7 +5,9 @@
 
 #include "haptix_program.h"
 
-enum { VERSION = 2, HEADER = 224, MATERIAL = 128, REGION = 88, CHECKED_FROM = 16 };
+enum { VERSION = 2, HEADER = 328, MATERIAL = 128, REGION = 88, CHECKED_FROM = 16 };
+
+enum { COMPRESSES = 1, DRIVES_AT_REST = 2 };
 
 static const uint8_t magic[8] = {137, 'H', 'X', 'P', 13, 10, 26, 10};
 static const uint32_t no_material = 0xFFFFFFFFu;
@@ -263,7 +265,7 @@ static int is_possible(const file *f)
     int64_t forces = uint_at(h + 36), drives = uint_at(h + 40);
     uint32_t step = uint_at(h + 20), wave = uint_at(h + 48), slice_at = uint_at(h + 64);
     if (step < 1 || step > longest_step || uint_at(h + 24) > TARGET_SHARE || uint_at(h + 28) > 2 ||
-        uint_at(h + 32) > 1 || forces < 1 || forces > most_nodes || drives < 2 ||
+        uint_at(h + 32) > 3 || forces < 1 || forces > most_nodes || drives < 2 ||
         drives > most_nodes || uint_at(h + 44) > 127 || wave < 1 || wave > most_nodes)
         return 0;
     if (!holds(f, slice_at, slice_doubles(h), 8) || !holds(f, uint_at(h + 68), wave, 8))
@@ -280,10 +282,13 @@ static int is_possible(const file *f)
     /* Rates, then volts, then the ends of the range, forces, times and speeds. */
     return are_between(h + uint_at(h + 68), wave, -1.0, 1.0) && are_between(h + 80, 2, 1.0, 1e9) &&
            are_between(h + 96, 2, 0.0, 1e6) && are_between(h + 112, 2, -largest, largest) &&
-           (!uint_at(h + 32) || real_at(h + 120) > real_at(h + 112)) &&
+           (!(uint_at(h + 32) & COMPRESSES) || real_at(h + 120) > real_at(h + 112)) &&
            are_between(h + 128, 3, 1e-9, largest) && are_between(h + 152, 3, 1e-9, largest) &&
            is_between(real_at(h + 176), 0.0, 1.0) && are_between(h + 184, 3, 1e-6, 1e3) &&
-           are_between(h + 208, 2, 0.0, 1e6);
+           are_between(h + 208, 2, 0.0, 1e6) && is_between(real_at(h + 224), 1e-9, 1e9) &&
+           is_between(real_at(h + 232), 0.0, 1e9) && are_between(h + 240, 3, 1e-9, 1e9) && is_between(real_at(h + 264), 0.0, 1e9) &&
+           are_between(h + 272, 2, 1e-6, 1.0 - 1e-6) && are_between(h + 288, 5, 0.0, 1e6) &&
+           is_between(real_at(h + 304), 1e-9, 1e6);
 }
 
 int64_t hx_program_size(const uint8_t *bytes, int64_t size)
@@ -454,14 +459,20 @@ void hx_program_read(const uint8_t *bytes, hx_program *program, uint8_t *memory)
     program->background = uint_at(h + 60);
     program->sample_rate_hz = real_at(h + 80);
     program->assumed_n = real_at(h + 168);
-    program->slide_above_mm_s = real_at(h + 208);
-    program->rest_below_mm_s = real_at(h + 216);
+    program->drives_at_rest = uint_at(h + 32) & DRIVES_AT_REST ? 1 : 0;
+    hx_touching touching = {
+        real_at(h + 224), real_at(h + 232), real_at(h + 240), real_at(h + 248), real_at(h + 256),
+        real_at(h + 264), real_at(h + 272), real_at(h + 280), real_at(h + 208), real_at(h + 216),
+        real_at(h + 288), real_at(h + 296), real_at(h + 304), real_at(h + 312), real_at(h + 320),
+        real_at(h + 184),
+    };
+    program->touching = touching;
     hx_following following = {
         real_at(h + 176), real_at(h + 184), real_at(h + 192), real_at(h + 200),
     };
     program->following = following;
     hx_rendering rendering = {
-        uint_at(h + 24), uint_at(h + 32), real_at(h + 112), real_at(h + 120), uint_at(h + 28),
+        uint_at(h + 24), uint_at(h + 32) & COMPRESSES, real_at(h + 112), real_at(h + 120), uint_at(h + 28),
         real_at(h + 96), real_at(h + 104), uint_at(h + 20), 1,
     };
     program->rendering = rendering;

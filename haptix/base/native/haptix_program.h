@@ -3,6 +3,7 @@
 #define HAPTIX_PROGRAM_H
 
 #include "haptix_native.h"
+#include "haptix_touch.h"
 
 enum {
     KIND_UNIFORM = 0, KIND_MAP = 1, KIND_GRATING = 2, KIND_SLIDER = 3, KIND_TOGGLE = 4,
@@ -43,7 +44,9 @@ typedef struct {
     hx_rendering rendering;
     hx_following following;
     hx_slice slice;
-    double sample_rate_hz, assumed_n, slide_above_mm_s, rest_below_mm_s;
+    hx_touching touching;
+    double sample_rate_hz, assumed_n;
+    int64_t drives_at_rest;
     int64_t period, materials, regions, background;
     const double *wave;
     const hx_material *material;

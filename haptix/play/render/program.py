@@ -19,12 +19,13 @@ from haptix.model.surface import FrictionSurface
 from haptix.play.render.drive import Drive
 from haptix.play.render.samples import COMBINATIONS, RenderCore
 from haptix.play.render.settings import LiveSettings
+from haptix.play.touch import InteractingSinger
 
 MAGIC = b"\x89HXP\r\n\x1a\n"
 """First bytes; a transfer as text changes them."""
 
 VERSION = 2
-_HEADER = struct.Struct("<8s18I18d")
+_HEADER = struct.Struct("<8s18I31d")
 _CHECKED_FROM = 16  # the checksum is that of all bytes from here on
 
 
@@ -81,6 +82,12 @@ def compile_touch(
             f"{core.sample_rate_hz:g} per second, got {core.drive.frequency_hz:g} Hz; take a whole "
             "number of hundreds"
         )
+    how = settings.touch.filter
+    if type(how) is not InteractingSinger:
+        raise InputError(
+            f"touch: expected the filter InteractingSinger, which the engine has, got "
+            f"{type(how).__name__}"
+        )
     sections = Sections(_HEADER.size)
     table, touch, sliding = core.slice, settings.touch, settings.sliding
     numbers = [np.log(table.force_n), table.drive, table.columns]
@@ -92,9 +99,10 @@ def compile_touch(
     )
     low, high = settings.compress or (0.0, 0.0)
     compresses = settings.compress is not None and felt.target != "share"
+    at_rest = core.drives_at_rest or not settings.sliding.is_needed
     fields = (
         sections.size, core.step, TARGETS.index(felt.target),
-        COMBINATIONS.index(settings.combination), int(compresses), len(table.force_n),
+        COMBINATIONS.index(settings.combination), compresses + 2 * at_rest, len(table.force_n),
         len(table.drive), int(table.limited_by), len(wave), len(felt.materials),
         len(felt.regions), felt.background, slice_at, wave_at, materials_at, regions_at,
     )  # fmt: skip
@@ -102,7 +110,10 @@ def compile_touch(
         core.sample_rate_hz, core.drive.frequency_hz, core.highest_v, core.most_step_v, low, high,
         table.unit_v, table.limit_v, table.pull_in_drive, *table.ends_n, touch.force.assumed_n,
         touch.latency_s, touch.lost_after_s, touch.blend_s, sliding.fade_s,
-        touch.slide_above_mm_s, touch.rest_below_mm_s,
+        touch.slide_above_mm_s, touch.rest_below_mm_s, how.acceleration_mm_s2,
+        how.acceleration_per_speed_hz, how.correlation_s, how.position_noise_mm,
+        how.first_speed_mm_s, how.noise_reports, how.gentle, how.stay, touch.turn_above_mm_s,
+        touch.turn_s, touch.slide_smoothing_s, touch.reorder_s, touch.least_interval_s,
     )  # fmt: skip
     header = _HEADER.pack(MAGIC, VERSION, 0, *fields, *reals)
     checked = header[_CHECKED_FROM:] + sections.parts

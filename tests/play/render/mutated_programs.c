@@ -50,7 +50,7 @@ static double random_double(void)
 static int64_t mutate(uint8_t *bytes, int64_t size, int64_t records_at)
 {
     for (int64_t changes = 1 + below(4); changes > 0; changes--) {
-        int64_t from = below(3) == 0 ? 0 : records_at, to = from ? size : 224;
+        int64_t from = below(3) == 0 ? 0 : records_at, to = from ? size : 328;
         if (below(8) == 0)
             from = 0, to = size;
         int64_t at = from + below((to - from) / 4) * 4;
@@ -68,7 +68,7 @@ static int64_t mutate(uint8_t *bytes, int64_t size, int64_t records_at)
         }
     }
     int64_t kept = below(10) == 0 ? below(size + 1) : size;
-    if (kept >= 224 && below(20) != 0) {
+    if (kept >= 328 && below(20) != 0) {
         put(bytes, 0x0A1A0A0D50584889u, 8);
         put(bytes + 8, 2, 4);
         put(bytes + 16, (uint64_t)kept, 4);

@@ -62,6 +62,13 @@ def test_the_header_is_as_the_page_says(surface, device):
         touch.force.assumed_n, touch.latency_s, touch.lost_after_s, touch.blend_s,
         how.sliding.fade_s, touch.slide_above_mm_s, touch.rest_below_mm_s,
     ]  # fmt: skip
+    filtered = touch.filter
+    assert real(program, 224, 13).tolist() == [
+        filtered.acceleration_mm_s2, filtered.acceleration_per_speed_hz, filtered.correlation_s,
+        filtered.position_noise_mm, filtered.first_speed_mm_s, filtered.noise_reports,
+        filtered.gentle, filtered.stay, touch.turn_above_mm_s, touch.turn_s,
+        touch.slide_smoothing_s, touch.reorder_s, touch.least_interval_s,
+    ]  # fmt: skip
     forces, drives, at = uint(program, 36), uint(program, 40), uint(program, 64)
     force_n = np.exp(real(program, at, forces))
     table = real(program, at + 8 * (forces + drives), forces * (drives + 2)).reshape(forces, -1)
