@@ -112,13 +112,13 @@ namespace Haptix
         public async Task<Region> Add(Material material, double? xMm = null, double? yMm = null,
             double? rotationDeg = null, double? widthMm = null, double? heightMm = null, object shape = null,
             double? scale = null, double? z = null, string blend = null, double? opacity = null,
-            long? priority = null, string name = "")
+            long? priority = null, string group = null, string name = "")
         {
             var region = new Region(_session, name != "" ? name : "region " + ++_count);
             await region.Send("add", new JObject { { "material", Json(material) }, { "x_mm", xMm }, { "y_mm", yMm },
                 { "rotation_deg", rotationDeg }, { "width_mm", widthMm }, { "height_mm", heightMm },
                 { "shape", Json(shape) }, { "scale", scale }, { "z", z }, { "blend", blend },
-                { "opacity", opacity }, { "priority", priority } }).ConfigureAwait(false);
+                { "opacity", opacity }, { "priority", priority }, { "group", group } }).ConfigureAwait(false);
             return region;
         }
     }
@@ -129,12 +129,12 @@ namespace Haptix
         public Task<LayoutReply> Change(double? xMm = null, double? yMm = null, double? rotationDeg = null,
             double? widthMm = null, double? heightMm = null, object shape = null, double? scale = null,
             double? z = null, string blend = null, double? opacity = null, long? priority = null,
-            Material material = null)
+            string group = null, Material material = null)
         {
             return Send("change", new JObject { { "x_mm", xMm }, { "y_mm", yMm }, { "rotation_deg", rotationDeg },
                 { "width_mm", widthMm }, { "height_mm", heightMm }, { "shape", Json(shape) }, { "scale", scale },
                 { "z", z }, { "blend", blend }, { "opacity", opacity }, { "priority", priority },
-                { "material", Json(material) } });
+                { "group", group }, { "material", Json(material) } });
         }
 
         /// <summary>Move a region within `over_s`; fields that are left out stay.</summary>

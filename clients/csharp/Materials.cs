@@ -540,6 +540,9 @@ namespace Haptix.Materials
         [Preserve, JsonProperty("blend")]
         public string Blend { get; set; }
 
+        [Preserve, JsonProperty("group")]
+        public string Group { get; set; }
+
         [Preserve, JsonProperty("height_mm")]
         public double? HeightMm { get; set; }
 

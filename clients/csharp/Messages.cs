@@ -31,6 +31,9 @@ namespace Haptix.Messages
         [Preserve, JsonProperty("blend")]
         public string Blend { get; set; }
 
+        [Preserve, JsonProperty("group")]
+        public string Group { get; set; }
+
         [Preserve, JsonProperty("height_mm")]
         public double? HeightMm { get; set; }
 
@@ -108,6 +111,9 @@ namespace Haptix.Messages
     {
         [Preserve, JsonProperty("blend")]
         public string Blend { get; set; }
+
+        [Preserve, JsonProperty("group")]
+        public string Group { get; set; }
 
         [Preserve, JsonProperty("height_mm")]
         public double? HeightMm { get; set; }
@@ -432,6 +438,9 @@ namespace Haptix.Messages
     {
         [Preserve, JsonProperty("blend")]
         public string Blend { get; set; }
+
+        [Preserve, JsonProperty("group")]
+        public string Group { get; set; }
 
         [Preserve, JsonProperty("height_mm")]
         public double? HeightMm { get; set; }

@@ -337,6 +337,53 @@ def test_a_region_is_renamed_and_has_its_old_name_after_undo(maker, page):
     assert chosen(page) == {"Sand"}
 
 
+def test_regions_are_grouped_moved_copied_and_aligned_as_one(maker, page):
+    until(page, lambda: len(known(maker)) == 4)
+    begin = known(maker)
+    region(page, "Ribs").click()
+    region(page, "Slider").click(modifiers=["Shift"])
+    page.keyboard.press("Control+g")
+    page.keyboard.press("Escape")
+    region(page, "Ribs").click()
+    assert chosen(page) == {"Ribs", "Slider"}
+    page.keyboard.press("ArrowRight")
+    until(page, lambda: known(maker)["Slider"]["x_mm"] == 1)
+    assert known(maker)["Ribs"]["x_mm"] == 1 and known(maker)["Sand"] == begin["Sand"]
+    region(page, "Sand").click()
+    assert chosen(page) == {"Sand"}
+    region(page, "Slider").click(modifiers=["Shift"])
+    assert chosen(page) == {"Sand", "Ribs", "Slider"}
+    edit(page, "Align bottom")  # the group moves as one: the slider's end is its own
+    until(page, lambda: known(maker)["Sand"]["y_mm"] == 56 - 34)
+    assert known(maker)["Ribs"]["y_mm"] == 0 and known(maker)["Slider"]["y_mm"] == 40
+    region(page, "Slider").click(modifiers=["Shift"])
+    assert chosen(page) == {"Sand"}
+    region(page, "Slider").click()
+    page.keyboard.press("Control+d")
+    until(page, lambda: len(known(maker)) == 6)
+    region(page, "Ribs 2").click()
+    assert chosen(page) == {"Ribs 2", "Slider 2"}  # the copies are a group of their own
+    names = page.locator(".order")
+    assert names.get_by_text("Group 2").count() == names.get_by_text("Group", exact=True).count()
+    names.get_by_role("button", name="Ribs 2 Group 2", exact=True).click()
+    assert chosen(page) == {"Ribs 2"}  # of the list one alone
+    region(page, "Ribs 2").click()
+    page.keyboard.press("Control+Shift+g")
+    assert names.get_by_text("Group 2").count() == 0
+    page.keyboard.press("Escape")
+    region(page, "Ribs 2").click()
+    assert chosen(page) == {"Ribs 2"}
+    page.keyboard.press("Control+z")  # the ungrouping
+    region(page, "Ribs 2").click()
+    assert chosen(page) == {"Ribs 2", "Slider 2"}
+    page.keyboard.press("Control+s")
+    page.get_by_text("kept as untitled").wait_for()
+    page.reload()
+    region(opened(page), "Slider").focus()  # as by the Tab key
+    assert chosen(page) == {"Ribs", "Slider"}
+    assert not violations(page)
+
+
 def test_regions_are_aligned_and_get_the_same_gaps(maker, page):
     page.keyboard.press("Control+a")
     begin = known(maker)

@@ -222,6 +222,13 @@ def test_a_drag_is_one_step(module):
         ([{"name": "b", "x_mm": 0, "material": 2}, {"name": "a", "x_mm": 0, "material": 1}], None),
         ([{"name": "a", "material": 1}, {"name": "b", "x_mm": 0, "material": 2}], None),
         ([{"name": "a", "x_mm": 0, "material": 1}, {"name": "b", "x_mm": 0, "material": 2}], []),
+        (
+            [
+                {"name": "a", "x_mm": 0, "material": 1, "group": "g"},
+                {"name": "b", "x_mm": 0, "material": 2},
+            ],
+            [],
+        ),
     ],
 )
 def test_changes_are_few_operations(module, after, ops):
@@ -231,6 +238,23 @@ def test_changes_are_few_operations(module, after, ops):
         "document.js", "return m.changes(...argument)", [{"regions": before}, {"regions": after}]
     )
     assert (found and [f"{op['op']} {op['name']}" for op in found]) == ops if ops else found == ops
+
+
+def test_groups_are_aligned_and_spaced_as_one_and_their_own_regions_one_by_one(module):
+    regions = [
+        {"name": name, "x_mm": x, "y_mm": 0, "width_mm": 10, "height_mm": 10, "material": {}}
+        | ({"group": "g"} if name in "ab" else {})
+        for name, x in [("a", 0), ("b", 12), ("c", 30), ("d", 60)]
+    ]
+
+    def moves(call, regions):
+        return module("arrange.js", f"return m.{call}", regions)
+
+    assert moves("aligned(argument, 'x', 1)", regions) == [48, 48, 30, 0]
+    assert moves("aligned(argument, 'x', 0)", regions[:2]) == [0, -12]
+    # 22, 10 and 10 mm on 70 mm leave two gaps of 14 mm.
+    assert moves("distributed(argument, 'x')", regions) == [0, 0, 6, 0]
+    assert moves("distributed(argument, 'x')", regions[:3]) == [0, 0, 0]
 
 
 def test_the_spectrum_is_that_of_numpy(module):

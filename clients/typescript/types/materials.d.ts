@@ -368,6 +368,7 @@ export interface Region {
   blend?: ("over" | "add" | "multiply" | "max" | "min") | null;
   opacity?: number | null;
   priority?: number | null;
+  group?: string | null;
   name?: string | null;
   material: Material1;
   mask?: Material1 | null;

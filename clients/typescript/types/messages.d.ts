@@ -121,6 +121,7 @@ export interface RegionDocument {
   blend?: ("over" | "add" | "multiply" | "max" | "min") | null;
   opacity?: number | null;
   priority?: number | null;
+  group?: string | null;
   name: string;
   material: import("./materials.js").Material;
 }
@@ -147,6 +148,7 @@ export interface AddRegion {
   blend?: ("over" | "add" | "multiply" | "max" | "min") | null;
   opacity?: number | null;
   priority?: number | null;
+  group?: string | null;
   name: string;
   material: import("./materials.js").Material;
   op: "add";
@@ -166,6 +168,7 @@ export interface ChangeRegion {
   blend?: ("over" | "add" | "multiply" | "max" | "min") | null;
   opacity?: number | null;
   priority?: number | null;
+  group?: string | null;
   op: "change";
   name: string;
   material?: import("./materials.js").Material | null;

@@ -228,7 +228,7 @@ class Layout(Mapped):
             Size; some materials have their own.
         **fields
             The others of a `haptix.feel.Region`: shape, rotation, scale, z, blend, opacity,
-            mask and priority.
+            mask, priority and group.
 
         Raises
         ------

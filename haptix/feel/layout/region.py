@@ -9,6 +9,7 @@ from math import cos, radians, sin
 from typing import Annotated, Any, Literal
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     ConfigDict,
     Field,
@@ -17,8 +18,11 @@ from pydantic import (
     WrapValidator,
 )
 
+from haptix.base.files import checked_values
+
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Size = Annotated[float, Field(gt=0, le=1e4, allow_inf_nan=False)]
+GroupName = Annotated[str, Field(min_length=1, max_length=100), AfterValidator(checked_values)]
 Blend = Literal["over", "add", "multiply", "max", "min"]
 
 
@@ -82,6 +86,8 @@ class RegionFields(Place):
     priority : int, optional
         Of several fingers, those on the region of the highest priority get the electrode. 0 of a
         new region.
+    group : str, optional
+        Name of the regions that an editor chooses together; nothing of it is felt.
     """
 
     width_mm: Size | None = None
@@ -92,6 +98,7 @@ class RegionFields(Place):
     blend: Blend | None = None
     opacity: Annotated[float, Field(ge=0, le=1)] | None = None
     priority: Annotated[int, Field(ge=-1000, le=1000)] | None = None
+    group: GroupName | None = None
 
     def corner(self, width_mm: float, height_mm: float) -> tuple[float, float, float, float]:
         """Turned corner x, y [mm], angle [rad] and scale of a region of a size.

@@ -47,6 +47,7 @@ class AddRegionFields(TypedDict, total=False):
     blend: Literal["over", "add", "multiply", "max", "min"] | None
     opacity: float | None
     priority: int | None
+    group: str | None
 
 
 class ChangeRegionFields(AddRegionFields, total=False):

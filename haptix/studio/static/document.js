@@ -262,7 +262,7 @@ export function changes(before, after) {
       ops.push({ op: "add", ...region });
       continue;
     }
-    const patches = difference(was, region);
+    const patches = difference(was, region).filter(({ path: [key] }) => key !== "group"); // it is not felt
     if (patches.some((patch) => !("value" in patch) && patch.path.length === 1)) return null;
     const changed = [...new Set(patches.map(({ path }) => String(path[0])))];
     if (!changed.length) continue;

@@ -77,6 +77,14 @@ export class Regions {
     } else this.board.show(document);
   }
 
+  /** Return names with those of their groups; the given ones come last. @param {string[]} names */
+  #whole(names) {
+    const all = this.history.current.regions;
+    const groups = new Set(all.flatMap(({ name, group }) => (group && names.includes(name) ? group : [])));
+    const others = all.filter(({ name, group }) => group && groups.has(group) && !names.includes(name));
+    return [...others.map(({ name }) => name), ...names];
+  }
+
   /** Choose regions instead of those that are chosen. @param {string[]} names */
   choose(names) {
     if (String(names) === String(this.chosen)) return;
@@ -85,10 +93,11 @@ export class Regions {
     this.on.choose();
   }
 
-  /** Choose a region beside the others, or no longer. @param {string} name */
+  /** Choose a region and its group beside the others, or no longer. @param {string} name */
   toggle(name) {
-    const others = this.chosen.filter((each) => each !== name);
-    this.choose(others.length < this.chosen.length ? others : [...others, name]);
+    const whole = this.#whole([name]);
+    const others = this.chosen.filter((each) => !whole.includes(each));
+    this.choose(this.chosen.includes(name) ? others : [...others, ...whole]);
   }
 
   /** Choose a region and give it the focus. @param {string} name */
@@ -113,7 +122,7 @@ export class Regions {
     const corner = el("i.corner", { "aria-hidden": "true" });
     const box = el("button.region", {
       type: "button", "aria-pressed": "false",
-      onfocus: () => this.chosen.includes(name) || this.choose([name]),
+      onfocus: () => this.chosen.includes(name) || this.choose(this.#whole([name])),
       onmousedown: (/** @type {Event} */ event) => event.preventDefault(), // a press with Shift gives no focus
     }, corner);
     box.addEventListener("pointerdown", (event) => this.#drag(event, name, event.target === corner));
@@ -131,7 +140,8 @@ export class Regions {
       this.toggle(name);
       return;
     }
-    if (sizes || !this.chosen.includes(name)) this.choose([name]);
+    if (sizes) this.choose([name]);
+    else if (!this.chosen.includes(name)) this.choose(this.#whole([name]));
     box.focus();
     box.setPointerCapture(event.pointerId);
     const from = this.board.place(event);
@@ -162,7 +172,7 @@ export class Regions {
     const ends = () => {
       end.abort();
       this.#is_dragging = false;
-      if (!has_moved) this.choose([name]);
+      if (!has_moved && !sizes) this.choose(this.#whole([name]));
       this.board.show(this.history.current);
     };
     for (const kind of ["pointerup", "pointercancel"]) box.addEventListener(kind, ends, { signal: end.signal });
@@ -197,6 +207,23 @@ export class Regions {
     });
   }
 
+  /** Make the chosen regions a group, of which a click on the board chooses all. */
+  group() {
+    const group = freeName(t.groupName, this.#groups);
+    this.#change(t.did.group, () => ({ group }), "");
+  }
+
+  /** Let the chosen regions be of no group. */
+  ungroup() {
+    this.history.change(t.did.ungroup, (draft) => {
+      for (const region of draft.regions) if (this.chosen.includes(region.name)) delete region.group;
+    });
+  }
+
+  get #groups() {
+    return this.history.current.regions.flatMap(({ group }) => group ?? []);
+  }
+
   /** Add copies of the chosen regions beside them. */
   duplicate() {
     this.#insert(this.regions, t.did.duplicate);
@@ -222,10 +249,14 @@ export class Regions {
     const names = all.map(({ name }) => name);
     /** @type {m.RegionDocument[]} */
     const copies = [];
+    /** @type {Map<string, string>} groups of the copies */
+    const groups = new Map();
     for (const region of regions) {
+      const { group } = region;
+      if (group && !groups.has(group)) groups.set(group, freeName(group, [...this.#groups, ...groups.values()]));
       const name = freeName(region.name, [...names, ...copies.map((copy) => copy.name)]);
       const { x, y } = placeOf(region);
-      copies.push({ ...structuredClone(region), name, x_mm: rounded(x + COPY_MM), y_mm: rounded(y + COPY_MM) });
+      copies.push({ ...structuredClone(region), name, x_mm: rounded(x + COPY_MM), y_mm: rounded(y + COPY_MM), ...(group ? { group: groups.get(group) } : {}) });
     }
     this.history.change(label, (draft) => void draft.regions.push(...copies));
     this.choose(copies.map(({ name }) => name));
@@ -285,7 +316,7 @@ export class Regions {
     element.addEventListener("pointerup", (up) => {
       ends();
       const drawn = rectangle(up);
-      if (!draws) this.choose([...kept, ...this.#met(drawn).filter((name) => !kept.includes(name))]);
+      if (!draws) this.choose([...kept, ...this.#whole(this.#met(drawn)).filter((name) => !kept.includes(name))]);
       else if (Math.min(drawn.width_mm, drawn.height_mm) >= DRAWN_MM) this.on.draw(drawn);
     }, { signal: end.signal });
     element.addEventListener("pointercancel", ends, { signal: end.signal });

@@ -264,6 +264,9 @@ export const texts = {
     removeRegions: "Delete",
     chooseAll: "Choose all",
     chooseNone: "Choose none",
+    group: "Group",
+    ungroup: "Ungroup",
+    groupName: "Group",
     alignLeft: "Align left",
     alignCentre: "Align centre",
     alignRight: "Align right",
@@ -321,7 +324,7 @@ export const texts = {
     region: (/** @type {string} */ name, /** @type {number} */ width, /** @type {number} */ height, /** @type {number} */ x, /** @type {number} */ y) =>
       `${name}: ${width} by ${height} mm, at ${x}, ${y} mm`,
     did: {
-      duplicate: "duplicate", paste: "paste", align: "align", distribute: "same gaps",
+      duplicate: "duplicate", paste: "paste", align: "align", distribute: "same gaps", group: "group", ungroup: "ungroup",
       rename: (/** @type {string} */ name, /** @type {string} */ to) => `rename ${name} to ${to}`,
       add: (/** @type {string} */ name) => `add ${name}`, remove: (/** @type {string} */ name) => `remove ${name}`,
       move: "move", size: "size", order: "order", place: "place", parameter: "parameter",

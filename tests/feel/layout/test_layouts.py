@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from haptix import InputError, Layout, Screen, Texture
 from haptix.feel.layout import ScreenGeometry, regions
 from haptix.feel.layout.regions import FADE_S, GLIDE_S
-from haptix.feel.materials import Grating
+from haptix.feel.materials import Grating, load, material_of
 from haptix.feel.materials.field import Evaluator
 from haptix.feel.materials.pyramid import Pyramid
 from haptix.feel.motion import Depends, Facts, Motion, Report
@@ -385,6 +385,21 @@ def test_the_size_of_a_screen_is_in_its_profile(tmp_path):
         ScreenGeometry.on(plain, 1920, 1080)
 
 
+def test_a_region_s_group_is_kept_and_changes_nothing_that_is_felt(tmp_path):
+    region = {"material": {"kind": "grating", "period_mm": 2.0}, "width_mm": 20, "height_mm": 9}
+    layouts = [
+        material_of({"kind": "layout", "regions": [region | more]}) for more in ({}, {"group": "g"})
+    ]
+    plain, grouped = layouts
+    for layout in layouts:
+        layout.save(tmp_path / "layout.json")
+        assert load(tmp_path / "layout.json") == layout
+        assert ("group" in (tmp_path / "layout.json").read_text()) == (layout is grouped)
+    assert grouped.regions[0].group == "g" and plain.regions[0].group is None
+    motion = Motion.of(np.linspace(0, 25, 100), 4.0)
+    np.testing.assert_array_equal(plain.wanted(motion), grouped.wanted(motion))
+
+
 BAD = {
     "a path": (lambda g: g.add("brick.png"), "material: .*brick.png"),
     "no size": (lambda g: g.add(STRIPES), "width_mm"),
@@ -398,6 +413,8 @@ BAD = {
     "corners": (lambda g: g.add(HALF, shape=[(0, 0), (1, 1)]), "3 corners"),
     "mask": (lambda g: g.add(HALF, mask=np.ones((3, 3))), "mask"),
     "priority": (lambda g: g.add(HALF, priority="high"), "priority"),
+    "group": (lambda g: g.add(HALF, group=""), "group"),
+    "a group that no file takes": (lambda g: g.add(HALF, group="\0"), "group"),
     "move": (lambda g: g.add(HALF).move(x_mm="5 mm"), "x_mm"),
     "over": (lambda g: g.add(HALF).move(x_mm=5, over_s=-1), "over_s"),
     "change": (lambda g: g.add(HALF).change(colour=3), "colour"),

@@ -43,6 +43,15 @@ def everything():
     return layout
 
 
+def test_a_group_is_no_part_of_a_program(surface, device):
+    def program(**group):
+        layout = haptix.Layout(0.05)
+        layout.add(Grating(period_mm=2.0), 4.0, 5.0, 20.0, 10.0, **group)
+        return compile_touch(surface, layout, device, SineCarrier(CARRIER_HZ), LiveSettings())
+
+    assert program() == program(group="g")
+
+
 def test_the_header_is_as_the_page_says(surface, device):
     how = LiveSettings(combination="mean", compress=(0.1, 0.7))
     layout = haptix.Layout(0.05, target="contrast")

@@ -61,6 +61,8 @@ export function mount(root, app) {
     { name: t.removeRegions, keys: ["Delete", "Backspace"], can: one, act: () => regions.remove() },
     { name: t.chooseAll, keys: ["Ctrl+A"], act: () => regions.choose(history.current.regions.map(({ name }) => name)) },
     { name: t.chooseNone, keys: ["Escape"], can: one, act: () => regions.choose([]) },
+    { name: t.group, keys: ["Ctrl+G"], can: two, act: () => regions.group() },
+    { name: t.ungroup, keys: ["Ctrl+Shift+G"], can: () => regions.regions.some(({ group }) => group), act: () => regions.ungroup() },
     { name: t.alignLeft, can: two, act: () => regions.align("x", 0) },
     { name: t.alignCentre, can: two, act: () => regions.align("x", 0.5) },
     { name: t.alignRight, can: two, act: () => regions.align("x", 1) },
@@ -129,8 +131,8 @@ export function mount(root, app) {
     const at_focus = [...list.querySelectorAll("button")].findIndex((each) => each === document_.activeElement);
     const in_order = document.regions.map((region, index) => ({ region, index }));
     in_order.sort((a, b) => (b.region.z ?? 0) - (a.region.z ?? 0) || b.index - a.index);
-    fill(list, in_order.map(({ region: { name } }, at) => el("li", {},
-      el("button.small.name", { type: "button", "aria-pressed": String(regions.chosen.includes(name)), title: t.nameHelpOf, onclick: (/** @type {MouseEvent} */ { shiftKey }) => (shiftKey ? regions.toggle(name) : regions.focus(name)) }, name),
+    fill(list, in_order.map(({ region: { name, group } }, at) => el("li", {},
+      el("button.small.name", { type: "button", "aria-pressed": String(regions.chosen.includes(name)), title: t.nameHelpOf, onclick: (/** @type {MouseEvent} */ { shiftKey }) => (shiftKey ? regions.toggle(name) : regions.focus(name)) }, name, group ? el("small", {}, ` ${group}`) : null),
       el("button.small", { type: "button", "aria-label": t.up(name), title: t.up(name), disabled: at === 0, onclick: () => lift(in_order, at, -1) }, "↑"),
       el("button.small", { type: "button", "aria-label": t.down(name), title: t.down(name), disabled: at === in_order.length - 1, onclick: () => lift(in_order, at, 1) }, "↓"),
       el("button.small", { type: "button", "aria-label": t.remove(name), title: t.remove(name), onclick: () => regions.remove([name]) }, "×"))));
