@@ -585,7 +585,8 @@ def test_a_parameter_is_felt_at_once_and_headroom_is_shown(maker, page):
     ("width", "theme"),
     [
         (360, "light"),
-        pytest.param(1280, "dark", marks=pytest.mark.slow),
+        pytest.param(768, "light", marks=pytest.mark.slow),
+        pytest.param(1440, "dark", marks=pytest.mark.slow),
         pytest.param(1920, "light", marks=pytest.mark.slow),
     ],
 )
