@@ -1,4 +1,4 @@
-"""The libraries in C, and the program of the Pico board: what each is made of, and how it is built.
+"""The libraries in C, and the programs of the Pico boards: what they are made of and built by.
 
 A wheel brings them; `hatch_build.py` puts them there. A checkout keeps them in build/libraries/,
 from the installation on, and builds them again when a source has changed: whoever loads one asks
@@ -21,8 +21,9 @@ from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parent
-#: A board whose program needs no more than ziglang, so that a wheel can bring it.
+#: The boards whose program needs no more than ziglang, so that a wheel can bring it.
 PICO = ROOT / "examples" / "boards" / "pico"
+PICO_CORES = {"haptix-pico": "cortex_m0plus", "haptix-pico2": "cortex_m33+soft_float"}
 
 
 class Library(NamedTuple):
@@ -95,7 +96,7 @@ def built(name: str) -> Path:
 
 
 def built_pico(name: str) -> Path:
-    """Return the path of the Pico board's program, built from its sources as they are now.
+    """Return the path of a Pico board's program, built from its sources as they are now.
 
     Raises
     ------
@@ -108,7 +109,7 @@ def built_pico(name: str) -> Path:
         for path in folder.iterdir()
         if path.suffix in (".c", ".h", ".S", ".ld", ".txt")
     )
-    return _kept(name, ".bin", "", sources, compile_pico)
+    return _kept(name, ".bin", PICO_CORES[name], sources, lambda path: compile_pico(name, path))
 
 
 def _kept(
@@ -139,8 +140,8 @@ def _kept(
     return kept
 
 
-def compile_pico(path: Path) -> None:
-    """Compile the Pico board's program to `path`: bytes of its flash, without check sums.
+def compile_pico(name: str, path: Path) -> None:
+    """Compile a Pico board's program to `path`: bytes of its flash, without check sums.
 
     Raises
     ------
@@ -160,7 +161,8 @@ def compile_pico(path: Path) -> None:
         elf = str(Path(own) / "pico.elf")
         for command in (
             [
-                *(*zig, "cc", "-target", "thumb-freestanding-eabi", "-mcpu=cortex_m0plus", "-s"),
+                *(*zig, "cc", "-target", "thumb-freestanding-eabi", "-s"),
+                f"-mcpu={PICO_CORES[name]}",
                 *(*flags, f"-I{PICO}", f"-I{core[0].parent}", "-T", str(PICO / "pico.ld")),
                 *(*map(str, sources), "-o", elf),
             ],

@@ -81,9 +81,10 @@ class CustomBuildHook(BuildHookInterface[Any]):
             path = Path(self._folder) / f"{name}{target.suffix}"
             builder["compile_library"](name, path, target.triple)
             build_data["force_include"][str(path)] = f"{library.folder}/{path.name}"
-        pico = Path(self._folder) / "haptix-pico.bin"
-        builder["compile_pico"](pico)
-        build_data["force_include"][str(pico)] = f"firmware_io/firmware/{pico.name}"
+        for name in builder["PICO_CORES"]:
+            pico = Path(self._folder) / f"{name}.bin"
+            builder["compile_pico"](name, pico)
+            build_data["force_include"][str(pico)] = f"firmware_io/firmware/{pico.name}"
         build_data["tag"] = f"py3-none-{target.tag}"
         build_data["pure_python"] = False
 

@@ -27,7 +27,12 @@ FLAGS = (
     *("-std=gnu99", "-Os", "-ffreestanding", "-nostdlib", "-mcpu=cortex-m0plus", "-mthumb"),
     *("-DHX_QUEUE_SAMPLES=2048u", "-DHX_MAX_FRAME_SAMPLES=512u"),
 )
-BOARDS = {"pico": "pico.elf", "stm32f405": "board.elf"}
+#: Of each board its folder and its program.
+BOARDS = {
+    "pico": ("pico", "pico.elf"),
+    "pico2": ("pico", "pico2.elf"),
+    "stm32f405": ("stm32f405", "board.elf"),
+}
 COLUMNS = ("code bytes", "stack bytes", "cycles")
 
 
@@ -98,9 +103,9 @@ def measure(core: Path, folder: Path) -> dict[str, dict[str, int]]:
 
 def measure_board(name: str, folder: Path) -> tuple[int, int]:
     """Return the bytes of flash and of RAM, without the stack, of a board's firmware."""
-    program = folder / BOARDS[name]
-    board = ROOT / "examples" / "boards" / name
-    said("make", "-s", "-C", board, f"BUILD={folder}", program)
+    place, file = BOARDS[name]
+    board, program = ROOT / "examples" / "boards" / place, folder / file
+    said("make", "-s", "-C", board, f"BOARD={name}", f"BUILD={folder}", program)
     text, data, bss = map(int, said("arm-none-eabi-size", program).splitlines()[1].split()[:3])
     return text + data, data + bss
 

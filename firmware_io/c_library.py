@@ -34,21 +34,21 @@ def load(name: str, *headers: Path) -> tuple[cffi.FFI, Any]:
         ) from error
 
 
-def pico_program() -> Path:
-    """Return the path of the Pico board's program: bytes of its flash, without check sums.
+def pico_program(board: str) -> Path:
+    """Return the path of a Pico board's program: bytes of its flash, without check sums.
 
     Raises `DeviceError` if it is missing and cannot be built.
     """
-    return _path("haptix-pico", Path(__file__).parent / "firmware")
+    return _path(f"haptix-{board}", Path(__file__).parent / "firmware", "built_pico")
 
 
-def _path(name: str, folder: Path) -> Path:
+def _path(name: str, folder: Path, build: str = "built") -> Path:
     builder = Path(__file__).parents[1] / "c_libraries.py"
     if not builder.is_file():
         return next(folder.glob(f"{name}.*"), folder / name)
     checkout = run_path(str(builder))
     try:
-        path: Path = checkout["built_pico" if name == "haptix-pico" else "built"](name)
+        path: Path = checkout[build](name)
     except checkout["BuildError"] as error:
         raise DeviceError(str(error)) from None
     return path

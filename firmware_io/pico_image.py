@@ -1,10 +1,11 @@
-"""The firmware of the Pico board, as the file that its USB drive takes.
+"""The firmware of the Pico boards, as the file that their USB drive takes.
 
-The board's own Makefile calls this file too: ``python pico_image.py program.bin program.uf2``.
+The boards' own Makefile calls this file too: ``python pico_image.py pico program.bin program.uf2``.
 
-The boot ROM starts a second stage of 252 bytes whose CRC-32, which is not reflected, stands behind
-it (RP2040 datasheet, 2.8.1.3.1). The program finds the CRC-32 of its image, as in zlib, in its last
-word. The blocks are those of Microsoft's UF2 format, with the RP2040's number.
+The RP2040's boot ROM starts a second stage of 252 bytes whose CRC-32, which is not reflected,
+stands behind it (its datasheet, 2.8.1.3.1); the RP2350's looks for an image definition, which
+stands in those bytes, and for no sum. The program finds the CRC-32 of its image, as in zlib, in its
+last word. The blocks are those of Microsoft's UF2 format, with the number of the chip.
 """
 
 from __future__ import annotations
@@ -15,16 +16,20 @@ import zlib
 from pathlib import Path
 
 _FLASH, _STAGE, _PAYLOAD = 0x10000000, 252, 256
-_RP2040, _HAS_FAMILY = 0xE48BFF56, 0x2000
+_HAS_FAMILY = 0x2000
+#: The chip of each board, as UF2 numbers it: the RP2040, the secure ARM cores of the RP2350.
+_FAMILIES = {"pico": 0xE48BFF56, "pico2": 0xE48BFF59}
 #: The serial number in `main.c`, which is replaced.
 _NO_SERIAL = b"serial-not-set".ljust(16, b"\0")
 
 
-def pico_uf2(serial: str = "0") -> bytes:
-    """Return the firmware of the Pico board, to be copied to its USB drive.
+def pico_uf2(board: str, serial: str = "0") -> bytes:
+    """Return the firmware of a Pico board, to be copied to its USB drive.
 
     Parameters
     ----------
+    board : str
+        ``pico`` (RP2040) or ``pico2`` (RP2350).
     serial : str
         Serial number by which a host tells boards apart: 1 to 15 characters of ASCII.
 
@@ -40,7 +45,7 @@ def pico_uf2(serial: str = "0") -> bytes:
 
     Examples
     --------
-    >>> image = pico_uf2("rig-3")
+    >>> image = pico_uf2("pico", "rig-3")
     >>> image[:3], len(image) % 512
     (b'UF2', 0)
     """
@@ -51,30 +56,32 @@ def pico_uf2(serial: str = "0") -> bytes:
         raise DeviceError(
             f"serial must be 1 to 15 printable characters of ASCII, but is {serial!r}; shorten it."
         )
-    binary = pico_program().read_bytes()
+    binary = pico_program(board).read_bytes()
     assert binary.count(_NO_SERIAL) == 1
-    return as_uf2(binary.replace(_NO_SERIAL, serial.encode().ljust(len(_NO_SERIAL), b"\0")))
+    named = binary.replace(_NO_SERIAL, serial.encode().ljust(len(_NO_SERIAL), b"\0"))
+    return as_uf2(board, named)
 
 
-def as_uf2(binary: bytes) -> bytes:
+def as_uf2(board: str, binary: bytes) -> bytes:
     """Return the blocks of a program that begins at the flash's first byte, with its check sums."""
-    flash = _with_check_sums(binary)
+    flash = _with_check_sums(board, binary)
     pieces = [
         flash[at : at + _PAYLOAD].ljust(_PAYLOAD, b"\0") for at in range(0, len(flash), _PAYLOAD)
     ]
     blocks = []
     for number, piece in enumerate(pieces):
         address = _FLASH + _PAYLOAD * number
-        head = (_HAS_FAMILY, address, _PAYLOAD, number, len(pieces), _RP2040)
+        head = (_HAS_FAMILY, address, _PAYLOAD, number, len(pieces), _FAMILIES[board])
         block = struct.pack("<8I", 0x0A324655, 0x9E5D5157, *head) + piece.ljust(476, b"\0")
         blocks.append(block + struct.pack("<I", 0x0AB16F30))
     return b"".join(blocks)
 
 
-def _with_check_sums(binary: bytes) -> bytes:
+def _with_check_sums(board: str, binary: bytes) -> bytes:
     stage, image = binary[:_STAGE].ljust(_STAGE, b"\0"), binary[_PAYLOAD:-4]
+    boot_crc = _boot_crc(stage) if board == "pico" else 0
     return b"".join(
-        (stage, struct.pack("<I", _boot_crc(stage)), image, struct.pack("<I", zlib.crc32(image)))
+        (stage, struct.pack("<I", boot_crc), image, struct.pack("<I", zlib.crc32(image)))
     )
 
 
@@ -89,5 +96,5 @@ def _boot_crc(stage: bytes) -> int:
 
 
 if __name__ == "__main__":
-    source, to = map(Path, sys.argv[1:])
-    to.write_bytes(as_uf2(source.read_bytes()))
+    name, source, to = sys.argv[1:]
+    Path(to).write_bytes(as_uf2(name, Path(source).read_bytes()))

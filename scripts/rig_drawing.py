@@ -31,7 +31,7 @@ def main() -> None:
         comparator = flow.Box(w=3.2, h=2.2).at((boxes["amplifier"].S[0], -4.2)).anchor("N")
         comparator = drawing.add(comparator.label("100:1 divider,\nwindow of +-2.1 V,\nlatch"))
         gate = flow.Box(w=3.2, h=2.2).at((boxes["converter"].S[0], -4.2)).anchor("N")
-        gate = drawing.add(gate.label("AND, interlock,\n10 kOhm to\nground"))
+        gate = drawing.add(gate.label("AND, interlock,\n4.7 kOhm to\nground"))
         drawing.add(
             flow.Arrow().at(boxes["amplifier"].S).to(comparator.N).label("monitor", "right")
         )

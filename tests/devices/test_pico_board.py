@@ -1,4 +1,4 @@
-"""The Pico board's firmware on an emulated RP2040, over its USB, to its converter.
+"""The Pico boards' firmware on an emulated RP2040 and RP2350, over its USB, to its converter.
 
 Every output sample is a frame on the emulated SPI; the emulator writes them to a file, and the
 index in that file is the clock of every deadline. The board is slower than the clock on the wall.
@@ -50,24 +50,34 @@ FULL_SCALE_V = 200.0
 LOW, HIGH, FLOATS = 0, 1, 4  # of a pin; with the pull-down that a reset switches on
 
 
-def build(folder):
-    make = ("make", "-s", "-C", BOARD, f"BUILD={folder}")
+def build(board, folder):
+    make = ("make", "-s", "-C", BOARD, f"BOARD={board}", f"BUILD={folder}")
     subprocess.run(make, check=True, capture_output=True)
 
 
 @pytest.fixture(scope="module")
-def image(tmp_path_factory):
+def tools():
     for command in ("arm-none-eabi-gcc", "node"):
         if shutil.which(command) is None:
             pytest.skip(f"{command} is missing (bash scripts/setup-devices.sh)")
     if not (HERE / "node_modules").exists():
         pytest.skip("rp2040js is missing (bash scripts/setup-devices.sh)")
-    """As `haptix firmware pico` writes it; by the other compiler, and with symbols, beside it."""
-    folder = tmp_path_factory.mktemp("pico")
-    path = folder / "haptix-pico.uf2"
-    path.write_bytes(pico_uf2("rig-3"))
-    build(folder)
+
+
+@pytest.fixture(scope="module", params=["pico", "pico2"])
+def image(request, tools, tmp_path_factory):
+    """As `haptix firmware` writes it; by the other compiler, and with symbols, beside it."""
+    folder = tmp_path_factory.mktemp(request.param)
+    path = folder / f"haptix-{request.param}.uf2"
+    path.write_bytes(pico_uf2(request.param, "rig-3"))
+    build(request.param, folder)
     return path
+
+
+def by_gcc(image):
+    """What the other compiler made: the program with its symbols, and its file for the drive."""
+    board = image.stem.removeprefix("haptix-")
+    return image.with_name(f"{board}.elf"), image.with_name(f"{board}.uf2")
 
 
 class Board:
@@ -204,10 +214,10 @@ def test_the_watchdog_is_shown_and_the_amplifier_waits_for_the_middle_of_the_con
     assert on["at"] >= 1 and not output[: on["at"] + OUTPUT_HZ].any()
 
 
-def test_the_board_plays_what_the_host_sends(board):
+def test_the_board_plays_what_the_host_sends(board, image):
     volts, start = sine(600), board.output().size
     with firmware_io.open_device(board.address) as device:
-        assert device.capabilities.name == "pico"
+        assert device.capabilities.name == image.stem.removeprefix("haptix-")
         device.write(volts)
         device.stop()
     expected = lines(volts)
@@ -341,6 +351,25 @@ def test_a_program_of_which_a_bit_is_wrong_never_enables_the_amplifier(image, tm
         broken.end()
 
 
+@pytest.mark.usefixtures("tools")
+def test_the_boot_rom_of_the_rp2350_starts_no_program_without_its_image_definition(tmp_path):
+    whole = pico_uf2("pico2")
+    definition = bytes.fromhex("d3deffff42012110")
+    assert whole.count(definition) == 1
+    file = tmp_path / "bad.uf2"
+    file.write_bytes(whole.replace(definition, bytes.fromhex("d3deffff42012111")))  # for RISC-V
+    board = Board(file, tmp_path, begins="port")
+    try:
+        seen_us = 0
+        while seen_us < 100_000:
+            board.do("time")
+            seen_us = board.wait("time")["time"]
+        # The program proves its watchdog within 10 ms.
+        assert not [event for event in board.events if "reset" in event or event.get("enable") == 1]
+    finally:
+        board.end()
+
+
 class Frames:
     """Frames over the emulated HID or serial endpoints."""
 
@@ -378,7 +407,7 @@ def test_a_limit_is_held_on_the_other_endpoints_too(board, endpoint):
     frames = Frames(board, endpoint)
     frames.send(Hello(4, 4))
     about = frames.until(CapabilitiesReport)
-    assert (about.name, about.report_bytes, about.has_tested_itself) == ("pico", 64, True)
+    assert (about.report_bytes, about.has_tested_itself) == (64, True)
     frames.send(
         Setup(
             mode=StreamMode.WAVEFORM,
@@ -399,14 +428,15 @@ def test_a_limit_is_held_on_the_other_endpoints_too(board, endpoint):
 
 def test_memory_that_goes_bad_ends_with_the_amplifier_off(image, board, tmp_path):
     """As Debian's compiler makes it, which keeps the symbols: the same board and proofs."""
-    other = Board(image.with_name("pico.uf2"), tmp_path)
+    program, file = by_gcc(image)
+    other = Board(file, tmp_path)
     try:
         assert bytes(other.descriptors["strings"][2][2:]).decode("utf-16-le") == "serial-not-set"
         assert other.descriptors["configuration"] == board.descriptors["configuration"]
         rows = proofs(other)
         assert all(row.holds for row in rows), [row for row in rows if not row.holds]
         symbols = subprocess.run(
-            ["arm-none-eabi-nm", image.with_name("pico.elf")],
+            ["arm-none-eabi-nm", program],
             capture_output=True,
             text=True,
             check=True,

@@ -34,6 +34,11 @@ ON_CORTEX = (
     *("qemu-system-arm", "-M", "mps2-an385", "-nographic", "-monitor", "none", "-serial", "none"),
     *("-semihosting-config", "enable=on,target=native", "-kernel"),
 )
+CHIP = (
+    *("arm-none-eabi-gcc", "-std=gnu99", "-Wall", "-Werror", "-Os", "-ffreestanding", "-mthumb"),
+    *("-nostdlib", "-T", str(PICO / "pico.ld"), str(PICO / "boot.S")),
+)
+SESSION = str(HERE / "pico" / "session.mjs")
 WASI = """
 import { readFileSync } from "node:fs";
 import { WASI } from "node:wasi";
@@ -45,15 +50,8 @@ process.exitCode = wasi.start(await WebAssembly.instantiate(module, wasi.getImpo
 PROCESSORS: dict[str, tuple[str, tuple[str, ...], tuple[str, ...]]] = {
     "cortex-m3": ("cortex_m", (*CORTEX, "-mcpu=cortex-m3"), ON_CORTEX),
     "cortex-m0plus": ("cortex_m", (*CORTEX, "-mcpu=cortex-m0plus"), ON_CORTEX),
-    "rp2040": (
-        "rp2040",
-        (
-            *("arm-none-eabi-gcc", "-std=gnu99", "-Wall", "-Werror", "-Os", "-ffreestanding"),
-            *("-mthumb", "-mcpu=cortex-m0plus", "-nostdlib", "-T", str(PICO / "pico.ld")),
-            str(PICO / "boot.S"),
-        ),
-        ("node", str(HERE / "pico" / "session.mjs")),
-    ),
+    "rp2040": ("pico", (*CHIP, "-mcpu=cortex-m0plus"), ("node", SESSION, "rp2040")),
+    "rp2350": ("pico", (*CHIP, "-mcpu=cortex-m33"), ("node", SESSION, "rp2350")),
     "avr": (
         "avr",
         (
@@ -163,8 +161,8 @@ def test_a_processor_plays_the_golden_sessions(tmp_path, processor, path):
 @pytest.mark.parametrize(
     "processor",
     [
-        *("cortex-m3", "avr"),
-        *(pytest.param(name, marks=pytest.mark.slow) for name in ("rp2040", "s390x", "wasm32")),
+        pytest.param(name, marks=() if name in ("cortex-m3", "avr") else pytest.mark.slow)
+        for name in ("cortex-m3", "avr", "rp2040", "rp2350", "s390x", "wasm32")
     ],
 )
 def test_a_wrong_sample_would_be_seen(tmp_path, processor):

@@ -118,10 +118,11 @@ def test_the_firmware_is_the_compiled_one(alone):
     assert not list((packages / "firmware_io" / "firmware").glob("*.c"))
 
 
-def test_the_firmware_of_the_pico_is_in_the_wheel(alone):
+@pytest.mark.parametrize("board", ["pico", "pico2"])
+def test_the_firmware_of_a_pico_is_in_the_wheel(alone, board):
     haptix_alone, _, empty = alone
-    haptix_alone("firmware", "pico", "--out", str(empty / "pico.uf2"))
-    assert (empty / "pico.uf2").read_bytes().startswith(b"UF2")
+    haptix_alone("firmware", board, "--out", str(empty / "board.uf2"))
+    assert (empty / "board.uf2").read_bytes().startswith(b"UF2")
 
 
 def test_a_wheel_holds_what_runs(wheel):

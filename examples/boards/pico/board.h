@@ -1,4 +1,4 @@
-/* A driver board with a Raspberry Pi Pico: what its parts say to each other, and the numbers to choose. */
+/* A driver board with a Raspberry Pi Pico or Pico 2: what its parts say to each other, and the numbers to choose. */
 #ifndef BOARD_H
 #define BOARD_H
 

@@ -1,11 +1,23 @@
-/* The second stage, which the boot ROM copies from the first 256 bytes of the flash and starts (RP2040
- * datasheet, 2.8.1): reads the flash by its oldest command, which every flash has, copies the program to
- * RAM, and starts it there. firmware_io/pico_image.py writes the check sum that the boot ROM looks for. */
+/* The first 252 bytes of the flash: copies the program to RAM, and starts it there. */
     .syntax unified
-    .cpu cortex-m0plus
     .thumb
     .section .boot, "ax"
     .global boot
+#ifdef __ARM_ARCH_8M_MAIN__
+/* The RP2350's boot ROM sets up the flash, looks for the five words of an image definition (datasheet, 5.9:
+ * a program for its secure ARM cores), and starts it by the vectors before them. */
+boot:
+    .word stack_top
+    .word copy
+    .word 0xffffded3, 0x10210142, 0x000001ff, 0, 0xab123579
+    .thumb_func
+copy:
+    movs r0, #0
+    msr msplim, r0
+#else
+/* The RP2040's boot ROM copies these bytes and starts them (datasheet, 2.8.1), if the check sum behind them,
+ * which firmware_io/pico_image.py writes, is right: they read the flash by its oldest command, which every
+ * flash has. */
     .thumb_func
 boot:
     ldr r3, =0x18000000     /* the flash's controller, 4.10.13 */
@@ -22,6 +34,7 @@ boot:
     str r0, [r1]
     movs r0, #1
     str r0, [r3, #0x08]
+#endif
     ldr r0, =image_in_flash
     ldr r1, =image_begin
     ldr r2, =image_end

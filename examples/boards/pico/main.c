@@ -21,7 +21,7 @@ static hx_config config = {
               {BOARD_OUTPUT_HZ / 2u, 3u},
               {BOARD_OUTPUT_HZ / 4u, 3u},
               {BOARD_OUTPUT_HZ / 8u, 3u}},
-    .name = "pico",
+    .name = BOARD_NAME,
     .serial = "serial-not-set", /* `haptix firmware pico --serial` replaces these 16 bytes */
     .calibration_id = "",
     .guard_ticks = 2u * BOARD_HALF_SAMPLES, /* what the interrupt plays at once, and the half on its way */

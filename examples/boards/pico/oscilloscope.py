@@ -23,7 +23,7 @@ OUTPUT_HZ, FULL_SCALE_V, REFERENCE_V = 48_000, 200.0, 3.3
 def record(folder: Path) -> np.ndarray:
     """Return the codes at the converter, while 200 ms of 10 V are played and the host ends."""
     image, trace = folder / "pico.uf2", folder / "codes"
-    image.write_bytes(pico_uf2("rig-1"))
+    image.write_bytes(pico_uf2("pico", "rig-1"))
     with subprocess.Popen(
         ["node", EMULATOR, image, trace], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as emulator:

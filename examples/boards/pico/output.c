@@ -17,7 +17,7 @@
 
 /* Of the read-back, in codes: the ADC's error, and what the amplifier lags behind a carrier. */
 #define READ_BACK_TOLERANCE 3000
-#define WATCHDOG_US 8000u
+#define WATCHDOG_LOAD (8000u * WATCHDOG_COUNTS_PER_US)
 #define LINE_LOW (FUNCTION_SIO | OUTPUT_LOW)
 #define LINE_HIGH (FUNCTION_SIO | OUTPUT_HIGH)
 /* Channels: two for each ring. */
@@ -80,7 +80,7 @@ void board_output_interrupt(void) {
         if (hx_device_pending(&board_device) == 0) SIO_OUT_CLEAR = 1u << PIN_ENABLE;
     } else if (patience > 0) {
         patience--;
-        WATCHDOG->LOAD = 2u * WATCHDOG_US; /* it counts twice in a microsecond (erratum RP2040-E1) */
+        WATCHDOG->LOAD = WATCHDOG_LOAD;
     }
     if (++halves % 256u == 0) SIO_OUT_SET = 1u << PIN_LED;
     if (halves % 256u == 128u) SIO_OUT_CLEAR = 1u << PIN_LED;
@@ -94,6 +94,8 @@ void board_output_unmask(void) { __asm__ volatile("cpsie i" ::: "memory"); }
 
 void board_output_off(void) {
     SIO_OUT_CLEAR = 1u << PIN_ENABLE;
+    /* A channel that is aborted could be started again by the one before it (erratum RP2350-E5). */
+    for (uint32_t i = 0; i < 6u; i++) CLEAR(DMA[i].CTRL) = 1u;
     DMA_ABORT = 0x3fu;
     GPIO_CTRL(PIN_MARK) = LINE_LOW;
     if (SPI0->CR1 & 1u << 1) SPI0->DR = as_frame(0); /* before it is set up, it would wait in the queue */
@@ -101,8 +103,8 @@ void board_output_off(void) {
 
 static void begin_watchdog(void) {
     CLEAR(WATCHDOG->CTRL) = 1u << 30;
-    PSM_WDSEL = 0x1fffcu; /* it resets all but the oscillators */
-    WATCHDOG->LOAD = 2u * WATCHDOG_US;
+    PSM_WDSEL = PSM_BUT_OSCILLATORS; /* which it resets */
+    WATCHDOG->LOAD = WATCHDOG_LOAD;
     WATCHDOG->CTRL = 1u << 30; /* and does not pause for a debugger */
 }
 
@@ -122,8 +124,9 @@ static void begin_channels(uint32_t first, const volatile void *halves, uint32_t
         channel->READ = is_read ? (uint32_t)(uintptr_t)port : half;
         channel->WRITE = is_read ? half : (uint32_t)(uintptr_t)port;
         channel->COUNT = BOARD_HALF_SAMPLES;
-        channel->CTRL = pace << 15 | (first + (i ^ 1u)) << 11 | (is_read ? 1u << 10 | 1u << 5 : 1u << 4) |
-                        half_bits << 6 | size << 2 | 1u << 1 | 1u;
+        channel->CTRL = pace << DMA_PACE | (first + (i ^ 1u)) << DMA_NEXT |
+                        (is_read ? (uint32_t)(DMA_RING_IS_WRITTEN | DMA_WRITES_ON) : 1u << 4) |
+                        half_bits << DMA_RING_BITS | size << 2 | 1u << 1 | 1u;
     }
 }
 
@@ -135,6 +138,10 @@ static void begin_pins(void) {
     GPIO_CTRL(PIN_CLOCK) = GPIO_CTRL(PIN_DATA) = GPIO_CTRL(PIN_SELECT) = FUNCTION_SPI;
     GPIO_CTRL(PIN_MONITOR) = FUNCTION_NONE;
     PAD(PIN_MONITOR) = 1u << 7; /* neither output nor input buffer nor pull: analog */
+    const uint32_t pins = 1u << PIN_CLOCK | 1u << PIN_DATA | 1u << PIN_SELECT | 1u << PIN_ENABLE | 1u << PIN_MARK |
+                          1u << PIN_LED;
+    for (uint32_t pin = 0; pins >> pin; pin++)
+        if (pins >> pin & 1u) CLEAR(PAD(pin)) = PAD_ISOLATED;
 }
 
 void board_output_begin(void) {

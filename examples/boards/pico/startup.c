@@ -1,4 +1,4 @@
-/* From the second stage to main: memory, clocks; and what happens instead of every other interrupt. */
+/* From boot.S to main: memory, clocks; and what happens instead of every other interrupt. */
 #include "board.h"
 #include "registers.h"
 
@@ -15,21 +15,19 @@ static void give_up(void) {
 
 typedef void (*handler)(void);
 
+static void interrupt(void) {
+    uint32_t exception;
+    __asm__("mrs %0, ipsr" : "=r"(exception));
+    if (exception == 16u + IRQ_DMA0) board_output_interrupt();
+    else if (exception == 16u + IRQ_USB) board_usb_interrupt();
+    else give_up();
+}
+
 __attribute__((section(".vectors"), used)) static const struct {
     uint32_t *stack;
     handler exceptions[15];
     handler interrupts[IRQ_COUNT];
-} vectors = {
-    &stack_top,
-    {board_reset, give_up, give_up, give_up, give_up, give_up, give_up, give_up, give_up, give_up,
-     give_up, give_up, give_up, give_up, give_up},
-    {give_up, give_up, give_up, give_up, give_up,
-     board_usb_interrupt, /* IRQ_USB */
-     give_up, give_up, give_up, give_up, give_up,
-     board_output_interrupt, /* IRQ_DMA0 */
-     give_up, give_up, give_up, give_up, give_up, give_up, give_up, give_up, give_up, give_up, give_up,
-     give_up, give_up, give_up},
-};
+} vectors = {&stack_top, {board_reset, [1 ... 14] = give_up}, {[0 ... IRQ_COUNT - 1] = interrupt}};
 
 /* The compiler may call these although there is no C library. */
 void *memset(void *to, int value, unsigned n) {
@@ -84,7 +82,7 @@ void board_clocks_begin(void) {
     CLEAR(RESETS->RESET) = RESET_ADC | RESET_USB;
     while (~RESETS->DONE & (RESET_ADC | RESET_USB)) {
     }
-    WATCHDOG->TICK = 1u << 9 | 12u; /* 1 us */
+    begin_microseconds(); /* for the watchdog */
 }
 
 void board_reset(void) {

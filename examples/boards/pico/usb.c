@@ -1,4 +1,5 @@
-/* USB without a stack: RP2040's controller as a full-speed device (datasheet, 4.1), served by the loop.
+/* USB without a stack: the controller of RP2040 and RP2350 as a full-speed device (4.1 and 12.7 in their
+ * datasheets), served by the loop.
  *
  * Its interrupt only wakes the loop. Each endpoint has one buffer in each direction. What TinyUSB does on
  * other boards (../usb/tinyusb.c) is done here for one chip, so that a Pico needs nobody else's code.
@@ -236,7 +237,7 @@ void board_usb_begin(void) {
     for (reg *word = (reg *)USB_MEMORY; word < (reg *)(USB_MEMORY + 0x180u); word++) *word = 0;
     USB->MUXING = 1u | 1u << 3;      /* the chip's own pins, by the controller */
     USB->POWER = 1u << 3 | 1u << 2;  /* the cable counts as plugged in */
-    USB->MAIN = 1u;
+    USB->MAIN = 1u; /* and, on an RP2350, its pins let go */
     USB->INTE = EVENTS;
     USB->SIE = 1u << 29;             /* endpoint 0 tells of each packet */
     SET(USB->SIE) = 1u << 16;        /* pull-up: the host sees a device */

@@ -42,19 +42,22 @@ def devices(as_json: AsJson = False) -> None:
 
 
 def firmware(
-    board: Annotated[str, argument("The board: pico.", Literal["pico"])],
-    out: Annotated[Path, option("Where to write it.", NewFile)] = Path("haptix-pico.uf2"),
+    board: Annotated[str, argument("The board: pico or pico2.", Literal["pico", "pico2"])],
+    out: Annotated[
+        Path | None, option("Where to write it: haptix-BOARD.uf2 if not given.", NewFile)
+    ] = None,
     serial: Annotated[str, option("The board's serial number, 1 to 15 characters.", Text)] = "0",
     as_json: AsJson = False,
 ) -> None:
     """Write the firmware of a board, as a file that its USB drive takes."""
     from firmware_io.pico_image import pico_uf2
 
-    if board != "pico":
+    if board not in ("pico", "pico2"):
         raise DeviceError(
-            f"board must be pico, but is {board!r}; others are built by their Makefile."
+            f"board must be pico or pico2, but is {board!r}; others are built by their Makefile."
         )
-    image = pico_uf2(serial)
+    image = pico_uf2(board, serial)
+    out = out or Path(f"haptix-{board}.uf2")
     write_whole(out, image)
     sha256 = hashlib.sha256(image).hexdigest()
     show("firmware", [{"file": str(out), "bytes": len(image), "sha256": sha256}], as_json)

@@ -19,4 +19,6 @@ def pytest_configure() -> None:
     flags = ("-std=c99", "-O1", "-w", "-shared", "-fPIC", *_TABLE[_NAME].flags)
     subprocess.run(["cc", *flags, *sources, "-o", path], check=True)
     found = c_library._path
-    c_library._path = lambda name, folder: path if name == _NAME else found(name, folder)
+    c_library._path = lambda name, folder, build="built": (
+        path if name == _NAME else found(name, folder, build)
+    )

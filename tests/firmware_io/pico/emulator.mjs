@@ -1,40 +1,17 @@
-// A Pico with the board's firmware, on rp2040js: a host on its USB, a converter on its SPI, an amplifier whose
-// monitor its ADC measures. `node emulator.mjs pico.uf2 output.codes`; lines of JSON come out, commands go in.
+// A Pico with the board's firmware, on rp2040js, or a Pico 2 on rp2350js: a host on its USB, a converter on its SPI,
+// an amplifier whose monitor its ADC measures. `node emulator.mjs pico.uf2 output.codes`; lines of JSON come out,
+// commands go in.
 import { closeSync, openSync, readFileSync, writeSync } from "node:fs";
 import { createServer } from "node:net";
 import { createInterface } from "node:readline";
-import { RP2040 } from "rp2040js";
+import { chipOf } from "./chips.mjs";
 
 const NANOSECONDS = 8; // of a cycle at 125 MHz
 const PIN_ENABLE = 6, PIN_MARK = 7, PIN_LED = 25;
-const ALL_BUT_OSCILLATORS = 0x1fffc; // what a watchdog resets; rp2040js resets all, always
 const [, , image, trace] = process.argv;
 const say = (what) => process.stdout.write(`${JSON.stringify(what)}\n`);
 
-function flashOf(uf2) {
-  const flash = new Uint8Array(2 ** 21).fill(0xff);
-  for (let at = 0; at < uf2.length; at += 512) {
-    const [first, second, , address, bytes, , , family] = new Uint32Array(uf2.buffer, uf2.byteOffset + at, 8);
-    if (first !== 0x0a324655 || second !== 0x9e5d5157 || family !== 0xe48bff56) throw Error("no UF2 of an RP2040");
-    flash.set(uf2.subarray(at + 32, at + 32 + bytes), address - 0x10000000);
-  }
-  return flash;
-}
-
-/** What the boot ROM does, which is not ours to copy: it looks at the check sum of the second stage. */
-function bootCrc(stage) {
-  let crc = 0xffffffff;
-  for (const byte of stage)
-    for (let bit = 7, next = byte; bit >= 0; bit--) {
-      const top = (crc >>> 31) ^ ((next >> bit) & 1);
-      crc = ((crc << 1) ^ (top ? 0x04c11db7 : 0)) >>> 0;
-    }
-  return crc;
-}
-
-const flash = flashOf(readFileSync(image));
-if (bootCrc(flash.subarray(0, 252)) !== new DataView(flash.buffer).getUint32(252, true)) throw Error("no boot stage");
-
+const kind = await chipOf(readFileSync(image));
 const output = openSync(trace, "w");
 let codes = [], chip, host, offsetCode = 0, isWiredWrong = false, socket = null, playedBefore = 0, flipDue = null;
 
@@ -45,21 +22,15 @@ function write() {
 
 /** Power-up, or a reset by the watchdog, which leaves its scratch registers and its cause. */
 function start(old) {
-  chip = new RP2040();
-  chip.logger = { debug() {}, info() {}, warn() {}, error: (where, what) => say({ error: `${where}: ${what}` }) };
-  chip.flash.set(flash);
-  chip.core.PC = 0x10000000;
-  // rp2040js 1.4.1 has the fraction of the DMA's pacing timers upside down (findings/rp2040js_dma_timer.sh).
-  chip.dma.getTimer = () => (((chip.dma.timer0 & 0xffff) / (chip.dma.timer0 >>> 16)) * 1e6) / chip.clkSys;
-  const watchdog = chip.peripherals[0x40058];
+  chip = kind.start(say);
+  const { watchdog } = chip;
   if (old) {
     watchdog.scratchData.set(old.scratchData);
     watchdog.reason = old.reason;
   }
   // Thrown, as the emulator would call it again at once: the chip is left as it is.
   watchdog.onWatchdogTrigger = () => {
-    const { wdsel } = chip.peripherals[0x40010];
-    if ((wdsel & ALL_BUT_OSCILLATORS) === ALL_BUT_OSCILLATORS) throw watchdog;
+    if (chip.isReset()) throw watchdog;
     say({ error: "the watchdog resets nothing" });
   };
   let code = 0;
@@ -183,16 +154,16 @@ function run() {
   const until = chip.clock.nanos + 1e7;
   try {
     while (chip.clock.nanos < until) {
-      const { core } = chip;
+      const { processor } = chip;
       // A processor that sleeps with interrupts held back wakes for one that has come before, too.
-      if (core.waiting && core.interruptsUpdated && core.checkForInterrupts()) core.waiting = false;
-      if (core.waiting && flipDue) {
+      if (processor.waiting && kind.wakes(chip)) processor.waiting = false;
+      if (processor.waiting && flipDue) {
         chip.sram[flipDue.address] ^= 1 << flipDue.bit;
         flipDue = null;
       }
-      const isHeld = chip.isLoopHung && core.IPSR === 0 && !core.PM && !core.waiting && !core.checkForInterrupts();
-      if (core.waiting || chip.isHung || isHeld || chip.clock.nanos < chip.stallsUntil) chip.clock.tick(chip.clock.nanosToNextAlarm || 1000);
-      else chip.clock.tick(chip.core.executeInstruction() * NANOSECONDS);
+      const isHeld = chip.isLoopHung && kind.isInLoop(chip);
+      if (processor.waiting || chip.isHung || isHeld || chip.clock.nanos < chip.stallsUntil) chip.clock.tick(chip.clock.nanosToNextAlarm || 1000);
+      else chip.clock.tick(processor.executeInstruction() * NANOSECONDS);
     }
   } catch (stopped) {
     if (!stopped.scratchData) throw stopped;

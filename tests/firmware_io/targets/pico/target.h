@@ -1,4 +1,4 @@
-/* An RP2040 that rp2040js emulates, started by the Pico's second stage; a breakpoint ends it. */
+/* An emulated RP2040 or RP2350, started by the Pico's boot.S; a breakpoint ends it. */
 #define FAR
 
 extern uint32_t stack_top, bss_begin, bss_end;
