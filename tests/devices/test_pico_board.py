@@ -308,13 +308,14 @@ def test_an_output_that_is_not_what_was_sent_ends_with_the_amplifier_off(own_boa
     own_board.wait("reset")
 
 
-def test_an_interrupt_that_comes_a_half_late_ends_in_one_frame_of_0_v(own_board):
+@pytest.mark.parametrize(("what", "fields"), [("stall", {"us": 4000}), ("fault", {})])
+def test_a_late_interrupt_and_a_fault_end_in_one_frame_of_0_v(own_board, what, fields):
     """The DMA repeats a half for 2.7 ms before a stall of 4 ms ends: the watchdog has 8 ms."""
     device = firmware_io.open_device(own_board.address)
     device.arm()
     device.write(sine(600))
     wait_for(lambda: own_board.output().any())
-    own_board.do("stall", us=4000)
+    own_board.do(what, **fields)
     while (off := own_board.wait("enable"))["enable"] == HIGH:
         pass
     reset = own_board.wait("reset")

@@ -7,6 +7,7 @@ import { createInterface } from "node:readline";
 import { chipOf } from "./chips.mjs";
 
 const NANOSECONDS = 8; // of a cycle at 125 MHz
+const HARD_FAULT = 3;
 const PIN_ENABLE = 6, PIN_MARK = 7, PIN_LED = 25;
 const [, , image, trace] = process.argv;
 const say = (what) => process.stdout.write(`${JSON.stringify(what)}\n`);
@@ -120,6 +121,11 @@ const commands = {
   hangLoop: () => {
     chip.isLoopHung = true;
     say({ hung: chip.clock.micros });
+  },
+  /** The processor meets a fault, whatever it does. */
+  fault: () => {
+    chip.core.exceptionEntry(HARD_FAULT);
+    chip.core.waiting = false;
   },
   /** The processor, and no other part, stands still for a while. */
   stall: ({ us }) => (chip.stallsUntil = chip.clock.nanos + us * 1000),
