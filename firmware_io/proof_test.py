@@ -76,7 +76,7 @@ def proof_test(link: Link, clock: Callable[[], float] = HOST_CLOCK) -> list[Proo
     high, steep = codes.copy(), codes.copy()
     high[0] = -32768
     # At the lowest slew that the driver takes with its ceiling, one step to that is too steep.
-    steep[0] = max(1, about.ceiling_mv * 32767 // about.full_scale_mv)
+    steep[0] = max(1, _ceiling_mv(about) * 32767 // about.full_scale_mv)
     cases = (
         ("a sample above the ceiling", FaultCode.CEILING, (high, 0, 0, b"")),
         ("a step above the slew", FaultCode.SLEW, (steep, 0, 0, b"")),
@@ -90,6 +90,11 @@ def proof_test(link: Link, clock: Callable[[], float] = HOST_CLOCK) -> list[Proo
         proofs.append(Proof(f"{what} ends the output", due.name in seen, seen))
     session.begin()
     return proofs
+
+
+def _ceiling_mv(about: CapabilitiesReport) -> int:
+    """Highest ceiling of a session: an amplifier may reach less than the driver's own ceiling."""
+    return min(about.ceiling_mv, about.full_scale_mv)
 
 
 class _Session:
@@ -137,10 +142,10 @@ class _Session:
         rate = about.rates[0]
         mode = min(rate.modes)
         ticks = (about.output_rate_hz * 5 + 999) // 1000
-        step = -(-(about.ceiling_mv * 32767 // about.full_scale_mv) // ticks)
+        step = -(-(_ceiling_mv(about) * 32767 // about.full_scale_mv) // ticks)
         lowest = -(-step * about.output_rate_hz * about.full_scale_mv // 32_767_000)
         carrier = 1_000_000 if mode is StreamMode.ENVELOPE else 0
-        limits = (about.full_scale_mv, about.ceiling_mv, max(1, lowest))
+        limits = (about.full_scale_mv, _ceiling_mv(about), max(1, lowest))
         self._say(Setup(mode, about.max_watchdog_ms, rate.sample_rate_hz, *limits, carrier, 0, 0))
         self._say(Arm())
         self._sequence += skipped

@@ -17,8 +17,9 @@ from firmware_io.proof_test import proof_test
 from haptix.tasks.cli.application import app
 
 
-def test_each_limit_trips_without_a_volt():
-    driver = MockDriver(pace="stepped", tests_itself=True)
+@pytest.mark.parametrize("full_scale_v", [20.0, 150.0, 200.0, 250.0, 1000.0])
+def test_each_limit_trips_without_a_volt(full_scale_v):
+    driver = MockDriver(pace="stepped", tests_itself=True, full_scale_v=full_scale_v)
     proofs = {proof.what: proof for proof in proof_test(MockLink(driver), driver.clock)}
     assert len(proofs) == 9
     assert all(proof.holds for proof in proofs.values()), proofs
