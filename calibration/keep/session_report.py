@@ -415,7 +415,8 @@ class _Sheets:
         text. Empty lines are left out.
         """
         table: list[dict[str, str]] = []
-        for line in [*(line.strip() for line in text.splitlines()), ""]:
+        lines = (line.strip() for line in text.splitlines())
+        for line in [*(line for line in lines if line), ""]:
             if table and not line.startswith("|"):
                 self._table(table)
                 table = []
@@ -446,7 +447,8 @@ class _Sheets:
     def _table(self, rows: Sequence[dict[str, str]]) -> None:
         """Write rows below their headings, as wide as their texts."""
         heads = list(rows[0])
-        widths = np.array([max(len(h), *(len(r[h]) for r in rows)) + 1.5 for h in heads])
+        # Headings are bold, and a sixth wider than texts of as many characters.
+        widths = np.array([max(1.17 * len(h), *(len(r[h]) for r in rows)) + 1.5 for h in heads])
         starts = np.concatenate([[0], np.cumsum(widths)[:-1]]) / max(widths.sum(), _CHARACTERS)
         size = min(8.0, 8.0 * _CHARACTERS / widths.sum())
         self.line(list(zip(starts, heads, strict=True)), size, bold=True)
@@ -482,13 +484,27 @@ class CertificateText(Document):
 
 
 def stated(value: float, expanded: float, unit: str = "") -> str:
-    """Return a value with its uncertainty, which has two digits (GUM 7.2.6)."""
+    """Return a value with its uncertainty, which has two digits (GUM 7.2.6).
+
+    Examples
+    --------
+    >>> stated(5.71e-7, 1.63e-7, "m")
+    '(570 ± 160) nm'
+    >>> stated(0.2416, 0.0037, "1")
+    '0.2416 ± 0.0037'
+    """
     unit = "" if unit == "1" else unit
     power = 3 * floor(log10(abs(value)) / 3) if value and not 1e-2 <= abs(value) < 1e4 else 0
-    digits = max(0, 1 - floor(log10(expanded / 10**power))) if expanded > 0 else 3
-    numbers = (f"{number / 10**power:.{digits}f}" for number in (value, expanded))
-    text = " ± ".join(numbers)
-    return f"({text})e{power} {unit}".strip() if power else f"{text} {unit}".strip()
+    digits = 1 - floor(log10(expanded / 10**power)) if expanded > 0 else 3
+    rounded = (round(number / 10**power, digits) for number in (value, expanded))
+    text = " ± ".join(f"{number:.{max(0, digits)}f}" for number in rounded)
+    if power == 0:
+        return f"{text} {unit}".strip()
+    prefix = _PREFIXES.get(power) if unit == "m" else None
+    return f"({text}) {prefix}m" if prefix else f"({text})e{power} {unit}".strip()
+
+
+_PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m"}
 
 
 def _result(budget: Budget) -> dict[str, str]:

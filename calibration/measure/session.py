@@ -269,7 +269,7 @@ class Instruments(Document):
             if name == DRIVER:
                 continue
             instrument = known.get((name, serial))
-            said = f"{name} {serial}: it is not in the file of instruments"
+            said = f'no instrument of the file has name = "{name}" and serial = "{serial}"'
             faults.append(said if instrument is None else instrument.fault(day))
         return [fault for fault in faults if fault]
 

@@ -4,13 +4,16 @@ import json
 import re
 import shutil
 from functools import partial
+from itertools import pairwise
 
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from typer.testing import CliRunner
 
 import haptix
 from calibration import Fit, Protocol, Session, steps
 from calibration.keep.practice import VIRTUAL_RIG
+from calibration.keep.session_report import _Sheets
 from calibration.measure.rig import RIG
 from calibration.steps import RESTS_ON, fit_folder, reduce_folder, verify_folder
 from haptix.base.errors import InputError
@@ -190,6 +193,18 @@ def certify(folder):
         ("panel 7", "practice", "a practice, of no panel")  # by a virtual finger
     ]
     assert "panel 7" in (folder.parent / "panels.html").read_text()
+
+
+def test_rows_of_a_certificate_stand_in_one_table_beneath_headings_that_do_not_touch():
+    sheets = _Sheets("foot")
+    sheets.write("| quantity = mu(0) | degrees of freedom = 19 | k = 2 |\n\n| quantity = h0 |"
+                 " degrees of freedom = 7 | k = 3 |\n")  # fmt: skip
+    (page,) = sheets._figures
+    shown = [text.get_text() for text in page.texts]
+    assert shown == ["quantity", "degrees of freedom", "k", "mu(0)", "19", "2", "h0", "7", "3"]
+    renderer = FigureCanvasAgg(page).get_renderer()
+    heads = [text.get_window_extent(renderer) for text in page.texts[:3]]
+    assert all(left.x1 + 5 < right.x0 for left, right in pairwise(heads))  # of 600 pixels
 
 
 @pytest.mark.slow

@@ -220,7 +220,11 @@ def instrument(**fields):
     ("used", "day", "said"),
     [
         ({"force sensor": "FT1", "driver": "7"}, DAY, ""),
-        ({"force sensor": "FT2"}, DAY, "FT2: it is not in the file"),
+        (
+            {"force sensor": "FT2"},
+            DAY,
+            'no instrument of the file has name = "force sensor" and serial = "FT2"',
+        ),
         ({"force sensor": "FT1"}, DAY + timedelta(days=366), "expired on 2027-03-01"),
         ({"force sensor": "FT1"}, DAY - timedelta(days=1), "was a clock set back?"),
     ],
@@ -241,5 +245,5 @@ def test_the_command_refuses_an_expired_instrument(tmp_path, finger):
     run = ["run", str(tmp_path / "s"), "--name", "x", "--practice", "--yes"]
     run += ["--finger", str(tmp_path / "finger.toml")]
     refused = CliRunner().invoke(app, [*run, "--instruments", str(path)])
-    assert "not in the file of instruments" in str(refused.exception)
+    assert "no instrument of the file has" in str(refused.exception)
     assert not (tmp_path / "s" / "strokes").exists()
