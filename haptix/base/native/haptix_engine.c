@@ -5,21 +5,26 @@
 
 #include "haptix_program.h"
 
-enum { PLACES = HX_FINGERS * HX_POINTS, ROWS = 13 };
+enum { PLACES = HX_FINGERS * HX_POINTS, ROWS = 13, KEPT = 4 };
 
 static const double first_interval_s = 1.0 / 60; /* as haptix.play.touch.touches */
+static const double slow_mm_s = 2.0;     /* as haptix.feel.motion.block.SLOW_MM_PER_S */
+static const int64_t most_bytes = 1 << 30;
 static const double lightest_n = 1e-3, hardest_n = 100.0, latest_s = 1e10, largest_mm = 1e4;
 
 typedef struct {
     int64_t id, is_used, is_down, is_known, is_new; /* is_known: its track has been played */
     hx_tracker tracker;
     double force_n;
+    int64_t is_force_known;
+    hx_touched reported; /* the last report, or is_down 0 */
+    int64_t recalled;    /* facts that are kept, of KEPT */
     hx_track track; /* as it has been predicted since the last block that knew of news */
 } touch;
 
 struct hx_engine {
     hx_program program;
-    int64_t multiplies, has_priorities, converts;
+    int64_t multiplies, has_priorities, converts, fades;
     double step_s, before_v;
     int64_t sample; /* the first of the next block */
     touch touches[HX_FINGERS];
@@ -30,6 +35,8 @@ struct hx_engine {
     double row[ROWS][PLACES];       /* space to compute in */
     double moved[(4 * HX_FINGERS + 1) * HX_POINTS + 3 * HX_FINGERS + 1];
     double friction[PLACES];
+    hx_facts *facts;  /* [HX_FINGERS][KEPT][1 + regions], of all and of each region; or NULL */
+    int8_t force_known[HX_FINGERS];
     double *seen;     /* rows for hx_feel, behind the numbers */
     double numbers[]; /* of hx_render: PLACES + HX_POINTS + HX_POINTS * step */
 };
@@ -37,10 +44,18 @@ struct hx_engine {
 /* What the rows hold. */
 enum { X, Y, VX, VY, VALUE, LOWEST, HIGHEST, LOCAL_X, LOCAL_Y, LOCAL_VX, LOCAL_VY, COVER, FELT };
 
-static int64_t own_size(int64_t step, int64_t depth)
+static int64_t facts_of(const uint8_t *program)
+{
+    int64_t regions = program[56] | (int64_t)program[57] << 8 | (int64_t)program[58] << 16 |
+                      (int64_t)program[59] << 24;
+    return hx_program_recalls(program) ? HX_FINGERS * KEPT * (1 + regions) : 0;
+}
+
+static int64_t own_size(int64_t step, int64_t depth, int64_t facts)
 {
     int64_t numbers = PLACES + HX_POINTS * (1 + step) + PLACES * HX_SEEN_ROWS * depth;
-    return ((int64_t)offsetof(struct hx_engine, numbers) + 8 * numbers + 7) / 8 * 8;
+    return ((int64_t)offsetof(struct hx_engine, numbers) + 8 * numbers + 7) / 8 * 8 +
+           facts * (int64_t)sizeof(hx_facts);
 }
 
 static int64_t step_of(const uint8_t *program)
@@ -51,7 +66,10 @@ static int64_t step_of(const uint8_t *program)
 int64_t hx_engine_size(const uint8_t *program, int64_t size)
 {
     int64_t contents = hx_program_size(program, size);
-    return contents < 0 ? contents : contents + own_size(step_of(program), hx_program_depth(program));
+    if (contents < 0)
+        return contents;
+    contents += own_size(step_of(program), hx_program_depth(program), facts_of(program));
+    return contents > most_bytes ? HX_TOO_LARGE : contents;
 }
 
 hx_engine *hx_engine_open(const uint8_t *program, int64_t size, void *memory)
@@ -59,16 +77,21 @@ hx_engine *hx_engine_open(const uint8_t *program, int64_t size, void *memory)
     (void)size;
     hx_engine *e = memory;
     memset(e, 0, sizeof *e);
-    int64_t step = step_of(program), size_of_all = own_size(step, hx_program_depth(program));
+    int64_t step = step_of(program), depth = hx_program_depth(program);
+    int64_t facts = facts_of(program), size_of_all = own_size(step, depth, facts);
     hx_program_read(program, &e->program, (uint8_t *)memory + size_of_all);
     e->seen = e->numbers + PLACES + HX_POINTS * (1 + step);
+    if (facts)
+        e->facts = (hx_facts *)(void *)((uint8_t *)memory + size_of_all) - facts;
     const hx_program *p = &e->program;
     e->step_s = (double)p->rendering.step / p->sample_rate_hz;
     e->interval_s = first_interval_s;
     for (int64_t i = 0; i < p->regions; i++) {
         e->multiplies |= p->region[i].blend == BLEND_MULTIPLY;
         e->has_priorities |= p->region[i].priority != 0;
+        e->fades |= hx_feels_rest(p, p->region[i].material);
     }
+    e->converts = e->fades;
     for (int64_t i = 0; i < p->materials; i++)
         e->converts |= p->material[i].target != p->rendering.target;
     return e;
@@ -79,15 +102,25 @@ static int is_near(double x_mm, double y_mm)
     return fabs(x_mm) <= HX_FARTHEST_MM && fabs(y_mm) <= HX_FARTHEST_MM; /* false for NaN */
 }
 
-/* Convert numbers of a target to the target of all; see Layout._converted. */
-static void convert(const hx_engine *e, int64_t target, int64_t n, double *value)
+/* Convert numbers of a material to the target of all; beside a region that drives fingers at rest
+ * they fade out at rest. See Layout._converted. */
+static void convert(const hx_engine *e, int64_t material, const hx_motion *on, double *value)
 {
-    int64_t to = e->program.rendering.target;
-    if (target == to)
+    const hx_program *p = &e->program;
+    int64_t from = p->material[material].target, to = p->rendering.target;
+    int fades = e->fades && !hx_feels_rest(p, material);
+    if (from == to && !fades)
         return;
-    for (int64_t i = 0; i < n; i++) {
+    for (int64_t i = 0; i < on->fingers * on->points; i++) {
+        double speed = hypot(on->vx_mm_s[i], on->vy_mm_s[i]);
+        double share = fades ? fmin(sqrt(2.0) * speed / hypot(speed, slow_mm_s), 1.0) : 1.0;
+        if (from == to && to != TARGET_MU) {
+            value[i] *= share;
+            continue;
+        }
         double lowest = e->row[LOWEST][i], highest = e->row[HIGHEST][i];
-        double mu = hx_as_mu(target, value[i], lowest, highest);
+        double mu = hx_as_mu(from, value[i], lowest, highest);
+        mu = fades ? lowest + (mu - lowest) * share : mu;
         value[i] = to == TARGET_MU         ? mu
                    : to == TARGET_CONTRAST ? mu / lowest - 1
                                            : (mu - lowest) / fmax(highest - lowest, 1e-12);
@@ -183,10 +216,16 @@ static void lay(hx_engine *e, const hx_region *r, const hx_motion *screen)
         for (int64_t i = 0; i < n; i++)
             cover[i] *= fmin(fmax(felt[i], 0.0), 1.0);
     }
+    hx_history history[HX_FINGERS];
+    for (int64_t k = 0; on.history && k < on.fingers; k++) {
+        history[k] = screen->history[k];
+        history[k].first += 1 + (r - p->region);
+    }
+    on.history = on.history ? history : NULL;
     on.footprint_mm = within_mm;
     hx_feel(p, r->material, &on, e->seen, felt);
     if (r->blend != BLEND_MULTIPLY)
-        convert(e, p->material[r->material].target, n, felt);
+        convert(e, r->material, &on, felt);
     for (int64_t i = 0; i < n; i++)
         value[i] += cover[i] * (blended(r->blend, value[i], felt[i]) - value[i]);
 }
@@ -211,7 +250,7 @@ static void want(hx_engine *e, const hx_motion *motion)
     if (e->multiplies)
         screen.footprint_mm *= 2;
     hx_feel(p, p->background, &screen, e->seen, value);
-    convert(e, below->target, n, value);
+    convert(e, p->background, &screen, value);
     for (int64_t i = 0; i < p->regions; i++)
         lay(e, &p->region[i], &screen);
     for (int64_t i = 0; i < n; i++)
@@ -365,11 +404,132 @@ const hx_felt *hx_engine_block(hx_engine *e, int64_t points)
         e->row[VX][i] = vx[i / points];
         e->row[VY][i] = vy[i / points];
     }
+    int64_t each = 1 + e->program.regions;
+    hx_history history[HX_FINGERS];
+    for (int64_t k = 0; k < n; k++) {
+        int64_t number = e->order[(int64_t)vy[n + k]];
+        const touch *t = &e->touches[number];
+        hx_history of_finger = {e->facts + number * KEPT * each, t->recalled, each};
+        e->force_known[k] = (int8_t)t->is_force_known;
+        if (e->facts)
+            history[k] = of_finger;
+    }
     hx_motion motion = {
         n, points, numbers, numbers + size, e->row[VX], e->row[VY], numbers + 2 * size,
-        vy[2 * n] * e->step_s, e->step_s, t0_s,
+        vy[2 * n] * e->step_s, e->step_s, t0_s, e->force_known, e->facts ? history : NULL,
     };
     return hx_engine_play(e, &motion, numbers + 3 * size);
+}
+
+/* What fingers did. */
+
+static const hx_facts nothing = {0.0, {NAN, NAN, NAN, NAN}, NAN};
+
+static int is_later(double now_s, double before_s) { return !isnan(now_s) && !(now_s <= before_s); }
+
+/* Take over the times of events that are newer; see LayoutFacts.newest. */
+static void take_newer(hx_facts *all, const hx_facts *facts)
+{
+    if (is_later(facts->time_s[HX_DETENT], all->time_s[HX_DETENT]))
+        all->detent = facts->detent;
+    for (int k = 0; k < HX_EVENTS; k++)
+        if (is_later(facts->time_s[k], all->time_s[k]))
+            all->time_s[k] = facts->time_s[k];
+}
+
+static int differ(double one, double other) { return one != other && !(isnan(one) && isnan(other)); }
+
+static hx_touched seen_report(const hx_region *r, const hx_touched *report)
+{
+    hx_touched seen = *report;
+    see(r, &report->x_mm, &report->y_mm, r->x_mm, r->y_mm, 1, &seen.x_mm, &seen.y_mm);
+    double width = r->width_mm, height = r->height_mm, x = seen.x_mm, y = seen.y_mm;
+    int is_on = r->shape == SHAPE_RECTANGLE ? x >= 0.0 && x <= width && y >= 0.0 && y <= height
+                : r->shape == SHAPE_ELLIPSE ? hypot(2 * x / width - 1, 2 * y / height - 1) <= 1.0
+                                            : covered(r, x, y, 0.0) >= 0.5;
+    seen.is_down = report->is_down && r->opacity > 0.0 && is_on;
+    return seen;
+}
+
+/* Facts of all regions after a report, of [0] what is newest; see Layout.react. A region has none
+ * where the finger never came down on it. */
+static void react(const hx_engine *e, hx_facts *facts, const hx_touched *before,
+                  const hx_touched *now)
+{
+    const hx_program *p = &e->program;
+    if (!p->is_layout) {
+        hx_react(p, p->background, facts, before, now);
+        return;
+    }
+    for (int64_t k = 0; k < p->regions; k++) {
+        const hx_region *r = &p->region[k];
+        hx_facts *of = &facts[1 + k];
+        int is_known = !isnan(of->time_s[HX_DOWN]);
+        hx_touched here = seen_report(r, now), then;
+        if (!here.is_down && !is_known)
+            continue;
+        if (!is_known) {
+            *of = nothing;
+            of->time_s[HX_DOWN] = now->t_s;
+        } else if (before)
+            then = seen_report(r, before);
+        hx_react(p, r->material, of, is_known && before ? &then : NULL, &here);
+        take_newer(facts, of);
+        if (!here.is_down)
+            *of = nothing;
+    }
+}
+
+/* Keep what a report changes, from the first time on that can still be played; see
+ * haptix.feel.motion.block.Reactions. */
+static void recall(hx_engine *e, touch *t, const hx_touched *now)
+{
+    if (!e->facts)
+        return;
+    int64_t each = 1 + e->program.regions;
+    size_t bytes = sizeof(hx_facts) * (size_t)each;
+    hx_facts *kept = e->facts + (t - e->touches) * KEPT * each;
+    double playable_s = now_s(e), since_s = INFINITY;
+    while (t->recalled > 1 && (kept[each].since_s <= playable_s || t->recalled == KEPT)) {
+        memmove(kept, kept + each, bytes * (size_t)(t->recalled - 1));
+        t->recalled--;
+    }
+    hx_facts *facts = kept + t->recalled * each, then;
+    if (t->recalled) {
+        memcpy(facts, facts - each, bytes);
+        then = *facts;
+    } else {
+        for (int64_t k = 0; k < each; k++)
+            facts[k] = nothing;
+        facts->time_s[HX_DOWN] = now->t_s;
+        then = nothing;
+    }
+    react(e, facts, t->reported.is_down ? &t->reported : NULL, now);
+    t->reported = *now;
+    hx_facts all = facts[0];
+    int is_new[HX_EVENTS], any = 0;
+    for (int i = 0; i < HX_EVENTS; i++) {
+        is_new[i] = differ(all.time_s[i], then.time_s[i]);
+        any |= is_new[i];
+        if (is_new[i])
+            since_s = fmin(since_s, all.time_s[i]);
+    }
+    if (t->recalled && !any && !differ(all.detent, then.detent))
+        return;
+    since_s = any ? since_s : now->t_s;
+    if (since_s < playable_s) {
+        since_s = playable_s;
+        for (int64_t k = 0; k < each; k++)
+            for (int i = 0; i < HX_EVENTS; i++)
+                if (is_new[i] && (k == 0 || facts[k].time_s[i] == all.time_s[i]))
+                    facts[k].time_s[i] = fmax(all.time_s[i], playable_s);
+    }
+    for (int64_t k = 0; k < each; k++)
+        facts[k].since_s = since_s;
+    if (t->recalled && facts[0].since_s == (facts - each)->since_s)
+        memcpy(facts - each, facts, bytes); /* the later one holds */
+    else
+        t->recalled++;
 }
 
 /* The touch of an id that is down, or an unused one; NULL if all are used. */
@@ -400,20 +560,27 @@ int64_t hx_engine_touch(hx_engine *e, int64_t touch_id, double t_s, double x_mm,
             return 0;
         memset(t, 0, offsetof(touch, tracker));
         memset(&t->track, 0, sizeof t->track);
+        memset(&t->reported, 0, sizeof t->reported);
+        t->recalled = 0;
         t->id = touch_id;
         t->is_used = t->is_down = 1;
         t->force_n = is_force ? force_n : e->program.assumed_n;
+        t->is_force_known = is_force;
         hx_tracker_start(settings, &t->tracker, e->interval_s, t_s, x_mm, y_mm);
         e->order[e->down++] = t - e->touches;
     } else if (is_down) {
         if (!hx_tracker_push(settings, &t->tracker, t_s, x_mm, y_mm))
             return 0;
-        if (is_force && t->tracker.is_latest)
+        if (is_force && t->tracker.is_latest) {
             t->force_n = force_n;
+            t->is_force_known = 1;
+        }
     } else {
         t->is_down = 0;
         e->interval_s = t->tracker.interval_s;
     }
+    hx_touched now = {t->tracker.now.used_t_s, x_mm, y_mm, is_force ? force_n : NAN, is_down};
+    recall(e, t, &now);
     t->is_new = 1;
     return 1;
 }

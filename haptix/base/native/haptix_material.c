@@ -253,13 +253,70 @@ static double curve_at(const hx_material *m, double age_s)
     return part > 0.0 ? part * (m->number[cell + 1] - low) + low : low;
 }
 
+/* Facts of a finger at a time. */
+static const hx_facts *facts_at(const hx_motion *on, int64_t finger, double t_s)
+{
+    static const hx_facts nothing = {0, {NAN, NAN, NAN, NAN}, NAN};
+    if (on->history) {
+        const hx_history *history = &on->history[finger];
+        for (int64_t i = history->count - 1; i >= 0; i--)
+            if (history->first[i * history->stride].since_s <= t_s)
+                return &history->first[i * history->stride];
+    }
+    return &nothing;
+}
+
 static void feel_curve(const hx_program *p, const hx_material *m, const hx_motion *on, double *rows,
                        double *value)
 {
     multiply(p, m, on, rows, value);
     for (int64_t i = 0; i < on->fingers * on->points; i++) {
+        double t_s = on->start_s + on->step_s * (double)(i % on->points + 1), began_s = 0.0;
+        if (m->begins)
+            began_s = facts_at(on, i / on->points, t_s)->time_s[m->begins - 1];
+        value[i] *= curve_at(m, t_s - began_s);
+    }
+}
+
+/* Buttons. */
+
+static const double edge_mm = 0.3, rises_from = 0.3; /* as haptix.feel.materials.controls */
+static const double drop_s = 1e-3, low_s = 0.03, rise_s = 0.1;
+
+static double inside_mm(const hx_material *m, double x_mm, double y_mm)
+{
+    return fmin(fmin(x_mm, m->width_mm - x_mm), fmin(y_mm, m->height_mm - y_mm));
+}
+
+static double dropped(double since_s) { return clipped(1 - since_s / drop_s, 0.0, 1.0); }
+
+static double risen(double since_s) { return clipped((since_s - low_s) / rise_s, 0.0, 1.0); }
+
+/* Level of the face: by force until it is pressed, then by the time since that. */
+static double pressing(const hx_facts *facts, double t_s, double by_force)
+{
+    double press_s = facts->time_s[HX_PRESS], release_s = facts->time_s[HX_RELEASE];
+    if (t_s - press_s >= 0.0 && !(release_s >= press_s))
+        return fmax(dropped(t_s - press_s), risen(t_s - press_s));
+    if (t_s - release_s >= 0.0)
+        return fmax(dropped(t_s - release_s), by_force * risen(t_s - release_s));
+    return by_force;
+}
+
+static void feel_button(const hx_material *m, const hx_motion *on, double *value)
+{
+    double ramp = fmax(edge_mm, 4 * on->footprint_mm), start = rises_from * m->press_n;
+    for (int64_t i = 0; i < on->fingers * on->points; i++) {
+        int64_t finger = i / on->points;
         double t_s = on->start_s + on->step_s * (double)(i % on->points + 1);
-        value[i] *= curve_at(m, t_s);
+        double depth = inside_mm(m, on->x_mm[i], on->y_mm[i]);
+        double inside = clipped(0.5 + depth / ramp, 0.0, 1.0);
+        double face = clipped(0.5 + (depth - m->ramp_mm) / ramp, 0.0, 1.0);
+        double speed = hypot(on->vx_mm_s[i], on->vy_mm_s[i]), by_force = 0.0;
+        if (!on->force_known || on->force_known[finger])
+            by_force = clipped((on->force_n[i] - start) / (m->press_n - start), 0.0, 1.0);
+        double pressed = pressing(facts_at(on, finger, t_s), t_s, by_force);
+        value[i] = scaled(m, fmax((inside - face) * unit(speed, speed), face * pressed));
     }
 }
 
@@ -287,6 +344,15 @@ static void moved_at(const hx_material *m, double t_s, double *place, double *ra
     }
 }
 
+/* A place in the axes of a material that has moved. */
+static void seen_at(const hx_material *m, const double *moved, double *x_mm, double *y_mm)
+{
+    double c = cos(moved[2]), s = sin(moved[2]);
+    double dx = *x_mm - (moved[0] + m->about_x_mm), dy = *y_mm - (moved[1] + m->about_y_mm);
+    *x_mm = dx * c + dy * s + m->about_x_mm;
+    *y_mm = dy * c - dx * s + m->about_y_mm;
+}
+
 static void feel_moving(const hx_program *p, const hx_material *m, const hx_motion *on, double *rows,
                         double *value)
 {
@@ -300,8 +366,9 @@ static void feel_moving(const hx_program *p, const hx_material *m, const hx_moti
         double dy = on->y_mm[i] - (place[1] + m->about_y_mm);
         double along = on->vx_mm_s[i] - rate[0] + rate[2] * dy;
         double down = on->vy_mm_s[i] - rate[1] - rate[2] * dx;
-        x[i] = dx * c + dy * s + m->about_x_mm;
-        y[i] = dy * c - dx * s + m->about_y_mm;
+        x[i] = on->x_mm[i];
+        y[i] = on->y_mm[i];
+        seen_at(m, place, &x[i], &y[i]);
         vx[i] = along * c + down * s;
         vy[i] = down * c - along * s;
         fastest = fmax(fastest, hypot(vx[i], vy[i]));
@@ -329,8 +396,140 @@ void hx_feel(const hx_program *p, int64_t material, const hx_motion *on, double 
     case KIND_BY_FORCE: feel_by_curve(p, m, on, rows, value); break;
     case KIND_CURVE: feel_curve(p, m, on, rows, value); break;
     case KIND_MOVING: feel_moving(p, m, on, rows, value); break;
+    case KIND_BUTTON: feel_button(m, on, value); break;
     default:
         for (int64_t i = 0; i < on->fingers * on->points; i++)
             value[i] = m->outside;
     }
+}
+
+int hx_feels_rest(const hx_program *p, int64_t material)
+{
+    while (p->material[material].of >= 0)
+        material = p->material[material].of;
+    return p->material[material].kind == KIND_BUTTON;
+}
+
+/* What a finger did. */
+
+static const double hysteresis = 0.05; /* of the pitch, past a ridge's top */
+
+/* Place along the detents, in detents. */
+static double detent_at(const hx_material *m, double x_mm, double y_mm)
+{
+    if (m->kind == KIND_TOGGLE)
+        return fmin(fmax(0.5 + (x_mm - m->width_mm / 2) / m->height_mm, 0.0), 1.0);
+    if (m->kind == KIND_DIAL)
+        return atan2(y_mm - m->about_y_mm, x_mm - m->about_x_mm) * (double)m->numbers / two_pi;
+    double along = x_mm * m->cosine + y_mm * m->sine;
+    int64_t next = above(m->number, m->numbers, along, 0);
+    if (next == 0 || next == m->numbers)
+        return next == 0 ? 0.0 : (double)(m->numbers - 1);
+    double low = m->number[next - 1];
+    return (along - low) / (m->number[next] - low) + (double)(next - 1);
+}
+
+static double modulo(double value, double of)
+{
+    double rest = fmod(value, of);
+    return rest < 0.0 ? rest + of : rest;
+}
+
+static double detents_between(const hx_material *m, double before, double now)
+{
+    double turn = (double)m->numbers, half = turn / 2;
+    return m->kind == KIND_DIAL ? modulo(now - before + half, turn) - half : now - before;
+}
+
+/* Count a detent as crossed when the finger has passed the ridge before it. */
+static void react_control(const hx_material *m, hx_facts *facts, const hx_touched *before,
+                          const hx_touched *now)
+{
+    if (!now->is_down)
+        return;
+    double place = detent_at(m, now->x_mm, now->y_mm);
+    if (isnan(facts->detent)) {
+        facts->detent = rint(place);
+        return;
+    }
+    double away = detents_between(m, facts->detent, place), steps = rint(away), at_s = now->t_s;
+    if (!(fabs(away) >= 0.5 + hysteresis))
+        return;
+    if (before) { /* when it passed the top of the last ridge */
+        double was = detent_at(m, before->x_mm, before->y_mm);
+        double start = detents_between(m, facts->detent, was);
+        double top = steps > 0.0 ? steps - 0.5 : steps + 0.5;
+        double part = away != start ? (top - start) / (away - start) : 1.0;
+        at_s = before->t_s + fmin(fmax(part, 0.0), 1.0) * (now->t_s - before->t_s);
+    }
+    facts->detent += steps;
+    if (m->kind == KIND_DIAL)
+        facts->detent = modulo(facts->detent, (double)m->numbers);
+    facts->time_s[HX_DETENT] = at_s;
+}
+
+/* When the force went through a value between two reports; NaN if it did not. */
+static double crossing(const hx_touched *before, const hx_touched *now, double force_n)
+{
+    if (!before || isnan(before->force_n))
+        return NAN;
+    double first = before->force_n - force_n, last = now->force_n - force_n;
+    if (first * last > 0.0 || first == last || first == 0.0)
+        return NAN;
+    return before->t_s + (now->t_s - before->t_s) * first / (first - last);
+}
+
+static int is_on_face(const hx_material *m, const hx_touched *at)
+{
+    return inside_mm(m, at->x_mm, at->y_mm) >= m->ramp_mm;
+}
+
+static void react_button(const hx_material *m, hx_facts *facts, const hx_touched *before,
+                         const hx_touched *now)
+{
+    double *press_s = &facts->time_s[HX_PRESS], *release_s = &facts->time_s[HX_RELEASE];
+    int is_pressed = !isnan(*press_s) && !(*release_s >= *press_s);
+    if (isnan(now->force_n) || !now->is_down || !is_on_face(m, now)) {
+        if (is_pressed)
+            *release_s = now->t_s;
+        return;
+    }
+    double at_s = crossing(before, now, is_pressed ? m->release_n : m->press_n);
+    if (is_pressed) {
+        if (!isnan(at_s) && !(now->force_n > m->release_n))
+            *release_s = at_s;
+    } else if (now->force_n >= m->press_n) {
+        if (!before)
+            *press_s = now->t_s;
+        else if (!isnan(at_s) && is_on_face(m, before))
+            *press_s = at_s;
+    }
+}
+
+static hx_touched moved_report(const hx_material *m, hx_touched report)
+{
+    double place[3], rate[3];
+    moved_at(m, report.t_s, place, rate);
+    seen_at(m, place, &report.x_mm, &report.y_mm);
+    return report;
+}
+
+void hx_react(const hx_program *p, int64_t material, hx_facts *facts, const hx_touched *before,
+              const hx_touched *now)
+{
+    hx_touched then, here = *now;
+    const hx_material *m = &p->material[material];
+    if (before)
+        then = *before;
+    for (; m->of >= 0; m = &p->material[m->of])
+        if (m->kind == KIND_MOVING) {
+            here = moved_report(m, here);
+            if (before)
+                then = moved_report(m, then);
+        }
+    before = before ? &then : NULL;
+    if (m->kind == KIND_BUTTON)
+        react_button(m, facts, before, &here);
+    else if (m->kind == KIND_SLIDER || m->kind == KIND_TOGGLE || m->kind == KIND_DIAL)
+        react_control(m, facts, before, &here);
 }

@@ -193,12 +193,28 @@ int64_t hx_engine_touch(hx_engine *engine, int64_t touch_id, double t_s, double 
 /* Play the next control points, 1 to HX_POINTS. */
 const hx_felt *hx_engine_block(hx_engine *engine, int64_t points);
 
+/* What a finger did on a material, as haptix.feel.motion.Facts: times are NaN until it happens. */
+enum { HX_DOWN = 0, HX_PRESS = 1, HX_RELEASE = 2, HX_DETENT = 3, HX_EVENTS = 4 };
+
+typedef struct {
+    double since_s;         /* from when on these hold */
+    double time_s[4], detent; /* of each event; number of the last detent */
+} hx_facts;
+
+/* Facts of one finger in the order of time, `stride` apart. */
+typedef struct {
+    const hx_facts *first;
+    int64_t count, stride;
+} hx_history;
+
 /* Fingers during a block; arrays of fingers * points go finger after finger. */
 typedef struct {
     int64_t fingers, points; /* 0 to HX_FINGERS, 1 to HX_POINTS */
     const double *x_mm, *y_mm, *vx_mm_s, *vy_mm_s, *force_n;
     double footprint_mm;    /* the way of the fastest from one point to the next */
     double step_s, start_s; /* time between points, and one step before the first */
+    const int8_t *force_known;  /* [fingers] whether it was measured; NULL: of all */
+    const hx_history *history;  /* [fingers]; NULL: nothing has happened */
 } hx_motion;
 
 /* The same for fingers in a given motion, with the share of its amplitude that each gets. */

@@ -7,7 +7,7 @@
 
 enum { VERSION = 2, HEADER = 328, MATERIAL = 128, REGION = 88, CHECKED_FROM = 16 };
 
-enum { COMPRESSES = 1, DRIVES_AT_REST = 2 };
+enum { COMPRESSES = 1, DRIVES_AT_REST = 2, IS_LAYOUT = 4 };
 
 static const uint8_t magic[8] = {137, 'H', 'X', 'P', 13, 10, 26, 10};
 static const uint32_t no_material = 0xFFFFFFFFu;
@@ -157,8 +157,11 @@ static int can_be(const file *f, const uint8_t *m, uint32_t number)
     case KIND_DIAL: return count >= 1 && are_between(m + 72, 3, 1e-9, 1e6);
     case KIND_BY_SPEED:
     case KIND_BY_FORCE: return count >= 2 && rises(first, count);
+    case KIND_BUTTON:
+        return are_between(m + 80, 2, 1e-9, 1e6) && is_between(real_at(m + 72), 0.0, 1e6) &&
+               are_between(m + 96, 2, 1e-9, 1e6);
     case KIND_CURVE:
-        return count >= 1 && is_between(real_at(m + 64), 1.0, 1e6) &&
+        return count >= 1 && uint_at(m + 44) <= HX_EVENTS && is_between(real_at(m + 64), 1.0, 1e6) &&
                is_between(real_at(m + 72), 0.0, 1e6);
     case KIND_MOVING:
         return uint_at(m + 44) <= 1 &&
@@ -265,7 +268,7 @@ static int is_possible(const file *f)
     int64_t forces = uint_at(h + 36), drives = uint_at(h + 40);
     uint32_t step = uint_at(h + 20), wave = uint_at(h + 48), slice_at = uint_at(h + 64);
     if (step < 1 || step > longest_step || uint_at(h + 24) > TARGET_SHARE || uint_at(h + 28) > 2 ||
-        uint_at(h + 32) > 3 || forces < 1 || forces > most_nodes || drives < 2 ||
+        uint_at(h + 32) > 7 || forces < 1 || forces > most_nodes || drives < 2 ||
         drives > most_nodes || uint_at(h + 44) > 127 || wave < 1 || wave > most_nodes)
         return 0;
     if (!holds(f, slice_at, slice_doubles(h), 8) || !holds(f, uint_at(h + 68), wave, 8))
@@ -335,6 +338,16 @@ static double *taken(const uint8_t *from, int64_t count, uint8_t **memory)
         to[i] = real_at(from + 8 * i);
     *memory += 8 * count;
     return to;
+}
+
+int64_t hx_program_recalls(const uint8_t *bytes)
+{
+    for (uint32_t i = 0; i < uint_at(bytes + 52); i++) {
+        const uint8_t *m = bytes + uint_at(bytes + 72) + (int64_t)i * MATERIAL;
+        if (uint_at(m) == KIND_BUTTON || (uint_at(m) == KIND_CURVE && uint_at(m + 44) != 0))
+            return 1;
+    }
+    return 0;
 }
 
 /* Make the map of pixels that lie at a place of the file, in the memory. */
@@ -412,7 +425,12 @@ static void read_material(const uint8_t *bytes, const uint8_t *m, hx_material *t
         numbers += 4 * to->numbers * uint_at(m + 40);
         to->other = read_map(m, numbers, to->pixel_mm, 0.0, memory);
         break;
+    case KIND_BUTTON:
+        to->press_n = real[5];
+        to->release_n = real[6];
+        break;
     case KIND_CURVE:
+        to->begins = uint_at(m + 44);
         to->first = real[0];
         to->rate_hz = real[1];
         to->period_s = real[2];
@@ -459,6 +477,7 @@ void hx_program_read(const uint8_t *bytes, hx_program *program, uint8_t *memory)
     program->background = uint_at(h + 60);
     program->sample_rate_hz = real_at(h + 80);
     program->assumed_n = real_at(h + 168);
+    program->is_layout = uint_at(h + 32) & IS_LAYOUT ? 1 : 0;
     program->drives_at_rest = uint_at(h + 32) & DRIVES_AT_REST ? 1 : 0;
     hx_touching touching = {
         real_at(h + 224), real_at(h + 232), real_at(h + 240), real_at(h + 248), real_at(h + 256),

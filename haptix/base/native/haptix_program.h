@@ -8,7 +8,7 @@
 enum {
     KIND_UNIFORM = 0, KIND_MAP = 1, KIND_GRATING = 2, KIND_SLIDER = 3, KIND_TOGGLE = 4,
     KIND_DIAL = 5, KIND_RELIEF = 6, KIND_BY_SPEED = 7, KIND_BY_FORCE = 8, KIND_CURVE = 9,
-    KIND_MOVING = 10
+    KIND_MOVING = 10, KIND_BUTTON = 11
 };
 enum { WAVE_SINE = 0, WAVE_SQUARE = 1, WAVE_SAWTOOTH = 2 };
 enum { TARGET_MU = 0, TARGET_CONTRAST = 1, TARGET_SHARE = 2 };
@@ -31,6 +31,8 @@ typedef struct {
     double rate[3]; /* of what moves: along x, along y, turn */
     int64_t loops;
     double first, rate_hz, period_s; /* of a curve in time: its first value, and 0 or its period */
+    int64_t begins;                  /* 0: with the first sample, else 1 + an event */
+    double press_n, release_n;
 } hx_material;
 
 typedef struct {
@@ -46,7 +48,7 @@ typedef struct {
     hx_slice slice;
     hx_touching touching;
     double sample_rate_hz, assumed_n;
-    int64_t drives_at_rest;
+    int64_t drives_at_rest, is_layout;
     int64_t period, materials, regions, background;
     const double *wave;
     const hx_material *material;
@@ -62,6 +64,9 @@ int64_t hx_program_size(const uint8_t *bytes, int64_t size);
 /* Depth to which materials that move lie in each other. */
 int64_t hx_program_depth(const uint8_t *bytes);
 
+/* Whether what is felt depends on what a finger did before. */
+int64_t hx_program_recalls(const uint8_t *bytes);
+
 /* Take over the contents of a program that hx_program_size accepts, into memory of that size. */
 void hx_program_read(const uint8_t *bytes, hx_program *program, uint8_t *memory);
 
@@ -69,5 +74,18 @@ void hx_program_read(const uint8_t *bytes, hx_program *program, uint8_t *memory)
  * material that moves, one in another. */
 void hx_feel(const hx_program *program, int64_t material, const hx_motion *on, double *rows,
              double *value);
+
+/* Whether a material drives a finger that rests. */
+int hx_feels_rest(const hx_program *program, int64_t material);
+
+/* A report of a finger in the axes of a material; its force is NaN if it was not measured. */
+typedef struct {
+    double t_s, x_mm, y_mm, force_n;
+    int64_t is_down;
+} hx_touched;
+
+/* Change the facts of a finger by a report; `before` is NULL where it has just come down. */
+void hx_react(const hx_program *program, int64_t material, hx_facts *facts,
+              const hx_touched *before, const hx_touched *now);
 
 #endif

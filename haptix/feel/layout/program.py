@@ -14,6 +14,7 @@ from haptix.feel.layout.layout import Layout
 from haptix.feel.layout.region import Blend
 from haptix.feel.layout.region_state import RegionState
 from haptix.feel.materials import (
+    Button,
     ByForce,
     BySpeed,
     Dial,
@@ -28,11 +29,12 @@ from haptix.feel.materials import (
     TargetKind,
     Texture,
     Toggle,
+    Transient,
+    WebEffect,
 )
 from haptix.feel.materials.material import Answering
 from haptix.feel.materials.pyramid import Beyond, Pyramid
-from haptix.feel.materials.timeline import RATE_HZ
-from haptix.feel.motion import Depends
+from haptix.feel.materials.timeline import RATE_HZ, Begins, Timeline
 from haptix.model.waves import Shape
 
 NONE = 0xFFFFFFFF
@@ -42,10 +44,11 @@ TARGETS: tuple[TargetKind, ...] = ("mu", "contrast", "share")
 """Numbers of the targets."""
 
 _BLENDS, _BEYOND, _WAVES = get_args(Blend), get_args(Beyond), get_args(Shape)
+_BEGINS = get_args(Begins)
 (
     _UNIFORM, _MAP, _GRATING, _SLIDER, _TOGGLE, _DIAL, _RELIEF, _BY_SPEED, _BY_FORCE, _CURVE,
-    _MOVING,
-) = range(11)  # fmt: skip
+    _MOVING, _BUTTON,
+) = range(12)  # fmt: skip
 _OUTLINES = ("rectangle", "ellipse")
 _POLYGON = len(_OUTLINES)
 # Of a material: kind, target, value outside, cosine and sine of its direction; place of its
@@ -99,7 +102,7 @@ class FeltRecords:
     Raises
     ------
     InputError
-        If a material depends on more than the place, or is of a kind that has no record.
+        If a material is of a kind that has no record.
     """
 
     def __init__(self, felt: Evaluator, sections: Sections) -> None:
@@ -109,6 +112,8 @@ class FeltRecords:
         self._kept: list[Evaluator] = []  # so that no other one gets the identity of one
         self.target = felt.target
         """Of all that is felt."""
+        self.is_layout = isinstance(felt, Layout)
+        """Whether regions, and no single material, take what fingers do."""
         regions: Sequence[RegionState] = ()
         if isinstance(felt, Layout):
             below = felt.background
@@ -164,7 +169,8 @@ class FeltRecords:
         writers: dict[type, Any] = {
             Slider: self._slider, Toggle: self._toggle, Dial: self._dial, Relief: self._relief,
             BySpeed: self._by_curve, ByForce: self._by_curve, Envelope: self._envelope,
-            Moving: self._moving,
+            Moving: self._moving, Button: self._button, Transient: self._from_event,
+            WebEffect: self._from_event,
         }  # fmt: skip
         # By the very class: one that is derived from it may ask for something else.
         if (write := writers.get(type(material))) is None:
@@ -242,13 +248,20 @@ class FeltRecords:
         return self._put(kind, felt, words=(len(corners), changed), numbers=[corners, values])
 
     def _envelope(self, name: str, felt: Evaluator, of: Envelope) -> int:
-        if of.begins != "start":
-            raise InputError(f"{name}: {_why_not(felt)}")
-        line = of.timeline
+        return self._curve(felt, of.timeline, of.begins, self._material(name, of.of.evaluator))
+
+    def _from_event(self, name: str, felt: Evaluator, of: Transient | WebEffect) -> int:
+        return self._curve(felt, of.timeline, of.begins, NONE)
+
+    def _curve(self, felt: Evaluator, line: Timeline, begins: Begins, changed: int) -> int:
         return self._put(
             _CURVE, felt, round(line.t_s[0] * RATE_HZ), RATE_HZ, line.period_s or 0.0,
-            words=(len(line.value), self._material(name, of.of.evaluator)), numbers=line.value,
+            words=(len(line.value), changed, _BEGINS.index(begins)), numbers=line.value,
         )  # fmt: skip
+
+    def _button(self, name: str, felt: Evaluator, of: Button) -> int:
+        sizes = (of.rim_mm, of.width_mm, of.height_mm, of.press_n, of.release_n)
+        return self._put(_BUTTON, felt, of.low, of.high, *sizes)
 
     def _moving(self, name: str, felt: Evaluator, of: Moving) -> int:
         changed, path = self._material(name, of.of.evaluator), of.path
@@ -272,7 +285,8 @@ def _name(felt: Evaluator, region: RegionState) -> str:
 
 
 def _why_not(felt: Evaluator) -> str:
-    hint = "haptix.LiveRenderer plays it"
-    if Depends.FACTS in felt.depends_on:
-        return f"expected friction that does not depend on what the finger did before; {hint}"
-    return f"expected a kind of material of haptix, got another one; {hint}"
+    kind = type(felt).__name__
+    return (
+        f"expected a kind of material that is haptix's own and no layout, got {kind}; "
+        "haptix.LiveRenderer plays it"
+    )

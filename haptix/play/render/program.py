@@ -38,8 +38,7 @@ def compile_touch(
 ) -> bytes:
     """Compile what a renderer would play to a program of a touch, the bytes of a ``.hxp`` file.
 
-    Materials of haptix can be compiled that do not depend on what a finger did before. Maps are
-    rounded to single precision, by less than 1e-6 of the friction.
+    Maps are rounded to single precision, by less than 1e-6 of the friction.
 
     Parameters
     ----------
@@ -100,9 +99,10 @@ def compile_touch(
     low, high = settings.compress or (0.0, 0.0)
     compresses = settings.compress is not None and felt.target != "share"
     at_rest = core.drives_at_rest or not settings.sliding.is_needed
+    flags = compresses + 2 * at_rest + 4 * felt.is_layout
     fields = (
         sections.size, core.step, TARGETS.index(felt.target),
-        COMBINATIONS.index(settings.combination), compresses + 2 * at_rest, len(table.force_n),
+        COMBINATIONS.index(settings.combination), flags, len(table.force_n),
         len(table.drive), int(table.limited_by), len(wave), len(felt.materials),
         len(felt.regions), felt.background, slice_at, wave_at, materials_at, regions_at,
     )  # fmt: skip

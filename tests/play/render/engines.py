@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from haptix.base.native import doubles, ffi, library
+from haptix.base.native import NULL, doubles, ffi, library
 
 
 class Refused(Exception):
@@ -53,7 +53,7 @@ class Engine:
             start_s = float(start_s[0]) - motion.step_s
         on = ffi.new("hx_motion *", (
             motion.fingers, motion.points, *map(doubles, rows[:5]), motion.footprint_mm,
-            motion.step_s, start_s,
+            motion.step_s, start_s, NULL, NULL,
         ))  # fmt: skip
         felt = library.hx_engine_play(self._at, on, doubles(rows[5]))
         return Block(felt)

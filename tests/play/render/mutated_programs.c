@@ -108,7 +108,7 @@ static int play(const uint8_t *bytes, int64_t size)
     }
     hx_motion motion = {
         2, 4, row[0], row[1], row[2], row[3], row[4], below(2) ? 0.0 : (double)below(1000) / 50.0,
-        1e-4, 0.5,
+        1e-4, 0.5, NULL, NULL,
     };
     hx_engine_play(engine, &motion, gain);
     free(memory);

@@ -16,6 +16,7 @@ from haptix.base import native
 from haptix.base.native import NULL, ffi, library
 from haptix.feel.gallery import presets
 from haptix.feel.materials import (
+    Button,
     ByForce,
     BySpeed,
     Dial,
@@ -28,6 +29,8 @@ from haptix.feel.materials import (
     Spectral,
     Texture,
     Toggle,
+    Transient,
+    WebEffect,
 )
 from haptix.feel.materials.pyramid import Pyramid
 from haptix.feel.materials.relief import Slopes
@@ -281,11 +284,7 @@ def test_maps_are_the_same_to_single_precision(surface, device, felt, footprint_
 )
 def test_the_gallery_is_the_same(surface, device, preset):
     carrier = SineCarrier(CARRIER_HZ)
-    try:
-        program = compile_touch(surface, preset.material, device, carrier)
-    except haptix.InputError:
-        assert preset.name in ("button", "tick")  # they depend on what the finger did
-        return
+    program = compile_touch(surface, preset.material, device, carrier)
     core = RenderCore(surface, preset.material, device, carrier)
     compare(core, Engine(program), np.random.default_rng(2), 2, [0.0, 0.004, 0.02, 0.2], SINGLE)
 
@@ -366,7 +365,7 @@ def ribs(surface, device):
     return compile_touch(surface, Grating(period_mm=2.0), device, SineCarrier(CARRIER_HZ))
 
 
-def reports_of(random, seconds):
+def reports_of(random, seconds, presses=False):
     """Reports of fingers on a panel: noise, silence, late, repeated and jumping ones, lifts.
 
     Each is its arrival, and the arguments of `Engine.touch`.
@@ -389,6 +388,8 @@ def reports_of(random, seconds):
                 x += random.choice([-1, 1]) * random.uniform(4, 40)
             is_down = chance < 0.94 or chance > 0.955
             force_n = random.choice([0.0, random.uniform(0.2, 0.9)])
+            if presses and random.random() < 0.95:
+                force_n = 0.65 + 0.6 * np.sin(9 * t_s)
             late_s = random.choice([0.0, 0.0, 0.002, 0.012, 0.033])
             reports.append((t_s + late_s, (finger, t_s, x, y, force_n, is_down)))
             if chance > 0.97:
@@ -396,10 +397,10 @@ def reports_of(random, seconds):
     return sorted(reports, key=lambda report: report[0])
 
 
-def compare_live(core, engine, random, seconds):
+def compare_live(core, engine, random, seconds, presses=False):
     """Play the same reports by both, in blocks of many lengths; return how many had fingers."""
     fingers = PredictedFingers(core.settings)
-    reports, sample, before_v, played = reports_of(random, seconds), 0, 0.0, 0
+    reports, sample, before_v, played = reports_of(random, seconds, presses), 0, 0.0, 0
     react = core.texture.evaluator.react
     while sample < seconds * core.sample_rate_hz:
         t0_s = sample / core.sample_rate_hz
@@ -407,7 +408,9 @@ def compare_live(core, engine, random, seconds):
             _, (touch_id, t_s, x, y, force_n, is_down) = reports.pop(0)
             event = TouchEvent(t_s, touch_id, x, y, "move" if is_down else "up", force_n or None)
             if is_down or touch_id in fingers.touches:
-                fingers.take(event, None, react)
+                # What it changes holds from the next sample on.
+                arrival_s = t0_s - core.settings.reaction_s
+                fingers.take(event, arrival_s if sample else None, react)
             engine.touch(touch_id, t_s, x, y, force_n, is_down)
         points = int(random.choice([12, 12, 30, 240]))
         fingers.update(t0_s)
@@ -434,6 +437,50 @@ def test_reports_are_followed_as_the_host_follows_them(surface, device, seed):
     core = RenderCore(surface, felt, device, carrier, how)
     engine = Engine(compile_touch(surface, felt, device, carrier, how))
     assert compare_live(core, engine, np.random.default_rng(seed), 2.0) > 50
+
+
+def events_of(random):
+    """A layout of controls, buttons and effects that begin by what a finger did."""
+    ribs = Grating(period_mm=2.0)
+    pulse = {"kind": "pulse", "height": 1.0, "width_s": 0.02, "length_s": 0.03}
+    layout = haptix.Layout(
+        random.choice([0.1, WebEffect(name="tick", begins="detent"), Slider(), ribs]),
+        random.choice(["share", "mu", "contrast"]),
+    )
+    for _ in range(int(random.integers(1, 5))):
+        begins = random.choice(["start", "down", "press", "release", "detent"])
+        of = random.choice([
+            Button(press_n=0.6), Slider(travel_mm=18.0, detents=4), Toggle(width_mm=14.0),
+            Dial(detents=6, inner_mm=3.0, outer_mm=9.0, centre_mm=(6.0, 5.0)), ribs,
+        ])  # fmt: skip
+        felt = random.choice([
+            of, of, Envelope(of=of, curve=pulse, begins=begins),
+            Transient(curve=pulse, begins=begins), WebEffect(name="edge", begins=begins),
+            Moving(of=of, velocity_mm_s=(2.0, 1.0)), ByForce(normal_force_n=(0, 1), mu=(0.2, 0.4)),
+        ])  # fmt: skip
+        layout.add(
+            felt, *random.uniform(-2, 12, 2), *random.uniform(5, 15, 2), opacity=0.8,
+            shape=random.choice(["rectangle", "ellipse"]), rotation_deg=random.choice([0, 30]),
+        )  # fmt: skip
+    return random.choice([layout, layout, layout, felt])
+
+
+def check_events(surface, device, seed, seconds):
+    carrier, random = SineCarrier(CARRIER_HZ), np.random.default_rng(seed)
+    how = LiveSettings(strict=False, reaction_s=1e-12)
+    felt = events_of(random)
+    core = RenderCore(surface, felt, device, carrier, how)
+    engine = Engine(compile_touch(surface, felt, device, carrier, how))
+    return compare_live(core, engine, random, seconds, presses=True)
+
+
+def test_events_of_fingers_are_felt_as_the_host_plays_them(surface, device):
+    assert sum(check_events(surface, device, seed, 1.0) for seed in range(40)) > 500
+
+
+@pytest.mark.slow
+def test_a_thousand_layouts_of_events_are_the_same(surface, device):
+    assert sum(check_events(surface, device, seed, 2.0) for seed in range(100, 1100)) > 10_000
 
 
 def test_another_filter_is_named(surface, device):
@@ -575,7 +622,8 @@ def beside_places():
     pulse = {"kind": "pulse", "height": 1.0, "width_s": 0.01, "length_s": 0.02}
     for number, felt in enumerate(
         [
-            Slider(), Toggle(), Dial(), relief, Envelope(of=ribs, curve=pulse, loop=True),
+            Button(), WebEffect(name="tick"), Slider(), Toggle(), Dial(), relief,
+            Envelope(of=ribs, curve=pulse, loop=True),
             BySpeed(speed_mm_s=(0.0, 10.0, 90.0), share=(0.2, 0.9, 0.3)),
             ByForce(normal_force_n=(0.1, 1.0), share=(0.3, 0.8), of=Moving(of=relief)),
         ]
