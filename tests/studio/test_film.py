@@ -1,17 +1,21 @@
-"""A film of the whole studio: no page error, whatever is late.
+"""Films of the whole studio: no page error, whatever is late, and a designer's list in one go.
 
-`HAPTIX_FILMS=50 pytest -m slow tests/studio/test_film.py` plays it that often, beside programs that
-compute; without it the other tests are beside it.
+`HAPTIX_FILMS=50 pytest -m slow tests/studio/test_film.py` plays the first that often, beside
+programs that compute; without it the other tests are beside it. `HAPTIX_SCREENSHOTS=FOLDER` keeps
+the pictures of the second.
 """
 
 import contextlib
+import json
 import os
 import subprocess
 import sys
 
 import pytest
+from PIL import Image
+from skimage import data
 
-from tests.studio.conftest import a_page
+from tests.studio.conftest import SCREENSHOTS, a_page, a_studio, keep
 from tests.studio.test_whole_studio import armed_again
 from tests.waiting import wait_for
 
@@ -92,3 +96,95 @@ def test_a_film_has_no_page_error(visited, film):
     page.get_by_role("link", name="Make").click()
     wait_for(lambda: page.locator("button.region").count() == 3)
     assert page.expected_errors == []
+
+
+def test_a_designer_works_through_the_list(tmp_path, browser):
+    """By mouse and keyboard, at the whole studio with a mock driver; the kept file is the proof."""
+    folder = tmp_path / "service"
+    files = {name: tmp_path / f"{name}.png" for name in ("brick", "gravel", "app")}
+    Image.fromarray(data.brick()[::4, ::4]).save(files["brick"])
+    Image.fromarray(data.gravel()[::4, ::4]).save(files["gravel"])
+    Image.fromarray(data.astronaut()).save(files["app"])
+    with (
+        a_studio(os.environ | {"HAPTIX_SERVICE": str(folder)}) as address,
+        a_page(browser) as page,
+    ):
+
+        def shot(name):
+            page.wait_for_timeout(500 if SCREENSHOTS else 0)  # for the pictures
+            keep(page, f"designer-{name}")
+
+        def region(name):
+            return page.locator(f'button.region[aria-label^="{name}:"]')
+
+        def edit(command):
+            page.locator("summary", has_text="Edit").click()
+            page.locator(".menu button", has_text=command).click()
+
+        page.goto(address)
+        armed_again(page)
+        page.get_by_role("link", name="Make").click()
+        page.locator(".thumb").first.wait_for()
+        page.get_by_role("button", name="End the guide").click()
+        page.locator("summary", has_text="Layouts").click()
+        page.get_by_text("New layout", exact=True).click()
+        wait_for(lambda: not page.locator("button.region").count())
+        for name in ("brick", "gravel"):
+            page.get_by_label("Add a file").set_input_files(files[name])
+            page.get_by_role("heading", name=f"Parameters of {name}").wait_for()
+        page.get_by_label("How the picture is felt").select_option("as a relief")
+        page.locator(".panel legend", has_text="Relief").wait_for()
+        shot("relief")
+        region("gravel").press("F2")
+        page.keyboard.type("path")
+        page.keyboard.press("Enter")
+        region("path").wait_for()
+        page.keyboard.press("Control+d")
+        region("path 2").wait_for()
+        page.keyboard.press("Control+a")
+        edit("Align top")
+        edit("Same gaps from left to right")
+        page.keyboard.press("Escape")
+        region("brick").click(position={"x": 10, "y": 60})
+        region("path 2").click(modifiers=["Shift"])
+        page.keyboard.press("Control+g")
+        shot("group")
+        page.locator(".board").hover()
+        page.keyboard.down("Control")
+        page.mouse.wheel(0, -300)
+        page.keyboard.up("Control")
+        shown = page.locator(".zoom button").nth(1)
+        wait_for(lambda: shown.inner_text() != "100 %")
+        shot("zoom")
+        shown.click()
+        wait_for(lambda: shown.inner_text() == "100 %")
+        page.get_by_label("Show a picture beneath").set_input_files(files["app"])
+        page.get_by_role("button", name="Grey").click()
+        shot("beneath")
+        page.keyboard.press("Escape")
+        region("brick").click(position={"x": 10, "y": 60})  # and so its group
+        page.keyboard.press("Delete")
+        wait_for(lambda: page.locator("button.region").count() == 1)
+        shot("deleted")
+        page.keyboard.press("Control+z")
+        wait_for(lambda: page.locator("button.region").count() == 3)
+        name = page.get_by_label("Name of the layout")
+        name.fill("desk")
+        name.press("Enter")
+        page.keyboard.press("Control+s")
+        page.get_by_text("kept as desk").wait_for()
+        armed_again(page)
+        page.keyboard.press("F8")
+        page.get_by_text("Off: 0 V").wait_for()
+        shot("stop")
+    (path,) = (folder / "layouts" / "desk").glob("*.json")
+    regions = {one["name"]: one for one in json.loads(path.read_text())["regions"]}
+    assert regions.keys() == {"brick", "path", "path 2"}
+    materials = {name: one["material"] for name, one in regions.items()}
+    assert materials["brick"]["kind"] == "photograph"
+    assert materials["path"]["kind"] == "relief"
+    assert materials["path 2"] == materials["path"]
+    assert materials["brick"]["file"] != materials["path"]["heights"]
+    assert len({one["y_mm"] for one in regions.values()}) == 1
+    groups = {name: one.get("group") for name, one in regions.items()}
+    assert groups == {"brick": "Group", "path": None, "path 2": "Group"}

@@ -166,6 +166,11 @@ export class Board {
     const { clientWidth: width, clientHeight: height } = this.element;
     if (!width || !height) return;
     const box = boxOf(this.document);
+    if (this.beneath) {
+      const [wide, high] = this.#beneath_mm;
+      box.width = Math.max(box.width, wide + MARGIN_MM - box.left);
+      box.height = Math.max(box.height, high + MARGIN_MM - box.top);
+    }
     const fits = Math.min(width / box.width, height / box.height);
     const whole_px = this.real_px_per_mm > 0 ? Math.min(fits, this.real_px_per_mm) : fits;
     const whole = { x_mm: box.left + box.width / 2, y_mm: box.top + box.height / 2, px_per_mm: whole_px };
@@ -184,6 +189,12 @@ export class Board {
     Object.assign(this, { box, px_per_mm });
     this.draw();
     this.onFit();
+  }
+
+  /** Size of the picture beneath. */
+  get #beneath_mm() {
+    const wide = this.screen_mm?.[0] ?? BENEATH_MM;
+    return [wide, this.beneath ? (wide * this.beneath.height) / this.beneath.width : 0];
   }
 
   /** Return the place of a pointer on the plane [mm]. @param {{clientX: number, clientY: number}} event */
@@ -211,12 +222,12 @@ export class Board {
     const style = getComputedStyle(this.element);
     const [grid, ink] = [style.getPropertyValue("--grid"), style.getPropertyValue("--ink")];
     this.clear(context);
+    if (this.beneath) {
+      const [wide, high] = this.#beneath_mm;
+      context.drawImage(this.beneath, 0, 0, wide, high);
+    }
     this.#drawGrid(context, grid, style.getPropertyValue("--quiet"));
     const px = 1 / this.px_per_mm;
-    if (this.beneath) {
-      const wide = this.screen_mm?.[0] ?? BENEATH_MM;
-      context.drawImage(this.beneath, 0, 0, wide, (wide * this.beneath.height) / this.beneath.width);
-    }
     if (this.screen_mm) {
       const [wide, high] = this.screen_mm;
       context.lineWidth = 2 * px;
@@ -288,7 +299,7 @@ export class Board {
     context.fillStyle = ink;
     context.font = `${11 * px}px system-ui, sans-serif`;
     context.textAlign = "center";
-    for (let x = from(this.box.left + 8 * px); x < right - 34 * px; x += step) {
+    for (let x = from(this.box.left + 8 * px); x < right - 44 * px; x += step) {
       context.fillText(x === 0 ? "0" : `${x}`, x, bottom - 5 * px);
     }
     context.textAlign = "right";

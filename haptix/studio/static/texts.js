@@ -136,7 +136,7 @@ export const texts = {
     byService: "0.5 N",
     scaleTitle: "Width of this screen (mm)",
     scaleAsk: "measure its picture",
-    scaleUnknown: "Until it is told, millimetres on the board are not those on the glass. At zoom 100 %.",
+    scaleUnknown: "Until it is told, millimetres on the board are not those on the glass; then they are, at zoom 100 %.",
     scale: (/** @type {number} */ times) => Math.abs(times - 1) < 0.005
       ? "To scale: a millimetre on the board is one on the glass."
       : `A millimetre on the board is ${times.toFixed(2)} mm on the glass: the window is too small.`,

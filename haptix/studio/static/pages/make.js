@@ -359,7 +359,7 @@ export function mount(root, app) {
     saved.name.on((name) => void service.attempt(() => beneath.open(name))),
     beneath.picture.on((bitmap) => {
       board.beneath = bitmap;
-      board.draw();
+      board.fit();
     }),
     view.on(({ is_grey }) => {
       grey.setAttribute("aria-pressed", String(is_grey));
