@@ -1,4 +1,4 @@
-"""Make the pictures of docs/studio.md and the README; run it on a machine that does nothing else.
+"""Make the pictures of the studio in the docs; run it on a machine that does nothing else.
 
     python scripts/studio_screenshots.py [docs]
 
@@ -17,6 +17,8 @@ from pathlib import Path
 from PIL import Image
 from playwright.sync_api import sync_playwright
 
+WIDE_PX, HIGH_PX = 1280, 800
+PLAY_HIGH_PX = 900  # so high is Play with all its plots
 STRIP_PX = 560
 IS_DRAWN = """() => {
     const canvas = document.querySelector(".board canvas");
@@ -50,7 +52,7 @@ def main():
             browser = playwright.chromium.launch(
                 executable_path=shutil.which("chromium"), args=["--no-sandbox", "--disable-gpu"]
             )
-            context = browser.new_context(viewport={"width": 1280, "height": 800})
+            context = browser.new_context(viewport={"width": WIDE_PX, "height": HIGH_PX})
             page = context.new_page()
             page.set_default_timeout(120_000)  # of a busy machine
             page.goto(address)
@@ -58,6 +60,7 @@ def main():
             play(page, folder)
             make(page, folder)
             screens(page, folder)
+            strip(folder)
             calibrate(page, folder)
             sit(page, folder)
             small(page, folder)
@@ -69,34 +72,35 @@ def main():
 
 
 def play(page, folder):
-    """The board with a felt stroke, and a strip of it for the README."""
+    """The board with a felt stroke."""
+    page.set_viewport_size({"width": WIDE_PX, "height": PLAY_HIGH_PX})
     with page.expect_response("**/v1/pictures"):
         page.reload()  # the maker is warm by now
     page.locator('.output[data-state="armed"]').wait_for()
     page.wait_for_function(IS_DRAWN)
     page.wait_for_load_state("networkidle")
     page.locator(".board").focus()
-    frames = []
-    for key in ("ArrowLeft", "ArrowRight", "ArrowLeft"):
-        for _ in range(60):  # the virtual finger makes its tables first
+    is_felt = False
+    while not is_felt:  # the virtual finger makes its tables first
+        for key in ("ArrowRight", "ArrowLeft"):
             page.keyboard.down(key)
             page.wait_for_timeout(600)
             is_felt = page.locator('[data-name="felt"] dd').inner_text() not in ("–", "NaN")
             if is_felt:
-                frames.append(Image.open(_shot(page, folder / "studio-play.png")).convert("RGB"))
+                _shot(page, folder / "studio-play.png")
             page.keyboard.up(key)
-            if is_felt:
-                break
-            back = "ArrowRight" if key == "ArrowLeft" else "ArrowLeft"
-            page.keyboard.down(back)
-            page.wait_for_timeout(600)
-            page.keyboard.up(back)
-    height = STRIP_PX * 800 // 1280
-    strip = Image.new("RGB", (3 * STRIP_PX, height))
-    for number, frame in enumerate(frames):
+    page.set_viewport_size({"width": WIDE_PX, "height": HIGH_PX})
+
+
+def strip(folder):
+    """Three pages side by side, in small."""
+    height = STRIP_PX * HIGH_PX // WIDE_PX
+    whole = Image.new("RGB", (3 * STRIP_PX, height))
+    for number, name in enumerate(("make", "play", "screens")):
+        frame = Image.open(folder / f"studio-{name}.png").crop((0, 0, WIDE_PX, HIGH_PX))
         small_one = frame.resize((STRIP_PX, height), Image.Resampling.LANCZOS)
-        strip.paste(small_one, (number * STRIP_PX, 0))
-    strip.save(folder / "studio-strip.png", optimize=True)
+        whole.paste(small_one, (number * STRIP_PX, 0))
+    whole.save(folder / "studio-strip.png", optimize=True)
 
 
 def make(page, folder):
@@ -149,7 +153,7 @@ def sit(page, folder):
     page.keyboard.press("Space")
     page.get_by_role("button", name="the first").wait_for()
     _shot(page, folder / "studio-sit.png")
-    page.keyboard.press("Escape")
+    page.keyboard.press("F8")
     page.get_by_text("the experiment was ended").wait_for()
 
 
@@ -169,7 +173,7 @@ def small(page, folder):
 
 def lost(page, folder, service):
     """What the page says once its service is gone."""
-    page.set_viewport_size({"width": 1280, "height": 800})
+    page.set_viewport_size({"width": WIDE_PX, "height": HIGH_PX})
     page.goto(f"{page.url.split('#')[0]}#/screens")
     page.get_by_text("roughness: a placeholder").wait_for()
     service.kill()
