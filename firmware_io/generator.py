@@ -29,6 +29,7 @@ from firmware_io.protocol import FULL_SCALE_CODE, codes_to_volts
 OUTPUT_HZ = 48_000
 _REST_S = 0.05  # in which the firmware has ramped to 0 V behind the last sample
 _LOOK_S = 0.05
+_PATIENCE_MS = 30_000  # an upload is some 400 kB of text, which it reads before it answers
 _NO_ERROR = "+0"
 
 
@@ -99,14 +100,19 @@ class FunctionGenerator:
         with from_extra("generator"):
             import pyvisa
         self.name, self._profile, self._sleep = f"scpi:{resource}", profile, sleep
+        self._instrument: Any = None
         try:
-            opens: Any = pyvisa.ResourceManager(backend).open_resource
-            self._instrument: Any = opens(resource, read_termination="\n", write_termination="\n")
+            self._instrument = pyvisa.ResourceManager(backend).open_resource(resource)
+            if not isinstance(self._instrument, pyvisa.resources.MessageBasedResource):
+                raise ValueError("it is no resource that takes commands")
+            self._instrument.read_termination = self._instrument.write_termination = "\n"
+            self._instrument.timeout = _PATIENCE_MS
             self.identity = str(self._instrument.query("*IDN?")).strip()
             if not self.identity:
                 raise ValueError("it returned nothing to *IDN?")
             self._tell("*CLS", "OUTP1 OFF", "OUTP1:LOAD INF")
-        except (pyvisa.Error, OSError, ValueError) as error:
+        except (pyvisa.Error, OSError, ValueError, DeviceError) as error:
+            self.close()
             raise DeviceError(
                 f"{self.name} does not answer: {error}; check the resource, the cable and that no "
                 "other program has it."
@@ -159,7 +165,9 @@ class FunctionGenerator:
         DeviceDisconnectedError
             If the connection is gone; the stimulus ends at 0 V by itself.
         """
-        drive_v = self._rendered(np.asarray(samples_v, float), sample_rate_hz, carrier_hz)
+        if self._instrument is None:
+            raise DeviceDisconnectedError(f"{self.name} is closed; open it again before playing.")
+        drive_v = self._rendered(samples_v, sample_rate_hz, carrier_hz)
         profile = self._profile
         if drive_v.size > profile.memory_samples:
             raise DeviceError(
@@ -181,12 +189,11 @@ class FunctionGenerator:
             for _ in range(int(drive_v.size / OUTPUT_HZ / _LOOK_S) + 2):
                 self._sleep(_LOOK_S)
         finally:
-            if self._instrument is not None:
-                self._tell("OUTP1 OFF")
+            self._tell("OUTP1 OFF")
         return drive_v
 
     def _rendered(
-        self, samples_v: npt.NDArray[np.float64], rate_hz: float, carrier_hz: float | None
+        self, samples_v: npt.ArrayLike, rate_hz: float, carrier_hz: float | None
     ) -> npt.NDArray[np.float64]:
         """Let the firmware play the samples in virtual time; return its output, from 0 V to 0 V."""
         ceiling_v = self._profile.ceiling_v
@@ -275,7 +282,8 @@ def check_trace(
     Raises
     ------
     DeviceError
-        If the trace is shorter than the drive, or has no drive in it.
+        If the trace is shorter than the drive or no list of finite volts, the drive is 0 V
+        throughout, or the rate is not above 0.
 
     Examples
     --------
@@ -287,6 +295,12 @@ def check_trace(
     """
     drive = np.asarray(drive_v, float)
     trace = probe * np.asarray(trace_v, float)
+    if trace.ndim != 1 or drive.ndim != 1 or not (np.isfinite(trace).all() and trace_rate_hz > 0):
+        raise DeviceError(
+            f"Drive and trace must be lists of finite volts and the rate above 0 Hz, but came in "
+            f"shapes {drive.shape} and {trace.shape} at {trace_rate_hz!r:.60} Hz; take the column "
+            "of volts, and cut off samples beyond the oscilloscope's range."
+        )
     if trace.size / trace_rate_hz < drive.size / OUTPUT_HZ or not drive.any():
         raise DeviceError(
             f"The trace has {trace.size / trace_rate_hz:.3g} s, and the drive "

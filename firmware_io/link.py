@@ -142,6 +142,11 @@ def split_address(address: object, schemes: Iterable[str]) -> tuple[str, str]:
             'use for example "mock:".'
         )
     scheme, colon, selector = address.partition(":")
+    if scheme == "scpi":
+        raise DeviceNotFoundError(
+            f"{address!r} is a function generator, which plays whole stimuli and is no driver that "
+            "can be opened, streamed to or proven; use firmware_io.FunctionGenerator instead."
+        )
     if not colon or scheme not in schemes:
         known = ", ".join(f"{name}:" for name in schemes)
         raise DeviceNotFoundError(

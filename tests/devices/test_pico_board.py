@@ -226,6 +226,17 @@ def test_the_board_plays_what_the_host_sends(board, image):
     np.testing.assert_array_equal(found, expected[first:])
 
 
+def test_a_minute_at_48_khz_leaves_without_an_underrun(board):
+    samples, start = 60 * OUTPUT_HZ, board.output().size
+    volts = 80 * np.sin(2 * np.pi * 100.3 * np.arange(samples) / OUTPUT_HZ)
+    address = board.address.replace(f"={RATE_HZ}", f"={OUTPUT_HZ}")
+    with firmware_io.open_device(address) as device:
+        device.write(volts)
+        device.stop()
+    expected = np.round(volts / FULL_SCALE_V * 32767)[1:]  # from the first that is not 0
+    np.testing.assert_array_equal(played(board.more(HALF)[start:])[: expected.size], expected)
+
+
 def test_its_proof_test_holds(board):
     """Its own tests at power-up, each limit, and that its watchdog has been seen to reset it."""
     rows = proofs(board)

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from firmware_io import DeviceError, LimitError
+from firmware_io import DeviceDisconnectedError, DeviceError, LimitError, open_device
 from firmware_io.generator import (
     OUTPUT_HZ,
     FunctionGenerator,
@@ -14,6 +14,8 @@ from firmware_io.generator import (
 )
 
 pytest.importorskip("pyvisa_sim")
+ResourceManager = pytest.importorskip("pyvisa").ResourceManager
+InvalidSession = pytest.importorskip("pyvisa").errors.InvalidSession
 BACKEND = f"{Path(__file__).parent / 'generator.yaml'}@sim"
 PROFILE = GeneratorProfile(amplifier_gain=20.0, ceiling_v=150.0)
 SINE = 100.0 * np.sin(2 * np.pi * 120 * np.arange(4800) / OUTPUT_HZ)
@@ -131,10 +133,56 @@ def test_an_interrupt_while_it_plays_ends_with_the_output_off():
     generator.close()
 
 
+def test_a_closed_one_is_named_and_not_told_anything():
+    generator = FunctionGenerator("TCPIP0::localhost::INSTR", PROFILE, BACKEND)
+    generator.close()
+    with pytest.raises(DeviceDisconnectedError, match="closed"):
+        generator.play(SINE)
+
+
+def test_it_waits_while_an_upload_is_read(generator):
+    """PyVISA's own 2 s are those of a short answer."""
+    assert generator._instrument.timeout >= 10_000
+
+
+def test_one_that_refuses_its_first_commands_is_closed(monkeypatch):
+    opened = []
+    open_resource = ResourceManager.open_resource
+
+    def opens(*words, **settings):
+        opened.append(open_resource(*words, **settings))
+        opened[0].query = lambda _: "-113,no such command"
+        return opened[0]
+
+    monkeypatch.setattr(ResourceManager, "open_resource", opens)
+    with pytest.raises(DeviceError, match="-113"):
+        FunctionGenerator("TCPIP0::localhost::INSTR", PROFILE, BACKEND)
+    with pytest.raises(InvalidSession):
+        _ = opened[0].session
+
+
+@pytest.mark.parametrize("samples_v", [["1", "volt"], 5.0, np.zeros((2, 2)), None])
+def test_what_is_no_list_of_volts_reaches_no_instrument(generator, samples_v):
+    told = Told(generator)
+    with pytest.raises(DeviceError, match="Voltages must be"):
+        generator.play(samples_v)
+    assert told.lines == []
+
+
+def test_an_address_of_one_says_what_to_use():
+    with pytest.raises(DeviceError, match="FunctionGenerator"):
+        open_device("scpi:TCPIP0::10.0.0.5::INSTR")
+
+
 @pytest.mark.filterwarnings("ignore:read string doesn't end")  # of PyVISA-sim for an unknown one
 def test_what_does_not_answer_is_named():
     with pytest.raises(DeviceError, match="does not answer"):
         FunctionGenerator("TCPIP0::elsewhere::INSTR", PROFILE, BACKEND)
+
+
+def test_a_resource_that_takes_no_commands_is_named():
+    with pytest.raises(DeviceError, match="takes commands"):
+        FunctionGenerator("no resource", PROFILE, BACKEND)
 
 
 @pytest.mark.parametrize("rate_hz", [250_000, 1_000_000])
@@ -156,3 +204,18 @@ def test_a_trace_shows_gain_offset_and_delay_of_a_rig(rate_hz, probe):
 def test_a_trace_that_is_too_short_is_refused():
     with pytest.raises(DeviceError, match="record all"):
         check_trace(SINE, np.zeros(100), 48_000)
+
+
+@pytest.mark.parametrize(
+    ("trace_v", "rate_hz"),
+    [
+        (np.where(np.arange(9600) == 5000, np.nan, 1.0), 48_000),
+        (np.full(9600, np.inf), 48_000),  # beyond its range
+        (np.zeros((9600, 2)), 48_000),  # its column of times, too
+        (np.zeros(9600), 0.0),
+        (np.zeros(9600), np.nan),
+    ],
+)
+def test_a_trace_that_is_no_list_of_volts_is_refused(trace_v, rate_hz):
+    with pytest.raises(DeviceError, match="finite volts"):
+        check_trace(SINE, trace_v, rate_hz)
