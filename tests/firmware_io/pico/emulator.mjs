@@ -124,8 +124,8 @@ const commands = {
   },
   /** The processor meets a fault, whatever it does. */
   fault: () => {
-    chip.core.exceptionEntry(HARD_FAULT);
-    chip.core.waiting = false;
+    chip.processor.exceptionEntry(HARD_FAULT);
+    chip.processor.waiting = false;
   },
   /** The processor, and no other part, stands still for a while. */
   stall: ({ us }) => (chip.stallsUntil = chip.clock.nanos + us * 1000),
