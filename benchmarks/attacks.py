@@ -125,12 +125,12 @@ def hung_worker() -> dict[str, Any]:
         }
 
 
-def connections(service: Service, count: int, begin: bytes) -> list[socket.socket]:
+def connections(port: int, count: int, begin: bytes) -> list[socket.socket]:
     opened = []
     for _ in range(count):
         one = socket.socket()
         one.setblocking(False)
-        one.connect_ex(("127.0.0.1", service.port))
+        one.connect_ex(("127.0.0.1", port))
         opened.append(one)
     for one in opened:
         with contextlib.suppress(OSError):
@@ -138,10 +138,10 @@ def connections(service: Service, count: int, begin: bytes) -> list[socket.socke
     return opened
 
 
-def stop_s(service: Service) -> float:
+def stop_s(port: int) -> float:
     """How long STOP takes over HTTP, on a connection of its own."""
     began_s = time.monotonic()
-    request = urllib.request.Request(f"http://127.0.0.1:{service.port}/stop", method="POST")
+    request = urllib.request.Request(f"http://127.0.0.1:{port}/stop", method="POST")
     with urllib.request.urlopen(request, timeout=60.0):
         return time.monotonic() - began_s
 
@@ -152,15 +152,21 @@ def crowd(count: int, begin: bytes, limit: int) -> dict[str, Any]:
     resource.setrlimit(resource.RLIMIT_NOFILE, (limit, hard))
     with serving() as service:
         resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, 2 * count), hard))
-        opened = connections(service, count, begin)
-        first = stop_s(service)
-        took = []
-        for _ in range(20):
-            time.sleep(0.05)
-            took.append(stop_s(service))
-        for one in opened:
-            one.close()
-    return {"first ms": round(1e3 * first, 1), "longest ms": round(1e3 * max(took), 1)}
+        entry = Path(service.environment["HAPTIX_SERVICE"]) / "service.json"
+        found = json.loads(entry.read_text())
+        figures = {}
+        for path in ("port", "stop_port"):
+            opened = connections(found[path], count, begin)
+            took_ms = []
+            for _ in range(21):
+                took_ms.append(round(1e3 * stop_s(found[path]), 1))
+                time.sleep(0.05)
+            figures[f"{path}: first, longest later ms"] = (took_ms[0], max(took_ms[1:]))
+            if path == "port":  # while the other path is crowded
+                figures["stop_port beside it ms"] = round(1e3 * stop_s(found["stop_port"]), 1)
+            for one in opened:
+                one.close()
+    return figures
 
 
 def processor_s(service: Service) -> float:

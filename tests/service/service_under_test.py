@@ -11,7 +11,7 @@ import pytest
 from haptix.service.front.access import Access, Listen, listens
 from haptix.service.front.application import application
 from haptix.service.front.assets import AssetStore
-from haptix.service.front.connections import HttpServer
+from haptix.service.front.connections import HttpServer, StopPath
 from haptix.service.front.hub import Hub
 from haptix.service.protocol.messages import DeviceMessage, Inventory, Problem
 from tests.waiting import wait_for
@@ -70,11 +70,20 @@ class Service:
         self.hub = Hub(self.access, self.engine, inventory, "mock:")
         # A busy machine must not change what a test sees; stalls are tested by themselves.
         self.hub.stalls.late_s = lambda now_s: 0.0  # type: ignore[method-assign]
-        self.app = application(self.hub, AssetStore(folder / "assets"), documents=documents)
-        self.server = HttpServer(self.app, self.hub, listen, lambda: None)
+        assets = AssetStore(folder / "assets")
+        self.app = application(self.hub, assets, self._start, self._end, documents)
+        tls = {"ssl_certfile": listen.certificate, "ssl_keyfile": listen.key} if listen else {}
+        self.server = HttpServer(self.app, **tls)
         self.thread = threading.Thread(target=self.server.run, args=(sockets,))
         self.thread.start()
         wait_for(lambda: self.server.started)
+
+    async def _start(self):
+        self.stop_path = StopPath(self.hub.stop)
+        self.access.write_entry(self.stop_path.port)
+
+    async def _end(self):
+        await asyncio.to_thread(self.stop_path.close)
 
     def close(self):
         self.server.should_exit = True

@@ -62,6 +62,7 @@ _WORD_BYTES, _WORD = 16, re.compile(r"[\w-]{22}", re.ASCII)  # as base64
 _SUBPROTOCOL = Subprotocol("haptix.v1")
 # The service gives up a request after 20 s, with an error.
 _WAIT_S, _CLOSE_S, _FILE_S = 25.0, 1.0, 60.0
+_STOP_S = 1.0  # for STOP on its own path
 _FIRST_S, _LAST_S = 0.1, 5.0  # between two attempts to connect again
 _REPLAYED = ("geometry", "subscribe")  # sent again on resuming: the service does not keep them
 _CLOSED = "this client is closed; connect again"
@@ -214,6 +215,7 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
 
     def __init__(self, name: str, find: Callable[[], tuple[str, str]]) -> None:
         self._name, self._find, self._resume = name, find, ""
+        self.stop_port: int | None = None  # of the service of this machine
         self._app = _word_of(name)
         self._felt: Document | None = None  # what `feel` shows
         self._on: dict[tuple[int, str], m.ContactMessage] = {}  # the last of each region
@@ -274,6 +276,16 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
         handlers = self._handlers.setdefault(kind, [])
         handlers.append(handler)
         return lambda: handlers.remove(handler)
+
+    async def stop(self) -> m.Done:
+        """End at 0 V, whoever holds the output; the holder keeps the lease."""
+        if self.stop_port is None:
+            return await super().stop()
+        pressing = asyncio.create_task(asyncio.to_thread(_press_stop, self.stop_port))
+        try:
+            return await super().stop()
+        finally:
+            await pressing  # it must not stop what is armed next
 
     async def ask(self, kind: str, **fields: Any) -> Any:
         """Send a message and return its answer; fields that are None are left out.
@@ -549,6 +561,7 @@ async def connect_async(name: str, address: str = "", token: str = "") -> AsyncC
         if address and token:
             return address, token
         entry = _service_file()  # at each attempt: a restarted service has another token
+        client.stop_port = None if address else entry.stop_port
         here = address or f"ws://127.0.0.1:{entry.port}/v1/session"
         return here, token or entry.token
 
@@ -562,6 +575,14 @@ class ServiceEntry(BaseModel):
 
     port: Annotated[int, Field(ge=1, le=65535)]
     token: Annotated[str, Field(pattern=r"^[\w-]+$")]
+    stop_port: Annotated[int, Field(ge=1, le=65535)] | None = None
+
+
+def _press_stop(port: int) -> None:
+    """STOP, on the path that no other client can crowd."""
+    request = Request(f"http://127.0.0.1:{port}/stop", method="POST")
+    with suppress(OSError), build_opener(ProxyHandler({})).open(request, timeout=_STOP_S):
+        pass
 
 
 def _service_file() -> ServiceEntry:
@@ -625,6 +646,10 @@ class Client(ReportsTouches[None], PlainCalls):
     def ask(self, kind: str, **fields: Any) -> Any:
         """Send a message and return its answer; see `AsyncClient.ask`."""
         return self._run(self._client.ask(kind, **fields))
+
+    def stop(self) -> m.Done:
+        """End at 0 V, whoever holds the output; the holder keeps the lease."""
+        return self._run(self._client.stop())
 
     def feel(self, material: Document, *, person_asked: bool = False) -> PlainRegion:
         """Fill the screen with a material and arm; see `AsyncClient.feel`.

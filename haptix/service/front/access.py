@@ -122,7 +122,14 @@ class Access:
         """Token of the programs of this user."""
         self.on_show: Callable[[str], None] = lambda code: None
         """Shows a code on the terminal."""
-        self._write("service.json", _json({"port": port, "token": self.native}))
+        self._port = self.stop_port = port
+        self.write_entry(port)
+
+    def write_entry(self, stop_port: int) -> None:
+        """Write ``service.json``; STOP has a port of its own once the service has begun."""
+        self.stop_port = stop_port
+        entry = {"port": self._port, "stop_port": stop_port, "token": self.native}
+        self._write("service.json", _json(entry))
 
     def close(self) -> None:
         """Take back the token of native programs."""

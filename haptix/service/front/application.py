@@ -19,7 +19,7 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, FastAPI, Header, Request, WebSocket
 from fastapi.exceptions import RequestValidationError
-from fastapi.responses import FileResponse, JSONResponse, RedirectResponse, Response
+from fastapi.responses import FileResponse, HTMLResponse, JSONResponse, RedirectResponse, Response
 from pydantic import BaseModel, ConfigDict, Field
 from starlette.exceptions import HTTPException
 
@@ -404,9 +404,13 @@ def pages(access: Access) -> APIRouter:
         return _page(request, "studio", "index.html")
 
     @router.get("/stop")
-    async def button() -> Response:
-        headers = {"content-security-policy": _stop_policy(access.origins)}
-        return FileResponse(_file("studio", "stop.html"), headers=headers)
+    async def button(request: Request) -> Response:
+        name, _, port = request.headers["host"].rpartition(":")
+        is_here = name in ("localhost", "127.0.0.1") and access.stop_port != int(port)
+        own = f"http://{name}:{access.stop_port}/stop" if is_here else ""
+        headers = {"content-security-policy": _stop_policy(access.origins, own)}
+        page = Path(_file("studio", "stop.html")).read_text("utf-8")
+        return HTMLResponse(page.replace('data-own=""', f'data-own="{own}"'), headers=headers)
 
     @router.get("/studio/{path:path}")
     async def studio(request: Request, path: str) -> Response:
@@ -456,10 +460,10 @@ def _policy(host: str) -> str:
     )
 
 
-def _stop_policy(origins: frozenset[str]) -> str:
+def _stop_policy(origins: frozenset[str], own: str) -> str:
     """Content-Security-Policy of the STOP button, which the service's own pages frame."""
     frames = " ".join(sorted(origin for origin in origins if "[" not in origin))
-    return f"{_ANY_PAGE}; connect-src 'self'; frame-ancestors {frames}"
+    return f"{_ANY_PAGE}; connect-src 'self' {own}; frame-ancestors {frames}"
 
 
 _STYLE = """body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem}

@@ -1,7 +1,11 @@
-"""The HTTP server's connections: their number and age, and the sessions on their sockets.
+"""The HTTP server's connections: their number, and the sessions on their sockets.
 
 A new connection is always accepted: the one that needs its place least is closed for it. So idle
-and half-open connections, however many, cannot block STOP.
+and half-open connections, however many, cannot block STOP. STOP also has a port, a thread and a
+crowd of its own (`StopPath`), which can do nothing but stop.
+
+Connections are bounded where asyncio calls `accept` and `recv`; on Windows it does not, but there
+the number of open sockets has no such limit.
 
 A session's socket is read, written and answered in turn until either side closes it:
 
@@ -19,20 +23,21 @@ import asyncio
 import logging
 import re
 import socket
+import threading
 import time
-from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from contextlib import suppress
+from functools import partial
 from types import FrameType
 from typing import Any
 
 import uvicorn
 from fastapi import WebSocket
 from starlette.websockets import WebSocketDisconnect
-from uvicorn.protocols.http.h11_impl import H11Protocol
-from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
-from haptix.service.front.access import Listen
+from haptix.service.front.access import listens
 from haptix.service.front.client_session import ServiceSession
 from haptix.service.front.hub import Hub
 from haptix.service.protocol import messages as m
@@ -41,13 +46,67 @@ from haptix.service.protocol.messages import MOST_TEXT_BYTES, Problem, reading
 
 MOST_CONNECTIONS, MOST_OF_PEER = 256, 192
 _FILES = 1024  # that the process may have open; some systems grant 256 until asked
-REQUEST_S, UPLOAD_S = 10.0, 60.0
-"""For a request to come and be answered; of who has shown a token, for its body to come."""
 _AT_ONCE, _WAITING = 24, 4096  # newcomers taken in one turn of the loop, and waiting for it
 _READ_BYTES, _SESSION_BYTES = 16 * 1024, 4 * 1024
 """Of a connection in one turn of the loop, then others have theirs. A session's messages may be of
 30 bytes, and another session's STOP takes four turns: with 4 KiB of them a turn takes 2 ms."""
-_IDLE, _STRANGER, _OWNER, _SESSION = range(4)
+
+
+class Connection(socket.socket):
+    """A connection that was accepted. asyncio reads it piece by piece, others in between."""
+
+    def __init__(self, fileno: int, peer: tuple[str, int], crowd: Crowd) -> None:
+        super().__init__(fileno=fileno)
+        self.peer, self._crowd = peer, crowd
+        self.scope: Any = None  # of the request under way
+        self._since_s = 0.0
+
+    @property
+    def _most_bytes(self) -> int:
+        return _SESSION_BYTES if self._is_session else _READ_BYTES
+
+    @property
+    def _is_session(self) -> bool:
+        return self.scope is not None and self.scope["type"] == "websocket"
+
+    def recv(self, size: int, flags: int = 0, /) -> bytes:
+        """Read a piece."""
+        data = super().recv(min(size, self._most_bytes), flags)
+        self._note(len(data))
+        return data
+
+    def recv_into(self, buffer: Any, size: int = 0, flags: int = 0) -> int:
+        """Read a piece, as TLS does."""
+        count = super().recv_into(buffer, min(size or len(buffer), self._most_bytes), flags)
+        self._note(count)
+        return count
+
+    def _note(self, count: int) -> None:
+        self._crowd.heard(self)
+        now_s = time.monotonic()
+        if count < self._most_bytes or not self._is_session:  # else more has come already
+            self._since_s = now_s
+        elif (session := self.scope["state"].get("session")) is not None:
+            session.behind_s = now_s - self._since_s
+
+    def close(self) -> None:
+        """Close it."""
+        self._crowd.remove(self)
+        super().close()
+
+    def end(self) -> None:
+        """End it at once; asyncio closes it then."""
+        self._crowd.remove(self)
+        with suppress(OSError):
+            self.shutdown(socket.SHUT_RDWR)
+
+    def rank(self) -> int:
+        """How much it needs its place."""
+        state = self.scope["state"] if self.scope is not None else {}
+        session = state.get("session")
+        if session is not None:
+            return 2 if session.is_welcome and session.closing is None else 0
+        return 1 if "owner" in state else 0
 
 
 class Listener(socket.socket):
@@ -67,9 +126,10 @@ class Listener(socket.socket):
             self._newcomers = deque(self._drain(), _AT_ONCE)
         if not self._newcomers:
             raise BlockingIOError
-        newcomer = self._newcomers.popleft()
-        self._crowd.add(_Newcomer(*newcomer))
-        return newcomer
+        accepted, address = self._newcomers.popleft()
+        connection = Connection(accepted.detach(), address[:2], self._crowd)
+        self._crowd.add(connection)
+        return connection, address
 
     def _drain(self) -> Iterator[tuple[socket.socket, Any]]:
         taken: deque[socket.socket] = deque()
@@ -82,184 +142,76 @@ class Listener(socket.socket):
                 yield newcomer
 
 
-class _Newcomer:
-    """A connection that asyncio has not announced yet, because its TLS handshake is not done."""
-
-    def __init__(self, socket: socket.socket, address: tuple[Any, ...]) -> None:
-        self.socket, self.number, self.peer = socket, socket.fileno(), address[0]
-        self._since_s = time.monotonic()
-
-    def abort(self) -> None:
-        """End the handshake; asyncio closes the socket then."""
-        with suppress(OSError):
-            self.socket.shutdown(socket.SHUT_RDWR)
-
-    def rank(self) -> int:
-        """How much it needs its place."""
-        return _IDLE
-
-    def is_late(self, now_s: float) -> bool:
-        """Whether it is closed, or has used up its time."""
-        return now_s - self._since_s > REQUEST_S or self.socket.fileno() < 0
-
-
 class Crowd:
     """All connections, the one that was quiet for longest first."""
 
     def __init__(self) -> None:
-        self.connections: dict[_Connection | _Newcomer, None] = {}
-        self._of_peer: Counter[str] = Counter()
-        self._newcomers: dict[int, _Newcomer] = {}  # by the number of their sockets
+        self.connections: dict[tuple[str, int], Connection] = {}
 
-    def add(self, newcomer: _Connection | _Newcomer) -> None:
-        """Take a connection, and close another where there are too many."""
-        if before := self._newcomers.pop(newcomer.number, None):  # itself, or one that is closed
-            self.remove(before)
-        if isinstance(newcomer, _Newcomer):
-            self._newcomers[newcomer.number] = newcomer
-        peer = newcomer.peer
-        if self._of_peer[peer] >= MOST_OF_PEER:
-            self._end(self._least(known for known in self.connections if known.peer == peer))
-        elif len(self.connections) >= MOST_CONNECTIONS:
-            self._end(self._least(self.connections))
-        self.connections[newcomer] = None
-        self._of_peer[peer] += 1
+    def add(self, newcomer: Connection) -> None:
+        """Take a connection, and end another where there are too many."""
+        known = [*self.connections.values()]
+        same = [one for one in known if one.peer[0] == newcomer.peer[0]]
+        if len(same) >= MOST_OF_PEER:
+            min(same, key=Connection.rank).end()
+        elif len(known) >= MOST_CONNECTIONS:
+            min(known, key=Connection.rank).end()
+        self.connections[newcomer.peer] = newcomer
 
-    def remove(self, connection: _Connection | _Newcomer) -> None:
+    def heard(self, connection: Connection) -> None:
+        """Note that it was not quiet."""
+        if self.connections.pop(connection.peer, None) is not None:
+            self.connections[connection.peer] = connection
+
+    def remove(self, connection: Connection) -> None:
         """Forget a connection that is closed."""
-        if connection in self.connections:
-            del self.connections[connection]
-            self._of_peer[connection.peer] -= 1
-            if not self._of_peer[connection.peer]:
-                del self._of_peer[connection.peer]
+        if self.connections.get(connection.peer) is connection:
+            del self.connections[connection.peer]
 
-    def look(self, now_s: float) -> None:
-        """Close those that take too long."""
-        for late in [known for known in self.connections if known.is_late(now_s)]:
-            self._end(late)
-
-    def _end(self, connection: _Connection | _Newcomer) -> None:
-        self.remove(connection)
-        connection.abort()
-
-    @staticmethod
-    def _least(connections: Iterable[_Connection | _Newcomer]) -> _Connection | _Newcomer:
-        """Return the one that needs its place least; of several, the one quiet for longest."""
-        least = None
-        for connection in connections:
-            if (rank := connection.rank()) == _IDLE:
-                return connection
-            if least is None or rank < least.rank():
-                least = connection
-        assert least is not None
-        return least
-
-
-class _Connection:
-    """A connection of any protocol."""
-
-    crowd: Crowd
-    transport: Any
-    scope: Any = None
-    cycle: Any = None
-
-    def connection_made(self, transport: Any) -> None:
-        super().connection_made(transport)  # type: ignore[misc]
-        transport.max_size = _READ_BYTES
-        self.since_s = time.monotonic()
-        self.peer = (transport.get_extra_info("peername") or ("",))[0]
-        self.number = transport.get_extra_info("socket").fileno()
-        self.crowd.add(self)
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        self.crowd.remove(self)
-        super().connection_lost(exc)  # type: ignore[misc]
-
-    def abort(self) -> None:
-        """Close it at once."""
-        self.transport.abort()
-
-    def rank(self) -> int:
-        """How much it needs its place."""
-        state = self.scope["state"] if self.scope else {}
-        session = state.get("session")
-        if session is not None and session.is_welcome and session.closing is None:
-            return _SESSION
-        if self.cycle is None or self.cycle.response_complete or self.cycle.more_body:
-            return _IDLE
-        return _OWNER if "owner" in state else _STRANGER
-
-    def is_late(self, now_s: float) -> bool:
-        """Whether it has used up its time."""
-        is_owner = self.scope is not None and "owner" in self.scope["state"]
-        limit_s = UPLOAD_S if is_owner else REQUEST_S
-        return self.rank() < _OWNER and now_s - self.since_s > limit_s
-
-
-class _Http(_Connection, H11Protocol):
-    def data_received(self, data: bytes) -> None:
-        if self in self.crowd.connections:  # it was quiet until now
-            self.crowd.connections[self] = self.crowd.connections.pop(self)
-        super().data_received(data)
-
-    def on_response_complete(self) -> None:
-        self.since_s = time.monotonic()
-        super().on_response_complete()
-
-    def handle_websocket_upgrade(self, event: Any) -> None:
-        self.crowd.remove(self)  # the socket takes its place
-        super().handle_websocket_upgrade(event)
-
-
-class _Socket(_Connection, WebSocketsSansIOProtocol):
-    """A session's socket."""
-
-    def connection_made(self, transport: Any) -> None:
-        super().connection_made(transport)
-        transport.max_size = _SESSION_BYTES
-        self.close_timeout = 1.0  # a client that is disconnected may go on sending
-
-    def data_received(self, data: bytes) -> None:
-        now_s = time.monotonic()
-        if len(data) < _SESSION_BYTES or self.scope is None:  # else more has come already
-            self.since_s = now_s
-        elif (session := self.scope["state"].get("session")) is not None:
-            session.behind_s = now_s - self.since_s
-        super().data_received(data)
+    async def serve(self, app: Any, scope: Any, receive: Any, send: Any) -> None:
+        """Let an application answer, and note what it is about."""
+        connection = self.connections.get(tuple(scope.get("client") or ()))
+        if connection is None:
+            await app(scope, receive, send)
+            return
+        connection.scope = scope
+        try:
+            await app(scope, receive, send)
+        finally:
+            if scope["type"] == "websocket":  # a client that is disconnected may go on sending
+                asyncio.get_running_loop().call_later(1.0, connection.end)
+            connection.scope = None
 
 
 class HttpServer(uvicorn.Server):
-    """A server that sets 0 V before it closes its clients' connections.
+    """A server whose connections are bounded.
 
     Parameters
     ----------
     app : ASGI application
         What `haptix.service.front.application.application` returns.
-    hub : Hub
-        Is stopped first.
-    listen : Listen, optional
-        Where other machines reach it.
     end : callable
-        Called before it waits for answers that are under way.
+        Called by a signal to end, before it closes its clients' connections.
+    **options
+        Of `uvicorn.Config`.
     """
 
-    def __init__(self, app: Any, hub: Hub, listen: Listen | None, end: Callable[[], None]) -> None:
-        self._hub, self._end, self.crowd = hub, end, Crowd()
-        shared = {"crowd": self.crowd}
+    def __init__(self, app: Any, end: Callable[[], None] = lambda: None, **options: Any) -> None:
+        self._end, self.crowd = end, Crowd()
         super().__init__(
             uvicorn.Config(
-                app,
-                http=type("Http", (_Http,), shared),
-                ws=type("Socket", (_Socket,), shared),
+                partial(self.crowd.serve, app),
+                interface="asgi3",
+                http="h11",
                 log_level="critical",  # the client gets its own error
                 backlog=_AT_ONCE,
+                proxy_headers=False,  # the crowd knows connections by their own addresses
                 ws_max_size=4 * MOST_TEXT_BYTES,  # too long is an error, and closes nothing
                 ws_per_message_deflate=False,  # work for bytes that leave no machine
                 ws_ping_interval=None,  # the session's own pings show that the script lives
                 timeout_graceful_shutdown=2,
                 server_header=False,
-                ssl_certfile=listen.certificate if listen else None,
-                ssl_keyfile=listen.key if listen else None,
+                **{"ws": "websockets-sansio", **options},
             )
         )
 
@@ -270,21 +222,65 @@ class HttpServer(uvicorn.Server):
 
             soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
             resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, min(_FILES, hard)), hard))
-        sockets = [Listener(socket.detach(), self.crowd) for socket in sockets or ()]
-        await super().startup(sockets)
-        for listener in sockets:
+        listeners = [Listener(socket.detach(), self.crowd) for socket in sockets or ()]
+        await super().startup([*listeners])
+        for listener in listeners:
             listener.listen(_WAITING)
-
-    async def on_tick(self, counter: int) -> bool:
-        """Look at the connections, ten times a second."""
-        self.crowd.look(time.monotonic())
-        return await super().on_tick(counter)
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """Take a signal to end."""
-        self._hub.stop("the service ends")
         self._end()
         super().handle_exit(sig, frame)
+
+
+class StopPath:
+    """A port of this machine that can do nothing but stop: nothing else waits on it or crowds it.
+
+    Its thread asks the service's own loop to stop. Where that does not come to it in 0.1 s, the
+    engine goes to 0 V by itself.
+
+    Parameters
+    ----------
+    stop : callable
+        Stops; called in the loop that runs when this is made.
+    """
+
+    def __init__(self, stop: Callable[[str], None]) -> None:
+        self._stop, self._loop = stop, asyncio.get_running_loop()
+        listener = listens("127.0.0.1", 0)
+        self.port: int = listener.getsockname()[1]
+        self._server = HttpServer(self._answer, lifespan="off", ws="none")
+        self._thread = threading.Thread(
+            target=self._server.run, args=([listener],), name="stop", daemon=True
+        )
+        self._thread.start()
+
+    def close(self) -> None:
+        """End."""
+        self._server.should_exit = True
+        self._thread.join()
+
+    async def _answer(self, scope: Any, receive: Any, send: Any) -> None:
+        headers = dict(scope["headers"])
+        hosts = (f"127.0.0.1:{self.port}".encode(), f"localhost:{self.port}".encode())
+        status = 204
+        if (scope["method"], scope["path"]) != ("POST", "/stop"):
+            status = 404
+        elif headers.get(b"host") not in hosts:  # DNS rebinding
+            status = 421
+        elif headers.get(b"sec-fetch-site") == b"cross-site":
+            status = 403
+        else:
+            done: Future[None] = Future()
+            self._loop.call_soon_threadsafe(self._stops, done)
+            await asyncio.wrap_future(done)
+        fields = [(b"access-control-allow-origin", b"*"), (b"connection", b"close")]
+        await send({"type": "http.response.start", "status": status, "headers": fields})
+        await send({"type": "http.response.body"})
+
+    def _stops(self, done: Future[None]) -> None:
+        self._stop("stopped by the button")
+        done.set_result(None)
 
 
 _LOG = logging.getLogger("haptix.service")

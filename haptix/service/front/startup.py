@@ -111,7 +111,7 @@ def serve(
         from fastapi import APIRouter
 
         from haptix.service.front.application import application
-        from haptix.service.front.connections import HttpServer
+        from haptix.service.front.connections import HttpServer, StopPath
         from haptix.service.front.in_use import drive_router
         from haptix.service.front.rest import documents_router
 
@@ -151,8 +151,18 @@ def serve(
         routes.include_router(drive_router(hub, pool))
         app = application(hub, assets, start, end, routes)
 
-        server = HttpServer(app, hub, listen, pool.end)
-        await server.serve(sockets=[listener])
+        def interrupted() -> None:
+            hub.stop("the service ends")
+            pool.end()
+
+        tls = {"ssl_certfile": listen.certificate, "ssl_keyfile": listen.key} if listen else {}
+        server = HttpServer(app, interrupted, **tls)
+        stop_path = StopPath(hub.stop)
+        access.write_entry(stop_path.port)
+        try:
+            await server.serve(sockets=[listener])
+        finally:
+            await asyncio.to_thread(stop_path.close)
 
     try:
         asyncio.run(run())
