@@ -19,9 +19,8 @@ import soundfile
 
 from haptix.feel.materials import decoded
 from haptix.service.front.application import MOST_BODY_BYTES
-from haptix.service.front.assets import MOST_BYTES, AssetStore, Decoding
+from haptix.service.front.assets import AssetStore, Decoding
 from haptix.service.protocol.messages import Problem
-from haptix.service.worker import document_work
 from haptix.service.worker.document_work import DocumentWork
 from tests.service.service_under_test import Service
 from tests.service.test_decoding import OPENING, bomb, kept
@@ -46,7 +45,6 @@ class MakingService(Service):
     """A service that decodes what a document names, in this process."""
 
     store: AssetStore
-    layouts: list[Any]
 
 
 @pytest.fixture(scope="module")
@@ -56,9 +54,8 @@ def service(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(decoded, "_place", None)
         decoded.keep_in(service.folder / "decoded", makes=True)
-        service.layouts = []
         pool = PoolHere(DocumentWork(store.folder, OPENING))
-        service.hub.decode = Decoding(store, pool, lambda: service.layouts)
+        service.hub.decode = Decoding(store, pool)
         yield service
     service.close()
 
@@ -166,34 +163,6 @@ def test_a_short_sound_passes(service):
     with Client(service) as client:
         answer = client.ask("layout_set", document=layout({"kind": "transient", "curve": curve}))
         assert answer["type"] == "layout"
-
-
-def test_many_large_pictures_are_as_bad_as_one(service, monkeypatch):
-    monkeypatch.setattr(document_work, "BYTES_PER_PIXEL", MOST_BYTES // 3)
-    digest = kept(service.store, bomb(1) + b"another")
-    widths = iter(range(10, 100))
-
-    def photograph(width_mm):
-        return {"kind": "photograph", "file": f"sha256:{digest}", "width_mm": width_mm}
-
-    def ask(client, count, width_mm=None):
-        regions = [
-            layout(photograph(width_mm or next(widths)), str(number))["regions"][0]
-            for number in range(count)
-        ]
-        return client.ask("layout_set", document={"regions": regions})
-
-    with Client(service) as client:
-        assert ask(client, 3)["type"] == "layout"
-        refused = ask(client, 4)
-        assert (refused["code"], refused["path"]) == (
-            "limit",
-            "/document/regions/3/material/file",
-        )
-        assert ask(client, 40, 5.0)["type"] == "layout"  # the same is made once
-        service.layouts.append(layout(photograph(7.0)))  # of another session
-        assert ask(client, 3)["code"] == "limit"
-        service.layouts.clear()
 
 
 def test_a_layout_that_takes_long_stops_nobody(service, monkeypatch):

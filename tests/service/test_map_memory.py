@@ -1,12 +1,14 @@
 """Memory of generated materials: counted before it is taken, and given back."""
 
 import gc
+import io
 from hashlib import sha256
 from itertools import product
 from weakref import ref
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from haptix.base.errors import InputError
 from haptix.feel import Noise, Texture
@@ -90,6 +92,28 @@ def test_what_would_not_fit_is_not_made(tmp_path, small, monkeypatch):
     recording = {"kind": "recording", "file": f"sha256:{digest}", "step_mm": 1e-3}
     with pytest.raises(RegionError, match="larger step"):
         SessionLayout(tmp_path, small).set({"regions": [noise("n", 0) | {"material": recording}]})
+
+
+def test_pictures_count_as_what_is_made_of_them(tmp_path, small):
+    file = io.BytesIO()
+    Image.fromarray(np.random.default_rng(0).integers(0, 255, (32, 32), np.uint8)).save(file, "png")
+    digest = sha256(file.getvalue()).hexdigest()
+    (tmp_path / f"{digest}.png").write_bytes(file.getvalue())
+
+    def photograph(width_mm):
+        material = {"kind": "photograph", "file": f"sha256:{digest}", "width_mm": width_mm}
+        return noise(f"w{width_mm}", 0) | {"material": material}
+
+    layout = SessionLayout(tmp_path, small)
+    layout.set({"regions": [photograph(5.0)]})
+    one_bytes = small.used_bytes
+    assert one_bytes >= 8 * 32 * 32
+    room = small.most_bytes // one_bytes
+    with pytest.raises(RegionError, match="materials would take"):
+        layout.set({"regions": [photograph(5.0 + number) for number in range(room + 1)]})
+    layout.set({"regions": [noise("none", 0)]})  # and nothing of the refused is kept
+    gc.collect()
+    assert small.used_bytes <= ONE_BYTES + one_bytes
 
 
 def test_effects_count_too(tmp_path):

@@ -9,11 +9,10 @@ from __future__ import annotations
 
 import asyncio
 import filecmp
-import json
 import os
 import shutil
 import tempfile
-from collections.abc import AsyncIterator, Callable, Iterable, Iterator
+from collections.abc import AsyncIterator, Iterator
 from hashlib import file_digest, sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,8 +24,6 @@ if TYPE_CHECKING:
     from haptix.service.front.pool import Pool
 
 SUFFIXES = (*PICTURES, ".wav", ".flac", ".csv", ".xml")
-MOST_BYTES = 4 * 2**30
-"""Memory of the files of all sessions' layouts in the engine."""
 
 
 class AssetStore:
@@ -120,61 +117,40 @@ class Decoding:
         The files.
     pool : Pool
         Decodes them.
-    layouts : callable
-        Returns the documents that the engine has.
     """
 
-    def __init__(
-        self,
-        assets: AssetStore,
-        pool: Pool,
-        layouts: Callable[[], Iterable[dict[str, Any]]] = tuple,
-    ) -> None:
-        self._assets, self._pool, self._layouts = assets, pool, layouts
+    def __init__(self, assets: AssetStore, pool: Pool) -> None:
+        self._assets, self._pool = assets, pool
         self._folder = assets.folder.parent / FOLDER
-        self._bytes: dict[str, int] = {}  # of memory, by digest
+        self._checked: set[str] = set()  # by digest
 
     async def __call__(self, owner: str, fields: dict[str, Any]) -> None:
         """Check the new assets in a message of an owner.
 
-        Raises `Problem` with the place in the message of the file that cannot be read.
+        Raises `Problem` with the place in the message of the file that cannot be read. The memory
+        of what the engine makes of them is counted there (`MapMemory`).
         """
-        textures = {
-            (digest, use): self._bytes.get(digest, 0)
-            for document in self._layouts()
-            for _, digest, use in _named(document, "")
-        }
-        for path, digest, use in _named(fields, ""):
+        for path, digest in _named(fields, ""):
             try:
                 file = self._assets.path(digest)
             except Problem:
                 continue  # the engine's refusal names the region, too
             is_decoded = file.suffix not in PICTURES or is_kept(self._folder, digest)
-            if digest not in self._bytes or not is_decoded:
+            if digest not in self._checked or not is_decoded:
                 try:
-                    answer = await self._pool.ask(owner, "decode", digest=digest)
-                    self._bytes[digest] = answer["bytes"]
+                    await self._pool.ask(owner, "decode", digest=digest)
+                    self._checked.add(digest)
                 except Problem as problem:
                     raise Problem(problem.code, problem.sentence, path) from None
-            textures[digest, use] = self._bytes[digest]
-            if sum(textures.values()) > MOST_BYTES:
-                why = (
-                    f"the files of all layouts would take {sum(textures.values()) / 2**30:.3g} GiB "
-                    f"of memory; expected at most {MOST_BYTES / 2**30:g}: use smaller ones"
-                )
-                raise Problem("limit", why, path)
 
 
-def _named(value: Any, path: str, of: Any = None) -> Iterator[tuple[str, str, str]]:
-    """Yield where a file is named, its hash, and the table that names it.
-
-    Equal tables share one texture, so that it counts once.
-    """
+def _named(value: Any, path: str) -> Iterator[tuple[str, str]]:
+    """Yield where a file is named, and its hash."""
     if isinstance(value, dict):
         for key, item in value.items():
-            yield from _named(item, f"{path}/{key}", value)
+            yield from _named(item, f"{path}/{key}")
     elif isinstance(value, list | tuple):
         for index, item in enumerate(value):
-            yield from _named(item, f"{path}/{index}", of)
+            yield from _named(item, f"{path}/{index}")
     elif isinstance(value, str) and value.startswith("sha256:"):
-        yield path, value.removeprefix("sha256:"), json.dumps(of, sort_keys=True, default=str)
+        yield path, value.removeprefix("sha256:")

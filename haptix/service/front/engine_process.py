@@ -77,13 +77,10 @@ class EngineReplay:
         elif do in ("intensity", "mute", "pause", "sense"):
             self._settings[do] = dict(fields)
 
-    def layouts(self) -> list[dict[str, Any]]:
-        """Return the layouts of all sessions, as fields of `layout_restore`."""
-        return [{"session": session, **layout.message} for session, layout in self._layouts.items()]
-
     def messages(self) -> list[tuple[str, dict[str, Any]]]:
         """Return the messages that bring a new engine to the same state."""
-        return [*(("layout_restore", layout) for layout in self.layouts()), *self._settings.items()]
+        layouts = ({"session": by, **layout.message} for by, layout in self._layouts.items())
+        return [*(("layout_restore", layout) for layout in layouts), *self._settings.items()]
 
 
 _RESTART_S = 0.2  # from the end of a process to its next start: its driver ramps to 0 V
@@ -264,10 +261,6 @@ class EngineProcess(Process):
             self.felt_finger.want(self._rates.get("felt", 0.0) > 0)
         self._replay.record(do, fields)
         super().tell(do, **fields)
-
-    def layouts(self) -> list[dict[str, Any]]:
-        """Return the documents of all layouts that the engine has."""
-        return [layout["document"] for layout in self._replay.layouts()]
 
     def touch(self, reports: list[TouchEvent]) -> None:
         """Pass touches on."""

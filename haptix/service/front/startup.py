@@ -145,7 +145,7 @@ def serve(
             await pool.stop()
             await link.stop()
 
-        hub.decode = Decoding(assets, pool, link.layouts)
+        hub.decode = Decoding(assets, pool)
         routes = APIRouter()
         routes.include_router(documents_router(pool, folder / "layouts"))
         routes.include_router(drive_router(hub, pool))

@@ -31,7 +31,6 @@ EXPORT = "haptix.tasks.materials:ExportLayout"
 _FORCES_N = (0.1, 0.2, 0.5, 1.0, 2.0, 3.0)
 FORCE_N = 0.5
 """Where a request has no other; the engine knows what friction the screen can give at it."""
-BYTES_PER_PIXEL = 48  # of a texture: the pixels, its pyramid, and one level more
 MOST_SAMPLES, MOST_TABLE_BYTES = 48_000 * 60, 2_000_000
 """Of a sound, and of a table or model, which the engine reads in a second or two."""
 
@@ -113,7 +112,7 @@ class DocumentWork:
         }
 
     def decode(self, digest: str) -> dict[str, Any]:
-        """Check a file for the engine, which decodes no picture; return the memory that it takes.
+        """Check a file for the engine, which decodes no picture.
 
         The pixels of a picture are kept. Other files must be short: the engine reads them itself.
         """
@@ -121,8 +120,8 @@ class DocumentWork:
         if path.suffix in PICTURES:
             from haptix.feel.materials.pictures import read_pixels
 
-            pixels, _ = read_pixels("image", path)
-            return {"bytes": pixels.shape[0] * pixels.shape[1] * BYTES_PER_PIXEL}
+            read_pixels("image", path)
+            return {}
         with path.open("rb") as file:
             head = file.read(4)
         if head in (b"RIFF", b"fLaC"):
@@ -134,14 +133,14 @@ class DocumentWork:
                     f"file: expected a sound of at most {MOST_SAMPLES} samples, a minute at 48 kHz,"
                     f" got {count}"
                 )
-            return {"bytes": 16 * count}
+            return {}
         size = path.stat().st_size
         if size > MOST_TABLE_BYTES:
             raise InputError(
                 f"file: expected a table or model of at most {MOST_TABLE_BYTES / 1e6:g} MB, got "
                 f"{size / 1e6:.3g} MB; thin it out"
             )
-        return {"bytes": 64 * size}
+        return {}
 
     def export(self, **fields: Any) -> dict[str, Any]:
         """Return a layout in a form of interchange, as an archive of files; see the task."""
