@@ -21,9 +21,14 @@ _HAS_FAMILY = 0x2000
 _FAMILIES = {"pico": 0xE48BFF56, "pico2": 0xE48BFF59}
 #: The serial number in `main.c`, which is replaced.
 _NO_SERIAL = b"serial-not-set".ljust(16, b"\0")
+#: The first numbers of the set-up in `main.c`: output rate, full scale, ceiling, slew. The full
+#: scale is replaced; the others stay.
+_SETUP = struct.Struct("<4I")
+_NUMBERS = 48_000, 200_000, 200_000, 4_666_666
+LOWEST_FULL_SCALE_V, HIGHEST_FULL_SCALE_V = 10.0, 1000.0
 
 
-def pico_uf2(board: str, serial: str = "0") -> bytes:
+def pico_uf2(board: str, serial: str = "0", full_scale_v: float = 200.0) -> bytes:
     """Return the firmware of a Pico board, to be copied to its USB drive.
 
     Parameters
@@ -32,6 +37,9 @@ def pico_uf2(board: str, serial: str = "0") -> bytes:
         ``pico`` (RP2040) or ``pico2`` (RP2350).
     serial : str
         Serial number by which a host tells boards apart: 1 to 15 characters of ASCII.
+    full_scale_v : float
+        Voltage [V] that the amplifier makes of the largest code, 32767: 10 to 1000. Samples above
+        200 V are refused whatever it is.
 
     Returns
     -------
@@ -41,7 +49,8 @@ def pico_uf2(board: str, serial: str = "0") -> bytes:
     Raises
     ------
     DeviceError
-        If `serial` is no such text, or the program is missing and cannot be built.
+        If `serial` is no such text or `full_scale_v` no such voltage, or the program is missing and
+        cannot be built.
 
     Examples
     --------
@@ -56,10 +65,17 @@ def pico_uf2(board: str, serial: str = "0") -> bytes:
         raise DeviceError(
             f"serial must be 1 to 15 printable characters of ASCII, but is {serial!r}; shorten it."
         )
+    if not LOWEST_FULL_SCALE_V <= full_scale_v <= HIGHEST_FULL_SCALE_V:
+        raise DeviceError(
+            f"full_scale_v must lie in {LOWEST_FULL_SCALE_V:g} to {HIGHEST_FULL_SCALE_V:g} V, but "
+            f"is {full_scale_v:g}; measure what the amplifier makes of code 32767."
+        )
+    rate_hz, _, *others = _NUMBERS
+    numbers = _SETUP.pack(rate_hz, round(full_scale_v * 1e3), *others)
     binary = pico_program(board).read_bytes()
-    assert binary.count(_NO_SERIAL) == 1
-    named = binary.replace(_NO_SERIAL, serial.encode().ljust(len(_NO_SERIAL), b"\0"))
-    return as_uf2(board, named)
+    assert (binary.count(_NO_SERIAL), binary.count(_SETUP.pack(*_NUMBERS))) == (1, 1)
+    binary = binary.replace(_NO_SERIAL, serial.encode().ljust(len(_NO_SERIAL), b"\0"))
+    return as_uf2(board, binary.replace(_SETUP.pack(*_NUMBERS), numbers))
 
 
 def as_uf2(board: str, binary: bytes) -> bytes:

@@ -72,6 +72,28 @@ def test_two_boards_differ_by_their_serial_and_its_check_sum_alone(board):
     assert len(apart) <= 5 and apart[-1] < len(first.rstrip(b"\0")) + 4
 
 
+@pytest.mark.parametrize("board", FAMILIES)
+def test_the_full_scale_of_an_amplifier_is_replaced_and_nothing_else(board):
+    usual, own = (flash_of(pico_uf2(board, "r", volts), board) for volts in (200.0, 150.5))
+    apart = [at for at, (a, b) in enumerate(zip(usual, own, strict=True)) if a != b]
+    at = usual.index(struct.pack("<4I", 48_000, 200_000, 200_000, 4_666_666)) + 4
+    assert struct.unpack_from("<I", own, at) == (150_500,)
+    end = len(usual.rstrip(b"\0")) - 4
+    assert all(at <= one < at + 4 or one >= end for one in apart)
+
+
+@pytest.mark.parametrize("full_scale_v", [0.0, 9.9, 1000.1, float("nan"), float("inf")])
+def test_a_full_scale_of_no_amplifier_is_refused(full_scale_v):
+    with pytest.raises(DeviceError, match="full_scale_v"):
+        pico_uf2("pico", "rig-1", full_scale_v)
+
+
+def test_the_command_makes_no_folder_for_a_drive_that_is_not_there(tmp_path):
+    done = run_haptix("firmware", "pico", "--out", tmp_path / "RPI-RP2" / "board.uf2")
+    assert done.code == 2 and "a folder that exists" in done.err
+    assert not (tmp_path / "RPI-RP2").exists()
+
+
 @pytest.mark.parametrize("serial", ["", "x" * 16, "ü", "a\nb"])
 def test_a_serial_that_no_descriptor_holds_is_refused(serial):
     with pytest.raises(DeviceError, match="serial"):

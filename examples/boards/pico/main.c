@@ -8,7 +8,7 @@
 
 static hx_config config = {
     .output_rate_hz = BOARD_OUTPUT_HZ,
-    .full_scale_mv = 200000u, /* of the amplifier at code 32767: measure it, then write it here */
+    .full_scale_mv = 200000u, /* of the amplifier at code 32767: `haptix firmware --full-scale-v` replaces it */
     .ceiling_mv = 200000u,
     .max_slew_v_per_s = 4666666u, /* 0.7 mA through 150 pF: less for an earthed person */
     .queue_samples = HX_QUEUE_SAMPLES,

@@ -1,9 +1,12 @@
-"""Draw what an oscilloscope shows at the converter: the emulated board plays a carrier of 10 V.
+"""Draw what an oscilloscope shows at the converter of the emulated board.
 
-``python examples/boards/pico/oscilloscope.py`` writes docs/pico-10v.png; needs Node 20,
-``npm install --prefix tests/firmware_io/pico`` and matplotlib.
+``python oscilloscope.py output.codes`` draws what an emulator that you have started has written,
+to ``output.png``: signed 16-bit codes, little-endian, 48,000 a second; 32767 is full scale. Without
+a file it plays 10 V for 200 ms on an emulator of its own and writes ``10v.png``. It needs
+matplotlib and, without a file, Node 20 and ``npm install --prefix tests/firmware_io/pico``.
 """
 
+import argparse
 import json
 import subprocess
 from pathlib import Path
@@ -47,9 +50,18 @@ def record(folder: Path) -> np.ndarray:
 
 def main() -> None:
     """Draw the whole, its begin and its end."""
-    with TemporaryDirectory() as folder:
-        codes = record(Path(folder))
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("codes", nargs="?", type=Path, help="what an emulator wrote")
+    parser.add_argument("--out", type=Path, help="the picture")
+    given = parser.parse_args()
+    if given.codes is None:
+        with TemporaryDirectory() as folder:
+            codes = record(Path(folder))
+    else:
+        codes = np.fromfile(given.codes, "<i2").astype(float)
     played = np.flatnonzero(codes)
+    if not played.size:
+        parser.exit(1, "Nothing but 0 V has been played yet.\n")
     volts = REFERENCE_V / 2 * (1 + codes / 32768)
     figure, axes = plt.subplots(1, 3, figsize=(10, 2.6), layout="constrained", sharey=True)
     spans = (
@@ -64,7 +76,10 @@ def main() -> None:
         axis.set_xlabel("time [ms]")
         axis.grid(visible=True, alpha=0.3)
     axes[0].set_ylabel("converter's output [V]")
-    figure.savefig(HERE.parents[2] / "docs" / "pico-10v.png", dpi=110)
+    out = given.out or (given.codes.with_suffix(".png") if given.codes else Path("10v.png"))
+    figure.savefig(out, dpi=110)
+    took_ms = (played[-1] - played[0] + 1) / OUTPUT_HZ * 1e3
+    print(f"{took_ms:.0f} ms from the first sample off 0 V to the last: {out}")
 
 
 if __name__ == "__main__":

@@ -23,8 +23,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from haptix.base.errors import DeviceError, FileFormatError, MissingExtraError
-from haptix.base.fields import Address, Folder, NewFile, Text
+from haptix.base.errors import DeviceError, FileFormatError, InputError, MissingExtraError
+from haptix.base.fields import Address, Folder, NewFile, Positive, Text
 from haptix.base.files import write_whole
 from haptix.base.terminal import AsJson, show
 from haptix.base.version import __version__, foreign_package
@@ -47,6 +47,9 @@ def firmware(
         Path | None, option("Where to write it: haptix-BOARD.uf2 if not given.", NewFile)
     ] = None,
     serial: Annotated[str, option("The board's serial number, 1 to 15 characters.", Text)] = "0",
+    full_scale_v: Annotated[
+        float, option("What the amplifier makes of code 32767 [V], 10 to 1000.", Positive)
+    ] = 200.0,
     as_json: AsJson = False,
 ) -> None:
     """Write the firmware of a board, as a file that its USB drive takes."""
@@ -56,8 +59,10 @@ def firmware(
         raise DeviceError(
             f"board must be pico or pico2, but is {board!r}; others are built by their Makefile."
         )
-    image = pico_uf2(board, serial)
+    image = pico_uf2(board, serial, full_scale_v)
     out = out or Path(f"haptix-{board}.uf2")
+    if not out.parent.is_dir():
+        raise InputError(f"--out: expected a folder that exists, such as the board's drive: {out}")
     write_whole(out, image)
     sha256 = hashlib.sha256(image).hexdigest()
     show("firmware", [{"file": str(out), "bytes": len(image), "sha256": sha256}], as_json)

@@ -1,7 +1,7 @@
 // A Pico with the board's firmware, on rp2040js, or a Pico 2 on rp2350js: a host on its USB, a converter on its SPI,
 // an amplifier whose monitor its ADC measures. `node emulator.mjs pico.uf2 output.codes`; lines of JSON come out,
 // commands go in.
-import { closeSync, openSync, readFileSync, writeSync } from "node:fs";
+import { closeSync, existsSync, openSync, readFileSync, writeSync } from "node:fs";
 import { createServer } from "node:net";
 import { createInterface } from "node:readline";
 import { chipOf } from "./chips.mjs";
@@ -12,6 +12,10 @@ const PIN_ENABLE = 6, PIN_MARK = 7, PIN_LED = 25;
 const [, , image, trace] = process.argv;
 const say = (what) => process.stdout.write(`${JSON.stringify(what)}\n`);
 
+if (!trace || !existsSync(image)) {
+  console.error(image ? `There is no file ${image}.` : "usage: node emulator.mjs FIRMWARE.uf2 OUTPUT.codes");
+  process.exit(2);
+}
 const kind = await chipOf(readFileSync(image));
 const output = openSync(trace, "w");
 let codes = [], chip, host, offsetCode = 0, isWiredWrong = false, socket = null, playedBefore = 0, flipDue = null;
@@ -106,6 +110,7 @@ class Host {
     await this.request(0x21, 0x20, 0, 2, 7, new Uint8Array([0, 194, 1, 0, 0, 0, 8]));
     const coding = await this.request(0xa1, 0x21, 0, 2, 7);
     say({ device, configuration, strings, report, coding, address: this.usb.readUint32(0) });
+    console.error(`The board is up: tcp:127.0.0.1:${server.address().port}`);
   }
 }
 
@@ -137,7 +142,10 @@ const commands = {
 createInterface({ input: process.stdin }).on("line", (line) => {
   const command = JSON.parse(line);
   commands[command.do](command);
-}).on("close", () => process.exit(0));
+}).on("close", () => {
+  console.error("The emulator ends with its standard input.");
+  process.exit(0);
+});
 
 const server = createServer((client) => {
   socket = client;

@@ -53,7 +53,7 @@ KINDS = {
         "--repeatability-percent --tolerance-jnd --normal-reading-n --tangential-reading-n "
         "--speed-mm-per-s --shortest-mm --longest-mm --ask-after-h --second-weight-n "
         "--second-tangential-reading-n --seconds --h-rms-m --pixel-m --hurst --longest-m "
-        "--area-m2 --thickness-m",
+        "--area-m2 --thickness-m --full-scale-v",
         NOT_A_NUMBER,
     ),
     "numbers": (
