@@ -36,10 +36,10 @@ static int64_t cell_of(const double *nodes, int64_t count, double x, int64_t cel
     return cell;
 }
 
-/* -1/mu at a drive within the column. */
-static double inverse_of(const hx_slice *s, const column *c, double drive)
+/* -1/mu at a drive within the column; the search begins at a cell, and leaves its own there. */
+static double inverse_of(const hx_slice *s, const column *c, double drive, int64_t *from)
 {
-    int64_t cell = cell_of(s->drive, s->drives, drive, s->drives - 2);
+    int64_t cell = *from = cell_of(s->drive, s->drives, drive, *from);
     double low = inverse_at(c, cell), start = s->drive[cell];
     double slope = (inverse_at(c, cell + 1) - low) / (s->drive[cell + 1] - start);
     return low + slope * (drive - start);
@@ -48,7 +48,7 @@ static double inverse_of(const hx_slice *s, const column *c, double drive)
 /* Move a column to a force; one that begins has 0 as its cells. */
 static void move(const hx_slice *s, column *c, double force_n)
 {
-    int64_t width = s->drives + 2, cell = 0;
+    int64_t width = s->drives + 2, cell = 0, end_cell = s->drives - 2;
     c->part = 0.0;
     if (s->forces > 1) {
         double log_force = log(force_n), low, high;
@@ -75,7 +75,7 @@ static void move(const hx_slice *s, column *c, double force_n)
         c->ends_by = (int8_t)s->limited_by;
     c->is_inside = s->lowest_n <= force_n && force_n <= s->highest_n;
     c->first_inverse = inverse_at(c, 0);
-    c->end_inverse = inverse_of(s, c, c->end_drive);
+    c->end_inverse = inverse_of(s, c, c->end_drive, &end_cell);
     c->lowest_mu = -1.0 / c->first_inverse;
     c->highest_mu = -1.0 / c->end_inverse;
 }
@@ -111,7 +111,8 @@ void hx_slice_reach(const hx_slice *slice, const double *force_n, int64_t n, dou
 {
     column c = {0};
     for (int64_t i = 0; i < n; i++) {
-        move(slice, &c, force_n[i]);
+        if (i == 0 || force_n[i] != force_n[i - 1])
+            move(slice, &c, force_n[i]);
         lowest_mu[i] = c.lowest_mu;
         highest_mu[i] = c.highest_mu;
     }
@@ -122,10 +123,11 @@ void hx_slice_friction(const hx_slice *slice, const double *force_n, const doubl
 {
     column c = {0};
     for (int64_t i = 0; i < n; i++) {
-        move(slice, &c, force_n[i]);
+        if (i == 0 || force_n[i] != force_n[i - 1])
+            move(slice, &c, force_n[i]);
         double v = amplitude_v[i] > c.end_v ? c.end_v : amplitude_v[i];
         double root = v / c.pull_in_v;
-        mu[i] = -1.0 / inverse_of(slice, &c, root * root);
+        mu[i] = -1.0 / inverse_of(slice, &c, root * root, &c.drive_cell);
     }
 }
 

@@ -112,8 +112,8 @@ static void convert(const hx_engine *e, int64_t material, const hx_motion *on, d
     if (from == to && !fades)
         return;
     for (int64_t i = 0; i < on->fingers * on->points; i++) {
-        double speed = hypot(on->vx_mm_s[i], on->vy_mm_s[i]);
-        double share = fades ? fmin(sqrt(2.0) * speed / hypot(speed, slow_mm_s), 1.0) : 1.0;
+        double speed = hx_length(on->vx_mm_s[i], on->vy_mm_s[i]);
+        double share = fades ? hx_least(sqrt(2.0) * speed / hx_length(speed, slow_mm_s), 1.0) : 1.0;
         if (from == to && to != TARGET_MU) {
             value[i] *= share;
             continue;
@@ -123,7 +123,7 @@ static void convert(const hx_engine *e, int64_t material, const hx_motion *on, d
         mu = fades ? lowest + (mu - lowest) * share : mu;
         value[i] = to == TARGET_MU         ? mu
                    : to == TARGET_CONTRAST ? mu / lowest - 1
-                                           : (mu - lowest) / fmax(highest - lowest, 1e-12);
+                                           : (mu - lowest) / hx_most(highest - lowest, 1e-12);
     }
 }
 
@@ -132,7 +132,7 @@ static void convert(const hx_engine *e, int64_t material, const hx_motion *on, d
 /* A step from 0 to 1, as a ramp around a depth of 0. */
 static double ramp_at(double depth_mm, double ramp_mm)
 {
-    return fmin(fmax(0.5 + depth_mm / ramp_mm, 0.0), 1.0);
+    return hx_least(hx_most(0.5 + depth_mm / ramp_mm, 0.0), 1.0);
 }
 
 /* Distance to the nearest edge of a polygon, below 0 outside. */
@@ -144,9 +144,9 @@ static double depth_in(const hx_region *r, double x, double y)
     for (int64_t i = 0; i < r->corners; i++) {
         const double *corner = r->corner_mm + 2 * i;
         double dx = corner[0] - before[0], dy = corner[1] - before[1];
-        double along = ((x - before[0]) * dx + (y - before[1]) * dy) / fmax(dx * dx + dy * dy, 1e-300);
-        along = fmin(fmax(along, 0.0), 1.0);
-        nearest = fmin(nearest, hypot(x - before[0] - along * dx, y - before[1] - along * dy));
+        double along = ((x - before[0]) * dx + (y - before[1]) * dy) / hx_most(dx * dx + dy * dy, 1e-300);
+        along = hx_least(hx_most(along, 0.0), 1.0);
+        nearest = hx_least(nearest, hx_length(x - before[0] - along * dx, y - before[1] - along * dy));
         if (dy != 0.0 && (before[1] > y) != (corner[1] > y)) /* a ray to the right crosses it */
             is_inside ^= x < before[0] + (y - before[1]) * dx / dy;
         before = corner;
@@ -157,15 +157,15 @@ static double depth_in(const hx_region *r, double x, double y)
 /* Share of a place that is inside a region, see Outline.cover. */
 static double covered(const hx_region *r, double x, double y, double ramp_mm)
 {
-    double ramp = fmax(ramp_mm, 1e-9), width = r->width_mm, height = r->height_mm;
+    double ramp = hx_most(ramp_mm, 1e-9), width = r->width_mm, height = r->height_mm;
     if (r->shape == SHAPE_RECTANGLE)
         return (ramp_at(x, ramp) - ramp_at(x - width, ramp)) *
                (ramp_at(y, ramp) - ramp_at(y - height, ramp));
     if (r->shape == SHAPE_POLYGON)
         return ramp_at(depth_in(r, x, y), ramp);
     double a = width / 2, b = height / 2;
-    double depth = (1 - hypot(x / a - 1, y / b - 1)) * fmin(a, b);
-    return ramp_at(fmin(depth, fmin(a - fabs(x - a), b - fabs(y - b))), ramp);
+    double depth = (1 - hx_length(x / a - 1, y / b - 1)) * hx_least(a, b);
+    return ramp_at(hx_least(depth, hx_least(a - fabs(x - a), b - fabs(y - b))), ramp);
 }
 
 /* Places or velocities in the axes of a region, whose corner is x0, y0. */
@@ -185,8 +185,8 @@ static double blended(int64_t blend, double below, double felt)
     switch (blend) {
     case BLEND_ADD: return below + felt;
     case BLEND_MULTIPLY: return below * felt;
-    case BLEND_MAX: return fmax(below, felt);
-    case BLEND_MIN: return fmin(below, felt);
+    case BLEND_MAX: return hx_most(below, felt);
+    case BLEND_MIN: return hx_least(below, felt);
     default: return felt;
     }
 }
@@ -214,7 +214,7 @@ static void lay(hx_engine *e, const hx_region *r, const hx_motion *screen)
         on.footprint_mm = 2 * within_mm;
         hx_feel(p, r->mask, &on, e->seen, felt);
         for (int64_t i = 0; i < n; i++)
-            cover[i] *= fmin(fmax(felt[i], 0.0), 1.0);
+            cover[i] *= hx_least(hx_most(felt[i], 0.0), 1.0);
     }
     hx_history history[HX_FINGERS];
     for (int64_t k = 0; on.history && k < on.fingers; k++) {
@@ -276,7 +276,7 @@ static const double *share(hx_engine *e, const hx_motion *motion, const double *
     for (int64_t point = 0; point < points; point++) {
         double highest = -INFINITY;
         for (int64_t i = point; i < n; i += points)
-            highest = fmax(highest, rank[i]);
+            highest = hx_most(highest, rank[i]);
         for (int64_t i = point; i < n; i += points)
             shared[i] = rank[i] == highest ? gain[i] : 0.0;
     }
@@ -338,7 +338,7 @@ static double gain_at(const hx_engine *e, const hx_track *track, double t_s)
 /* Place and force that are played at a time. */
 static void played(const hx_engine *e, const hx_track *track, double t_s, double *place)
 {
-    double passed_s = fmax(t_s - track->start_s, 0.0);
+    double passed_s = hx_most(t_s - track->start_s, 0.0);
     double left = exp(-passed_s / e->program.following.blend_s);
     hx_finger_place(&e->program.following, track, t_s, place);
     place[0] += left * track->dx_mm;
@@ -445,7 +445,7 @@ static hx_touched seen_report(const hx_region *r, const hx_touched *report)
     see(r, &report->x_mm, &report->y_mm, r->x_mm, r->y_mm, 1, &seen.x_mm, &seen.y_mm);
     double width = r->width_mm, height = r->height_mm, x = seen.x_mm, y = seen.y_mm;
     int is_on = r->shape == SHAPE_RECTANGLE ? x >= 0.0 && x <= width && y >= 0.0 && y <= height
-                : r->shape == SHAPE_ELLIPSE ? hypot(2 * x / width - 1, 2 * y / height - 1) <= 1.0
+                : r->shape == SHAPE_ELLIPSE ? hx_length(2 * x / width - 1, 2 * y / height - 1) <= 1.0
                                             : covered(r, x, y, 0.0) >= 0.5;
     seen.is_down = report->is_down && r->opacity > 0.0 && is_on;
     return seen;
@@ -512,7 +512,7 @@ static void recall(hx_engine *e, touch *t, const hx_touched *now)
         is_new[i] = differ(all.time_s[i], then.time_s[i]);
         any |= is_new[i];
         if (is_new[i])
-            since_s = fmin(since_s, all.time_s[i]);
+            since_s = hx_least(since_s, all.time_s[i]);
     }
     if (t->recalled && !any && !differ(all.detent, then.detent))
         return;
@@ -522,7 +522,7 @@ static void recall(hx_engine *e, touch *t, const hx_touched *now)
         for (int64_t k = 0; k < each; k++)
             for (int i = 0; i < HX_EVENTS; i++)
                 if (is_new[i] && (k == 0 || facts[k].time_s[i] == all.time_s[i]))
-                    facts[k].time_s[i] = fmax(all.time_s[i], playable_s);
+                    facts[k].time_s[i] = hx_most(all.time_s[i], playable_s);
     }
     for (int64_t k = 0; k < each; k++)
         facts[k].since_s = since_s;

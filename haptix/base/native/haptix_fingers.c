@@ -75,8 +75,9 @@ int64_t hx_fingers(const hx_following *following, const hx_track *tracks, int64_
     double *x = numbers, *y = x + size, *force = y + size, *gain = force + size;
     double *left = gain + size, *vx = left + points, *vy = vx + n;
     double *which = vy + n, *fastest = which + n;
+    double each = exp(-step_s / following->blend_s);
     for (int64_t i = 0; i < points; i++)
-        left[i] = exp(-step_s * (double)(i + 1) / following->blend_s);
+        left[i] = i == 0 ? each : left[i - 1] * each;
     *fastest = 0.0;
     for (int64_t k = 0, to = 0; k < count; k++) {
         const hx_track *t = &tracks[k];

@@ -23,7 +23,7 @@ static int is_near(double x_mm, double y_mm)
 static double scaled(const hx_material *m, double level) { return m->low + (m->high - m->low) * level; }
 
 /* Direction along x or y: 0 at rest, and smooth. */
-static double unit(double v_mm_s, double speed_mm_s) { return v_mm_s / hypot(speed_mm_s, slow_mm_s); }
+static double unit(double v_mm_s, double speed_mm_s) { return v_mm_s / hx_length(speed_mm_s, slow_mm_s); }
 
 /* First of increasing numbers that is above a value, or not below it with `or_equal`. */
 static int64_t above(const double *number, int64_t count, double value, int or_equal)
@@ -77,8 +77,8 @@ static void feel_map(const hx_material *m, const hx_motion *on, double *value)
                       down <= m->height_mm))
                     across = INFINITY;
                 else {
-                    across = fmin(fmax(across, half), m->width_mm - half);
-                    down = fmin(fmax(down, half), m->height_mm - half);
+                    across = hx_least(hx_most(across, half), m->width_mm - half);
+                    down = hx_least(hx_most(down, half), m->height_mm - half);
                 }
             }
             x[i] = across;
@@ -90,7 +90,7 @@ static void feel_map(const hx_material *m, const hx_motion *on, double *value)
 
 static void feel_relief(const hx_material *m, const hx_motion *on, double *value)
 {
-    double depth = map_depth(on->footprint_mm, m->pixel_mm), ramp = fmax(m->ramp_mm, 1e-9);
+    double depth = map_depth(on->footprint_mm, m->pixel_mm), ramp = hx_most(m->ramp_mm, 1e-9);
     int64_t n = on->fingers * on->points;
     double down[CHUNK];
     for (int64_t from = 0; from < n; from += CHUNK) {
@@ -99,25 +99,24 @@ static void feel_relief(const hx_material *m, const hx_motion *on, double *value
         hx_map_sample(&m->map, x, y, depth, NULL, count, value + from);
         hx_map_sample(&m->other, x, y, depth, NULL, count, down);
         for (int64_t i = 0; i < count; i++) {
-            double vx = on->vx_mm_s[from + i], vy = on->vy_mm_s[from + i], speed = hypot(vx, vy);
+            double vx = on->vx_mm_s[from + i], vy = on->vy_mm_s[from + i], speed = hx_length(vx, vy);
             double uphill = value[from + i] * unit(vx, speed) + down[i] * unit(vy, speed);
             double level = 0.5 * clipped(uphill, -1.0, 1.0);
-            double inside_mm = fmin(fmin(x[i], m->width_mm - x[i]), fmin(y[i], m->height_mm - y[i]));
+            double inside_mm = hx_least(hx_least(x[i], m->width_mm - x[i]), hx_least(y[i], m->height_mm - y[i]));
             value[from + i] = scaled(m, level + m->bias * clipped(inside_mm / ramp, 0.0, 1.0));
         }
     }
 }
 
-static double read_table(const hx_material *m, int64_t number, double place)
+/* One period of a grating, of `size` numbers, at a place from 0 to 1. */
+static double read_table(const double *table, int64_t size, double place)
 {
-    const double *table = m->number;
-    for (int64_t i = 0; i < number; i++)
-        table += hx_table_size(i);
-    int64_t size = hx_table_size(number);
     double at = place * (double)size;
-    int64_t cell = (int64_t)at;
-    double low = table[cell % size];
-    return (at - (double)cell) * (table[(cell + 1) % size] - low) + low;
+    int64_t cell = (int64_t)at, next = cell + 1;
+    double part = at - (double)cell;
+    cell = cell < size ? cell : cell - size; /* rounding may reach the end of the period */
+    next = next < size ? next : next - size;
+    return part * (table[next] - table[cell]) + table[cell];
 }
 
 static double wave_at(const hx_material *m, double place)
@@ -133,10 +132,14 @@ static void feel_grating(const hx_material *m, const hx_motion *on, double *valu
     double footprint_mm = on->footprint_mm, last = (double)(m->numbers - 1), depth = 0.0;
     if (footprint_mm > 0.0) {
         double room = m->period_mm / (2 * footprint_mm);
-        depth = fmin(log2(room > 1.0 ? room : 1.0), last);
+        depth = hx_least(log2(room > 1.0 ? room : 1.0), last);
     }
     int64_t number = (int64_t)depth;
     double part = depth - (double)number;
+    int64_t size = hx_table_size(number), next_size = hx_table_size(number + 1);
+    const double *table = m->number;
+    for (int64_t i = 0; i < number; i++)
+        table += hx_table_size(i);
     for (int64_t i = 0; i < on->fingers * on->points; i++) {
         double x = on->x_mm[i], y = on->y_mm[i];
         if (!is_near(x, y)) {
@@ -149,9 +152,9 @@ static void feel_grating(const hx_material *m, const hx_motion *on, double *valu
             value[i] = wave_at(m, place);
             continue;
         }
-        value[i] = read_table(m, number, place);
+        value[i] = read_table(table, size, place);
         if (part > 0.0)
-            value[i] += part * (read_table(m, number + 1, place) - value[i]);
+            value[i] += part * (read_table(table + size, next_size, place) - value[i]);
     }
 }
 
@@ -160,7 +163,7 @@ static void feel_grating(const hx_material *m, const hx_motion *on, double *valu
 /* A raised cosine; where the drive cannot follow it, wider and lower with the same area. */
 static double ridge(double distance_mm, double width_mm, double footprint_mm)
 {
-    double width = fmax(width_mm, 4 * footprint_mm);
+    double width = hx_most(width_mm, 4 * footprint_mm);
     double part = clipped(fabs(distance_mm) / width, 0.0, 0.5);
     return width_mm / width * (0.5 + 0.5 * cos(two_pi * part));
 }
@@ -177,39 +180,39 @@ static void feel_slider(const hx_material *m, const hx_motion *on, double *value
         double away = INFINITY;
         for (int64_t k = below - 1; k <= below + 1; k++)
             if (k >= 0 && k < last)
-                away = fmin(away, fabs(along - (place[k] + place[k + 1]) / 2));
-        double beyond = fmax(place[0] - along, along - place[last]);
+                away = hx_least(away, fabs(along - (place[k] + place[k + 1]) / 2));
+        double beyond = hx_most(place[0] - along, along - place[last]);
         double wall = clipped(beyond / m->ramp_mm, 0.0, 1.0);
-        value[i] = scaled(m, fmax(ridge(away, m->ramp_mm, on->footprint_mm), wall));
+        value[i] = scaled(m, hx_most(ridge(away, m->ramp_mm, on->footprint_mm), wall));
     }
 }
 
 static double toggle_rise(const hx_material *m, double past_mm, double footprint_mm)
 {
-    double fall_mm = fmax(m->ramp_mm, 4 * footprint_mm);
+    double fall_mm = hx_most(m->ramp_mm, 4 * footprint_mm);
     return clipped(1 + past_mm / m->height_mm, 0.0, 1.0) * clipped(1 - past_mm / fall_mm, 0.0, 1.0);
 }
 
 static void feel_toggle(const hx_material *m, const hx_motion *on, double *value)
 {
     for (int64_t i = 0; i < on->fingers * on->points; i++) {
-        double vx = on->vx_mm_s[i], along = unit(vx, hypot(vx, on->vy_mm_s[i]));
+        double vx = on->vx_mm_s[i], along = unit(vx, hx_length(vx, on->vy_mm_s[i]));
         double past_mm = on->x_mm[i] - m->width_mm / 2;
-        double right = toggle_rise(m, past_mm, on->footprint_mm) * fmax(along, 0.0);
-        double left = toggle_rise(m, -past_mm, on->footprint_mm) * fmax(-along, 0.0);
+        double right = toggle_rise(m, past_mm, on->footprint_mm) * hx_most(along, 0.0);
+        double left = toggle_rise(m, -past_mm, on->footprint_mm) * hx_most(-along, 0.0);
         value[i] = scaled(m, right + left);
     }
 }
 
 static void feel_dial(const hx_material *m, const hx_motion *on, double *value)
 {
-    double detents = (double)m->numbers, ramp = fmax(m->ramp_mm, 4 * on->footprint_mm);
+    double detents = (double)m->numbers, ramp = hx_most(m->ramp_mm, 4 * on->footprint_mm);
     for (int64_t i = 0; i < on->fingers * on->points; i++) {
         double x = on->x_mm[i] - m->about_x_mm, y = on->y_mm[i] - m->about_y_mm;
-        double radius = hypot(x, y);
+        double radius = hx_length(x, y);
         double turn = atan2(y, x) * (detents / two_pi) - 0.5;
         double way = (turn - rint(turn)) * radius * (two_pi / detents);
-        double depth = fmin(radius - m->width_mm, m->height_mm - radius);
+        double depth = hx_least(radius - m->width_mm, m->height_mm - radius);
         double within = clipped(0.5 + depth / ramp, 0.0, 1.0);
         value[i] = scaled(m, within * ridge(way, m->ramp_mm, on->footprint_mm));
     }
@@ -235,7 +238,7 @@ static void feel_by_curve(const hx_program *p, const hx_material *m, const hx_mo
     multiply(p, m, on, rows, value);
     for (int64_t i = 0; i < on->fingers * on->points; i++) {
         double at = m->kind == KIND_BY_FORCE ? on->force_n[i]
-                                             : hypot(on->vx_mm_s[i], on->vy_mm_s[i]);
+                                             : hx_length(on->vx_mm_s[i], on->vy_mm_s[i]);
         value[i] *= line_at(m->number, m->number + m->numbers, m->numbers, at);
     }
 }
@@ -285,7 +288,7 @@ static const double drop_s = 1e-3, low_s = 0.03, rise_s = 0.1;
 
 static double inside_mm(const hx_material *m, double x_mm, double y_mm)
 {
-    return fmin(fmin(x_mm, m->width_mm - x_mm), fmin(y_mm, m->height_mm - y_mm));
+    return hx_least(hx_least(x_mm, m->width_mm - x_mm), hx_least(y_mm, m->height_mm - y_mm));
 }
 
 static double dropped(double since_s) { return clipped(1 - since_s / drop_s, 0.0, 1.0); }
@@ -297,26 +300,26 @@ static double pressing(const hx_facts *facts, double t_s, double by_force)
 {
     double press_s = facts->time_s[HX_PRESS], release_s = facts->time_s[HX_RELEASE];
     if (t_s - press_s >= 0.0 && !(release_s >= press_s))
-        return fmax(dropped(t_s - press_s), risen(t_s - press_s));
+        return hx_most(dropped(t_s - press_s), risen(t_s - press_s));
     if (t_s - release_s >= 0.0)
-        return fmax(dropped(t_s - release_s), by_force * risen(t_s - release_s));
+        return hx_most(dropped(t_s - release_s), by_force * risen(t_s - release_s));
     return by_force;
 }
 
 static void feel_button(const hx_material *m, const hx_motion *on, double *value)
 {
-    double ramp = fmax(edge_mm, 4 * on->footprint_mm), start = rises_from * m->press_n;
+    double ramp = hx_most(edge_mm, 4 * on->footprint_mm), start = rises_from * m->press_n;
     for (int64_t i = 0; i < on->fingers * on->points; i++) {
         int64_t finger = i / on->points;
         double t_s = on->start_s + on->step_s * (double)(i % on->points + 1);
         double depth = inside_mm(m, on->x_mm[i], on->y_mm[i]);
         double inside = clipped(0.5 + depth / ramp, 0.0, 1.0);
         double face = clipped(0.5 + (depth - m->ramp_mm) / ramp, 0.0, 1.0);
-        double speed = hypot(on->vx_mm_s[i], on->vy_mm_s[i]), by_force = 0.0;
+        double speed = hx_length(on->vx_mm_s[i], on->vy_mm_s[i]), by_force = 0.0;
         if (!on->force_known || on->force_known[finger])
             by_force = clipped((on->force_n[i] - start) / (m->press_n - start), 0.0, 1.0);
         double pressed = pressing(facts_at(on, finger, t_s), t_s, by_force);
-        value[i] = scaled(m, fmax((inside - face) * unit(speed, speed), face * pressed));
+        value[i] = scaled(m, hx_most((inside - face) * unit(speed, speed), face * pressed));
     }
 }
 
@@ -371,7 +374,7 @@ static void feel_moving(const hx_program *p, const hx_material *m, const hx_moti
         seen_at(m, place, &x[i], &y[i]);
         vx[i] = along * c + down * s;
         vy[i] = down * c - along * s;
-        fastest = fmax(fastest, hypot(vx[i], vy[i]));
+        fastest = hx_most(fastest, hx_length(vx[i], vy[i]));
     }
     hx_motion seen = *on;
     seen.x_mm = x;
@@ -418,7 +421,7 @@ static const double hysteresis = 0.05; /* of the pitch, past a ridge's top */
 static double detent_at(const hx_material *m, double x_mm, double y_mm)
 {
     if (m->kind == KIND_TOGGLE)
-        return fmin(fmax(0.5 + (x_mm - m->width_mm / 2) / m->height_mm, 0.0), 1.0);
+        return hx_least(hx_most(0.5 + (x_mm - m->width_mm / 2) / m->height_mm, 0.0), 1.0);
     if (m->kind == KIND_DIAL)
         return atan2(y_mm - m->about_y_mm, x_mm - m->about_x_mm) * (double)m->numbers / two_pi;
     double along = x_mm * m->cosine + y_mm * m->sine;
@@ -460,7 +463,7 @@ static void react_control(const hx_material *m, hx_facts *facts, const hx_touche
         double start = detents_between(m, facts->detent, was);
         double top = steps > 0.0 ? steps - 0.5 : steps + 0.5;
         double part = away != start ? (top - start) / (away - start) : 1.0;
-        at_s = before->t_s + fmin(fmax(part, 0.0), 1.0) * (now->t_s - before->t_s);
+        at_s = before->t_s + hx_least(hx_most(part, 0.0), 1.0) * (now->t_s - before->t_s);
     }
     facts->detent += steps;
     if (m->kind == KIND_DIAL)

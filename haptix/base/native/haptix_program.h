@@ -2,8 +2,17 @@
 #ifndef HAPTIX_PROGRAM_H
 #define HAPTIX_PROGRAM_H
 
+#include <math.h>
+
 #include "haptix_native.h"
 #include "haptix_touch.h"
+
+/* The second where they cannot be compared. Without a call, as fmin and fmax have in WebAssembly. */
+static inline double hx_least(double a, double b) { return a < b ? a : b; }
+static inline double hx_most(double a, double b) { return a > b ? a : b; }
+
+/* Of a vector in millimetres: no square overflows, as hypot takes care that none does. */
+static inline double hx_length(double x, double y) { return sqrt(x * x + y * y); }
 
 enum {
     KIND_UNIFORM = 0, KIND_MAP = 1, KIND_GRATING = 2, KIND_SLIDER = 3, KIND_TOGGLE = 4,

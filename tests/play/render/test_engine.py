@@ -479,8 +479,8 @@ def test_events_of_fingers_are_felt_as_the_host_plays_them(surface, device):
 
 
 @pytest.mark.slow
-def test_a_thousand_layouts_of_events_are_the_same(surface, device):
-    assert sum(check_events(surface, device, seed, 2.0) for seed in range(100, 1100)) > 10_000
+def test_hundreds_of_layouts_of_events_are_the_same(surface, device):
+    assert sum(check_events(surface, device, seed, 2.0) for seed in range(100, 400)) > 10_000
 
 
 def test_another_filter_is_named(surface, device):
