@@ -1,4 +1,4 @@
-"""Pictures from files, as they are seen: upright, over white, in grey."""
+"""Pictures from files, as they are seen: upright, over one colour, in grey."""
 
 from __future__ import annotations
 
@@ -66,15 +66,17 @@ def _formats() -> tuple[str, ...]:
     return tuple(name for name in _FORMATS if name in Image.OPEN)
 
 
-def read_grey(image: str | Path | npt.ArrayLike, largest_bytes: int = LARGEST_BYTES) -> Array:
+def read_grey(
+    image: str | Path | npt.ArrayLike, largest_bytes: int = LARGEST_BYTES, beneath: float = 0.0
+) -> Array:
     """Return grey pixels, shape (rows, columns), from a file or from grey or colour pixels.
 
-    A picture is turned upright by the camera's note, put over white where it is transparent, and
-    converted from palettes, inks and colour profiles to sRGB. Of an animation the first frame is
-    read. In a file of more than 24 megapixels, boxes of pixels are averaged. `InputError` is raised
-    for a file of more than 200 megapixels (only its header is read), for one whose texture would
-    take more memory than `largest_bytes`, and for one that is not a picture of a format that is
-    read.
+    A picture is turned upright by the camera's note, put over `beneath` (0 black, 1 white) where it
+    is transparent, and converted from palettes, inks and colour profiles to sRGB. Of an animation
+    the first frame is read. In a file of more than 24 megapixels, boxes of pixels are averaged.
+    `InputError` is raised for a file of more than 200 megapixels (only its header is read), for one
+    whose texture would take more memory than `largest_bytes`, and for one that is not a picture of
+    a format that is read.
     """
     positive("largest_bytes", largest_bytes)
     if isinstance(image, str | Path):
@@ -95,7 +97,7 @@ def read_grey(image: str | Path | npt.ArrayLike, largest_bytes: int = LARGEST_BY
             "image: expected pixels of shape (rows, columns), or (rows, columns, channels) with 2 "
             f"to 4 channels, got {pixels.shape}"
         )
-    grey = _grey(pixels, premultiplied)
+    grey = _grey(pixels, premultiplied, beneath)
     if not np.isfinite(grey).all():
         raise InputError("image: expected finite pixels")
     return np.asarray(grey, dtype=np.float64)
@@ -118,7 +120,7 @@ def read_normals(path: Path, largest_bytes: int = LARGEST_BYTES) -> tuple[Array,
     return -right / out, up / out
 
 
-def _grey(pixels: npt.NDArray[Any], premultiplied: bool) -> Array:
+def _grey(pixels: npt.NDArray[Any], premultiplied: bool, beneath: float) -> Array:
     """Grey of pixels with 1 to 4 channels; with 2 or 4 the last is the opacity."""
     with from_extra("photographs"):
         from skimage.color import rgb2gray  # here, since these take a third of a second
@@ -141,7 +143,7 @@ def _grey(pixels: npt.NDArray[Any], premultiplied: bool) -> Array:
         if not ((opacity >= 0) & (opacity <= 1)).all():
             raise InputError("image: expected opacities from 0 to 1 in the last channel")
         if opacity.min() < 1:
-            grey = (grey if premultiplied else opacity * grey) + (1 - opacity) * white
+            grey = (grey if premultiplied else opacity * grey) + (1 - opacity) * white * beneath
     return np.asarray(grey)
 
 

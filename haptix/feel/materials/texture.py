@@ -204,6 +204,8 @@ class Texture(Displayed, FrictionField):
     ) -> Self:
         """Take a photograph: grey between its 1st and 99th percentile becomes level 0 to 1.
 
+        Where it is transparent, friction is the lowest.
+
         Parameters
         ----------
         image : path or array_like
@@ -230,7 +232,8 @@ class Texture(Displayed, FrictionField):
         from haptix.feel.materials.pictures import read_grey  # needs an extra
 
         choice("polarity", polarity, get_args(Polarity))
-        level = stretched(read_grey(image, largest_bytes))
+        beneath = float(polarity == "dark-high")  # the colour of the lowest friction
+        level = stretched(read_grey(image, largest_bytes, beneath))
         if polarity == "dark-high":
             level = 1 - level
         return cls(level, width_mm, target, low, high)

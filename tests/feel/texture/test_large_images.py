@@ -82,9 +82,9 @@ def test_a_photograph_of_54_megapixels_is_read_at_less(tmp_path, kind):
     assert Texture.from_image(path, width_mm=90.0).level.shape == (3_000, 4_500)
 
 
-def test_averages_of_what_is_transparent_lie_on_white(monkeypatch, tmp_path):
+def test_averages_of_what_is_transparent_lie_on_black(monkeypatch, tmp_path):
     monkeypatch.setattr(pictures, "MOST_KEPT", 1)
-    pixels = np.array([[[0, 255], [0, 255]], [[200, 0], [200, 0]]], np.uint8)  # black over nothing
+    pixels = np.array([[[255, 255], [255, 255]], [[200, 0], [200, 0]]], np.uint8)  # white, nothing
     Image.fromarray(pixels, "LA").save(tmp_path / "a.png")
     assert pictures.read_grey(tmp_path / "a.png") == pytest.approx(255 / 2, abs=0.5)  # of rounding
     Image.fromarray(np.zeros((1, 3), np.uint8)).save(tmp_path / "b.png")

@@ -5,7 +5,7 @@ import pytest
 import tifffile
 from PIL import Image, ImageCms
 
-from haptix import InputError
+from haptix import InputError, Texture
 from haptix.feel.materials.decoded import PICTURES
 from haptix.feel.materials.pictures import read_grey, read_normals
 
@@ -63,7 +63,7 @@ def test_each_form_of_file_is_read(tmp_path, suffix):
 
 @pytest.mark.parametrize("kind", ["png", "webp", "tif"])
 @pytest.mark.parametrize("mode", ["LA", "RGBA"])
-def test_a_transparent_picture_lies_on_white(tmp_path, kind, mode):
+def test_a_transparent_picture_lies_on_black(tmp_path, kind, mode):
     if (kind, mode) == ("webp", "LA"):
         mode = "RGBA"
     opacity = np.linspace(0, 255, GREY.size).reshape(GREY.shape).round().astype(np.uint8)
@@ -71,14 +71,14 @@ def test_a_transparent_picture_lies_on_white(tmp_path, kind, mode):
     Image.fromarray(np.dstack([GREY, opacity]), "LA").convert(mode).save(
         path, **({"lossless": True, "exact": True} if kind == "webp" else {})
     )
-    expected = GREY * (opacity / 255.0) + 255 * (1 - opacity / 255.0)
+    expected = GREY * (opacity / 255.0)
     scale = 1 if mode == "LA" else 1 / 255
     # Weights of the three channels add to 1 with 4 digits.
     np.testing.assert_allclose(seen(path), expected * scale, rtol=2e-4, atol=1e-9)
 
 
 def test_colours_stored_times_their_opacity(tmp_path):
-    """Associated alpha of TIFF: a half-transparent black is 0, and is seen as a middle grey."""
+    """Associated alpha of TIFF: half-transparent colours are stored half as bright."""
     opacity = np.full(GREY.shape, 128, np.uint8)
     opacity[0] = 255
     stored = (COLOUR * (opacity[..., None] / 255)).round().astype(np.uint8)
@@ -86,8 +86,17 @@ def test_colours_stored_times_their_opacity(tmp_path):
     tifffile.imwrite(
         path, np.dstack([stored, opacity]), photometric="rgb", extrasamples=["assocalpha"]
     )
-    expected = luminance(stored) + (1 - opacity / 255.0)
+    expected = luminance(stored)
     np.testing.assert_allclose(seen(path), expected, rtol=2e-3)
+
+
+@pytest.mark.parametrize(("polarity", "high"), [("bright-high", 255), ("dark-high", 0)])
+@pytest.mark.parametrize("colour", [0, 255])
+def test_friction_is_lowest_where_a_photograph_is_transparent(colour, polarity, high):
+    pixels = np.full((40, 40, 2), [colour, 0], np.uint8)
+    pixels[:, 20:] = [high, 255]
+    level = Texture.from_image(pixels, 40.0, polarity).level
+    np.testing.assert_array_equal(level, np.tile(np.repeat([0.0, 1.0], 20), (40, 1)))
 
 
 @pytest.mark.parametrize("kind", ["png", "gif", "tif"])
@@ -105,7 +114,7 @@ def test_a_palette_with_a_transparent_colour(tmp_path):
     picture = Image.fromarray((GREY > 127).astype(np.uint8), "P")
     picture.putpalette([0, 0, 0, 90, 90, 90])
     picture.save(tmp_path / "photo.png", transparency=0)
-    expected = np.where(GREY > 127, 90 / 255, 1.0)
+    expected = np.where(GREY > 127, 90 / 255, 0.0)
     np.testing.assert_allclose(seen(tmp_path / "photo.png"), expected, rtol=0, atol=1e-3)
 
 
