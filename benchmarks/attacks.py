@@ -154,7 +154,7 @@ def crowd(count: int, begin: bytes, limit: int) -> dict[str, Any]:
         resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, 2 * count), hard))
         entry = Path(service.environment["HAPTIX_SERVICE"]) / "service.json"
         found = json.loads(entry.read_text())
-        figures = {}
+        figures: dict[str, Any] = {}
         for path in ("port", "stop_port"):
             opened = connections(found[path], count, begin)
             took_ms = []

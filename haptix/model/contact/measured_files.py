@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from haptix.base.errors import FileFormatError, HaptixError, InputError, from_extra
-from haptix.base.files import LARGEST_TABLE_BYTES, read_bytes
+from haptix.base.files import LARGEST_TABLE_BYTES, read_bytes, reading
 from haptix.base.units import factor_to
 from haptix.model.contact.roughness import Convention, RoughnessSpectrum
 from haptix.model.contact.topography import MeasuredSurface
@@ -149,8 +149,10 @@ def read_surface(
     if isinstance(path, MeasuredTable):
         return _of_columns(path, "text", unit, pixel_m, is_periodic)
     if path.suffix == ".npy":
-        heights = np.load(path, allow_pickle=False)
-        return MeasuredSurface.of(heights * _metres(unit, path), pixel_m, is_periodic)
+        in_metres = _metres(unit, path)
+        with reading(path, "heights as numpy.save writes them"):
+            heights = np.load(path, allow_pickle=False) * in_metres
+        return MeasuredSurface.of(heights, pixel_m, is_periodic)
     table, wrong = None, None
     if path.suffix.lower() in _TEXTS:
         try:
