@@ -1,0 +1,222 @@
+"""A page as a driver's host: its bytes against the golden ones, its session with the firmware."""
+
+import json
+from base64 import b64encode
+
+import numpy as np
+import pytest
+
+import haptix
+from firmware_io.links.mock import MockDriver
+from firmware_io.protocol import FrameParser
+from firmware_io.serve import DriverServer
+from haptix.feel.materials import Grating
+from haptix.play import compile_touch
+from tests.clients.test_engine_package import under_node
+from tests.made_clients import ROOT
+from tests.waiting import wait_for
+
+GOLDEN = ROOT / "firmware_io" / "golden"
+
+READ_GOLDEN = """
+import { readFileSync } from "node:fs";
+import { crc16, crc32, encode, FrameParser, fromReport, toReports } from "PACKAGE/src/protocol.js";
+const { sums, frames, sent } = JSON.parse(readFileSync(0));
+const of = (hex) => new Uint8Array(Buffer.from(hex, "hex"));
+const hex = (bytes) => Buffer.from(bytes).toString("hex");
+const words = (_, value) => (typeof value === "bigint" ? Number(value) : value);
+const found = (bytes, step) => {
+  const parser = new FrameParser(), all = [];
+  for (let at = 0; at < bytes.length; at += step)
+    all.push(...parser.feed(bytes.subarray(at, at + step)));
+  return all.map((m) => (m.codes ? { ...m, codes: [...m.codes] } : m));
+};
+process.stdout.write(JSON.stringify({
+  sums: sums.map((one) => [crc16(of(one)), crc32(of(one))]),
+  read: frames.map((one) => found(of(one), one.length)),
+  written: frames.flatMap((one) => found(of(one), one.length).filter((m) => KINDS.includes(m.kind))
+    .map((m) => hex(encode(m.kind, m.sequence, m, m.version)))),
+  pieces: sent.map((one) =>
+    [1, 7, 4096].map((step) => found(of(one), step).map((m) => m.sequence))),
+  reports: frames.map((one) =>
+    hex(toReports(of(one)).flatMap((report) => [...fromReport(report)]))),
+}, words));
+""".replace("KINDS", '["HELLO", "SETUP", "ARM", "STREAM", "STOP", "PING", "REVISE", "MARK"]')
+
+
+def golden(name):
+    return json.loads((GOLDEN / name).read_text())
+
+
+def test_its_bytes_are_the_golden_ones():
+    sums, frames = golden("crc.json"), golden("frames.json")
+    steps = [s for path in sorted(GOLDEN.glob("session-*")) for s in golden(path.name)["steps"]]
+    sent = [bytes.fromhex(step["transmit"]) for step in steps if "transmit" in step]
+    given = {
+        "sums": [one["bytes"].replace(" ", "") for one in sums],
+        "frames": [one["bytes"].replace(" ", "") for one in frames],
+        "sent": [one.hex() for one in sent],
+    }
+    got = under_node(READ_GOLDEN, json.dumps(given).encode())
+    assert got["sums"] == [[int(one["crc16"], 16), int(one["crc32"], 16)] for one in sums]
+    hosts = [one for one in frames if int(one["bytes"].split()[3], 16) < 0x80]
+    assert got["written"] == [one["bytes"].replace(" ", "") for one in hosts]
+    for one, read in zip(frames, got["read"], strict=True):
+        assert [(m["kind"], m["sequence"]) for m in read] == [(one["kind"], one["sequence"])]
+        for field, value in one["fields"].items():
+            name = field.replace("_ticks", "").title().replace("_", "")
+            name = name[0].lower() + name[1:]
+            if (one["kind"], name) == ("FAULT", "sequence"):  # of the frame that was refused
+                name = "ofSequence"
+            if name in read[0] and isinstance(value, int):
+                assert read[0][name] == value, field
+    assert got["reports"] == given["frames"]
+    for data, pieces in zip(sent, got["pieces"], strict=True):
+        due = [frame.sequence for frame in FrameParser().feed(data)]
+        assert pieces == [due] * 3
+
+
+#: A link over the socket of a served driver; only Node has one.
+SESSION = """
+import { createHmac } from "node:crypto";
+import { readFileSync } from "node:fs";
+import { connect } from "node:net";
+import { setTimeout as sleep } from "node:timers/promises";
+import { EngineCore } from "PACKAGE/src/core.js";
+import { Driver, DriveWindow } from "PACKAGE/src/driver.js";
+const { port, program } = JSON.parse(readFileSync(0));
+
+function tcp() {
+  return new Promise((resolve, reject) => {
+    const socket = connect(port, "127.0.0.1");
+    const link = { name: "tcp", hasReports: false, onbytes: null, onlost: null, isCut: false };
+    link.send = (frame) => new Promise((done) => (link.isCut ? done() : socket.write(frame, done)));
+    link.close = async () => socket.destroy();
+    socket.on("error", reject);
+    socket.on("close", () => link.onlost?.(new Error("closed")));
+    socket.once("data", (line) => {
+      socket.write(createHmac("sha256", "").update(line).digest("hex") + "\\n");
+      socket.on("data", (bytes) => link.onbytes(bytes));
+      resolve(link);
+    });
+  });
+}
+const out = (result) => process.stdout.write(JSON.stringify(result), () => process.exit(0));
+"""
+
+PLAY = """
+const engine = await EngineCore.load(new Uint8Array(Buffer.from(program, "base64")));
+const link = await tcp();
+const driver = await Driver.open(link, { sampleRateHz: engine.sampleRateHz });
+await driver.arm();
+const sent = [];
+for (let turn = 0; turn < 20; turn++) {
+  engine.touch({ id: 1, tS: engine.nowS, xMm: 5 + turn, yMm: 9, forceN: 0.5 });
+  sent.push(...engine.block(60).driveV);
+}
+await driver.write(sent);
+while (driver.ahead > 0) await sleep(2);
+await driver.stop();
+const { underruns, faults } = driver.status;
+await driver.close();
+out({ sent, underruns, faults });
+"""
+
+LIMITS = """
+const link = await tcp();
+const driver = await Driver.open(link, { sampleRateHz: 48000, ceilingV: 100 });
+await driver.arm();
+const made = (n, of) => Float64Array.from({ length: n }, (_, i) => of(i));
+const sine = (v, f, n) => made(n, (i) => v * Math.sin((2 * Math.PI * f * i) / 48000));
+const square = made(48000, (i) => 199 * Math.max(-1, Math.min(1, 5 * Math.sin(i / 20))));
+const step = made(9000, (i) => Math.min(90, i));
+const words = [];
+const say = (error) => words.push(`${error.name} ${error.message}`);
+for (const volts of [sine(101, 1000, 48), sine(99, 20000, 48), new Float64Array([NaN]), step])
+  await driver.write(volts).then(() => words.push("sent"), say);
+await driver.write(sine(99, 1000, 480));
+const refused = (how) => {
+  try { how(); return "taken"; } catch (error) { return `${error.name} ${error.message}`; }
+};
+words.push(refused(() => new DriveWindow(48000, 201)));
+words.push(refused(() => new DriveWindow(48000).check(square)));
+await driver.close();
+out({ words, faults: driver.status.faults });
+"""
+
+SILENT = """
+const link = await tcp();
+const driver = await Driver.open(link, { sampleRateHz: 48000 });
+await driver.arm();
+const engine = new EventTarget();
+let failed = "";
+driver.addEventListener("failed", ({ detail }) => (failed ||= detail.message));
+driver.play(engine);
+for (let k = 0; k < 6; k++) {
+  const driveV = Float64Array.from({ length: 480 }, (_, i) => 100 * Math.sin((480 * k + i) / 7));
+  engine.dispatchEvent(new CustomEvent("block", { detail: { driveV } }));
+  await sleep(8);
+}
+link.isCut = IS_CUT;
+for (let i = 0; i < 2000 && driver.status.state !== 0; i++) await sleep(5);
+for (let i = 0; i < 200 && !failed; i++) await sleep(5);
+const { state, fault } = driver.status;
+out({ failed, state, fault, isArmed: driver.isArmed });
+"""
+
+
+@pytest.fixture
+def served():
+    driver = MockDriver(sample_rate_hz=48000.0, pace="real")
+    with DriverServer(driver) as server:
+        yield driver, server.port
+
+
+def test_a_program_arrives_at_the_driver_sample_for_sample(model):
+    surface = haptix.FrictionSurface.build(model, {"normal_force_n": 0.5, "frequency_hz": 4000.0})
+    with haptix.open_device("mock:") as device:
+        program = compile_touch(surface, Grating(period_mm=2.0), device)
+    text = b64encode(program).decode()
+    for _ in range(5):  # a busy machine may leave the driver dry, which is heard in its record
+        driver = MockDriver(sample_rate_hz=48000.0, pace="real")
+        with DriverServer(driver) as server:
+            given = json.dumps({"port": server.port, "program": text})
+            got = under_node(SESSION + PLAY, given.encode())
+        if got["underruns"] <= 1:  # that behind the last sample
+            break
+    sent, played = np.array(got["sent"]), np.asarray(driver.output_v)
+    assert got["faults"] == 0
+    assert np.abs(sent).max() > 50.0
+    code_v = 250.0 / 32767
+    # Where the stream begins in the record: what was played before is at 0 V.
+    first = np.flatnonzero(np.abs(sent) > code_v)[0]
+    begins = np.flatnonzero(played)[0] - first
+    arrived = played[begins : begins + sent.size]
+    np.testing.assert_allclose(arrived, sent, rtol=0, atol=0.501 * code_v)
+    assert played[-1] == 0.0
+
+
+def test_what_is_above_a_limit_is_not_sent(served):
+    got = under_node(SESSION + LIMITS, json.dumps({"port": served[1]}).encode())
+    assert got["faults"] == 0
+    for words, part in zip(
+        got["words"], ["ceiling", "slew", "ceiling", "mean", "LimitError", "rms"], strict=True
+    ):
+        assert part in words
+    assert np.abs(served[0].output_v).max() <= 99.1
+
+
+@pytest.mark.parametrize("is_cut", [False, True])
+def test_a_page_that_falls_silent_ends_at_0_v(served, is_cut):
+    """By its own STOP while it can send, else by the driver's watchdog."""
+    driver, port = served
+    script = SESSION + SILENT.replace("IS_CUT", str(is_cut).lower())
+    got = under_node(script, json.dumps({"port": port}).encode())
+    assert got["state"] == 0
+    assert not got["isArmed"]
+    if is_cut:
+        assert got["fault"] == 15  # STARVED
+    else:
+        assert (got["fault"], got["failed"]) == (0, "the engine has stopped")
+    wait_for(lambda: np.asarray(driver.output_v)[-1] == 0.0)
+    assert np.abs(driver.output_v).max() > 50.0
