@@ -7,6 +7,12 @@
 
 #include <stdint.h>
 
+/* Fingers that an engine follows, and the most control points of a block; a board has fewer. */
+#ifndef HX_POINTS
+#define HX_FINGERS 10
+#define HX_POINTS 240
+#endif
+
 /* cffi: begin */
 /* Cells between increasing nodes; see haptix.model.surface.axes.Cells. */
 typedef struct {
@@ -152,9 +158,6 @@ void hx_pyramid_make(const float *values, int64_t rows, int64_t columns, double 
 /* An engine plays a program of a touch; docs/program.md has its format. It lies in memory of the
  * caller, has no other state, and allocates nothing. */
 typedef struct hx_engine hx_engine;
-
-/* Fingers that an engine follows, and the most control points of a block. */
-enum { HX_FINGERS = 10, HX_POINTS = 240 };
 
 /* Why a program is refused; these are below 0. */
 enum {
