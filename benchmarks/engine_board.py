@@ -35,7 +35,8 @@ def built(core: str, folder: Path) -> Path:
         [
             *(sys.executable, "-m", "ziglang", "cc", *flags, "-O2", "-std=gnu99", *SMALL),
             *("-ffunction-sections", "-Wl,--gc-sections", f"-I{NATIVE}", f"-I{BOARD}"),
-            *(BOARD / "engine.c", *sources, "-T", folder / "board.ld", "-lm", "-o", program),
+            *(str(path) for path in (BOARD / "engine.c", *sources)),
+            *("-T", str(folder / "board.ld"), "-lm", "-o", str(program)),
         ],
         check=True,
         cwd=folder,
