@@ -4,8 +4,9 @@ A new connection is always accepted: the one that needs its place least is close
 and half-open connections, however many, cannot block STOP. STOP also has a port, a thread and a
 crowd of its own (`StopPath`), which can do nothing but stop.
 
-Connections are bounded where asyncio calls `accept` and `recv`; on Windows it does not, but there
-the number of open sockets has no such limit.
+So it is where asyncio calls `accept` and `recv` of a socket. On Windows it does not: there a
+request is refused with 503 while as many connections are open, and sessions are not read piece by
+piece.
 
 A session's socket is read, written and answered in turn until either side closes it:
 
@@ -23,6 +24,7 @@ import asyncio
 import logging
 import re
 import socket
+import sys
 import threading
 import time
 from collections import deque
@@ -205,6 +207,7 @@ class HttpServer(uvicorn.Server):
                 http="h11",
                 log_level="critical",  # the client gets its own error
                 backlog=_AT_ONCE,
+                limit_concurrency=MOST_CONNECTIONS if sys.platform == "win32" else None,
                 proxy_headers=False,  # the crowd knows connections by their own addresses
                 ws_max_size=4 * MOST_TEXT_BYTES,  # too long is an error, and closes nothing
                 ws_per_message_deflate=False,  # work for bytes that leave no machine
