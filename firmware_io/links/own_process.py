@@ -4,9 +4,6 @@ PortAudio knows the interfaces of the moment when it was initialised. Where JACK
 since, it waits ten minutes for the end of a stream, and aborts the process when it is terminated
 (`findings/portaudio_after_jack.sh`). A new process for each opening has neither problem. When the
 program dies, however it does, this process ramps the output to 0 V.
-
-Most of its start is the loading of modules. So after an output was not there, a process that has
-loaded them waits for the next try; the output's library is initialised only in that try.
 """
 
 from __future__ import annotations
@@ -26,11 +23,7 @@ from typing import Any
 
 from firmware_io import device_errors
 from firmware_io.clock import raise_priority
-from firmware_io.device_errors import (
-    DeviceDisconnectedError,
-    DeviceError,
-    DeviceNotFoundError,
-)
+from firmware_io.device_errors import DeviceDisconnectedError, DeviceError
 from firmware_io.link import Link
 from firmware_io.links.hosted import HostedLink
 
@@ -63,7 +56,7 @@ class OwnProcessLink(Link):
         self._failure: DeviceError | None = None
         self._is_known = threading.Event()
         self._is_open = True
-        self._process = _SPARE.take(module)
+        self._process = _start(module, "serve", stdin=subprocess.PIPE)
         self._reader = threading.Thread(target=self._read, name="firmware_io link", daemon=True)
         self._reader.start()
         try:
@@ -71,10 +64,8 @@ class OwnProcessLink(Link):
             if not self._is_known.wait(_START_S):
                 raise DeviceError(f"{module} did not start within {_START_S:g} s; try again.")
             self._check()
-        except BaseException as error:
+        except BaseException:
             self.close()
-            if isinstance(error, DeviceNotFoundError):
-                _SPARE.make(module)
             raise
 
     @property
@@ -155,44 +146,6 @@ class OwnProcessLink(Link):
         )
         self._is_known.set()
         self._came.put(b"")  # wakes who waits
-
-
-class _Spare:
-    """At most one process that waits to be told what to open, from the same surroundings."""
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._kept: tuple[Any, subprocess.Popen[bytes]] | None = None
-
-    def take(self, module: str) -> subprocess.Popen[bytes]:
-        """Return the process that waits, or a new one."""
-        with self._lock:
-            (key, process), self._kept = self._kept or (None, None), None
-        if process is not None:
-            if key == _surroundings(module) and process.poll() is None:
-                return process
-            with process:
-                process.kill()  # it has opened nothing
-        return _start(module, "serve", stdin=subprocess.PIPE)
-
-    def make(self, module: str) -> None:
-        """Start a process that waits, which ends with this one."""
-        process = self.take(module)
-        with self._lock:
-            if self._kept is None:
-                self._kept = _surroundings(module), process
-                return
-        with process:  # another thread made one
-            process.kill()
-
-
-def _surroundings(module: str) -> tuple[Any, ...]:
-    """What a process takes over when it starts: its folder and its environment."""
-    folder = os.stat(".")  # noqa: PTH116 - also where the folder was removed
-    return module, folder.st_dev, folder.st_ino, dict(os.environ)
-
-
-_SPARE = _Spare()
 
 
 def ask_in_own_process(module: str, function: str) -> Any:

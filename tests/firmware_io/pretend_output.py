@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 
-from firmware_io.device_errors import DeviceBusyError, DeviceNotFoundError
+from firmware_io.device_errors import DeviceBusyError
 from firmware_io.links import hosted
 from firmware_io.links.audio import AudioProfile
 from firmware_io.links.hosted import HostedLink
@@ -44,7 +44,7 @@ class PretendLink(HostedLink):
         self.thread.join()
 
 
-def open_pretended(file, busy=False, prints=False, absent=False, **values):
+def open_pretended(file, busy=False, prints=False, **values):
     hosted.HOLD_S = 0.01
     if "stands_after_s" not in values:  # however late a busy machine lets it play
         hosted.STILL_S = hosted.HOLD_EXTRA_S = 300.0
@@ -52,8 +52,6 @@ def open_pretended(file, busy=False, prints=False, absent=False, **values):
         print("a library prints this")  # noqa: T201
     if busy:
         raise DeviceBusyError("another program plays")
-    if absent:
-        raise DeviceNotFoundError("no such output")
     return PretendLink(file, **values)
 
 

@@ -15,7 +15,6 @@ from firmware_io import (
     DeviceBusyError,
     DeviceDisconnectedError,
     DeviceError,
-    DeviceNotFoundError,
     Playback,
     WaveSource,
 )
@@ -66,37 +65,6 @@ def test_an_error_there_is_the_same_here(opened):
         opened(busy=True)
     with pytest.raises(DeviceError, match="no_such"):
         opened(no_such=1)
-
-
-def children():
-    return set(
-        map(int, Path(f"/proc/{os.getpid()}/task/{os.getpid()}/children").read_text().split())
-    )
-
-
-@pytest.mark.skipif(
-    not Path("/proc/self/task").exists(), reason="counts processes by Linux's /proc"
-)
-def test_a_process_has_loaded_before_an_output_that_was_not_there_is_back(opened, monkeypatch):
-    before = children()
-    for _ in range(3):
-        with pytest.raises(DeviceNotFoundError, match="no such"):
-            opened(absent=True)
-        [waits] = children() - before
-    device, link, file = opened()
-    assert link._process.pid == waits and children() - before == {waits}
-    device.close()
-    assert children() == before and not heard(file).any()
-
-    # What would open the output in other surroundings is not it.
-    with pytest.raises(DeviceNotFoundError):
-        opened(absent=True)
-    [waits] = children() - before
-    monkeypatch.setenv("JACK_DEFAULT_SERVER", "another")
-    device, link, _ = opened()
-    assert children() - before == {link._process.pid} != {waits}
-    device.close()
-    assert children() == before
 
 
 def test_an_output_that_stands_there_is_a_fault_here(opened):
