@@ -17,6 +17,7 @@ const WATCHDOG_MS = 100;
 const STATUS_MS = 5;
 const LEAD_S = 0.015;
 const STALE_MS = 50; // a drive that nothing renders any more is stopped after this
+const [IDLE, RAMPING] = [0, 3]; // of the states in STATUS
 const REPORTS_PER_S = 1000;
 const REPORTS_PER_FRAME = 3;
 
@@ -296,7 +297,7 @@ export class Driver extends EventTarget {
   async stop() {
     this.isArmed = false;
     if (!this.#owed) return;
-    const answer = this.#answer((m) => m.kind === "FAULT" || (m.kind === "STATUS" && (m.state === 0 || m.state === 3)));
+    const answer = this.#answer((m) => m.kind === "FAULT" || (m.kind === "STATUS" && (m.state === IDLE || m.state === RAMPING)));
     answer.catch(() => {});
     await this.#send("STOP");
     await answer;
@@ -358,9 +359,11 @@ export class Driver extends EventTarget {
         this.status = message;
         this.#freshMs = performance.now();
         this.dispatchEvent(new CustomEvent("status", { detail: message }));
-      } else if (message.kind === "FAULT" && this.isArmed) {
-        this.#rested(); // the driver has ended the output itself
-        this.dispatchEvent(new CustomEvent("failed", { detail: new DriverError(`fault: ${words(message)}`) }));
+      } else if (message.kind === "FAULT") {
+        const wasArmed = this.isArmed;
+        this.#rested(); // the driver ends the output itself; a report may never follow
+        this.status = { ...this.status, state: RAMPING, fault: message.code };
+        if (wasArmed) this.dispatchEvent(new CustomEvent("failed", { detail: new DriverError(`fault: ${words(message)}`) }));
       }
       for (const waiting of this.#waiting)
         if (waiting.isAnswer(message)) {
