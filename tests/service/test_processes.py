@@ -170,7 +170,7 @@ def felt(service, client):
 
 
 @pytest.mark.slow  # waits until nothing more is loaded
-def test_at_rest_three_processes_take_480_mb(running):
+def test_at_rest_three_processes_take_450_mb(running):
     with running.connect() as client:
         assert client.ask("inventory").kinds
 
@@ -190,7 +190,7 @@ def test_at_rest_three_processes_take_480_mb(running):
         return len(seen) > 3 and same
 
     wait_for(is_at_rest)
-    assert seen[-1][1] < 480  # 461 were seen: 27 more since the engine answers what kinds there are
+    assert seen[-1][1] < 450
 
 
 def test_a_finger_feels_and_every_end_is_at_0_v(running):

@@ -69,7 +69,8 @@ def serve(
         Finger that truly touches a mock device: it feels, and draws the current that is sensed.
         By default the finger.
     feels : bool
-        Whether the virtual finger loads at once, and not with the first subscription to `felt`.
+        Whether the virtual finger loads at once, and not with the first subscription to `felt`,
+        and what draws materials before the first picture is asked for.
     """
     with from_extra("serve"):
         for name in ("fastapi", "uvicorn", "websockets"):  # imported while the engine starts
@@ -116,8 +117,9 @@ def serve(
         from haptix.service.front.rest import documents_router
 
         reading.build()
-        pool = Pool({"assets": opening["assets"]}, tell=hub.warn)
-        if feels:  # a page that feels also shows pictures
+        # A page that feels also shows pictures.
+        pool = Pool({"assets": opening["assets"], "draws": feels}, tell=hub.warn)
+        if feels:
             pool.warm()  # it loads while the engine does, and is opened anew for its owner
 
         async def start() -> None:
@@ -132,7 +134,7 @@ def serve(
             used = {key: opened[key] for key in ("finger", "screen")}
             kept = {key: opening[key] for key in ("surface", "assets")}
             known = {key: opened[key] for key in ("ceiling_v", "reachable_mu")}
-            pool.opening = {**used, **kept, **known}
+            pool.opening = {**used, **kept, **known, "draws": feels}
             hub.jobs.context = {**used, "device": device, "assets": opening["assets"]}
             hub.jobs.context["logs"] = str(folder / "experiments")
             hub.jobs.context["calibrations"] = str(folder / "calibrations")

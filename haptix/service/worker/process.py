@@ -115,14 +115,16 @@ class Worker:
 
         return answer_of(message.get("kind", do), call, "document")
 
-    def _do_open(self, assets: str, **opening: Any) -> dict[str, Any]:
-        """Get ready for questions about files and materials."""
-        import scipy.ndimage  # noqa: F401, of most pictures
-
-        from haptix.feel.materials import panels, picture, pictures  # noqa: F401
+    def _do_open(self, assets: str, draws: bool = False, **opening: Any) -> dict[str, Any]:
+        """Get ready for questions about files and materials; `draws` loads what pictures need."""
+        from haptix.feel.materials import pictures  # noqa: F401
         from haptix.feel.materials.decoded import FOLDER, keep_in
         from haptix.service.worker.document_work import DocumentWork
 
+        if draws:
+            import scipy.ndimage  # noqa: F401, of most pictures
+
+            from haptix.feel.materials import panels, picture  # noqa: F401
         keep_in(Path(assets).parent / FOLDER, makes=True)
         if self._opened != (assets, opening):  # a spare is asked again, by its owner
             self._documents = DocumentWork(Path(assets), opening)
