@@ -161,11 +161,30 @@ def measure_memory(points):
     }
 
 
+def measure_attracted_memory(points):
+    from haptix.model.contact import HalfSpace
+    from haptix.model.contact.boundary_elements import BoundaryElements, estimated_bytes
+
+    surface = surfaces(points, 1)
+    solver = BoundaryElements(surface, HalfSpace(1.0, 0.0))
+    solver.full_contact_pressure()
+    pressure, h0 = 1e-2 * float(surface.slope_rms), 0.3 * float(surface.h_rms_m)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    strengths = [share * pressure * h0**2 for share in (0.0, 0.05, 0.2)]
+    solver.solve_attracted(pressure, lambda gap: 1 / (gap + h0) ** 2, strengths)
+    used = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024
+    yield {
+        "bytes_per_point": used / points**2,
+        "estimated": estimated_bytes(points, 1, coupled=True) / points**2,
+    }
+
+
 MEASURES = {
     "tamaas": measure_tamaas,
     "haptix": measure_haptix,
     "batch": measure_batch,
     "memory": measure_memory,
+    "attracted_memory": measure_attracted_memory,
     "tamaas_memory": measure_tamaas_memory,
 }
 
