@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from math import inf
 from typing import NamedTuple, Self
 
 from haptix.play.touch.touchscreen import (
@@ -19,6 +20,7 @@ from haptix.play.touch.touchscreen import (
 
 _X, _Y = 0x10030, 0x10031
 _TIP, _CONFIDENCE, _CONTACT, _COUNT = 0xD0042, 0xD0047, 0xD0051, 0xD0054
+_UNSEEN_S = 0.1  # after which hid-multitouch lifts a contact of a panel that says nothing of it
 _MM = {0x11: 10.0, 0x13: 25.4}  # units of length, centimetre and inch, of the linear systems
 
 
@@ -32,7 +34,7 @@ class _Field(NamedTuple):
     high: int
     length_mm: float | None
     finger: int
-    """Number of its innermost collection."""
+    """Number of its innermost collection; a physical one without a usage does not count."""
 
 
 @dataclass
@@ -46,8 +48,9 @@ class HidReports:
     """
 
     fields: dict[int, list[_Field]]
-    _frame: list[dict[int, int]] = field(default_factory=list)
-    _missing: int = 0
+    _contacts: dict[int, tuple[float, dict[int, int]]] = field(default_factory=dict)
+    _expected: int = 0
+    _received: int = 0
 
     @classmethod
     def of(cls, descriptor: bytes) -> Self | None:
@@ -71,8 +74,19 @@ class HidReports:
         width, height = self._first(_X).length_mm, self._first(_Y).length_mm
         return None if width is None or height is None else (width, height)
 
-    def events(self, report: bytes) -> Iterator[tuple[int, int, int]]:
-        """Yield events (type, code, value) of a report; those of one that goes on come with it."""
+    def events(self, t_s: float, report: bytes) -> Iterator[tuple[int, int, int]]:
+        """Yield events (type, code, value) of a report; the last one of a frame brings all of it.
+
+        As in Linux' hid-multitouch, a frame has as many contacts as it counts, in one report or
+        several, each of which may repeat the count; a contact that is not in a frame stays as it
+        was, for 0.1 s. Without a count a report is a frame, and what is not in it stays.
+
+        Parameters
+        ----------
+        t_s : float
+            Time of the report [s].
+        report : bytes
+        """
         number = report[0] if 0 not in self.fields else 0
         values: dict[int, dict[int, int]] = {}
         for one in self.fields.get(number, ()):
@@ -82,27 +96,29 @@ class HidReports:
             values.setdefault(one.finger, {})[one.usage] = raw
         if not values:
             return
-        counts = [each[_COUNT] for each in values.values() if _COUNT in each]
-        if counts and counts[0]:
-            self._frame, self._missing = [], counts[0]
         fingers = [each for each in values.values() if _TIP in each and _X in each]
-        if not counts:
-            self._frame, self._missing = [], len(fingers)
-        taken = fingers[: self._missing]
-        self._frame += taken
-        self._missing -= len(taken)
-        if self._missing > 0:
+        counts = [each[_COUNT] for each in values.values() if _COUNT in each]
+        self._expected = [*counts, len(fingers)][0] or self._expected
+        stays_s = _UNSEEN_S if counts else inf
+        for finger in fingers[: self._expected - self._received]:
+            self._contacts[finger.get(_CONTACT, self._received)] = t_s + stays_s, finger
+            self._received += 1
+        if self._received < self._expected:
             return  # the next report goes on with this frame
-        for number, finger in enumerate(self._frame):
-            yield EV_ABS, ABS_MT_TRACKING_ID, finger.get(_CONTACT, number)
+        touching = {}
+        for contact, (until_s, finger) in self._contacts.items():
+            yield EV_ABS, ABS_MT_TRACKING_ID, contact
             yield EV_ABS, ABS_MT_POSITION_X, finger[_X]
             yield EV_ABS, ABS_MT_POSITION_Y, finger[_Y]
-            touches = finger[_TIP] and finger.get(_CONFIDENCE, 1)
+            touches = finger[_TIP] and finger.get(_CONFIDENCE, 1) and t_s < until_s
             yield EV_ABS, ABS_MT_DISTANCE, 0 if touches else 1
             yield EV_SYN, SYN_MT_REPORT, 0
-        if not self._frame:
+            if touches:
+                touching[contact] = until_s, finger
+        if not self._contacts:
             yield EV_SYN, SYN_MT_REPORT, 0
         yield EV_SYN, SYN_REPORT, 0
+        self._contacts, self._expected, self._received = touching, 0, 0
 
     def _first(self, usage: int) -> _Field:
         return next(one for each in self.fields.values() for one in each if one.usage == usage)
@@ -142,8 +158,10 @@ def _fields(descriptor: bytes) -> dict[int, list[_Field]]:
         elif tag == 0x28:
             usages += range(least, (value if size == 4 else page | value) + 1)
         elif tag == 0xA0:
-            finger += 1
-            collections.append(finger)
+            # A physical one without a usage, such as that of a place, belongs to the one around it.
+            is_part = value == 0 and not usages
+            finger += not is_part
+            collections.append(collections[-1] if is_part else finger)
             usages = []
         elif tag == 0xC0:
             collections.pop()
@@ -154,7 +172,13 @@ def _fields(descriptor: bytes) -> dict[int, list[_Field]]:
                 for number in range(count):
                     if usages and not value & 1:  # data, no constant
                         usage = usages[min(number, len(usages) - 1)]
-                        found.setdefault(report, []).append(
+                        before = found.setdefault(report, [])
+                        if usage == _CONTACT and (usage, collections[-1]) in [
+                            (one.usage, one.finger) for one in before
+                        ]:  # another finger, without a collection of its own
+                            finger += 1
+                            collections[-1] = finger
+                        before.append(
                             _Field(
                                 usage,
                                 start + number * width,

@@ -345,7 +345,8 @@ def _hid(lines: Sequence[str]) -> Iterator[_Recorded]:
                 device.size_mm = reports.size_mm
         elif kind == "E" and reports is not None:
             data = bytes(int(word, 16) for word in words[2:])
-            device.events += [(float(words[0]), *event) for event in reports.events(data)]
+            t_s = float(words[0])
+            device.events += [(t_s, *event) for event in reports.events(t_s, data)]
     yield device
 
 

@@ -126,6 +126,74 @@ def test_hid_reports_are_read_by_their_descriptor(tmp_path):
     assert found[1].y_mm == pytest.approx(800 * 115.1 / 4095)
 
 
+# Bits of a finger: tip switch, padding; contact identifier; then two places of 16 bits, 0 to 999.
+TIP = "0942 1500 2501 7501 9501 8102 9507 8103"
+CONTACT = "0951 25ff 7508 9501 8102"
+PLACE = "0501 16000026e703 7510 9501 0930 8102 0931 8102 050d"
+COUNT = "0954 1500 257f 7508 9501 8102"
+FINGER, END = "0922 a102", "c0"
+PLACED = f"{FINGER} {TIP} {CONTACT} {PLACE} {END}"
+
+
+def of_hid(tmp_path, descriptor_hex, reports):
+    """Return (kind, id, x) of what is read from reports: fingers (tip, id, x), and a count."""
+    told = bytes.fromhex(f"050d 0904 a101 8501 {descriptor_hex} c0")
+    lines = ["D: 0", f"R: {len(told)} {told.hex(' ')}", "I: 3 1209 7777"]
+    for number, (fingers, count) in enumerate(reports):
+        data = [1]
+        for tip, touch_id, x in fingers:
+            data += [tip, touch_id, x & 255, x >> 8, 100, 0]
+        data += [] if count is None else [count]
+        lines.append(f"E: {number / 100:.6f} {len(data)} " + " ".join(f"{b:02x}" for b in data))
+    found = read_recording(write(tmp_path, "\n".join(lines)), 999.0, 999.0)
+    return [(each.kind, each.touch_id, each.x_mm) for each in found]
+
+
+# Reports as those of panels in github.com/bentiss/hid-devices, which Linux reads so.
+def test_a_panel_that_reports_one_finger_at_a_time_keeps_the_other_down(tmp_path):
+    reports = [([(1, 0, 10)], None), ([(1, 1, 90)], None)] * 3 + [([(0, 0, 10)], None)]
+    found = of_hid(tmp_path, PLACED, reports)  # eGalax, Data Modul, Zytronic
+    kinds = [each[0] for each in found]
+    assert kinds.count("down") == kinds.count("up") == 2
+    assert [each[1:] for each in found if each[0] == "up"] == [(0, 10), (1, 90)]
+
+
+def test_a_frame_of_two_reports_that_both_state_its_count(tmp_path):
+    both = [([(1, 0, 10)], 2), ([(1, 1, 90)], 2)]
+    found = of_hid(tmp_path, f"{PLACED} {COUNT}", 3 * both)  # TopSeed
+    assert [each[0] for each in found] == ["down"] * 2 + ["move"] * 4 + ["up"] * 2
+
+
+def test_a_frame_of_two_reports_of_which_the_first_states_its_count(tmp_path):
+    first, second = [(1, 0, 10), (1, 1, 50)], [(1, 2, 90), (0, 0, 0)]
+    found = of_hid(tmp_path, f"{PLACED} {PLACED} {COUNT}", [(first, 3), (second, 0)] * 2)
+    assert [each for each in found if each[0] == "down"] == [
+        *(("down", 0, 10), ("down", 1, 50), ("down", 2, 90))
+    ]
+    assert [each[0] for each in found].count("up") == 3
+
+
+def test_a_finger_that_frames_no_longer_state_goes_up(tmp_path):
+    frames = [([(1, 0, 10), (1, 1, 90)], 2)] + [([(1, 0, 10), (0, 0, 0)], 1)] * 20
+    found = of_hid(tmp_path, f"{PLACED} {PLACED} {COUNT}", frames)
+    assert found.index(("up", 1, 90)) < len(found) - 5
+
+
+def test_places_in_a_collection_of_their_own_are_of_the_finger_around_it(tmp_path):
+    inner = f"{FINGER} {TIP} {CONTACT} a100 {PLACE} {END} {END}"
+    found = of_hid(tmp_path, f"{inner} {inner} {COUNT}", [([(1, 0, 10), (1, 1, 90)], 2)] * 2)
+    assert found[:2] == [("down", 0, 10), ("down", 1, 90)]  # LG Display, Advanced Silicon
+
+
+def test_fingers_that_are_physical_collections_only(tmp_path):
+    finger = f"a100 {CONTACT} {PLACE} {TIP} {END}"
+    told = bytes.fromhex(f"050d 0904 a101 8501 {FINGER} {finger} {finger} {COUNT} c0 c0")
+    lines = ["D: 0", f"R: {len(told)} {told.hex(' ')}", "E: 0.0 14 01 00 0a 00 64 00 01"]
+    lines[-1] += " 01 5a 00 64 00 01 02"
+    found = read_recording(write(tmp_path, "\n".join(lines)), 999.0, 999.0)
+    assert [each.x_mm for each in found if each.kind == "down"] == [10, 90]  # IRTOUCH
+
+
 def test_the_size_is_asked_for_where_the_recording_states_none(tmp_path):
     path = write(tmp_path, evemu(resolution=False))
     with pytest.raises(InputError, match=r"recording: the driver gives no size.*width_mm"):
