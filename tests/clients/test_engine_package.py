@@ -165,16 +165,21 @@ def test_the_web_assembly_is_that_of_the_sources(tmp_path):
 USE = """
 import { Engine, type Block } from "haptix-engine";
 import { EngineCore } from "haptix-engine/core";
+import { Driver } from "haptix-engine/driver";
+import { openLink } from "haptix-engine/links";
 import { VirtualDriver } from "haptix-engine/virtual-driver";
 const engine: Engine = await Engine.load("touch.hxp");
 const stop: () => void = engine.attach(document.body, 45);
 engine.addEventListener("block", ({ detail }) => console.log(detail.feltMu[0], detail.driveV));
 const driver = new VirtualDriver(engine, document.createElement("canvas"));
 driver.sounds = true;
+const screen = await Driver.open(await openLink("hid", { again: true }), engine);
+await screen.arm();
+const ends: () => Promise<void> = screen.play(engine);
 const core = await EngineCore.load(new Uint8Array(9));
 const block: Block = core.block(5);
 stop();
-console.log(block.fingers, engine.highestV);
+console.log(block.fingers, engine.highestV, ends);
 """
 
 

@@ -13,6 +13,7 @@ const DC_SHARE = 0.05;
 const RAMP_S = 0.005;
 
 const ANSWER_MS = 500;
+const SEND_MS = 1000;
 const WATCHDOG_MS = 100;
 const STATUS_MS = 5;
 const LEAD_S = 0.015;
@@ -130,6 +131,7 @@ export class Driver extends EventTarget {
   #rest = Promise.resolve();
   #freshMs = 0;
   #ends = [];
+  #isLost = false;
 
   /**
    * @param {{name: string, hasReports: boolean, send(frame: Uint8Array): Promise<void>, close(): Promise<void>,
@@ -161,9 +163,16 @@ export class Driver extends EventTarget {
   }
 
   async #hello() {
-    const answer = this.#answer((m) => m.kind === "CAPABILITIES" || (m.kind === "FAULT" && m.code === 2));
-    await this.#send("HELLO", { oldestVersion: OLDEST_VERSION, newestVersion: VERSION });
-    const got = await answer;
+    const isOurs = (m) => m.kind === "CAPABILITIES" || (m.kind === "FAULT" && m.code === 2);
+    let got;
+    for (let left = Math.ceil((this.#link.awakeMs ?? 0) / ANSWER_MS); !got; left--) {
+      const answer = this.#answer(isOurs);
+      answer.catch(() => {});
+      await this.#send("HELLO", { oldestVersion: OLDEST_VERSION, newestVersion: VERSION });
+      got = await answer.catch((error) => {
+        if (left === 0 || this.#isLost) throw error;
+      });
+    }
     if (got.kind === "FAULT" || got.oldestVersion > VERSION || got.newestVersion < VERSION)
       throw new ProtocolError(`${this.#link.name} does not speak version ${VERSION}; bring it up to date`);
     const bounds = [
@@ -320,11 +329,29 @@ export class Driver extends EventTarget {
   /** Frames leave one after the other; the sequence counts those that were delivered. */
   #send(name, fields) {
     const sent = this.#rest.then(async () => {
-      await this.#link.send(encode(name, this.#sequence, fields, this.#version));
+      if (this.#isLost) throw new DriverError(`${this.#link.name} is gone; open the driver again`);
+      await this.#inTime(this.#link.send(encode(name, this.#sequence, fields, this.#version)));
       this.#sequence = (this.#sequence + 1) & 0xffff;
     });
     this.#rest = sent.catch(() => {});
     return sent;
+  }
+
+  /** A transfer that is taken, or loses the driver. */
+  async #inTime(transfer) {
+    let timer;
+    const late = new Promise((_, reject) => {
+      const error = new DriverError(`${this.#link.name} took no bytes for ${SEND_MS} ms; check its cable`);
+      timer = setTimeout(reject, SEND_MS, error);
+    });
+    try {
+      await Promise.race([transfer, late]);
+    } catch (error) {
+      this.#lose(error);
+      throw error;
+    } finally {
+      clearTimeout(timer);
+    }
   }
 
   async #ask(name, fields) {
@@ -341,7 +368,9 @@ export class Driver extends EventTarget {
       const waiting = { isAnswer, resolve, reject };
       waiting.timer = setTimeout(() => {
         this.#waiting.delete(waiting);
-        reject(new DriverError(`${this.#link.name} did not answer within ${ANSWER_MS} ms; check its cable`));
+        const error = new DriverError(`${this.#link.name} did not answer within ${ANSWER_MS} ms; check its cable`);
+        reject(error);
+        if (this.capabilities) this.#lose(error); // before, a board may not be awake
       }, ANSWER_MS);
       this.#waiting.add(waiting);
     });
@@ -374,9 +403,13 @@ export class Driver extends EventTarget {
     }
   }
 
+  /** Of a link that has failed: the driver ends at 0 V by itself, at once or by its watchdog. */
   #lose(error) {
+    if (this.#isLost) return;
+    this.#isLost = true;
     const wasArmed = this.isArmed;
-    this.isArmed = false;
+    this.isArmed = this.#owed = false;
+    this.#link.close().catch(() => {});
     for (const waiting of this.#waiting) {
       clearTimeout(waiting.timer);
       waiting.reject(error);

@@ -5,6 +5,8 @@ export interface Link {
   name: string;
   /** Whether frames go in HID reports. */
   hasReports: boolean;
+  /** Time after which a board that was just plugged in answers. */
+  awakeMs?: number;
   send(frame: Uint8Array): Promise<void>;
   close(): Promise<void>;
   onbytes: ((bytes: Uint8Array) => void) | null;

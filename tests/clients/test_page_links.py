@@ -1,0 +1,240 @@
+"""A page's links to a driver, in Chromium: WebUSB, WebHID, WebSerial with a mock behind each.
+
+The browser's objects are fakes (fake_devices.js); `tests/devices` has the real ones.
+"""
+
+import contextlib
+import functools
+import http.server
+import threading
+import time
+
+import numpy as np
+import pytest
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.server import serve
+
+from firmware_io.links.mock import MockDriver
+from firmware_io.protocol import DeviceState
+from tests.chromium import chromium
+from tests.made_clients import ROOT
+from tests.waiting import wait_for
+
+KINDS = ["usb", "hid", "serial"]
+RATE_HZ = 16_000  # what all of them carry
+#: The mock's clock beside this machine's: a page that waits for a processor leaves nothing dry.
+PACE = 0.2
+CODE_V = 250.0 / 32767
+
+PAGE = """<!doctype html>
+<title>A driver</title>
+<button id="go">Go</button>
+<script type="module">
+  import { Driver } from "/src/driver.js";
+  import { openLink } from "/src/links.js";
+  const words = (error) => `${error.name}: ${error.message}`;
+  window.told = [];
+  window.opens = async (kind, options) => {
+    try {
+      window.driver = await Driver.open(await openLink(kind, options), { sampleRateHz: 16000 });
+      driver.addEventListener("failed", ({ detail }) => told.push(words(detail)));
+      return "open";
+    } catch (error) {
+      return words(error);
+    }
+  };
+  window.arms = () => driver.arm().then(() => "armed", words);
+  /** A wave that is its own everywhere, and ends at 0 V. */
+  window.plays = (count, hz = 300) => {
+    const volts = Float64Array.from({ length: count }, (_, i) => {
+      const fade = Math.min(1, i / 200, (count - 1 - i) / 200);
+      return 120 * fade * Math.sin((2 * Math.PI * hz * i) / 16000 + 1e-7 * i * i);
+    });
+    window.writing = driver.write(volts).then(() => "written", words);
+    return [...volts];
+  };
+  go.onclick = async () => {
+    const opened = await opens(go.name, {});
+    window.done = opened === "open" ? await arms() : opened;
+  };
+  if (location.search === "?alone") {
+    navigator.usb.isChosen = true;
+    window.alone = [await opens("usb", { again: true }), await arms()];
+  }
+  document.title = "ready";
+</script>
+"""
+
+
+class Handler(http.server.SimpleHTTPRequestHandler):
+    def do_GET(self):
+        if self.path not in ("/", "/?alone"):
+            return super().do_GET()
+        self.send_response(200)
+        self.send_header("content-type", "text/html")
+        self.end_headers()
+        self.wfile.write(PAGE.encode())
+
+    def log_message(self, *_):
+        pass
+
+
+@pytest.fixture(scope="module")
+def address():
+    folder = ROOT / "clients" / "engine"
+    server = http.server.ThreadingHTTPServer(
+        ("127.0.0.1", 0), functools.partial(Handler, directory=folder)
+    )
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    yield f"http://127.0.0.1:{server.server_address[1]}/"
+    server.shutdown()
+    server.server_close()
+
+
+@pytest.fixture
+def driver():
+    return MockDriver(sample_rate_hz=RATE_HZ, pace="real", clock=lambda: PACE * time.perf_counter())
+
+
+@pytest.fixture
+def bridge(driver):
+    """The address of a socket whose other end is the mock: its reports below /hid, else bytes."""
+
+    def carry(socket):
+        is_hid = socket.request.path == "/hid"
+        take = driver.receive_report if is_hid else driver.receive
+        give = driver.transmit_report if is_hid else driver.transmit
+        with contextlib.suppress(ConnectionClosed):
+            while True:
+                with contextlib.suppress(TimeoutError):
+                    take(socket.recv(timeout=0.002))
+                while said := give():
+                    socket.send(said)
+        driver.release()
+
+    with serve(carry, "127.0.0.1", 0) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f"ws://127.0.0.1:{server.socket.getsockname()[1]}"
+        server.shutdown()
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium() as browser:
+        yield browser
+
+
+@pytest.fixture
+def page(browser, address, bridge):
+    page = browser.new_page()
+    fakes = (ROOT / "tests" / "clients" / "fake_devices.js").read_text()
+    page.add_init_script(fakes.replace("BRIDGE", bridge))
+    page.goto(address)
+    wait_for(lambda: page.title() == "ready")
+    yield page
+    page.close()
+
+
+def chosen(page, kind):
+    """What came of a click that chooses a device, opens and arms it."""
+    page.evaluate("(kind) => { go.name = kind; window.done = null; }", kind)
+    page.click("#go")
+    page.wait_for_function("window.done")
+    return page.evaluate("done")
+
+
+def is_at_0_v(driver):
+    return not driver.is_armed and driver.output_v[-1] == 0.0
+
+
+def plays(page, driver):
+    """Whether what is written arrives, sample for sample."""
+    begins = driver.samples_played
+    sent = np.array(page.evaluate("plays(4000)"))
+    assert page.evaluate("writing") == "written"
+    wait_for(lambda: driver.samples_played - begins >= sent.size)
+    page.evaluate("driver.stop()")
+    played = driver.played_v[begins : begins + sent.size]
+    np.testing.assert_allclose(played, sent, rtol=0, atol=0.501 * CODE_V)
+    wait_for(lambda: is_at_0_v(driver))
+
+
+@pytest.mark.slow  # the next test plays as well
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_a_page_plays_arrives_and_ends_at_0_v(page, driver, kind):
+    assert chosen(page, kind) == "armed"
+    plays(page, driver)
+    assert driver.faults == 0
+    assert page.evaluate("driver.close().then(() => told)") == []
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_driver_that_is_pulled_out_is_told_and_opened_again_by_a_click(page, driver, kind):
+    assert "NotFoundError" in page.evaluate("(kind) => opens(kind, { again: true })", kind)
+    assert chosen(page, kind) == "armed"
+    page.evaluate("void plays(200_000)")
+    wait_for(lambda: np.abs(driver.output_v[-100:]).max() > 50.0)
+    page.evaluate("(kind) => navigator[kind].pullOut()", kind)
+    page.wait_for_function("told.length === 1")
+    assert "driver" in page.evaluate("told[0]")
+    assert "Error" in page.evaluate("writing")
+    assert not page.evaluate("driver.isArmed")
+    wait_for(lambda: is_at_0_v(driver))
+    assert "NotFoundError" in page.evaluate("(kind) => opens(kind, { again: true })", kind)
+    page.evaluate("(kind) => navigator[kind].plugIn()", kind)
+    assert page.evaluate("(kind) => opens(kind, { again: true })", kind) == "open"
+    assert page.evaluate("driver.close().then(() => 1)") == 1
+    assert chosen(page, kind) == "armed"
+    plays(page, driver)
+
+
+SLOW = pytest.mark.slow  # the driver's part is that of USB
+
+
+@pytest.mark.parametrize("kind", ["usb", *(pytest.param(k, marks=SLOW) for k in ("hid", "serial"))])
+def test_a_transfer_that_never_ends_is_told_and_closed(page, driver, kind):
+    assert chosen(page, kind) == "armed"
+    page.evaluate("void plays(200_000)")
+    wait_for(lambda: np.abs(driver.output_v[-100:]).max() > 50.0)
+    page.evaluate("(kind) => { navigator[kind].hangs = true }", kind)
+    page.wait_for_function("told.length === 1")
+    assert "check its cable" in page.evaluate("told[0]")
+    assert not page.evaluate("driver.isArmed")
+    assert "DriverError" in page.evaluate("writing")
+    wait_for(lambda: is_at_0_v(driver))
+    wait_for(lambda: driver.status.state == DeviceState.IDLE)  # its host is gone
+    assert page.evaluate("driver.close().then(() => told.length)") == 1
+
+
+def test_a_page_opens_a_known_driver_alone_but_does_not_arm_it(page, driver, address):
+    page.goto(f"{address}?alone")
+    wait_for(lambda: page.title() == "ready")
+    opened, armed = page.evaluate("alone")
+    assert opened == "open"
+    assert "a driver is armed by a person" in armed
+    assert not driver.is_armed
+
+
+def test_what_cannot_be_opened_tells_why(page):
+    page.evaluate("navigator.usb.hasVendors = false")
+    assert "try hid" in chosen(page, "usb")
+    page.evaluate("navigator.usb.hasVendors = true; navigator.usb.plugIn()")
+    assert "no navigator.bluetooth2" in page.evaluate("opens('bluetooth2')")
+    page.click("body")
+    page.evaluate("navigator.usb.isBusy = true")
+    words = page.evaluate("opens('usb')")
+    assert "Unable to claim interface" in words and "haptix doctor" in words
+    page.evaluate("navigator.hid.isCancelled = true")
+    assert "NotFoundError" in page.evaluate("opens('hid')")
+    page.evaluate("navigator.serial.isCancelled = true")
+    assert "NotFoundError" in page.evaluate("opens('serial')")
+
+
+def test_a_board_that_wakes_late_is_asked_again(page, driver, monkeypatch):
+    """One that was just plugged in is at 0 V for a second, and hears nothing."""
+    awake_s = time.monotonic() + 0.8
+    receive = driver.receive
+    monkeypatch.setattr(
+        driver, "receive", lambda data: time.monotonic() > awake_s and receive(data)
+    )
+    assert chosen(page, "usb") == "armed"
