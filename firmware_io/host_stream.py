@@ -288,6 +288,7 @@ class Stream:
         waits = interval_s and not (is_fresh or is_due)
         if waits and self.client.clock() - self.client.status_s < interval_s:
             return
+        asked_s = self.client.clock()  # a host that stalls after it has read knows no silence
         try:
             if is_fresh:
                 self.client.synchronise()
@@ -297,7 +298,7 @@ class Stream:
             self._follow_fault()
         if self.provisional is not None:
             self.provisional.settle(self.client.status, self._sent)
-        silent_s = self.client.clock() - self.client.status_s
+        silent_s = asked_s - self.client.status_s
         if interval_s and self.is_armed and silent_s > self.setup.watchdog_ms / 1e3:
             raise DeviceDisconnectedError(
                 f"{self.link.name} has sent nothing for {silent_s:.2g} s, though it should report "

@@ -1,5 +1,6 @@
 """A clock for mock drivers at real pace that a busy machine cannot starve."""
 
+import threading
 import time
 from typing import Any
 
@@ -27,12 +28,15 @@ class SteadyClock:
         self._speed = speed
         self._now_s = 0.0
         self._looked_s = time.perf_counter()
+        # Threads look: one that was interrupted amid its look would set the clock back afterwards.
+        self._lock = threading.Lock()
 
     def __call__(self) -> float:
-        looked_s = time.perf_counter()
-        self._now_s += min(looked_s - self._looked_s, self.longest_s) * self._speed
-        self._looked_s = looked_s
-        return self._now_s
+        with self._lock:
+            looked_s = time.perf_counter()
+            self._now_s += min(looked_s - self._looked_s, self.longest_s) * self._speed
+            self._looked_s = looked_s
+            return self._now_s
 
 
 def steady_driver(**options: Any) -> MockDriver:

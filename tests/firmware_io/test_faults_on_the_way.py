@@ -10,6 +10,7 @@ from firmware_io import (
     DeviceFaultError,
     LimitError,
     MockDriver,
+    MockLink,
     Playback,
     WaveSource,
     volts_to_codes,
@@ -125,3 +126,22 @@ def test_a_frame_above_the_ceiling_is_rejected_on_both_sides(clock, reports):
         device.write(np.minimum(50.0 * np.arange(20), 150.0))
     assert np.abs(driver.output_v).max() <= 120.0
     assert not device.is_armed
+
+
+def test_a_host_that_stalls_once_it_has_read_does_not_blame_the_cable(clock, monkeypatch):
+    device = Device(MockLink(MockDriver(pace="real", clock=clock)), clock=clock)
+    device.set_up(lead_s=0.0, status_s=0.02, watchdog_s=WATCHDOG_S)
+    device.arm()
+    client = device._stream.client
+    read = client.poll
+
+    def read_and_stall():
+        read()
+        clock.sleep(WATCHDOG_S + 0.05)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(client, "poll", read_and_stall)
+        clock.sleep(0.03)
+        assert device.progress().reported_s == clock() - (WATCHDOG_S + 0.05)
+    assert device.is_armed
+    assert device.progress().reported_s == pytest.approx(clock(), abs=0.02)
