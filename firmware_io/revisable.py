@@ -72,9 +72,17 @@ class Revisable:
         self.values[first - self.first : first - self.first + before.size] = before
 
     def drop_before(self, index: int) -> _Values:
-        """Remove the values before an index and return them."""
+        """Remove the values before an index; return them without what was not accepted.
+
+        A replacement that is accepted is so before its first value is used. One that was still on
+        its way then came too late.
+        """
         count = min(max(0, index - self.first), self.values.size)
-        gone, self.values = self.values[:count], self.values[count:]
+        gone, self.values = self.values[:count].copy(), self.values[count:]
+        for first, before in reversed(self._replaced):
+            late = before[max(0, self.first - first) : max(0, self.first + count - first)]
+            start = max(0, first - self.first)
+            gone[start : start + late.size] = late
         self.first += count
         return gone
 

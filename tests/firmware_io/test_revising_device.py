@@ -199,8 +199,11 @@ def test_undone_replacements_leave_what_was_there(steps):
             for index in range(start, start + count):
                 histories[index].append(value)
         elif kind == "d":
-            queue.drop_before(first + count)
-            first = min(first + count, len(histories))
+            gone = queue.drop_before(first + count).tolist()
+            end = min(first + count, len(histories))
+            late = [sum(i in range(s, s + n) for s, n in pending) for i in range(first, end)]
+            assert gone == [histories[first + k][-1 - late[k]] for k in range(len(late))]
+            first = end
         elif kind == "u":
             assert queue.undo() == len(pending)
             for start, size in pending:
