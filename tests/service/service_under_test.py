@@ -31,7 +31,7 @@ class WrittenEngine:
         self.told.append((do, fields, time.monotonic()))
         if do in self.refuses:
             raise Problem("device", self.refuses[do])
-        return {"revision": 1, "sample": None, "effect_id": 1}
+        return {"revision": 1, "sample": None, "effect_id": 1, "reachable_mu": [0.25, 0.5]}
 
     def tell(self, do, **fields):
         if do != "tick":
@@ -88,3 +88,8 @@ class Service:
     def close(self):
         self.server.should_exit = True
         self.thread.join()
+
+
+async def is_reached(normal_force_n):
+    """Return a friction that a screen may give: that of semi-wet on 3m-sct3250 at 0.5 N."""
+    return 0.2648, 0.3482

@@ -25,7 +25,7 @@ from haptix.service.front.pool import Pool
 from haptix.service.front.rest import documents_router
 from haptix.service.worker.document_work import DocumentWork
 from haptix.tasks.login import running_service
-from tests.service.service_under_test import Service
+from tests.service.service_under_test import Service, is_reached
 from tests.waiting import PATIENCE_S, wait_for
 
 PAGE = "https://example.org"
@@ -63,7 +63,7 @@ LAYOUT = {
 @contextmanager
 def serving(folder):
     """A service in this process, and a program of this user."""
-    service = Service(folder, documents_router(Pool({}), folder / "layouts"))
+    service = Service(folder, documents_router(Pool({}), folder / "layouts", is_reached))
     headers = {"authorization": f"Bearer {service.access.native}"}
     base = f"http://127.0.0.1:{service.port}/v1"
     try:

@@ -70,10 +70,13 @@ def test_a_bomb_is_refused_by_each_route(store, side, number):
     jobs = JobWork(context, lambda **_: None, iter(()))
     routes = {
         "decode": lambda: work.decode(digest),
-        "pictures": lambda: work.picture(material, 10, 10, 8, 0.0, 0.5),
-        "check": lambda: work.check(material, 0.5),
+        "pictures": lambda: work.picture(material, 10, 10, 8, 0.0, (0.3, 0.6)),
+        "check": lambda: work.check(material, (0.3, 0.6)),
         "export": lambda: work.export(
-            document={"kind": "layout", "regions": [region]}, form="hjif", y_mm=5.0
+            document={"kind": "layout", "regions": [region]},
+            form="hjif",
+            y_mm=5.0,
+            reachable_mu=(0.3, 0.6),
         ),
         "layout": lambda: SessionLayout(store.folder).set({"regions": [region]}),
         "jobs": lambda: jobs.headroom(material=material, width_mm=10.0, height_mm=10.0),

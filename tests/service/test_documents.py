@@ -12,6 +12,7 @@ import zipfile
 import httpx
 import numpy as np
 import pytest
+from fastapi import Depends
 
 import haptix
 from haptix.feel.gallery import ASSETS, presets
@@ -22,8 +23,9 @@ from haptix.service.front.pool import Pool
 from haptix.service.front.rest import KeptTexts, documents_router
 from haptix.service.front.startup import inventory_of
 from haptix.service.protocol.messages import Problem
-from haptix.service.worker.document_work import DocumentWork
-from tests.service.service_under_test import Service
+from haptix.service.worker.document_work import DocumentWork, reachable_mu, surface_of
+from tests.service.service_under_test import Service, is_reached
+from tests.service.test_drive import is_a_program
 from tests.waiting import PATIENCE_S
 
 OPENING = {"surface": None, "finger": "semi-wet", "screen": "3m-sct3250"}
@@ -32,6 +34,12 @@ LAYOUT = {"regions": [
     {"name": "a", "material": RIBS, "x_mm": 2, "y_mm": 1, "width_mm": 40, "height_mm": 20},
     {"name": "b", "material": {"kind": "button"}, "x_mm": 50, "y_mm": 0},
 ]}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def reach():
+    """Lowest and highest friction at half a newton."""
+    return reachable_mu(surface_of(OPENING), 0.5)
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +59,7 @@ def folder(tmp_path_factory):
 def rest(folder):
     """A client of a service whose documents are served, and the workers behind."""
     pool = Pool({**OPENING, "assets": str(folder / "assets")}, longest_s=PATIENCE_S)
-    service = Service(folder, documents_router(pool, folder / "layouts"))
+    service = Service(folder, documents_router(pool, folder / "layouts", is_reached))
     headers = {"authorization": f"Bearer {service.access.native}"}
     base = f"http://127.0.0.1:{service.port}/v1"
     with pytest.MonkeyPatch.context() as patch, httpx.Client(base_url=base, headers=headers) as one:
@@ -201,8 +209,8 @@ def shares(answer):
     return (levels / 127.5 - 0.5).reshape(answer["rows"], answer["columns"])
 
 
-def test_a_picture_is_what_the_material_asks_for(work):
-    found = work.picture(RIBS, 8.0, 4.0, 80, 0.0, 0.5)
+def test_a_picture_is_what_the_material_asks_for(work, reach):
+    found = work.picture(RIBS, 8.0, 4.0, 80, 0.0, reach)
     share = shares(found)
     assert share.shape == (40, 80)
     x = (np.arange(80) + 0.5) * 0.1
@@ -218,30 +226,61 @@ def test_a_picture_is_what_the_material_asks_for(work):
         "low": low,
         "high": 2 * high - low,
     }
-    assert work.picture(above, 8.0, 4.0, 80, 0.0, 0.5)["above"] == pytest.approx(0.5, abs=0.02)
+    assert work.picture(above, 8.0, 4.0, 80, 0.0, reach)["above"] == pytest.approx(0.5, abs=0.02)
 
 
 WITHOUT_TORCH = """
 import json, sys
 from pathlib import Path
 from haptix.service.worker.document_work import DocumentWork
-opening, material = json.loads(sys.argv[1])
+opening, reach, material = json.loads(sys.argv[1])
 work = DocumentWork(Path(), opening)
-found = [work.picture(material, 8.0, 4.0, 80, 0.0, 0.5), work.check(material, 0.5)]
+found = [work.picture(material, 8.0, 4.0, 80, 0.0, reach), work.check(material, reach)]
 assert "torch" not in sys.modules
 print(json.dumps(found))
 """
 
 
-def test_what_pages_ask_for_is_answered_without_torch_where_the_engine_told_the_range(work):
-    opening = {**OPENING, "reachable_mu": work.reach(0.5)}
-    command = [sys.executable, "-c", WITHOUT_TORCH, json.dumps([opening, RIBS])]
+def test_what_pages_ask_for_is_answered_without_torch(work, reach):
+    command = [sys.executable, "-c", WITHOUT_TORCH, json.dumps([OPENING, reach, RIBS])]
     found = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
-    assert found == [work.picture(RIBS, 8.0, 4.0, 80, 0.0, 0.5), work.check(RIBS, 0.5)]
+    assert found == [work.picture(RIBS, 8.0, 4.0, 80, 0.0, reach), work.check(RIBS, reach)]
 
 
-def test_a_check_tells_the_range_and_what_a_step_changes(work):
-    found = work.check(RIBS, 0.5)
+def test_a_question_at_any_force_brings_the_friction_that_the_engine_knows(tmp_path):
+    """No worker loads a surface for it, so that the death of one delays a question by 2 s at most.
+
+    The engine is asked once for each force: while it is started again, what it told still holds.
+    """
+    asked = []
+
+    class PoolHere:
+        async def ask(self, owner, do, **fields):
+            asked.append((do, fields["reachable_mu"], "normal_force_n" in fields))
+            raise Problem("document", "enough")
+
+    service = Service(tmp_path)
+    documents = documents_router(PoolHere(), tmp_path / "layouts", service.hub.reach)
+    service.app._app.include_router(documents, dependencies=[Depends(is_a_program)])
+    headers = {"authorization": f"Bearer {service.access.native}"}
+    try:
+        for _ in range(2):
+            for path, more in (
+                ("pictures", {"width_mm": 9, "height_mm": 9}),
+                ("materials/check", {}),
+            ):
+                body = {"material": RIBS, "normal_force_n": 1.25, **more}
+                url = f"http://127.0.0.1:{service.port}/v1/{path}"
+                assert httpx.post(url, json=body, headers=headers).json()["sentence"] == "enough"
+        told = [fields for do, fields, _ in service.engine.told if do == "reach"]
+    finally:
+        service.close()
+    assert asked == [("picture", (0.25, 0.5), False), ("check", (0.25, 0.5), False)] * 2
+    assert told == [{"normal_force_n": 1.25}]
+
+
+def test_a_check_tells_the_range_and_what_a_step_changes(work, reach):
+    found = work.check(RIBS, reach)
     assert found["canonical"]["duty"] == 0.5
     assert found["depends_on"] == ["place"]
     jnd = (found["highest_mu"] / found["lowest_mu"] - 1) / 0.11
@@ -250,11 +289,11 @@ def test_a_check_tells_the_range_and_what_a_step_changes(work):
     assert 0 < found["effects_jnd"]["high"] < 0.01 * jnd
     assert found["effects_jnd"]["duty"] == 0.0  # a sine has none
     assert found["effects_jnd"]["phase"] > found["effects_jnd"]["high"]
-    noise = work.check({"kind": "noise", "pixels": 64}, 0.5)["effects_jnd"]
+    noise = work.check({"kind": "noise", "pixels": 64}, reach)["effects_jnd"]
     assert "pixels" not in noise  # a power of two allows no step, which is no fault
     assert noise["mean"] > 0
     with pytest.raises(haptix.InputError, match="period_mm"):
-        work.check({"kind": "grating", "period_mm": -1}, 0.5)
+        work.check({"kind": "grating", "period_mm": -1}, reach)
 
 
 def test_currents_of_full_drive_are_those_of_the_contact_model(work):
@@ -272,14 +311,16 @@ def test_currents_of_full_drive_are_those_of_the_contact_model(work):
 
 def unpacked(work, form, **more):
     document = {"kind": "layout", "regions": LAYOUT["regions"]}
-    answer = work.export(document=document, form=form, **{"y_mm": 6.0, **more})
+    more = {"y_mm": 6.0, "reachable_mu": (0.3, 0.6), **more}
+    answer = work.export(document=document, form=form, **more)
     return zipfile.ZipFile(io.BytesIO(base64.b64decode(answer["content"])))
 
 
 def test_an_exported_document_is_felt_the_same_from_its_own_folder(work, tmp_path):
     brick = next(one for one in presets() if one.name == "brick").document
     regions = [{"name": "wall", "material": brick, "x_mm": 3, "y_mm": 2}]
-    answer = work.export(document={"kind": "layout", "regions": regions}, form="document")
+    document = {"kind": "layout", "regions": regions}
+    answer = work.export(document=document, form="document", reachable_mu=(0.3, 0.6))
     zipfile.ZipFile(io.BytesIO(base64.b64decode(answer["content"]))).extractall(tmp_path)
     assert len(list((tmp_path / "assets").iterdir())) == 1  # not all that the service has
     read = haptix.feel.materials.load(tmp_path / "layout.json")
@@ -292,7 +333,7 @@ def test_an_exported_map_is_the_friction_at_each_place(work, tmp_path):
     unpacked(work, "friction-map").extractall(tmp_path)
     found = FrictionMap.load(tmp_path / "friction-map.png")
     pixel_mm = found.width_mm / found.values.shape[1]
-    low, high = work.reach(0.5)
+    low, high = 0.3, 0.6
     row = found.values[round(10 / pixel_mm), : round(30 / pixel_mm)]
     x = (np.arange(len(row)) + 0.5) * pixel_mm  # the map begins at the first region's corner
     share = (row - low) / (high - low)

@@ -11,7 +11,10 @@ CURRENTS = {"normal_force_n": [0.5, 1.0], "current_a": [9e-5, 1.4e-4]}
 
 
 class Pool:
+    asked = 0
+
     async def ask(self, owner, do, **fields):
+        Pool.asked += 1
         asked = {"carrier_hz": 4000.0, "highest_v": 150.0}
         assert (owner, do, fields) == ("programs", "currents", asked)
         return CURRENTS
@@ -37,3 +40,5 @@ def test_volts_are_told_once_the_output_was_armed(service):
     service.hub.full_drive = {"carrier_hz": 4000.0, "highest_v": 150.0}
     found = httpx.get(address, headers=own)
     assert found.json() == {"carrier_hz": 4000.0, "highest_v": 150.0, **CURRENTS}
+    assert httpx.get(address, headers=own).json() == found.json()
+    assert Pool.asked == 1  # a worker takes seconds to find it, and may have died

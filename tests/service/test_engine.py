@@ -205,6 +205,8 @@ class Watched:
 def test_a_device_below_the_screen_is_armed_up_to_its_ceiling(tmp_path, flat):
     engine = Watched("mock:pace=real,ceiling_v=150", tmp_path)
     assert engine.opened["ceiling_v"] == 150.0
+    low, high = engine.server._do_reach(0.5)["reachable_mu"]
+    assert 0 < low <= high
     assert engine.server._do_arm(1)["full_drive"]["highest_v"] == 150.0
     engine.end()
 

@@ -1,5 +1,7 @@
 """What is felt live, against the virtual finger of `haptix render` on the same stroke."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,9 @@ from haptix.model.perception.thresholds import WEBER_FRACTION
 from haptix.play.simulation import Played, Setting
 from haptix.play.touch import TouchEvent
 from haptix.play.virtual_finger import TouchPanel, VirtualFinger
+from haptix.service.worker import felt_finger as felt_finger_module
 from haptix.service.worker.felt_finger import FeltFinger
+from haptix.service.worker.process import Worker
 from tests.live_strokes import SteppedRenderer
 
 START_S, END_S = 100.0, 100.4
@@ -99,3 +103,14 @@ def test_a_break_in_what_is_played_begins_anew(felt_finger):
     felt_finger.play(600.5, 1 / 12_000, np.full(1200, 80.0))
     (frame,) = felt_finger.feel(600.61)
     assert (frame.t0_s, len(frame.rows)) == (600.5, 99)
+
+
+def test_it_loads_at_full_priority_and_yields_before_it_feels(monkeypatch):
+    """Where others use both cores, one that yields from the start loads for a minute."""
+    steps = []
+    monkeypatch.setattr("os.nice", lambda nice: steps.append(nice))
+    monkeypatch.setattr(felt_finger_module, "FeltFinger", lambda *_: steps.append("loaded"))
+    monkeypatch.setattr(felt_finger_module, "FeltFingerThread", lambda *_: steps.append("feels"))
+    worker = Worker(SimpleNamespace(tell=None), iter(()))
+    worker._do_feel("semi-wet", "3m-sct3250", 4000.0, nice=5)
+    assert steps == ["loaded", 5, "feels"]

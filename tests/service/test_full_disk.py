@@ -15,7 +15,7 @@ from haptix.service.front.pool import Pool
 from haptix.service.front.rest import documents_router
 from haptix.service.front.startup import serve
 from haptix.service.worker.document_work import DocumentWork
-from tests.service.service_under_test import Service
+from tests.service.service_under_test import Service, is_reached
 from tests.service.test_decoding import OPENING, bomb, kept
 from tests.waiting import PATIENCE_S
 
@@ -58,7 +58,7 @@ def doors(service, code, token):
 
 
 def test_each_door_that_writes_answers_507(tmp_path, full, capfd):
-    service = Service(tmp_path, documents_router(Pool({}), tmp_path / "layouts"))
+    service = Service(tmp_path, documents_router(Pool({}), tmp_path / "layouts", is_reached))
     base = f"http://127.0.0.1:{service.port}/v1"
     headers = {"authorization": f"Bearer {service.access.native}"}
     try:

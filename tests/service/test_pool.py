@@ -191,16 +191,13 @@ def light_workers(monkeypatch):
     return asked
 
 
-def test_a_worker_loads_the_surface_once_and_for_what_needs_it(assets, light_workers):
+def test_a_spare_is_opened_anew_for_its_owner_and_answers_each_question(assets, light_workers):
     async def scenario(pool):
         pool.warm()
         spare = (await pool.spare).pid
-        await pool.ask("me", "picture", normal_force_n=0.5)
-        await pool.ask("me", "check", normal_force_n=0.5)
-        assert light_workers[spare] == ["open", "open", "picture", "check"]
-        await pool.ask("me", "picture", normal_force_n=1.0)
-        await pool.ask("me", "currents")
-        assert light_workers[spare][4:] == ["load", "picture", "currents"]
+        for do in ("picture", "check", "currents"):
+            await pool.ask("me", do)
+        assert light_workers[spare] == ["open", "open", "picture", "check", "currents"]
 
     running(assets, scenario)
 

@@ -15,6 +15,7 @@ from haptix.service.front.jobs import JobBoard
 from haptix.service.front.rest import documents_router
 from haptix.service.protocol.messages import Inventory, Problem
 from haptix.service.worker.document_work import profiles_of
+from tests.service.service_under_test import is_reached
 
 PORT = 7421
 
@@ -51,7 +52,7 @@ def made(tmp_path_factory):
     hub.schema = {"properties": {}}
     hub.jobs.context["calibrations"] = str(folder / "calibrations")
     (folder / "layouts").mkdir()
-    documents = documents_router(RefusingPool(), folder / "layouts")
+    documents = documents_router(RefusingPool(), folder / "layouts", is_reached)
     app = application(hub, AssetStore(folder / "assets"), documents=documents)
     return access, app
 

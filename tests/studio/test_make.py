@@ -22,6 +22,7 @@ from haptix.service.front.assets import AssetStore
 from haptix.service.front.rest import documents_router
 from haptix.service.protocol.messages import Problem
 from haptix.service.worker.document_work import DocumentWork
+from tests.service.service_under_test import is_reached
 from tests.studio.conftest import a_front, a_page, address, keep, violations
 from tests.waiting import wait_for
 
@@ -35,7 +36,7 @@ class PoolHere:
     def __init__(self, assets):
         store = AssetStore(assets)
         store.keep(ASSETS)
-        opening = {"surface": None, "finger": "semi-wet", "screen": "3m-sct3250"}
+        opening = {"finger": "semi-wet", "screen": "3m-sct3250"}
         self.work, self.turn = DocumentWork(store.folder, opening), asyncio.Lock()
 
     async def ask(self, owner, do, **fields):
@@ -50,7 +51,7 @@ class PoolHere:
 def served(tmp_path_factory):
     """A front whose engine writes down what it is told; all else is real."""
     folder = tmp_path_factory.mktemp("service")
-    routes = documents_router(PoolHere(folder / "assets"), folder / "kept")
+    routes = documents_router(PoolHere(folder / "assets"), folder / "kept", is_reached)
     with a_front(folder, routes) as service:
         service.hub.schema = schema()
         yield service

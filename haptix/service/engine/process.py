@@ -439,9 +439,7 @@ class EngineServer:
         from haptix.play.devices import open_device, profiles_for
         from haptix.play.render.samples import carrier_hz
         from haptix.service.worker.document_work import (
-            FORCE_N,
             profiles_of,
-            reachable_mu,
             surface_of,
         )
 
@@ -454,9 +452,6 @@ class EngineServer:
         used = Finger.named(finger), Screen.named(screen)
         used_by = {"finger": finger, "screen": screen, "ceiling_v": self._device.limits.ceiling_v}
         self._surface = surface_of({"surface": surface, **used_by})
-        reachable = None
-        with suppress(HaptixError):  # a surface of other forces; who asks gets the reason
-            reachable = reachable_mu(self._surface, FORCE_N)
         self._load_sensing(used[0] if touched_by is None else Finger.named(touched_by), used[1])
         return_freed_memory()
         return {
@@ -469,8 +464,13 @@ class EngineServer:
             "carrier_hz": carrier_hz(self._surface),
             "kinds": sorted(KINDS),
             "schema": schema(),
-            "reachable_mu": reachable,
         }
+
+    def _do_reach(self, normal_force_n: float) -> dict[str, Any]:
+        """Return the friction that the screen can give at a force."""
+        from haptix.service.worker.document_work import reachable_mu
+
+        return {"reachable_mu": reachable_mu(self._surface, normal_force_n)}
 
     def _do_layout_set(self, session: int, document: dict[str, Any]) -> dict[str, Any]:
         return self._changed(session, "set", document)

@@ -100,7 +100,7 @@ class FeltFingerProcess(Process):
     def __init__(
         self, on_event: Callable[[dict[str, Any]], None], on_telemetry: Callable[[bytes], None]
     ) -> None:
-        super().__init__(nice=_FINGER_NICE)
+        super().__init__()
         self._on_event, self._on_telemetry = on_event, on_telemetry
         self._opening: dict[str, Any] = {}
         self._is_wanted = self._is_open = False
@@ -140,7 +140,7 @@ class FeltFingerProcess(Process):
             await self._is_known.wait()
             if self.pid != pid:
                 return
-            await self.ask("feel", **self._opening)
+            await self.ask("feel", nice=_FINGER_NICE, **self._opening)
             self._is_open = True
             self.has_loaded()
 

@@ -35,6 +35,7 @@ MOST_STRANGERS = 128
 the socket of an honest client in the milliseconds that its hello takes."""
 _MANY_REQUESTS, _MOST_REQUESTS = 32, 60  # of one session, that wait for the engine
 _REQUEST_WAIT_S = 0.02
+_MOST_REACHED = 256  # forces that the friction is kept of
 _QUESTIONS = ("inventory", "watch", "subscribe", "geometry", "bye")  # they move nothing
 
 
@@ -68,6 +69,7 @@ class Hub:
         self.schema: dict[str, Any] = {}  # of all kinds of material; empty before the engine knows
         self.decode: Callable[[str, dict[str, Any]], Awaitable[None]] | None = None  # pictures
         self.full_drive: dict[str, Any] | None = None  # carrier and amplitude, once armed
+        self._reached: dict[float, tuple[float, float]] = {}  # friction by force
         self.now_s = now_s
         self.stalls = Stalls(now_s())
         self.sessions: dict[int, ServiceSession] = {}
@@ -75,6 +77,20 @@ class Hub:
         self._next = 1
         self.control = OutputControl(engine, device, self.welcome)
         self.jobs = JobBoard(engine, self.on_job_change, self.control.lend)
+
+    async def reach(self, normal_force_n: float) -> tuple[float, float]:
+        """Return the lowest and highest friction coefficient that the screen gives at a force.
+
+        Raises `Problem` where the surface has no such force, or the engine is not there and nobody
+        has asked it before.
+        """
+        if normal_force_n not in self._reached:
+            answer = await self.engine.ask("reach", normal_force_n=normal_force_n)
+            if len(self._reached) >= _MOST_REACHED:
+                self._reached.clear()
+            self._reached[normal_force_n] = answer["reachable_mu"]
+        low, high = self._reached[normal_force_n]
+        return low, high
 
     # --- coming and going ------------------------------------------------------------------------
 

@@ -10,8 +10,7 @@ sender alone.
                                  +--no answer in time--> ended
 
 At rest the pool has one worker without an owner, so that a first picture does not wait for its
-start. The engine knows the friction at the force that pages ask for; a worker loads the surface,
-and torch with it, for other questions only.
+start. The engine has the surface; a worker loads torch for the contact's currents alone.
 """
 
 from __future__ import annotations
@@ -29,7 +28,6 @@ from typing import Any
 
 from haptix.service.protocol.messages import Problem
 from haptix.service.protocol.wire import BEAT, HEADER, JSON, MOST_BYTES, frame, json_frame
-from haptix.service.worker.document_work import FORCE_N
 
 _LOG = logging.getLogger("haptix.service")
 
@@ -40,7 +38,7 @@ START_S = 120.0
 IDLE_S = 60.0
 """A worker that is idle for so long is ended, which frees its memory."""
 MOST_WORKERS, MOST_WAITING = 3, 16
-_OF_SURFACE = ("currents", "export")
+_LOADS = ("currents",)  # torch
 NICE = 10
 """A picture or a job may wait."""
 BEAT_S, MOST_SILENT, LONGEST_SILENCE_S = 0.1, 7, 2.0
@@ -58,7 +56,7 @@ class Process:
     name : str
         Its name in messages, and the name of its module in ``haptix.service``.
     nice : int
-        Its niceness; a worker takes it as its argument.
+        Its niceness from the start; a worker takes it as its argument.
     """
 
     def __init__(self, name: str = "worker", nice: int = 0) -> None:
@@ -251,14 +249,6 @@ class _Worker(Process):
         super().__init__(nice=NICE)
         self.tell_owner: Callable[[str], None] = lambda sentence: None
         self.when_ended: Callable[[], None] = lambda: None
-        self.has_surface = False
-
-    async def load(self) -> None:
-        """Load the surface, with torch."""
-        self.loads()
-        await self.ask("load")
-        self.has_surface = True
-        self.has_loaded()
 
     def on_exit(self, code: int | None) -> None:
         """Tell the pool."""
@@ -299,7 +289,7 @@ class Pool:
     Parameters
     ----------
     opening : dict
-        Assets, and, before anybody asks, surface, finger and screen as the engine has them.
+        Assets, and, before anybody asks, finger and screen as the engine has them.
     longest_s : float
         Longest time for one answer, from when its turn comes and the worker has started.
     tell : callable
@@ -382,11 +372,10 @@ class Pool:
                     owned.process = await self._take()
                 process = owned.process
                 process.tell_owner = partial(self.tell, owner)
-                at_force_n = fields.get("normal_force_n", FORCE_N)
-                is_needed = do in _OF_SURFACE or at_force_n != FORCE_N
-                if is_needed and not process.has_surface:
-                    await process.load()
             limit_s = self._longest_s
+            if do in _LOADS:
+                process.loads()
+                limit_s = START_S
             async with asyncio.timeout(limit_s):
                 answer = await process.ask(do, **fields)
             process.has_loaded()

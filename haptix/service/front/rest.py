@@ -15,7 +15,7 @@ import base64
 import json
 import shutil
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Self, get_type_hints
 
@@ -112,7 +112,10 @@ class Checked(BaseModel):
     """By field: the effect of one step."""
 
 
-def documents_router(pool: Pool, layouts: Path) -> APIRouter:
+Reach = Callable[[float], Awaitable[tuple[float, float]]]
+
+
+def documents_router(pool: Pool, layouts: Path, reach: Reach) -> APIRouter:
     """Return the routes.
 
     Parameters
@@ -121,6 +124,8 @@ def documents_router(pool: Pool, layouts: Path) -> APIRouter:
         Draws, checks and exports.
     layouts : Path
         Folder of kept layouts.
+    reach : callable
+        Returns the lowest and highest friction coefficient of the screen at a force [N].
     """
     router = APIRouter(prefix="/v1")
     router.include_router(layouts_router(layouts))
@@ -135,20 +140,26 @@ def documents_router(pool: Pool, layouts: Path) -> APIRouter:
             for preset in presets()
         )
 
+    async def asks(request: Request, do: str, body: BaseModel) -> dict[str, Any]:
+        fields = body.model_dump()
+        reachable_mu = await reach(fields.pop("normal_force_n"))
+        return await pool.ask(request.state.owner, do, reachable_mu=reachable_mu, **fields)
+
     @router.post("/pictures")
     async def picture(request: Request, body: PictureRequest) -> Picture:
         """Draw the wanted friction of a material."""
-        return Picture(**await pool.ask(request.state.owner, "picture", **body.model_dump()))
+        return Picture(**await asks(request, "picture", body))
 
     @router.post("/materials/check")
     async def check(request: Request, body: CheckRequest) -> Checked:
         """Check a material: its fields, its dependences, the effect of a step of each field."""
-        return Checked(**await pool.ask(request.state.owner, "check", **body.model_dump()))
+        return Checked(**await asks(request, "check", body))
 
     async def export(request: Request, body: BaseModel) -> Response:
         fields = body.model_dump()
         layout = read_layout(fields["document"]).model_dump(mode="json", exclude_none=True)
         fields["document"] = {"kind": "layout", **layout}
+        fields["reachable_mu"] = await reach(FORCE_N)
         answer = await pool.ask(request.state.owner, "export", **fields)
         return Response(base64.b64decode(answer["content"]), media_type="application/zip")
 

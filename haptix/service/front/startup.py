@@ -132,9 +132,7 @@ def serve(
             hub.inventory = inventory_of(shown, opened)
             hub.profiles, hub.schema = opened["profiles"], opened["schema"]
             used = {key: opened[key] for key in ("finger", "screen")}
-            kept = {key: opening[key] for key in ("surface", "assets")}
-            known = {key: opened[key] for key in ("ceiling_v", "reachable_mu")}
-            pool.opening = {**used, **kept, **known, "draws": feels}
+            pool.opening = {**used, "assets": opening["assets"], "draws": feels}
             hub.jobs.context = {**used, "device": device, "assets": opening["assets"]}
             hub.jobs.context["logs"] = str(folder / "experiments")
             hub.jobs.context["calibrations"] = str(folder / "calibrations")
@@ -149,7 +147,7 @@ def serve(
 
         hub.decode = Decoding(assets, pool)
         routes = APIRouter()
-        routes.include_router(documents_router(pool, folder / "layouts"))
+        routes.include_router(documents_router(pool, folder / "layouts", hub.reach))
         routes.include_router(drive_router(hub, pool))
         app = application(hub, assets, start, end, routes)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import base64
 from datetime import UTC, date, datetime
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,7 +30,7 @@ EXPORT = "haptix.tasks.materials:ExportLayout"
 """The task that writes layouts in forms of interchange."""
 _FORCES_N = (0.1, 0.2, 0.5, 1.0, 2.0, 3.0)
 FORCE_N = 0.5
-"""Where a request has no other; the engine knows what friction the screen can give at it."""
+"""Where a request has no other."""
 MOST_SAMPLES, MOST_TABLE_BYTES = 48_000 * 60, 2_000_000
 """Of a sound, and of a table or model, which the engine reads in a second or two."""
 
@@ -46,20 +46,12 @@ class DocumentWork:
     assets : Path
         Folder of the files that apps have sent; documents read nothing else.
     opening : dict
-        Surface, finger and screen, as the engine has them, its device's ceiling [V] if known, and
-        the friction that they can give at `FORCE_N` if known: without it the surface is loaded.
+        Finger and screen, as the engine has them.
     """
 
     def __init__(self, assets: Path, opening: dict[str, Any]) -> None:
         self._assets, self._opening = assets, opening
-        self.reach = lru_cache(64)(self._reach)
-        self._surface = lru_cache(1)(partial(surface_of, opening))
         self._currents = lru_cache(4)(self._solve_currents)
-
-    def load(self) -> dict[str, Any]:
-        """Load the surface, with torch."""
-        self._surface()
-        return {}
 
     def picture(
         self,
@@ -68,7 +60,7 @@ class DocumentWork:
         height_mm: float,
         columns: int,
         t_s: float,
-        normal_force_n: float,
+        reachable_mu: tuple[float, float],
         frames: int = 1,
         frame_s: float = 0.05,
     ) -> dict[str, Any]:
@@ -79,7 +71,7 @@ class DocumentWork:
         parsed = self.read(material)
         times = t_s + frame_s * np.arange(frames)
         wanted = np.stack([picture(parsed, width_mm, height_mm, columns, t) for t in times])
-        low, high = self.reach(normal_force_n)
+        low, high = reachable_mu
         share = (as_mu(parsed.evaluator.target, wanted, low, high) - low) / max(high - low, 1e-9)
         _, rows, columns = share.shape
         # One byte a place: 255 steps from half a range below to half a range above the range.
@@ -94,13 +86,13 @@ class DocumentWork:
             "highest_mu": high,
         }
 
-    def check(self, material: dict[str, Any], normal_force_n: float) -> dict[str, Any]:
+    def check(self, material: dict[str, Any], reachable_mu: tuple[float, float]) -> dict[str, Any]:
         """All fields of a document, its range, and the effect of a step of each [JND]."""
         from haptix.feel.materials.panels import effects_of_steps
         from haptix.model.perception.thresholds import WEBER_FRACTION
 
         parsed = self.read(material)
-        low, high = self.reach(normal_force_n)
+        low, high = reachable_mu
         return {
             "canonical": parsed.model_dump(mode="json", exclude_none=True),
             "target": parsed.evaluator.target,
@@ -148,7 +140,6 @@ class DocumentWork:
 
         task = task_at(EXPORT)(
             **fields,
-            reachable_mu=self.reach(FORCE_N),
             finger=self._opening["finger"],
             screen=self._opening["screen"],
         )
@@ -183,13 +174,6 @@ class DocumentWork:
         )
         assert state.current_a is not None  # there is a frequency
         return {"normal_force_n": list(_FORCES_N), "current_a": state.current_a.tolist()}
-
-    def _reach(self, normal_force_n: float) -> tuple[float, float]:
-        known = self._opening.get("reachable_mu")
-        if known is not None and normal_force_n == FORCE_N:
-            low, high = known
-            return low, high
-        return reachable_mu(self._surface(), normal_force_n)
 
 
 def reachable_mu(surface: FrictionSurface, normal_force_n: float) -> tuple[float, float]:

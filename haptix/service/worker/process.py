@@ -1,4 +1,4 @@
-"""``python -m haptix.service.worker.process NICE``: a process that works for one owner, and ends.
+"""``python -m haptix.service.worker.process [NICE]``: a process that works for one owner, and ends.
 
 It decodes files, draws, checks and exports materials, does a job, or runs the virtual finger, so
 that neither the front nor the engine waits for that. It answers one question after the other; the
@@ -76,6 +76,12 @@ def limit_memory(most_bytes: int = MOST_MEMORY_BYTES) -> None:
         resource.setrlimit(resource.RLIMIT_DATA, (most_bytes, most_bytes))
 
 
+def yield_to_others(nice: int) -> None:
+    """Lower the priority of this thread, and of those that it starts, where the system can."""
+    if hasattr(os, "nice"):
+        os.nice(nice)
+
+
 class Worker:
     """Answers the questions of the front, by their names.
 
@@ -143,13 +149,16 @@ class Worker:
 
         return {}
 
-    def _do_feel(self, finger: str, screen: str, carrier_hz: float) -> dict[str, Any]:
-        """Compute the felt friction of the touches and amplitudes that arrive from now on."""
+    def _do_feel(self, finger: str, screen: str, carrier_hz: float, nice: int) -> dict[str, Any]:
+        """Compute the felt friction of the touches and amplitudes that arrive from now on.
+
+        It yields once it is loaded: a busy machine would let it load for a minute.
+        """
         from haptix.service.worker.felt_finger import FeltFinger, FeltFingerThread
 
-        self._felt_finger = FeltFingerThread(
-            FeltFinger(finger, screen, carrier_hz), self._outbox.tell
-        )
+        felt_finger = FeltFinger(finger, screen, carrier_hz)
+        yield_to_others(nice)
+        self._felt_finger = FeltFingerThread(felt_finger, self._outbox.tell)
         return {}
 
 
@@ -232,8 +241,7 @@ def main() -> None:
     """Work until the input ends."""
     outbox = Outbox(frame_output())
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if hasattr(os, "nice"):
-        os.nice(int(sys.argv[1]))
+    yield_to_others(int(sys.argv[1]) if len(sys.argv) > 1 else 0)
     limit_memory()
     Worker(outbox, frames(outbox)).run()
     outbox.close()
