@@ -8,7 +8,7 @@ import pytest
 
 import haptix
 from firmware_io.links.mock import MockDriver
-from firmware_io.protocol import FrameParser
+from firmware_io.protocol import FrameParser, StatusReport
 from firmware_io.serve import DriverServer
 from haptix.feel.materials import Grating
 from haptix.play import compile_touch
@@ -74,6 +74,135 @@ def test_its_bytes_are_the_golden_ones():
     for data, pieces in zip(sent, got["pieces"], strict=True):
         due = [frame.sequence for frame in FrameParser().feed(data)]
         assert pieces == [due] * 3
+
+
+WINDOW = """
+import { readFileSync } from "node:fs";
+import { DriveWindow } from "PACKAGE/src/driver.js";
+const { rateHz, writes } = JSON.parse(readFileSync(0));
+const drive = new DriveWindow(rateHz);
+process.stdout.write(JSON.stringify(writes.map((given) => {
+  const volts = new Float64Array(given);
+  try {
+    drive.check(volts);
+  } catch (error) {
+    return error.message.match(/sample (\\d+) .*(ceiling|slew|rms|current|mean) /).slice(1);
+  }
+  drive.take(volts);
+  return null;
+})));
+"""
+
+
+def rejected(history, volts, rate_hz):
+    """The first sample that breaks a limit and which, calculated anew from all that was sent."""
+    all_v = np.concatenate([np.zeros(rate_hz + 1), history, volts])
+    began = all_v.size - volts.size
+    for i, v in enumerate(volts):
+        if i > 0 and not volts[i - 1 :].any():
+            break  # what stays at 0 V breaks none
+        at = began + i
+        second = all_v[at - rate_hz + 1 : at + 1]
+        steps = np.diff(second)
+        # A stretch may begin wherever in the second before the write.
+        sums = np.cumsum(all_v[began - rate_hz : at + 1][::-1])
+        stretch = max((np.sign(v) * sums).max(), 0.0) + abs(v) * 0.005 * rate_hz / 2
+        for limit, is_broken in {
+            "ceiling": abs(v) > 200.0,
+            "slew": abs(v - all_v[at - 1]) * rate_hz > 0.7e-3 / 150e-12,
+            "rms": v != 0 and np.sum(second**2) > rate_hz * (1.01 * 200.0) ** 2 / 2,
+            "current": v != 0 and np.sum(steps**2) > (0.5e-3 / 150e-12) ** 2 / rate_hz,
+            "mean": v != 0 and stretch > rate_hz * 0.05 * 200.0,
+        }.items():
+            if is_broken:
+                return [str(i), limit]
+    return None
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "count", "longest", "limits"),
+    [
+        (1000, 200, 300, {"ceiling", "rms", "mean"}),
+        pytest.param(16_000, 40, 30, {"slew", "current"}, marks=pytest.mark.slow),
+    ],
+)
+def test_its_limits_are_those_of_the_last_second(rate_hz, count, longest, limits):
+    rng = np.random.default_rng(6)
+    writes, history, expected = [], np.empty(0), []
+    for number in range(count):
+        n = int(rng.integers(1, longest))
+        hz = rng.uniform(20, 490) if rate_hz == 1000 else rng.uniform(3000, 8000)
+        wave = np.sin(2 * np.pi * hz / rate_hz * np.arange(n))
+        volts = rng.uniform(60, 195) * wave + rng.choice([0, 0, 0, 30, -9])
+        match number % 20:
+            case 1:
+                volts *= 1.3
+            case 2 | 3 | 4 | 5 | 6 | 7:
+                volts = 190 * np.sign(wave)
+            case 8 | 9 | 10 if rate_hz == 16_000:  # 280 V from each sample to the next
+                volts = 140.0 * (-1.0) ** np.arange(3000)
+            case 19:
+                volts = np.zeros(int(1.5 * rate_hz))
+        writes.append(np.clip(volts, -202, 202).tolist())
+        expected.append(rejected(history, np.array(writes[-1]), rate_hz))
+        if expected[-1] is None:
+            history = np.concatenate([history, writes[-1]])[-rate_hz - 1 :]
+    got = under_node(WINDOW, json.dumps({"rateHz": rate_hz, "writes": writes}).encode())
+    assert got == expected
+    assert {why[1] for why in expected if why} >= limits
+
+
+#: A driver of a page whose link is a golden session: what it sends, and what it is told by.
+DIALOGUE = """
+import { readFileSync } from "node:fs";
+import { setTimeout as sleep } from "node:timers/promises";
+import { Driver } from "PACKAGE/src/driver.js";
+const { steps, tone } = JSON.parse(readFileSync(0));
+const sent = [], told = [], heard = [];
+const link = {
+  name: "golden", hasReports: false,
+  async send(frame) {
+    sent.push(Buffer.from(frame).toString("hex"));
+    steps.shift(); // what it is to send
+    while (steps.length && !steps[0].receive) {
+      const { transmit } = steps.shift();
+      if (!transmit) continue;
+      const bytes = new Uint8Array(Buffer.from(transmit.replaceAll(" ", ""), "hex"));
+      setTimeout(() => bytes.forEach((_, i) => link.onbytes(bytes.subarray(i, i + 1))), 0);
+    }
+  },
+  async close() {},
+};
+const driver = await Driver.open(link, { sampleRateHz: 8000 });
+driver.addEventListener("failed", ({ detail }) => told.push(detail.message));
+driver.addEventListener("status", ({ detail: { state, samplesPlayed, fault } }) =>
+  heard.push([state, samplesPlayed, fault]));
+const volts = tone.map((code) => (code * 250) / 32767);
+await driver.arm();
+await driver.write(volts);
+await driver.stop();
+await driver.arm();
+await driver.write(volts.slice(0, 200));
+await driver.write(volts.slice(200, 400)); // damaged on its way
+while (heard.at(-1)[0] !== 0 || !told.length) await sleep(1);
+process.stdout.write(JSON.stringify({ sent, told, heard, isArmed: driver.isArmed }));
+"""
+
+
+def test_its_session_is_the_golden_one_byte_for_byte():
+    steps = golden("session-host.json")["steps"]
+    received = [bytearray.fromhex(step["receive"]) for step in steps if "receive" in step]
+    received[-1][16] ^= 1  # what the wire did
+    tone = [round(26_000 * np.sin(2 * np.pi * n / 20)) for n in range(480)]
+    got = under_node(DIALOGUE, json.dumps({"steps": steps, "tone": tone}).encode())
+    assert got["sent"] == [one.hex() for one in received]
+    (told,) = got["told"]
+    assert "DAMAGED" in told
+    assert not got["isArmed"]
+    answers = b"".join(bytes.fromhex(step["transmit"]) for step in steps if "transmit" in step)
+    reports = [frame.message for frame in FrameParser().feed(answers)]
+    states = [[m.state, m.samples_played, m.fault] for m in reports if isinstance(m, StatusReport)]
+    assert got["heard"] == states
 
 
 #: A link over the socket of a served driver; only Node has one.

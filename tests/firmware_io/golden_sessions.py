@@ -112,9 +112,10 @@ class Session:
         ceiling_mv=200_000,
         status_ms=5,
         slew_v_per_s=4_666_666,
+        lead_us=1000,
     ):
         fields = (mode, watchdog_ms, rate_hz, 250_000, ceiling_mv, slew_v_per_s)
-        self.receive(SETUP, struct.pack("<HHIIIIIIH", *fields, carrier_mhz, 1000, status_ms))
+        self.receive(SETUP, struct.pack("<HHIIIIIIH", *fields, carrier_mhz, lead_us, status_ms))
 
     def stream(self, index, codes, mode=0, **how):
         return self.receive(STREAM, struct.pack(f"<I{len(codes)}h", index, *codes), mode, **how)
@@ -230,6 +231,47 @@ def waveform():
     return session.text(
         "What a board of this description plays and answers: a waveform over bulk, an underrun, "
         "STOP, a damaged frame. Made by tests/firmware_io/golden_sessions.py."
+    )
+
+
+def host():
+    """A host that sends all and only what it must: a tone, STOP, armed again, a damaged frame."""
+    session = Session()
+    tone = [round(26_000 * math.sin(2 * math.pi * n / 20)) for n in range(480)]
+    lead = 120  # 15 ms
+    session.hello()
+    session.capabilities()
+    session.setup(lead_us=15_000)
+    session.transmit(status(0, 0, 2, 0, 0, 0, 0, 0, 0))
+    session.receive(ARM)
+    session.transmit(status(1, 0, 3, 0, 0, 0, 0, 0, 0))
+    session.stream(0, tone[:200])
+    session.stream(200, tone[200:400])
+    session.play([0] * lead + tone[:80])
+    session.transmit(status(2, 0, 5, 0, 320, 80, 0, 0, 200))
+    session.stream(400, tone[400:])  # as many as the queue has room for
+    session.play(tone[80:180])
+    session.transmit(status(2, 0, 6, 0, 300, 180, 0, 0, 300))
+    session.receive(STOP)
+    session.transmit(status(3, 0, 7, 0, 0, 180, 0, 0, 300))
+    session.play(ramp(tone[179]) + [0] * 10)
+    session.transmit(status(0, 0, 7, 0, 0, 180, 0, 0, 350))
+    session.setup(lead_us=15_000)
+    session.transmit(status(0, 0, 8, 0, 0, 180, 0, 0, 350))
+    session.receive(ARM)
+    session.transmit(status(1, 0, 9, 0, 0, 0, 0, 0, 350))
+    session.stream(0, tone[:200])
+    session.play([0] * lead + tone[:5])
+    session.transmit(status(2, 0, 10, 0, 195, 5, 0, 0, 475))
+    broken = session.stream(200, tone[200:400], damage=16)
+    due, carries = crc32(broken[:-4]), int.from_bytes(broken[-4:], "little")
+    session.transmit(fault(1, 10, due, carries, 475))  # no STATUS is due so soon
+    session.play(ramp(tone[4]) + [0] * 10)
+    session.transmit(status(0, 1, 10, 0, 0, 5, 0, 1, 525))
+    return session.text(
+        "What a host sends, byte for byte, that lowers no limit and waits 15 ms: a tone as far as "
+        "the queue has room, STOP, armed again, a frame that is damaged on its way; and what a "
+        "board of this description plays and answers. Made by tests/firmware_io/golden_sessions.py."
     )
 
 
@@ -644,6 +686,7 @@ SESSIONS = {
     "session-dry": dry,
     "session-edges": edges,
     "session-envelope": envelope,
+    "session-host": host,
     "session-marks": marks,
     "session-revise": revise,
     "session-sense": sense,

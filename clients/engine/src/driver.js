@@ -32,11 +32,47 @@ export class DriverError extends Error {
   name = "DriverError";
 }
 
-/** The last second of the drive. It goes on from one arming to the next. */
+/** The least of the last values. */
+class Least {
+  #values;
+  #ages;
+  #first = 0;
+  #count = 0;
+
+  constructor(size) {
+    this.#values = new Float64Array(size);
+    this.#ages = new Float64Array(size);
+  }
+
+  get value() {
+    return this.#values[this.#first];
+  }
+
+  add(value, age) {
+    const size = this.#values.length;
+    if (this.#count && this.#ages[this.#first] <= age - size) {
+      this.#first = (this.#first + 1) % size;
+      this.#count--;
+    }
+    // Whatever is above a later value is never the least again.
+    while (this.#count && this.#values[(this.#first + this.#count - 1) % size] >= value) this.#count--;
+    const at = (this.#first + this.#count++) % size;
+    this.#values[at] = value;
+    this.#ages[at] = age;
+  }
+}
+
+/** The last second of the drive, with its sums. It goes on from one arming to the next. */
 export class DriveWindow {
   #volts;
   #at = 0;
+  #count = 0;
   #last = 0;
+  #squares = 0;
+  #steps = 0;
+  #total = 0; // since the beginning, and its least and (negative) greatest in the window
+  #low;
+  #high;
   #rate;
   #ceilingV;
   #slew;
@@ -44,10 +80,12 @@ export class DriveWindow {
   constructor(sampleRateHz, ceilingV = CEILING_V, slewVPerS = SLEW_V_PER_S) {
     if (!(ceilingV > 0 && ceilingV <= CEILING_V && slewVPerS > 0 && slewVPerS <= SLEW_V_PER_S))
       throw new LimitError(`limits are lowered only: at most ${CEILING_V} V and ${SLEW_V_PER_S} V/s`);
+    const n = Math.round(sampleRateHz);
     this.#rate = sampleRateHz;
     this.#ceilingV = ceilingV;
     this.#slew = slewVPerS;
-    this.#volts = new Float64Array(Math.round(sampleRateHz));
+    this.#volts = new Float64Array(n);
+    for (const ends of [(this.#low = new Least(n + 1)), (this.#high = new Least(n + 1))]) ends.add(0, 0);
   }
 
   /** The last sample. */
@@ -59,27 +97,17 @@ export class DriveWindow {
   check(volts) {
     const ring = this.#volts;
     const n = ring.length;
-    let [squares, steps, total, low, high] = [0, 0, 0, 0, 0];
-    let before = ring[this.#at]; // oldest first
-    for (let i = 0; i < n; i++) {
-      const v = ring[(this.#at + i) % n];
-      squares += v * v;
-      if (i > 0) steps += (v - before) ** 2;
-      before = v;
-      total += v;
-      low = Math.min(low, total);
-      high = Math.max(high, total);
-    }
+    let [squares, steps, total, before] = [this.#squares, this.#steps, this.#total, this.#last];
+    let [low, high] = [this.#low.value, -this.#high.value];
     const most = {
       squares: n * RMS_V ** 2,
       steps: n * (RMS_SLEW_V_PER_S / this.#rate) ** 2,
       stretch: n * DC_SHARE * this.#ceilingV,
     };
+    const at = (i) => (i < n ? ring[(this.#at + i) % n] : volts[i - n]); // oldest first
     volts.forEach((v, i) => {
-      const gone = i < n ? ring[(this.#at + i) % n] : volts[i - n];
-      const next = i + 1 < n ? ring[(this.#at + i + 1) % n] : volts[i + 1 - n];
-      squares += v * v - gone * gone;
-      steps += (v - before) ** 2 - (next - gone) ** 2;
+      squares += v * v - at(i) ** 2;
+      steps += (v - before) ** 2 - (at(i + 1) - at(i)) ** 2;
       total += v;
       const reject = (why) => {
         throw new LimitError(`sample ${i} of ${v} V is rejected: ${why}`);
@@ -100,10 +128,17 @@ export class DriveWindow {
 
   /** Add samples that were sent. */
   take(volts) {
+    const ring = this.#volts;
     for (const v of volts) {
-      this.#volts[this.#at] = v;
-      this.#at = (this.#at + 1) % this.#volts.length;
-      this.#last = v;
+      const next = (this.#at + 1) % ring.length;
+      this.#squares += v * v - ring[this.#at] ** 2;
+      this.#steps += (v - this.#last) ** 2 - (ring[next] - ring[this.#at]) ** 2;
+      this.#total += v;
+      this.#count++;
+      this.#low.add(this.#total, this.#count);
+      this.#high.add(-this.#total, this.#count);
+      ring[this.#at] = this.#last = v;
+      this.#at = next;
     }
   }
 

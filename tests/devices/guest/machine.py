@@ -79,6 +79,11 @@ def run_in_guest(command, environment, folder, limit_s):
     qemu += ["-icount", "shift=2,sleep=on", "-rtc", "clock=vm"]
     qemu += ["-nodefaults", "-no-user-config", "-display", "none", "-no-reboot"]
     qemu += ["-serial", f"file:{console}", "-serial", f"file:{results}"]
+    # The third and fourth port are the two ends of a wire.
+    wire = folder / "wire"
+    wire.unlink(missing_ok=True)
+    qemu += ["-chardev", f"socket,id=one,path={wire},server=on,wait=off", "-serial", "chardev:one"]
+    qemu += ["-chardev", f"socket,id=other,path={wire}", "-serial", "chardev:other"]
     qemu += ["-fsdev", "local,id=root,path=/,security_model=none,readonly=on,multidevs=remap"]
     qemu += ["-device", "virtio-9p-pci,fsdev=root,mount_tag=hostroot"]
     qemu += ["-kernel", str(debian / "vmlinuz"), "-initrd", str(image)]
