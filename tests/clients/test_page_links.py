@@ -4,19 +4,19 @@ The browser's objects are fakes (fake_devices.js); `tests/devices` has the real 
 """
 
 import contextlib
-import functools
-import http.server
 import threading
 import time
 
 import numpy as np
 import pytest
+from playwright.sync_api import Error
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.server import serve
 
 from firmware_io.links.mock import MockDriver
-from firmware_io.protocol import DeviceState
+from firmware_io.protocol import DeviceState, FaultCode
 from tests.chromium import chromium
+from tests.clients.driver_page import served
 from tests.made_clients import ROOT
 from tests.waiting import wait_for
 
@@ -25,70 +25,13 @@ RATE_HZ = 16_000  # what all of them carry
 #: The mock's clock beside this machine's: a page that waits for a processor leaves nothing dry.
 PACE = 0.2
 CODE_V = 250.0 / 32767
-
-PAGE = """<!doctype html>
-<title>A driver</title>
-<button id="go">Go</button>
-<script type="module">
-  import { Driver } from "/src/driver.js";
-  import { openLink } from "/src/links.js";
-  const words = (error) => `${error.name}: ${error.message}`;
-  window.told = [];
-  window.opens = async (kind, options) => {
-    try {
-      window.driver = await Driver.open(await openLink(kind, options), { sampleRateHz: 16000 });
-      driver.addEventListener("failed", ({ detail }) => told.push(words(detail)));
-      return "open";
-    } catch (error) {
-      return words(error);
-    }
-  };
-  window.arms = () => driver.arm().then(() => "armed", words);
-  /** A wave that is its own everywhere, and ends at 0 V. */
-  window.plays = (count, hz = 300) => {
-    const volts = Float64Array.from({ length: count }, (_, i) => {
-      const fade = Math.min(1, i / 200, (count - 1 - i) / 200);
-      return 120 * fade * Math.sin((2 * Math.PI * hz * i) / 16000 + 1e-7 * i * i);
-    });
-    window.writing = driver.write(volts).then(() => "written", words);
-    return [...volts];
-  };
-  go.onclick = async () => {
-    const opened = await opens(go.name, {});
-    window.done = opened === "open" ? await arms() : opened;
-  };
-  if (location.search === "?alone") {
-    navigator.usb.isChosen = true;
-    window.alone = [await opens("usb", { again: true }), await arms()];
-  }
-  document.title = "ready";
-</script>
-"""
-
-
-class Handler(http.server.SimpleHTTPRequestHandler):
-    def do_GET(self):
-        if self.path not in ("/", "/?alone"):
-            return super().do_GET()
-        self.send_response(200)
-        self.send_header("content-type", "text/html")
-        self.end_headers()
-        self.wfile.write(PAGE.encode())
-
-    def log_message(self, *_):
-        pass
+ENDS_S = 0.105  #: the watchdog that a page asks for, and a ramp
 
 
 @pytest.fixture(scope="module")
 def address():
-    folder = ROOT / "clients" / "engine"
-    server = http.server.ThreadingHTTPServer(
-        ("127.0.0.1", 0), functools.partial(Handler, directory=folder)
-    )
-    threading.Thread(target=server.serve_forever, daemon=True).start()
-    yield f"http://127.0.0.1:{server.server_address[1]}/"
-    server.shutdown()
-    server.server_close()
+    with served() as address:
+        yield address
 
 
 @pytest.fixture
@@ -110,7 +53,7 @@ def bridge(driver):
                     take(socket.recv(timeout=0.002))
                 while said := give():
                     socket.send(said)
-        driver.release()
+        # A closed link is no news to a board on a bus that stays: its watchdog ends the output.
 
     with serve(carry, "127.0.0.1", 0) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
@@ -206,9 +149,58 @@ def test_a_transfer_that_never_ends_is_told_and_closed(page, driver, kind):
     assert page.evaluate("driver.close().then(() => told.length)") == 1
 
 
+def hide(page):
+    page.evaluate(
+        """() => {
+            Object.defineProperty(document, "visibilityState", { value: "hidden" });
+            document.dispatchEvent(new Event("visibilitychange"));
+        }"""
+    )
+
+
+def busy(page):
+    page.evaluate("const end = performance.now() + 2000; while (performance.now() < end);")
+
+
+def crash(page):
+    with pytest.raises(Error):
+        page.goto("chrome://crash")
+
+
+@pytest.mark.parametrize(
+    ("end", "fault"),
+    [
+        (hide, FaultCode.NONE),
+        (lambda page: page.evaluate("worker.terminate()"), FaultCode.NONE),
+        (lambda page: page.goto("about:blank"), FaultCode.NONE),
+        (lambda page: page.close(), None),  # its STOP, or the watchdog
+        (crash, FaultCode.STARVED),
+        (busy, FaultCode.STARVED),
+    ],
+    ids=["hidden", "engine killed", "left", "closed", "crashed", "busy"],
+)
+def test_a_page_that_ends_leaves_0_v_within_the_watchdog_s_time(page, driver, end, fault):
+    """In the driver's own time, which its watchdog counts."""
+    assert chosen(page, "usb") == "armed"
+    page.evaluate("strokes()")
+    wait_for(lambda: np.abs(driver.output_v[-100:]).max() > 50.0)
+    begins = driver.output_v.size
+    end(page)
+    ended = driver.output_v.size
+    wait_for(lambda: is_at_0_v(driver))
+    last = np.flatnonzero(driver.output_v)[-1]
+    assert last > begins
+    assert last - ended < ENDS_S * RATE_HZ
+    if end is busy:
+        assert last - begins < (ended - begins) / 2
+    if fault is not None:
+        assert driver.status.fault == fault
+
+
 def test_a_page_opens_a_known_driver_alone_but_does_not_arm_it(page, driver, address):
-    page.goto(f"{address}?alone")
-    wait_for(lambda: page.title() == "ready")
+    # Whatever Playwright evaluates counts as a click: nothing is asked until the page is done.
+    with page.expect_console_message():
+        page.goto(f"{address}?alone")
     opened, armed = page.evaluate("alone")
     assert opened == "open"
     assert "a driver is armed by a person" in armed
