@@ -54,12 +54,18 @@ LIBRARIES = {
         # A desktop has memory for the longest frame of the format and a queue of 2.7 s at 48 kHz.
         ("-DHX_QUEUE_SAMPLES=131072u", "-DHX_MAX_FRAME_SAMPLES=32765u", "-DHX_READINGS=256u"),
     ),
+    "haptix-player": Library(
+        "firmware_io/player",
+        ("haptix_player.c", "../firmware/haptix_host.c", "../firmware/haptix_wire.c"),
+        ("-lm",),
+    ),
     "haptix-native": Library(
         "haptix/base/native",
         (
             "haptix_block.c",
             "haptix_engine.c",
             "haptix_fingers.c",
+            "haptix_live.c",
             "haptix_map.c",
             "haptix_material.c",
             "haptix_program.c",
@@ -89,7 +95,8 @@ def built(name: str) -> Path:
     """
     library = LIBRARIES[name]
     folder = ROOT / library.folder
-    sources = (*(folder / source for source in library.sources), *sorted(folder.glob("*.h")))
+    sources = [folder / source for source in library.sources]
+    sources += sorted({header for source in sources for header in source.parent.glob("*.h")})
     suffix = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
     options = repr((library, _FLAGS, sysconfig.get_platform()))
     return _kept(name, suffix, options, sources, lambda path: compile_library(name, path))

@@ -103,7 +103,7 @@ def play(
         surface, setting.texture, device, settings=settings, sense=sense
     ) as renderer:
         playback = renderer._running()
-        source = playback._source
+        source = renderer._source
         source.window = meter.of("renderer", source.window)  # type: ignore[method-assign]
         event, step = meter.of("app", renderer.event), meter.of("feeder", playback.step)
         start_s = clock() + 0.3

@@ -471,6 +471,16 @@ class Device:
         """
         self._stream.stop(play_out=False)
 
+    def lend(self) -> Stream | None:
+        """Return the stream, for a player in C that sends in its place, or None if it cannot.
+
+        It can where the samples are the drive itself, and the link is a file descriptor.
+        """
+        stream = self._stream
+        if self.mode != "waveform" or stream.link.descriptor is None:
+            return None
+        return stream
+
     def close(self) -> None:
         """Stop, then close the link; it is closed even if `stop` fails. Idempotent."""
         if self._is_closed and not self.stop_is_owed:

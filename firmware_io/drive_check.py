@@ -101,9 +101,14 @@ class DriveWindow:
                 window._window, bounds, self._buffer(piece), piece.size, index, value
             )
             if verdict != self._lib.HX_HOST_KEPT:
-                raise LimitError(self._reason(verdict, (start + index[0]) // each, value[0]))
+                raise LimitError(self.reason(verdict, (start + index[0]) // each, value[0]))
             if window is not self:
                 window.take(piece)
+
+    def lend(self) -> tuple[object, object]:
+        """Return window and bounds, for a player in C that checks samples of a waveform itself."""
+        self._bounds.ramp_samples = RAMP_S / 2 * self._sample_rate_hz
+        return self._window, self._bounds
 
     def take(self, volts: _Volts) -> None:
         """Add samples to the window after they were sent."""
@@ -123,7 +128,14 @@ class DriveWindow:
         copy._memory[:] = self._memory
         return copy
 
-    def _reason(self, verdict: int, sample: int, value: float) -> str:
+    def reason(self, verdict: int, sample: int, value: float) -> str:
+        """Say which limit a sample breaks, by the verdict of the check in C and the sum it found.
+
+        Parameters
+        ----------
+        verdict, sample, value
+            See `hx_host_check` in `firmware_io/firmware/haptix_host.h`.
+        """
         limits, lib = self.limits, self._lib
         reaches = f"over {limits.window_s:g} s reaches"
         remedy = "drive without a mean voltage: remove the offset, and pause before trying again."
@@ -239,6 +251,22 @@ class DriveCheck:
     def check_window(self, driven: _Volts) -> None:
         """Reject output that would break energy, mean or current after all that was taken."""
         self._window.check(driven, self.each, self.setup.mode is StreamMode.ENVELOPE)
+
+    def lent(self) -> dict[str, object]:
+        """Return the limits of a waveform's samples for a player in C, which takes them itself."""
+        window, bounds = self._window.lend()
+        return {
+            "window": window,
+            "limits": bounds,
+            "most_v": self._most_v,
+            "most_step_v": self.limits.max_slew_v_per_s / self.setup.sample_rate_hz,
+            "full_scale_v": self._full_scale_v,
+            "top_code": self._top_code,
+        }
+
+    def refusal(self, verdict: int, sample: int, value: float) -> LimitError:
+        """Return the error for what the check in C has found in the window; see `DriveWindow`."""
+        return LimitError(self._window.reason(verdict, sample, value))
 
     def take(self, driven: _Volts) -> None:
         """Add output to the window."""

@@ -36,6 +36,7 @@ from firmware_io.protocol import (
     STREAM_OVERHEAD_BYTES,
     Arm,
     DeviceState,
+    FaultReport,
     Mark,
     Revise,
     Setup,
@@ -304,6 +305,40 @@ class Stream:
                 f"{self.link.name} has sent nothing for {silent_s:.2g} s, though it should report "
                 f"every {interval_s:g} s; check its cable and power, then open it again."
             )
+
+    def lend(self) -> dict[str, object]:
+        """Return what a player in C needs to go on in this object's place, as `hx_player_setup`.
+
+        Until `take_back`, nobody else may send. The driver must be armed for revisions, and take a
+        waveform.
+        """
+        status = self._status()
+        return self.checks.lent() | {
+            "link": self.link.descriptor,
+            "frame": self.pace.frame_samples,
+            "most_ahead": self.pace.most_ahead(True),
+            "rate_hz": float(self.setup.sample_rate_hz),
+            "bytes_per_s": self.pace.bytes_per_s or 0.0,
+            "watchdog_s": self.setup.watchdog_ms / 1e3,
+            "version": self.client.version,
+            "sequence": self.client.sequence,
+            "queued": status.queued_samples,
+            "free": status.free_samples,
+            "underruns": status.underruns,
+        }
+
+    def take_back(self, sent: int, fault: FaultReport | None) -> None:
+        """Go on after a player in C, which has sent so many samples, and a STOP unless it failed.
+
+        Raises `DeviceFaultError` if the driver has reported a fault.
+        """
+        self._sent += sent
+        self.samples_sent += sent
+        self.provisional = None  # the player has counted what it sent as driven
+        self._is_in_doubt = True  # of where the output is; STOP ends that
+        self.client.status_s = self.client.clock()
+        self.client.fault = self.client.fault or fault
+        self._follow_fault()
 
     def progress(self) -> Progress:
         """Return the driver's progress, by its last report."""

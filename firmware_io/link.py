@@ -41,6 +41,14 @@ class Link(ABC):
     """Longest time for which a driver may be deaf after its link was opened, as it starts up."""
 
     @property
+    def descriptor(self) -> int | None:
+        """File descriptor of a link that is open, if reading and writing it never wait.
+
+        None if the bytes go through a library.
+        """
+        return None
+
+    @property
     def latency_s(self) -> float | None:
         """Delay that the link adds between a sample and the output, in seconds; None if unknown."""
         return 0.0

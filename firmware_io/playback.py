@@ -6,6 +6,7 @@ import logging
 import signal
 import threading
 import weakref
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from numbers import Real
 from types import FrameType
@@ -96,6 +97,9 @@ class Playback:
         Longest stall that is no underrun.
     stats : PlaybackStats, optional
         Counters.
+    writer : callable, optional
+        Makes the thread that plays, such as `firmware_io.own_thread.OwnThread`; the source is then
+        not asked.
     on_read : callable, optional
         Called in the thread that plays, some 500 times a second, after the driver's reports were
         read: there `Device.readings` has new ones.
@@ -120,6 +124,7 @@ class Playback:
         *,
         stats: PlaybackStats | None = None,
         on_read: Callable[[], None] | None = None,
+        writer: Callable[[], Writer] | None = None,
     ) -> None:
         for name, value, least, most in (
             ("reaction_s", reaction_s, 0.001, 0.1),
@@ -133,10 +138,10 @@ class Playback:
                 '"mock:pace=stepped" for a clock of its own, or write to the device directly.'
             )
         self.device = device
-        self.stats = PlaybackStats() if stats is None else stats
-        self.stats.reaction_s, self.stats.horizon_s = reaction_s, horizon_s
-        self._source = source
-        self._on_read = on_read
+        self.stats = counts = PlaybackStats() if stats is None else stats
+        counts.reaction_s, counts.horizon_s = reaction_s, horizon_s
+        # Without a reference to this object, which would keep it from being collected.
+        self._writer = writer or (lambda: RevisingWriter(Reviser(device, source, counts, on_read)))
         self._clock = device.clock
         self.has_thread = self._clock is HOST_CLOCK
         self.writer: Writer | None = None
@@ -155,8 +160,8 @@ class Playback:
         with self._turn:
             if self._finalizer is not None:
                 return
-            writer = Writer(Reviser(self.device, self._source, self.stats, self._on_read))
-            writer.reviser.begin()
+            writer = self._writer()
+            writer.begin()
             stats = self.stats
             _LOG.info("begins: reaction %g s, horizon %g s", stats.reaction_s, stats.horizon_s)
             self.writer = writer
@@ -195,8 +200,7 @@ class Playback:
         DeviceError, LimitError
             Once, the error that ended the playback.
         """
-        reviser = self._running().reviser
-        reviser.touch(self._clock() if touched_s is None else touched_s)
+        self._running().touch(self._clock() if touched_s is None else touched_s)
 
     def step(self) -> float:
         """Do the work that is due, without a thread; return the time to the next step, in seconds.
@@ -264,30 +268,49 @@ class Playback:
 _LEAST_STEP_S = 1e-5  # half a sample, so that a driver's clock moves between two steps
 
 
-class Writer:
-    """The thread that owns the device; it holds no reference to its `Playback`."""
+class Writer(ABC):
+    """A thread that owns the device; it holds no reference to its `Playback`.
 
-    def __init__(self, reviser: Reviser) -> None:
-        self.reviser = reviser
+    Parameters
+    ----------
+    device : Device
+        Armed by `begin`.
+    stats : PlaybackStats
+        Counters.
+    """
+
+    def __init__(self, device: Device, stats: PlaybackStats) -> None:
+        self.device, self.stats = device, stats
         self.error: BaseException | None = None
         self._over = threading.Event()
         # A daemon, so that an interpreter that exits does not wait for it before `abandon` runs.
         self.thread = threading.Thread(target=self._run, name="firmware_io playback", daemon=True)
         self._was_raised = False
-        self._must_end = False
+
+    @abstractmethod
+    def begin(self) -> None:
+        """Arm the device."""
+
+    @abstractmethod
+    def touch(self, touched_s: float) -> None:
+        """Wake the thread: something has changed at a time of the host's clock."""
+
+    @abstractmethod
+    def round(self) -> float:
+        """Do one round of the work without a thread; return the time to the next, in seconds."""
+
+    @abstractmethod
+    def _run(self) -> None:
+        """Play until the end, in the thread."""
+
+    @abstractmethod
+    def _quit(self) -> None:
+        """Let the thread end soon."""
 
     @property
     def is_over(self) -> bool:
         """Whether it has ended, by `stop` or by an error."""
         return self._over.is_set()
-
-    def round(self) -> float:
-        """Do one round of the work; keep an error, which ends the playback."""
-        try:
-            return self.reviser.step()
-        except BaseException as error:
-            self._fail(error)
-            return 0.0
 
     def end(self) -> None:
         """End at 0 V, and wait for the end of the thread if there is one."""
@@ -295,9 +318,7 @@ class Writer:
             if not self.is_over:
                 self._end()
             return
-        with self.reviser.ready:
-            self._must_end = True
-            self.reviser.ready.notify_all()
+        self._quit()
         if self.thread is threading.current_thread():  # called by the garbage collector
             return
         self.thread.join(JOIN_S)
@@ -320,6 +341,58 @@ class Writer:
             self._was_raised = True
             raise self.error
 
+    def _end(self) -> None:
+        try:
+            # At once: queued samples are provisional and are not played out.
+            self.device.stop_at_once()
+        except BaseException as error:
+            self._fail(error)
+        self._close()
+
+    def _fail(self, error: BaseException) -> None:
+        self.error = error
+        _LOG.info("fails, %s: %s", type(error).__name__, error)
+        try:
+            self.device.stop_at_once()
+        except Exception as failure:
+            if failure is not error:
+                error.add_note(f"Bringing the output to 0 V failed as well: {failure}")
+        self._close()
+
+    def _close(self) -> None:
+        _LOG.info("ends: %s", self.stats)
+        self._over.set()
+
+
+class RevisingWriter(Writer):
+    """A thread of the interpreter, or without one whoever calls `round`."""
+
+    def __init__(self, reviser: Reviser) -> None:
+        super().__init__(reviser.device, reviser.stats)
+        self.reviser = reviser
+        self._must_end = False
+
+    def begin(self) -> None:
+        """Arm the device."""
+        self.reviser.begin()
+
+    def touch(self, touched_s: float) -> None:
+        """Wake the thread: something has changed at a time of the host's clock."""
+        self.reviser.touch(touched_s)
+
+    def round(self) -> float:
+        """Do one round of the work; keep an error, which ends the playback."""
+        try:
+            return self.reviser.step()
+        except BaseException as error:
+            self._fail(error)
+            return 0.0
+
+    def _quit(self) -> None:
+        with self.reviser.ready:
+            self._must_end = True
+            self.reviser.ready.notify_all()
+
     def _run(self) -> None:
         reviser = self.reviser
         raise_priority()
@@ -332,28 +405,9 @@ class Writer:
             if must_end and not self._over.is_set():
                 self._end()
 
-    def _end(self) -> None:
-        try:
-            # At once: queued samples are provisional and are not played out.
-            self.reviser.device.stop_at_once()
-        except BaseException as error:
-            self._fail(error)
-        self._close()
-
-    def _fail(self, error: BaseException) -> None:
-        self.error = error
-        _LOG.info("fails, %s: %s", type(error).__name__, error)
-        try:
-            self.reviser.device.stop_at_once()
-        except Exception as failure:
-            if failure is not error:
-                error.add_note(f"Bringing the output to 0 V failed as well: {failure}")
-        self._close()
-
     def _close(self) -> None:
-        _LOG.info("ends: %s", self.reviser.stats)
         with self.reviser.ready:
-            self._over.set()
+            super()._close()
             self.reviser.ready.notify_all()
 
 

@@ -179,6 +179,25 @@ class ProtocolClient:
         self.bytes_sent += size
         return size
 
+    @property
+    def sequence(self) -> int:
+        """Number of the next frame."""
+        return self._sequence
+
+    def take_back(self, sequence: int, frames: int, size: int) -> None:
+        """Count what a player in C has sent.
+
+        Parameters
+        ----------
+        sequence : int
+            Number of the next frame.
+        frames, size : int
+            Frames and bytes that it has delivered.
+        """
+        self._sequence = sequence
+        self.frames_sent += frames
+        self.bytes_sent += size
+
     def ask(self, message: HostMessage) -> StatusReport:
         """Send a message to a driver that is not armed; return the STATUS that answers it.
 

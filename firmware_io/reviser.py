@@ -22,7 +22,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -48,7 +48,9 @@ _PIECE_S = 0.04  # most that is appended at once, between two touches
 _PIECE_SHARE = 1 / 3  # its largest share of the driver's queue beyond the horizon
 _APPENDED_WITHIN_S = 0.007  # after there is space for a piece: mostly at the next step
 _PIECE_TAKES_S = 0.002  # longest time to send a piece on a slow link
-_STATUS_S = 0.02
+STATUS_S = 0.02
+"""Time between two reports of the driver."""
+
 _ASK_S = 0.25  # a report may have waited in a socket; the answer to a question has not
 _READ_S = 5e-4  # after a revision is due: by then it is known whether it was refused
 _AFTER_REFUSAL_S = 1.0  # for this long after a refusal, each revision is read after `_READ_S`
@@ -164,6 +166,53 @@ class Source(Protocol):
         """Forget the samples before an index."""
 
 
+@dataclass(frozen=True)
+class Sizes:
+    """What is sent at once, in samples."""
+
+    window: int
+    """Longest revision."""
+    least: int
+    """Shortest revision."""
+    piece: int
+    """What is appended at once."""
+    horizon: int
+    """What is kept ahead."""
+    least_interval_s: float
+    """Time from one revision to the next [s]."""
+
+    @classmethod
+    def of(cls, device: Device, grid: int, horizon_s: float) -> Self:
+        """Return the sizes for a device, as multiples of a source's grid.
+
+        Parameters
+        ----------
+        device : Device
+            Its link and its queue bound them.
+        grid : int
+            See `Source.grid`.
+        horizon_s : float
+            Longest stall that is no underrun.
+        """
+        pace, rate_hz = device.pace, device.capabilities.sample_rate_hz
+        is_slow = pace.bytes_per_s is not None
+        most, least_interval_s = pace.revision_budget(_SLOW_WINDOW_S if is_slow else WINDOW_S)
+        least = int(_LEAST_WINDOW_S * rate_hz)
+        piece = pace.least_write_samples
+        if piece == 1:
+            beyond = device.capabilities.queue_samples - horizon_s * rate_hz
+            piece = min(int(_PIECE_S * rate_hz), max(least, int(_PIECE_SHARE * beyond)))
+            if pace.bytes_per_s is not None:
+                piece = min(piece, int(_PIECE_TAKES_S * pace.bytes_per_s / 2))
+        return cls(
+            window=max(grid, most // grid * grid),
+            least=least,
+            piece=max(grid, piece // grid * grid),
+            horizon=int((horizon_s + SPARE_S) * rate_hz),
+            least_interval_s=least_interval_s,
+        )
+
+
 class Reviser:
     """Keeps the driver's queue filled to the horizon and revises it; others call `step`.
 
@@ -203,21 +252,9 @@ class Reviser:
         self._on_read = on_read
         self._clock = device.clock
         self._rate_hz = rate_hz
-        grid = source.grid
-        is_slow = device.pace.bytes_per_s is not None
-        most, self._least_interval_s = device.pace.revision_budget(
-            _SLOW_WINDOW_S if is_slow else WINDOW_S
-        )
-        self._window = max(grid, most // grid * grid)
-        self._least = int(_LEAST_WINDOW_S * rate_hz)
-        self._horizon = int((stats.horizon_s + SPARE_S) * rate_hz)
-        piece = device.pace.least_write_samples
-        if piece == 1:
-            beyond = device.capabilities.queue_samples - stats.horizon_s * rate_hz
-            piece = min(int(_PIECE_S * rate_hz), max(self._least, int(_PIECE_SHARE * beyond)))
-            if device.pace.bytes_per_s is not None:
-                piece = min(piece, int(_PIECE_TAKES_S * device.pace.bytes_per_s / 2))
-        self._piece = max(grid, piece // grid * grid)
+        sizes = Sizes.of(device, source.grid, stats.horizon_s)
+        self._window, self._least_interval_s = sizes.window, sizes.least_interval_s
+        self._least, self._horizon, self._piece = sizes.least, sizes.horizon, sizes.piece
         self._patience_s = min(_APPENDED_WITHIN_S, self._piece / rate_hz / 2)
         self._guard_s = device.capabilities.guard_s
         # Time from reading the clock to the first sample, on a free line.
@@ -242,7 +279,7 @@ class Reviser:
 
     def begin(self) -> None:
         """Arm the device, to play without a lead of its own."""
-        self.device.set_up(lead_s=0.0, status_s=_STATUS_S)
+        self.device.set_up(lead_s=0.0, status_s=STATUS_S)
         self.device.arm(revisable=True)
         self._known_underruns = self.device.progress().underruns
 
@@ -384,7 +421,7 @@ class Reviser:
         self.device.revise(first, volts)
         self._note_sent(now_s)
         was_refused = now_s - self._refused_s < _AFTER_REFUSAL_S
-        self._read_s = min(self._read_s, at_s + (_READ_S if was_refused else _STATUS_S))
+        self._read_s = min(self._read_s, at_s + (_READ_S if was_refused else STATUS_S))
         lead_s = at_s - now_s - waits_s
         with self.ready:
             self._under_way.append((math.nan if touched_s is None else touched_s, at_s, lead_s))

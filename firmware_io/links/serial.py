@@ -91,6 +91,12 @@ class SerialLink(Link):
         # Discard what an earlier host has left unread.
         self._port.reset_input_buffer()
 
+    @property
+    def descriptor(self) -> int | None:
+        """The port, which pyserial opens so that it never waits; see `Link.descriptor`."""
+        # Not on Windows, where a port is no file descriptor.
+        return getattr(self._port, "fd", None)
+
     def send(self, data: bytes) -> None:
         """Write bytes; see `Link.send`."""
         port = self._open_port()

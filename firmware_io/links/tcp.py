@@ -93,6 +93,11 @@ class TcpLink(Link):
             self.close()
             raise
 
+    @property
+    def descriptor(self) -> int | None:
+        """The socket, which never waits since it has a time-out; see `Link.descriptor`."""
+        return None if self._socket is None else self._socket.fileno()
+
     def send(self, data: bytes) -> None:
         """Send bytes; see `Link.send`."""
         connection = self._connection()

@@ -8,6 +8,7 @@
 enum { PLACES = HX_FINGERS * HX_POINTS, ROWS = 13, KEPT = 4 };
 
 static const double first_interval_s = 1.0 / 60; /* as haptix.play.touch.touches */
+static const double joined_s = 0.002;    /* as haptix.play.render.samples */
 static const double slow_mm_s = 2.0;     /* as haptix.feel.motion.block.SLOW_MM_PER_S */
 static const int64_t most_bytes = 1 << 30;
 static const double lightest_n = 1e-3, hardest_n = 100.0, latest_s = 1e10, largest_mm = 1e4;
@@ -26,6 +27,7 @@ struct hx_engine {
     hx_program program;
     int64_t multiplies, has_priorities, converts, fades;
     double step_s, before_v;
+    double playable_s; /* from when on a report can still change what happens */
     int64_t sample; /* the first of the next block */
     touch touches[HX_FINGERS];
     int64_t order[HX_FINGERS], down; /* touches in the order in which they came */
@@ -86,6 +88,7 @@ hx_engine *hx_engine_open(const uint8_t *program, int64_t size, void *memory)
     const hx_program *p = &e->program;
     e->step_s = (double)p->rendering.step / p->sample_rate_hz;
     e->interval_s = first_interval_s;
+    e->program.rendering.joined = (int64_t)hx_most(1.0, joined_s / e->step_s + 0.5);
     for (int64_t i = 0; i < p->regions; i++) {
         e->multiplies |= p->region[i].blend == BLEND_MULTIPLY;
         e->has_priorities |= p->region[i].priority != 0;
@@ -285,7 +288,10 @@ static const double *share(hx_engine *e, const hx_motion *motion, const double *
 
 /* Blocks. */
 
-const hx_felt *hx_engine_play(hx_engine *e, const hx_motion *motion, const double *gain)
+static double now_s(const hx_engine *e) { return (double)e->sample / e->program.sample_rate_hz; }
+
+static const hx_felt *play(hx_engine *e, const hx_motion *motion, const double *gain,
+                           const double *queued_v)
 {
     const hx_program *p = &e->program;
     const double *force_n = motion->force_n;
@@ -304,6 +310,8 @@ const hx_felt *hx_engine_play(hx_engine *e, const hx_motion *motion, const doubl
     block.gain = gain;
     block.less = &p->slice;
     block.before_v = e->before_v;
+    block.queued_v = queued_v;
+    block.queued = queued_v ? points : 0;
     block.wave = p->wave;
     block.period = p->period;
     block.phase = e->sample % p->period;
@@ -323,10 +331,14 @@ const hx_felt *hx_engine_play(hx_engine *e, const hx_motion *motion, const doubl
     e->felt = felt;
     e->before_v = amplitude_v[points - 1];
     e->sample += points * step;
+    e->playable_s = now_s(e);
     return &e->felt;
 }
 
-static double now_s(const hx_engine *e) { return (double)e->sample / e->program.sample_rate_hz; }
+const hx_felt *hx_engine_play(hx_engine *e, const hx_motion *motion, const double *gain)
+{
+    return play(e, motion, gain, NULL);
+}
 
 /* Touches. */
 
@@ -372,8 +384,8 @@ static void update(const hx_engine *e, touch *t, double t0_s)
     t->is_known = 1;
 }
 
-/* Fingers that may get drive, in the order in which they came. */
-static int64_t follow(hx_engine *e, double t0_s, hx_track *tracks)
+/* Let all reports until now count, and forget fingers that get no drive any more. */
+static void follow(hx_engine *e, double t0_s)
 {
     int64_t count = 0;
     for (int64_t k = 0; k < e->down; k++) {
@@ -384,18 +396,39 @@ static int64_t follow(hx_engine *e, double t0_s, hx_track *tracks)
             t->is_used = 0;
             continue;
         }
-        e->order[count] = e->order[k];
-        tracks[count++] = t->track;
+        e->order[count++] = e->order[k];
     }
     e->down = count;
+}
+
+/* Fingers as the last block knew them, in the order in which they came. */
+static int64_t known(const hx_engine *e, hx_track *tracks, int64_t *order)
+{
+    int64_t count = 0;
+    for (int64_t k = 0; k < e->down; k++)
+        if (e->touches[e->order[k]].is_known) {
+            order[count] = e->order[k];
+            tracks[count++] = e->touches[e->order[k]].track;
+        }
     return count;
 }
 
 const hx_felt *hx_engine_block(hx_engine *e, int64_t points)
 {
+    return hx_engine_window(e, e->sample, points, e->before_v, NULL, 1);
+}
+
+const hx_felt *hx_engine_window(hx_engine *e, int64_t first_sample, int64_t points,
+                                double before_v, const double *queued_v, int64_t news)
+{
     hx_track tracks[HX_FINGERS];
+    int64_t order[HX_FINGERS];
+    e->sample = first_sample;
+    e->before_v = before_v;
     double t0_s = now_s(e), *numbers = e->moved;
-    int64_t count = follow(e, t0_s, tracks);
+    if (news)
+        follow(e, t0_s);
+    int64_t count = known(e, tracks, order);
     int64_t n = hx_fingers(&e->program.following, tracks, count, t0_s, e->step_s, points,
                            e->program.drives_at_rest, numbers);
     int64_t size = n * points;
@@ -407,7 +440,7 @@ const hx_felt *hx_engine_block(hx_engine *e, int64_t points)
     int64_t each = 1 + e->program.regions;
     hx_history history[HX_FINGERS];
     for (int64_t k = 0; k < n; k++) {
-        int64_t number = e->order[(int64_t)vy[n + k]];
+        int64_t number = order[(int64_t)vy[n + k]];
         const touch *t = &e->touches[number];
         hx_history of_finger = {e->facts + number * KEPT * each, t->recalled, each};
         e->force_known[k] = (int8_t)t->is_force_known;
@@ -418,7 +451,17 @@ const hx_felt *hx_engine_block(hx_engine *e, int64_t points)
         n, points, numbers, numbers + size, e->row[VX], e->row[VY], numbers + 2 * size,
         vy[2 * n] * e->step_s, e->step_s, t0_s, e->force_known, e->facts ? history : NULL,
     };
-    return hx_engine_play(e, &motion, numbers + 3 * size);
+    return play(e, &motion, numbers + 3 * size, queued_v);
+}
+
+void hx_engine_playable(hx_engine *e, double playable_s) { e->playable_s = playable_s; }
+
+int64_t hx_engine_is_touched(const hx_engine *e) { return e->down > 0; }
+
+void hx_engine_rate(const hx_engine *e, double *sample_rate_hz, int64_t *step)
+{
+    *sample_rate_hz = e->program.sample_rate_hz;
+    *step = e->program.rendering.step;
 }
 
 /* What fingers did. */
@@ -489,7 +532,7 @@ static void recall(hx_engine *e, touch *t, const hx_touched *now)
     int64_t each = 1 + e->program.regions;
     size_t bytes = sizeof(hx_facts) * (size_t)each;
     hx_facts *kept = e->facts + (t - e->touches) * KEPT * each;
-    double playable_s = now_s(e), since_s = INFINITY;
+    double playable_s = e->playable_s, since_s = INFINITY;
     while (t->recalled > 1 && (kept[each].since_s <= playable_s || t->recalled == KEPT)) {
         memmove(kept, kept + each, bytes * (size_t)(t->recalled - 1));
         t->recalled--;

@@ -222,7 +222,34 @@ typedef struct {
 
 /* The same for fingers in a given motion, with the share of its amplitude that each gets. */
 const hx_felt *hx_engine_play(hx_engine *engine, const hx_motion *motion, const double *gain);
+
+/* Play points from a sample on, after an amplitude: on, or again. Only with `news` do reports count,
+ * from there on. `queued_v` are the amplitudes that were to be played at these points, into which
+ * the last ones blend; NULL: none. Reports that come later change what happens from `playable_s`. */
+const hx_felt *hx_engine_window(hx_engine *engine, int64_t first_sample, int64_t points,
+                                double before_v, const double *queued_v, int64_t news);
+void hx_engine_playable(hx_engine *engine, double playable_s);
+
+/* An engine as the source of a driver's queue, any stretch of which is played again after a report;
+ * see haptix.play.render.live.RenderSource and the hx_source of firmware_io. Times are the host's. */
+typedef struct hx_live hx_live;
+int64_t hx_live_bytes(void);
+void hx_live_init(hx_live *live, hx_engine *engine, double reaction_s);
+void hx_live_window(void *live, int64_t first, int64_t count, double at_s, int64_t is_revision,
+                    double *volts);
+void hx_live_settle(void *live, int64_t obeyed, int64_t undone);
+void hx_live_played(void *live, int64_t index);
+void hx_live_report(void *live, int64_t touch_id, int64_t is_down, double arrival_s, double t_s,
+                    double x_mm, double y_mm, double force_n);
+int64_t hx_live_is_live(void *live);
+
+/* Samples of all fingers that were rendered, by the status of their friction: 16 numbers. */
+const int64_t *hx_live_statuses(const hx_live *live);
 /* cffi: end */
+
+/* Whether a finger is on the screen or fades out, and the rate and step of the program. */
+int64_t hx_engine_is_touched(const hx_engine *engine);
+void hx_engine_rate(const hx_engine *engine, double *sample_rate_hz, int64_t *step);
 
 /* No finger is farther from the corner of a screen; as haptix.feel.motion.FARTHEST_MM. */
 #define HX_FARTHEST_MM 1e6

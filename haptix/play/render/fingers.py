@@ -353,13 +353,17 @@ class PredictedFingers:
         return track.gain_at(t_s, self._settings, self._at_rest)
 
     def take(
-        self, event: TouchEvent, arrival_s: float | None = None, react: React = unmoved
+        self,
+        event: TouchEvent,
+        arrival_s: float | None = None,
+        react: React = unmoved,
+        is_kept: bool = True,
     ) -> Report | None:
         """Take a touch event, see `Touches.push`; a move of an unknown finger brings it down.
 
         `react` is that of the material, see `Evaluator`. The facts that it returns hold from the
-        first time that can still be played. Returns the report for `react`, or None for an event
-        that was dropped.
+        first time that can still be played; they are not kept where another one renders. Returns
+        the report for `react`, or None for an event that was dropped.
         """
         kind = getattr(event, "kind", None)
         if kind == "move" and event.touch_id not in self.touches:
@@ -382,7 +386,8 @@ class PredictedFingers:
             force = touches.settings.force.estimate(event.normal_force_n, event.contact_area_m2)
             force_n = None if force is None else force.normal_force_n
             now = Report(t_s, float(event.x_mm), float(event.y_mm), force_n)
-        self._reactions.setdefault(tracker, Reactions()).report(now, react, playable_s)
+        if is_kept:
+            self._reactions.setdefault(tracker, Reactions()).report(now, react, playable_s)
         return now
 
     def motion(

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import logging
+import threading
 import time
 import warnings
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 
 from firmware_io import CurrentReading, Device, Playback
 from firmware_io.clock import ready_interpreter
+from firmware_io.own_thread import OwnThread, finger_report
 from firmware_io.progress import MOST_MARKS
 from firmware_io.revisable import Revisable
 from haptix.base.checks import Array, whole
@@ -22,14 +24,17 @@ from haptix.feel.materials import Feelable
 from haptix.model.surface import FrictionSurface
 from haptix.play.render.adapting import Adaptation
 from haptix.play.render.drive import Drive
+from haptix.play.render.engine import EngineSource
 from haptix.play.render.fingers import PredictedFingers
 from haptix.play.render.master import EffectEnd, Master, PlayingEffect
 from haptix.play.render.played import PlayedRecord
+from haptix.play.render.program import compile_touch
 from haptix.play.render.samples import RenderCore, RenderedBlock
 from haptix.play.render.settings import LiveSettings
 from haptix.play.render.stream import LONGEST_GAP_S, RenderStream
 from haptix.play.sensing import FingerObserver
 from haptix.play.touch import TouchCounts, TouchEvent
+from haptix.play.touch.events import problem_of
 
 _LOG = logging.getLogger("haptix.play.render")
 
@@ -69,6 +74,8 @@ class RenderSource:
         self._count = count
         self._record = record
         self._appended = appended
+        self.since_s = 0.0
+        """Time of the first sample: later than 0 where another one has played before."""
         self.amplitudes = Revisable()  # of the queued samples, at the start of each step
         self.amplitudes.append(np.zeros(1))
 
@@ -94,7 +101,8 @@ class RenderSource:
             queued = amplitudes.values[start : start + points]
         if core.adapted is not None:
             core.adapted.window(at_s, core.step_s, is_revision)
-        mix = self._master.mix(first / core.sample_rate_hz, core.step_s, points)
+        since_s = self.since_s + first / core.sample_rate_hz
+        mix = self._master.mix(since_s, core.step_s, points)
         fingers = self._fingers.motion(at_s, core.step_s, points, mix.since_s, core.drives_at_rest)
         block = core.block(fingers, first, amplitudes[step], queued, mix)
         if mix.effects:
@@ -149,6 +157,9 @@ class LiveRenderer(RenderStream):
     _settings_kind = LiveSettings
 
     _playback: Playback | None = None
+    _own: OwnThread | None = None
+    plays_by: Literal["engine", "interpreter"] = "interpreter"
+    """Who makes the samples: the engine in C in a thread of its own, or Python."""
     record: PlayedRecord | None = None
     """Record of what is played; set it to `PlayedRecord(renderer)` or None at any time."""
     taken: Callable[[TouchEvent], None] | None = None
@@ -165,6 +176,7 @@ class LiveRenderer(RenderStream):
     ) -> None:
         super().__init__(surface, texture, device, drive, settings or LiveSettings())
         self._clock = device.clock
+        self._leaving = threading.Lock()
         if sense is not False:
             self.adapted = Adaptation.of(sense, self.surface, self.drive)
 
@@ -196,6 +208,9 @@ class LiveRenderer(RenderStream):
             self.stats.finger = adapted.estimate
             self._changed()
 
+    _begin: Callable[[OwnThread | None], None]
+    _source: RenderSource
+
     def _reset(self) -> None:
         self._ahead_s: float | None = None  # clock of touches minus that of samples
         super()._reset()  # from now on another thread that changes a layout may read the time
@@ -206,7 +221,7 @@ class LiveRenderer(RenderStream):
 
     def __enter__(self) -> Self:
         self._prepare()
-        source = RenderSource(
+        self._source = source = RenderSource(
             self, self._fingers, self._master, self._count_window, lambda: self.record,
             self._place_marks,
         )  # fmt: skip
@@ -222,18 +237,83 @@ class LiveRenderer(RenderStream):
                     self.device.name,
                 )
             self.stats.finger = self.adapted.known(self.now_s())
-        playback = Playback(self.device, source, *times_s, stats=self.stats, on_read=on_read)
+
+        def begin(own: OwnThread | None) -> None:
+            self._own, self.plays_by = own, "interpreter" if own is None else "engine"
+            writer = None if own is None else lambda: own
+            playback = Playback(
+                self.device, source, *times_s, stats=self.stats, on_read=on_read, writer=writer
+            )
+            playback.start()
+            self._playback = playback
+
         # Collect garbage before the driver is armed: that takes long, and an armed driver needs
         # data.
         with ExitStack() as stack:
             stack.enter_context(ready_interpreter())
-            playback.start()
+            begin(self._own_thread())
             self._interpreter = stack.pop_all()
-        self._playback = playback
+        self._begin = begin
         return self
+
+    def _own_thread(self) -> OwnThread | None:
+        """Return the thread without the interpreter, if the settings want one and it can play."""
+        master = self._master
+        if not self.settings.own_thread:
+            return None
+        why = ""
+        if not OwnThread.can_play(self.device):
+            why = f"{self.device.name} has no waveform that goes through a file descriptor"
+        elif self.adapted is not None or self.settings.keep_blocks or self.record is not None:
+            why = "sensing, keep_blocks and record need it"
+        elif master.is_muted or master.intensity * master.person_intensity != 1.0:
+            why = "the engine plays at full intensity"
+        else:
+            try:
+                program = compile_touch(
+                    self.surface, self.texture, self.device, self.drive, self.settings
+                )
+            except InputError as error:
+                why = str(error)
+        if why:
+            _LOG.warning("own_thread: plays by the interpreter: %s", why)
+            return None
+        source, stats = EngineSource(program, self.settings.reaction_s), self.stats
+
+        def count() -> None:
+            stats.samples = stats.samples_played
+            stats.below = stats.above = stats.outside = 0
+            stats.reached(source.statuses)
+
+        return OwnThread(self.device, source.compiled(self.step), stats, count)
+
+    @property
+    def reports(self) -> int | None:
+        """File descriptor to which another process may write reports of fingers.
+
+        `firmware_io.own_thread.finger_report` makes them. None unless a thread of its own plays.
+        """
+        return None if self._own is None or self._own.reports < 0 else self._own.reports
+
+    def _leave_own_thread(self) -> None:
+        """Let the interpreter go on, since something has changed that the engine does not follow.
+
+        The output pauses at 0 V meanwhile; the time of the scene goes on.
+        """
+        if self._own is None or self._playback is None:
+            return
+        with self._leaving:
+            if self._own is None:
+                return
+            _LOG.warning("own_thread: goes on by the interpreter, since something is changed")
+            self._playback.stop()
+            self._source.since_s = self._samples_s
+            self._begin(None)
 
     @property
     def _samples_s(self) -> float:
+        if self._own is not None and self._playback is not None:
+            self._ahead_s = self._own.began_s or None
         if self._ahead_s is None:
             return 0.0
         return max(0.0, self.now_s() + self.settings.reaction_s - self._ahead_s)
@@ -346,11 +426,15 @@ class LiveRenderer(RenderStream):
 
     def _take(self, events: Sequence[TouchEvent], arrival_s: float) -> None:
         """Take touch events, and report those that were used."""
+        if (own := self._own) is not None:
+            for event in events:
+                if (data := self._as_bytes(event, arrival_s)) is not None:
+                    own.report(data)
         react = self._felt[1].react
         used: list[tuple[TouchEvent, float | None]] = []
         try:
             for event in events:
-                report = self._fingers.take(event, arrival_s, react)
+                report = self._fingers.take(event, arrival_s, react, is_kept=own is None)
                 if report is not None:
                     used.append((event, report.normal_force_n))
                 elif getattr(event, "kind", None) == "up":
@@ -359,9 +443,21 @@ class LiveRenderer(RenderStream):
             if self.adapted is not None:
                 fingers = [tracker for _, tracker in self._fingers.touches.active]
                 self.adapted.follow(arrival_s, fingers)
-            self._touched(arrival_s)  # once, and before callbacks, which may take long
+            if own is None:
+                self._touched(arrival_s)  # once, and before callbacks, which may take long
             for event, force_n in used:
                 self._on_touch(event, force_n)
+
+    def _as_bytes(self, event: TouchEvent, arrival_s: float) -> bytes | None:
+        if problem_of(event) is not None:
+            return None
+        is_down, force = event.kind != "up", None
+        if is_down:
+            force = self.settings.touch.force.estimate(event.normal_force_n, event.contact_area_m2)
+        return finger_report(
+            event.touch_id, event.t_s, event.x_mm, event.y_mm,
+            None if force is None else force.normal_force_n, is_down, arrival_s,
+        )  # fmt: skip
 
     @property
     def touch_counts(self) -> TouchCounts:
@@ -379,6 +475,7 @@ class LiveRenderer(RenderStream):
             self._playback.touch(now_s)
 
     def _changed(self) -> None:
+        self._leave_own_thread()
         if self._playback is not None and self._fingers.touches.active:
             self._touched(self.now_s())
 
@@ -388,4 +485,4 @@ class LiveRenderer(RenderStream):
             if not self._reads_driver:  # after a stall, the driver's readings are still to be taken
                 self._check_sensor(self.adapted)
             self.stats.finger = self.adapted.estimate
-        self._ahead_s = at_s - block.first_sample / self.sample_rate_hz
+        self._ahead_s = at_s - block.first_sample / self.sample_rate_hz - self._source.since_s

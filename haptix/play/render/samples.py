@@ -128,10 +128,19 @@ class RenderStats(PlaybackStats):
         self.samples += len(block.drive_v)
         self.block_s.append(seconds)
         if block.status.any():
-            counts = np.bincount(block.status.ravel(), minlength=len(Status)) * block.step
-            self.below += int(counts[Status.BELOW])
-            self.above += int(sum(counts[status] for status in (Status.ABOVE, *LIMITS)))
-            self.outside += int(counts[Status.OUT_OF_RANGE])
+            self.reached(np.bincount(block.status.ravel(), minlength=len(Status)) * block.step)
+
+    def reached(self, samples: npt.NDArray[np.int64]) -> None:
+        """Count samples by how their friction was reached.
+
+        Parameters
+        ----------
+        samples : ndarray of int
+            How many there are of each number of `Status`.
+        """
+        self.below += int(samples[Status.BELOW])
+        self.above += int(sum(samples[status] for status in (Status.ABOVE, *LIMITS)))
+        self.outside += int(samples[Status.OUT_OF_RANGE])
 
     def __str__(self) -> str:
         line = (

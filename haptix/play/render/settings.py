@@ -120,6 +120,11 @@ class LiveSettings(RenderSettings):
     strict : bool
         Raise for a touch that cannot be used. Otherwise it is dropped and counted in
         `touch_counts`.
+    own_thread : bool
+        Play by the engine in C, in a thread that a busy interpreter does not stop, where the layout
+        can be compiled and the link is ``tcp:`` or ``serial:`` (not on Windows). Before a change of
+        the layout, the intensity or effects the output pauses at 0 V, and the interpreter goes on.
+        `LiveRenderer.plays_by` says who plays.
 
     Examples
     --------
@@ -131,6 +136,7 @@ class LiveSettings(RenderSettings):
     reaction_s: Positive = 0.003
     horizon_s: Positive = 0.1
     strict: bool = True
+    own_thread: bool = False
 
     def __post_init__(self) -> None:
         super().__post_init__()

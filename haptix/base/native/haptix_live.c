@@ -1,0 +1,118 @@
+/* An engine as the source of a driver's queue. */
+#include <math.h>
+#include <string.h>
+
+#include "haptix_native.h"
+
+enum { POINTS = 1 << 13, UNDER_WAY = 32, STATUSES = 16 };
+
+typedef struct {
+    int64_t first, count; /* points */
+    double before_v[HX_POINTS];
+} revision;
+
+struct hx_live {
+    hx_engine *engine;
+    double rate_hz, reaction_s, ahead_s; /* clock of touches minus that of samples */
+    int64_t step;
+    int64_t end;                  /* points of which the amplitude is known */
+    double amplitude_v[POINTS];   /* at the end of each point's step, in a ring; [0]: before the first */
+    revision under_way[UNDER_WAY];
+    int64_t first_under_way, under_way_count;
+    double updated_s, driven_until_s;
+    int64_t status[STATUSES];
+};
+
+int64_t hx_live_bytes(void) { return (int64_t)sizeof(hx_live); }
+
+void hx_live_init(hx_live *l, hx_engine *engine, double reaction_s)
+{
+    memset(l, 0, sizeof *l);
+    l->engine = engine;
+    l->reaction_s = reaction_s;
+    l->end = 1;
+    l->ahead_s = NAN;
+    l->updated_s = l->driven_until_s = -INFINITY;
+    hx_engine_rate(engine, &l->rate_hz, &l->step);
+}
+
+static double *at(hx_live *l, int64_t point) { return &l->amplitude_v[point % POINTS]; }
+
+static revision *under_way(hx_live *l, int64_t place)
+{
+    return &l->under_way[(l->first_under_way + place) % UNDER_WAY];
+}
+
+void hx_live_window(void *live, int64_t first, int64_t count, double at_s, int64_t is_revision,
+                    double *volts)
+{
+    hx_live *l = live;
+    int64_t point = first / l->step, points = count / l->step;
+    l->ahead_s = at_s - (double)first / l->rate_hz;
+    revision *r = under_way(l, l->under_way_count);
+    if (is_revision) { /* its length is at most that of a block */
+        points = points < HX_POINTS ? points : HX_POINTS;
+        r->first = point + 1;
+        r->count = points;
+        for (int64_t i = 0; i < points; i++)
+            r->before_v[i] = *at(l, point + 1 + i);
+        if (l->under_way_count < UNDER_WAY)
+            l->under_way_count++;
+        l->updated_s = (double)first / l->rate_hz;
+    }
+    while (points > 0) {
+        int64_t n = points < HX_POINTS ? points : HX_POINTS;
+        const hx_felt *felt = hx_engine_window(l->engine, point * l->step, n, *at(l, point),
+                                               is_revision ? r->before_v : NULL, is_revision);
+        for (int64_t i = 0; i < n; i++)
+            *at(l, point + 1 + i) = felt->amplitude_v[i];
+        memcpy(volts, felt->drive_v, sizeof(double) * (size_t)(n * l->step));
+        for (int64_t i = 0; i < felt->fingers * n; i++)
+            l->status[felt->status[i] & (STATUSES - 1)] += l->step;
+        double until_s = (double)((point + n) * l->step) / l->rate_hz;
+        if (felt->fingers && until_s > l->driven_until_s)
+            l->driven_until_s = until_s;
+        volts += n * l->step;
+        point += n;
+        points -= n;
+    }
+    if (point + 1 > l->end)
+        l->end = point + 1;
+}
+
+void hx_live_settle(void *live, int64_t obeyed, int64_t undone)
+{
+    hx_live *l = live;
+    obeyed = obeyed < l->under_way_count ? obeyed : l->under_way_count;
+    l->first_under_way = (l->first_under_way + obeyed) % UNDER_WAY;
+    l->under_way_count -= obeyed;
+    while (undone && l->under_way_count > 0) {
+        const revision *r = under_way(l, --l->under_way_count);
+        for (int64_t i = 0; i < r->count; i++)
+            *at(l, r->first + i) = r->before_v[i];
+    }
+}
+
+void hx_live_played(void *live, int64_t index)
+{
+    (void)live; /* the ring forgets what is older than its length */
+    (void)index;
+}
+
+void hx_live_report(void *live, int64_t touch_id, int64_t is_down, double arrival_s, double t_s,
+                    double x_mm, double y_mm, double force_n)
+{
+    hx_live *l = live;
+    if (isnan(l->ahead_s))
+        return; /* nothing plays yet */
+    hx_engine_playable(l->engine, arrival_s + l->reaction_s - l->ahead_s);
+    hx_engine_touch(l->engine, touch_id, t_s - l->ahead_s, x_mm, y_mm, force_n, is_down);
+}
+
+int64_t hx_live_is_live(void *live)
+{
+    const hx_live *l = live;
+    return hx_engine_is_touched(l->engine) || l->updated_s < l->driven_until_s;
+}
+
+const int64_t *hx_live_statuses(const hx_live *l) { return l->status; }

@@ -1,0 +1,275 @@
+"""A thread that plays without the interpreter: its source, and what ends it."""
+
+import ctypes
+import os
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+import haptix
+from firmware_io import Device, DriveLimits, Playback
+from firmware_io.links.tcp import TcpLink
+from firmware_io.own_thread import QUIET_S, OwnThread, finger_report
+from firmware_io.reviser import PlaybackStats
+from haptix.base.native import ffi, library
+from haptix.feel.materials import Button, Grating, Texture
+from haptix.play import LiveSettings, compile_touch
+from haptix.play.render.engine import EngineSource
+from haptix.play.render.fingers import PredictedFingers
+from haptix.play.render.live import RenderSource
+from haptix.play.render.master import Master
+from haptix.play.render.samples import RenderCore
+from haptix.play.touch import OneEuroFilter, TouchEvent, TouchSettings
+from tests.waiting import pause, wait_for
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="the interpreter plays there")
+
+CODE_V = 200.0 / 2**15
+LEVEL = np.random.default_rng(9).random((12, 20)).astype(np.float32).astype(float)
+
+
+def ribs():
+    layout = haptix.Layout()
+    layout.add(Grating(period_mm=2.0), width_mm=60, height_mm=40)
+    return layout
+
+
+def mixed():
+    """A layout of places, of what a finger did, and of regions that multiply."""
+    layout = haptix.Layout()
+    layout.add(Texture(LEVEL, 30.0))
+    layout.add(Button(width_mm=12.0, height_mm=12.0), x_mm=10, y_mm=4)
+    layout.add(
+        Grating(period_mm=3.0, target="contrast", low=0.0, high=0.2), x_mm=5, y_mm=5,
+        width_mm=20, height_mm=10,
+    )  # fmt: skip
+    return layout
+
+
+@pytest.mark.parametrize("make", [ribs, mixed])
+@pytest.mark.parametrize("seed", range(4))
+def test_the_source_in_c_makes_the_windows_of_the_one_in_python(surface, make, seed):
+    random = np.random.default_rng(seed)
+    settings = LiveSettings(strict=False)
+    with haptix.open_device("mock:") as device:
+        core = RenderCore(surface, make(), device, settings=settings)
+        compiled = EngineSource(
+            compile_touch(surface, make(), device, settings=settings), settings.reaction_s
+        )
+    fingers = PredictedFingers(settings)
+    react = core.texture.evaluator.react
+    python = RenderSource(core, fingers, Master(lambda: None), lambda *_: None)
+    rate, step, began_s = core.sample_rate_hz, core.step, 1000.25
+    sent, played, pending, is_down = 0, 0, 0, [False, False]
+    places = random.uniform(5, 15, (2, 2))
+
+    def window(first, count, is_revision):
+        at_s = began_s + first / rate
+        one = python.window(first, count, at_s, is_revision)
+        other = np.empty(count)
+        library.hx_live_window(
+            compiled.at, first, count, at_s, is_revision, ffi.from_buffer("double[]", other)
+        )
+        np.testing.assert_allclose(other, one, atol=CODE_V, err_msg=f"{first} {is_revision}")
+        return np.abs(one).max()
+
+    largest = 0.0
+    for round_ in range(60):
+        while sent - played < 0.15 * rate:
+            largest = max(largest, window(sent, 480 * step, False))
+            sent += 480 * step
+        played += int(random.integers(1, 4)) * 120 * step
+        now_s = began_s + played / rate
+        finger = int(random.integers(2))
+        places[finger] += random.normal(0, 1.0, 2)
+        kind = "up" if is_down[finger] and random.random() < 0.1 else "move"
+        is_down[finger] = kind != "up"
+        force = None if random.random() < 0.3 else float(random.uniform(0.2, 1.0))
+        t_s = now_s - float(random.uniform(0.0, 0.02))
+        x_mm, y_mm = places[finger].tolist()
+        fingers.take(TouchEvent(t_s, finger, x_mm, y_mm, kind, force), now_s, react)
+        library.hx_live_report(
+            compiled.at, finger, kind != "up", now_s, t_s, x_mm, y_mm, force or 0.0
+        )
+        first = (played // step + 40) * step
+        largest = max(largest, window(first, 240 * step, True))
+        pending += 1
+        if random.random() < 0.6:
+            obeyed = int(random.integers(pending + 1))
+            undone = random.random() < 0.3
+            python.settle(obeyed, undone)
+            library.hx_live_settle(compiled.at, obeyed, undone)
+            pending = 0 if undone else pending - obeyed
+        python.played(played // step * step - 1000 * step if played > 1000 * step else 0)
+        assert bool(library.hx_live_is_live(compiled.at)) == python.is_live, round_
+    assert largest > 50.0
+
+
+@pytest.fixture
+def served():
+    """A mock of another process, over TCP, and the path of its record."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "firmware_io.serve", "--port", "0"],
+        stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    host, port = process.stdout.readline().strip().split(":")[1:]
+    yield TcpLink(host, int(port)), process
+    process.kill()
+    process.wait()
+    process.stdout.close()
+
+
+def stroke(renderer, seconds=0.3, report_s=0.01):
+    """Stroke the screen, and return what the output did."""
+    began_s = time.monotonic()
+    while (now_s := time.monotonic()) < began_s + seconds:
+        x_mm = 20.0 + 15.0 * np.sin(6.0 * (now_s - began_s))
+        renderer.event(TouchEvent(now_s - 0.005, 0, x_mm, 20.0, "move", 0.5))
+        pause(report_s)
+
+
+def hold_the_interpreter(seconds):
+    """Let no other thread of Python run, as a long call of a library does."""
+    ctypes.PyDLL(None).usleep(int(1e6 * seconds))
+
+
+LIVE = LiveSettings(own_thread=True, strict=False)
+
+
+def test_it_plays_through_stalls_of_the_interpreter_longer_than_the_queue(surface, served):
+    link, _ = served
+    device = Device(link)
+    with haptix.LiveRenderer(surface, ribs(), device, settings=LIVE) as renderer:
+        assert renderer.plays_by == "engine"
+        stroke(renderer)
+        for _ in range(2):
+            hold_the_interpreter(0.4)  # the queue holds less than 0.2 s, the watchdog waits 0.1 s
+            stroke(renderer, 0.1)
+        assert device.is_armed
+    assert not device.is_armed and not device.stop_is_owed
+    assert renderer.stats.revisions > 10
+    assert len(renderer.stats.reactions_s) > 10
+    assert renderer.stats.samples_played > 0.9 * 48_000
+    device.close()
+
+
+def test_another_process_reports_fingers_while_the_interpreter_stands_still(surface, served):
+    link, _ = served
+    device = Device(link)
+    with haptix.LiveRenderer(surface, ribs(), device, settings=LIVE) as renderer:
+        assert renderer.reports is not None
+        script = (
+            "import sys, time, os\n"
+            "from firmware_io.own_thread import finger_report\n"
+            "print(flush=True)\n"
+            "for i in range(60):\n"
+            "    now_s = time.monotonic()\n"
+            f"    os.write({renderer.reports}, finger_report(0, now_s, 20 + i / 5, 20.0, 0.5))\n"
+            "    time.sleep(0.01)\n"
+        )
+        child = subprocess.Popen(
+            [sys.executable, "-c", script], stdout=subprocess.PIPE, pass_fds=[renderer.reports]
+        )
+        child.stdout.read(1)
+        hold_the_interpreter(0.5)
+        wait_for(lambda: child.poll() is not None)
+        child.stdout.close()
+        wait_for(lambda: len(renderer.stats.reactions_s) > 20)
+    device.close()
+
+
+def test_it_ends_at_0_v_when_the_interpreter_stands_still_for_long(surface, served):
+    link, _ = served
+    device = Device(link)
+    with haptix.LiveRenderer(surface, ribs(), device, settings=LIVE) as renderer:
+        stroke(renderer, 0.1)
+        hold_the_interpreter(QUIET_S + 0.4)
+        wait_for(lambda: not device.is_armed)
+        with pytest.raises(haptix.DeviceError, match="stood still"):
+            stroke(renderer)
+    assert device.last_v == 0.0 and not device.stop_is_owed
+    device.close()
+
+
+def test_a_lost_link_ends_it(surface, served):
+    link, process = served
+    device = Device(link)
+    with (
+        pytest.raises(haptix.DeviceError, match="failed"),
+        haptix.LiveRenderer(surface, ribs(), device, settings=LIVE) as renderer,
+    ):
+        stroke(renderer, 0.1)
+        process.kill()
+        for _ in range(1000):
+            stroke(renderer, 0.1)
+
+
+def test_a_fault_of_the_driver_ends_it(surface, served):
+    link, _ = served
+    device = Device(link)
+    with haptix.LiveRenderer(surface, ribs(), device, settings=LIVE) as renderer:
+        stroke(renderer, 0.1)
+        os.write(link.descriptor, b"not a frame, and long enough to be looked at as one" * 4)
+        wait_for(lambda: not device.is_armed)
+        with pytest.raises(haptix.DeviceError, match="fault"):
+            stroke(renderer)
+    assert device.last_v == 0.0 and not device.stop_is_owed
+    device.close()
+
+
+def test_samples_over_a_limit_are_not_sent(surface, served):
+    link, _ = served
+    with haptix.open_device("mock:") as strong:
+        program = compile_touch(surface, ribs(), strong, settings=LIVE)
+    device = Device(link, DriveLimits(ceiling_v=20.0))
+    stats = PlaybackStats()
+    own = OwnThread(device, EngineSource(program, 0.003).compiled(4), stats)
+    with (
+        pytest.raises(haptix.LimitError, match="ceiling of 20 V"),
+        Playback(device, None, stats=stats, writer=lambda: own) as playback,
+    ):
+        while True:
+            now_s = time.monotonic()
+            own.report(finger_report(0, now_s, 20.0 + 40.0 * (now_s % 0.5), 20.0, 0.5))
+            playback.raise_once()
+            pause(0.01)
+    assert device.last_v == 0.0 and not device.stop_is_owed
+    device.close()
+
+
+def test_a_change_lets_the_interpreter_go_on(surface, served):
+    link, _ = served
+    device = Device(link)
+    with haptix.LiveRenderer(surface, ribs(), device, settings=LIVE) as renderer:
+        stroke(renderer, 0.2)
+        before_s = renderer.scene_s
+        renderer.intensity(0.5)
+        assert renderer.plays_by == "interpreter"
+        assert before_s < renderer.next_sample_s < before_s + 60.0
+        stroke(renderer, 0.2)
+        assert device.is_armed
+        assert renderer.stats.block_s  # the interpreter's
+    assert not device.stop_is_owed
+    device.close()
+
+
+def test_what_cannot_be_compiled_is_played_by_the_interpreter(surface, served, caplog):
+    link, _ = served
+    device = Device(link)
+    settings = LiveSettings(own_thread=True, touch=TouchSettings(filter=OneEuroFilter()))
+    with haptix.LiveRenderer(surface, ribs(), device, settings=settings) as renderer:
+        stroke(renderer, 0.1)
+        assert renderer.plays_by == "interpreter"
+    assert "plays by the interpreter" in caplog.text
+    device.close()
+
+
+def test_a_mock_in_the_process_is_played_by_the_interpreter(surface):
+    device = haptix.open_device("mock:pace=real")
+    with haptix.LiveRenderer(surface, ribs(), device, settings=LIVE) as renderer:
+        assert renderer.plays_by == "interpreter"
+        assert renderer.reports is None
+    device.close()
