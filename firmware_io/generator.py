@@ -234,6 +234,8 @@ class FunctionGenerator:
             try:
                 self._instrument.write(command)
                 answer = str(self._instrument.query("SYST:ERR?"))
+            except UnicodeDecodeError as error:
+                answer = f"its answer {error.object!r:.60} is no text"
             except (pyvisa.Error, OSError) as error:
                 raise DeviceDisconnectedError(
                     f"{self.name} is gone at {command:.40}: {error}; what it plays ends at 0 V by "

@@ -11,24 +11,28 @@ import shutil
 import sys
 import time
 from pathlib import Path
-from tempfile import mkdtemp
+from tempfile import TemporaryDirectory, mkdtemp
+from unittest.mock import Mock, patch
 
 import numpy as np
 import pytest
+import pyvisa
 from nptdms import ChannelObject, TdmsWriter
 
+from firmware_io.generator import FunctionGenerator, GeneratorProfile
 from haptix.base.errors import HaptixError
 from haptix.base.tables import read_table
 from haptix.feel.gallery import load as load_material
 from haptix.feel.materials.pictures import read_grey
 from haptix.feel.signals.audio_files import read_audio
 from haptix.lab.experiment.trial_log import read_log
-from haptix.lab.stimuli.interchange import read_ahap
+from haptix.lab.stimuli.interchange import read_ahap, read_hjif, write_hjif
 from haptix.model.contact.measured_files import read_spectrum, read_surface
 from haptix.model.surface.file import load_table
 from haptix.play.touch import TuioDecoder
 from haptix.play.touch.recordings import read_events
 from tests.base.test_noticed_damage import audio, picture, table
+from tests.play.touch import test_recordings as recorded
 from tests.play.touch.tuio_frames import cursors
 
 DATA = Path(__file__).parents[1] / "data" / "kept-files"
@@ -39,6 +43,30 @@ def decode(path):
     decoder = TuioDecoder(160.0, 90.0)
     decoder.feed(path.read_bytes(), 0.0)
     decoder.feed(path.read_bytes(), 0.01)
+
+
+def generate(path):
+    """Play on a generator whose answers are the lines of a file, and then silence."""
+    lines = path.read_bytes().splitlines()
+
+    def query(command):
+        if not lines:
+            raise pyvisa.VisaIOError(pyvisa.constants.StatusCode.error_timeout)
+        return lines.pop(0).decode("ascii")  # as PyVISA decodes it
+
+    profile = GeneratorProfile(amplifier_gain=20.0, ceiling_v=150.0)
+    instrument = Mock(spec=pyvisa.resources.MessageBasedResource, query=query)
+    with patch.object(pyvisa, "ResourceManager") as manager:
+        manager().open_resource.return_value = instrument
+        with FunctionGenerator("TCPIP::198.51.100.1::INSTR", profile, "", lambda s: None) as one:
+            one.play(100.0 * np.sin(np.arange(480)))
+
+
+def hjif():
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "a.hjif"
+        write_hjif(path, [0.0, 1.5, 2.25, 10.0], [0.25, 0.31, 0.27, 0.25], date="2026-01-01")
+        return path.read_bytes()
 
 
 def lvm():
@@ -94,6 +122,12 @@ AHAP = (
 KINDS = {
     "TUIO": (cursors(1, {1: (0.5, 0.5), 2: (0.1, 0.9)}), ".osc", decode),
     "evemu": (EVEMU, ".evemu", lambda path: read_events(path, 160.0, 90.0)),
+    "libinput record": (recorded.libinput().encode(), ".yml", read_events),
+    "getevent": (recorded.getevent(False).encode(), ".txt", read_events),
+    "getevent -l": (recorded.getevent(True).encode(), ".txt", read_events),
+    "hid-recorder": (recorded.hid().encode(), ".hid", read_events),
+    "SCPI": (b"Keysight,33522B,1,2.0\n" + 40 * b'+0,"No error"\n', ".txt", generate),
+    "HJIF": (hjif(), ".hjif", lambda path: read_hjif(path, 50.0)),
     "CSV of touches": (
         table(("t_s", "x_mm", "y_mm"), lambda n: (n / 100, n / 3, 5)), ".csv", read_events,
     ),

@@ -145,6 +145,18 @@ def test_it_waits_while_an_upload_is_read(generator):
     assert generator._instrument.timeout >= 10_000
 
 
+def test_an_answer_that_is_no_text_is_no_agreement(generator, monkeypatch):
+    told = Told(generator)
+
+    def query(command):
+        return b"\xff0,No error".decode("ascii")  # as PyVISA decodes it
+
+    monkeypatch.setattr(told, "query", query)
+    with pytest.raises(DeviceError, match="is no text"):
+        generator.play(SINE)
+    assert told.lines[-1] == "OUTP1 OFF" and "*TRG" not in told.lines
+
+
 def test_one_that_refuses_its_first_commands_is_closed(monkeypatch):
     opened = []
     open_resource = ResourceManager.open_resource

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from math import inf
 from typing import NamedTuple, Self
 
+from haptix.base.errors import FileFormatError
 from haptix.play.touch.touchscreen import (
     ABS_MT_DISTANCE,
     ABS_MT_POSITION_X,
@@ -21,6 +22,7 @@ from haptix.play.touch.touchscreen import (
 _X, _Y = 0x10030, 0x10031
 _TIP, _CONFIDENCE, _CONTACT, _COUNT = 0xD0042, 0xD0047, 0xD0051, 0xD0054
 _UNSEEN_S = 0.1  # after which hid-multitouch lifts a contact of a panel that says nothing of it
+_MOST_USAGES, _MOST_BITS = 12288, 256  # of one report, and of one value, as Linux takes them
 _MM = {0x11: 10.0, 0x13: 25.4}  # units of length, centimetre and inch, of the linear systems
 
 
@@ -96,7 +98,7 @@ class HidReports:
             values.setdefault(one.finger, {})[one.usage] = raw
         if not values:
             return
-        fingers = [each for each in values.values() if _TIP in each and _X in each]
+        fingers = [each for each in values.values() if each.keys() >= {_X, _Y, _TIP}]
         counts = [each[_COUNT] for each in values.values() if _COUNT in each]
         self._expected = [*counts, len(fingers)][0] or self._expected
         stays_s = _UNSEEN_S if counts else inf
@@ -156,7 +158,9 @@ def _fields(descriptor: bytes) -> dict[int, list[_Field]]:
         elif tag == 0x18:
             least = value if size == 4 else page | value
         elif tag == 0x28:
-            usages += range(least, (value if size == 4 else page | value) + 1)
+            last = value if size == 4 else page | value
+            _check_at_most(_MOST_USAGES, "usages", len(usages) + last - least)
+            usages += range(least, last + 1)
         elif tag == 0xA0:
             # A physical one without a usage, such as that of a place, belongs to the one around it.
             is_part = value == 0 and not usages
@@ -167,6 +171,8 @@ def _fields(descriptor: bytes) -> dict[int, list[_Field]]:
             collections.pop()
         elif tag in (0x80, 0x90, 0xB0):
             report, width, count = state.get(0x84, 0), state.get(0x74, 0), state.get(0x94, 0)
+            _check_at_most(_MOST_USAGES, "values in a report", count)
+            _check_at_most(_MOST_BITS, "bits of a value", width)
             if tag == 0x80:
                 start = bits.setdefault(report, 8 if report else 0)
                 for number in range(count):
@@ -194,11 +200,16 @@ def _fields(descriptor: bytes) -> dict[int, list[_Field]]:
     return found
 
 
+def _check_at_most(most: int, what: str, count: int) -> None:
+    if count > most:
+        raise FileFormatError(f"report descriptor: expected at most {most} {what}, got {count}")
+
+
 def _length_mm(state: dict[int, int]) -> float | None:
     unit_mm = _MM.get(state.get(0x64, 0))
     length = state.get(0x44, 0) - state.get(0x34, 0)
     exponent = state.get(0x54, 0)
-    if unit_mm is None or length <= 0:
-        return None
     exponent = exponent - 16 if 8 <= exponent <= 15 else exponent
+    if unit_mm is None or length <= 0 or not -8 <= exponent <= 7:  # of four bits
+        return None
     return float(length * unit_mm * 10.0**exponent)

@@ -157,7 +157,7 @@ def read_recording(
         touches = _touches(panel, axes)
     except (FileFormatError, InputError) as error:
         raise type(error)(f"{path}: {error}") from None
-    except (ValueError, IndexError) as error:
+    except (ValueError, IndexError, OverflowError) as error:
         raise FileFormatError(f"{path}: a line of the recording is cut off: {error}") from None
     if not touches:
         raise FileFormatError(f"{path}: expected at least one touch, got none")

@@ -194,6 +194,33 @@ def test_fingers_that_are_physical_collections_only(tmp_path):
     assert [each.x_mm for each in found if each.kind == "down"] == [10, 90]  # IRTOUCH
 
 
+@pytest.mark.parametrize(
+    ("field", "words"),
+    [
+        ("1a00000000 2affffff7f", "at most 12288 usages"),
+        ("0930 9700ffffff 8102", "at most 12288 values"),
+        ("0930 7611ff 8102", "at most 256 bits"),
+    ],
+)
+def test_a_descriptor_of_more_than_linux_takes_is_refused(tmp_path, field, words):
+    with pytest.raises(FileFormatError, match=words):
+        of_hid(tmp_path, f"{PLACED} {field}", [([(1, 0, 10)], None)])
+
+
+def test_a_finger_without_a_place_is_none(tmp_path):
+    halves = PLACE.replace("0931", "0932")
+    found = of_hid(tmp_path, f"{PLACED} {FINGER} {TIP} {CONTACT} {halves} {END}",
+                   [([(1, 0, 10), (1, 1, 90)], None)])  # fmt: skip
+    assert [each[0] for each in found] == ["down", "up"]
+
+
+def test_a_size_of_an_impossible_exponent_is_asked_for(tmp_path):
+    text = hid().replace("55 0e", "55 7f")
+    assert text != hid()
+    with pytest.raises(InputError, match="size"):
+        read_recording(write(tmp_path, text))
+
+
 def test_the_size_is_asked_for_where_the_recording_states_none(tmp_path):
     path = write(tmp_path, evemu(resolution=False))
     with pytest.raises(InputError, match=r"recording: the driver gives no size.*width_mm"):
@@ -212,6 +239,7 @@ def test_a_panel_that_lies_turned(tmp_path):
         ("t_s,x_mm,y_mm\n0,1,2\n", "libinput record, evemu-record, getevent"),
         ("E: 0.1 0003 0035 0400\nE: 0.1 0000 0000 0000", "axes of a touch panel"),
         ("[  1.0] /dev/input/event2: 0003 0035 00000190", "getevent -lp"),
+        (evemu().replace("0035 0400", "0035 4" + 400 * "0"), "cut off"),
         (evemu().replace("0039 0012", "0039 -001").replace("0039 0013", "0039 -001"), "one touch"),
     ],
 )
