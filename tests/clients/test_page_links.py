@@ -199,7 +199,7 @@ def test_a_page_that_ends_leaves_0_v_within_the_watchdog_s_time(page, driver, en
 
 def test_a_page_opens_a_known_driver_alone_but_does_not_arm_it(page, driver, address):
     # Whatever Playwright evaluates counts as a click: nothing is asked until the page is done.
-    with page.expect_console_message():
+    with page.expect_console_message(lambda message: message.text == "done"):
         page.goto(f"{address}?alone")
     opened, armed = page.evaluate("alone")
     assert opened == "open"
