@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, closing
 from functools import partial
+from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -392,7 +393,11 @@ class Simulate(Task, command="stimuli simulate"):
             observers = self.threshold_db[:1], self.slope, self.lapse
         elif self.preregister is not None:
             raise InputError("--preregister: expected --participants, the planned number of them")
-        simulated = simulations(plan, *observers, self.runs, comparison)
+        simulated = [*simulations(plan, *observers, self.runs, comparison)]
+        if comparison is not None:
+            least = simulated[0].expected_s() * ceil(len(simulated) / self.workers) / 60
+            said = f"expected: {least:.0f} to {4 * least:.0f} minutes, until powers are known"
+            context.tell(step=f"{said} within 0.02")
         with Here() if self.workers == 1 else Processes(self.workers) as executor:
             rows = [row for rows in executor.map(SimulateObserver.rows, simulated) for row in rows]
         if self.participants is not None:

@@ -12,11 +12,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from math import ceil, hypot, inf, isnan
-from statistics import NormalDist
+from math import ceil, inf, isnan
+from time import perf_counter
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from haptix.base.checks import Array, number, positive, whole
 from haptix.base.errors import InputError
@@ -24,17 +25,22 @@ from haptix.base.files import csv_text
 from haptix.base.report import record
 from haptix.base.task import Context, Result, Task
 from haptix.lab.experiment.methods import Method
-from haptix.lab.experiment.psychometric import function_named, group_of_likelihoods
+from haptix.lab.experiment.psychometric import counted, function_named, group_of_likelihoods
 from haptix.lab.experiment.recipe import ExperimentRecipe
 from haptix.lab.experiment.session_plan import TASKS
 from haptix.lab.stimuli.rendering import Rendering, Tally
 from haptix.lab.stimuli.set_plan import SetPlan
 from haptix.model.perception.sensation import Loudest, SensationInTime
 
-_STUDIES_DRAWN, _STUDIES_TESTED = 10_000, 300  # by which a power is known within 0.02
-_NEAR = 3  # simulated observers, on either side, one of whose runs a participant gets
+_ALPHA = 0.05
+_KNOWN_WITHIN = 0.02  # half of a power's 95 % interval
+_LEAST_ROUNDS, _MOST_ROUNDS = 8, 100
+_QUICK, _FITTED = 1000, 50  # people of a round, with a run in each condition
+_TESTED = 1000  # participants of the studies of a round that the model tests
+_BEYOND_DB = 10.0  # the levels, that a threshold is looked for
 _PEOPLE = 4000  # drawn for a share
-_STUDIES = 2000  # drawn for a power
+_STUDIES = 2000  # drawn for a power, in each round
+Whole = npt.NDArray[np.int64]
 _CHANCE = 0.5  # of two alternatives
 _UNKNOWN, _SURELY = 0.1, 0.9
 
@@ -114,15 +120,17 @@ def paired_power(
     participants: Sequence[int],
     runs: int,
     seed: int = 0,
-    alpha: float = 0.05,
+    alpha: float = _ALPHA,
     ceiling: float | None = None,
-) -> Iterator[dict[str, Any]]:
-    """Yield the power of a comparison of two conditions within participants, for each sample size.
+) -> list[dict[str, Any]]:
+    """Return the power of a comparison of two conditions within participants, for sample sizes.
 
     The test is that of `analyse`: the hierarchical model of both conditions, in which a threshold
-    beyond the levels has its part. `runs` observers are simulated, whose thresholds lie at even
-    quantiles of the population. In each of many studies, participants are drawn from the
-    population anew, each with the run of an observer whose threshold is next to his.
+    beyond the levels has its part. Whole studies are simulated, of people who are new in each
+    round. Power is that of a t-test of quick estimates, plus how much more often the model of
+    their quick likelihoods finds the difference, plus how much more often that of fitted ones
+    does, which takes longest and differs least (levels of Giles, Oper. Res. 56, 607 (2008)).
+    Rounds go on until all powers have 95 % intervals of 0.02 to either side, at most 100 of them.
 
     Parameters
     ----------
@@ -137,8 +145,10 @@ def paired_power(
         by a third of it.
     participants : sequence of int
         Sample sizes.
-    runs, seed : int
-        Simulated observers, and seed.
+    runs : int
+        Simulated runs that are fitted, at least.
+    seed : int
+        Seed.
     alpha : float
         Two-sided level of the test.
     ceiling : float, optional
@@ -152,48 +162,140 @@ def paired_power(
     for count in participants:
         whole("participants", count, 2)
     whole("runs", runs, 10)
-    own = between / 3
-    at = NormalDist(observer.threshold, max(hypot(between, own), 1e-9))
-    quantiles = [(k + 0.5) / ceil(runs / 2) for k in range(ceil(runs / 2))]
-    low = [at.inv_cdf(share) for share in quantiles]
-    truths = np.sort(np.array([*low, *(threshold + difference for threshold in low)]))[:runs]
-    found = []
-    for k, truth in enumerate(truths):
-        method, _ = one_run(make, replace(observer, threshold=float(truth)), seed + k, ceiling)
-        found.append(method.estimate(reaction_s=()))
-    likelihoods = [one.likelihood for one in found if one.likelihood is not None]
-    if len(likelihoods) < len(found):
-        raise InputError("simulate: a run has too few answers for a threshold; plan more trials")
-    likelihood_means = np.array([_mean_of(*one) for one in likelihoods])
-    for count in participants:
-        draw = np.random.default_rng([seed, runs, count])
-        size = (_STUDIES_DRAWN, count, 2)
-        true = observer.threshold + between * draw.standard_normal((_STUDIES_DRAWN, count, 1))
-        true = true + difference * np.arange(2) + own * draw.standard_normal(size)
-        near = np.searchsorted(truths, true) + draw.integers(-_NEAR, _NEAR, size)
-        run = np.clip(near, 0, len(truths) - 1)
-        moved = true - truths[run]
-        # A t-test of all studies; in some, how much more often the analysis' test finds it.
-        apart = np.diff(likelihood_means[run] + moved)[..., 0]
-        t = apart.mean(1) / np.maximum(apart.std(1, ddof=1) / np.sqrt(count), 1e-12)
-        by_t = np.abs(t) > student.ppf(1 - alpha / 2, count - 1)
-        who, condition = [str(k // 2) for k in range(2 * count)], [0, 1] * count
-        more = 0.0
-        for study in range(_STUDIES_TESTED):
-            members = zip(run[study].ravel(), moved[study].ravel(), strict=True)
-            felt = [(likelihoods[k][0] + shift, likelihoods[k][1]) for k, shift in members]
-            tested = group_of_likelihoods(felt, who, condition)
-            more += float(tested.p(np.array([-1.0, 1.0])) < alpha) - float(by_t[study])
-        shown = float(by_t.mean()) + more / _STUDIES_TESTED
-        yield {
+    plan = _Comparison(make, observer, difference, between, alpha, ceiling)
+    found: list[list[float]] = []
+    beyond: list[float] = []
+    half = np.full(len(participants), inf)
+    least = max(_LEAST_ROUNDS, ceil(runs / (2 * _FITTED)))
+    while len(found) < least or (half.max() > _KNOWN_WITHIN and len(found) < _MOST_ROUNDS):
+        powers, without = plan.once([seed, len(found)], participants)
+        found.append(powers)
+        beyond.append(without)
+        if len(found) > 1:
+            error = np.std(found, axis=0, ddof=1) / np.sqrt(len(found))
+            half = student.ppf(0.975, len(found) - 1) * error
+    powers = np.mean(found, axis=0).tolist()
+    return [
+        {
             "participants": count,
             "difference": difference,
             "between": between,
             "slope": observer.slope,
             "lapse": observer.lapse,
-            "power": min(max(shown, 0.0), 1.0),
-            "beyond_levels": float(np.mean([isnan(one.threshold) for one in found])),
+            "power": min(max(power, 0.0), 1.0),
+            "power_low": min(max(power - within, 0.0), 1.0),
+            "power_high": min(max(power + within, 0.0), 1.0),
+            "runs": 2 * len(found) * _FITTED,
+            "beyond_levels": float(np.mean(beyond)),
         }
+        for count, power, within in zip(participants, powers, half.tolist(), strict=True)
+    ]
+
+
+@dataclass(frozen=True)
+class _Comparison:
+    """Studies of two conditions within participants."""
+
+    make: Callable[[], Method]
+    observer: Observer
+    difference: float
+    between: float
+    alpha: float
+    ceiling: float | None
+
+    def round_s(self, participants: Sequence[int]) -> float:
+        """Seconds of a round on this machine, by the times of a few runs and tests."""
+        began, few = perf_counter(), range(4)
+        methods = [one_run(self.make, self.observer, seed, self.ceiling)[0] for seed in few]
+        quick = [_quick_likelihood(method, self.observer) for method in methods]
+        ran = perf_counter()
+        for method in methods:
+            method.estimate(reaction_s=())
+        total = 2 * (_QUICK * (ran - began) + _FITTED * (perf_counter() - ran)) / len(few)
+        for count in participants:
+            began = perf_counter()
+            self._by_model(quick * count, np.arange(count)[None])
+            total += 3 * max(_TESTED // count, 2) * (perf_counter() - began)
+        return total
+
+    def once(self, seed: Sequence[int], participants: Sequence[int]) -> tuple[list[float], float]:
+        """Power of each sample size by new people, and the share of runs without a threshold."""
+        draw = np.random.default_rng(seed)
+        people, fitted = _QUICK, max(_FITTED, max(participants))
+        true = self.observer.threshold + self.between * draw.standard_normal((people, 1))
+        true = true + self.difference * np.arange(2)
+        true = true + self.between / 3 * draw.standard_normal((people, 2))
+        methods = [
+            one_run(self.make, replace(self.observer, threshold=threshold), own, self.ceiling)[0]
+            for threshold, own in zip(
+                true.ravel().tolist(), draw.integers(2**62, size=2 * people).tolist(), strict=True
+            )
+        ]
+        quick = [_quick_likelihood(method, self.observer) for method in methods]
+        means = np.reshape([_mean_of(*one) for one in quick], (-1, 2))
+        estimates = [method.estimate(reaction_s=()) for method in methods[: 2 * fitted]]
+        likelihoods = [one.likelihood for one in estimates if one.likelihood is not None]
+        if len(likelihoods) < len(estimates):
+            raise InputError(
+                "simulate: a run has too few answers for a threshold; plan more trials"
+            )
+        powers = []
+        for count in participants:
+            power = self._by_t(means[_studies(draw, _STUDIES, people, count)]).mean()
+            few = max(_TESTED // count, 2)
+            studies = _studies(draw, few, people, count)
+            power += (self._by_model(quick, studies) - self._by_t(means[studies])).mean()
+            studies = _studies(draw, few, fitted, count)
+            more = self._by_model(likelihoods, studies) - self._by_model(quick, studies)
+            powers.append(float(power + more.mean()))
+        return powers, float(np.mean([isnan(one.threshold) for one in estimates]))
+
+    def _by_t(self, thresholds: Array) -> Array:
+        """Whether a t-test finds a difference, shape (studies,)."""
+        from scipy.stats import t as student
+
+        count = thresholds.shape[1]
+        apart = np.diff(thresholds)[..., 0]
+        t = apart.mean(1) / np.maximum(apart.std(1, ddof=1) / np.sqrt(count), 1e-12)
+        return np.asarray(np.abs(t) > student.ppf(1 - self.alpha / 2, count - 1), dtype=float)
+
+    def _by_model(self, likelihoods: Sequence[tuple[Array, Array]], studies: Whole) -> Array:
+        """Whether the model of the analysis finds a difference, shape (studies,)."""
+        count = studies.shape[1]
+        who, condition = [str(k // 2) for k in range(2 * count)], [0, 1] * count
+        found = np.zeros(len(studies))
+        for study, members in enumerate(studies):
+            felt = [likelihoods[2 * member + k] for member in members.tolist() for k in (0, 1)]
+            tested = group_of_likelihoods(felt, who, condition)
+            found[study] = tested.p(np.array([-1.0, 1.0])) < self.alpha
+        return found
+
+
+def _studies(draw: np.random.Generator, studies: int, people: int, count: int) -> Whole:
+    """Participants of studies, each at most once in one; shape (studies, participants)."""
+    return np.array(
+        [draw.choice(people, count, replace=False, shuffle=False) for _ in range(studies)]
+    )
+
+
+_WIDTHS = np.exp(np.linspace(-1.8, 1.8, 7))
+_LAPSES = np.array([0.002, 0.03, 0.06, 0.12, 0.2])
+# About those of `fit`; each lapse rate stands for those around it.
+_PRIOR = np.exp(-0.5 * (np.log(_WIDTHS) / 0.85) ** 2)[:, None] * np.array(
+    [0.5, 0.3, 0.2, 0.07, 0.06]
+)
+
+
+def _quick_likelihood(method: Method, observer: Observer) -> tuple[Array, Array]:
+    """Logarithm of the likelihood of thresholds, as that of `fit`, by a coarse grid."""
+    levels, right, wrong = counted(method.answers)  # type: ignore[attr-defined]  # of thresholds
+    grid = np.linspace(levels[0] - _BEYOND_DB, levels[-1] + _BEYOND_DB, 61)
+    at, slope = grid[:, None, None, None], 3.5 / _WIDTHS[:, None, None]
+    shape = function_named(observer.function)
+    p = shape(levels, at, slope, observer.guess, _LAPSES[:, None]).clip(1e-9, 1 - 1e-9)
+    logs = np.log(p) @ right + np.log1p(-p) @ wrong
+    weight = (np.exp(logs - logs.max()) * _PRIOR).sum((1, 2))
+    return grid, np.log(np.maximum(weight / weight.max(), 1e-300))
 
 
 def _mean_of(levels: Array, logs: Array) -> float:
@@ -222,7 +324,15 @@ class SimulateObserver(Task):
         how = recipe.make_method, self.observer
         if self.comparison is None:
             return [accuracy(*how, self.runs, recipe.seed)]
-        return [*paired_power(*how, **self.comparison, runs=self.runs, seed=recipe.seed)]
+        return paired_power(*how, **self.comparison, runs=self.runs, seed=recipe.seed)
+
+    def expected_s(self) -> float:
+        """Seconds that a comparison takes on this machine, at the least."""
+        recipe, of = ExperimentRecipe(**self.experiment), self.comparison or {}
+        plan = _Comparison(
+            recipe.make_method, self.observer, of["difference"], of["between"], _ALPHA, None
+        )
+        return plan.round_s(of["participants"]) * max(_LEAST_ROUNDS, self.runs / (2 * _FITTED))
 
     def run(self, context: Context) -> Result:
         """Simulate."""
@@ -254,7 +364,7 @@ def simulations(
     comparison : mapping, optional
         Where the power is asked for, see `SimulateObserver`.
     """
-    if recipe.task in ("pairs", "magnitude"):
+    if recipe.task in ("pairs", "triads", "sorting", "magnitude"):
         raise InputError(f"simulate: the task {recipe.task!r} measures no threshold")
     recipe.model_copy(update={"conditions": ()}).make_method()  # a wrong one is refused here
     plain = recipe.model_dump(

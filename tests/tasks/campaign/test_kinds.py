@@ -1,6 +1,7 @@
 """The kinds of campaigns: what they expand to, and that each task is a pure function."""
 
 import json
+import re
 import warnings
 
 import pytest
@@ -136,11 +137,14 @@ method = { kind = "up-down", start = 30.0, steps = [4.0, 2.0], stop_after = 6 }
 
 
 @pytest.mark.slow  # simulations are tested by themselves
-def test_simulations_are_those_of_the_command(load, tmp_path):
+def test_simulations_are_those_of_the_command(load, tmp_path, monkeypatch):
+    short = {"_KNOWN_WITHIN": 1, "_LEAST_ROUNDS": 2, "_TESTED": 40, "_QUICK": 100, "_FITTED": 6}
+    for name, value in short.items():
+        monkeypatch.setattr(f"haptix.lab.analysis.power.{name}", value)
     (tmp_path / "experiment.toml").write_text(EXPERIMENT)
     plan = load(
         'name = "a"\nkind = "experiment-simulations"\nexperiments = ["exp*.toml"]\nruns = 12\n'
-        "threshold_db = [24]\nlapse = [0.02]\ncomparison = { participants = [6, 60] }\n"
+        "threshold_db = [24]\nlapse = [0.02]\ncomparison = { participants = [6, 20] }\n"
     )
     rows = run_campaign(plan, tmp_path / "out").rows
     assert [row["what"] for row in rows] == ["accuracy"] * 2 + ["power"] * 4
@@ -151,6 +155,10 @@ def test_simulations_are_those_of_the_command(load, tmp_path):
     assert [{name: row[name] for name in told[0]} for row in rows[:2]] == told
     steep = [row["power"] for row in rows if row["what"] == "power" and row["slope"] == 3.5]
     assert 0 <= steep[0] < steep[1] <= 1  # more people find more
+    compared = ["--participants", "6", "--threshold-db", "24", "--runs", "10"]
+    said = CliRunner().invoke(app, [*command[:3], *compared])
+    assert re.search(r"expected: \d+ to \d+ minutes", said.stderr), said.stderr
+    assert "6 participants: 0." in said.stdout
 
 
 SET = """
