@@ -11,8 +11,9 @@ import pytest
 from haptix.service.front.access import Access, Listen, listens
 from haptix.service.front.application import application
 from haptix.service.front.assets import AssetStore
-from haptix.service.front.connections import HttpServer, StopPath
+from haptix.service.front.connections import HttpServer
 from haptix.service.front.hub import Hub
+from haptix.service.front.stop_path import StopPath
 from haptix.service.protocol.messages import DeviceMessage, Inventory, Problem
 from tests.waiting import wait_for
 

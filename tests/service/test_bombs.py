@@ -166,7 +166,7 @@ def test_a_short_sound_passes(service):
 
 
 def test_a_layout_that_takes_long_stops_nobody(service, monkeypatch):
-    monkeypatch.setattr("haptix.service.front.connections.LAYOUT_WAIT_S", 0.05)
+    monkeypatch.setattr("haptix.service.front.session_socket.LAYOUT_WAIT_S", 0.05)
 
     async def takes_long(do, **fields):
         await asyncio.sleep(60.0 if do == "layout_set" else 0.0)

@@ -15,9 +15,9 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
-from haptix.service.front import connections
+from haptix.service.front import application, connections, session_socket
 from haptix.service.front.application import SUBPROTOCOL
-from haptix.service.front.connections import MOST_CONNECTIONS, MOST_OF_PEER
+from haptix.service.front.connections import MOST_CONNECTIONS
 from tests.service.service_under_test import Service, certified
 from tests.service.test_sessions import Client
 from tests.waiting import PATIENCE_S, wait_for
@@ -29,7 +29,7 @@ HALF = b"POST /v1/pair HTTP/1.1\r\nHost: 127.0"
 @pytest.fixture
 def service(tmp_path, monkeypatch):
     """A service that shows nobody out for being late: on a slow machine its own test is."""
-    monkeypatch.setattr(connections, "_LONGEST_BEHIND_S", float("inf"))
+    monkeypatch.setattr(session_socket, "_LONGEST_BEHIND_S", float("inf"))
     running = Service(tmp_path / "service")
     yield running
     running.close()
@@ -50,7 +50,7 @@ def test_a_crowd_that_says_nothing_keeps_nobody_from_stop(service, begin):
             one = stack.enter_context(socket.create_connection(("127.0.0.1", service.port)))
             with suppress(ConnectionError):  # its place may be another one's already
                 one.sendall(begin)
-        wait_for(lambda: len(service.server.crowd.connections) <= MOST_OF_PEER)
+        wait_for(lambda: len(service.server.crowd.connections) <= MOST_CONNECTIONS)
         stop(service)
         assert client.ask("inventory")["type"] == "inventory"  # a session keeps its place
         with Client(service) as newcomer:
@@ -58,7 +58,7 @@ def test_a_crowd_that_says_nothing_keeps_nobody_from_stop(service, begin):
 
 
 def test_handshakes_that_are_never_done_are_counted(tmp_path, monkeypatch):
-    monkeypatch.setattr(connections, "MOST_OF_PEER", 20)
+    monkeypatch.setattr(connections, "MOST_CONNECTIONS", 20)
     listen = certified(tmp_path)
     service = Service(tmp_path / "service", listen=listen)
     crowd = service.server.crowd.connections
@@ -78,6 +78,35 @@ def test_handshakes_that_are_never_done_are_counted(tmp_path, monkeypatch):
         wait_for(lambda: not crowd)
     finally:
         service.close()
+
+
+@pytest.mark.parametrize(
+    ("head", "limit"),
+    [
+        ("POST /v1/pair HTTP/1.1\r\nContent-Length: 900", "BODY_S"),
+        ("POST /v1/pair HTTP/1.1\r\nTransfer-Encoding: chunked", "BODY_S"),
+        (f"PUT /v1/assets/{'0' * 64}?suffix=.png HTTP/1.1\r\nContent-Length: 900", "FILE_S"),
+    ],
+)
+def test_a_body_that_comes_too_slowly_is_refused(service, monkeypatch, head, limit):
+    """One byte every now and then is no reason to go on waiting."""
+    monkeypatch.setattr(application, limit, 0.2)
+    token = f"Authorization: Bearer {service.access.native}"
+    lines = (head, f"Host: 127.0.0.1:{service.port}", token, "", "")
+    heard = b""
+    with socket.create_connection(("127.0.0.1", service.port), timeout=PATIENCE_S) as slow:
+        slow.sendall("\r\n".join(lines).encode())
+        slow.settimeout(0.05)
+        end_s = time.monotonic() + PATIENCE_S
+        while b"}" not in heard and time.monotonic() < end_s:
+            with suppress(TimeoutError):
+                slow.sendall(b"1\r\n{\r\n" if "chunked" in head else b"{")
+                heard += slow.recv(4096)
+        slow.settimeout(PATIENCE_S)
+        with suppress(ConnectionError):  # more may have come after it had closed
+            assert slow.recv(1) == b""
+    assert heard.startswith(b"HTTP/1.1 408")
+    assert b"expected the whole body within 0.2 s" in heard
 
 
 def test_the_process_may_open_enough_files(service):
@@ -155,7 +184,7 @@ def test_a_flood_is_kept_up_to_a_size_and_told(service):
 
 
 def test_who_sends_more_than_can_be_read_is_shown_out_at_0_v(service, monkeypatch):
-    monkeypatch.setattr(connections, "_LONGEST_BEHIND_S", -1.0)  # as on a machine without time
+    monkeypatch.setattr(session_socket, "_LONGEST_BEHIND_S", -1.0)  # as on a machine without time
     with Client(service) as other, Client(service).holds() as flooder:
         flooder.ask("arm")
         service.engine.told.clear()

@@ -1,7 +1,7 @@
 """The service's front: the HTTP server and its application, without torch and without pixels.
 
 Every request passes `Guard`, which refuses foreign hosts and origins. Routes are here and in `rest`
-and `in_use`, sessions in `connections`. At the end are the pages of the studio and ``/docs``.
+and `in_use`, sessions in `session_socket`. At the end are the pages of the studio and ``/docs``.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from haptix.base.files import is_full_disk, write_failure
 from haptix.base.version import __version__
 from haptix.service.front.access import Access
 from haptix.service.front.assets import AssetStore
-from haptix.service.front.connections import serve_session
 from haptix.service.front.hub import TICK_S, Hub
 from haptix.service.front.in_use import profiles_router
 from haptix.service.front.rest import jobs_router
+from haptix.service.front.session_socket import serve_session
 from haptix.service.protocol import messages as m
 from haptix.service.protocol.limiter import Limiter
 from haptix.service.protocol.messages import Problem, reading
@@ -53,6 +53,8 @@ _HTTP_STATUS: dict[str, int] = {
 }
 MOST_BODY_BYTES = 2 * 2**20
 """Of a request; a recorded stroke of 20,000 touches has less."""
+BODY_S, FILE_S = 30.0, 300.0
+"""For the body of a request to come, and for a file of an app."""
 
 Scope = MutableMapping[str, Any]
 Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
@@ -85,8 +87,9 @@ class Guard:
         elif scope["type"] == "http" and scope["method"] == "OPTIONS" and origin is not None:
             await Response(status_code=204, headers=_cors(origin))(scope, receive, send)
         else:
-            if scope["type"] == "http" and _most(scope) < inf:
-                receive = _bounded(receive)
+            if scope["type"] == "http":
+                is_file = _most(scope) == inf
+                receive = _in_time(receive if is_file else _bounded(receive), is_file)
             try:
                 await self._app(scope, receive, _with_headers(send, origin, self._access))
             except Exception as error:  # it was answered by `fail`
@@ -120,6 +123,26 @@ def _bounded(receive: Receive) -> Receive:
             raise HTTPException(413, f"expected a body of at most {MOST_BODY_BYTES} bytes")
         if not message.get("more_body") and (why := reading.too_many(body)):
             raise HTTPException(413, why)
+        return message
+
+    return receives
+
+
+def _in_time(receive: Receive, is_file: bool) -> Receive:
+    """Refuse a body that comes too slowly: nobody holds a connection for ever by one."""
+    longest_s = FILE_S if is_file else BODY_S
+    end_s: float | None = asyncio.get_running_loop().time() + longest_s
+
+    async def receives() -> MutableMapping[str, Any]:
+        nonlocal end_s
+        try:
+            async with asyncio.timeout_at(end_s):
+                message = await receive()
+        except TimeoutError:
+            why, closes = f"expected the whole body within {longest_s:g} s", {"connection": "close"}
+            raise HTTPException(408, why, closes) from None
+        if not message.get("more_body"):
+            end_s = None  # from now on it waits for the client to leave
         return message
 
     return receives
@@ -255,7 +278,7 @@ def application(
     @app.exception_handler(HTTPException)
     async def refuse_request(request: Request, error: HTTPException) -> Response:
         """Answer the framework's refusals like all others: no route, no JSON, a body too long."""
-        codes: dict[int, Any] = {404: "unknown", 405: "unknown", 413: "limit"}
+        codes: dict[int, Any] = {404: "unknown", 405: "unknown", 408: "limit", 413: "limit"}
         sentence = error.detail
         if error.status_code in (404, 405):
             sentence = f"no route {request.method} {request.url.path[:80]!r}; /docs has them all"

@@ -156,7 +156,7 @@ class Hub:
         """Take a client's message; return the pause before its next one is read [s].
 
         Pongs and stop take effect at once. Touches in bytes wait for `pass_touches`, which is
-        called before the next message. Other messages wait for `connections.answer_in_turn`.
+        called before the next message. Other messages wait for `session_socket.answer_in_turn`.
         """
         if session.closing is not None:
             return 0.0

@@ -112,9 +112,10 @@ def serve(
         from fastapi import APIRouter
 
         from haptix.service.front.application import application
-        from haptix.service.front.connections import HttpServer, StopPath
+        from haptix.service.front.connections import HttpServer
         from haptix.service.front.in_use import drive_router
         from haptix.service.front.rest import documents_router
+        from haptix.service.front.stop_path import StopPath
 
         reading.build()
         # A page that feels also shows pictures.
