@@ -22,8 +22,9 @@ import { askPermission, obstacle } from "./local-network.js";
  * @property {string} [token] the access token; a page has kept that of `pair`
  * @property {() => string | Promise<string>} [code] asks a person for the code that the terminal shows, where
  *   this page is not paired
- * @property {(name: string) => Promise<{url?: string, token: string, app?: string}>} [find] gives both at
- *   each attempt, and the app's word, by which it has its lease back after a crash: `find` of node.js
+ * @property {(name: string) => Promise<{url?: string, token: string, app?: string, stop?: string}>} [find]
+ *   gives both at each attempt, the app's word, by which it has its lease back after a crash, and STOP's own
+ *   address: `find` of node.js
  * @property {new (url: string, protocol: string) => any} [WebSocket] where the runtime has none
  */
 
@@ -31,7 +32,7 @@ const PROTOCOL = "1.0";
 const SUBPROTOCOL = "haptix.v1";
 export const URL_HERE = "ws://127.0.0.1:7421/v1/session";
 const WAIT_S = 25; // the service refuses what takes it more than 20 s
-const CLOSE_S = 1;
+const [CLOSE_S, STOP_S] = [1, 1];
 const [FIRST_S, LAST_S] = [0.1, 5]; // between two attempts to connect again
 const CLOSED = "this client is closed; connect again";
 const OFFSETS = 64;
@@ -100,6 +101,8 @@ export class Connection extends Calls {
   #options;
   /** @type {any} */
   #socket;
+  /** @type {string | undefined} where STOP has a path that no other client can crowd */
+  #stop;
   #is_opening = false;
   #is_closing = false;
   #id = 0;
@@ -140,6 +143,7 @@ export class Connection extends Calls {
       const { name } = this.#options;
       const found = (await this.#options.find?.(name)) ?? { ...this.#options, app: wordOf(name) };
       const { url = URL_HERE, app = "" } = found;
+      this.#stop = "stop" in found ? found.stop : undefined;
       const token = found.token ?? kept(`haptix token ${url}`);
       this.service = { url, token };
       if (this.#is_closing) throw new Lost("closed");
@@ -217,6 +221,20 @@ export class Connection extends Calls {
         this.#pass();
       };
       if (wait_s > 0) this.#later = setTimeout(passes, wait_s * 1e3);
+    }
+  }
+
+  /**
+   * End at 0 V, whoever holds the output, by both paths; the holder keeps the lease.
+   * @override
+   */
+  async stop() {
+    const request = { method: "POST", signal: AbortSignal.timeout(1e3 * STOP_S) };
+    const pressing = this.#stop && fetch(this.#stop, request).catch(() => {});
+    try {
+      return await super.stop();
+    } finally {
+      await pressing; // it must not stop what is armed next
     }
   }
 

@@ -19,9 +19,10 @@ function folder() {
 }
 
 /**
- * Return address and token of the service, and the word of an app; for `connect({find})`.
+ * Return address and token of the service, STOP's own address, and the word of an app; for
+ * `connect({find})`.
  * @param {string} [name] of the app
- * @returns {Promise<{url: string, token: string, app: string}>}
+ * @returns {Promise<{url: string, token: string, app: string, stop?: string}>}
  */
 export async function find(name = "") {
   const path = join(folder(), "service.json");
@@ -31,8 +32,9 @@ export async function find(name = "") {
   } catch (error) {
     throw new Error(`${path} cannot be read: start haptix serve`, { cause: error });
   }
-  const { port, token } = JSON.parse(text);
-  return { url: `ws://127.0.0.1:${port}/v1/session`, token, app: await wordOf(name) };
+  const { port, token, stop_port } = JSON.parse(text);
+  const stop = stop_port && `http://127.0.0.1:${stop_port}/stop`;
+  return { url: `ws://127.0.0.1:${port}/v1/session`, token, stop, app: await wordOf(name) };
 }
 
 /** @param {string} name */

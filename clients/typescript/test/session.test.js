@@ -59,6 +59,23 @@ test("touches go out and contacts come back by this clock", async () => {
   await h.close();
 });
 
+test("STOP goes by its own path too, and also while the connection is gone", async () => {
+  const pressed = [];
+  const real = globalThis.fetch;
+  globalThis.fetch = (url, request) => (pressed.push(String(url)), real(url, request));
+  try {
+    const h = await open();
+    const { stop } = await find("test");
+    assert.match(stop, /^http:\/\/127\.0\.0\.1:\d+\/stop$/);
+    assert.equal((await h.stop()).type, "done");
+    await h.close();
+    await assert.rejects(h.stop(), { name: "Lost" });
+    assert.deepEqual(pressed.filter((url) => url === stop), [stop, stop]);
+  } finally {
+    globalThis.fetch = real;
+  }
+});
+
 test("what is refused rejects with code and path, and events of it are told", async () => {
   const h = await open();
   await assert.rejects(h.arm(), (error) => error instanceof Refused && error.code === "lease");

@@ -35,13 +35,14 @@ export type Options = {
      */
     code?: () => string | Promise<string>;
     /**
-     * gives both at
-     * each attempt, and the app's word, by which it has its lease back after a crash: `find` of node.js
+     * gives both at each attempt, the app's word, by which it has its lease back after a crash, and STOP's own
+     * address: `find` of node.js
      */
     find?: (name: string) => Promise<{
         url?: string;
         token: string;
         app?: string;
+        stop?: string;
     }>;
     /**
      * where the runtime has none
@@ -98,6 +99,11 @@ export declare class Connection extends Calls {
      * @protected
      */
     protected send(write: () => ArrayBuffer, count: number, lifts: boolean): boolean;
+    /**
+     * End at 0 V, whoever holds the output, by both paths; the holder keeps the lease.
+     * @override
+     */
+    stop(): Promise<m.Done>;
     /** Leave: 0 V first, and the lease is free for others. */
     close(): Promise<void>;
     /**
