@@ -30,8 +30,10 @@ from haptix.lab.stimuli.interchange import read_ahap, read_hjif, write_hjif
 from haptix.model.contact.measured_files import read_spectrum, read_surface
 from haptix.model.surface.file import load_table
 from haptix.play.touch import TuioDecoder
+from haptix.play.touch.hid import HidReports
 from haptix.play.touch.recordings import read_events
 from tests.base.test_noticed_damage import audio, picture, table
+from tests.devices.guest.hid_panel import descriptor
 from tests.play.touch import test_recordings as recorded
 from tests.play.touch.tuio_frames import cursors
 
@@ -119,6 +121,22 @@ AHAP = (
     b'[{"ParameterID":"HapticIntensity","ParameterValue":0.8}]}},{"Event":{"Time":0.1,"EventType":'
     b'"HapticContinuous","EventDuration":0.25,"EventParameters":[]}}]}'
 )
+HAPTIC = (
+    b'{"version":{"major":1,"minor":0,"patch":0},"metadata":{},"signals":{"continuous":{"envelopes":'
+    b'{"amplitude":[{"time":0.0,"amplitude":0.0},{"time":0.1,"amplitude":0.8,"emphasis":{"amplitude":'
+    b'1.0,"frequency":0.5}},{"time":0.4,"amplitude":0.0}],"frequency":[]}}}}'
+)
+
+
+def of_descriptor(path):
+    """Read a descriptor, and reports by it."""
+    reports = HidReports.of(path.read_bytes())
+    if reports is not None:
+        assert reports.size_mm is None or [*reports.axes]
+        for data in (b"\x01", bytes(64), b"\xff" * 64, bytes([1, 3, 5, 144, 1, 32, 3, 1, 0, 0])):
+            list(reports.events(0.0, data))
+
+
 KINDS = {
     "TUIO": (cursors(1, {1: (0.5, 0.5), 2: (0.1, 0.9)}), ".osc", decode),
     "evemu": (EVEMU, ".evemu", lambda path: read_events(path, 160.0, 90.0)),
@@ -126,6 +144,8 @@ KINDS = {
     "getevent": (recorded.getevent(False).encode(), ".txt", read_events),
     "getevent -l": (recorded.getevent(True).encode(), ".txt", read_events),
     "hid-recorder": (recorded.hid().encode(), ".hid", read_events),
+    "HID descriptor": (descriptor(2047, 1151), ".bin", of_descriptor),
+    "haptic clip": (HAPTIC, ".haptic", load_material),
     "SCPI": (b"Keysight,33522B,1,2.0\n" + 40 * b'+0,"No error"\n', ".txt", generate),
     "HJIF": (hjif(), ".hjif", lambda path: read_hjif(path, 50.0)),
     "CSV of touches": (
@@ -219,7 +239,7 @@ def attack(kind, folder, seed, until):
 @pytest.mark.parametrize("kind", KINDS)
 def test_no_mutated_file_ends_its_reader(tmp_path, kind):
     refused, _ = attack(kind, tmp_path, 0, lambda count: count >= MUTATIONS)
-    assert refused or kind == "TUIO"  # which counts packets that are none
+    assert refused or kind in ("TUIO", "HID descriptor")  # which leave out what is none
 
 
 def attack_for(kind, folder, seconds):
@@ -232,7 +252,7 @@ def attack_for(kind, folder, seconds):
 @pytest.mark.parametrize("kind", KINDS)
 def test_ten_minutes_of_mutated_files_end_no_reader(tmp_path, kind):
     refused, _ = attack_for(kind, tmp_path, 600.0)
-    assert refused or kind == "TUIO"
+    assert refused or kind in ("TUIO", "HID descriptor")
 
 
 if __name__ == "__main__":

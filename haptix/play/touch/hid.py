@@ -22,7 +22,7 @@ from haptix.play.touch.touchscreen import (
 _X, _Y = 0x10030, 0x10031
 _TIP, _CONFIDENCE, _CONTACT, _COUNT = 0xD0042, 0xD0047, 0xD0051, 0xD0054
 _UNSEEN_S = 0.1  # after which hid-multitouch lifts a contact of a panel that says nothing of it
-_MOST_USAGES, _MOST_BITS = 12288, 256  # of one report, and of one value, as Linux takes them
+_MOST_USAGES, _MOST_BITS = 12288, 256  # of a descriptor, and of one value; Linux takes as many
 _MM = {0x11: 10.0, 0x13: 25.4}  # units of length, centimetre and inch, of the linear systems
 
 
@@ -56,9 +56,18 @@ class HidReports:
 
     @classmethod
     def of(cls, descriptor: bytes) -> Self | None:
-        """Return the reports of a panel's descriptor; None where none holds a finger."""
+        """Return the reports of a panel's descriptor; None where none holds a finger.
+
+        Raises `FileFormatError` if it is cut off, or has more usages, values or bits than a panel.
+        """
+        try:
+            found = _fields(descriptor)
+        except IndexError:
+            raise FileFormatError(
+                "report descriptor: expected whole items, and that each collection begins first"
+            ) from None
         fields = {
-            number: each for number, each in _fields(descriptor).items()
+            number: each for number, each in found.items()
             if {one.usage for one in each} >= {_X, _Y, _TIP}
         }  # fmt: skip
         return cls(fields) if fields else None
@@ -133,7 +142,8 @@ def _fields(descriptor: bytes) -> dict[int, list[_Field]]:
     state: dict[int, int] = {}  # global items, by tag
     saved: list[dict[int, int]] = []
     usages: list[int] = []
-    least = 0
+    least = values = 0
+    contacts: set[tuple[int, int]] = set()  # fingers of a report that have an identifier
     collections, finger = [0], 0
     at = 0
     while at < len(descriptor):
@@ -171,19 +181,20 @@ def _fields(descriptor: bytes) -> dict[int, list[_Field]]:
             collections.pop()
         elif tag in (0x80, 0x90, 0xB0):
             report, width, count = state.get(0x84, 0), state.get(0x74, 0), state.get(0x94, 0)
-            _check_at_most(_MOST_USAGES, "values in a report", count)
             _check_at_most(_MOST_BITS, "bits of a value", width)
             if tag == 0x80:
+                values += count
+                _check_at_most(_MOST_USAGES, "values in all reports", values)
                 start = bits.setdefault(report, 8 if report else 0)
                 for number in range(count):
                     if usages and not value & 1:  # data, no constant
                         usage = usages[min(number, len(usages) - 1)]
                         before = found.setdefault(report, [])
-                        if usage == _CONTACT and (usage, collections[-1]) in [
-                            (one.usage, one.finger) for one in before
-                        ]:  # another finger, without a collection of its own
-                            finger += 1
-                            collections[-1] = finger
+                        if usage == _CONTACT:
+                            if (report, collections[-1]) in contacts:
+                                finger += 1  # another finger, without a collection of its own
+                                collections[-1] = finger
+                            contacts.add((report, collections[-1]))
                         before.append(
                             _Field(
                                 usage,

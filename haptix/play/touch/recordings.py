@@ -339,15 +339,23 @@ def _hid(lines: Sequence[str]) -> Iterator[_Recorded]:
         elif kind == "N":
             device.name = rest.strip()
         elif kind == "R":
-            reports = HidReports.of(bytes(int(word, 16) for word in words[1:]))
+            reports = HidReports.of(_counted(words))
             if reports is not None:
                 device.ranges = {code: _Range(*low_high, 0) for code, low_high in reports.axes}
                 device.size_mm = reports.size_mm
         elif kind == "E" and reports is not None:
-            data = bytes(int(word, 16) for word in words[2:])
+            data = _counted(words[1:])
             t_s = float(words[0])
             device.events += [(t_s, *event) for event in reports.events(t_s, data)]
     yield device
+
+
+def _counted(words: Sequence[str]) -> bytes:
+    """Return bytes of which the first word is the number."""
+    data = bytes(int(word, 16) for word in words[1:])
+    if len(data) != int(words[0]):
+        raise ValueError(f"expected {words[0]} bytes, got {len(data)}")
+    return data
 
 
 _READERS = (

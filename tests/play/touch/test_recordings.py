@@ -9,6 +9,7 @@ from haptix import InputError, Texture
 from haptix.base.errors import FileFormatError
 from haptix.play.simulation import Setting
 from haptix.play.touch import is_recording, paths_of, read_events, read_recording
+from haptix.play.touch.hid import HidReports
 from tests.command_line import run_haptix
 from tests.devices.guest.hid_panel import descriptor
 
@@ -124,6 +125,21 @@ def test_hid_reports_are_read_by_their_descriptor(tmp_path):
     # The size is that of the descriptor, which the kernel would round.
     assert found[1].x_mm == pytest.approx(420 * 204.7 / 4095)
     assert found[1].y_mm == pytest.approx(800 * 115.1 / 4095)
+
+
+@pytest.mark.parametrize("at", [1, 5])
+def test_a_line_of_hid_that_lost_a_byte_is_refused(tmp_path, at):
+    lines = hid().splitlines()
+    lines[at] = lines[at].rsplit(" ", 1)[0]
+    with pytest.raises(FileFormatError, match=r"cut off: expected \d+ bytes, got \d+"):
+        read_recording(write(tmp_path, "\n".join(lines)))
+
+
+def test_a_descriptor_repeats_no_values_without_bound():
+    """Of 1.2 kB it made 3.7 million values; Linux bounds a report."""
+    values = "96ff2f" + 300 * "0942 8102"
+    with pytest.raises(FileFormatError, match="at most 12288 values in all reports"):
+        HidReports.of(bytes.fromhex(f"050d 0904 a101 8501 1500 2501 7501 {values} c0"))
 
 
 # Bits of a finger: tip switch, padding; contact identifier; then two places of 16 bits, 0 to 999.
