@@ -22,13 +22,13 @@ from haptix.feel.gallery import ASSETS, presets
 from haptix.model.presets import DEFAULT_CARRIER_HZ
 from haptix.model.surface import cached_surface
 from haptix.play import ForceModel, compile_touch
+from haptix.play.touch_page import engine_files
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "scripts"))
 import figures  # noqa: E402  # beside this file
 import gallery_pictures  # noqa: E402, F401  # the blocks of docs/gallery import it from here
 
-ENGINE = ROOT / "clients" / "engine" / "src"
 FELT = "brick"
 """Preset of the gallery that the front page lets feel."""
 
@@ -114,8 +114,7 @@ def felt() -> dict[str, bytes]:
     surface, _ = cached_surface(model, scene, "0.05 JND")
     with haptix.open_device("mock:") as device:
         program = compile_touch(surface, preset.material, device)
-    engine = {path.name: path.read_bytes() for path in sorted(ENGINE.iterdir())}
-    return {**engine, "picture.jpg": picture.read_bytes(), "touch.hxp": program}
+    return {**engine_files(), "picture.jpg": picture.read_bytes(), "touch.hxp": program}
 
 
 def on_config(config: Any) -> Any:

@@ -216,20 +216,23 @@ _CORNERS_HZ = 1000.0  # above this, skin feels no vibration
 class ExportLayout(Task):
     """Export a layout in a format of other programs: a zip archive that says what is lost.
 
-    "document" keeps everything. "friction-map" is the friction under a finger that moves right at
+    "document" keeps everything. "page" is a folder for any web server, which plays it without a
+    service. "friction-map" is the friction under a finger that moves right at
     time 0. The others are one stroke to the right at 80 mm/s and 0.5 N.
     """
 
     document: Annotated[JsonObject, ForClients()] = Field(
         description="A layout, as `layout_set` takes it."
     )
-    form: Literal["document", "friction-map", "wav", "ahap", "hjif"]
+    form: Literal["document", "page", "friction-map", "wav", "ahap", "hjif"]
+    title: str = Field("Layout", max_length=100, description="Heading of a page.")
     y_mm: Annotated[float, Field(ge=-1e4, le=1e4)] = Field(
         0.0, description="Height of the stroke, for formats without places."
     )
     reachable_mu: Annotated[Range, Local()]
     finger: Annotated[FingerName, Local()]
     screen: Annotated[ScreenName, Local()]
+    surface: Annotated[FileThere | None, Local()] = None
 
     def run(self, context: Context) -> Result:
         """Pack the files of the form; the layout's own are in the context's folder."""
@@ -244,6 +247,8 @@ class ExportLayout(Task):
             if self.form == "document":
                 assert context.folder is not None
                 _document(layout, context.folder, folder)
+            elif self.form == "page":
+                self._page(layout, folder)
             elif self.form == "friction-map":
                 self._friction_map(layout, folder)
             else:
@@ -258,6 +263,14 @@ class ExportLayout(Task):
                     name = zipfile.ZipInfo(path.relative_to(folder).as_posix())  # without a time
                     archive.writestr(name, path.read_bytes(), zipfile.ZIP_DEFLATED)
         return Result({"form": self.form}, files={"layout.zip": packed.getvalue()})
+
+    def _page(self, layout: Material, folder: Path) -> None:
+        from haptix.play.touch_page import page_files
+        from haptix.tasks.programs import compiled
+
+        program = compiled(layout, self.finger, self.screen, self.surface)
+        for name, content in page_files(program, layout, self.title).items():
+            (folder / name).write_bytes(content)
 
     def _friction_map(self, layout: Material, folder: Path) -> None:
         import numpy as np

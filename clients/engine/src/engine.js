@@ -59,14 +59,15 @@ export class Engine extends EventTarget {
    *
    * @param {HTMLElement} element
    * @param {number} widthMm width of the element in the millimetres of the program
+   * @param {{leftMm?: number, topMm?: number}} corner the place of its upper left corner
    * @returns {() => void} stops it
    */
-  attach(element, widthMm) {
+  attach(element, widthMm, { leftMm = 0, topMm = 0 } = {}) {
     const down = new Set();
     const report = (event, isDown) => {
       const box = element.getBoundingClientRect();
       const mm = widthMm / box.width;
-      const [x, y] = [(event.clientX - box.left) * mm, (event.clientY - box.top) * mm];
+      const [x, y] = [leftMm + (event.clientX - box.left) * mm, topMm + (event.clientY - box.top) * mm];
       this.touch(event.pointerId, x, y, { isDown, ms: event.timeStamp });
     };
     const move = (event) => {

@@ -16,7 +16,11 @@ export class Engine extends EventTarget {
     yMm: number,
     how?: { isDown?: boolean; forceN?: number; ms?: number },
   ): void;
-  attach(element: HTMLElement, widthMm: number): () => void;
+  attach(
+    element: HTMLElement,
+    widthMm: number,
+    corner?: { leftMm?: number; topMm?: number },
+  ): () => void;
   close(): void;
   addEventListener(
     type: "block",

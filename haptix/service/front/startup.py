@@ -134,6 +134,7 @@ def serve(
             hub.profiles, hub.schema = opened["profiles"], opened["schema"]
             used = {key: opened[key] for key in ("finger", "screen")}
             pool.opening = {**used, "assets": opening["assets"], "draws": feels}
+            pool.opening["surface"] = opening["surface"]
             hub.jobs.context = {**used, "device": device, "assets": opening["assets"]}
             hub.jobs.context["logs"] = str(folder / "experiments")
             hub.jobs.context["calibrations"] = str(folder / "calibrations")

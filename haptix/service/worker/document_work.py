@@ -46,7 +46,7 @@ class DocumentWork:
     assets : Path
         Folder of the files that apps have sent; documents read nothing else.
     opening : dict
-        Finger and screen, as the engine has them.
+        Finger and screen, as the engine has them, and the file of its surface if it was given one.
     """
 
     def __init__(self, assets: Path, opening: dict[str, Any]) -> None:
@@ -142,6 +142,7 @@ class DocumentWork:
             **fields,
             finger=self._opening["finger"],
             screen=self._opening["screen"],
+            surface=self._opening.get("surface"),
         )
         with in_folder(self._assets, is_sealed=True):
             result = task.run(Context(self._assets))

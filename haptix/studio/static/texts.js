@@ -365,6 +365,7 @@ export const texts = {
     exported: (/** @type {string} */ name) => `${name}: exported`,
     forms: /** @type {Record<string, [string, string]>} */ ({
       document: ["Document", "all regions with their files, to keep, render and play"],
+      page: ["Web page", "a folder for any web server, where it is stroked without a service"],
       "friction-map": ["Friction map", "16-bit PNG with its meaning; no time, speed or force"],
       wav: ["Drive as WAV", "volts of one stroke through the chosen region, with a sidecar"],
       ahap: ["AHAP", "Core Haptics: one stroke as vibration strength"],

@@ -30,7 +30,7 @@ KINDS = {
     "file or folder that is read": ("--csv what source sources sessions", NOT_THERE),
     "file that is written": ("--out --log --page --preregister out", NOT_WRITTEN),
     "file that may be new": ("--register-file register_file", ("folder", LONG, "file/below")),
-    "folder": ("--root --study study folder", NOT_MADE),
+    "folder": ("--root --study study folder --page", NOT_MADE),
     "preset": (
         "--finger --screen --slider --touched-by",
         ("", "missing", "semiwet", "Semi-wet", "missing.toml", LONG, ".toml", "folder/.toml"),

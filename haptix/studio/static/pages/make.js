@@ -324,7 +324,7 @@ export function mount(root, app) {
     if (!region) throw new TypeError(t.empty);
     const { y, height } = placeOf(region);
     state.textContent = t.exporting;
-    const answer = await service.rest("POST", "/v1/exports", { document, form, y_mm: y + height / 2 });
+    const answer = await service.rest("POST", "/v1/exports", { document, form, y_mm: y + height / 2, title: saved.name.get() });
     save(await answer.blob(), `${saved.name.get().replaceAll(" ", "-")}-${form}.zip`);
     state.textContent = t.exported(titleOf(form));
   }

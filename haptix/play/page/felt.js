@@ -1,16 +1,16 @@
-// The texture on the front page: the engine, its curve and its sound.
+// A figure that is felt: the engine, its curve and its sound. `data-felt` has its place in millimetres.
 
 import { Engine } from "./engine.js";
 import { VirtualDriver } from "./virtual-driver.js";
 
-const WIDTH_MM = 45; // of the photograph
 const figure = document.querySelector(".felt");
+const [leftMm, topMm, widthMm] = figure.dataset.felt.split(" ").map(Number);
 const [wanted, felt] = figure.querySelectorAll("output");
 const button = figure.querySelector("button");
 
 try {
   const engine = await Engine.load(new URL("./touch.hxp", import.meta.url));
-  engine.attach(figure.querySelector(".felt-pad"), WIDTH_MM);
+  engine.attach(figure.querySelector(".felt-pad"), widthMm, { leftMm, topMm });
   const driver = new VirtualDriver(engine, figure.querySelector("canvas"));
   engine.addEventListener("block", ({ detail }) => {
     const text = (mu) => (detail.fingers ? mu.at(-1).toFixed(3) : "–");

@@ -1,0 +1,122 @@
+"""A layout as a folder for a web server: served by Python's own, stroked in Chromium."""
+
+import base64
+import io
+import json
+import re
+import subprocess
+import sys
+import zipfile
+from contextlib import contextmanager
+from functools import partial
+
+import numpy as np
+import pytest
+
+from haptix.feel.gallery import ASSETS
+from haptix.service.worker.document_work import DocumentWork
+from tests.chromium import chromium
+from tests.command_line import run_haptix
+from tests.play.render.engines import Engine
+from tests.waiting import wait_for
+
+OPENING = {"surface": None, "finger": "semi-wet", "screen": "3m-sct3250"}
+#: Two fields, each of one friction; the layout begins away from the origin.
+FIELDS = [(20.0, 0.25), (50.0, 0.75)]
+WIDTH_MM, HEIGHT_MM = 20.0, 30.0
+LAYOUT = {
+    "regions": [
+        {
+            "name": f"field {number}",
+            "material": {
+                "kind": "grating", "wave": "square", "period_mm": 1.0,
+                "low": share, "high": share + 1e-4,
+            },
+            "x_mm": x_mm,
+            "y_mm": 10.0,
+            "width_mm": WIDTH_MM,
+            "height_mm": HEIGHT_MM,
+        }
+        for number, (x_mm, share) in enumerate(FIELDS)
+    ]
+}  # fmt: skip
+
+
+@contextmanager
+def served(folder):
+    """The address of a folder that `python -m http.server` serves."""
+    command = [sys.executable, "-u", "-m", "http.server", "0", "--bind", "127.0.0.1"]
+    with subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True) as server:
+        try:
+            yield re.search(r"http://\S+/", server.stdout.readline())[0]
+        finally:
+            server.terminate()
+
+
+def exported(title):
+    """The archive that the studio is given."""
+    document = {"kind": "layout", **LAYOUT}
+    work = DocumentWork(ASSETS, OPENING)
+    answer = work.export(document=document, form="page", title=title, reachable_mu=(0.0, 1.0))
+    return zipfile.ZipFile(io.BytesIO(base64.b64decode(answer["content"])))
+
+
+def feels(page, x_mm, due):
+    """Whether the page shows this wanted and felt friction of a mouse that moves around a place."""
+    box = page.locator(".felt-pad").bounding_box()
+    scale = box["width"] / (FIELDS[1][0] + WIDTH_MM - FIELDS[0][0])
+    for step in range(20):
+        # To and fro, and fast enough on a busy machine: a finger at rest feels nothing.
+        x = box["x"] + scale * (x_mm - FIELDS[0][0] + 6.0 * abs(step % 4 - 2) / 2)
+        page.mouse.move(x, box["y"] + box["height"] / 2)
+        page.wait_for_timeout(10)
+    texts = page.locator("output").all_inner_texts()
+    shown = [float(text) if text != "–" else np.nan for text in texts]
+    return shown == pytest.approx(due, abs=6e-4)
+
+
+def played_at(engine, x_mm):
+    """Wanted and felt friction of the engine in C, for a stroke to a place."""
+    for step in range(40):
+        at_s, to_mm = engine.block(1).first_sample / 48_000, x_mm - 0.1 * (40 - step)
+        engine.touch(1, at_s, to_mm, 25.0, 0.0, True)
+        block = engine.block(60)
+    return [block.wanted_mu[-1], block.felt_mu[-1]]
+
+
+@pytest.mark.slow  # the command below writes the same page
+def test_a_layout_of_the_studio_is_stroked_without_a_service(tmp_path):
+    exported("Two <fields>").extractall(tmp_path / "site")
+    engine = Engine((tmp_path / "site" / "touch.hxp").read_bytes())
+    with served(tmp_path / "site") as address, chromium() as browser:
+        page = browser.new_page()
+        errors, asked = [], []
+        page.on("pageerror", lambda error: errors.append(error))
+        page.on("request", lambda request: asked.append(request.url))
+        page.goto(address)
+        wait_for(lambda: page.locator("figure").get_attribute("data-state") == "ready")
+        assert page.title() == "Two <fields>"
+        assert page.locator("img").evaluate("(image) => image.naturalWidth") > 100
+        dues = [played_at(engine, x_mm + 8.0) for x_mm, _ in FIELDS]
+        assert dues[1][1] - dues[0][1] > 0.03  # half of what the screen can give
+        for (x_mm, _), due in zip(FIELDS, dues, strict=True):
+            is_felt = partial(feels, page, x_mm + 7.0, due)
+            wait_for(is_felt, 60.0)
+        # It asks nobody but its server.
+        assert all(url.startswith((address, "data:", "blob:")) for url in asked)
+        assert errors == []
+
+
+def test_the_command_writes_the_same_page(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "two.json").write_text(
+        json.dumps({"schema_version": 1, "kind": "layout", **LAYOUT})
+    )
+    done = run_haptix("compile", "two.json", "--page", "site")
+    assert done.code == 0, done.err
+    archive = exported("two")
+    written = {path.name: path.read_bytes() for path in (tmp_path / "site").iterdir()}
+    assert written == {name: archive.read(name) for name in archive.namelist()}
+    again = run_haptix("compile", "two.json", "--page", "site")
+    assert again.code != 0
+    assert "--overwrite" in again.err
