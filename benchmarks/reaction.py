@@ -5,12 +5,18 @@ driver played is felt at the true place. Stalls: 100 ms in the texture and 20 ms
 second or so. Errors leave out a stall and the 20 ms behind it. Each is compared with that of the
 same stroke in steps, as `haptix render` plays it ("of steps", which must be within 10 % of 1
 without stalls), and in steps with touches as late as this machine gave them ("of steps as late").
+
+With --interpreter a thread holds the interpreter for 100 ms every second or so instead, and another
+process reports the finger: in turns to the interpreter and to a thread of its own, over TCP.
 """
 
 from __future__ import annotations
 
 import argparse
+import ctypes
 import json
+import os
+import struct
 import subprocess
 import sys
 import tempfile
@@ -138,6 +144,97 @@ class Served:
         return np.load(self._record), min(began)[1]
 
 
+class HeldInterpreter:
+    """A thread that lets no other one have the interpreter now and then."""
+
+    def __init__(self) -> None:
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self._hold)
+        self.spans: list[tuple[float, float]] = []
+
+    def __enter__(self) -> HeldInterpreter:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._end.set()
+        self._thread.join()
+
+    def _hold(self) -> None:
+        hold = ctypes.PyDLL(None).usleep
+        while not self._end.wait(RENDERER_EVERY_S):
+            now_s = time.monotonic()
+            hold(int(1e6 * RENDERER_STALL_S))
+            self.spans.append((now_s, time.monotonic()))
+
+
+_REPORT = struct.Struct("=iiiiddddd")
+_FEEDER = """
+import os, sys, time, numpy as np
+to, start_s, rows = int(sys.argv[1]), float(sys.argv[2]), np.load(sys.argv[3])
+from firmware_io.own_thread import finger_report
+for t, x, y, force, arrival in rows.tolist():
+    time.sleep(max(0.0, start_s + arrival - time.monotonic()))
+    os.write(to, finger_report(0, start_s + t, x, y, force))
+"""
+
+
+def feed(to: int, start_s: float, seen: SensedTouch) -> subprocess.Popen[bytes]:
+    """Let another process report a finger as its panel does."""
+    rows = np.stack([seen.t_s, seen.x_mm, seen.y_mm, seen.normal_force_n, seen.arrival_s], axis=1)
+    with tempfile.NamedTemporaryFile(suffix=".npy", delete=False) as file:
+        np.save(file, rows)
+    command = [sys.executable, "-c", _FEEDER, str(to), str(start_s), file.name]
+    return subprocess.Popen(command, pass_fds=[to])
+
+
+def play_held(
+    settings: LiveSettings, setting: Setting, surface: Any, panel: TouchPanel
+) -> dict[str, Any]:
+    """Play while a thread holds the interpreter."""
+    seen = panel.read(setting.path)
+    with Served() as place:
+        device = Device(place.link)
+        with haptix.LiveRenderer(surface, setting.texture, device, settings=settings) as renderer:
+            plays_by = renderer.plays_by
+            came, to = os.pipe()
+
+            def follow() -> None:
+                while data := os.read(came, _REPORT.size):
+                    _, touch_id, _, _, _, t_s, x, y, force = _REPORT.unpack(data)
+                    renderer.event(TouchEvent(t_s, touch_id, x, y, "move", force))
+
+            follower = threading.Thread(target=follow)
+            follower.start()
+            start_s = time.monotonic() + 1.0
+            feeder = feed(renderer.reports or to, start_s, seen)
+            os.close(to)
+            time.sleep(0.9)
+            cpu_s = time.process_time()
+            with HeldInterpreter() as held:
+                feeder.wait()
+            cpu_s = time.process_time() - cpu_s
+            follower.join()
+            os.close(came)
+        volts, began_s = place.output(device)
+    stats = renderer.stats
+    volts = volts[round((start_s - began_s) * RATE_HZ) :]
+    played = Played(setting, renderer, device, volts, 0.0)
+    return {
+        "plays by": plays_by,
+        "error p95 JND": round(evaluate_live(played).error_p95_jnd, 3),
+        "underruns": stats.underruns,
+        "stalls": len(held.spans),
+        "CPU share": round(cpu_s / setting.path.duration_s, 3),
+        "revisions": stats.revisions,
+        "refused": stats.refused,
+        "reaction p50 ms": round(1e3 * stats.reaction_p50_s, 2),
+        "p99": round(1e3 * stats.reaction_p99_s, 2),
+        "largest": round(1e3 * stats.reaction_max_s, 2),
+        "longest stall ms": round(1e3 * stats.longest_stall_s, 2),
+    }
+
+
 @dataclass(frozen=True)
 class PanelAsRead(TouchPanel):
     """A panel whose reports arrive when they did."""
@@ -222,10 +319,19 @@ def main() -> None:
     parser.add_argument("--no-stalls", action="store_true")
     parser.add_argument("--panel-noise-mm", type=float, default=0.0)
     parser.add_argument("--panel-step-mm", type=float, default=0.0)
+    parser.add_argument("--interpreter", action="store_true")
+    parser.add_argument("--turns", type=int, default=1)
     options = parser.parse_args()
     setting, surface = demo_setting(options.seconds)
     settings = LiveSettings(reaction_s=options.reaction_ms / 1e3, strict=False)
     panel = TouchPanel(100.0, 0.02, options.panel_noise_mm, 0.0, options.panel_step_mm)
+
+    if options.interpreter:
+        for _ in range(options.turns):
+            for own in (False, True):
+                row = play_held(replace(settings, own_thread=own), setting, surface, panel)
+                print(json.dumps(row), flush=True)
+        return
 
     def in_steps(panel: TouchPanel, spans: list[tuple[float, float]]) -> float:
         played = play_live(setting, surface, panel, settings, "mock:")
