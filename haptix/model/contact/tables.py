@@ -23,6 +23,9 @@ from haptix.model.contact.area import AreaLaw
 Y_MAX = 5.6
 _Y_MIN = 1e-6
 _NODES = 2048
+# Expected look-ups of each place. Where they are fewer than a table's values, the coefficients of
+# their cells alone are computed.
+_LOOK_UPS = 10
 
 
 @dataclass(frozen=True)
@@ -99,6 +102,15 @@ class UniformCubic:
         shape = self.values.shape[1:-1] + cell.shape
         cell, of_column = cell.reshape(-1), 0 if column is None else column.reshape(-1)
         if self.stencil is None or not torch.is_grad_enabled():
+            if self._parts == 1 and _LOOK_UPS * len(cell) < self.values.numel():
+                place = cell * columns + of_column
+                low, high, start, end = (
+                    of.reshape(-1).index_select(0, place + more)
+                    for of in (self.values, self.slopes)
+                    for more in (0, columns)
+                )
+                cubic = _cubic(low, high - low, start * self.step, end * self.step)
+                return torch.stack(cubic).view(4, *shape)
             place = (cell * columns + of_column).expand(len(self._cubics), -1)
             return self._cubics.gather(1, place).view(4, *shape)
         # The stencils of a cell's two ends lie within six nodes, which are gathered at once.
@@ -158,7 +170,8 @@ def _cubic(low: Tensor, rise: Tensor, slope: Tensor, next_slope: Tensor) -> tupl
 
 def differences(values: Tensor) -> Tensor:
     """Rise per step at each node."""
-    inner = (values[:-4] - 8 * values[1:-3] + 8 * values[3:-1] - values[4:]) / 12
+    near, far = values[3:-1] - values[1:-3], values[4:] - values[:-4]
+    inner = torch.add(far, near, alpha=-8) / -12
     second = (values[2] - values[0]) / 2
     second_last = (values[-1] - values[-3]) / 2
     first = -1.5 * values[0] + 2 * values[1] - 0.5 * values[2]

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from math import pi
 from typing import Self
 
@@ -29,7 +30,10 @@ _LEAST_SHARE = 1e-15
 # Step of the lattice of insulators, in ln|h0| and in the angle of h0. A cubic through four nodes
 # each way changes mu by less than 1e-5.
 _LATTICE_STEP = 0.1
+_TURNS = round(2 * pi / _LATTICE_STEP)
 _MANY = 256  # insulators; fewer are computed one by one, and so do not depend on each other
+_FEW = 16  # the same where more will follow
+_NODES_EACH = 8.0  # nodes for each insulator, at most, where more will follow
 
 FieldLimit = Callable[[Tensor], Tensor]
 """Largest field [V/m] in gaps of given widths [m]."""
@@ -178,9 +182,8 @@ class Pull:
 
     strength: Tensor
     """Factor of the attraction, such as ``eps0 V0^2/4`` [N], shape (states,)."""
-    kernel: Tensor
-    """Mean over each bin of the contact's `gap_edges_m`, shape (columns, kernels, bins). The states
-    of one column have the same insulator, instant or stroke."""
+    kernels: Callable[[], Tensor]
+    """Returns `kernel`, which is computed only where it is used."""
     spot: Tensor
     """Kernels in a contact spot, shape (columns, kernels)."""
     column: Tensor | None = None
@@ -194,6 +197,14 @@ class Pull:
     """The contact as part of a circuit, for terms of the supply."""
     most_pa: Tensor | None = None
     """Largest attraction [Pa] of each bin of gaps, shape (bins,), for `held`; None for no limit."""
+
+    @cached_property
+    def kernel(self) -> Tensor:
+        """Mean over each bin of the contact's `gap_edges_m`, shape (columns, kernels, bins).
+
+        The states of one column have the same insulator, instant or stroke.
+        """
+        return self.kernels()
 
     @classmethod
     def of_sine(
@@ -222,12 +233,12 @@ class Pull:
         """
         used, column = column.unique(return_inverse=True)
         thickness_m = thickness_m[used]
-        kernel = bin_inverse_square(gap_edges_m, thickness_m)[:, None]
+        kernels = partial(_of_sine, gap_edges_m, thickness_m)
         spot = thickness_m.abs()[:, None] ** -2
         most = None
         if limit is not None:
             most = drive_strength(limit(representative_gaps(gap_edges_m)[:-1]))
-        return cls(drive_strength(voltage_v), kernel, spot, column, None, thickness_m, None, most)
+        return cls(drive_strength(voltage_v), kernels, spot, column, None, thickness_m, None, most)
 
     @classmethod
     def of_field(
@@ -252,7 +263,7 @@ class Pull:
         if limit is not None:
             stress = stress * _held(stress.amax(0) / (VACUUM_PERMITTIVITY / 2), limit(gaps) ** 2)
         kernel, spot = stress[:, None, :-1], stress[:, -1:]
-        return cls(torch.ones_like(spot[:, 0]), kernel, spot)
+        return cls(torch.ones_like(spot[:, 0]), lambda: kernel, spot)
 
     @classmethod
     def of_ripple(
@@ -287,7 +298,7 @@ class Pull:
             kernel = kernel * factor[:, None]
         weight = torch.stack([torch.ones_like(swing.real), swing.real, -swing.imag], -1)
         strength = drive_strength(voltage_v)[:, None].expand(swing.shape).reshape(-1)
-        return cls(strength, kernel[..., :-1], kernel[..., -1], weight=weight)
+        return cls(strength, lambda: kernel[..., :-1], kernel[..., -1], weight=weight)
 
     @classmethod
     def of_squares(
@@ -319,10 +330,11 @@ class Pull:
         kernel, spot = stress[..., :-1] * gaps, stress[..., -1] / reference_m**2
         ones = squares.new_ones(len(squares))
         if limit is None:
-            return cls(ones, kernel, spot, weight=squares[None])
+            return cls(ones, lambda: kernel, spot, weight=squares[None])
         most = drive_strength(limit(representative_gaps(gap_edges_m)[:-1]))
         attraction = torch.minimum((squares @ kernel[0]).clamp(min=0.0), most)
-        return cls(ones, attraction[:, None], (squares @ spot[0])[:, None].clamp(min=0.0))
+        spot = (squares @ spot[0])[:, None].clamp(min=0.0)
+        return cls(ones, lambda: attraction[:, None], spot)
 
     def held(self, strength: Tensor) -> Self:
         """Return the attraction, limited to `most_pa` in every gap, at strengths, shape (states,).
@@ -333,10 +345,11 @@ class Pull:
             return self
         kernel = self.kernel[self.column]
         # This form has a gradient at a strength of 0 too.
-        kernel = kernel * (
+        limited = kernel * (
             self.most_pa / torch.maximum(strength[:, None, None] * kernel, self.most_pa)
         )
-        return replace(self, kernel=kernel, spot=self.spot[self.column], column=None, most_pa=None)
+        spot = self.spot[self.column]
+        return replace(self, kernels=lambda: limited, spot=spot, column=None, most_pa=None)
 
     def on_gaps(self, mass: Tensor) -> Tensor:
         """Attraction per strength, shape (distributions, columns), for masses of gap bins.
@@ -355,34 +368,31 @@ class Pull:
         least = _LEAST_SHARE * self.kernel.detach().abs().amax()
         return _weighted(by_kernel, self.weight).clamp(min=0.0) + least
 
-    def on_lattice(self, gap_edges_m: Tensor) -> tuple[Pull, Tensor] | None:
-        """Return the attraction at insulators of a lattice, and the weights that interpolate it.
+    def on_lattice(self, keeps: bool = False) -> Lattice | None:
+        """Return the insulators of a lattice from which those of `own_column` are interpolated.
 
-        The weights, shape (columns of the lattice, columns of `own_column`), belong to a cubic in
-        ln|h0| and, where h0 is complex, to a second one in its angle. Returns None where
-        the lattice would save nothing, or h0 has a gradient.
+        Returns None where the lattice would save nothing, or h0 has a gradient.
+
+        Parameters
+        ----------
+        keeps : bool
+            Whether many more insulators follow, which share the nodes.
         """
         h0 = self.thickness_m
-        if h0 is None or self.column is None or h0.requires_grad or len(h0) < _MANY:
+        if h0 is None or self.column is None or h0.requires_grad:
+            return None
+        if len(h0) < (_FEW if keeps else _MANY):
             return None
         place, weight = _near_nodes(torch.log(h0.abs()) / _LATTICE_STEP)
         if h0.is_complex():
             turn, of_turn = _near_nodes(h0.angle() / _LATTICE_STEP)
-            turns = round(2 * pi / _LATTICE_STEP)
-            place = (place[:, :, None] * turns + turn[:, None]).flatten(1)
+            place = (place[:, :, None] * _TURNS + turn[:, None]).flatten(1)
             weight = (weight[:, :, None] * of_turn[:, None]).flatten(1)
         used, node = place.unique(return_inverse=True)
-        if len(used) >= len(h0):
+        if len(used) >= len(h0) * (_NODES_EACH if keeps else 1):
             return None
-        if h0.is_complex():
-            turn = (used + turns // 2) % turns - turns // 2
-            size, angle = ((used - turn) // turns).to(weight), turn.to(weight)
-            at = torch.polar(torch.exp(size * _LATTICE_STEP), angle * _LATTICE_STEP)
-        else:
-            at = torch.exp(used.to(weight) * _LATTICE_STEP)
-        column = torch.arange(len(used), device=used.device)
-        lattice = Pull.of_sine(gap_edges_m, torch.zeros_like(at.real), at, column)
-        return lattice, weight.new_zeros(len(used), len(h0)).scatter(0, node.T, weight.T)
+        weights = weight.new_zeros(len(used), len(h0)).scatter(0, node.T, weight.T)
+        return Lattice(used, weights, h0.is_complex())
 
     def on_spots(self) -> Tensor:
         """Attraction per strength in a contact spot, for the columns of `own_column`."""
@@ -398,6 +408,40 @@ class Pull:
         return torch.arange(len(self.strength), device=self.strength.device)
 
 
+@dataclass(frozen=True)
+class Lattice:
+    """Insulators of a lattice, and the weights that interpolate others from them.
+
+    The weights belong to a cubic in ln|h0| and, where h0 is complex, to a second one in its angle.
+    """
+
+    used: Tensor
+    """Nodes, each a whole number, shape (nodes,)."""
+    weights: Tensor
+    """Weight of each node, shape (nodes, columns)."""
+    is_complex: bool
+    """Whether h0 is complex."""
+
+    def pull(self, gap_edges_m: Tensor, used: Tensor) -> Pull:
+        """Return the attraction at some of the nodes, in the order given.
+
+        Parameters
+        ----------
+        gap_edges_m : Tensor, shape (bins + 1,)
+            Edges of the bins of gaps [m].
+        used : Tensor
+            Nodes.
+        """
+        if self.is_complex:
+            turn = (used + _TURNS // 2) % _TURNS - _TURNS // 2
+            size, angle = ((used - turn) // _TURNS).to(self.weights), turn.to(self.weights)
+            at = torch.polar(torch.exp(size * _LATTICE_STEP), angle * _LATTICE_STEP)
+        else:
+            at = torch.exp(used.to(self.weights) * _LATTICE_STEP)
+        column = torch.arange(len(used), device=used.device)
+        return Pull.of_sine(gap_edges_m, torch.zeros_like(at.real), at, column)
+
+
 def _near_nodes(place: Tensor) -> tuple[Tensor, Tensor]:
     """Four whole numbers about each place, and Lagrange's weights of values there."""
     first = place.floor()
@@ -409,6 +453,11 @@ def _near_nodes(place: Tensor) -> tuple[Tensor, Tensor]:
         x * (x + 1) * (x - 1) / 6,
     )
     return first.long()[:, None] + torch.arange(-1, 3, device=place.device), torch.cat(weights, -1)
+
+
+def _of_sine(gap_edges_m: Tensor, thickness_m: Tensor) -> Tensor:
+    """Kernel of the mean of a sine, for h0 [m] of each column."""
+    return bin_inverse_square(gap_edges_m, thickness_m)[:, None]
 
 
 def _held(square: Tensor, most: Tensor) -> Tensor:

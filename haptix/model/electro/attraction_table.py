@@ -7,7 +7,7 @@ beside the spots widens them.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from math import ceil, exp, floor, log
 
@@ -18,7 +18,7 @@ from haptix.model.contact import MeanField
 from haptix.model.contact.finite_size import Touching
 from haptix.model.contact.persson import LATTICE_STEP, GapHistogram
 from haptix.model.contact.tables import UniformCubic, polynomial, polynomial_with_slope
-from haptix.model.electro.attraction import Circuit, Pull, bin_inverse
+from haptix.model.electro.attraction import Circuit, Lattice, Pull, bin_inverse
 from haptix.model.electro.widening import LARGEST_RISE, LOWER_NODES, LiftedGaps, by_rise
 
 _MARGIN = 3  # nodes beyond the ends, so that every slope in use has its full stencil
@@ -26,6 +26,11 @@ _LIFTED_MARGIN = 2  # further nodes: lifted gaps are themselves differences from
 _TINY = 1e-300
 _LIMIT_STEPS = 2
 _STEEPNESS = 0.05, 1.0  # bounds of the slope of ln(p0 + gaps' attraction) against ln p_A
+
+_CONTACTS_PER_COLUMN = 4  # up to which each contact has a table of its own
+_DRIVES = 8  # of each contact, from which it has one too
+_CONTACTS = 256  # whose tables are made together: their arrays fit the CPU's cache
+_MOST_EFFECTS = 1024  # insulators of the lattice whose effects are kept, at 20 kB each
 
 WIDEST = 4.0
 """Largest ratio of p_A to the sum of applied pressure and the gaps' attraction."""
@@ -35,6 +40,30 @@ AreaFraction = Callable[[Tensor], Tensor]
 
 VoltageShare = Callable[[Tensor], Tensor]
 """Complex share of the drive's voltage that lies on a contact, from its capacitance [F]."""
+
+
+class _LatticeEffects:
+    """Effects of attractions at insulators of the lattice, each computed once."""
+
+    def __init__(self, edges_m: Tensor, lifted: LiftedGaps) -> None:
+        self._edges, self._lifted = edges_m, lifted
+        # The row of each node, and the effects. They are replaced together, for other threads.
+        self._kept: tuple[dict[tuple[bool, int], int], list[Tensor]] = {}, []
+
+    def of(self, places: Lattice) -> Tensor:
+        """Return the effects at the nodes in use, shape (used, powers, 3, nodes)."""
+        keys = [(places.is_complex, node) for node in places.used.tolist()]
+        rows, effects = self._kept if len(self._kept[0]) <= _MOST_EFFECTS else ({}, [])
+        new = [number for number, key in enumerate(keys) if key not in rows]
+        if new:
+            pull = places.pull(self._edges, places.used[new])
+            with torch.no_grad():
+                more = by_rise(self._lifted, pull.on_gaps).permute(3, 1, 0, 2)
+            rows = rows | {keys[number]: len(rows) + row for row, number in enumerate(new)}
+            effects = [torch.cat([*effects, more])]
+            self._kept = rows, effects
+        at = torch.tensor([rows[key] for key in keys], device=places.used.device)
+        return effects[0].index_select(0, at)
 
 
 @dataclass(frozen=True)
@@ -50,6 +79,8 @@ class AttractionTable:
     """ln of the mean gap [m] against ln p."""
     lifted: LiftedGaps | None = None
     """The gaps lifted by the attraction, where it widens the spots."""
+    kept_effects: tuple[_LatticeEffects, int] | None = None
+    """Effects at insulators of the lattice, of a table of which this one begins at that node."""
 
     @classmethod
     def solve(
@@ -80,7 +111,8 @@ class AttractionTable:
             lifted = LiftedGaps.of_table(gaps.edges_m, gaps.mass, area, mean_gap, LATTICE_STEP)
         log_gap = torch.log(mean_gap[more:].clamp(min=_TINY))
         log_mean_gap = UniformCubic.through(log_pressure[0], LATTICE_STEP, log_gap)
-        return cls(contact, log_pressure, gaps, log_mean_gap, lifted)
+        effects = None if lifted is None else (_LatticeEffects(gaps.edges_m, lifted), 0)
+        return cls(contact, log_pressure, gaps, log_mean_gap, lifted, effects)
 
     def covers(self, lowest_pa: float, highest_pa: float) -> bool:
         """Whether every slope between these pressures has its full stencil.
@@ -114,6 +146,7 @@ class AttractionTable:
                 gap, start=log_pressure[0], values=gap.values[at], slopes=gap.slopes[at]
             ),
             lifted=None if self.lifted is None else self.lifted.part(at),
+            kept_effects=self.kept_effects and (self.kept_effects[0], self.kept_effects[1] + first),
         )
 
     def mass_at(self, log_pressure: Tensor) -> Tensor:
@@ -129,6 +162,7 @@ class AttractionTable:
         touching: Touching | None = None,
         supply: Tensor | None = None,
         applied_pa: Tensor | None = None,
+        by_contact: bool = False,
     ) -> Attraction:
         """Attraction of a batch of states against pressure.
 
@@ -142,9 +176,11 @@ class AttractionTable:
             ln of the squared share of the voltage, from the method `supply`.
         applied_pa : Tensor, shape (states,), optional
             p0 [Pa], needed where the attraction widens the spots.
+        by_contact : bool
+            Whether neighbouring states mostly differ in the drive alone, and share a table.
         """
         if self.lifted is not None and applied_pa is not None:
-            return self._widening(self.lifted, pull, touching, supply, applied_pa)
+            return self._widening(self.lifted, pull, touching, supply, applied_pa, by_contact)
         log_gaps, column = torch.log(pull.on_gaps(self.gaps.mass)), pull.own_column
         spot_pull = None if spots is None else pull.on_spots()
         log_supply = None
@@ -163,25 +199,54 @@ class AttractionTable:
         touching: Touching | None,
         supply: Tensor | None,
         applied_pa: Tensor,
+        by_contact: bool,
     ) -> WideningAttraction:
-        rise, column = None, pull.own_column
-        log_applied = torch.log(applied_pa)
+        log_applied, column = torch.log(applied_pa), pull.own_column
         if pull.column is None:  # every column belongs to one state, and so has one p0
-            rise = self.log_pressure[:, None] - log_applied
-            rise = rise.clamp(min=-_MARGIN * LATTICE_STEP)
-        on_lattice = None if rise is not None else pull.on_lattice(self.gaps.edges_m)
-        if on_lattice is None:
-            effect = by_rise(lifted, pull.on_gaps, rise)
-        else:  # the effect is smooth in h0, and an interpolation is far cheaper than computing it
-            lattice, weights = on_lattice
-            effect = by_rise(lifted, lattice.on_gaps) @ weights
-        if supply is not None and rise is None:
-            effect, column = effect[..., column], torch.arange(len(column), device=column.device)
+            effect = by_rise(lifted, pull.on_gaps, self._rise(log_applied).T)
+        else:
+            powers = self._by_powers(lifted, pull, by_contact)
+            first = torch.ones_like(column, dtype=torch.bool)
+            first[1:] = (column[1:] != column[:-1]) | (applied_pa[1:] != applied_pa[:-1])
+            most = max(_CONTACTS_PER_COLUMN * len(powers), len(column) // _DRIVES)
+            if by_contact and supply is None and int(first.sum()) <= most:
+                # Contacts whose states differ in the drive alone: each has one p0.
+                of_contact, each = first.nonzero()[:, 0], powers.unbind(1)
+                rise = self._rise(log_applied[of_contact])[:, None]
+                parts = column[of_contact].split(_CONTACTS), rise.split(_CONTACTS)
+                effects = [_at_rise(each, *part) for part in zip(*parts, strict=True)]
+                effect = torch.cat(effects).permute(1, 2, 0)[:, None].contiguous()
+                column = first.cumsum(0) - 1
+            else:
+                effect = powers.permute(2, 1, 3, 0).contiguous()
+                if supply is not None:
+                    effect = effect[..., column]
+                    column = torch.arange(len(column), device=column.device)
         total, pulled, lift = (self._against_pressure(part.movedim(0, 1)) for part in effect)
         log_supply = None if supply is None else self._against_pressure(supply)
         return WideningAttraction(
             total, column, None, None, touching, log_supply, log_applied, pulled, lift
         )
+
+    def _rise(self, log_applied: Tensor) -> Tensor:
+        """Ln p_A/p0 of contacts at the nodes, shape (contacts, nodes), where it is fitted."""
+        rise = self.log_pressure - log_applied[:, None]
+        return rise.clamp(-_MARGIN * LATTICE_STEP, LARGEST_RISE)
+
+    def _by_powers(self, lifted: LiftedGaps, pull: Pull, by_contact: bool) -> Tensor:
+        """Coefficients of `by_rise`, shape (columns, powers, 3, nodes)."""
+        places = pull.on_lattice(keeps=by_contact)
+        if places is None:
+            return by_rise(lifted, pull.on_gaps).permute(3, 1, 0, 2).contiguous()
+        # The effect is smooth in h0, and an interpolation is far cheaper than computing it.
+        if self.kept_effects is None or lifted.mass.requires_grad:
+            lattice = places.pull(self.gaps.edges_m, places.used)
+            effect = by_rise(lifted, lattice.on_gaps).permute(3, 1, 0, 2)
+        else:
+            effects, start = self.kept_effects
+            effect = effects.of(places)[..., start : start + len(self.log_pressure)]
+        powers: Tensor = torch.tensordot(places.weights, effect, dims=([0], [0]))
+        return powers
 
     def supply(
         self,
@@ -380,11 +445,14 @@ class WideningAttraction(Attraction):
 
     def log_slopes(self) -> Tensor:
         """Largest dlnI/dlnp over all rises, at the nodes of each column, taken as p0."""
-        rises = torch.linspace(0, LARGEST_RISE, 13, dtype=torch.float64, device=self.column.device)
-        values = self.log_gaps.values.detach()[..., None].unbind(1)
-        slopes = self.log_gaps.slopes[..., None].unbind(1)
-        steep = polynomial(slopes, rises) + polynomial_with_slope(values, rises)[1]
-        steepest: Tensor = steep.amax(-1)
+        steepest = self.log_gaps.slopes[:, 0]
+        if self.slope_varies:
+            device = self.column.device
+            rises = torch.linspace(0, LARGEST_RISE, 13, dtype=torch.float64, device=device)
+            values = self.log_gaps.values.detach()[..., None].unbind(1)
+            slopes = self.log_gaps.slopes[..., None].unbind(1)
+            steep = polynomial(slopes, rises) + polynomial_with_slope(values, rises)[1]
+            steepest = steep.amax(-1)
         return steepest if self.log_supply is None else steepest + self.log_supply.slopes
 
     def _log_gaps(self, log_pressure: Tensor) -> tuple[Tensor, Tensor]:
@@ -408,6 +476,11 @@ class WideningAttraction(Attraction):
         values, by_rise = polynomial_with_slope(cubics.unbind(1), self._rise(at))
         value, slope = polynomial_with_slope(values.unbind(), t)
         return value, slope / table.step + polynomial(by_rise.unbind(), t)
+
+
+def _at_rise(powers: Sequence[Tensor], column: Tensor, rise: Tensor) -> Tensor:
+    """Polynomials of columns at rises, shape (contacts, 1, nodes)."""
+    return polynomial([power.index_select(0, column) for power in powers], rise)
 
 
 def _with_slope(area_fraction: AreaFraction, log_pressure: Tensor) -> tuple[Tensor, Tensor]:

@@ -299,7 +299,9 @@ class MeanFieldBalance(Fidelity):
 
         def at(strength: Tensor) -> Attraction:
             attracted = pull.held(strength * rest)
-            return table.attraction(attracted, spots, touching, supply, load.applied_pa)
+            return table.attraction(
+                attracted, spots, touching, supply, load.applied_pa, by_contact=load.of_end
+            )
 
         attraction = at(pull.strength)
         equilibrium = lowest_branch(load.applied_pa, pull.strength, attraction, load.of_end)

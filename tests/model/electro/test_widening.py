@@ -139,13 +139,26 @@ def test_tables_are_near_each_state_on_its_own(field: MeanField, x: float, relat
     shared = Pull.of_sine(field.gap_edges_m, none, thickness, none.long())
     own = replace(
         shared,
-        kernel=shared.kernel.expand(40, -1, -1),
+        kernels=lambda: shared.kernel.expand(40, -1, -1),
         spot=shared.spot.expand(40, -1),
         column=None,
     )
     one, other = (table.attraction(pull, applied_pa=p0)(log_p)[0] for pull in (shared, own))
     # Seven rises from 0 to 4.8 carry the polynomial, up to 30 p0 here: the end of light contact.
     assert other.tolist() == pytest.approx(one.tolist(), rel=3e-3)
+
+
+def test_states_that_differ_in_the_drive_alone_share_a_table(model: ContactModel) -> None:
+    """Forces and insulators in any order, each with several drives, as each state alone."""
+    force = torch.tensor([0.2, 0.9, 0.2], dtype=torch.float64)[:, None, None]
+    h0_m = torch.tensor([3e-7, 8e-8], dtype=torch.float64)[:, None]
+    drive = torch.tensor([0.0, 0.4, 0.9], dtype=torch.float64)
+    together = model.at_drive(force, drive, 300.0, h0_m)
+    for place in np.ndindex(3, 2, 3):
+        one = model.at_drive(force[place[0], 0, 0], drive[place[2]], 300.0, h0_m[place[1], 0])
+        for name in ("mu", "mean_gap_m", "gap_attraction_pa", "pull_in_voltage_v"):
+            alone = float(getattr(one, name))
+            assert float(getattr(together, name)[place]) == pytest.approx(alone, rel=1e-9), name
 
 
 def iterated(field: MeanField, p0_pa: float, spot_pa: float, h0_m: float) -> tuple[float, ...]:
