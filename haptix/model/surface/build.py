@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise, product
 from math import floor, inf, log, log2, prod, sqrt
 from typing import Any
@@ -53,6 +53,7 @@ UnitInMu = Callable[[Tensor], Tensor]
 _PILOT_POINTS = 97  # along an axis at first; doubled where a cell would be a single step
 _MOST_PILOT_POINTS = 3000
 _FIRST_CHECK = 0.9  # share of the tolerance that the first held-out points may use
+_MOST_SPLIT = 1.6  # factor on the columns up to which steep cells are split
 _MOST_ROUNDS = 16
 _COARSER = 8.0  # factor on the share after a table was too large
 _HALVINGS = 16  # bisection steps to the drive at which a limit of the model is reached
@@ -116,6 +117,17 @@ class SolvedColumns:
     """ln of the pull-in voltage [V]."""
     log_breakdown: Tensor
     """ln of the voltage [V] of breakdown, or of an earlier limit of the model."""
+
+    def with_more(self, more: SolvedColumns, is_known: Tensor) -> SolvedColumns:
+        """Return columns of the shape of `is_known`: these where it is true, `more` elsewhere."""
+
+        def joined(known: Tensor, new: Tensor) -> Tensor:
+            both = new.new_empty(*is_known.shape, *new.shape[1:])
+            both[is_known], both[~is_known] = known.reshape(-1, *new.shape[1:]), new
+            return both
+
+        pairs = zip(vars(self).values(), vars(more).values(), strict=True)
+        return SolvedColumns(*(joined(*pair) for pair in pairs))
 
 
 @dataclass(frozen=True)
@@ -457,7 +469,7 @@ def build_table(
         "mu_high": build.high,
         "pull_past_breakdown": float(at_ends.pull_past_breakdown.max()),
         "accuracy": at_ends.accuracy.record(),
-        "intervals": build.intervals(attempt.table.axes),
+        "intervals": build.intervals(attempt),
         "error_max": float(attempt.error.max()),
         "error_p99": float(attempt.error.quantile(0.99)),
         "error_max_in_units": attempt.worst,
@@ -472,10 +484,27 @@ class _Attempt:
     """A table, its errors in mu at held-out points, and the worst in units of the tolerance."""
 
     table: Interpolant
+    columns: SolvedColumns
     corrections: int
     error: Tensor
     worst: float
     is_met: bool
+    steep: Mapping[str, Tensor] = field(default_factory=dict)
+    """Cells of each axis in which an error is above the tolerance, or nearly so."""
+
+    def split(self, nodes: Mapping[str, Tensor]) -> dict[str, Tensor] | None:
+        """Split the steep cells of the axes; None where that would make far more columns.
+
+        Near pull-in the errors of all axes add up in a corner. A smaller share of the tolerance
+        would put more nodes everywhere.
+        """
+        split, factor = dict(nodes), 1.0
+        for name in sorted(self.steep, key=lambda name: len(self.steep[name]) / len(nodes[name])):
+            low, at = nodes[name], self.steep[name]
+            factor *= 1 + len(at) / len(low)
+            if factor <= _MOST_SPLIT:
+                split[name] = torch.cat([low, (low[at] + low[at + 1]) / 2]).sort().values
+        return split if any(len(split[name]) > len(low) for name, low in nodes.items()) else None
 
 
 class _Build:
@@ -500,20 +529,26 @@ class _Build:
         self.last_drive = min(self.sampler.peak_attraction * end_drive, PULL_IN_DRIVE)
         report(0.3)
         share, best = _FIRST_SHARE, None
+        split: dict[str, Tensor] | None = None
+        before: _Attempt | None = None  # that was split
         fits, exceeds = inf, 0.0  # smallest share that fits into the size, largest that does not
         for round_ in range(_MOST_ROUNDS):
-            nodes = self._place(share)
+            nodes = split or self._place(share)
             if self._size(nodes) > self.largest_bytes:
                 exceeds = max(exceeds, share)
             else:
                 report(0.3 + 0.6 * (1 - 0.5 ** (round_ + 1)))
-                attempt = self._attempt(nodes, held_out)
+                attempt = self._attempt(nodes, held_out, before)
                 if attempt.is_met:
                     report(1.0)
                     return attempt
                 if best is None or attempt.worst < best.worst:
                     best = attempt
+                split, before = attempt.split(nodes), attempt
+                if split and self._size(split) <= self.largest_bytes:
+                    continue
                 fits = min(fits, share)
+            split = before = None
             if not exceeds:
                 wanted = 0.9 * _FIRST_CHECK * self.tolerance.value / attempt.worst
                 share *= min(0.8, max(0.2, wanted))
@@ -531,30 +566,46 @@ class _Build:
         # Without a smaller error to be had, the reserve of the first check is not asked for.
         return self._confirmed(best) if best.worst <= self.tolerance.value else best
 
-    def intervals(self, axes: Axes) -> dict[str, Any]:
+    def intervals(self, attempt: _Attempt) -> dict[str, Any]:
         """Intervals of the theory in each cell, see `haptix.model.surface.answers`."""
-        return record_of(axes, self.sampler.ends_of(_places_of(axes)).accuracy)
+        axes = attempt.table.axes
+        top = self.sampler.top(attempt.columns)
+        ends = self.sampler.model.at_drive(drive=top, **_places_of(axes))
+        return record_of(axes, ends.accuracy)
 
-    def _attempt(self, nodes: Mapping[str, Tensor], held_out: HeldOutPoints) -> _Attempt:
-        table, corrections = self._tabulate(nodes)
+    def _attempt(
+        self, nodes: Mapping[str, Tensor], held_out: HeldOutPoints, before: _Attempt | None
+    ) -> _Attempt:
+        table, columns, corrections = self._tabulate(nodes, before)
         error = held_out.error(table)
         worst = self._worst(error, held_out, table)
-        attempt = _Attempt(table, corrections, error.reshape(-1), worst, is_met=False)
+        attempt = _Attempt(table, columns, corrections, error.reshape(-1), worst, is_met=False)
         enough = worst <= _FIRST_CHECK * self.tolerance.value
         return self._confirmed(attempt) if enough else attempt
 
     def _confirmed(self, attempt: _Attempt) -> _Attempt:
         """Whether the attempt meets the tolerance at fresh points and in every cell as well."""
         axes = attempt.table.axes
-        for solve in (partial(self.sampler.held_out, 2), partial(self.sampler.in_cells, axes)):
-            fresh = solve()
+        for everywhere in (False, True):
+            fresh = self.sampler.in_cells(axes) if everywhere else self.sampler.held_out(2)
             other = fresh.error(attempt.table)
             worst = max(attempt.worst, self._worst(other, fresh, attempt.table))
             error = torch.cat([attempt.error, other.reshape(-1)])
             attempt = replace(attempt, error=error, worst=worst)
             if worst > self.tolerance.value:
-                return attempt
+                steep = self._steep(other, fresh, axes) if everywhere else {}
+                return replace(attempt, steep=steep)
         return replace(attempt, is_met=True)
+
+    def _steep(self, error: Tensor, points: HeldOutPoints, axes: Axes) -> dict[str, Tensor]:
+        """Cells of each axis that have a large error, of points in every cell."""
+        large = (error / self._unit(points.mu) > _FIRST_CHECK * self.tolerance.value).any(-1)
+        hit = large.nonzero()
+        return (
+            {axis.name: hit[:, number].unique() for number, axis in enumerate(axes) if axis.varies}
+            if len(hit)
+            else {}
+        )
 
     def _check_reach(self, held_out: HeldOutPoints) -> None:
         lowest = self.sampler.span("voltage_v")[0]
@@ -599,9 +650,22 @@ class _Build:
             )
         return self.pilots[name]
 
-    def _tabulate(self, nodes: Mapping[str, Tensor]) -> tuple[Interpolant, int]:
+    def _tabulate(
+        self, nodes: Mapping[str, Tensor], before: _Attempt | None
+    ) -> tuple[Interpolant, SolvedColumns, int]:
+        """Solve the columns, or after a split those that were not solved `before`."""
         axes = Axes(tuple(self._axis(name, nodes) for name in AXIS_NAMES))
-        columns = self.sampler.columns(_places_of(axes), nodes["drive"])
+        places = _places_of(axes)
+        if before is None:
+            columns = self.sampler.columns(places, nodes["drive"])
+        else:
+            is_known = torch.ones((), dtype=torch.bool)
+            for axis, old in zip(axes, before.table.axes, strict=True):
+                is_known = is_known[..., None] & (
+                    axis.is_absent | torch.isin(axis.nodes, old.nodes)
+                )
+            new = {name: None if at is None else at[~is_known] for name, at in places.items()}
+            columns = before.columns.with_more(self.sampler.columns(new, nodes["drive"]), is_known)
         # Friction rises with voltage; `cummax` makes this true of the last bit as well.
         inverse = columns.inverse.cummax(-1).values
         corrections = int((inverse != columns.inverse).sum())
@@ -616,7 +680,7 @@ class _Build:
             self.sampler.limit_v,
             self.sampler.limited_by,
         )
-        return table, corrections
+        return table, columns, corrections
 
     def _axis(self, name: str, nodes: Mapping[str, Tensor]) -> Axis:
         if self.sampler.ranges[name] is None:

@@ -1,6 +1,7 @@
 """What a surface is built for, and what is refused before the work begins."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from haptix import ContactModel, Finger, FrictionSurface, InputError, LimitError
 from haptix.base.errors import ToleranceError
 from haptix.model.finger import Roughness
 from haptix.model.surface import Tolerance, build, cached_surface, surface_key
+from haptix.model.surface.axes import read_ranges
 
 SMALL = {"normal_force_n": (0.4, 0.5), "voltage_v": (0.0, 100.0)}
 
@@ -70,6 +72,52 @@ def test_a_tolerance_that_cannot_be_met(model: ContactModel) -> None:
     force, voltage = 0.4 + 0.1 * force, 100 * voltage
     error = (best.mu(force, voltage) - model.solve(force, voltage).mu).abs()
     assert 2e-6 < float(error.max()) <= 1.1 * best.info["error_max"]  # a sample of others
+
+
+def test_a_corner_near_pull_in_has_nodes_of_its_own() -> None:
+    """Steep cells of a corner are split; those of nearly all of an axis are not."""
+    nodes = {name: torch.linspace(0, 1, 11, dtype=torch.float64) for name in ("f", "h0", "drive")}
+    none: Any = None
+    attempt = build._Attempt(none, none, 0, torch.zeros(0), 1.0, False)
+    assert attempt.split(nodes) is None
+    steep = {"f": torch.arange(8), "h0": torch.tensor([0, 3])}
+    split = replace(attempt, steep=steep).split(nodes)
+    assert split is not None
+    assert split["h0"].tolist() == pytest.approx([0, 0.05, 0.1, 0.2, 0.3, 0.35, *np.r_[4:11] / 10])
+    assert len(split["f"]) == len(split["drive"]) == 11
+
+
+@pytest.mark.parametrize("frequency_hz", [None, (60.0, 1000.0)])
+def test_a_split_table_is_as_one_that_was_solved_at_once(
+    model: ContactModel, frequency_hz: tuple[float, float] | None
+) -> None:
+    """Only new columns are solved after a split; an axis may be absent."""
+    ranges: dict[str, Any] = {**SMALL, "h0_m": (1e-7, 2e-7)}
+    if frequency_hz:
+        ranges["frequency_hz"] = frequency_hz
+    solver = build._Build(
+        build.Sampler(model, read_ranges(model, ranges)), Tolerance.read(1e-3), 10**9
+    )
+    nodes = {name: solver.sampler.positions(name, 3).log() for name in solver.sampler.varying()}
+    nodes["drive"] = torch.linspace(0, 0.5, 3, dtype=torch.float64)
+    table, columns, _ = solver._tabulate(nodes, None)
+    attempt = build._Attempt(table, columns, 0, torch.zeros(0), 1.0, False)
+    split = {**nodes, "h0_m": solver.sampler.positions("h0_m", 5).log()}
+    split["normal_force_n"] = solver.sampler.positions("normal_force_n", 5).log()
+    once, later = (solver._tabulate(split, before)[0] for before in (None, attempt))
+    assert later.columns.shape == once.columns.shape
+    # Tables of attraction belong to a batch; a wrong place would be off by 1e-3 and more.
+    assert torch.allclose(later.columns, once.columns, rtol=1e-5, atol=0)
+
+
+@pytest.mark.slow
+def test_a_surface_up_to_pull_in_is_not_made_finer_everywhere() -> None:
+    """Its errors are above the tolerance near one corner only: 490,000 values without splits."""
+    model = ContactModel(Finger.preset("semi-wet"), Screen.preset("3m-sct3250"))
+    ranges = {"normal_force_n": (0.1, 1.0), "frequency_hz": (60.0, 1e4), "h0_m": (5e-8, 5e-7)}
+    surface = FrictionSurface.build(model, ranges, "0.2 %")
+    assert surface.info["tolerance_met"]
+    assert surface.table.mu.numel() < 400_000
 
 
 def test_no_surface_fits_into_a_few_bytes(model: ContactModel) -> None:
