@@ -4,11 +4,15 @@
     python benchmarks/attracted_contacts.py solve FOLDER --device cuda --workers 6   # minutes
     python benchmarks/attracted_contacts.py table FOLDER [--out docs/mean-field.md]
     python benchmarks/attracted_contacts.py halve FOLDER               # minutes; reads no rows
+    python benchmarks/attracted_contacts.py shown                      # seconds; reads no rows
 
 `solve` follows surfaces of many cells (Hurst exponent, band, solid, load) under an attraction
 ``c/(u + h0)^2``, and the same surfaces without attraction at loads from p0 to 40 p0. Every surface
 takes half a minute to some minutes on one core, a layer more. The shortest wave has 8 pixels or
 more, and 1.3 h_rms/h0 at least: `halve` solves a third of the cells with twice the pixels too.
+
+`shown` draws 20,000 states of each preset and counts those whose accuracy is stated, and those that
+lie in the range of each quantity.
 
 `table` writes the surfaces' rows to tests/data/boundary-elements-own/attracted.csv and two tables:
 the theory's closure on the elements' own unattracted contacts, and the theory as a whole.
@@ -35,6 +39,7 @@ import torch
 from numpy.typing import NDArray
 
 from benchmarks.mean_field import _put
+from haptix import ContactModel, Finger, Screen
 from haptix.model.contact import (
     THEORIES,
     GapDistribution,
@@ -44,7 +49,7 @@ from haptix.model.contact import (
     RoughnessSpectrum,
     TheoryName,
 )
-from haptix.model.contact.accuracy import of_states
+from haptix.model.contact.accuracy import UNDER_VOLTAGE, of_states
 from haptix.model.contact.boundary_elements import Surfaces
 from haptix.model.contact.boundary_elements.bounded import BoundedProblem
 from haptix.model.contact.boundary_elements.coupled import AttractedContacts
@@ -53,12 +58,14 @@ from haptix.model.contact.elasticity import ElasticSolid
 from haptix.model.electro import Pull, drive_voltage
 from haptix.model.electro.widening import edge_weight
 from haptix.model.fidelity import Balance, Contact, Load, MeanFieldBalance
+from haptix.model.presets import FINGERS as PRESETS
 
 ROWS = Path(__file__).parents[1] / "tests/data/boundary-elements-own/attracted.csv"
 PULLS = (1.0, 4.0, 10.0, 22.0)  # about: the attraction of the gaps over p0
 # Of gaps and spots over p0, beside the thinnest insulators: the area grows before the gaps attract.
 TOTALS = (0.5, 1.0, 2.0, 4.0, 8.0, 14.0, 24.0, 40.0)
 THINNEST = 0.03  # h0/h_rms up to which these are taken
+FINGERS = TOTALS[:3]  # at a finger's own load and insulator, where friction up to trebles
 RANKS = np.geomspace(2e-6, 1, 400)  # of the open gaps, by size
 LOADS = np.geomspace(1, 40, 9)
 H_RMS_M, Q0, E_PA = 1e-6, 2e4, 4e7
@@ -81,6 +88,7 @@ class Cell:
     x: float  # p0/(E* slope)
     pixels: int  # in the shortest wave
     h0: tuple[float, ...]  # over h_rms
+    is_fingers: bool = False  # `FINGERS`, and without attraction at p0 alone
 
     @property
     def name(self) -> str:
@@ -117,6 +125,7 @@ class Cell:
 
 
 LAYER = "l0.9on4000"
+SKIN = "l0.8on4000"  # of the presets
 CELLS = (
     *(Cell(0.8, 64, 4, "hs", x, 8, (0.2, 0.5, 1.0)) for x in (1e-3, 1e-2)),
     *(Cell(0.5, 64, 4, "hs", x, 8, (0.2, 0.5, 1.0)) for x in (1e-3, 1e-2)),
@@ -143,6 +152,8 @@ CELLS = (
     Cell(0.8, 32, 4, "l3on4000", 1e-2, 16, (0.1, 0.3, 1.0)),
     Cell(0.8, 16, 4, LAYER, 1e-3, 64, (0.02,)),
     *(Cell(h, 64, 8, "hs", 1e-4, 16, (0.1, 0.3, 1.0)) for h in (0.8, 0.5)),
+    # A finger's layer, load and insulators, and the same with the pixels halved.
+    *(Cell(0.86, 16, 4, SKIN, x, n, (0.01, 0.02), True) for n in (32, 64) for x in (1e-3, 3e-4)),
 )
 
 
@@ -162,7 +173,7 @@ def solve(cell: Cell, seeds: Sequence[int], folder: Path, device: torch.device) 
         [cell.x * float(cell.field(float(h)).stress_rms_pa) * sqrt(2) for h in h_rms]
     ).to(h_rms)
     problem = BoundedProblem.on_grid(cell.solid(), points, cell.side_m, None, device)
-    off, profiles = unattracted(problem, height, p0, LOADS)
+    off, profiles = unattracted(problem, height, p0, LOADS[:1] if cell.is_fingers else LOADS)
     relative = torch.tensor(cell.h0, dtype=torch.float64, device=device)
     h0 = (h_rms[:, None] * relative).flatten()[:, None, None]
     each = len(cell.h0)
@@ -172,7 +183,7 @@ def solve(cell: Cell, seeds: Sequence[int], folder: Path, device: torch.device) 
     )
     rows, total, good = [], torch.zeros_like(loads), torch.ones_like(loads, dtype=torch.bool)
     thin = cell.h0[0] <= THINNEST
-    for pull in TOTALS if thin else PULLS:
+    for pull in FINGERS if cell.is_fingers else TOTALS if thin else PULLS:
         wanted = pull * loads / (1 if thin else contacts.gaps_share.clamp(min=0.02))
         wanted = torch.minimum(wanted, torch.where(total > 0, 6 * total, wanted))
         # A state that did not converge ends its surface's rows: no infinite attraction is solved.
@@ -552,6 +563,37 @@ def halve(cell: Cell) -> str:
     return f"{cell.name}: mu_on/mu_off and pull of the gaps, % | {' | '.join(parts)}"
 
 
+def shown(states: int = 20_000) -> Iterator[str]:
+    """Share of each preset's states on the 3M screen whose accuracy is stated, by quantity too.
+
+    Forces of 0.1 to 1 N and amplitudes to 200 V are drawn evenly, frequencies of 60 Hz to 10 kHz
+    evenly in the logarithm; the insulator is the screen's own, and a quarter of it.
+    """
+    draw = torch.rand(3, states, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    force, voltage, frequency = 0.1 + 0.9 * draw[0], 200 * draw[1], 60 * (1e4 / 60) ** draw[2]
+    screen = Screen.preset("3m-sct3250")
+    yield "| finger | insulator | shown | by x | by h0/h_rms | by the pull |"
+    yield "|---|---|---|---|---|---|"
+    for name in PRESETS:
+        model = ContactModel(Finger.preset(name), screen)
+        for h0_m, title in ((screen.h0_m, "its own"), (screen.h0_m / 4, "a quarter")):
+            state = model.solve(force, voltage, frequency, h0_m)
+            thickness = model.solver.terms.thickness(torch.as_tensor(h0_m), frequency).abs()
+            applied = state.x * sqrt(2) * model.contact.stress_rms_pa
+            quantities = (
+                state.x,
+                thickness / model.contact.spectrum.h_rms_m,
+                state.gap_attraction_pa / applied,
+            )
+            inside = [
+                (low <= value) & (value <= high)
+                for value, (low, high) in zip(quantities, UNDER_VOLTAGE.values(), strict=True)
+            ]
+            shares = [float(one.double().mean()) for one in (state.accuracy.ratio < inf, *inside)]
+            cells = " | ".join(f"{100 * share:.0f} %" for share in shares)
+            yield f"| {name} | {title} | {cells} |"
+
+
 def write_rows(folder: Path) -> None:
     """Write the rows of every surface of the folder; those of other surfaces are kept."""
     surfaces = {(each.cell.name, each.seed): each for each in (*kept(), *solutions(folder))}
@@ -568,8 +610,8 @@ def write_rows(folder: Path) -> None:
 def main() -> None:
     """Solve, or make the tables."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("what", choices=("solve", "table", "halve"))
-    parser.add_argument("folder", type=Path)
+    parser.add_argument("what", choices=("solve", "table", "halve", "shown"))
+    parser.add_argument("folder", type=Path, nargs="?", default=Path("attracted"))
     parser.add_argument("--seeds", type=int, default=8)
     parser.add_argument("--cells", nargs="*", help="names of cells; by default all")
     parser.add_argument("--device", type=torch.device, default=torch.device("cpu"))
@@ -577,6 +619,9 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=inf, help="start no surface after these")
     parser.add_argument("--out", type=Path)
     chosen = parser.parse_args()
+    if chosen.what == "shown":
+        sys.stdout.write("\n".join(shown()) + "\n")
+        return
     chosen.folder.mkdir(parents=True, exist_ok=True)
     if chosen.what == "solve":
         cells = [cell for cell in CELLS if not chosen.cells or cell.name in chosen.cells]
