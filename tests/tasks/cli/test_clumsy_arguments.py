@@ -30,7 +30,7 @@ KINDS = {
     "file or folder that is read": ("--csv what source sources sessions", NOT_THERE),
     "file that is written": ("--out --log --page --preregister out", NOT_WRITTEN),
     "file that may be new": ("--register-file register_file", ("folder", LONG, "file/below")),
-    "folder": ("--root --study study folder --page", NOT_MADE),
+    "folder": ("--root --study study folder", NOT_MADE),
     "preset": (
         "--finger --screen --slider --touched-by",
         ("", "missing", "semiwet", "Semi-wet", "missing.toml", LONG, ".toml", "folder/.toml"),
@@ -118,7 +118,7 @@ def typed(own_folder, monkeypatch):
 
 
 def wrong_values(words, option):
-    if option == "--out" and words in OUT_IS_A_FOLDER:
+    if (option == "--out" and words in OUT_IS_A_FOLDER) or (words, option) == ("compile", "--page"):
         return NOT_MADE
     if (words, option) == ("calibrate install", "--finger"):
         return NOT_READ
