@@ -1,6 +1,6 @@
 """Simulated observers through each method: coverage and width of the 95 % intervals.
 
-    python benchmarks/experiments.py [runs] [method ...]
+    python benchmarks/experiments.py [runs] [method, or observer, ...]
 
 Observers: the one that is assumed; cumulative normals of 2 and of 5 dB with lapses of 3 %; 3 dB of
 drift in 100 trials; lapses of 15 % after trial 60; slopes 2 and 6; far from what is assumed: slopes
@@ -18,7 +18,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import erfc, exp, isnan, log, sqrt
+from math import erfc, exp, isnan, log, pi, sin, sqrt
 from random import Random
 
 import numpy as np
@@ -62,6 +62,9 @@ class Kind:
     timed: bool = True
     away: tuple[int, int] = (0, 0)
     higher: float = 0.0  # dB
+    waves: float = 0.0  # dB to either side, every 30 trials
+    bursts: float = 0.0  # share of trials at which some six guesses begin
+    rattled: float = 0.0  # share of guesses among the answers after a wrong one
 
 
 OBSERVERS = {
@@ -83,6 +86,9 @@ OBSERVERS = {
     "slope 12": Kind(weibull(12.0)),
     "normal, 8 dB": Kind(normal(8.0), 0.03),
     "lapses 10 %": Kind(weibull(3.5), 0.1),
+    "waves": Kind(weibull(3.5), waves=3.0),
+    "bursts": Kind(normal(2.5), bursts=0.03),
+    "rattled": Kind(weibull(2.5), rattled=0.4),
     "guesses": Kind(lambda off: 0.0, 0.0),
 }
 AS_PRIORS = "as the priors"
@@ -100,15 +106,20 @@ def run(
     """Run a method; return the observer's mean threshold, and the reaction times if known."""
     draw, thresholds, times = Random(seed), [], []
     kind = kind_of(observer, draw)
+    others, is_away, was_wrong = Random(seed + 10**6), False, False
     while not method.is_done:
         trial, level = len(thresholds), min(method.level, CEILING)
         lapse = kind.lapse if kind.later is None or trial < 60 else kind.later
         at = start + kind.higher + kind.drift * trial / 100 + kind.learns * exp(-trial / 25)
+        at += kind.waves * sin(2 * pi * trial / 30)
+        is_away = others.random() < (5 / 6 if is_away else kind.bursts)
+        is_rattled = was_wrong and others.random() < kind.rattled
         is_fast = draw.random() < kind.guesses
         share = 0.5 + (0.5 - lapse) * kind.core(level - at)
-        if is_fast or kind.away[0] <= trial < kind.away[1]:
+        if is_fast or is_away or is_rattled or kind.away[0] <= trial < kind.away[1]:
             share = 0.5
-        method.update(draw.random() < share, level)
+        was_wrong = draw.random() >= share
+        method.update(not was_wrong, level)
         times.append(draw.lognormvariate(log(0.25 if is_fast else 0.7), 0.35))
         thresholds.append(at)
     return sum(thresholds) / len(thresholds), times if kind.timed else []
@@ -120,8 +131,9 @@ def main() -> None:
         "method            observer          coverage +-se  width   bias scatter  none warned "
         "trials"
     )
-    for name in sys.argv[2:] or METHODS:
-        for observer in (*OBSERVERS, AS_PRIORS):
+    asked = sys.argv[2:]
+    for name in [one for one in asked if one in METHODS] or METHODS:
+        for observer in [one for one in asked if one not in METHODS] or (*OBSERVERS, AS_PRIORS):
             off, width, trials = [], [], []
             held = none = warned = 0
             for seed in range(runs):
