@@ -2,11 +2,13 @@
 
     .venv/bin/python benchmarks/prediction.py             # the defaults; half a minute
     .venv/bin/python benchmarks/prediction.py --sweep     # the filters' parameters too; minutes
+    .venv/bin/python benchmarks/prediction.py --recorded  # strokes of people; a minute
 
 Synthetic fingers (`made_up_fingers`) whose true place is known are reported by a touchscreen
 with noise and latency; the fingers of a live renderer are asked where they are each ms, and the
 distance to the true place counts. "held" is the place of the last report: what there is without
-prediction.
+prediction. Of recorded strokes (`recorded_strokes`) the true place is not known: a smooth path
+through the reports, also later ones, counts as that.
 """
 
 import argparse
@@ -21,7 +23,10 @@ import numpy as np
 from demo_setting import demo_setting
 from live_cost import play
 from made_up_fingers import FingerPath
+from recorded_strokes import Stroke, recordings, strokes
 
+from haptix.base.checks import Array
+from haptix.base.errors import HaptixError
 from haptix.play.render import LiveSettings
 from haptix.play.render.fingers import PredictedFingers
 from haptix.play.touch import (
@@ -30,6 +35,7 @@ from haptix.play.touch import (
     OneEuroFilter,
     PlaceFilter,
     SingerKalman,
+    TouchEvent,
     TouchSettings,
 )
 from haptix.play.virtual_finger import TouchPanel
@@ -38,6 +44,9 @@ KINDS = ("strokes", "scribble", "zigzag", "circles")
 SEEDS = tuple(range(1, 9))
 SPEEDS_MM_S = (50.0, 100.0, 200.0)  # of the sweep
 BLOCK_S = 0.001
+SETTLES_S = 0.1  # after a finger came down
+LATENCY_S = 0.03
+LEAST_STROKES = 3  # of a panel
 FILTERS: dict[str, PlaceFilter] = {
     "two Singers": InteractingSinger(),
     "Singer Kalman": SingerKalman(),
@@ -52,7 +61,7 @@ class Setting:
 
     speed_mm_s: float = 100.0
     rate_hz: float = 100.0
-    latency_s: float = 0.03
+    latency_s: float = LATENCY_S
     noise_mm: float = 0.1
     step_mm: float = 0.0  # of the reported place; 0 for none
     is_silent: bool = False  # about a place that is that of the report before
@@ -62,7 +71,7 @@ class Setting:
 
 def errors_mm(
     kind: str, seed: int, setting: Setting, settings: TouchSettings
-) -> tuple[np.ndarray, np.ndarray, float]:
+) -> tuple[Array, Array, float]:
     """Distance to the true place every block, held and predicted; and the share of time sliding."""
     finger = FingerPath.make(kind, seed, setting.duration_s, setting.speed_mm_s)
     events = finger.reports(
@@ -75,14 +84,19 @@ def errors_mm(
     if setting.is_silent:
         pairs = pairwise(events)
         events = events[:1] + [new for old, new in pairs if new[2:4] != old[2:4]]
+    starts = np.arange(events[0].t_s + SETTLES_S, setting.duration_s, BLOCK_S)
+    touch = replace(settings, latency_s=setting.latency_s)
+    return followed(events, starts, finger.place(starts), touch)
+
+
+def followed(
+    events: Sequence[TouchEvent], starts: Array, truth: Array, settings: TouchSettings
+) -> tuple[Array, Array, float]:
+    """Distance to the true places at times, held and predicted; and the share of time sliding."""
     arrivals = [event.t_s for event in events]
-    t0 = arrivals[0] + 0.1
-    starts = np.arange(t0, setting.duration_s, BLOCK_S)
-    truth = finger.place(starts)
     held = np.empty_like(truth)
     predicted = np.empty_like(truth)
-    touch = replace(settings, latency_s=setting.latency_s)
-    fingers = PredictedFingers(LiveSettings(touch=touch))
+    fingers = PredictedFingers(LiveSettings(touch=settings))
     pushed = 0
     sliding = 0
     for i, start in enumerate(starts.tolist()):
@@ -94,17 +108,78 @@ def errors_mm(
         [track] = fingers.tracks.values()
         predicted[i] = track.place(start)[:2]
         held[i] = events[known - 1][2:4]
-        sliding += fingers.touches[0].at(start).is_sliding
+        sliding += fingers.touches[events[0].touch_id].at(start).is_sliding
     return (
         np.hypot(*(held - truth).T), np.hypot(*(predicted - truth).T), sliding / len(starts),
     )  # fmt: skip
+
+
+def recorded_errors_mm(stroke: Stroke, settings: TouchSettings) -> tuple[Array, Array]:
+    """Distance to the path of a recorded stroke every other ms, held and predicted.
+
+    As of a panel that is `LATENCY_S` late. A report of the place before is left out, as evdev
+    leaves it out.
+    """
+    pairs = pairwise(stroke.events)
+    events = stroke.events[:1] + [new for old, new in pairs if new[2:4] != old[2:4]]
+    first_s, last_s = stroke.times_s
+    starts = np.arange(first_s + SETTLES_S, last_s - LATENCY_S, 2 * BLOCK_S)
+    truth = stroke.path(starts + LATENCY_S)
+    return followed(events, starts, truth, replace(settings, latency_s=LATENCY_S))[:2]
+
+
+def recorded(settings: TouchSettings) -> None:
+    """One line per panel: what it reports, and p95 of both errors over its strokes."""
+    print(
+        "| panel | reports | step | strokes | speed | held p95 | predicted median | p95 | ratio |"
+    )
+    print("|---" * 9 + "|")
+    rows = []
+    for file in recordings():
+        try:
+            of_panel = list(strokes(file))
+        except HaptixError:
+            continue  # it states no size, or is no touch panel
+        if len(of_panel) < LEAST_STROKES:
+            continue
+        held, predicted = (
+            np.concatenate(each)
+            for each in zip(*(recorded_errors_mm(one, settings) for one in of_panel), strict=True)
+        )
+        interval_s = np.median(np.concatenate([moves_s(one) for one in of_panel]))
+        x_mm = np.unique([round(e.x_mm, 5) for one in of_panel for e in one.events])
+        speed = np.mean([mean_speed_mm_s(one) for one in of_panel])
+        ratio = p95(held) / p95(predicted)
+        rows.append((ratio, len(of_panel)))
+        print(
+            f"| {file.stem} | {1 / interval_s:.0f} Hz | {np.diff(x_mm).min():.2f} mm "
+            f"| {len(of_panel)} | {speed:.0f} mm/s | {p95(held):.2f} "
+            f"| {np.median(predicted):.2f} | {p95(predicted):.2f} | {ratio:.1f} |",
+            flush=True,
+        )
+    ratios, counts = zip(*rows, strict=True)
+    print(
+        f"\n{len(rows)} panels, {sum(counts)} strokes: ratio {min(ratios):.1f} to "
+        f"{max(ratios):.1f}, median {np.median(ratios):.1f}; 3 or more of "
+        f"{sum(ratio >= 3 for ratio in ratios)}"
+    )
+
+
+def moves_s(stroke: Stroke) -> Array:
+    """Times between reports of other places."""
+    return np.array([b.t_s - a.t_s for a, b in pairwise(stroke.events) if a[2:4] != b[2:4]])
+
+
+def mean_speed_mm_s(stroke: Stroke) -> float:
+    t_s = np.arange(*stroke.times_s, BLOCK_S)
+    return float(np.hypot(*stroke.path(t_s, 1).T).mean())
 
 
 def rounded(value: float, step: float) -> float:
     return round(value / step) * step
 
 
-def p95(values: np.ndarray) -> float:
+def p95(values: Array) -> float:
     return float(np.percentile(values, 95))
 
 
@@ -278,10 +353,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--sweep", action="store_true", help="try the filters' parameters")
     parser.add_argument("--noise", action="store_true", help="panels of other noise, 23 ms ahead")
+    parser.add_argument("--recorded", action="store_true", help="strokes of people, see above")
     parser.add_argument("--felt", action="store_true", help="friction felt, reaction of 3 ms")
     arguments = parser.parse_args()
     if arguments.felt:
         felt()
+        return
+    if arguments.recorded:
+        recorded(TouchSettings())
         return
     if arguments.noise:
         noises((60, 61))  # no parameter was chosen on these
