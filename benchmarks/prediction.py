@@ -171,7 +171,8 @@ def moves_s(stroke: Stroke) -> Array:
 
 
 def mean_speed_mm_s(stroke: Stroke) -> float:
-    t_s = np.arange(*stroke.times_s, BLOCK_S)
+    first_s, last_s = stroke.times_s
+    t_s = np.arange(first_s, last_s, BLOCK_S)
     return float(np.hypot(*stroke.path(t_s, 1).T).mean())
 
 

@@ -44,8 +44,8 @@ _NEWEST = 0.25  # weight of the newest interval in the estimate
 # come down and turn, what a hand accelerates, and the motion in which a finger comes down.
 _OFF_MM, _MOST_MM_S2, _FIRST_MM_S, _MOST_MM_S = 5.0, 5e4, 1500.0, 3000.0
 _JUMPS_IN_A_ROW = 3
-# The share of a prediction that came true is learned over this time, as if predictions had come true
-# over this distance squared before: 5 mm is the usual one at 30 ms.
+# The share of a prediction that came true is learned over this time, as if predictions had come
+# true over this distance squared before: 5 mm is the usual one at 30 ms.
 _LEARNS_S, _BELIEVED_MM2, _LONGEST_CHECK_S = 0.6, 25.0, 0.1
 # Time of the last report, the filter's state after it, the force, the reported place, the share of
 # a prediction that came true, for how long it counts, and whether the finger slides.
