@@ -118,8 +118,9 @@ class OwnProcessLink(Link):
             data = data[pipe.write(data) :]
 
     def _check(self) -> None:
-        if self._failure is not None:
-            raise self._failure
+        if (failure := self._failure) is not None:
+            # A new one each time: the frames of each raise would keep the device for ever.
+            raise type(failure)(*failure.args)
         if not self._is_open:
             raise DeviceDisconnectedError(f"{self.name} is closed; open the device again.")
 

@@ -1,10 +1,14 @@
 """A link whose firmware and output are in a process of their own."""
 
+import gc
 import os
 import signal
 import subprocess
 import sys
 import textwrap
+import weakref
+from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -87,6 +91,20 @@ def test_a_process_that_is_killed_is_a_lost_link(opened):
         wait_for(lambda: device.write([0.0]))
     with pytest.raises(DeviceDisconnectedError):
         device.close()
+
+
+def test_a_lost_device_is_freed(opened):
+    device, link, _ = opened()
+    os.kill(link._process.pid, signal.SIGKILL)
+    link._process.wait()
+    with pytest.raises(DeviceDisconnectedError):
+        wait_for(partial(lambda one: one.progress(is_fresh=True) and None, device))
+    with suppress(DeviceError):
+        device.close()
+    kept = weakref.ref(device)
+    del device, link
+    gc.collect()
+    assert kept() is None
 
 
 def test_a_process_that_aborts_at_its_begin_is_an_error(opened, monkeypatch):

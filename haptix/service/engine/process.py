@@ -397,6 +397,8 @@ class EngineServer:
         if device is not None:
             with suppress(HaptixError, OSError):
                 device.close()
+            del device
+            _forget_renderers()
 
     # --- in turn ---------------------------------------------------------------------------------
 
@@ -497,12 +499,9 @@ class EngineServer:
         return {"revision": layout.revision}
 
     def _do_forget(self, session: int) -> None:
-        from haptix.base.threads import return_freed_memory
-
         self._layouts.pop(session, None)
         if self._renderer is None:  # it takes milliseconds
-            gc.collect()
-            return_freed_memory()
+            _forget_renderers()
 
     def _do_arm(self, session: int) -> dict[str, Any]:
         if session not in self._layouts:
@@ -688,6 +687,14 @@ class EngineServer:
                 except HaptixError as error:
                     self._lose(str(error))
                     raise
+
+
+def _forget_renderers() -> None:
+    """Free renderers that have ended: megabytes in few objects, in cycles with their layouts."""
+    from haptix.base.threads import return_freed_memory
+
+    gc.collect()
+    return_freed_memory()
 
 
 def _load() -> None:
