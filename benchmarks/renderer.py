@@ -20,6 +20,7 @@ from skimage.data import brick
 
 import haptix
 from firmware_io import open_device
+from haptix.base.native import NULL, ffi, library
 from haptix.feel.motion import Trajectory
 from haptix.model.surface import Slice
 from haptix.play.render import (
@@ -30,6 +31,7 @@ from haptix.play.render import (
     SineCarrier,
 )
 from haptix.play.render.fingers import PredictedFingers
+from haptix.play.render.program import compile_touch
 from haptix.play.simulation import FINGER_PATH, Setting, simulate
 from haptix.play.touch import TouchEvent, TouchSettings
 from haptix.play.virtual_finger import TouchPanel
@@ -57,7 +59,8 @@ def report(name: str, times: np.ndarray) -> None:
 def blocks(surface: Any, texture: Any) -> None:
     print("a block of 1 ms at 48 kHz")
     for fingers in (1, 2, 10):
-        touches = PredictedFingers(LiveSettings(touch=TouchSettings(lost_after_s=60.0)))
+        live = LiveSettings(touch=TouchSettings(lost_after_s=60.0))
+        touches = PredictedFingers(live)
         for i in range(30):
             for finger in range(fingers):
                 x, y, force = 10 + 0.5 * i, 20.0 + finger, 0.5 + 0.005 * i
@@ -67,13 +70,35 @@ def blocks(surface: Any, texture: Any) -> None:
         core = RenderCore(surface, texture, open_device("mock:"), drive, settings)
         clock = {"sample": 0, "amplitude_v": 0.0}
 
-        def one(touches: Any = touches, core: Any = core, clock: Any = clock) -> None:
+        def one(
+            touches: Any = touches, core: Any = core, clock: Any = clock, fingers: int = fingers
+        ) -> None:
             first = clock["sample"]
-            motion = touches.motion(0.3 + 1e-6 * first, STEP / RATE, POINTS, first / RATE)
+            # At one time, since a finger without reports soon rests and gets no drive.
+            motion = touches.motion(0.3, STEP / RATE, POINTS, first / RATE)
             block = core.block(motion, first, clock["amplitude_v"])
+            assert motion.motion.fingers == fingers
             clock["sample"], clock["amplitude_v"] = first + BLOCK, float(block.amplitude_v[-1])
 
-        report(f"{fingers} finger{'s' * (fingers > 1)}, everything on", times_us(one))
+        who = f"{fingers} finger{'s' * (fingers > 1)}"
+        report(f"{who}, everything on", times_us(one))
+        with open_device("mock:") as device:
+            program = compile_touch(surface, texture, device, drive, live)
+        report(f"{who}, by the engine in C", times_us(engine_block(program, fingers)))
+
+
+def engine_block(program: bytes, fingers: int) -> Callable[[], object]:
+    """Return what renders the same block by the engine."""
+    memory = ffi.new("double[]", library.hx_engine_size(program, len(program)) // 8 + 1)
+    engine = library.hx_engine_open(program, len(program), memory)
+    for i in range(30):
+        for finger in range(fingers):
+            place = (10 + 0.5 * i, 20.0 + finger, 0.5 + 0.005 * i)
+            library.hx_engine_touch(engine, finger, 0.01 * i, *place, 1)
+    first = round(0.3 * RATE)
+    felt = library.hx_engine_window(engine, first, POINTS, 0.0, NULL, 1)
+    assert felt.fingers == fingers
+    return lambda: library.hx_engine_window(engine, first, POINTS, 0.0, NULL, 0) and memory
 
 
 def bare(surface: Any, texture: Any) -> None:
