@@ -214,7 +214,7 @@ TASKS: dict[str, tuple[str, str]] = {
 """``module:Class`` and first sentence of each task by the words of its command, as help lists them."""
 
 GROUPS = {
-    "material": "Tasks of materials, the documents that say what a surface feels like.",
+    "material": "Tasks of materials, the documents of how a surface feels.",
     "stimuli": "Tasks of stimuli for perception experiments: make and draw sets, run and analyse trials.",
     "service": "The service at log-in: install, remove and ask for it.",
     "touchscreen": "Tasks of touch panels.",

@@ -1,4 +1,4 @@
-"""Tasks of materials, the documents that say what a surface feels like."""
+"""Tasks of materials, the documents of how a surface feels."""
 
 from __future__ import annotations
 
@@ -214,7 +214,7 @@ _CORNERS_HZ = 1000.0  # above this, skin feels no vibration
 
 
 class ExportLayout(Task):
-    """Export a layout in a format of other programs: a zip archive that says what is lost.
+    """Export a layout in a format of other programs: a zip archive with a list of its losses.
 
     "document" keeps everything. "page" is a folder for any web server, which plays it without a
     service. "friction-map" is the friction under a finger that moves right at

@@ -282,7 +282,7 @@ class OfPath(OfPhotograph):
 
 
 class Render(OfPath, command="render", route="renderings", kind="rendering"):
-    """Simulate live touches: a virtual finger feels what is played, and the error is split.
+    """Simulate live touches: a virtual finger feels the drive, and the error is split.
 
     Writes simulation.png, felt.csv, drive.wav with drive.json, and summary.json.
     """

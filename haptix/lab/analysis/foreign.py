@@ -43,7 +43,7 @@ class TrialColumns(Document):
     level_unit : {"dB", "linear"}
         Unit of the levels.
     task : {"2ifc", "2afc", "3afc"}
-        Says how often one who guesses is right.
+        Gives how often one who guesses is right.
     participant, session, condition : str
         Their columns, where there are any; a table without participants is of one, who is called
         as its file.
@@ -117,7 +117,7 @@ class TrialColumns(Document):
         remarks: tuple[str, ...],
     ) -> tuple[LoggedSession, str, ConstantStimuli]:
         levels = [float(row["level"]) for row in rows]
-        # Only the answers count; a run of one level has no threshold, which the fit says.
+        # Only the answers count; a run of one level has no threshold, and the fit reports that.
         different = sorted({*levels, levels[0] + 1.0} if len(set(levels)) < 2 else {*levels})
         method = ConstantStimuli(different, 1, guess=TASKS[self.task].guess)
         for level, row in zip(levels, rows, strict=True):

@@ -351,7 +351,7 @@ def _notes(runs: Sequence[RunOfMethod]) -> tuple[str, ...]:
 
 
 def report_html(analysis: Analysis, title: str) -> str:
-    """Return the page; without the extra ``stimuli`` it says that it has no pictures."""
+    """Return the page; without the extra ``stimuli`` it states that it has no pictures."""
     parts = [paragraph(line) for line in (f"haptix {__version__}", *analysis.notes)]
     parts += [table(name, rows) for name, rows in analysis.tables.items() if name != TRIALS]
     drawn = [run for run in analysis.runs if run.rows and not isinstance(run.method, Similarities)]

@@ -373,7 +373,7 @@ def _map(apart: Array, dimensions: int) -> tuple[Array, float]:
 def trial_rows(runs: Sequence[RunOfMethod]) -> list[Row]:
     """Return each trial of comparisons with its force and speed, for models with covariates.
 
-    `out_of_range` says why a trial counts whose touch was out of its ranges.
+    `out_of_range` is the reason why a trial counts whose touch was out of its ranges.
     """
     rows = []
     for run in runs:

@@ -40,7 +40,7 @@ _HED = {
     "trial": "Sensory-event, Tactile-presentation, Experimental-stimulus, Target",
 }
 _KINDS = {
-    "practice": "Not counted, with the right answer told",
+    "practice": "Not counted, with feedback",
     "catch": "Without a target",
     "trial": "Counted",
 }
@@ -67,7 +67,7 @@ Participants are known by their pseudonyms alone.
 
 
 def begin(study: str | Path, name: str) -> list[Path]:
-    """Begin a study: an experiment to change, in ``code``, and what the study says of itself.
+    """Begin a study: an experiment to change, in ``code``, and its description of itself.
 
     Raises `InputError` if the folder is there and not empty.
     """
@@ -260,7 +260,7 @@ def export(
 ) -> list[Path]:
     """Write a log, and the touches beside it, into the folder of a study; return the files.
 
-    Files of other participants and sessions stay as they are, as does what the study says of itself
+    Files of other participants and sessions stay as they are, as does its description
     and of its participants. A session that is exported again is written anew, where its log goes on
     and nobody has changed its files; otherwise they stay, and it is refused. Raises `InputError` if
     a label is none, or the session is there with other trials or changed files; `FileFormatError`

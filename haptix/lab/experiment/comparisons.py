@@ -176,7 +176,7 @@ class Pairs(Comparison):
 
 
 class Similarities(Comparison):
-    """A comparison that tells which items are alike."""
+    """A comparison of which items are alike."""
 
     def alike(self) -> tuple[Array, Array]:
         """Return how often each two were called alike, and compared, shape (levels, levels)."""

@@ -20,7 +20,7 @@ from haptix.lab.experiment.psychometric import Estimate, function_named
 
 
 def _untimed(found: Estimate, reaction_s: Sequence[float] | None, holds: str) -> Estimate:
-    """Warn of fast guesses, which lead levels up and cannot be told without reaction times."""
+    """Warn of fast guesses, which lead levels up and show in reaction times alone."""
     if reaction_s is not None or not isfinite(found.threshold):
         return found
     why = (

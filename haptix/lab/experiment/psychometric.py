@@ -35,7 +35,7 @@ class Estimate:
         return self.high - self.low
 
     def record(self) -> dict[str, Any]:
-        """Return plain values for JSON; what is unknown is None."""
+        """Return plain values for JSON; an unknown one is None."""
         numbers = {"threshold_db": self.threshold, "low_db": self.low, "high_db": self.high}
         numbers |= self.others
         known = {name: value if isfinite(value) else None for name, value in numbers.items()}
@@ -91,7 +91,7 @@ _BEYOND_CHANCE = 3.3
 """Logarithm of the likelihood ratio from which answers are no guesses: p = 0.01 of chi-squared."""
 
 _LEAST_ANSWERS = 10  # seven right ones in a row are no chance
-_SURELY = 0.95  # probability of what is warned of
+_SURELY = 0.95  # probability from which a warning is given
 _INTERVAL = (0.025, 0.5, 0.975)
 _EPOCHS = 4  # of a run, for drift and overdispersion
 _REACH = 4.0  # beyond the levels, in typical widths, that a threshold is looked for
@@ -267,12 +267,12 @@ def _posterior(
     levels, is_right = np.array(answers, dtype=float).T
     quarter = np.arange(len(levels)) * _EPOCHS // len(levels)
     shared = np.rint(4 * guessed) / 4
-    tells = shared < 1
-    if not tells.any():
-        shared, tells = np.zeros(len(levels)), np.ones(len(levels), dtype=bool)
-    is_right = is_right[tells]
+    informs = shared < 1
+    if not informs.any():
+        shared, informs = np.zeros(len(levels)), np.ones(len(levels), dtype=bool)
+    is_right = is_right[informs]
     cells, at = np.unique(
-        np.stack([levels, quarter, shared])[:, tells], axis=1, return_inverse=True
+        np.stack([levels, quarter, shared])[:, informs], axis=1, return_inverse=True
     )
     level, when, by_chance = cells[0], (cells[1] + 0.5) / _EPOCHS - 0.5, cells[2]
     total = np.bincount(at.ravel()).astype(float)

@@ -173,8 +173,8 @@ def check_plan(plan: SessionPlan, task: TrialTask, name: str) -> None:
     if plan.catch is None:
         if task.detects:
             raise InputError(
-                f"catch: the task {name!r} needs trials without a target, to tell who always says "
-                "the same; give their share, such as catch = { share = 0.5 }"
+                f"catch: the task {name!r} needs trials without a target, to find who always "
+                "answers the same; give their share, such as catch = { share = 0.5 }"
             )
         return
     if not (task.guess or task.detects):

@@ -160,7 +160,7 @@ def _checked_by(end: End | None, log: LogText, path: Path) -> LogText:
         return replace(log, remarks=(remark,))
     if count < end.rows:
         raise FileFormatError(
-            f"{path}: has {count} rows, and {place} says {end.rows}: its end was cut off; restore "
+            f"{path}: has {count} rows, and {place} has {end.rows}: its end was cut off; restore "
             "the log as it was written"
         )
     # The line at which the end was written: the one after it has its hash.
@@ -202,7 +202,7 @@ class TrialLog:
         self.version = program()
         """The program that wrote the last line; the head, where there is none yet."""
         self.finished = False
-        """Whether the session is over, as its end file says."""
+        """Whether the session is over, by its end file."""
         self._size = -1
         self._last = ""
         self.open()
@@ -257,7 +257,7 @@ class TrialLog:
         end = End.of(self.path)
         if not known and end is not None and end.rows:
             raise FileFormatError(
-                f"{self.path}: is gone or empty, and {End.place(self.path)} says that it had "
+                f"{self.path}: is gone or empty, and {End.place(self.path)} states that it had "
                 f"{end.rows} rows; restore it, or name a new file"
             )
         if not known:  # an empty file holds nothing to lose
@@ -277,8 +277,8 @@ class TrialLog:
             )
         if end is None:
             raise FileFormatError(
-                f"{self.path}: expected {End.place(self.path)} beside it, which says whether rows "
-                "are missing at its end; restore it"
+                f"{self.path}: expected {End.place(self.path)} beside it, which states whether "
+                "rows are missing at its end; restore it"
             )
         self.rows = log.rows
         if self.rows:
@@ -483,7 +483,7 @@ class LoggedSession:
     rows: tuple[Mapping[str, str], ...]
     """Attempts, by the columns of the log."""
     finished: bool = False
-    """Whether the log says that the session is over."""
+    """Whether the session is over, by its log."""
     remarks: tuple[str, ...] = ()
     """What of the log could not be checked."""
 
@@ -595,8 +595,8 @@ def _read_beh(path: Path) -> LoggedSession:
     about = read_json(path.with_suffix(".json"))
     if not isinstance(about.get(SETTINGS), dict):
         raise FileFormatError(
-            f"{path.with_suffix('.json')}: has no {SETTINGS!r}, which says by what method the "
-            "levels were chosen; export its log again (haptix stimuli bids)"
+            f"{path.with_suffix('.json')}: has no {SETTINGS!r}, which names the method by which "
+            "the levels were chosen; export its log again (haptix stimuli bids)"
         )
     text = io.StringIO(read_text(path, LARGEST_TABLE_BYTES), newline="")
     rows = []

@@ -88,7 +88,7 @@ class StrokeRanges(Part):
 
     normal_force_n: tuple[NonNegativeFloat, NonNegativeFloat] | None = None
     speed_mm_per_s: tuple[NonNegativeFloat, NonNegativeFloat] | None = None
-    """Least and most; what is None is not checked."""
+    """Least and most; None is not checked."""
 
     @model_validator(mode="after")
     def _rises(self) -> Self:
@@ -132,7 +132,7 @@ class StrokeRanges(Part):
         return "".join(lines)
 
 
-_STEP_V = 0.01  # far below what is felt, far above the rounding of a sum
+_STEP_V = 0.01  # far below a threshold, far above the rounding of a sum
 
 
 @dataclass(frozen=True)
@@ -232,7 +232,7 @@ class Experiment:
     log_file : path
         Table of the trials; an unfinished run continues from it.
     task : str
-        How alternatives are presented, and what is asked: a name of `TASKS`.
+        Presentation of the alternatives and the question: a name of `TASKS`.
     seed : int
         Seed of the order of the alternatives.
     ceiling_v : float, optional
@@ -404,7 +404,7 @@ class Experiment:
 
     @property
     def is_over(self) -> bool:
-        """Whether the log says so, the method is done, or the plan says to stop."""
+        """Whether the log is closed, the method is done, or the plan ends the session."""
         stop = self.plan.stop
         if self.log.finished or self.method.is_done or self.counted >= (stop.most_trials or inf):
             return True
@@ -557,10 +557,10 @@ class Experiment:
         return self.log.rows[-1]
 
     def _after(self, kind: str, is_right: bool | None) -> None:
-        """Give feedback and a rest, as the plan says."""
+        """Give feedback and a rest, by the plan."""
         practice, every = self.plan.practice, self.plan.break_every
-        tells = practice.feedback if practice and kind == "practice" else self.plan.feedback
-        if tells and self.tell is not None and is_right is not None:
+        is_answered = practice.feedback if practice and kind == "practice" else self.plan.feedback
+        if is_answered and self.tell is not None and is_right is not None:
             self.tell(is_right)
         before = 0 if practice is None else practice.trials
         is_break = (

@@ -42,8 +42,8 @@ class Skin:
     A gap u divides a voltage with the insulators by frequency, ``E(f) = V(f)/(u + h0(f))``, and
     attracts by the square of their sum in time, see docs/virtual-finger.md. Here one gap stands for
     all of the contact: that by which the attraction of sine drives depends on frequency as the
-    contact model says, at the force of the touch and a low voltage. Attractions are stated as those
-    of a sine drive v of a reference frequency: ``v^2/2``.
+    contact model computes, at the force of the touch and a low voltage. Attractions are stated as
+    those of a sine drive v of a reference frequency: ``v^2/2``.
 
     The finger's response to an attraction is left out on both sides: a stimulus and the sine drive
     at its detection threshold are felt at the same frequency, by the same finger at the same speed.

@@ -49,7 +49,7 @@ def write_drive(
 ) -> Tally:
     """Render into a file, and check every sample against the limits of the set.
 
-    The file ends at the first limit that is broken, which `Tally.limits` names. An `OSError` says
+    The file ends at the first limit that is broken, which `Tally.limits` names. An `OSError` states
     that the file cannot be written.
     """
     rate, limits = rendering.sample_rate_hz, plan.limits

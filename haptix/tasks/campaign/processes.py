@@ -47,7 +47,7 @@ class Processes(Executor):
     count : int
         Calls at a time.
     memory_bytes : int, optional
-        Memory that each may have beside what a process has when it starts; a task that needs more
+        Memory that each may have above that of a process at its start; a task that needs more
         fails. On Linux only.
     """
 

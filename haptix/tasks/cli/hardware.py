@@ -243,7 +243,7 @@ def _check_permissions(found: list[DeviceInfo]) -> dict[str, Any]:
     sound = [*map(str, Path("/dev/snd").glob("pcm*p"))]
     denied |= {path: _GROUP.format("audio") for path in sound if not os.access(path, os.W_OK)}
     advice = "; ".join(f"{remedy} for {path}" for path, remedy in denied.items())
-    return _row("permissions", not denied, advice or "this user may open what is connected")
+    return _row("permissions", not denied, advice or "this user may open the connected devices")
 
 
 _GROUP = "sudo adduser $USER {}, then log in again,"
