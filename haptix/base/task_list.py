@@ -12,7 +12,7 @@ TASKS: dict[str, tuple[str, str]] = {
     ),
     "render": (
         "haptix.tasks.strokes:Render",
-        "Simulate live touches: a virtual finger feels what is played, and the error is split.",
+        "Simulate live touches: a virtual finger feels the drive, and the error is split.",
     ),
     "play": (
         "haptix.tasks.strokes:PlayPath",
