@@ -198,10 +198,26 @@ static double time_of(const hx_player *p, int64_t index) {
 
 static double *queued_at(hx_player *p, int64_t index) { return p->queue + p->at + (index - p->begin); }
 
-/* Samples before an index are played, and cannot be replaced any more. */
+static revision *under_way(hx_player *p, int place) {
+    return &p->under_way[(p->first_under_way + place) % UNDER_WAY];
+}
+
+/* Put back what stood before the revisions under way, the newest first, up to an index. */
+static void put_back(hx_player *p, int64_t end_index) {
+    for (int place = p->under_way_count - 1; place >= 0; place--) {
+        const revision *r = under_way(p, place);
+        int64_t count = least_of(r->count, end_index - r->first);
+        for (int64_t i = most_of(p->begin - r->first, 0); i < count; i++)
+            *queued_at(p, r->first + i) = r->before[i];
+    }
+}
+
+/* Samples before an index are played, and cannot be replaced any more. A revision that was still
+ * under way then came too late for them. */
 static void take_played(hx_player *p, int64_t index) {
     int64_t count = least_of(most_of(index - p->begin, 0), p->counts.sent - p->begin);
     if (count == 0) return;
+    put_back(p, p->begin + count);
     double *volts = queued_at(p, p->begin);
     hx_host_take(p->set.window, volts, (uint32_t)count);
     p->before_v = volts[count - 1];
@@ -233,17 +249,10 @@ static int is_window_kept(hx_player *p, int64_t end_index) {
     return 0;
 }
 
-static revision *under_way(hx_player *p, int place) {
-    return &p->under_way[(p->first_under_way + place) % UNDER_WAY];
-}
-
 /* The driver has refused all revisions that it has not obeyed: what stood there before stays. */
 static void undo(hx_player *p) {
-    while (p->under_way_count > 0) {
-        revision *r = under_way(p, --p->under_way_count);
-        for (int64_t i = most_of(p->begin - r->first, 0); i < r->count; i++)
-            *queued_at(p, r->first + i) = r->before[i];
-    }
+    put_back(p, p->counts.sent);
+    p->under_way_count = 0;
 }
 
 /* Reports of the driver. */
@@ -385,6 +394,8 @@ static void read_reports(hx_player *p) {
             const hx_report *report = &reports[i];
             if (report->kind == HX_ALIVE) p->owner_s = now_s();
             if (report->kind == HX_QUIT) end(p, HX_STOPPED);
+            double sum = report->arrival_s + report->t_s + report->x_mm + report->y_mm;
+            if (!isfinite(sum + report->force_n)) continue;
             if (report->kind == HX_FINGER)
                 p->source.report(p->source.of, report->touch_id, report->is_down, report->arrival_s,
                                  report->t_s, report->x_mm, report->y_mm, report->force_n);
@@ -496,7 +507,7 @@ static void append(hx_player *p) {
 /* Do what is due; return when to go on at the latest. */
 static double step(hx_player *p) {
     const hx_player_setup *s = &p->set;
-    double now = now_s();
+    double now = now_s(), asked_s = now; /* who stalls after a read knows no silence */
     p->counts.longest_stall_s = most(p->counts.longest_stall_s, now - p->due_s);
     read_reports(p);
     int is_low = (double)p->counts.sent - played_at(p, now) < (double)s->horizon / 4;
@@ -504,9 +515,9 @@ static double step(hx_player *p) {
     read_link(p);
     if (!is_over(p) && !is_low && now >= next_revision_s(p)) revise(p);
     if (!is_over(p) && (is_low || now >= p->append_due_s)) append(p);
+    if (asked_s - p->last.reported_s > s->watchdog_s) end(p, HX_SILENT);
+    if (asked_s - p->owner_s > s->quiet_s) end(p, HX_QUIET);
     now = now_s();
-    if (now - p->last.reported_s > s->watchdog_s) end(p, HX_SILENT);
-    if (now - p->owner_s > s->quiet_s) end(p, HX_QUIET);
     p->due_s = most(now, least(p->append_due_s, next_revision_s(p)));
     return p->due_s - now;
 }
