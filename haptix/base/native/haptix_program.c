@@ -483,7 +483,7 @@ void hx_program_read(const uint8_t *bytes, hx_program *program, uint8_t *memory)
         real_at(h + 224), real_at(h + 232), real_at(h + 240), real_at(h + 248), real_at(h + 256),
         real_at(h + 264), real_at(h + 272), real_at(h + 280), real_at(h + 208), real_at(h + 216),
         real_at(h + 288), real_at(h + 296), real_at(h + 304), real_at(h + 312), real_at(h + 320),
-        real_at(h + 184), real_at(h + 176),
+        real_at(h + 184),
     };
     program->touching = touching;
     hx_following following = {

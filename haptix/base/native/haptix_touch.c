@@ -11,7 +11,6 @@ static const double simultaneous_s = 1e-5;
 static const double rests_after = 2.2, least_rest_s = 0.015, longest_interval_s = 0.036;
 static const double newest_weight = 0.25;
 static const double off_mm = 5.0, most_mm_s2 = 5e4, first_mm_s = 1500.0, most_mm_s = 3000.0;
-static const double learns_s = 0.6, believed_mm2 = 25.0, longest_check_s = 0.1;
 enum { JUMPS_IN_A_ROW = 3, LATE_IN_A_ROW = 3 };
 static const double assumed_reports = 6.0, least_noise_mm = 0.01, longest_five_s = 0.1;
 static const double least_weight = 0.001;
@@ -222,29 +221,6 @@ static void count_report(const hx_touching *s, hx_report *r, double t_s, double 
     r->is_held = r->jumps = 0;
 }
 
-/* Count how far places were predicted, and what came of it, with that of a report. */
-static void check_prediction(const hx_touching *s, hx_tracker *t, hx_report *r, double used_t_s,
-                             double t_s, double x_mm, double y_mm)
-{
-    double left = exp((used_t_s - t_s) / learns_s);
-    double latest_s = t_s - fmax(s->latency_s, simultaneous_s);
-    r->predicted_mm2 *= left;
-    r->came_mm2 *= left;
-    for (int64_t back = 0; back < t->count; back++) {
-        const hx_report *before = report_at(t, back);
-        if (before->t_s > latest_s || before->is_held)
-            continue;
-        if (t_s - before->t_s < longest_check_s) {
-            double x, y;
-            ahead(s, &before->filtered, t_s - before->t_s, &x, &y);
-            double dx = x - before->x_mm, dy = y - before->y_mm;
-            r->predicted_mm2 += dx * dx + dy * dy;
-            r->came_mm2 += dx * (x_mm - before->x_mm) + dy * (y_mm - before->y_mm);
-        }
-        break;
-    }
-}
-
 static void add(const hx_touching *s, hx_tracker *t, double t_s, double x_mm, double y_mm)
 {
     if (t->count == 0) {
@@ -282,9 +258,6 @@ static void add(const hx_touching *s, hx_tracker *t, double t_s, double x_mm, do
     }
     double since_s = fmin(t_s - last->t_s, 1.5 * interval_s);
     interval_s += newest_weight * (since_s - interval_s);
-    next.predicted_mm2 = last->predicted_mm2;
-    next.came_mm2 = last->came_mm2;
-    check_prediction(s, t, &next, last->used_t_s, t_s, x_mm, y_mm);
     count_report(s, &next, t_s, x_mm, y_mm);
     next.interval_s = fmin(interval_s, longest_interval_s);
     append(t, &next);
@@ -361,14 +334,12 @@ void hx_tracker_follow(const hx_touching *s, const hx_tracker *t, hx_track *to)
     const hx_report *now = &t->now;
     const double *m = now->filtered.mean;
     to->reported_s = now->used_t_s;
-    double share = (now->came_mm2 + believed_mm2) / (now->predicted_mm2 + believed_mm2);
-    share = fmin(fmax(share, 0.0), 1.0);
-    to->x_mm = now->used_x_mm + share * (m[0] - now->used_x_mm);
-    to->y_mm = now->used_y_mm + share * (m[1] - now->used_y_mm);
-    to->vx_mm_s = share * m[2];
-    to->vy_mm_s = share * m[3];
-    to->ax_mm_s2 = share * m[4];
-    to->ay_mm_s2 = share * m[5];
+    to->x_mm = m[0];
+    to->y_mm = m[1];
+    to->vx_mm_s = m[2];
+    to->vy_mm_s = m[3];
+    to->ax_mm_s2 = m[4];
+    to->ay_mm_s2 = m[5];
     to->lasting_s = s->correlation_s;
     to->rest_x_mm = now->used_x_mm;
     to->rest_y_mm = now->used_y_mm;

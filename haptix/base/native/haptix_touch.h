@@ -16,7 +16,7 @@ typedef struct {
     double acceleration_mm_s2, acceleration_per_speed_hz, correlation_s, position_noise_mm;
     double first_speed_mm_s, noise_reports, gentle, stay;
     double slide_above_mm_s, rest_below_mm_s, turn_above_mm_s, turn_s, slide_smoothing_s;
-    double reorder_s, least_interval_s, lost_after_s, latency_s;
+    double reorder_s, least_interval_s, lost_after_s;
 } hx_touching;
 
 typedef struct {
@@ -31,7 +31,7 @@ typedef struct {
     double t_s, x_mm, y_mm;
     double used_t_s, used_x_mm, used_y_mm; /* of the report that counts */
     hx_filtered filtered;
-    double slow_vx, slow_vy, slow_speed, moved_s, interval_s, predicted_mm2, came_mm2;
+    double slow_vx, slow_vy, slow_speed, moved_s, interval_s;
     int64_t is_sliding, is_held, jumps, number, used;
 } hx_report;
 

@@ -246,7 +246,7 @@ class _PredictedTrack:
     def rests_s(self) -> float:
         """When the finger rests, if no report changes the prediction before."""
         # Two intervals from its start on: reports are late, but all by about the same.
-        moves_s: float = self.now[6]
+        moves_s: float = self.now[5]
         reported_s: float = self.now[0]
         return min(self.start_s + moves_s, reported_s + self.tracker.settings.lost_after_s)
 
@@ -278,7 +278,7 @@ class _PredictedTrack:
     @property
     def row(self) -> tuple[Any, ...]:
         """The same for the library in C."""
-        reported_s, _, estimate, x_mm, y_mm, _, _, is_sliding = self.now
+        reported_s, _, estimate, x_mm, y_mm, _, is_sliding = self.now
         return (
             reported_s, *self.tracker.course(self.now), estimate.normal_force_n, self.start_s,
             *self.offset, self.gain, self.rests_s, x_mm, y_mm, self.is_down, is_sliding,

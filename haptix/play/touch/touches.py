@@ -44,12 +44,9 @@ _NEWEST = 0.25  # weight of the newest interval in the estimate
 # come down and turn, what a hand accelerates, and the motion in which a finger comes down.
 _OFF_MM, _MOST_MM_S2, _FIRST_MM_S, _MOST_MM_S = 5.0, 5e4, 1500.0, 3000.0
 _JUMPS_IN_A_ROW = 3
-# The share of a prediction that came true is learned over this time, as if predictions had come
-# true over this distance squared before: 5 mm is the usual one at 30 ms.
-_LEARNS_S, _BELIEVED_MM2, _LONGEST_CHECK_S = 0.6, 25.0, 0.1
-# Time of the last report, the filter's state after it, the force, the reported place, the share of
-# a prediction that came true, for how long it counts, and whether the finger slides.
-_Now = tuple[float, FilterState, ForceEstimate, float, float, float, float, bool]
+# Time of the last report, the filter's state after it, the force, the reported place, for how long
+# it counts, and whether the finger slides.
+_Now = tuple[float, FilterState, ForceEstimate, float, float, float, bool]
 
 
 @checked()
@@ -162,10 +159,6 @@ class _Entry(NamedTuple):
     """Time of the last report whose averaged velocity was that of a sliding finger."""
     interval_s: float
     """Interval of reports, as estimated until then."""
-    predicted_mm2: float = 0.0
-    """Distances squared over which places were predicted, those long ago less."""
-    came_mm2: float = 0.0
-    """Of these, the part that later reports have shown: the distance went along the prediction."""
     held: _Entry | None = None
     """The last report that counts, where this one jumps; the state is that after it."""
     jumps: int = 0
@@ -297,9 +290,6 @@ class TouchTracker:
         A finger of which nothing is reported for two intervals of reports has not moved: it rests
         at the place that was reported last.
 
-        Of a prediction as many parts count as came true of those before, over the same time. A hand
-        that turns faster than a panel shows has none.
-
         Parameters
         ----------
         t_s : float
@@ -316,12 +306,11 @@ class TouchTracker:
         >>> track.at(0.015).is_down
         True
         """
-        t, filtered, force, x_mm, y_mm, share, moves_s, slides = self._now if now is None else now
+        t, filtered, force, x_mm, y_mm, moves_s, slides = self._now if now is None else now
         age, settings = t_s - t, self.settings
         lost = age > settings.lost_after_s
         moving = moves_s if rests_s is None else rests_s - t
         x, y, vx, vy = self._filter.ahead(filtered, self._ahead_s(min(age, moving)))
-        x, y, vx, vy = x_mm + share * (x - x_mm), y_mm + share * (y - y_mm), share * vx, share * vy
         if age > moving:
             left = exp(-(age - moving) / settings.blend_s)
             x, y, vx, vy = x_mm + left * (x - x_mm), y_mm + left * (y - y_mm), 0.0, 0.0
@@ -333,10 +322,7 @@ class TouchTracker:
 
     def course(self, now: Any) -> Course:
         """Return the predicted path by an earlier value of the property `now`."""
-        _, filtered, _, x_mm, y_mm, share, *_ = now
-        x, y, vx, vy, ax, ay, lasting_s = self._filter.course(filtered)
-        x, y = x_mm + share * (x - x_mm), y_mm + share * (y - y_mm)
-        return Course(x, y, share * vx, share * vy, share * ax, share * ay, lasting_s)
+        return self._filter.course(now[1])
 
     def _ahead_s(self, age_s: float) -> float:
         """Prediction time from the last report, limited to `lost_after_s` either way."""
@@ -367,29 +353,8 @@ class TouchTracker:
                 return used._replace(t_s=t_s, x_mm=x_mm, y_mm=y_mm, held=used, jumps=last.jumps + 1)
             before = self._first(last.t_s, last.x_mm, last.y_mm, interval_s)  # so it is there
         interval_s += _NEWEST * (min(t_s - last.t_s, 1.5 * interval_s) - interval_s)
-        predicted_mm2, came_mm2 = self._came(used, t_s, x_mm, y_mm)
         after = self._after(before, t_s, x_mm, y_mm)
-        return after._replace(
-            interval_s=min(interval_s, _LONGEST_INTERVAL_S),
-            predicted_mm2=predicted_mm2,
-            came_mm2=came_mm2,
-        )
-
-    def _came(self, last: _Entry, t_s: float, x_mm: float, y_mm: float) -> tuple[float, float]:
-        """Return how far places were predicted, and what came of it, with that of this report."""
-        left = exp((last.t_s - t_s) / _LEARNS_S)
-        predicted_mm2, came_mm2 = left * last.predicted_mm2, left * last.came_mm2
-        latest_s = t_s - max(self.settings.latency_s, _SIMULTANEOUS_S)
-        for entry in reversed(self._history):
-            if entry.t_s <= latest_s and entry.held is None:
-                ahead_s = t_s - entry.t_s
-                if ahead_s < _LONGEST_CHECK_S:
-                    x, y, _, _ = self._filter.ahead(entry.filtered, ahead_s)
-                    dx, dy = x - entry.x_mm, y - entry.y_mm
-                    predicted_mm2 += dx * dx + dy * dy
-                    came_mm2 += dx * (x_mm - entry.x_mm) + dy * (y_mm - entry.y_mm)
-                break
-        return predicted_mm2, came_mm2
+        return after._replace(interval_s=min(interval_s, _LONGEST_INTERVAL_S))
 
     def _after(self, last: _Entry, t_s: float, x_mm: float, y_mm: float) -> _Entry:
         settings = self.settings
@@ -457,10 +422,8 @@ class TouchTracker:
         last = self._history[-1].held or self._history[-1]
         self.interval_s = last.interval_s
         moves_s = min(_rests_after_s(last.interval_s), self.settings.lost_after_s)
-        share = (last.came_mm2 + _BELIEVED_MM2) / (last.predicted_mm2 + _BELIEVED_MM2)
         self._now: _Now = (
-            last.t_s, last.filtered, self._force, last.x_mm, last.y_mm, min(max(share, 0.0), 1.0),
-            moves_s, last.is_sliding,
+            last.t_s, last.filtered, self._force, last.x_mm, last.y_mm, moves_s, last.is_sliding,
         )  # fmt: skip
 
 

@@ -3,7 +3,6 @@
 import math
 import runpy
 from bisect import bisect_right
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -114,31 +113,3 @@ def test_prediction_is_three_times_better_than_the_last_report(kind):
             predicted.append(math.dist(touches[0].at(start)[1:3], truth))
             held.append(math.dist(events[known - 1][2:4], truth))
     assert np.percentile(held, 95) >= 3 * np.percentile(predicted, 95)
-
-
-def error_mm(place_mm, reports_s, latency_s=0.03):
-    """Largest distance to a path in its second second: of the last report, and predicted."""
-    touches = Touches(TouchSettings(latency_s=latency_s))
-    held, predicted = [], []
-    for t_s, next_s in pairwise(reports_s):
-        touches.touch(t_s, *place_mm(t_s - latency_s))
-        for now_s in np.linspace(t_s, next_s, 8)[:-1]:
-            if now_s > 1.0:
-                held.append(math.dist(place_mm(t_s - latency_s), place_mm(now_s)))
-                predicted.append(math.dist(touches[0].at(now_s)[1:3], place_mm(now_s)))
-    return max(held), max(predicted)
-
-
-def test_a_hand_that_turns_faster_than_a_panel_shows_is_not_predicted_too_far():
-    # As on infrared panels of 31 reports a second: without what it learns, 1.8 times the error of
-    # the last report.
-    def circles(t_s):
-        return 10 * math.cos(2 * math.pi * 5 * t_s), 10 * math.sin(2 * math.pi * 5 * t_s)
-
-    held_mm, predicted_mm = error_mm(circles, np.arange(0.0, 2.0, 1 / 31))
-    assert predicted_mm < 1.2 * held_mm
-
-
-def test_a_finger_that_goes_straight_is_predicted_all_the_way():
-    _, predicted_mm = error_mm(lambda t_s: (100 * t_s, 20.0), np.arange(0.0, 2.0, 0.01))
-    assert predicted_mm < 1e-3
