@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from haptix.feel.layout.layout_material import LayoutMaterial
 from haptix.feel.materials.picture import picture
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ _COPY = _PAGE / "engine"  # of the engine for pages, in a wheel
 _CHECKOUT = Path(__file__).parents[2] / "clients" / "engine" / "src"
 _COLUMNS = 720
 _PLACE_MM = (0.0, 45.0, 0.0, 30.0)
-"""What is shown of a material without edges: left, right, top, bottom."""
+"""Place that is shown of a material without edges: left, right, top, bottom."""
 
 
 def engine_files() -> dict[str, bytes]:
@@ -54,6 +55,10 @@ def page_files(program: bytes, felt: Material, title: str) -> dict[str, bytes]:
     left, right, top, bottom = felt.extent_mm
     if not (math.isfinite(right - left + bottom - top) and right > left and bottom > top):
         left, right, top, bottom = _PLACE_MM
+    if isinstance(felt, LayoutMaterial) and not isinstance(felt.background, float | int):
+        # What lies around the regions is felt too, and has no edges.
+        boxes = zip((left, right, top, bottom), _PLACE_MM, (min, max, min, max), strict=True)
+        left, right, top, bottom = (chosen(one, other) for one, other, chosen in boxes)
     wanted = picture(felt, right - left, bottom - top, _COLUMNS, corner_mm=(left, top))
     text = (_PAGE / "index.html").read_text("utf-8")
     text = text.replace("TITLE", html.escape(title))

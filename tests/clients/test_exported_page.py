@@ -12,8 +12,10 @@ from functools import partial
 
 import numpy as np
 import pytest
+from PIL import Image
 
-from haptix.feel.gallery import ASSETS
+from haptix.feel.gallery import ASSETS, load
+from haptix.play.touch_page import page_files
 from haptix.service.worker.document_work import DocumentWork
 from tests.chromium import chromium
 from tests.command_line import run_haptix
@@ -120,3 +122,13 @@ def test_the_command_writes_the_same_page(tmp_path, monkeypatch):
     again = run_haptix("compile", "two.json", "--page", "site")
     assert again.code != 0
     assert "--overwrite" in again.err
+
+
+def test_a_background_is_shown_around_the_regions():
+    """The groove is a strip from 17.5 to 27.5 mm, in a rough plane that is felt as well."""
+    files = page_files(b"", load("gallery:groove"), "Groove")
+    assert 'data-felt="0 0 60"' in files["index.html"].decode()
+    with Image.open(io.BytesIO(files["picture.png"])) as image:
+        levels = np.asarray(image)
+    assert levels.shape == (360, 720)  # of 30 mm, and of 60
+    assert levels[:200].std() > 10 * levels[215:325].std()
