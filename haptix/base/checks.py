@@ -72,7 +72,7 @@ def checked(*, kw_only: bool = False) -> Callable[[type[Made]], type[Made]]:
 
         @wraps(check)
         def init(self: Any, /, *values: Any, **fields: Any) -> None:
-            try:  # by name, which an error says
+            try:  # by name, which an error quotes
                 by_name = dict(zip(names, values, strict=False))
                 check(self, *values[len(names) :], **by_name, **fields)
             except ValidationError as error:
@@ -88,7 +88,7 @@ def checked(*, kw_only: bool = False) -> Callable[[type[Made]], type[Made]]:
 def first_error(name: str, error: ValidationError) -> str:
     """Return one sentence about the first error of a table called `name`."""
     errors = error.errors()
-    # A mistyped name gives two errors, "unknown" and "missing": the first says more.
+    # A mistyped name gives two errors, "unknown" and "missing": the first helps more.
     first = next((wrong for wrong in errors if wrong["type"] == "extra_forbidden"), errors[0])
     # Tags of a union, such as "self-affine", are not keys in the file.
     keys = [part for part in first["loc"] if isinstance(part, int) or part.isidentifier()]
@@ -210,7 +210,7 @@ Found = TypeVar("Found")
 
 
 def eager(function: Callable[Given, Found]) -> Callable[Given, Found]:
-    """Decorate a function that no graph of torch can hold: it then says so.
+    """Decorate a function that no graph of torch can hold: within one it raises.
 
     It decides by the values of its tensors, and computes a part of them in C. A trace would keep
     those decisions, and memory that C has not written.

@@ -29,7 +29,7 @@ Force = Annotated[float, Field(gt=0, le=HARDEST_N, allow_inf_nan=False)]
 
 @dataclass(frozen=True)
 class Typed:
-    """How the command line takes a parameter, where its name alone does not say so."""
+    """How the command line takes a parameter, where its name alone does not show it."""
 
     option: str = ""
     """Its option, if that is not made from its name."""
@@ -60,7 +60,7 @@ class ProfileName:
 
 
 def expected_words(words: Collection[str], value: str) -> str:
-    """Say which words were expected, and which is nearest."""
+    """Name the words that were expected, and the nearest one."""
     near = get_close_matches(value.lower(), words, 1)
     meant = f"; did you mean {near[0]}?" if near else ""
     return f"expected one of {', '.join(words)}, got {value!r:.80}{meant}"

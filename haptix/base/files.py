@@ -262,7 +262,7 @@ def set_aside(path: Path, why: Exception) -> None:
     path : Path
         The file, which is called NAME.damaged afterwards; an earlier one of that name goes.
     why : Exception
-        What is wrong with it; both are logged as a warning.
+        Its fault; both are logged as a warning.
     """
     aside = path.with_name(f"{path.name}.damaged")
     path.replace(aside)
@@ -303,7 +303,7 @@ def read_bytes(path: str | Path, largest_bytes: int = LARGEST_DOCUMENT_BYTES) ->
         with path.open("rb") as file:
             size = os.fstat(file.fileno()).st_size
             if size <= largest_bytes:
-                # A pipe or a device does not say its size.
+                # A pipe or a device has no size.
                 blocks = iter(partial(file.read, _BLOCK_BYTES), b"")
                 data = b"".join(islice(blocks, largest_bytes // _BLOCK_BYTES + 2))
                 size = max(size, len(data))

@@ -113,7 +113,7 @@ class Kinds(Mapping[str, type[Any]]):
         return self._entered[name]
 
     def read(self, name: str, table: Mapping[str, Any]) -> Any:
-        """Make what a table describes; messages call the table `name`.
+        """Make the object that a table describes; messages call the table `name`.
 
         Raises `InputError` if the kind or a field is unknown, missing or wrong.
         """

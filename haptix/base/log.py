@@ -3,7 +3,7 @@
 Each package logs by Python's `logging` under its name, such as ``haptix.play.render``: at ``info``
 every change of state and all that is refused, repeated or dropped, with the reason; at ``debug``
 also every frame. `start` writes these records in a thread of its own, so a caller never waits:
-records that a slow or full disk does not take are dropped and counted, and the log says where they
+records that a slow or full disk does not take are dropped and counted, and the log notes where they
 are missing. It must never hold a secret or a participant's answers.
 """
 

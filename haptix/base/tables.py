@@ -1,7 +1,7 @@
 """Tables of laboratory instruments: text of any layout, LabVIEW's LVM, National Instruments' TDMS.
 
-What a file does not say is not guessed: columns without a unit have none, and what was understood
-stands in `LabTable.understood`.
+Nothing is guessed that a file does not state: columns without a unit have none. Its layout, as it
+was understood, stands in `LabTable.understood`.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class LabTable:
     rate_hz: float | None = None
     """Samples per second that a text file states above its columns."""
     understood: tuple[str, ...] = ()
-    """What the layout was taken for."""
+    """Format of the layout, as it was understood."""
 
     def named(self, name: str) -> str | None:
         """Return the column of a name, with or without its unit; None where there is none."""
@@ -441,19 +441,19 @@ def _stated(layout: _Layout) -> tuple[dict[str, tuple[float, str]], float | None
     The demonstration program of ATI's network sensors writes counts, and "Counts per Unit Force",
     "Force Units" and "RDT Sample Rate" above them; LabVIEW's waveforms have "delta t".
     """
-    said: dict[str, str] = {}
+    stated: dict[str, str] = {}
     signs = "[:=\t]" if layout.delimiter == " " else f"[:=]|{re.escape(layout.delimiter)}"
     for line in layout.above:
         parts = [part.strip() for part in re.split(signs, line) if part.strip()]
         if len(parts) > 1:
-            said[parts[0].lower()] = parts[1].replace(",", "." if layout.has_commas else "")
+            stated[parts[0].lower()] = parts[1].replace(",", "." if layout.has_commas else "")
     factors: dict[str, tuple[float, str]] = {}
     for what, axis in (("force", "F"), ("torque", "T")):
-        counts = _number(said.get(f"counts per unit {what}", ""), False)
+        counts = _number(stated.get(f"counts per unit {what}", ""), False)
         if counts > 0:
-            factors[axis] = counts, known_unit(said.get(f"{what} units", ""))
+            factors[axis] = counts, known_unit(stated.get(f"{what} units", ""))
     rates = set[float]()
-    for key, text in said.items():
+    for key, text in stated.items():
         size, _, unit = text.partition(" ")
         value, kilo = _number(size, False), 1000 if "khz" in f"{key} {unit}".lower() else 1
         if value > 0 and re.search(r"\brate\b|\bfrequency\b", key):

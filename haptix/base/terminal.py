@@ -126,7 +126,7 @@ def placeholder_note(
 
 
 def accuracy_note(accuracy: Mapping[str, Any] | None) -> str:
-    """Return what a title says of an `Accuracy.record`, where there is one."""
+    """Return the words for a title of an `Accuracy.record`, where there is one."""
     return "" if accuracy is None else f"; {accuracy['says']}"
 
 

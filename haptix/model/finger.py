@@ -150,7 +150,7 @@ class MeasuredRoughness(Part):
 
     @property
     def warnings(self) -> list[str]:
-        """Notes that say what is likely to be wrong."""
+        """Notes on values that are likely to be wrong."""
         return [note.removeprefix("warning: ") for note in self.notes if "warning: " in note[:9]]
 
     @model_validator(mode="after")
@@ -237,7 +237,7 @@ class Finger(Document):
     response_hz_per_mm_per_s: PositiveFloat = 13.8
     # Files and hashes leave out what has its usual value.
     fingers_on_screen: Annotated[PositiveInt, Field(exclude_if=lambda count: count == 1)] = 1
-    # For terms on request, the largest published effects: a plan says what lacking them may cost.
+    # For terms on request, the largest published effects: a plan states what lacking them may cost.
     contact_time_s: Annotated[float, Field(ge=0, exclude_if=lambda value: value == 10.0)] = 10.0
     softening_time_s: Annotated[float, Field(gt=0, exclude_if=lambda value: value == 5.0)] = 5.0
     softened_share: Annotated[float, Field(gt=0, le=1, exclude_if=lambda value: value == 0.1)] = 0.1

@@ -198,7 +198,7 @@ class Screen(Document):
     touch : TouchArea or None
         Where the touch panel lies on the picture.
     is_placeholder : bool
-        True where the numbers are a guess; everything that is made with it says so.
+        True where the numbers are a guess; everything that is made with it is marked so.
     calibration : Calibration or None
         Where the numbers come from, for a profile that a calibration has written.
 

@@ -91,7 +91,7 @@ class ContactState(Displayed):
         ax : Axes, optional
             Axes of matplotlib to draw into; without them, those of a new figure.
         quantity : str
-            What is drawn, such as ``"mu"`` or ``"area_fraction"``.
+            Quantity to draw, such as ``"mu"`` or ``"area_fraction"``.
         **along
             The input of the last axis of the states, such as ``voltage_v=[0, 100, 200]``.
 
@@ -169,7 +169,7 @@ class ContactState(Displayed):
         return xarray.Dataset(arrays, {name: np.ravel(values) for name, values in along.items()})
 
     def warnings(self) -> list[str]:
-        """Say where states lie below what was validated or past a limit, as outputs quote it."""
+        """Name the states below the validated range or past a limit, as outputs quote it."""
         lowest, highest = (float(end) for end in self.x.detach().aminmax())
         fewest = float(self.rolloff_waves.detach().min())
         beyond = beyond_validation(lowest, highest, fewest)
@@ -184,7 +184,7 @@ class ContactState(Displayed):
     def pull_past_breakdown(self) -> Tensor:
         """Share of the gaps' attraction that comes from gaps whose field exceeds what they bear.
 
-        Such gaps spark or leak: above a half, friction is likely to be lower than the model says.
+        Such gaps spark or leak: above a half, friction is likely to be lower than predicted.
         """
         return self._sums.pull_past_breakdown
 

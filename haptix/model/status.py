@@ -73,7 +73,7 @@ def past_limits(status: Tensor, mu: Tensor, spot_pressure_pa: Tensor) -> Tensor:
 
 
 def limits_passed(status: Tensor) -> list[str]:
-    """Say which limits some of the states are past, and how many of them.
+    """Name the limits that some of the states are past, and how many of them.
 
     Examples
     --------

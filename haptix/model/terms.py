@@ -253,7 +253,7 @@ class LeakyGap(Term):
 
 
 class FieldLimited(Term):
-    """Each gap's field is held at what the gap bears: discharge leaks the rest.
+    """Each gap's field is held at its breakdown field: discharge leaks the rest.
 
     The attraction of a gap is then ``eps0/4 min(V0^2/|u + h0|^2, E_b(u)^2)``, with E_b of
     `haptix.model.electro.breakdown.bearable_field`. Contact spots have no gap and keep their

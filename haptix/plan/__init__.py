@@ -1,4 +1,4 @@
-"""What a scene requires of the model, and what that costs."""
+"""The terms and accuracy that a scene requires of the model, and their cost."""
 
 import lazy_loader
 

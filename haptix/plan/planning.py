@@ -393,7 +393,7 @@ def _report_row(trials: Trials, chosen: Choice, term: Term, past_gaps: float) ->
     """Decide on a term that reports a status and changes no friction.
 
     The surface ends where the term reports its status only if the scene asks for it. The reason
-    says how near the voltages come.
+    states how near the voltages come.
     """
     is_kept = term.name in kept_reports(trials.scene)
     share = trials.share_of_limit(chosen, term)

@@ -105,7 +105,7 @@ COSTS: Mapping[str, str] = {
     "query": "query_s_per_million",
     "memory": "memory_bytes",
 }
-"""What is traded against the error: the field of a run, by the name of its front."""
+"""The field of a run that is traded against the error, by the name of its front."""
 
 # Columns of a campaign's table for a setting, queried as a float32 surface; its file has all.
 _WAY = {"dtype": "float32", "form": "surface", "device": "cpu"}
@@ -439,7 +439,7 @@ def write_tradeoff(
         If the folder cannot be used, before anything is measured; or the scene contradicts itself.
     """
     with from_extra("figures"):
-        import matplotlib.figure  # noqa: F401  # its lack is said before measuring
+        import matplotlib.figure  # noqa: F401  # its lack is an error before measuring
     check_folder(folder, _FILES)
     tradeoff = run_tradeoff(scene, quick, on_progress, boundary_elements)
     record = {"haptix": __version__, **tradeoff.record()}

@@ -57,7 +57,7 @@ class Choice:
 
 @dataclass(frozen=True)
 class Omission:
-    """Something that can be left out of a model, named after what is then lost."""
+    """A part that can be left out of a model, named after the effect that is then lost."""
 
     kind: Kind
     name: str

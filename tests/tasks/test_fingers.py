@@ -124,7 +124,7 @@ def test_the_wrong_convention_and_files_of_another_kind(haptix_cli: Any, files: 
         ([spectrum, "--convention", "C", *known], r'convention = "C_iso" it would be the same'),
         ([spectrum], "name its convention"),
         ([files / "scan.csv", "--convention", "C"], "expected a unit such as /m"),
-        ([files / "map.npy", "--pixel-m", "20um"], "does not say the unit"),
+        ([files / "map.npy", "--pixel-m", "20um"], "does not state the unit"),
         ([files / "map.npy", "--unit", "um"], "pixel_m"),
         ([files / "map.npy", files / "scan.csv", "--unit", "um", "--pixel-m", "20um"], "one map"),
         ([three, "--unit", "um"], "two columns"),

@@ -86,12 +86,12 @@ class MeasuredTable:
         InputError
             If its unit is not known, or of something else.
         """
-        said = self.units[index] or unit
-        factor = factor_to(said, own)
+        stated = self.units[index] or unit
+        factor = factor_to(stated, own)
         if factor is None:
             name = self.names[index] or f"column {index + 1}"
             raise InputError(
-                f"{name}: expected a unit such as {own}, got {said or 'none'}; name it in the "
+                f"{name}: expected a unit such as {own}, got {stated or 'none'}; name it in the "
                 "header, as in z (um), or pass --unit"
             )
         return self.values[:, index] * factor
@@ -139,12 +139,12 @@ def read_surface(
     pixel_m : float, optional
         Distance between pixels [m] where the file has none.
     is_periodic : bool, optional
-        Whether the map goes on at its borders as it began, where the file does not say.
+        Whether the map goes on at its borders as it began, where the file does not state it.
 
     Raises
     ------
     InputError, FileFormatError
-        If it is no such file, or does not say its unit or pixels.
+        If it is no such file, or states no unit or pixels.
     """
     if isinstance(path, MeasuredTable):
         return _of_columns(path, "text", unit, pixel_m, is_periodic)
@@ -217,7 +217,7 @@ def _metres(unit: str, path: Path | str) -> float:
     factor = factor_to(unit, "m")
     if factor is None:
         raise InputError(
-            f"{path}: it does not say the unit of its heights; pass --unit, such as um"
+            f"{path}: it does not state the unit of its heights; pass --unit, such as um"
         )
     return factor
 

@@ -37,7 +37,7 @@ class RoughnessSpectrum(PowerLaws):
 
     notes: tuple[str, ...] = ()
     """How a measured one came about, such as the form that was removed. One that begins with
-    "warning: " says what is likely to be wrong."""
+    "warning: " names a value that is likely to be wrong."""
     measured_per_m: tuple[float, float] | None = None
     """Band [1/m] that was measured, where the spectrum was extended."""
 
@@ -146,7 +146,7 @@ class RoughnessSpectrum(PowerLaws):
         The mean squares of the heights, and of a map's slope, are those of its pixels. A Hann
         window suppresses the jump at the borders, except where the map is periodic. The spectrum
         has no waves outside ``2 pi / side`` to ``pi / pixel_m``; `extended` adds them by a law.
-        Its `notes` say what was done, and warn of a form that was left in.
+        Its `notes` list each step, and warn of a form that was left in.
 
         Parameters
         ----------
@@ -251,7 +251,7 @@ class RoughnessSpectrum(PowerLaws):
         Raises
         ------
         InputError
-            If they differ by more than 20 %; it says which convention would fit.
+            If they differ by more than 20 %; the message names the convention that would fit.
 
         Examples
         --------

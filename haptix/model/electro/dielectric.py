@@ -39,7 +39,7 @@ _STEADY_HZ = 1e-6  # from here on down a period lasts for days
 _AT_AN_END = 1 + 1e-6  # a drive at the first or last frequency of a table may be rounded
 
 Beyond = Literal["refuse", "hold", "power-law"]
-"""What a table says beyond its ends."""
+"""Value of a table beyond its ends."""
 
 # A scale of 1 is not written: files and hashes from before this field existed stay valid.
 _Scale = Annotated[PositiveFloat, Field(exclude_if=lambda scale: scale == 1)]
@@ -87,7 +87,7 @@ class SkinDielectric(Part):
     """Permittivity and resistivity of the stratum corneum against frequency.
 
     ``eps2(w) = eps_SC + i / (w eps0 rho_SC)`` (paper, Eq. 4), by a monotone cubic over logarithms.
-    The built-in table is an order of magnitude only, and its `source` says so.
+    The built-in table is an order of magnitude only, as its `source` notes.
 
     Skin at these frequencies shows relaxations only. By the relations of Kramers and Kronig neither
     permittivity nor resistivity then rises with frequency, and a table in which one does is
@@ -103,7 +103,7 @@ class SkinDielectric(Part):
         decade. By default an error; the built-in table, and a single row, hold.
     scale : float
         Factor on the skin's effective thickness ``d2/eps2``, which a calibration may fit: 2 for a
-        skin that insulates twice as much as the table says.
+        skin that insulates twice as much as in the table.
     is_placeholder : bool
         True while the numbers are not measured ones.
     source : str
@@ -294,7 +294,7 @@ class SkinDielectric(Part):
 
     @property
     def law(self) -> Beyond:
-        """What it says beyond its ends, see `beyond`."""
+        """Its value beyond its ends, see `beyond`."""
         built_in = type(self).model_fields["frequency_hz"].default
         held = len(self.frequency_hz) == 1 or self.frequency_hz == built_in
         return self.beyond or ("hold" if held else "refuse")

@@ -40,7 +40,7 @@ Place = tuple[float, complex]
 
 
 class UnsettledWarning(UserWarning):
-    """Some surfaces did not reach the tolerance; the message says how many."""
+    """Some surfaces did not reach the tolerance; the message has their number."""
 
 
 @dataclass(frozen=True)

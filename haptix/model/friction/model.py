@@ -175,7 +175,7 @@ class ContactModel(Displayed):
         Parameters
         ----------
         ability : Ability
-            What is needed.
+            Quantities that are needed.
         who : str
             Name of the caller, with which the message begins.
         """

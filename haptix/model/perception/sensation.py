@@ -77,7 +77,7 @@ class SensationInTime:
     sample_rate_hz : float
         Samples per second.
     skin : Pulls, optional
-        What the skin attracts of a threshold's sine drive; by default, of all drives alike.
+        Attraction of the skin by a threshold's sine drive; by default, that of all drives alike.
     """
 
     def __init__(

@@ -391,7 +391,7 @@ def detection(
     Parameters
     ----------
     components : Components or sequence of Component
-        What the attraction consists of.
+        Parts of the attraction.
     perception : Perception, optional
         The thresholds; the package's own if not given.
 

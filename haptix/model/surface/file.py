@@ -64,7 +64,7 @@ _NUMBERS = ("response_hz_per_mm_per_s", "screen_h0_m", "pull_past_breakdown")
 _INFO = {*_NUMBERS, "model", "model_hash", "profiles", "notes", "accuracy", "intervals"}
 
 Info = Mapping[str, Any]
-"""What a surface was built from and how accurate it is; plain values."""
+"""Inputs and accuracy of a surface; plain values."""
 
 
 def save_table(table: Interpolant, info: Info, path: Path) -> None:
@@ -272,7 +272,7 @@ def export_netcdf(table: Interpolant, info: Mapping[str, Any], path: Path) -> No
 
 
 def as_dataset(table: Interpolant, info: Mapping[str, Any]) -> xarray.Dataset:
-    """Return a surface as arrays with names and units; `export_netcdf` says which."""
+    """Return a surface as arrays with names and units, listed by `export_netcdf`."""
     with from_extra("netcdf"):
         import h5netcdf  # noqa: F401  # xarray writes with it
         import xarray

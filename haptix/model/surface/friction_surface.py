@@ -51,7 +51,7 @@ class FrictionSurface(Displayed):
     table : Interpolant
         The numbers, see `haptix.model.surface.interpolant`.
     info : dict
-        What the surface was built from and how accurate it is; plain values.
+        Inputs and accuracy of the surface; plain values.
     """
 
     table: Interpolant

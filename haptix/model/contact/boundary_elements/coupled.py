@@ -171,7 +171,7 @@ class _Anderson:
         """Return the next input, after the input `shape` gave `result`."""
         miss = (result - shape).flatten()
         if self._misses and miss.norm() > self._misses[-1].norm():
-            # The iteration is not linear where pixels close: its history says little.
+            # The iteration is not linear where pixels close: its history predicts little.
             self._inputs.clear()
             self._misses.clear()
         self._inputs.append(result.flatten())

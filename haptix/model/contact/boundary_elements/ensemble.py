@@ -53,7 +53,7 @@ def run_ensemble(
     work : callable
         One job's result, by its number.
     fingerprint : str
-        What the results depend on; a checkpoint of another fingerprint is refused.
+        Hash of all that the results depend on; a checkpoint of another one is refused.
     workers : int
         Jobs at a time.
     checkpoint : path, optional
@@ -124,7 +124,7 @@ def estimated_bytes(points: int, surfaces: int, coupled: bool = False) -> int:
 
 
 def free_bytes(device: torch.device) -> int | None:
-    """Bytes free on the device, or None where the system does not say."""
+    """Bytes free on the device, or None where the system does not state it."""
     if device.type == "cuda":
         return int(torch.cuda.mem_get_info(device)[0])
     try:
@@ -138,7 +138,7 @@ def free_bytes(device: torch.device) -> int | None:
 
 
 def check_memory(points: int, surfaces: int, coupled: bool, device: torch.device) -> None:
-    """Raise `InputError` where the estimate is above what is free."""
+    """Raise `InputError` where the estimate is above the free memory."""
     needed, free = estimated_bytes(points, surfaces, coupled), free_bytes(device)
     if free is not None and needed > free:
         raise InputError(

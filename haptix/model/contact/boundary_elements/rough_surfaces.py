@@ -30,7 +30,7 @@ _JUMP = 3.0
 
 
 class ResolutionWarning(UserWarning):
-    """The grid or the box is coarse enough to bias the results; the message says by how much."""
+    """The grid or the box is coarse enough to bias the results; the message has the bias."""
 
 
 def check_resolution(pixels: float, waves: float, border_jump: float = 0.0) -> None:
