@@ -14,12 +14,12 @@ from haptix.base.errors import InputError
 from haptix.feel import Noise, Texture
 from haptix.feel.layout import Layout
 from haptix.feel.materials.memory import MapMemory
-from haptix.feel.materials.pyramid import Pyramid, pyramid_pixels
+from haptix.feel.materials.pyramid import Pyramid, pyramid_numbers
 from haptix.service.engine import process, session_layout
 from haptix.service.engine.session_layout import RegionError, SessionLayout
 
 PIXELS = 64
-ONE_BYTES = 8 * pyramid_pixels(PIXELS, PIXELS, "repeat", "repeat")
+ONE_BYTES = 8 * pyramid_numbers(PIXELS, PIXELS, "repeat", "repeat")
 
 
 def noise(name, seed, **fields):
@@ -38,16 +38,14 @@ def small(monkeypatch):
     return MapMemory(15 * ONE_BYTES, "all sessions' materials")
 
 
-def test_the_pixels_of_a_map_are_known_before_it_is_made():
+def test_the_memory_of_a_map_is_known_before_it_is_made():
     repeats = ("outside", "hold", "repeat")
     for rows, columns, beyond_x, beyond_y in product((1, 3, 8), (1, 7, 32), repeats, repeats):
         if (beyond_x == "repeat" and columns == 7) or (beyond_y == "repeat" and rows == 3):
             continue  # these need powers of two
         made = Pyramid(np.ones((rows, columns)), 1.0, 0.0, beyond_x, beyond_y)
-        levels = made._map._made_of[1]["levels"]
-        arrays = [level._made_of[1]["values"] for level in levels]
-        wanted = pyramid_pixels(rows, columns, beyond_x, beyond_y)
-        assert sum(array.size for array in arrays) == wanted, (rows, columns, beyond_x, beyond_y)
+        wanted = pyramid_numbers(rows, columns, beyond_x, beyond_y)
+        assert made._numbers.size == wanted, (rows, columns, beyond_x, beyond_y)
 
 
 def test_a_session_has_a_budget_and_so_have_all(tmp_path, small):

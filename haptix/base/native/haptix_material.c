@@ -92,15 +92,14 @@ static void feel_relief(const hx_material *m, const hx_motion *on, double *value
 {
     double depth = map_depth(on->footprint_mm, m->pixel_mm), ramp = hx_most(m->ramp_mm, 1e-9);
     int64_t n = on->fingers * on->points;
-    double down[CHUNK];
+    double slope[2 * CHUNK];
     for (int64_t from = 0; from < n; from += CHUNK) {
         const double *x = on->x_mm + from, *y = on->y_mm + from;
         int64_t count = n - from < CHUNK ? n - from : CHUNK;
-        hx_map_sample(&m->map, x, y, depth, NULL, count, value + from);
-        hx_map_sample(&m->other, x, y, depth, NULL, count, down);
+        hx_map_sample(&m->map, x, y, depth, NULL, count, slope);
         for (int64_t i = 0; i < count; i++) {
             double vx = on->vx_mm_s[from + i], vy = on->vy_mm_s[from + i], speed = hx_length(vx, vy);
-            double uphill = value[from + i] * unit(vx, speed) + down[i] * unit(vy, speed);
+            double uphill = slope[2 * i] * unit(vx, speed) + slope[2 * i + 1] * unit(vy, speed);
             double level = 0.5 * clipped(uphill, -1.0, 1.0);
             double inside_mm = hx_least(hx_least(x[i], m->width_mm - x[i]), hx_least(y[i], m->height_mm - y[i]));
             value[from + i] = scaled(m, level + m->bias * clipped(inside_mm / ramp, 0.0, 1.0));

@@ -146,12 +146,16 @@ enum { HX_LEVELS = 32 };
 /* How a map goes on beyond its edges. */
 enum { HX_OUTSIDE = 0, HX_HOLD = 1, HX_REPEAT = 2 };
 
-/* Numbers that the levels of a map take up, and their count. */
+/* Numbers that each channel of the levels of a map takes up, and how many levels there are. */
 int64_t hx_pyramid_size(int64_t rows, int64_t columns, int64_t beyond_x, int64_t beyond_y,
                         int64_t *levels);
 
-/* Make the levels of values [rows][columns] in `numbers`, of the size that hx_pyramid_size gives. */
-void hx_pyramid_make(const float *values, int64_t rows, int64_t columns, double pixel_mm,
+/* Where the numbers of a row of the map begin, [columns][channels]: the caller writes them. */
+double *hx_pyramid_row(double *numbers, int64_t columns, int64_t channels, int64_t beyond_x,
+                       int64_t beyond_y, int64_t row);
+
+/* Make the levels of the map whose rows are written. Outside, all channels but the first are 0. */
+void hx_pyramid_make(int64_t rows, int64_t columns, int64_t channels, double pixel_mm,
                      double outside, int64_t beyond_x, int64_t beyond_y, hx_level *levels,
                      double *numbers);
 

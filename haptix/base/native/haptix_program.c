@@ -175,7 +175,7 @@ static int64_t pyramids_size(const file *f, const uint8_t *m, int64_t maps)
     int64_t levels = 0, size = map_size(f, m, maps, &levels);
     if (size == 0 || levels > HX_LEVELS)
         return HX_WRONG_NUMBER;
-    return maps * (8 * size + (int64_t)sizeof(hx_level) * levels);
+    return 8 * size * maps + (int64_t)sizeof(hx_level) * levels;
 }
 
 /* Bytes that a material takes up, or HX_WRONG_NUMBER. */
@@ -350,9 +350,9 @@ int64_t hx_program_recalls(const uint8_t *bytes)
     return 0;
 }
 
-/* Make the map of pixels that lie at a place of the file, in the memory. */
-static hx_map read_map(const uint8_t *m, const uint8_t *values, double pixel_mm, double outside,
-                       uint8_t **memory)
+/* Make the map of `maps` of pixels that lie one after the other in the file, in the memory. */
+static hx_map read_map(const uint8_t *m, const uint8_t *values, int64_t maps, double pixel_mm,
+                       double outside, uint8_t **memory)
 {
     int64_t rows = uint_at(m + 36), columns = uint_at(m + 40), count;
     int64_t beyond_x = uint_at(m + 44), beyond_y = uint_at(m + 48);
@@ -360,14 +360,15 @@ static hx_map read_map(const uint8_t *m, const uint8_t *values, double pixel_mm,
     hx_level *levels = (hx_level *)(void *)*memory;
     *memory += sizeof(hx_level) * (size_t)count;
     double *numbers = (double *)(void *)*memory;
-    *memory += 8 * size;
-    /* At the end of the memory of the levels, where no number of the finest one lies yet. */
-    float *pixels = (float *)(void *)(numbers + size) - rows * columns;
-    for (int64_t i = 0; i < rows * columns; i++)
-        pixels[i] = float_at(values + 4 * i);
-    hx_pyramid_make(pixels, rows, columns, pixel_mm, outside, beyond_x, beyond_y, levels, numbers);
+    *memory += 8 * size * maps;
+    for (int64_t i = 0; i < rows * columns * maps; i++) {
+        int64_t row = i / columns % rows, column = i % columns, map = i / (rows * columns);
+        double *to = hx_pyramid_row(numbers, columns, maps, beyond_x, beyond_y, row);
+        to[column * maps + map] = (double)float_at(values + 4 * i);
+    }
+    hx_pyramid_make(rows, columns, maps, pixel_mm, outside, beyond_x, beyond_y, levels, numbers);
     hx_map map = {
-        levels, count, 1,
+        levels, count, maps,
         beyond_x == HX_REPEAT ? (double)columns * pixel_mm : 0.0,
         beyond_y == HX_REPEAT ? (double)rows * pixel_mm : 0.0,
         HX_FARTHEST_MM, outside,
@@ -403,7 +404,7 @@ static void read_material(const uint8_t *bytes, const uint8_t *m, hx_material *t
         to->sharp_mm = real[1];
         to->width_mm = real[2];
         to->height_mm = real[3];
-        to->map = read_map(m, numbers, to->pixel_mm, to->outside, memory);
+        to->map = read_map(m, numbers, 1, to->pixel_mm, to->outside, memory);
         break;
     case KIND_GRATING:
         to->wave = uint_at(m + 40);
@@ -421,9 +422,7 @@ static void read_material(const uint8_t *bytes, const uint8_t *m, hx_material *t
     case KIND_RELIEF:
         to->bias = real[5];
         to->pixel_mm = real[6];
-        to->map = read_map(m, numbers, to->pixel_mm, 0.0, memory);
-        numbers += 4 * to->numbers * uint_at(m + 40);
-        to->other = read_map(m, numbers, to->pixel_mm, 0.0, memory);
+        to->map = read_map(m, numbers, 2, to->pixel_mm, 0.0, memory); /* right, down */
         break;
     case KIND_BUTTON:
         to->press_n = real[5];

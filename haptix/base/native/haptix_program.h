@@ -30,7 +30,7 @@ typedef struct {
     double outside, cosine, sine, low, high;
     int64_t numbers; /* detents, corners, knots, values; periods of a grating */
     const double *number;
-    hx_map map, other; /* of a relief: slopes to the right, and down */
+    hx_map map; /* of a relief: its channels are the slopes to the right, and down */
     double pixel_mm, sharp_mm, width_mm, height_mm; /* of the map; inner and outer of a dial */
     double ramp_mm;                                 /* ridge of a control, edge of a relief */
     double bias;

@@ -69,17 +69,20 @@ static int64_t stands_for(int64_t at, int64_t pixels, int64_t beyond)
     return beyond == HX_OUTSIDE ? INT64_MIN : at < 0 ? 0 : pixels - 1;
 }
 
-/* Fill what is around the pixels of a level. */
-static void surround(double *level, side x, side y, double outside)
+/* Fill what is around the pixels of a level; outside there is a number in the first channel alone. */
+static void surround(double *level, int64_t channels, side x, side y, double outside)
 {
     int64_t left = around(x), top = around(y), width = padded(x), rows = padded(y);
     for (int64_t row = 0; row < rows; row++) {
         int64_t of_y = stands_for(row - top, y.pixels, y.beyond);
         for (int64_t column = 0; column < width; column++) {
             int64_t of_x = stands_for(column - left, x.pixels, x.beyond);
-            if (of_x != column - left || of_y != row - top)
-                level[row * width + column] =
-                    of_x < 0 || of_y < 0 ? outside : level[(of_y + top) * width + of_x + left];
+            if (of_x == column - left && of_y == row - top)
+                continue;
+            double *to = level + (row * width + column) * channels;
+            int64_t from = of_x < 0 || of_y < 0 ? -1 : (of_y + top) * width + of_x + left;
+            for (int64_t i = 0; i < channels; i++)
+                to[i] = from >= 0 ? level[from * channels + i] : i == 0 ? outside : 0.0;
         }
     }
 }
@@ -107,62 +110,75 @@ static double sum(const double *middle)
     return total;
 }
 
-void hx_pyramid_make(const float *values, int64_t rows, int64_t columns, double pixel_mm,
+/* Smooth a level, of whose pixels every first or second one is taken, from `first` on. `line` has
+ * room for a row and 8 numbers on either side. */
+static void smooth(const double *first, int64_t width, int64_t every, side from_x, side from_y,
+                   int64_t channels, double outside, double *line, double *level)
+{
+    side x = smoothed(from_x), y = smoothed(from_y);
+    for (int64_t row = 0; row < y.pixels; row++) {
+        const double *of[2 * REACH + 1]; /* NULL: outside */
+        for (int64_t i = -REACH; i <= REACH; i++) {
+            int64_t at = row + y.origin - from_y.origin + i;
+            at = stands_for(at, from_y.pixels, from_y.beyond);
+            of[REACH + i] = at < 0 ? NULL : first + at * every * width * channels;
+        }
+        for (int64_t column = 0; column < from_x.pixels; column++) {
+            double nine[2 * REACH + 1];
+            for (int64_t i = 0; i <= 2 * REACH; i++)
+                nine[i] = of[i] ? of[i][column * every * channels] : outside;
+            line[column] = sum(nine + REACH);
+        }
+        for (int64_t i = 1; i <= 2 * REACH; i++) {
+            int64_t left = stands_for(-i, from_x.pixels, from_x.beyond);
+            int64_t right = stands_for(from_x.pixels - 1 + i, from_x.pixels, from_x.beyond);
+            line[-i] = left < 0 ? outside : line[left];
+            line[from_x.pixels - 1 + i] = right < 0 ? outside : line[right];
+        }
+        double *to = level + ((row + around(y)) * padded(x) + around(x)) * channels;
+        for (int64_t column = 0; column < x.pixels; column++)
+            to[column * channels] = sum(line + column + x.origin - from_x.origin);
+    }
+}
+
+void hx_pyramid_make(int64_t rows, int64_t columns, int64_t channels, double pixel_mm,
                      double outside, int64_t beyond_x, int64_t beyond_y, hx_level *levels,
                      double *numbers)
 {
     side x = {columns, 0, beyond_x}, y = {rows, 0, beyond_y};
     int64_t count, step = 1;
     hx_pyramid_size(rows, columns, beyond_x, beyond_y, &count);
-    for (int64_t row = 0; row < rows; row++)
-        for (int64_t column = 0; column < columns; column++)
-            numbers[(row + around(y)) * padded(x) + column + around(x)] =
-                (double)values[row * columns + column];
-    surround(numbers, x, y, outside);
+    surround(numbers, channels, x, y, outside);
     levels[0] = described(numbers, x, y, pixel_mm, 1.0);
     double *before = numbers;
     for (int64_t number = 1; number < count; number++) {
-        double *level = before + padded(x) * padded(y);
+        double *level = before + padded(x) * padded(y) * channels;
         side from_x = x, from_y = y;
         int64_t width = padded(x), every = 1;
-        const double *first = before + around(y) * width + around(x);
+        const double *first = before + (around(y) * width + around(x)) * channels;
         if (number > 1) {
             x = halved(x);
             y = halved(y);
             /* The first pixel may be one of those around. */
-            first += (2 * y.origin - from_y.origin) * width + 2 * x.origin - from_x.origin;
+            first += ((2 * y.origin - from_y.origin) * width + 2 * x.origin - from_x.origin) * channels;
             every = 2;
             step *= 2;
         }
-        side map_x = x, map_y = y;
-        x = smoothed(x);
-        y = smoothed(y);
-        double *line = level + padded(x) * padded(y) + 2 * REACH; /* and 8 on either side */
-        for (int64_t row = 0; row < y.pixels; row++) {
-            const double *of[2 * REACH + 1]; /* NULL: outside */
-            for (int64_t i = -REACH; i <= REACH; i++) {
-                int64_t at = row + y.origin - map_y.origin + i;
-                at = stands_for(at, map_y.pixels, map_y.beyond);
-                of[REACH + i] = at < 0 ? NULL : first + at * every * width;
-            }
-            for (int64_t column = 0; column < map_x.pixels; column++) {
-                double nine[2 * REACH + 1];
-                for (int64_t i = 0; i <= 2 * REACH; i++)
-                    nine[i] = of[i] ? of[i][column * every] : outside;
-                line[column] = sum(nine + REACH);
-            }
-            for (int64_t i = 1; i <= 2 * REACH; i++) {
-                int64_t left = stands_for(-i, map_x.pixels, map_x.beyond);
-                int64_t right = stands_for(map_x.pixels - 1 + i, map_x.pixels, map_x.beyond);
-                line[-i] = left < 0 ? outside : line[left];
-                line[map_x.pixels - 1 + i] = right < 0 ? outside : line[right];
-            }
-            double *to = level + (row + around(y)) * padded(x) + around(x);
-            for (int64_t column = 0; column < x.pixels; column++)
-                to[column] = sum(line + column + x.origin - map_x.origin);
-        }
-        surround(level, x, y, outside);
+        side wide = smoothed(x), high = smoothed(y);
+        double *line = level + padded(wide) * padded(high) * channels + 2 * REACH;
+        for (int64_t i = 0; i < channels; i++)
+            smooth(first + i, width, every, x, y, channels, i == 0 ? outside : 0.0, line, level + i);
+        x = wide;
+        y = high;
+        surround(level, channels, x, y, outside);
         levels[number] = described(level, x, y, pixel_mm, (double)step);
         before = level;
     }
+}
+
+double *hx_pyramid_row(double *numbers, int64_t columns, int64_t channels, int64_t beyond_x,
+                       int64_t beyond_y, int64_t row)
+{
+    side x = {columns, 0, beyond_x}, y = {1, 0, beyond_y};
+    return numbers + ((row + around(y)) * padded(x) + around(x)) * channels;
 }

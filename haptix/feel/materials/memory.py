@@ -36,7 +36,7 @@ class MapMemory:
     >>> with memory.counts():
     ...     noise = Noise(pixels=128).evaluator
     >>> memory.used_bytes
-    318376
+    319528
     """
 
     def __init__(self, most_bytes: int, whose: str, within: MapMemory | None = None) -> None:

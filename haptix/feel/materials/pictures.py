@@ -24,9 +24,9 @@ with from_extra("photographs"):
 
 _LOG = logging.getLogger("haptix.feel.materials")
 
-# For each pixel, as float64: grey, level, the pyramid (7/3 in all its levels), and a level that is
-# being computed.
-_BYTES_PER_PIXEL = 8 * 6
+# For each pixel, as float64: four colours and grey while it is read; then its level, and the
+# pyramid (7/3 in all its levels).
+_BYTES_PER_PIXEL = 8 * 5
 
 # Pillow has many more decoders, which are not needed here; one of them runs a program.
 _FORMATS = ("PNG", "JPEG", "TIFF", "GIF", "BMP", "WEBP", "PPM", "JPEG2000", "AVIF")

@@ -14,29 +14,24 @@ blended linearly in the footprint's logarithm, so that nothing jumps when the sp
 from __future__ import annotations
 
 from math import log2
-from typing import Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from haptix.base.checks import Array
-from haptix.base.native import NULL, Struct, doubles, library, room
+from haptix.base.native import NULL, Struct, doubles, ffi, library, room
 from haptix.feel.materials.memory import take_room
 from haptix.feel.motion import FARTHEST_MM
 
 Beyond = Literal["outside", "hold", "repeat"]
 """Beyond the edges of a map: the outside value, the edge's value, or the map again."""
 
-_KERNEL = np.array([1, 8, 28, 56, 70, 56, 28, 8, 1]) / 256
-_REACH = len(_KERNEL) // 2
-_MARGIN, _WRAPPED = 2, 1  # pixels around a level: beyond its edges, or where it repeats
-_FLOAT = np.float64
+_BEYOND = get_args(Beyond)
 _sample = library.hx_map_sample
-_Origin = tuple[int, int]
-"""Row and column of the map at an array's first pixel, in pixels of its level."""
 
 
-def pyramid_pixels(rows: int, columns: int, beyond_x: Beyond, beyond_y: Beyond) -> int:
-    """Return the pixels of all levels of a map, without making them.
+def pyramid_numbers(rows: int, columns: int, beyond_x: Beyond, beyond_y: Beyond) -> int:
+    """Return how many numbers the levels of a map take up, without making them.
 
     Parameters
     ----------
@@ -47,34 +42,21 @@ def pyramid_pixels(rows: int, columns: int, beyond_x: Beyond, beyond_y: Beyond) 
 
     Examples
     --------
-    >>> pyramid_pixels(64, 64, "repeat", "repeat")  # 66 x 66, twice, and the coarser ones
-    10353
+    >>> pyramid_numbers(64, 64, "repeat", "repeat")  # 66 x 66, twice, the coarser ones, and 80
+    10433
     """
-    repeated = [n for n, beyond in ((rows, beyond_y), (columns, beyond_x)) if beyond == "repeat"]
-    widest = min(repeated) if repeated else 2 * max(rows, columns)
-    counts = 1
-    while counts == 1 or 2 ** (counts - 2) < widest:
-        counts += 1
-    heights, widths = _sides(rows, beyond_y, counts), _sides(columns, beyond_x, counts)
-    return sum(height * width for height, width in zip(heights, widths, strict=True))
+    return _size(rows, columns, beyond_x, beyond_y)[0]
 
 
-def _sides(size: int, beyond: Beyond, levels: int) -> list[int]:
-    """Pixels along one side of each level, with those around the map."""
-    if beyond == "repeat":
-        return [size + 2, *(size // 2**level + 2 for level in range(levels - 1))]
-    sides, origin = [size + 4], 0
-    for level in range(1, levels):
-        if level > 1:
-            size, origin = size + 2, origin - 1
-            size, origin = (size + 1 - origin % 2) // 2, (origin + origin % 2) // 2
-        size, origin = size + 2 * _REACH, origin - _REACH
-        sides.append(size + 4)
-    return sides
+def _size(rows: int, columns: int, *beyond: Beyond) -> tuple[int, int]:
+    """Return the numbers and the levels of a map."""
+    count = ffi.new("int64_t *")
+    size = library.hx_pyramid_size(rows, columns, *map(_BEYOND.index, beyond), count)
+    return size, count[0]
 
 
 class Pyramid:
-    """A map with its levels.
+    """A map with its levels, which `haptix/base/native/haptix_pyramid.c` makes.
 
     Parameters
     ----------
@@ -99,105 +81,45 @@ class Pyramid:
         beyond_x: Beyond = "outside",
         beyond_y: Beyond = "outside",
     ) -> None:
-        values = np.asarray(values, np.complex128 if np.iscomplexobj(values) else _FLOAT)
         rows, columns = values.shape
-        take_room(self, values.itemsize * pyramid_pixels(rows, columns, beyond_x, beyond_y))
+        self._channels = channels = 2 if np.iscomplexobj(values) else 1
+        size, count = _size(rows, columns, beyond_x, beyond_y)
+        take_room(self, 8 * channels * size)
         self.pixel_mm = pixel_mm
         """Side of a pixel."""
         self.outside = outside
         """Value beyond the edges."""
         self.modes: tuple[Beyond, Beyond] = (beyond_y, beyond_x)
-        levels = [self._level(values, (0, 0), 1)]
-        # The last level has pixels as wide as the shorter period, or twice as wide as the map. A
-        # finger that moves farther from one sample to the next does not meet the map's details.
-        repeated = [n for n, mode in zip(values.shape, self.modes, strict=True) if mode == "repeat"]
-        widest = min(repeated) if repeated else 2 * max(rows, columns)
-        smooth, origin, step = values, (0, 0), 1
-        while len(levels) == 1 or step < widest:
-            if len(levels) > 1:
-                smooth, origin = self._halved(smooth, origin)
-                step *= 2
-            smooth, origin = self._smoothed(smooth, origin)
-            levels.append(self._level(smooth, origin, step))
-        self._channels = 2 if np.iscomplexobj(values) else 1
+        modes = _BEYOND.index(beyond_x), _BEYOND.index(beyond_y)
+        self._numbers, at = room(channels * size)
+        first, second = (
+            library.hx_pyramid_row(at, columns, channels, *modes, row) - at for row in (0, 1)
+        )
+        map_of = np.lib.stride_tricks.as_strided(
+            self._numbers[first:], (rows, columns * channels), (8 * (second - first), 8)
+        )
+        self._values: Any = np.asarray(map_of if channels == 1 else map_of.view(np.complex128))
+        self._values[:] = values
+        levels = ffi.new("hx_level[]", count)
+        library.hx_pyramid_make(rows, columns, channels, pixel_mm, outside, *modes, levels, at)
         self._map = Struct(
             "hx_map",
             levels=levels,
-            count=len(levels),
-            channels=self._channels,
+            count=count,
+            channels=channels,
             period_x_mm=columns * pixel_mm if beyond_x == "repeat" else 0.0,
             period_y_mm=rows * pixel_mm if beyond_y == "repeat" else 0.0,
             farthest_mm=FARTHEST_MM,
             outside=outside,
         )
-        self._finest: Array = levels[0].fields["values"]
-        self._columns = int(levels[0].fields["columns"])
+
+    def __reduce__(self) -> Any:
+        return Pyramid, (self.values, self.pixel_mm, self.outside, *reversed(self.modes))
 
     @property
     def values(self) -> Array:
         """The map itself, shape (rows, columns)."""
-        top, left = (_WRAPPED if mode == "repeat" else _MARGIN for mode in self.modes)
-        finest = self._finest.reshape(-1, self._columns, self._channels)[top:-top, left:-left]
-        values = finest if self._channels == 1 else finest.copy().view(np.complex128)
-        return np.asarray(values[..., 0])
-
-    def _padded(self, values: Array, origin: _Origin, by: int) -> tuple[Array, _Origin]:
-        """The map with `by` more pixels on every side, except where the map repeats."""
-        for mode in dict.fromkeys(self.modes):  # most maps have one, and are copied once
-            if mode == "repeat":
-                continue
-            more = [by * (its_mode == mode) for its_mode in self.modes]
-            width = [(pixels, pixels) for pixels in more]
-            if mode == "hold":
-                values = np.pad(values, width, mode="edge")
-            else:
-                values = np.pad(values, width, constant_values=self.outside)
-            origin = (origin[0] - more[0], origin[1] - more[1])
-        return values, origin
-
-    def _smoothed(self, values: Array, origin: _Origin) -> tuple[Array, _Origin]:
-        from scipy.ndimage import correlate1d  # here, since it takes a tenth of a second to import
-
-        values, origin = self._padded(values, origin, _REACH)
-        for axis, mode in enumerate(self.modes):
-            # Beyond the padding the values are constant, and smoothing does not change them.
-            ends = {"outside": "constant", "hold": "nearest", "repeat": "wrap"}[mode]
-            target = None if axis == 0 else values  # which is then ours
-            values = correlate1d(values, _KERNEL, axis, target, ends, self.outside)
-        return values, origin
-
-    def _halved(self, values: Array, origin: _Origin) -> tuple[Array, _Origin]:
-        """Every second pixel: those at even places, so that levels stay aligned."""
-        values, origin = self._padded(values, origin, 1)
-        row, column = origin[0] % 2, origin[1] % 2
-        return values[row::2, column::2], ((origin[0] + row) // 2, (origin[1] + column) // 2)
-
-    def _level(self, values: Array, origin: _Origin, step: int) -> Struct:
-        # Places beyond the level are moved to between its two outermost pixels, which the map does
-        # not reach.
-        values, origin = self._padded(values, origin, _MARGIN)
-        around = [_WRAPPED * (mode == "repeat") for mode in self.modes]
-        if any(around):
-            values = np.pad(values, [(pixels, pixels) for pixels in around], mode="wrap")
-        # The centre of the map's first pixel is half a pixel from its corner.
-        row, column = (
-            -0.5 / step - start + more for start, more in zip(origin, around, strict=True)
-        )
-        pixel_mm, (rows, columns) = self.pixel_mm * step, values.shape
-        # The limits lie slightly inside, so that rounding cannot reach a pixel that does not exist.
-        slack = 1e-9 * max(rows, columns)
-        return Struct(
-            "hx_level",
-            values=np.ascontiguousarray(values).view(_FLOAT),
-            columns=columns,
-            per_mm=1 / pixel_mm,
-            column=column,
-            row=row,
-            low_x=(slack - column) * pixel_mm,
-            high_x=(columns - 1 - slack - column) * pixel_mm,
-            low_y=(slack - row) * pixel_mm,
-            high_y=(rows - 1 - slack - row) * pixel_mm,
-        )
+        return np.asarray(self._values)
 
     def sample(self, x_mm: Array, y_mm: Array, footprint_mm: float | Array) -> Array:
         """Values at places, shape (places,), with one footprint [mm] for all or one for each.

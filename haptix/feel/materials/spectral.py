@@ -38,7 +38,7 @@ from haptix.base.kinds import shared
 from haptix.feel.materials.field import FrictionField, Mapped, turned
 from haptix.feel.materials.material import Material
 from haptix.feel.materials.memory import check_room
-from haptix.feel.materials.pyramid import Beyond, Pyramid, pyramid_pixels
+from haptix.feel.materials.pyramid import Beyond, Pyramid, pyramid_numbers
 from haptix.feel.materials.recording_columns import RecordingColumns
 from haptix.feel.motion import Motion
 from haptix.feel.motion.block import SLOW_MM_PER_S
@@ -537,7 +537,7 @@ class Noise(FrictionField, Material):
 
     def _made(self) -> Pyramid:
         beyond_y: Beyond = "repeat" if self.grain == "isotropic" else "hold"
-        check_room(8 * pyramid_pixels(self._rows, self.pixels, "repeat", beyond_y))
+        check_room(8 * pyramid_numbers(self._rows, self.pixels, "repeat", beyond_y))
         tile = self.mean + self.deviation * self._tile(self._rows)
         return Pyramid(tile, self.tile_mm / self.pixels, self.mean, "repeat", beyond_y)
 
