@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 _PAGE = Path(__file__).with_name("page")
 _COPY = _PAGE / "engine"  # of the engine for pages, in a wheel
-_CHECKOUT = Path(__file__).parents[2] / "clients" / "engine" / "src"
+_CHECKOUT = Path(__file__).parents[2] / "clients"
 _COLUMNS = 720
 _PLACE_MM = (0.0, 45.0, 0.0, 30.0)
 """Place that is shown of a material without edges: left, right, top, bottom."""
@@ -26,8 +26,9 @@ _PLACE_MM = (0.0, 45.0, 0.0, 30.0)
 
 def engine_files() -> dict[str, bytes]:
     """Return the modules of `haptix-engine`, by name, and what draws a figure that is felt."""
-    engine = _COPY if _COPY.is_dir() else _CHECKOUT
-    files = [*engine.iterdir(), _PAGE / "felt.js", _PAGE / "felt.css"]
+    engine = _COPY if _COPY.is_dir() else _CHECKOUT / "engine" / "src"
+    glass = (_COPY if _COPY.is_dir() else _CHECKOUT / "typescript" / "src") / "glass.js"
+    files = {*engine.iterdir(), glass, _PAGE / "felt.js", _PAGE / "felt.css"}
     return {path.name: path.read_bytes() for path in sorted(files)}
 
 

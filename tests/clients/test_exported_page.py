@@ -17,7 +17,7 @@ from PIL import Image
 from haptix.feel.gallery import ASSETS, load
 from haptix.play.touch_page import page_files
 from haptix.service.worker.document_work import DocumentWork
-from tests.chromium import chromium
+from tests.chromium import chromium, zoomed_page
 from tests.command_line import run_haptix
 from tests.play.render.engines import Engine
 from tests.waiting import wait_for
@@ -122,6 +122,41 @@ def test_the_command_writes_the_same_page(tmp_path, monkeypatch):
     again = run_haptix("compile", "two.json", "--page", "site")
     assert again.code != 0
     assert "--overwrite" in again.err
+
+
+@pytest.mark.slow
+def test_the_picture_is_as_large_as_the_layout_once_it_was_measured(tmp_path):
+    """Asked once: the page knows it again after a restart, and however a person zooms.
+
+    The glass has 5 device pixels per mm, which a ruler on the picture shows. `screen.width` of
+    Chromium is the same however a page is zoomed, so it cannot tell.
+    """
+    exported("Two").extractall(tmp_path / "site")
+    layout_mm = FIELDS[1][0] + WIDTH_MM - FIELDS[0][0]
+
+    def wide_mm(page):  # what a ruler on the glass shows
+        box = page.locator(".felt-pad").bounding_box()
+        return box["width"] * page.evaluate("devicePixelRatio") / 5.0
+
+    with served(tmp_path / "site") as address:
+        with zoomed_page(tmp_path / "person", 1.1) as page:
+            page.goto(address)
+            told = page.locator(".felt-size")
+            told.wait_for()
+            assert "not those on the glass" in told.inner_text()
+            page.get_by_label("Width of the picture").fill(f"{wide_mm(page):.2f}")
+            page.keyboard.press("Enter")
+            assert "To scale" in told.inner_text()
+            assert wide_mm(page) == pytest.approx(layout_mm, rel=0.01)
+        with zoomed_page(tmp_path / "person", 1.5) as page:
+            page.goto(address)
+            told = page.locator(".felt-size")
+            told.wait_for()
+            assert "To scale" in told.inner_text()
+            assert wide_mm(page) == pytest.approx(layout_mm, rel=0.01)
+            page.evaluate("document.body.style.width = '80px'")
+            page.evaluate("dispatchEvent(new Event('resize'))")
+            assert "too small" in told.inner_text()
 
 
 def test_a_background_is_shown_around_the_regions():

@@ -171,6 +171,10 @@ def test_the_front_page_is_felt_without_a_service(address, page):
         ".filter((value, i) => i % 4 === 3 && value > 0).length })()"
     )
     assert drawn > 1000
+    # Its 45 mm are those of the glass once a person has measured it, here 4 pixels in each.
+    page.get_by_label("Width of the picture").fill(f"{box['width'] / 4:.3f}")
+    page.keyboard.press("Enter")
+    assert pad.bounding_box()["width"] == pytest.approx(180.0, abs=0.1)
     assert errors == []
     assert all(url.startswith((address, "blob:")) for url in asked)
 

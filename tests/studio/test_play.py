@@ -436,21 +436,27 @@ def test_a_driver_that_fails_says_why_and_a_virtual_one_is_armed_again(front, pl
     wait_for(lambda: len(front.engine.when("arm")) > armed)
 
 
-def test_the_board_is_to_scale_once_the_width_of_the_screen_is_told(play):
-    """A region of 60 mm is as wide as 60 mm of a screen whose width a person has measured."""
-    field = play.get_by_label("Width of this screen")
-    assert "not those on the glass" in field.locator("xpath=..").inner_text()
-    of_screen = play.evaluate("screen.width")
-    field.fill("2000")  # so large that the board has room for it
+def test_the_board_is_to_scale_once_a_person_has_measured_it(front, play):
+    """A stroke of 80 pixels is one of 20 mm where a person has measured 4 pixels per mm."""
+    field = play.get_by_label("Width of the board on the glass")
+    told = field.locator("xpath=..")
+    assert "not those on the glass" in told.inner_text()
+    box = play.locator(".board").bounding_box()
+    field.fill(f"{box['width'] / 4:.3f}")
     field.press("Enter")
-    assert "To scale" in field.locator("xpath=..").inner_text()
-    assert (
-        json.loads(play.evaluate("localStorage['haptix.view']"))["px_per_real_mm"]
-        == of_screen / 2000
-    )
-    field.fill("50")  # a watch: the window is too small for its millimetres
+    assert "To scale" in told.inner_text()
+    x, y = box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]
+    front.engine.reports.clear()
+    play.mouse.move(x, y)
+    play.mouse.down()
+    play.mouse.move(x + 80, y, steps=4)
+    play.mouse.up()
+    wait_for(lambda: front.engine.reports and front.engine.reports[-1].kind == "up")
+    places = [report.x_mm for report in front.engine.reports if report.kind != "up"]
+    assert places[-1] - places[0] == pytest.approx(20.0, abs=0.01)
+    field.fill("20")  # so fine that the window is too small for its millimetres
     field.press("Enter")
-    assert "too small" in field.locator("xpath=..").inner_text()
+    assert "too small" in told.inner_text()
     field.fill("")
     field.press("Enter")
-    assert "not those on the glass" in field.locator("xpath=..").inner_text()
+    assert "not those on the glass" in told.inner_text()

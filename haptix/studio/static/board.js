@@ -49,8 +49,8 @@ export function placeOf(region) {
 export class Board {
   /** Pixels of the page for a millimetre. */
   px_per_mm = 4;
-  /** Pixels of the page for a real millimetre of this screen; 0 where that is not known. */
-  real_px_per_mm = 0;
+  /** Pixels of the page for a millimetre of the glass, where that is known: the board is to scale then. */
+  real_px_per_mm = () => 0;
   /** @type {Box} */
   box = { left: 0, top: 0, width: 100, height: 60 };
   /** @type {m.LayoutDocument} */
@@ -172,7 +172,7 @@ export class Board {
       box.height = Math.max(box.height, high + MARGIN_MM - box.top);
     }
     const fits = Math.min(width / box.width, height / box.height);
-    const whole_px = this.real_px_per_mm > 0 ? Math.min(fits, this.real_px_per_mm) : fits;
+    const whole_px = Math.min(fits, this.real_px_per_mm() || fits);
     const whole = { x_mm: box.left + box.width / 2, y_mm: box.top + box.height / 2, px_per_mm: whole_px };
     const { x_mm, y_mm, px_per_mm } = this.#view ?? whole;
     this.zoom.set(px_per_mm / whole_px);

@@ -134,12 +134,12 @@ export const texts = {
     source: { slider: "slider", pressure: "pressure", assumed: "assumed" },
     forceSlider: "Normal force in newtons",
     byService: "0.5 N",
-    scaleTitle: "Width of this screen (mm)",
-    scaleAsk: "measure its picture",
+    scaleTitle: "Width of the board on the glass (mm)",
+    scaleAsk: "measure it with a ruler",
     scaleUnknown: "Until it is told, millimetres on the board are not those on the glass; then they are, at zoom 100 %.",
     scale: (/** @type {number} */ times) => Math.abs(times - 1) < 0.005
       ? "To scale: a millimetre on the board is one on the glass."
-      : `A millimetre on the board is ${times.toFixed(2)} mm on the glass: the window is too small.`,
+      : `A millimetre on the board is ${times.toFixed(2)} mm on the glass: ${times < 1 ? "the window is too small" : "zoomed"}.`,
     sound: "Sound",
     soundOn: "Hear it",
     soundOff: "Mute",

@@ -12,8 +12,6 @@ export const CHOICES = {
   force_n: 0.5,
   /** Normal force at full pressure of a pen [N]. */
   pressure_n: 1.0,
-  /** Pixels of this screen for a real millimetre; 0 until a person has measured its width. */
-  px_per_real_mm: 0,
   /** Whether friction is drawn in grey, as friction maps have it. */
   is_grey: false,
   is_audible: false,
@@ -31,11 +29,6 @@ export const view = new Value({ ...CHOICES, ...read() });
 export function choose(changes) {
   view.set({ ...view.get(), ...changes });
   store(KEY, JSON.stringify(view.get()));
-}
-
-/** Return the width of this screen's picture in its pixels. */
-export function screenPixels() {
-  return screen.width * devicePixelRatio;
 }
 
 /** @returns {Partial<Choices>} */

@@ -1,5 +1,6 @@
 /** Feel the layout: the board, and beside it curves and numbers of what a finger feels. */
 
+import { measured, pxPerMm } from "/client/glass.js";
 import { Board } from "../board.js";
 import { bullets, el, keyed, save } from "../dom.js";
 import { Films } from "../pictures.js";
@@ -11,7 +12,7 @@ import { Readings, Sensed, Telemetry } from "../telemetry.js";
 import { texts } from "../texts.js";
 import { Touching } from "../touching.js";
 import { nameOf, SCALE, Trail, UNREACHABLE } from "../trail.js";
-import { choose, screenPixels, view } from "../view.js";
+import { choose, view } from "../view.js";
 
 /** @import { App } from "../app.js" */
 
@@ -165,35 +166,27 @@ function forceTools() {
     el("div.slide", {}, slider, value), help);
 }
 
-/** Ask once how wide this screen is, so that a millimetre of the board is one on the glass.
+/** Ask once how wide the board is on the glass, so that a millimetre of the board is one there.
  * @param {Board} board */
 function scaleTools(board) {
+  const width_px = () => board.element.getBoundingClientRect().width;
   const input = el("input", {
-    id: "screen-width", type: "number", min: "20", max: "3000", step: "1", placeholder: t.scaleAsk,
+    id: "board-width", type: "number", min: "20", max: "3000", step: "any", placeholder: t.scaleAsk,
     onchange: () => {
-      const width_mm = Number(input.value);
-      const is_width = width_mm >= 20 && width_mm <= 3000;
-      choose({ px_per_real_mm: is_width ? screenPixels() / width_mm : 0 });
+      measured(width_px(), Number(input.value));
+      board.fit();
     },
   });
   const help = el("small");
-  const tell = () => {
-    const { px_per_real_mm } = view.get();
-    const real = px_per_real_mm / devicePixelRatio;
-    help.textContent = real ? t.scale(board.px_per_mm / real) : t.scaleUnknown;
-  };
   const geometry = board.onFit;
   board.onFit = () => {
     geometry();
-    tell();
+    const real = pxPerMm();
+    input.value = real ? (width_px() / real).toFixed(1) : "";
+    help.textContent = real ? t.scale(board.px_per_mm / real) : t.scaleUnknown;
   };
-  view.on(({ px_per_real_mm }) => {
-    input.value = px_per_real_mm ? String(Math.round(screenPixels() / px_per_real_mm)) : "";
-    board.real_px_per_mm = px_per_real_mm / devicePixelRatio;
-    board.fit();
-    tell();
-  });
-  return el("div.tool", {}, el("label", { for: "screen-width" }, t.scaleTitle), input, help);
+  board.real_px_per_mm = pxPerMm;
+  return el("div.tool", {}, el("label", { for: "board-width" }, t.scaleTitle), input, help);
 }
 
 /** @param {Sound} sound */
