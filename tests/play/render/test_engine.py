@@ -242,9 +242,9 @@ def test_the_engine_plays_what_the_renderer_plays(
 
 
 @pytest.mark.slow
-@settings(max_examples=10_000)
+@settings(max_examples=1000)
 @anything
-def test_ten_thousand_layouts_are_played_the_same(
+def test_a_thousand_layouts_are_played_the_same(
     surface, device, layout, seed, fingers, footprints, combination, compress
 ):
     check_both(surface, device, layout, seed, fingers, footprints, combination, compress)
@@ -494,12 +494,12 @@ def check_events(surface, device, seed, seconds):
 
 
 def test_events_of_fingers_are_felt_as_the_host_plays_them(surface, device):
-    assert sum(check_events(surface, device, seed, 1.0) for seed in range(40)) > 500
+    assert sum(check_events(surface, device, seed, 1.0) for seed in range(20)) > 250
 
 
 @pytest.mark.slow
-def test_hundreds_of_layouts_of_events_are_the_same(surface, device):
-    assert sum(check_events(surface, device, seed, 2.0) for seed in range(100, 400)) > 10_000
+def test_more_layouts_of_events_are_the_same_for_longer(surface, device):
+    assert sum(check_events(surface, device, seed, 2.0) for seed in range(100, 140)) > 1000
 
 
 def test_another_filter_is_named(surface, device):
