@@ -173,13 +173,15 @@ const stop: () => void = engine.attach(document.body, 45);
 engine.addEventListener("block", ({ detail }) => console.log(detail.feltMu[0], detail.driveV));
 const driver = new VirtualDriver(engine, document.createElement("canvas"));
 driver.sounds = true;
+driver.addEventListener("shown", ({ detail }) => console.log(detail.feltMu.toFixed(3)));
+const felt: Float32Array = (await driver.curve()).feltMu;
 const screen = await Driver.open(await openLink("hid", { again: true }), engine);
 await screen.arm();
 const ends: () => Promise<void> = screen.play(engine);
 const core = await EngineCore.load(new Uint8Array(9));
 const block: Block = core.block(5);
 stop();
-console.log(block.fingers, engine.highestV, ends);
+console.log(block.fingers, engine.highestV, ends, felt);
 """
 
 
@@ -211,7 +213,8 @@ PAGE = """<!doctype html>
     const engine = await Engine.load("touch.hxp");
     engine.attach(document.querySelector("#pad"), 40);
     window.blocks = [];
-    engine.addEventListener("block", ({ detail }) => blocks.push(detail));
+    if (!location.search)
+      engine.addEventListener("block", ({ detail }) => blocks.push(detail));
     window.driver = new VirtualDriver(engine, document.querySelector("#curve"));
   } catch (error) {
     window.failure = String(error);
@@ -241,18 +244,19 @@ def site(compiled, tmp_path):
 
 
 def curve(page):
-    row = page.evaluate("driver.curve")
-    numbers = {
-        name: [np.nan if mu is None else mu for mu in values] for name, values in row.items()
-    }
-    return np.array(numbers["wantedMu"], float), np.array(numbers["feltMu"], float)
+    rows = page.evaluate(
+        "driver.curve().then((rows) => Object.values(rows).map((row) => [...row]))"
+    )
+    return np.array(rows, float)
 
 
 def drawn(page):
-    """Pixels of the curve that are not empty."""
+    """Pixels of the curve that are not empty, of all."""
     return page.evaluate(
-        "(() => { const c = document.querySelector('#curve');"
-        "return c.getContext('2d').getImageData(0, 0, c.width, c.height).data"
+        "(() => { const shown = document.querySelector('#curve'), { width, height } = shown;"
+        "const to = new OffscreenCanvas(width, height).getContext('2d');"
+        "to.drawImage(shown, 0, 0);"
+        "return to.getImageData(0, 0, width, height).data"
         ".filter((value, i) => i % 4 === 3 && value > 0).length })()"
     )
 
@@ -291,6 +295,7 @@ def test_a_stroke_of_the_mouse_draws_what_is_felt(site):
         assert drawn(page) == 0
         page.mouse.click(500, 400)  # a browser asks for it before it sounds
         assert page.evaluate("(driver.sounds = true, driver.sounds)")
+        assert page.locator("#curve").bounding_box()["width"] == 600
         for x in range(20, 380, 4):
             page.mouse.move(x, 150)
             page.wait_for_timeout(8)
@@ -318,3 +323,48 @@ def test_a_stroke_of_the_mouse_draws_what_is_felt(site):
         page.goto(address)
         wait_for(lambda: page.title() == "ready")
         assert "no program of a touch" in page.evaluate("window.failure")
+
+
+#: What a page's thread does for a stroke: messages of workers that it takes.
+COUNTED = """
+window.messages = 0;
+window.Worker = class extends Worker {
+  constructor(...how) {
+    super(...how);
+    this.addEventListener("message", () => messages++);
+  }
+};
+"""
+
+
+def test_a_stroke_costs_the_page_no_message_a_block(site):
+    """Only numbers for people; the worker draws the curve, in the colours of the page's CSS."""
+    with chromium() as browser:
+        page = browser.new_page()
+        page.add_init_script(COUNTED)
+        page.goto(site[0] + "?unheard")
+        wait_for(lambda: page.title() == "ready")
+        page.evaluate("document.body.style = '--felt: #00ff00'")
+        page.evaluate("driver.addEventListener('shown', ({ detail }) => (window.last = detail))")
+        page.evaluate("window.messages = 0")
+        began = page.evaluate("performance.now()")
+        for x in range(20, 380, 4):
+            page.mouse.move(x, 150)
+            page.wait_for_timeout(8)
+        lasted_s = (page.evaluate("performance.now()") - began) / 1000
+        assert 1 <= page.evaluate("messages") <= 10 * lasted_s
+        assert 0.1 < page.evaluate("last.feltMu") < 2.0
+        assert drawn(page) > 500
+        assert page.evaluate(GREEN) > 100
+
+
+GREEN = """(() => {
+    const shown = document.querySelector("#curve"), { width, height } = shown;
+    const to = new OffscreenCanvas(width, height).getContext("2d");
+    to.drawImage(shown, 0, 0);
+    const { data } = to.getImageData(0, 0, width, height);
+    let count = 0;
+    for (let i = 0; i < data.length; i += 4)
+        if (data[i] === 0 && data[i + 1] === 255 && data[i + 2] === 0) count++;
+    return count;
+})()"""

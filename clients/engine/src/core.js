@@ -98,9 +98,16 @@ export class EngineCore {
     const word = (place) => felt.getUint32(24 + 4 * place, true);
     const fingers = word(0);
     const size = fingers * points;
-    const row = (place, count) => new Float64Array(buffer, word(place), count).slice();
+    const samples = points * this.step;
+    const copy = new Float64Array(5 * size + points + samples); // one, to be transferred
+    let copied = 0;
+    const row = (place, count) => {
+      const to = copy.subarray(copied, (copied += count));
+      to.set(new Float64Array(buffer, word(place), count));
+      return to;
+    };
     const firstSample = felt.getFloat64(16, true);
-    this.#now = firstSample + points * this.step;
+    this.#now = firstSample + samples;
     return {
       fingers,
       points,
@@ -113,7 +120,7 @@ export class EngineCore {
       feltMu: row(7, size),
       status: new Int8Array(buffer, word(8), size).slice(),
       amplitudeV: row(9, points),
-      driveV: row(10, points * this.step),
+      driveV: row(10, samples),
     };
   }
 }

@@ -5,11 +5,10 @@ import { bytesOf, compileEngine, ProgramError } from "./core.js";
 export { ProgramError };
 
 export class Engine extends EventTarget {
-  #worker;
-
   constructor(worker, { sampleRateHz, step, highestV }) {
     super();
-    this.#worker = worker;
+    /** Where the engine runs. */
+    this.worker = worker;
     /** Samples in a second. */
     this.sampleRateHz = sampleRateHz;
     /** Samples from one control point to the next. */
@@ -17,7 +16,7 @@ export class Engine extends EventTarget {
     /** Highest voltage of the drive. */
     this.highestV = highestV;
     worker.onmessage = ({ data }) => {
-      if (data.block) this.dispatchEvent(new CustomEvent("block", { detail: data.block }));
+      for (const [type, detail] of Object.entries(data)) this.dispatchEvent(new CustomEvent(type, { detail }));
     };
   }
 
@@ -47,10 +46,15 @@ export class Engine extends EventTarget {
     }
   }
 
+  addEventListener(type, ...listener) {
+    if (type === "block") this.worker.postMessage({ hear: true }); // not before: each block costs the page
+    super.addEventListener(type, ...listener);
+  }
+
   /** Report a finger; `ms` is its time stamp, as events have it. */
   touch(id, xMm, yMm, { isDown = true, forceN = 0, ms = performance.now() } = {}) {
-    this.#worker.postMessage({
-      touch: { id, xMm, yMm, forceN, isDown, ms: performance.timeOrigin + ms },
+    this.worker.postMessage({
+      touches: [{ id, xMm, yMm, forceN, isDown, ms: performance.timeOrigin + ms }],
     });
   }
 
@@ -64,23 +68,30 @@ export class Engine extends EventTarget {
    */
   attach(element, widthMm, { leftMm = 0, topMm = 0 } = {}) {
     const down = new Set();
-    const report = (event, isDown) => {
+    const report = (events, isDown) => {
       const box = element.getBoundingClientRect();
       const mm = widthMm / box.width;
-      const [x, y] = [leftMm + (event.clientX - box.left) * mm, topMm + (event.clientY - box.top) * mm];
-      this.touch(event.pointerId, x, y, { isDown, ms: event.timeStamp });
+      const touches = events.map(({ pointerId, clientX, clientY, timeStamp }) => ({
+        id: pointerId,
+        xMm: leftMm + (clientX - box.left) * mm,
+        yMm: topMm + (clientY - box.top) * mm,
+        forceN: 0,
+        isDown,
+        ms: performance.timeOrigin + timeStamp,
+      }));
+      this.worker.postMessage({ touches });
     };
     const move = (event) => {
       const touches = event.pointerType === "mouse" || (event.buttons & 1) === 1;
       if (touches) {
         down.add(event.pointerId);
         const events = event.getCoalescedEvents?.() ?? [];
-        for (const one of events.length ? events : [event]) report(one, true);
+        report(events.length ? events : [event], true);
       }
     };
     const up = (event) => {
       if (event.type === "pointerup" && event.pointerType === "mouse") return;
-      if (down.delete(event.pointerId)) report(event, false);
+      if (down.delete(event.pointerId)) report([event], false);
     };
     const listeners = {
       pointerdown: move,
@@ -102,6 +113,6 @@ export class Engine extends EventTarget {
 
   /** End the worker. */
   close() {
-    this.#worker.terminate();
+    this.worker.terminate();
   }
 }

@@ -10,6 +10,7 @@ export class Engine extends EventTarget {
   readonly sampleRateHz: number;
   readonly step: number;
   readonly highestV: number;
+  readonly worker: Worker;
   touch(
     id: number,
     xMm: number,

@@ -41,10 +41,10 @@ try {
   const engine = await Engine.load(new URL("./touch.hxp", import.meta.url));
   engine.attach(pad, widthMm, { leftMm, topMm });
   const driver = new VirtualDriver(engine, figure.querySelector("canvas"));
-  engine.addEventListener("block", ({ detail }) => {
-    const text = (mu) => (detail.fingers ? mu.at(-1).toFixed(3) : "–");
-    wanted.textContent = text(detail.wantedMu.subarray(0, detail.points));
-    felt.textContent = text(detail.feltMu.subarray(0, detail.points));
+  driver.addEventListener("shown", ({ detail: { wantedMu, feltMu } }) => {
+    const text = (mu) => (Number.isNaN(mu) ? "–" : mu.toFixed(3));
+    wanted.textContent = text(wantedMu);
+    felt.textContent = text(feltMu);
   });
   button.addEventListener("click", () => {
     driver.sounds = !driver.sounds;
