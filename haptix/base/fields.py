@@ -22,9 +22,16 @@ LIFTED_BELOW_N = 1e-3
 """Normal force [N] below which a finger does not touch."""
 HARDEST_N = 100.0
 """Largest normal force [N] of a finger; a larger number probably has another unit."""
+LEAST_AREA_M2, LARGEST_AREA_M2 = 1e-8, 1e-2
+"""Areas of contact: of a spot of a tenth of a millimetre, and of a whole hand."""
+LARGEST_MM = 1e4
+"""Ten metres: a place that is farther away is not in millimetres."""
 
 Force = Annotated[float, Field(gt=0, le=HARDEST_N, allow_inf_nan=False)]
 """A field that is the normal force of a finger [N]."""
+TouchForce = Annotated[float, Field(ge=LIFTED_BELOW_N, le=HARDEST_N)]
+ContactArea = Annotated[float, Field(ge=LEAST_AREA_M2, le=LARGEST_AREA_M2)]
+"""Fields of a finger that touches [N, m^2]."""
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """Bytes of touches and telemetry, against records packed by hand."""
 
+import json
 import os
 import struct
 from math import inf, nan
@@ -9,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from haptix.play.touch.events import TouchEvent, problem_of
 from haptix.service.protocol.batches import (
-    ClientTouch,
     TelemetryFrame,
     numbered,
     read_frame,
@@ -19,6 +20,7 @@ from haptix.service.protocol.batches import (
     write_touches,
 )
 from haptix.service.protocol.messages import Problem, TouchMessage
+from haptix.service.protocol.messages.reading import read_client
 from haptix.service.protocol.wire import FrameReader, frame
 
 TOUCHES = st.builds(
@@ -28,7 +30,7 @@ TOUCHES = st.builds(
     kind=st.sampled_from(["down", "move", "up"]),
     x_mm=st.floats(-1e4, 1e4, width=32),
     y_mm=st.floats(-1e4, 1e4, width=32),
-    normal_force_n=st.none() | st.floats(0.0009765625, 64, width=32),
+    normal_force_n=st.none() | st.floats(0.0078125, 64, width=32),
 )
 
 
@@ -37,7 +39,7 @@ def test_the_bytes_of_the_page():
     data += struct.pack("<iBBHffff", -250, 3, 1 | 4 | 8, 0, 100.0, 50.0, 0.5, nan)
     number, (touch,) = read_touches(data)
     assert number == 7
-    assert TouchMessage(**touch._asdict()) == TouchMessage(
+    assert touch == TouchMessage(
         t_s=12.49975, touch_id=3, kind="move", x_px=100.0, y_px=50.0, normal_force_n=0.5
     )
 
@@ -51,7 +53,7 @@ def test_there_and_back(touches):
     back = read_touches(write_touches(touches, 3)).touches
     for sent, got in zip(touches, back, strict=True):
         assert got.t_s == pytest.approx(sent.t_s, abs=1e-6)  # a record counts microseconds
-        assert got._replace(t_s=sent.t_s) == ClientTouch(**sent.model_dump())
+        assert got.model_copy(update={"t_s": sent.t_s}) == sent
 
 
 @given(st.binary(max_size=200))
@@ -72,7 +74,9 @@ def test_any_bytes_are_read_or_refused(data):
         {"y": inf},
         {"flags": 9, "force_n": -1.0},
         {"flags": 9, "force_n": nan},
-        {"flags": 17, "area_m2": 1.0},
+        {"flags": 9, "force_n": 5e-4},
+        {"flags": 17, "area_m2": 0.05},
+        {"flags": 17, "area_m2": 1e-9},
     ],
 )
 def test_a_bad_record_is_named_and_the_others_are_kept(change):
@@ -80,10 +84,10 @@ def test_a_bad_record_is_named_and_the_others_are_kept(change):
     good |= {"force_n": 1.0, "area_m2": 1e-4}
     head = struct.pack("<BBHId", 1, 1, 2, 1, 0.0)
     records = [struct.pack("<iBBHffff", *(good | part).values()) for part in ({}, change)]
-    assert isinstance(read_touches(head + records[0] * 2).touches[1], ClientTouch)
+    assert isinstance(read_touches(head + records[0] * 2).touches[1], TouchMessage)
     kept, bad = read_touches(head + b"".join(records)).touches
-    assert isinstance(kept, ClientTouch)
-    assert isinstance(bad, Problem) and bad.path == "/touches/1"
+    assert isinstance(kept, TouchMessage)
+    assert isinstance(bad, Problem) and bad.path.startswith("/touches/1")
 
 
 def test_telemetry_there_and_back():
@@ -118,3 +122,36 @@ def test_frames_of_the_link_are_read_however_they_are_cut(frames, data):
         assert reader.read() == []
     finally:
         os.close(reading)
+
+
+@pytest.mark.parametrize(
+    ("fields", "is_felt"),
+    [
+        ({"normal_force_n": 0.001}, True),
+        ({"normal_force_n": 0.0009}, False),
+        ({"normal_force_n": 100.0}, True),
+        ({"normal_force_n": 101.0}, False),
+        ({"contact_area_m2": 0.01}, True),
+        ({"contact_area_m2": 0.011}, False),
+        ({"contact_area_m2": 2e-8}, True),
+        ({"contact_area_m2": 0.9e-8}, False),
+        ({"x_mm": nan}, False),
+    ],
+)
+def test_a_touch_has_the_same_limits_at_each_door(fields, is_felt):
+    """In bytes, in JSON, and in a program's own events."""
+    given = {"t_s": 1.0, "touch_id": 2, "x_mm": 1.0, "y_mm": 1.0} | fields
+    event = TouchEvent(**given)
+    assert (problem_of(event) is None) == is_felt
+    loose = TouchMessage.model_construct(**given, x_px=None, y_px=None, kind="move")
+    (touch,) = read_touches(write_touches([loose], 1)).touches
+    text = json.dumps({"type": "touch", "touches": [given]})
+    try:
+        read_client(text)
+    except Problem as problem:
+        assert not is_felt
+        assert problem.path == "/touches/0/" + next(iter(fields))
+        assert touch.path == problem.path
+        assert touch.sentence.partition(", got")[0] == problem.sentence.partition(", got")[0]
+    else:
+        assert is_felt and isinstance(touch, TouchMessage)

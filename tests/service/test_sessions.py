@@ -442,7 +442,7 @@ def test_a_force_of_zero_of_a_finger_that_is_down_is_explained(service):
         data[16 + 5] |= 8
         client.socket.send(bytes(data))
         refused = client.until(lambda message: message["type"] == "error")
-        assert "above 0" in refused["sentence"] and "leave it out" in refused["sentence"]
+        assert "0.001" in refused["sentence"] and "leave it out" in refused["sentence"]
 
 
 def test_a_finger_whose_lift_was_lost_is_lifted(service, monkeypatch):

@@ -16,7 +16,7 @@ from haptix.service.front.client_touches import (
     TouchInbox,
     touch_events,
 )
-from haptix.service.protocol.batches import ClientTouch, write_touches
+from haptix.service.protocol.batches import write_touches
 from haptix.service.protocol.messages import Problem, TouchMessage
 from tests.service.test_sessions import Client, running, service
 from tests.waiting import PATIENCE_S, pause, wait_for
@@ -27,7 +27,7 @@ NOW_S = 100.0
 
 
 def touch(t_s, touch_id=0, kind="move", x_mm=1.0):
-    return ClientTouch(t_s, touch_id, kind, x_mm, 2.0, None, None, None, None)
+    return TouchMessage(t_s=t_s, touch_id=touch_id, kind=kind, x_mm=x_mm, y_mm=2.0)
 
 
 @pytest.fixture(scope="module")

@@ -15,16 +15,18 @@ from pydantic import Field
 from haptix.base import checks
 from haptix.base.checks import NotNegative, Number, Positive, checked, instance, number, positive
 from haptix.base.errors import InputError
-from haptix.base.fields import HARDEST_N, LIFTED_BELOW_N
+from haptix.base.fields import (
+    HARDEST_N,
+    LARGEST_AREA_M2,
+    LARGEST_MM,
+    LEAST_AREA_M2,
+    LIFTED_BELOW_N,
+)
 from haptix.feel.motion import Trajectory
 
 TouchKind = Literal["down", "move", "up"]
 KINDS: tuple[TouchKind, ...] = ("down", "move", "up")
 
-LARGEST_MM = 1e4
-"""Ten metres; a larger number is not in millimetres."""
-LEAST_AREA_M2, LARGEST_AREA_M2 = 1e-8, 1e-2
-"""Areas of a spot of a tenth of a millimetre, and of a whole hand."""
 LARGEST_S = 1e10
 """Some 300 years, so that clocks that count from 1970 pass; a larger number is in ms or ns."""
 

@@ -16,14 +16,12 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
+from haptix.base.fields import LARGEST_MM
 from haptix.play.touch.events import TouchEvent
-from haptix.service.protocol.batches import ClientTouch
 from haptix.service.protocol.messages import Geometry, Problem, TouchMessage
 
 FUTURE_S, PAST_S = 0.005, 0.5
 """How far ahead of now a touch may be, and how old."""
-MOST_MM = 10_000.0
-"""Of a touch: beyond any screen. A larger number has another unit."""
 _EXCHANGES, _MOST_DRIFT = 64, 200e-6
 _JUMP_S, _JUMPS = 0.02, 3
 OLD_S = 0.1
@@ -31,7 +29,7 @@ OLD_S = 0.1
 engine takes none of that age."""
 _LATE_S = 1.0  # after a stall: what had not been read yet is old, too
 
-Batch = list[ClientTouch | Problem | None]
+Batch = list[TouchMessage | Problem | None]
 
 
 class ClientClock:
@@ -180,7 +178,7 @@ class TouchInbox:
     def __len__(self) -> int:
         return len(self._batches)
 
-    def put(self, touches: Sequence[ClientTouch | Problem]) -> None:
+    def put(self, touches: Sequence[TouchMessage | Problem]) -> None:
         """Take the touches of a batch."""
         self._batches.append([*touches])
 
@@ -214,7 +212,7 @@ def _replaced(batches: list[Batch], old_s: float) -> list[tuple[int, int]]:
     for number in reversed(range(len(batches))):
         for index in reversed(range(len(batches[number]))):
             touch = batches[number][index]
-            if not isinstance(touch, ClientTouch):
+            if not isinstance(touch, TouchMessage):
                 continue
             if touch.kind != "move":
                 newer.discard(touch.touch_id)
@@ -237,7 +235,7 @@ class UsableTouches(NamedTuple):
 def touch_events(
     clock: ClientClock,
     geometry: Geometry | None,
-    touches: Sequence[TouchMessage | ClientTouch | Problem | None],
+    touches: Sequence[TouchMessage | Problem | None],
     now_s: float,
     late_s: float,
 ) -> UsableTouches:
@@ -271,8 +269,8 @@ def touch_events(
             x_mm, y_mm = touch.x_mm, touch.y_mm
             if x_mm is None or y_mm is None or touch.x_px is not None:
                 x_mm, y_mm = _place(geometry, touch)
-            if not (abs(x_mm) <= MOST_MM and abs(y_mm) <= MOST_MM):
-                why = f"expected places within {MOST_MM:g} mm, got {x_mm:g}, {y_mm:g} mm"
+            if not (abs(x_mm) <= LARGEST_MM and abs(y_mm) <= LARGEST_MM):
+                why = f"expected places within {LARGEST_MM:g} mm, got {x_mm:g}, {y_mm:g} mm"
                 raise Problem("message", f"x_mm: {why}; are these pixels?", "/x_mm")
         except Problem as problem:
             path = problem.path if problem is touch else f"/touches/{index}{problem.path}"
@@ -287,7 +285,7 @@ def touch_events(
 
 
 def _lift(
-    clock: ClientClock, geometry: Geometry | None, touch: TouchMessage | ClientTouch, now_s: float
+    clock: ClientClock, geometry: Geometry | None, touch: TouchMessage, now_s: float
 ) -> TouchEvent:
     """Return an up, which nothing keeps out: the finger would stay on the screen."""
     t_s, x_mm, y_mm = now_s, 0.0, 0.0
@@ -298,7 +296,7 @@ def _lift(
     return TouchEvent(t_s, touch.touch_id, x_mm, y_mm, "up")
 
 
-def _place(geometry: Geometry | None, touch: TouchMessage | ClientTouch) -> tuple[float, float]:
+def _place(geometry: Geometry | None, touch: TouchMessage) -> tuple[float, float]:
     if touch.x_px is not None and touch.y_px is not None and touch.x_mm is None:
         if geometry is None:
             raise Problem("order", "x_px: send geometry first, or millimetres", "/x_px")

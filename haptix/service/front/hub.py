@@ -21,7 +21,7 @@ from haptix.service.front.client_touches import Stalls, touch_events
 from haptix.service.front.control import Engine, OutputControl
 from haptix.service.front.jobs import JobBoard
 from haptix.service.protocol import messages as m
-from haptix.service.protocol.batches import ClientTouch, read_frame, read_touches
+from haptix.service.protocol.batches import read_frame, read_touches
 from haptix.service.protocol.messages import Problem, reading
 
 _LOG = logging.getLogger("haptix.service")
@@ -352,7 +352,7 @@ class Hub:
     def touch(
         self,
         session: ServiceSession,
-        *batches: Sequence[m.TouchMessage | ClientTouch | Problem | None],
+        *batches: Sequence[m.TouchMessage | Problem | None],
     ) -> tuple[int, Problem | None]:
         """Pass the holder's touches on; return how many are left out, and why the first is."""
         if self.control.holder is not session:

@@ -49,20 +49,20 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 from math import isfinite
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from pydantic import ValidationError
 
 from haptix.base.checks import Array
-from haptix.base.fields import HARDEST_N
 from haptix.service.protocol.messages import MOST_TOUCHES, Problem, Stream, TouchMessage
+from haptix.service.protocol.messages.reading import problem_of
 
 _HEADER = struct.Struct("<BBHId")
 _RECORD = struct.Struct("<iBBHffff")
 _FRAME = struct.Struct("<BBBBHHIIdd")
 _KINDS: dict[int, Literal["down", "move", "up"]] = {0: "down", 1: "move", 2: "up"}
 _NUMBERS = {kind: number for number, kind in _KINDS.items()}
-_MOST_AREA_M2 = 0.1
 _PIXELS, _FORCE, _AREA = 4, 8, 16
 
 COLUMNS: dict[Stream, tuple[str, ...]] = {
@@ -80,25 +80,11 @@ COLUMNS: dict[Stream, tuple[str, ...]] = {
 STREAMS = tuple(COLUMNS)
 
 
-class ClientTouch(NamedTuple):
-    """A `TouchMessage` that came in bytes: the same fields, made ten times as fast."""
-
-    t_s: float
-    touch_id: int
-    kind: Literal["down", "move", "up"]
-    x_mm: float | None
-    y_mm: float | None
-    x_px: float | None
-    y_px: float | None
-    normal_force_n: float | None
-    contact_area_m2: float | None
-
-
 class TouchBatch(NamedTuple):
     """Touches of one message, by the client's clock; a problem stands where one cannot be used."""
 
     number: int
-    touches: list[ClientTouch | Problem]
+    touches: list[TouchMessage | Problem]
 
 
 def read_touches(data: bytes) -> TouchBatch:
@@ -118,62 +104,37 @@ def read_touches(data: bytes) -> TouchBatch:
         raise Problem("message", f"{count} touches take {expected} bytes, got {len(data)}")
     if not isfinite(base_s):
         raise Problem("clock", "base_s: expected a finite time in seconds", "/base_s")
-    touches: list[ClientTouch | Problem] = []
-    for after_us, touch_id, flags, zero, x, y, force, area in _RECORD.iter_unpack(data[16:]):
-        force_n = force if flags & _FORCE else None
-        area_m2 = area if flags & _AREA else None
-        kind = _KINDS.get(flags & 3)
-        if kind == "up" and flags < 64 and not zero:  # a finger that is off has no force
-            x, y = (x, y) if isfinite(x + y) else (0.0, 0.0)
-            force_n = area_m2 = None
-        # A thousand batches a second come here: one condition for valid ones, a call for others.
-        if not (
-            kind
-            and flags < 64
-            and not zero
-            and isfinite(x + y)  # two finite places of 32 bits have a finite sum
-            and (force_n is None or 0 < force_n <= HARDEST_N)
-            and (area_m2 is None or 0 < area_m2 <= _MOST_AREA_M2)
-        ):
-            touches.append(_wrong(flags, zero, x, y, force_n, area_m2, len(touches)))
-            continue
-        t_s = base_s + after_us * 1e-6
-        if flags & _PIXELS:
-            touches.append(ClientTouch(t_s, touch_id, kind, None, None, x, y, force_n, area_m2))
-        else:
-            touches.append(ClientTouch(t_s, touch_id, kind, x, y, None, None, force_n, area_m2))
-    return TouchBatch(number, touches)
-
-
-def _wrong(
-    flags: int,
-    zero: int,
-    x: float,
-    y: float,
-    force_n: float | None,
-    area_m2: float | None,
-    index: int,
-) -> Problem:
-    """Describe the error of a record."""
-    if flags & 3 == 3 or flags >= 64 or zero:
-        wrong = f"unknown flags {flags:#x} or padding {zero}"
-    elif not (isfinite(x) and isfinite(y)):
-        wrong = "expected a finite place"
-    elif force_n is not None and not 0 < force_n <= HARDEST_N:
-        wrong = _beyond("normal_force_n", HARDEST_N, "N", force_n)
-    else:
-        wrong = _beyond("contact_area_m2", _MOST_AREA_M2, "m^2", area_m2)
-    return Problem("message", wrong, f"/touches/{index}")
-
-
-def _beyond(name: str, most: float, unit: str, got: float | None) -> str:
-    return (
-        f"{name}: expected above 0 and at most {most:g} {unit}, got {got:g}; leave it out where "
-        "nothing measures it"
+    return TouchBatch(
+        number,
+        [
+            _touch(record, base_s, index)
+            for index, record in enumerate(_RECORD.iter_unpack(data[16:]))
+        ],
     )
 
 
-def write_touches(touches: Sequence[TouchMessage | ClientTouch], number: int) -> bytes:
+def _touch(record: tuple[Any, ...], base_s: float, index: int) -> TouchMessage | Problem:
+    """Return the touch of a record, or what is wrong with it."""
+    after_us, touch_id, flags, zero, x, y, force_n, area_m2 = record
+    if flags >= 64 or zero:
+        wrong = f"unknown flags {flags:#x} or padding {zero}"
+        return Problem("message", wrong, f"/touches/{index}")
+    kind = _KINDS.get(flags & 3)
+    if kind == "up" and not isfinite(x + y):
+        x = y = 0.0  # its place is not used
+    fields = {"t_s": base_s + after_us * 1e-6, "touch_id": touch_id, "kind": kind}
+    fields |= {"x_px": x, "y_px": y} if flags & _PIXELS else {"x_mm": x, "y_mm": y}
+    if flags & _FORCE:
+        fields["normal_force_n"] = force_n
+    if flags & _AREA:
+        fields["contact_area_m2"] = area_m2
+    try:
+        return TouchMessage(**fields)
+    except ValidationError as error:
+        return problem_of(error, "touches", index)
+
+
+def write_touches(touches: Sequence[TouchMessage], number: int) -> bytes:
     """Return a batch, as a client sends it. Times may lie 35 minutes around the first."""
     base_s = touches[0].t_s if touches else 0.0
     parts = [_HEADER.pack(1, 1, len(touches), number & 0xFFFFFFFF, base_s)]

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
-from haptix.base.fields import Force, JsonObject
+from haptix.base.fields import ContactArea, JsonObject, TouchForce
 from haptix.base.files import checked_values
 from haptix.feel.layout.region import Number, PixelPlaces, Place, RegionFields
 
@@ -129,8 +129,8 @@ class TouchMessage(Message):
     y_mm: Number | None = None
     x_px: Number | None = None
     y_px: Number | None = None
-    normal_force_n: Force | None = None
-    contact_area_m2: Annotated[float, Field(gt=0, le=0.1, allow_inf_nan=False)] | None = None
+    normal_force_n: TouchForce | None = None
+    contact_area_m2: ContactArea | None = None
 
     @model_validator(mode="before")
     @classmethod

@@ -51,7 +51,7 @@ def read_client(text: str, most_bytes: int = MOST_TEXT_BYTES) -> Any:
     try:
         return CLIENT.validate_json(text)
     except ValidationError as error:
-        raise _problem(error) from None
+        raise problem_of(error) from None
 
 
 def too_many(text: bytes | bytearray) -> str:
@@ -92,8 +92,11 @@ def _depth(text: str) -> int:
     return deepest
 
 
-def _problem(error: ValidationError) -> Problem:
-    """Return the first of pydantic's complaints, with a pointer into the client's text."""
+def problem_of(error: ValidationError, *where: Any) -> Problem:
+    """Return the first of pydantic's complaints, with a pointer into the client's message.
+
+    Without `where`, it is of a whole message, else of a part that stands there.
+    """
     first = error.errors(include_url=False)[0]
     kind, place = first["type"], list(first["loc"])
     if kind == "json_invalid":
@@ -104,12 +107,16 @@ def _problem(error: ValidationError) -> Problem:
         return Problem(
             "message", f"unknown type: expected one of {first['ctx']['expected_tags']}", "/type"
         )
-    path = "".join(f"/{_pointer(part)}" for part in place[1:])  # the first is the type
+    # The first of a whole message is the type.
+    path = "".join(f"/{_pointer(part)}" for part in ([*where, *place] if where else place[1:]))
     if kind == "extra_forbidden":
         return Problem("message", f"unknown key {place[-1]!r}", path)
     got = json.dumps(first["input"], default=str) if kind != "missing" else "nothing"
     got = got if len(got) <= 80 else got[:77] + "..."
-    return Problem("message", f"{place[-1]}: {first['msg'].lower()}, got {got}", path)
+    what = f"{place[-1]}: {first['msg'].lower()}, got {got}"
+    if place[-1] in ("normal_force_n", "contact_area_m2") and "touches" in (*where, *place):
+        what += "; leave it out where nothing measures it"
+    return Problem("message", what, path)
 
 
 def _pointer(part: Any) -> str:
