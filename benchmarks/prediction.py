@@ -105,8 +105,8 @@ def followed(
             fingers.take(events[pushed])
             pushed += 1
         fingers.update(start)
-        [track] = fingers.tracks.values()
-        predicted[i] = track.place(start)[:2]
+        motion = fingers.motion(start, 1e-6, 1, 0.0, at_rest=True).motion
+        predicted[i] = motion.x_mm.item(), motion.y_mm.item()
         held[i] = events[known - 1][2:4]
         sliding += fingers.touches[events[0].touch_id].at(start).is_sliding
     return (

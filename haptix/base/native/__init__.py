@@ -10,7 +10,9 @@ import numpy.typing as npt
 
 from firmware_io.c_library import load
 
-ffi, library = load("haptix-native", Path(__file__).parent / "haptix_native.h")
+ffi, library = load(
+    "haptix-native", *(Path(__file__).parent / f"haptix_{name}.h" for name in ("native", "touch"))
+)
 NULL = ffi.NULL
 _FLOAT64 = np.dtype(np.float64)
 DOUBLES = ffi.typeof("double *")

@@ -347,40 +347,16 @@ static double gain_at(const hx_engine *e, const hx_track *track, double t_s)
     return hx_finger_gain(&e->program.following, track, e->program.drives_at_rest, t_s);
 }
 
-/* Place and force that are played at a time. */
-static void played(const hx_engine *e, const hx_track *track, double t_s, double *place)
-{
-    double passed_s = hx_most(t_s - track->start_s, 0.0);
-    double left = exp(-passed_s / e->program.following.blend_s);
-    hx_finger_place(&e->program.following, track, t_s, place);
-    place[0] += left * track->dx_mm;
-    place[1] += left * track->dy_mm;
-    place[2] = track->normal_force_n + left * track->df_n;
-}
-
-/* Let all reports until now count, from a time on; what was played decays into what is predicted.
- * See haptix.play.render.fingers.PredictedFingers.update. */
+/* Let all reports until now count, from a time on. */
 static void update(const hx_engine *e, touch *t, double t0_s)
 {
-    hx_track before = t->track, *track = &t->track;
+    const hx_program *p = &e->program;
+    hx_track before = t->track;
+    hx_tracker_follow(&p->touching, &t->tracker, &t->track);
+    t->track.is_down = t->is_down;
+    t->track.normal_force_n = t->force_n;
+    hx_finger_update(&p->following, &t->track, t->is_known ? &before : NULL, p->drives_at_rest, t0_s);
     t->is_new = 0;
-    track->is_down = t->is_down;
-    track->start_s = t0_s;
-    track->normal_force_n = t->force_n;
-    track->dx_mm = track->dy_mm = track->df_n = track->gain = 0.0;
-    hx_tracker_follow(&e->program.touching, &t->tracker, track);
-    if (t->is_known) {
-        double was[3], is[2];
-        track->gain = gain_at(e, &before, t0_s);
-        played(e, &before, t0_s, was);
-        hx_finger_place(&e->program.following, track, t0_s, is);
-        /* A finger that was lost, and whose drive had faded out, begins anew. */
-        if (track->gain > 0.0 || before.reported_s + e->program.following.lost_after_s >= t0_s) {
-            track->dx_mm = was[0] - is[0];
-            track->dy_mm = was[1] - is[1];
-            track->df_n = was[2] - track->normal_force_n;
-        }
-    }
     t->is_known = 1;
 }
 
@@ -612,9 +588,10 @@ int64_t hx_engine_touch(hx_engine *e, int64_t touch_id, double t_s, double x_mm,
         hx_tracker_start(settings, &t->tracker, e->interval_s, t_s, x_mm, y_mm);
         e->order[e->down++] = t - e->touches;
     } else if (is_down) {
-        if (!hx_tracker_push(settings, &t->tracker, t_s, x_mm, y_mm))
+        int64_t outcome = hx_tracker_push(settings, &t->tracker, t_s, x_mm, y_mm);
+        if (!(outcome & HX_TAKEN))
             return 0;
-        if (is_force && t->tracker.is_latest) {
+        if (is_force && outcome & HX_LATEST) {
             t->force_n = force_n;
             t->is_force_known = 1;
         }

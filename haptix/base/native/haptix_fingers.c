@@ -41,6 +41,8 @@ void hx_finger_place(const hx_following *following, const hx_track *track, doubl
     prediction p = predicted(following, track, t_s);
     place[0] = p.x_mm;
     place[1] = p.y_mm;
+    place[2] = p.vx_mm_s;
+    place[3] = p.vy_mm_s;
 }
 
 /* It rises while the finger gets drive, then falls. */
@@ -54,6 +56,27 @@ double hx_finger_gain(const hx_following *f, const hx_track *t, int64_t at_rest,
     double gain = t->gain + (rising_s > 0.0 ? rising_s : 0.0) / f->fade_s;
     gain = (gain < 1.0 ? gain : 1.0) - (falling_s > 0.0 ? falling_s : 0.0) / f->fade_s;
     return gain > 0.0 ? gain : 0.0;
+}
+
+void hx_finger_update(const hx_following *f, hx_track *track, const hx_track *before,
+                      int64_t at_rest, double t0_s)
+{
+    track->start_s = t0_s;
+    /* Two intervals from its start on: reports are late, but all by about the same. */
+    track->rests_s = fmin(t0_s + track->moves_s, track->reported_s + f->lost_after_s);
+    track->dx_mm = track->dy_mm = track->df_n = track->gain = 0.0;
+    if (!before)
+        return;
+    track->gain = hx_finger_gain(f, before, at_rest, t0_s);
+    /* A finger that was lost, and whose drive had faded out, begins anew. */
+    if (track->gain <= 0.0 && before->reported_s + f->lost_after_s < t0_s)
+        return;
+    prediction was = predicted(f, before, t0_s), is = predicted(f, track, t0_s);
+    double passed_s = t0_s - before->start_s;
+    double left = exp(-(passed_s > 0.0 ? passed_s : 0.0) / f->blend_s);
+    track->dx_mm = was.x_mm + left * before->dx_mm - is.x_mm;
+    track->dy_mm = was.y_mm + left * before->dy_mm - is.y_mm;
+    track->df_n = before->normal_force_n + left * before->df_n - track->normal_force_n;
 }
 
 static int gets_drive(const hx_following *f, const hx_track *t, int64_t at_rest, double t0_s,

@@ -126,9 +126,23 @@ typedef struct {
     double start_s;                       /* from when on it is so predicted */
     double dx_mm, dy_mm, df_n;            /* what was played less the prediction, at that time */
     double gain;                          /* share of its amplitude that it gets, at that time */
-    double rests_s, rest_x_mm, rest_y_mm; /* when it rests without a report, and where */
+    double moves_s;                       /* from the start on, without a report; then it rests */
+    double rests_s, rest_x_mm, rest_y_mm; /* when, and where */
     int64_t is_down, is_sliding;
 } hx_track;
+
+/* Place and velocity that are predicted for a time: x, y, vx, vy. */
+void hx_finger_place(const hx_following *following, const hx_track *track, double t_s,
+                     double *place);
+
+/* Share of its amplitude that a finger gets at a time; with `at_rest` where it rests, too. */
+double hx_finger_gain(const hx_following *following, const hx_track *track, int64_t at_rest,
+                      double t_s);
+
+/* Let a finger be as its reports until now predict it, from t0_s on. What has been played since
+ * `before` decays into that; NULL: it is new. */
+void hx_finger_update(const hx_following *following, hx_track *track, const hx_track *before,
+                      int64_t at_rest, double t0_s);
 
 /* Fingers that get drive at t0_s + step_s * (1 ... points), of `count`: their number n. Write x, y,
  * force and gain, each [n][points]; [points] weights; of each finger, [3][n]: its velocities, and
@@ -257,13 +271,6 @@ void hx_engine_rate(const hx_engine *engine, double *sample_rate_hz, int64_t *st
 
 /* No finger is farther from the corner of a screen; as haptix.feel.motion.FARTHEST_MM. */
 #define HX_FARTHEST_MM 1e6
-
-/* Place at which a finger is predicted at a time, without what was played before; and the share of
- * its amplitude that it gets then. */
-void hx_finger_place(const hx_following *following, const hx_track *track, double t_s,
-                     double *place);
-double hx_finger_gain(const hx_following *following, const hx_track *track, int64_t at_rest,
-                      double t_s);
 
 /* As haptix.feel.materials.as_mu. */
 double hx_as_mu(int64_t target, double value, double lowest, double highest);

@@ -479,12 +479,12 @@ void hx_program_read(const uint8_t *bytes, hx_program *program, uint8_t *memory)
     program->is_layout = uint_at(h + 32) & IS_LAYOUT ? 1 : 0;
     program->drives_at_rest = uint_at(h + 32) & DRIVES_AT_REST ? 1 : 0;
     hx_touching touching = {
-        real_at(h + 224), real_at(h + 232), real_at(h + 240), real_at(h + 248), real_at(h + 256),
-        real_at(h + 264), real_at(h + 272), real_at(h + 280), real_at(h + 208), real_at(h + 216),
-        real_at(h + 288), real_at(h + 296), real_at(h + 304), real_at(h + 312), real_at(h + 320),
-        real_at(h + 184),
+        {0}, real_at(h + 208), real_at(h + 216), real_at(h + 288), real_at(h + 296), real_at(h + 304),
+        real_at(h + 312), real_at(h + 320), real_at(h + 184), HX_TWO_SINGERS,
     };
     program->touching = touching;
+    for (int i = 0; i < HX_PARAMETERS; i++)
+        program->touching.own[i] = real_at(h + 224 + 8 * i);
     hx_following following = {
         real_at(h + 176), real_at(h + 184), real_at(h + 192), real_at(h + 200),
     };

@@ -1,36 +1,58 @@
-/* One touch from its reports: the filter of its place, and when it slides and rests.
- *
- * It follows haptix.play.touch: InteractingSinger of filters.py and TouchTracker of touches.py,
- * where the sources and the reasons are. */
+/* One touch from its reports: the filter of its place, and when it slides and rests; see
+ * haptix.play.touch, which has the sources of the filters. */
 #include <math.h>
 #include <string.h>
 
 #include "haptix_touch.h"
 
+/* Reports closer than this count as simultaneous: the speed between them would be noise over
+ * nothing. */
 static const double simultaneous_s = 1e-5;
-static const double rests_after = 2.2, least_rest_s = 0.015, longest_interval_s = 0.036;
-static const double newest_weight = 0.25;
+/* Intervals without a report, after which a finger rests where it was reported last. Panels and
+ * browsers are silent about a finger that does not move; one report may go missing. */
+static const double rests_after = 2.2, least_rest_s = 0.015; /* less, a busy machine may be late */
+static const double longest_interval_s = 0.036, newest_weight = 0.25; /* of the estimate */
+/* A report jumps if it is farther from where the finger is expected: what panels are off as fingers
+ * come down and turn, what a hand accelerates, and the motion in which a finger comes down. */
 static const double off_mm = 5.0, most_mm_s2 = 5e4, first_mm_s = 1500.0, most_mm_s = 3000.0;
+/* After so many late events in a row, each later than the one before, the clock has jumped. */
 enum { JUMPS_IN_A_ROW = 3, LATE_IN_A_ROW = 3 };
+/* Number of reports that the assumed noise of a panel stands for; a tenth of the resolution of
+ * capacitive panels; longest duration of five reports from which noise is estimated. */
 static const double assumed_reports = 6.0, least_noise_mm = 0.01, longest_five_s = 0.1;
-static const double least_weight = 0.001;
+static const double least_weight = 0.001; /* of a model, which can so regain it within some reports */
 
-/* The filter. Of a model: x, y, vx, vy, ax, ay, and the covariance xx, xv, xa, vv, va, aa. */
+/* Places of the parameters of each filter. */
+enum { ACCELERATION, PER_SPEED, CORRELATION, NOISE, FIRST_SPEED, NOISE_REPORTS, GENTLE, STAY };
+enum { WHITE_DENSITY, WHITE_NOISE, WHITE_FIRST_SPEED };
+enum { EURO_CUTOFF, EURO_PER_SPEED, EURO_DERIVATIVE };
 
-static void start(const hx_touching *s, double t_s, double x_mm, double y_mm, hx_filtered *to)
+/* Filters. */
+
+static int is_singer(const hx_touching *s) { return s->filter <= HX_SINGER; }
+
+/* Time in which an acceleration decays; the others estimate none. */
+static double lasting_s(const hx_touching *s) { return is_singer(s) ? s->own[CORRELATION] : 1.0; }
+
+void hx_filter_start(const hx_touching *s, double t_s, double x_mm, double y_mm, hx_filtered *to)
 {
-    double noise = s->position_noise_mm * s->position_noise_mm;
+    const double *own = s->own;
+    double noise = own[s->filter == HX_WHITE_ACCELERATION ? WHITE_NOISE : NOISE];
+    double speed = own[s->filter == HX_WHITE_ACCELERATION ? WHITE_FIRST_SPEED : FIRST_SPEED];
+    double acceleration = is_singer(s) ? own[ACCELERATION] : 0.0;
+    double gentle = own[GENTLE] * acceleration;
     double mean[HX_MODEL] = {
-        x_mm, y_mm, 0, 0, 0, 0, noise, 0, 0, s->first_speed_mm_s * s->first_speed_mm_s, 0,
-        s->acceleration_mm_s2 * s->acceleration_mm_s2,
+        x_mm, y_mm, 0, 0, 0, 0, noise * noise, 0, 0, speed * speed, 0, acceleration * acceleration,
     };
-    double gentle = s->gentle * s->acceleration_mm_s2;
+    memset(to, 0, sizeof *to);
     memcpy(to->mean, mean, sizeof mean);
+    to->t_s = t_s;
+    if (!is_singer(s))
+        return;
     memcpy(to->agile, mean, sizeof mean);
     memcpy(to->gentle, mean, sizeof mean);
     to->gentle[11] = gentle * gentle;
-    to->t_s = t_s;
-    to->variance = noise;
+    to->variance = noise * noise;
     to->reports = assumed_reports;
     to->weight = 0.5;
     double recent[3] = {t_s, x_mm, y_mm};
@@ -83,9 +105,9 @@ static void learn_noise(const hx_touching *s, hx_filtered *f, double t_s, double
     newest[2] = y_mm;
     if (++f->recents < 5)
         return;
-    double noise = s->noise_reports > 0.0 ? noise_of(f->recent) : -1.0;
+    double noise = s->own[NOISE_REPORTS] > 0.0 ? noise_of(f->recent) : -1.0;
     if (noise >= 0.0) {
-        f->reports = fmin(f->reports + 1.0, s->noise_reports);
+        f->reports = fmin(f->reports + 1.0, s->own[NOISE_REPORTS]);
         f->variance = fmax(f->variance + (noise - f->variance) / f->reports,
                            least_noise_mm * least_noise_mm);
     }
@@ -97,12 +119,12 @@ static void learn_noise(const hx_touching *s, hx_filtered *f, double t_s, double
 static double moved(const hx_touching *s, double *m, double dt, double share, double variance,
                     double x_mm, double y_mm)
 {
-    double left = exp(-dt / s->correlation_s), to_speed = s->correlation_s * (1.0 - left);
-    double to_place = s->correlation_s * (dt - to_speed);
+    double left = exp(-dt / lasting_s(s)), to_speed = lasting_s(s) * (1.0 - left);
+    double to_place = lasting_s(s) * (dt - to_speed);
     double vx = m[2], vy = m[3], ax = m[4], ay = m[5];
     double pxx = m[6], pxv = m[7], pxa = m[8], pvv = m[9], pva = m[10], paa = m[11];
-    double jerk = share * (s->acceleration_mm_s2 + s->acceleration_per_speed_hz * hypot(vx, vy));
-    jerk *= 2.0 * jerk / s->correlation_s;
+    double jerk = share * (s->own[ACCELERATION] + s->own[PER_SPEED] * hypot(vx, vy));
+    jerk *= 2.0 * jerk / lasting_s(s);
     double xa = pxa + dt * pva + to_place * paa;
     double xv = pxv + dt * pvv + to_place * pva;
     double va = pva + to_speed * paa;
@@ -130,20 +152,69 @@ static double moved(const hx_touching *s, double *m, double dt, double share, do
     return -0.5 * (dx * dx + dy * dy) / total - log(total);
 }
 
-static void step(const hx_touching *s, hx_filtered *f, double t_s, double x_mm, double y_mm)
+static void step_two(const hx_touching *s, hx_filtered *f, double t_s, double x_mm, double y_mm)
 {
     double dt = t_s - f->t_s, weight = f->weight, gentle[HX_MODEL], agile[HX_MODEL];
-    learn_noise(s, f, t_s, x_mm, y_mm);
-    double before = s->stay * weight + (1.0 - s->stay) * (1.0 - weight);
-    mix(s->stay * weight / before, f->gentle, f->agile, gentle);
-    mix((1.0 - s->stay) * weight / (1.0 - before), f->gentle, f->agile, agile);
-    double likely = moved(s, gentle, dt, s->gentle, f->variance, x_mm, y_mm);
+    double before = s->own[STAY] * weight + (1.0 - s->own[STAY]) * (1.0 - weight);
+    mix(s->own[STAY] * weight / before, f->gentle, f->agile, gentle);
+    mix((1.0 - s->own[STAY]) * weight / (1.0 - before), f->gentle, f->agile, agile);
+    double likely = moved(s, gentle, dt, s->own[GENTLE], f->variance, x_mm, y_mm);
     double other = moved(s, agile, dt, 1.0, f->variance, x_mm, y_mm);
     double odds = (1.0 - before) / before * exp(fmin(fmax(other - likely, -50.0), 50.0));
     f->weight = fmin(fmax(1.0 / (1.0 + odds), least_weight), 1.0 - least_weight);
     memcpy(f->gentle, gentle, sizeof gentle);
     memcpy(f->agile, agile, sizeof agile);
     mix(f->weight, gentle, agile, f->mean);
+}
+
+/* A velocity that wanders by white noise of the acceleration. */
+static void step_white(const hx_touching *s, double *m, double dt, double x_mm, double y_mm)
+{
+    double noise = s->own[WHITE_NOISE] * s->own[WHITE_NOISE], grown = s->own[WHITE_DENSITY] * dt;
+    double cross = m[7] + dt * (m[9] + 0.5 * grown), speed = m[9] + grown;
+    double place = m[6] + dt * (m[7] + m[7] + dt * (m[9] + grown / 3.0));
+    double gain = place / (place + noise), gain_speed = cross / (place + noise);
+    double dx = x_mm - (m[0] + m[2] * dt), dy = y_mm - (m[1] + m[3] * dt);
+    m[0] += m[2] * dt + gain * dx;
+    m[1] += m[3] * dt + gain * dy;
+    m[2] += gain_speed * dx;
+    m[3] += gain_speed * dy;
+    speed -= gain_speed * cross;
+    m[6] = noise * gain;
+    m[7] = noise * gain_speed;
+    m[9] = speed > 0.0 ? speed : 0.0;
+}
+
+/* A low pass whose cut-off rises with speed: alpha = 1 / (1 + 1 / (2 pi cut-off dt)). */
+static void step_euro(const hx_touching *s, double *m, double *smooth, double dt, double x_mm,
+                      double y_mm)
+{
+    static const double two_pi = 6.283185307179586;
+    double turns = two_pi * dt * s->own[EURO_DERIVATIVE], weight = turns / (1.0 + turns);
+    double dx = x_mm - m[0], dy = y_mm - m[1];
+    smooth[0] += weight * (dx / dt - smooth[0]);
+    smooth[1] += weight * (dy / dt - smooth[1]);
+    turns = two_pi * dt * (s->own[EURO_CUTOFF] + s->own[EURO_PER_SPEED] * hypot(smooth[0], smooth[1]));
+    weight = turns / (1.0 + turns);
+    m[0] += weight * dx;
+    m[1] += weight * dy;
+    m[2] = weight * smooth[0];
+    m[3] = weight * smooth[1];
+}
+
+void hx_filter_step(const hx_touching *s, hx_filtered *f, double t_s, double x_mm, double y_mm)
+{
+    double dt = t_s - f->t_s;
+    if (is_singer(s))
+        learn_noise(s, f, t_s, x_mm, y_mm);
+    if (s->filter == HX_TWO_SINGERS)
+        step_two(s, f, t_s, x_mm, y_mm);
+    else if (s->filter == HX_SINGER)
+        moved(s, f->mean, dt, 1.0, f->variance, x_mm, y_mm);
+    else if (s->filter == HX_WHITE_ACCELERATION)
+        step_white(s, f->mean, dt, x_mm, y_mm);
+    else if (dt > 0.0)
+        step_euro(s, f->mean, f->agile, dt, x_mm, y_mm);
     f->t_s = t_s;
 }
 
@@ -151,8 +222,8 @@ static void step(const hx_touching *s, hx_filtered *f, double t_s, double x_mm, 
 static void ahead(const hx_touching *s, const hx_filtered *f, double ahead_s, double *x, double *y)
 {
     const double *m = f->mean;
-    double to_speed = -s->correlation_s * expm1(-ahead_s / s->correlation_s);
-    double to_place = s->correlation_s * (ahead_s - to_speed);
+    double to_speed = -lasting_s(s) * expm1(-ahead_s / lasting_s(s));
+    double to_place = lasting_s(s) * (ahead_s - to_speed);
     *x = m[0] + m[2] * ahead_s + m[4] * to_place;
     *y = m[1] + m[3] * ahead_s + m[5] * to_place;
 }
@@ -171,7 +242,7 @@ static hx_report first_report(const hx_touching *s, double t_s, double x_mm, dou
 {
     hx_report r;
     memset(&r, 0, sizeof r);
-    start(s, t_s, x_mm, y_mm, &r.filtered);
+    hx_filter_start(s, t_s, x_mm, y_mm, &r.filtered);
     r.t_s = r.used_t_s = r.moved_s = t_s;
     r.x_mm = r.used_x_mm = x_mm;
     r.y_mm = r.used_y_mm = y_mm;
@@ -204,7 +275,7 @@ static void restart(const hx_touching *s, hx_tracker *t, double t_s, double x_mm
 static void count_report(const hx_touching *s, hx_report *r, double t_s, double x_mm, double y_mm)
 {
     double dt = t_s - r->used_t_s;
-    step(s, &r->filtered, t_s, x_mm, y_mm);
+    hx_filter_step(s, &r->filtered, t_s, x_mm, y_mm);
     double vx = r->filtered.mean[2], vy = r->filtered.mean[3];
     double weight = dt / (dt + s->slide_smoothing_s);
     r->slow_vx += weight * (vx - r->slow_vx);
@@ -264,10 +335,10 @@ static void add(const hx_touching *s, hx_tracker *t, double t_s, double x_mm, do
 }
 
 /* Undo the later reports, add the late one, and add the others again. */
-static void insert(const hx_touching *s, hx_tracker *t, double t_s, double x_mm, double y_mm)
+static int64_t insert(const hx_touching *s, hx_tracker *t, double t_s, double x_mm, double y_mm)
 {
     double later[HX_REPORTS][3];
-    int64_t count = 0;
+    int64_t count = 0, outcome = HX_REORDERED;
     for (; t->count && report_at(t, 0)->t_s > t_s + simultaneous_s; t->count--, count++) {
         const hx_report *r = report_at(t, 0);
         later[count][0] = r->t_s;
@@ -277,10 +348,12 @@ static void insert(const hx_touching *s, hx_tracker *t, double t_s, double x_mm,
     if (t->count && t_s - report_at(t, 0)->t_s <= simultaneous_s) {
         t_s = report_at(t, 0)->t_s;
         t->count--;
+        outcome = HX_COALESCED;
     }
     add(s, t, t_s, x_mm, y_mm);
     while (count--)
         add(s, t, later[count][0], later[count][1], later[count][2]);
+    return outcome;
 }
 
 static int is_clock_jump(hx_tracker *t, double t_s)
@@ -300,33 +373,40 @@ void hx_tracker_start(const hx_touching *s, hx_tracker *t, double interval_s, do
     t->now = *report_at(t, 0);
 }
 
+int64_t hx_tracker_bytes(void) { return (int64_t)sizeof(hx_tracker); }
+
+double hx_tracker_interval_s(const hx_tracker *t) { return t->interval_s; }
+
 int64_t hx_tracker_push(const hx_touching *s, hx_tracker *t, double t_s, double x_mm, double y_mm)
 {
     const hx_report *last = report_at(t, 0);
     double dt = t_s - last->t_s;
+    int64_t outcome = HX_TAKEN;
     if (dt > s->lost_after_s)
         restart(s, t, t_s, x_mm, y_mm);
     else if (dt > simultaneous_s &&
              (t->count == 1 || last->t_s - report_at(t, 1)->t_s >= s->least_interval_s)) {
         add(s, t, t_s, x_mm, y_mm);
         if (report_at(t, 0)->is_held)
-            return 0;
+            return HX_JUMPED;
     } else if (dt >= -simultaneous_s) {
         double at_s = fmax(t_s, last->t_s);
+        outcome |= HX_COALESCED;
         t->count--;
         add(s, t, at_s, x_mm, y_mm);
     } else if (dt >= -s->reorder_s &&
                (t_s > report_at(t, t->count - 1)->t_s || t->count < HX_REPORTS))
-        insert(s, t, t_s, x_mm, y_mm);
+        outcome |= insert(s, t, t_s, x_mm, y_mm);
     else if (!is_clock_jump(t, t_s))
-        return 0;
-    else
+        return HX_LATE;
+    else {
+        outcome |= HX_CLOCK_JUMPED;
         restart(s, t, t_s, x_mm, y_mm);
+    }
     t->late = 0;
     t->now = *report_at(t, 0);
     t->interval_s = t->now.interval_s;
-    t->is_latest = t_s >= report_at(t, 0)->t_s;
-    return 1;
+    return t_s >= report_at(t, 0)->t_s ? outcome | HX_LATEST : outcome;
 }
 
 void hx_tracker_follow(const hx_touching *s, const hx_tracker *t, hx_track *to)
@@ -340,10 +420,11 @@ void hx_tracker_follow(const hx_touching *s, const hx_tracker *t, hx_track *to)
     to->vy_mm_s = m[3];
     to->ax_mm_s2 = m[4];
     to->ay_mm_s2 = m[5];
-    to->lasting_s = s->correlation_s;
+    to->lasting_s = lasting_s(s);
     to->rest_x_mm = now->used_x_mm;
     to->rest_y_mm = now->used_y_mm;
     to->is_sliding = now->is_sliding;
-    double moves_s = fmin(rests_after_s(now->interval_s), s->lost_after_s);
-    to->rests_s = fmin(to->start_s + moves_s, to->reported_s + s->lost_after_s);
+    to->moves_s = fmin(rests_after_s(now->interval_s), s->lost_after_s);
+    to->start_s = to->reported_s;
+    to->rests_s = to->reported_s + to->moves_s;
 }

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field, replace
-from math import exp, hypot, inf, isnan, nan
-from typing import Any
+from dataclasses import dataclass, field
+from math import hypot, inf, isnan, nan
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from haptix.base.checks import Array
 from haptix.base.errors import InputError
-from haptix.base.native import DOUBLES, Struct, ffi, library
+from haptix.base.native import DOUBLES, NULL, ffi, library
 from haptix.feel.motion import VELOCITY_OVER_S, History, Motion, Report
 from haptix.feel.motion.block import React, Reactions, unmoved
 from haptix.play.render.samples import Fingers
 from haptix.play.render.settings import LiveSettings, Sliding
-from haptix.play.touch import Touches, TouchEvent, TouchState, TouchTracker
+from haptix.play.touch import Touches, TouchEvent, TouchTracker
+from haptix.play.touch.touches import Predicted
 
 LOST_S = 0.1
 """A recorded finger counts as lifted if it has no touch for this time while others go on."""
@@ -222,67 +223,17 @@ def _velocities(t_s: Array, paths: list[Array]) -> tuple[Array, Array]:
     return vx, vy
 
 
-@dataclass(frozen=True, slots=True)
-class _PredictedTrack:
+class _PredictedTrack(NamedTuple):
     """One finger from a time on, predicted by the reports until then; it never changes.
 
     Samples before that time followed an older prediction. The difference in place and force decays
     over `TouchSettings.blend_s`, and the gain continues from its last value.
     """
 
-    tracker: TouchTracker
-    now: Any
-    """State of the tracker at that time; a newer state is another object."""
-    is_down: bool
-    start_s: float
-    offset: tuple[float, float, float]
-    gain: float
-
-    def ahead(self, t_s: float) -> TouchState:
-        """Return the prediction for a time, without the offset."""
-        return self.tracker.at(t_s, self.now, self.rests_s)
-
-    @property
-    def rests_s(self) -> float:
-        """When the finger rests, if no report changes the prediction before."""
-        # Two intervals from its start on: reports are late, but all by about the same.
-        moves_s: float = self.now[5]
-        reported_s: float = self.now[0]
-        return min(self.start_s + moves_s, reported_s + self.tracker.settings.lost_after_s)
-
-    def place(self, t_s: float) -> tuple[float, float, float]:
-        """Return place and force at a time."""
-        state = self.ahead(t_s)
-        dx, dy, df = self.left(t_s)
-        return state.x_mm + dx, state.y_mm + dy, state.normal_force_n + df
-
-    def left(self, t_s: float) -> tuple[float, float, float]:
-        """Return the rest of the offset at a time."""
-        dx, dy, df = self.offset
-        decay = exp(-max(t_s - self.start_s, 0.0) / self.tracker.settings.blend_s)
-        return decay * dx, decay * dy, decay * df
-
-    def _driven_until_s(self, settings: LiveSettings, at_rest: bool) -> float:
-        """Return the time [s] until which the finger gets drive."""
-        if not (self.is_down and (self.now[-1] or at_rest)):
-            return self.start_s
-        lost_s = self.now[0] + settings.touch.lost_after_s
-        return max(lost_s if at_rest else self.rests_s, self.start_s)
-
-    def gain_at(self, t_s: float, settings: LiveSettings, at_rest: bool) -> float:
-        """Return the share of its amplitude that the finger gets at a time."""
-        last_s, fade_s = self._driven_until_s(settings, at_rest), settings.sliding.fade_s
-        risen = self.gain + max(min(t_s, last_s) - self.start_s, 0.0) / fade_s
-        return max(min(risen, 1.0) - max(t_s - last_s, 0.0) / fade_s, 0.0)
-
-    @property
-    def row(self) -> tuple[Any, ...]:
-        """The same for the library in C."""
-        reported_s, _, estimate, x_mm, y_mm, _, is_sliding = self.now
-        return (
-            reported_s, *self.tracker.course(self.now), estimate.normal_force_n, self.start_s,
-            *self.offset, self.gain, self.rests_s, x_mm, y_mm, self.is_down, is_sliding,
-        )  # fmt: skip
+    now: Predicted
+    """Prediction of the tracker at that time; a newer one is another object."""
+    row: Any
+    """Its ``hx_track``."""
 
 
 class PredictedFingers:
@@ -301,14 +252,7 @@ class PredictedFingers:
         self._at_rest = not settings.sliding.is_needed
         self._ahead_s: float | None = None  # clock of touches minus that of samples
         self._updated_s = self._driven_until_s = -inf
-        touch = settings.touch
-        self._following = Struct(
-            "hx_following",
-            latency_s=touch.latency_s,
-            lost_after_s=touch.lost_after_s,
-            blend_s=touch.blend_s,
-            fade_s=settings.sliding.fade_s,
-        )
+        self._following = settings.touch.compiled(settings.sliding.fade_s)[1]
         self._rows = ffi.new("hx_track[]", 0)
         self._known: tuple[bool, ...] = ()
         self._ids: tuple[int, ...] = ()
@@ -327,30 +271,22 @@ class PredictedFingers:
         before = dict(tracks)
         for tracker in dict.fromkeys([*down, *tracks]):
             now, is_down, old = tracker.now, tracker.is_down, tracks.get(tracker)
-            news = _PredictedTrack(tracker, now, is_down, t0_s, (0.0, 0.0, 0.0), 0.0)
-            if old is None:
-                tracks[tracker] = news
-                continue
-            if old.now is now and old.is_down == is_down:
-                if not is_down and not self._gain(old, t0_s):
+            if old is not None and old.now is now and old.row.is_down == is_down:
+                if not is_down and not library.hx_finger_gain(
+                    self._following, old.row, self._at_rest, t0_s
+                ):
                     del tracks[tracker]
                     self._reactions.pop(tracker, None)
                 continue
-            new = news.ahead(t0_s)
-            x, y, force = old.place(t0_s)
-            offset = (x - new.x_mm, y - new.y_mm, force - new.normal_force_n)
-            gain = self._gain(old, t0_s)
-            if not gain and old.now[0] + self._settings.touch.lost_after_s < t0_s:
-                offset = (0.0, 0.0, 0.0)  # the finger was lost, and its drive had faded out
-            tracks[tracker] = replace(news, offset=offset, gain=gain)
-
+            row = ffi.new("hx_track *", now.track[0])
+            row.is_down = is_down
+            was = NULL if old is None else old.row
+            library.hx_finger_update(self._following, row, was, self._at_rest, t0_s)
+            tracks[tracker] = _PredictedTrack(now, row)
         if tracks != before:
-            self._rows = ffi.new("hx_track[]", [track.row for track in tracks.values()])
-            self._known = tuple(track.now[2].source != "assumed" for track in tracks.values())
-            self._ids = tuple(track.tracker.touch_id for track in tracks.values())
-
-    def _gain(self, track: _PredictedTrack, t_s: float) -> float:
-        return track.gain_at(t_s, self._settings, self._at_rest)
+            self._rows = ffi.new("hx_track[]", [track.row[0] for track in tracks.values()])
+            self._known = tuple(track.now.force.source != "assumed" for track in tracks.values())
+            self._ids = tuple(tracker.touch_id for tracker in tracks)
 
     def take(
         self,
@@ -405,7 +341,7 @@ class PredictedFingers:
         numbers = np.empty((4 * count + 1) * points + 3 * count + 1)
         at = _address(DOUBLES, numbers)
         n = library.hx_fingers(
-            self._following.at, rows, count, t0_s, step_s, points, self._at_rest, at
+            self._following, rows, count, t0_s, step_s, points, self._at_rest, at
         )
         if not n:
             return Fingers.none(points)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import logging
-from collections import deque
 from dataclasses import field
-from math import exp, hypot, nan
+from math import hypot, nan
 from typing import Any, NamedTuple
 
 from haptix.base import checks
 from haptix.base.checks import NotNegative, Positive, checked
 from haptix.base.errors import InputError
+from haptix.base.native import ffi, library
 from haptix.play.touch.events import (
     LARGEST_S,
     ForceEstimate,
@@ -23,30 +23,20 @@ from haptix.play.touch.events import (
     misplaced,
     problem_of,
 )
-from haptix.play.touch.filters import Course, FilterState, InteractingSinger, PlaceFilter
+from haptix.play.touch.filters import FILTERS, InteractingSinger, PlaceFilter
 
 _LOG = logging.getLogger("haptix.play.touch")
-# Longest history of reports. It holds `reorder_s` of them at `least_interval_s` by the defaults.
-_HISTORY_LENGTH = 64
-# Reports closer than this count as simultaneous: the speed between them would be noise over
-# nothing.
-_SIMULTANEOUS_S = 1e-5
-# After this many late events in a row, each later than the one before, the clock has jumped.
-_LATE_IN_A_ROW = 3
 # Number of ended touches whose ids are remembered: late events must not start them again.
 _REMEMBERED = 32
-# Intervals without a report, after which a finger rests where it was reported last. Panels and
-# browsers are silent about a finger that does not move; one report may go missing.
-_RESTS_AFTER, _LEAST_REST_S = 2.2, 0.015  # less than the second, a busy machine may be late
-_FIRST_INTERVAL_S, _LONGEST_INTERVAL_S = 1 / 60, 0.036
-_NEWEST = 0.25  # weight of the newest interval in the estimate
-# A report jumps if it is farther from where the finger is expected: what panels are off as fingers
-# come down and turn, what a hand accelerates, and the motion in which a finger comes down.
-_OFF_MM, _MOST_MM_S2, _FIRST_MM_S, _MOST_MM_S = 5.0, 5e4, 1500.0, 3000.0
-_JUMPS_IN_A_ROW = 3
-# Time of the last report, the filter's state after it, the force, the reported place, for how long
-# it counts, and whether the finger slides.
-_Now = tuple[float, FilterState, ForceEstimate, float, float, float, bool]
+_FIRST_INTERVAL_S = 1 / 60
+_OUTCOMES = {
+    library.HX_TAKEN: "taken",
+    library.HX_COALESCED: "coalesced",
+    library.HX_REORDERED: "reordered",
+    library.HX_JUMPED: "jumps",
+    library.HX_LATE: "late",
+    library.HX_CLOCK_JUMPED: "clock_jumps",
+}
 
 
 @checked()
@@ -98,6 +88,9 @@ class TouchSettings:
     force: ForceModel = field(default_factory=ForceModel)
 
     def __post_init__(self) -> None:
+        if type(self.filter) not in FILTERS:
+            names = ", ".join(kind.__name__ for kind in FILTERS)
+            raise InputError(f"filter: expected {names}, got {type(self.filter).__name__}")
         if self.latency_s > 0.5:
             raise InputError(
                 f"latency_s: expected 0.5 s at most, got {self.latency_s:g}; is it in ms? No "
@@ -108,6 +101,23 @@ class TouchSettings:
                 "expected rest_below_mm_s <= slide_above_mm_s, got "
                 f"{self.rest_below_mm_s:g} and {self.slide_above_mm_s:g}"
             )
+
+    def compiled(self, fade_s: float = 1.0) -> tuple[Any, Any]:
+        """Return the same for the library in C, to follow touches and to predict fingers.
+
+        Parameters
+        ----------
+        fade_s : float
+            Time in which the drive of a finger fades in and out [s].
+        """
+        number, parameters = self.filter.compiled
+        touching = ffi.new("hx_touching *", (
+            parameters, self.slide_above_mm_s, self.rest_below_mm_s, self.turn_above_mm_s,
+            self.turn_s, self.slide_smoothing_s, self.reorder_s, self.least_interval_s,
+            self.lost_after_s, number,
+        ))  # fmt: skip
+        following = (self.latency_s, self.lost_after_s, self.blend_s, fade_s)
+        return touching, ffi.new("hx_following *", following)
 
 
 class TouchState(NamedTuple):
@@ -144,31 +154,18 @@ class TouchState(NamedTuple):
     is_down: bool
 
 
-class _Entry(NamedTuple):
-    """A report that was used, and the state after it."""
+class Predicted(NamedTuple):
+    """A touch as its reports predict it, for the library in C; each report makes a new one."""
 
-    t_s: float
-    x_mm: float
-    y_mm: float
-    filtered: FilterState
-    slow_vx: float
-    slow_vy: float
-    slow_speed: float
-    is_sliding: bool
-    moved_s: float
-    """Time of the last report whose averaged velocity was that of a sliding finger."""
-    interval_s: float
-    """Interval of reports, as estimated until then."""
-    held: _Entry | None = None
-    """The last report that counts, where this one jumps; the state is that after it."""
-    jumps: int = 0
-    """Number of reports in a row that jump."""
+    track: Any
+    """Its ``hx_track``, from the last report on."""
+    force: ForceEstimate
 
 
 class TouchTracker:
     """Follows one touch from down to up.
 
-    One thread may push reports while another reads: the second reads one tuple, which the first
+    One thread may push reports while another reads: the second reads `now`, which the first
     replaces.
 
     Parameters
@@ -203,22 +200,27 @@ class TouchTracker:
         self.touch_id = touch_id
         self.counts = TouchCounts() if counts is None else counts
         self.is_down = True
-        self._filter = settings.filter
-        self._history: deque[_Entry] = deque(maxlen=_HISTORY_LENGTH)
+        self._settings, self._following = settings.compiled()
         self._force = settings.force.assumed
-        self._late_t_s = -1e300
-        self._late = 0
-        self.interval_s = interval_s
-        self._restart(t_s, x_mm, y_mm)
+        self._memory = ffi.new("double[]", library.hx_tracker_bytes() // 8 + 1)
+        self._at = ffi.cast("hx_tracker *", self._memory)
+        library.hx_tracker_start(self._settings, self._at, interval_s, t_s, x_mm, y_mm)
         if normal_force_n is not None or contact_area_m2 is not None:
             self._take_force(normal_force_n, contact_area_m2)
         self._publish()
         self.counts.taken += 1
 
     @property
+    def interval_s(self) -> float:
+        """Interval of the panel's reports, as estimated until now."""
+        interval_s: float = library.hx_tracker_interval_s(self._at)
+        return interval_s
+
+    @property
     def last_t_s(self) -> float:
         """Time of the latest report."""
-        return self._now[0]
+        t_s: float = self.now.track.reported_s
+        return t_s
 
     def push(
         self,
@@ -241,35 +243,14 @@ class TouchTracker:
         contact_area_m2 : float, optional
             Contact area [m^2], if measured.
         """
-        history = self._history
-        last = history[-1]
-        settings = self.settings
-        dt = t_s - last.t_s
-        if dt > settings.lost_after_s:
-            self._restart(t_s, x_mm, y_mm)
-        elif dt > _SIMULTANEOUS_S and (
-            len(history) == 1 or last.t_s - history[-2].t_s >= settings.least_interval_s
-        ):
-            self._add(t_s, x_mm, y_mm)
-            if history[-1].held is not None:
-                self.counts.jumps += 1
-                return False
-        elif dt >= -_SIMULTANEOUS_S:
-            self.counts.coalesced += 1
-            history.pop()
-            self._add(max(t_s, last.t_s), x_mm, y_mm)
-        elif dt >= -settings.reorder_s and (t_s > history[0].t_s or len(history) < _HISTORY_LENGTH):
-            self._insert(t_s, x_mm, y_mm)
-        elif not self._is_clock_jump(t_s):
-            self.counts.late += 1
+        outcome = library.hx_tracker_push(self._settings, self._at, t_s, x_mm, y_mm)
+        for flag, name in _OUTCOMES.items():
+            if outcome & flag:
+                setattr(self.counts, name, getattr(self.counts, name) + 1)
+        if not outcome & library.HX_TAKEN:
             return False
-        else:
-            self.counts.clock_jumps += 1
-            self._restart(t_s, x_mm, y_mm)
-        self._late = 0
-        self.counts.taken += 1
         if (normal_force_n is not None or contact_area_m2 is not None) and (
-            t_s >= history[-1].t_s  # a later report has a newer force
+            outcome & library.HX_LATEST  # a later report has a newer force
         ):
             self._take_force(normal_force_n, contact_area_m2)
         self._publish()
@@ -279,12 +260,7 @@ class TouchTracker:
         """End the touch: it no longer slides, and its place is predicted until it is lost."""
         self.is_down = False
 
-    @property
-    def now(self) -> Any:
-        """The present state, for `at` and `course`; every report replaces it by a new object."""
-        return self._now
-
-    def at(self, t_s: float, now: Any = None, rests_s: float | None = None) -> TouchState:
+    def at(self, t_s: float) -> TouchState:
         """Place, velocity and force of the finger at a time, predicted over the latency.
 
         A finger of which nothing is reported for two intervals of reports has not moved: it rests
@@ -293,10 +269,6 @@ class TouchTracker:
         Parameters
         ----------
         t_s : float
-        now : optional
-            An earlier state of the tracker: predict as it was predicted then.
-        rests_s : float, optional
-            When it rests without a further report; by default two intervals after the last one.
 
         Examples
         --------
@@ -306,110 +278,16 @@ class TouchTracker:
         >>> track.at(0.015).is_down
         True
         """
-        t, filtered, force, x_mm, y_mm, moves_s, slides = self._now if now is None else now
-        age, settings = t_s - t, self.settings
-        lost = age > settings.lost_after_s
-        moving = moves_s if rests_s is None else rests_s - t
-        x, y, vx, vy = self._filter.ahead(filtered, self._ahead_s(min(age, moving)))
-        if age > moving:
-            left = exp(-(age - moving) / settings.blend_s)
-            x, y, vx, vy = x_mm + left * (x - x_mm), y_mm + left * (y - y_mm), 0.0, 0.0
-        down, slides = self.is_down, slides and age <= moving
+        track, force = self.now
+        place = ffi.new("double[4]")
+        library.hx_finger_place(self._following, track, t_s, place)
+        x, y, vx, vy = place
+        age, down = t_s - track.reported_s, self.is_down
         return TouchState(
             t_s, x, y, vx, vy, hypot(vx, vy), age, force.normal_force_n, force.sigma_n,
-            force.source, slides and down, lost, down,
+            force.source, bool(track.is_sliding) and age <= track.moves_s and down,
+            age > self.settings.lost_after_s, down,
         )  # fmt: skip
-
-    def course(self, now: Any) -> Course:
-        """Return the predicted path by an earlier value of the property `now`."""
-        return self._filter.course(now[1])
-
-    def _ahead_s(self, age_s: float) -> float:
-        """Prediction time from the last report, limited to `lost_after_s` either way."""
-        settings = self.settings
-        limit = settings.lost_after_s
-        ahead = settings.latency_s + (age_s if age_s < limit else limit)
-        return ahead if ahead > -limit else -limit
-
-    def _next(self, last: _Entry, t_s: float, x_mm: float, y_mm: float) -> _Entry:
-        """Return the entry of the next report, after it was silent and if it jumps."""
-        used, interval_s = last.held or last, last.interval_s
-        before, is_new = used, used is self._history[0]
-        dt = t_s - used.t_s
-        x, y, *_ = self._filter.ahead(used.filtered, dt)
-        off_mm, moved_mm = (
-            hypot(x_mm - x, y_mm - y), hypot(x_mm - used.x_mm, y_mm - used.y_mm),
-        )  # fmt: skip
-        # After a silence a finger rested where it was, unless it went on as expected: then reports
-        # are missing.
-        if dt > _rests_after_s(interval_s) and moved_mm <= off_mm:
-            before = self._first(used.t_s + interval_s, used.x_mm, used.y_mm, interval_s)
-            dt, off_mm, is_new = t_s - before.t_s, moved_mm, True
-        reach_mm = _OFF_MM + 0.5 * _MOST_MM_S2 * dt * dt + _FIRST_MM_S * dt * is_new
-        if off_mm > reach_mm:
-            near_mm = _OFF_MM + _MOST_MM_S * (t_s - last.t_s)
-            is_near = hypot(x_mm - last.x_mm, y_mm - last.y_mm) < near_mm
-            if last.held is None or not (is_near or last.jumps >= _JUMPS_IN_A_ROW):
-                return used._replace(t_s=t_s, x_mm=x_mm, y_mm=y_mm, held=used, jumps=last.jumps + 1)
-            before = self._first(last.t_s, last.x_mm, last.y_mm, interval_s)  # so it is there
-        interval_s += _NEWEST * (min(t_s - last.t_s, 1.5 * interval_s) - interval_s)
-        after = self._after(before, t_s, x_mm, y_mm)
-        return after._replace(interval_s=min(interval_s, _LONGEST_INTERVAL_S))
-
-    def _after(self, last: _Entry, t_s: float, x_mm: float, y_mm: float) -> _Entry:
-        settings = self.settings
-        filtered = self._filter.step(last.filtered, t_s, x_mm, y_mm)
-        vx, vy = filtered[3], filtered[4]
-        dt = t_s - last.t_s
-        weight = dt / (dt + settings.slide_smoothing_s)
-        slow_vx = last.slow_vx + weight * (vx - last.slow_vx)
-        slow_vy = last.slow_vy + weight * (vy - last.slow_vy)
-        slow_speed = last.slow_speed + weight * (hypot(vx, vy) - last.slow_speed)
-        moved = hypot(slow_vx, slow_vy) > (
-            settings.rest_below_mm_s if last.is_sliding else settings.slide_above_mm_s
-        )
-        moved_s = t_s if moved else last.moved_s
-        # While a finger turns, its velocity averages to zero, but its speed does not.
-        turns = slow_speed > settings.turn_above_mm_s and t_s - moved_s < settings.turn_s
-        slides = moved or (last.is_sliding and turns)
-        return _Entry(
-            t_s, x_mm, y_mm, filtered, slow_vx, slow_vy, slow_speed, slides, moved_s,
-            last.interval_s,
-        )  # fmt: skip
-
-    def _add(self, t_s: float, x_mm: float, y_mm: float) -> None:
-        if self._history:
-            self._history.append(self._next(self._history[-1], t_s, x_mm, y_mm))
-        else:
-            self._restart(t_s, x_mm, y_mm)
-
-    def _restart(self, t_s: float, x_mm: float, y_mm: float) -> None:
-        self._history.clear()
-        self._history.append(self._first(t_s, x_mm, y_mm, self.interval_s))
-
-    def _first(self, t_s: float, x_mm: float, y_mm: float, interval_s: float) -> _Entry:
-        start = self._filter.start(t_s, x_mm, y_mm)
-        return _Entry(t_s, x_mm, y_mm, start, 0.0, 0.0, 0.0, False, t_s, interval_s)
-
-    def _insert(self, t_s: float, x_mm: float, y_mm: float) -> None:
-        """Undo the later reports, add the late one, and add the others again."""
-        history = self._history
-        later = []
-        while history and history[-1].t_s > t_s + _SIMULTANEOUS_S:
-            later.append(history.pop())
-        if history and t_s - history[-1].t_s <= _SIMULTANEOUS_S:
-            t_s = history.pop().t_s
-            self.counts.coalesced += 1
-        else:
-            self.counts.reordered += 1
-        self._add(t_s, x_mm, y_mm)
-        for entry in reversed(later):
-            self._add(entry.t_s, entry.x_mm, entry.y_mm)
-
-    def _is_clock_jump(self, t_s: float) -> bool:
-        self._late = self._late + 1 if t_s > self._late_t_s or self._late == 0 else 1
-        self._late_t_s = t_s
-        return self._late >= _LATE_IN_A_ROW
 
     def _take_force(self, normal_force_n: float | None, contact_area_m2: float | None) -> None:
         estimate = self.settings.force.estimate(normal_force_n, contact_area_m2)
@@ -419,16 +297,11 @@ class TouchTracker:
             self.counts.bad_force += 1
 
     def _publish(self) -> None:
-        last = self._history[-1].held or self._history[-1]
-        self.interval_s = last.interval_s
-        moves_s = min(_rests_after_s(last.interval_s), self.settings.lost_after_s)
-        self._now: _Now = (
-            last.t_s, last.filtered, self._force, last.x_mm, last.y_mm, moves_s, last.is_sliding,
-        )  # fmt: skip
-
-
-def _rests_after_s(interval_s: float) -> float:
-    return max(_RESTS_AFTER * interval_s, _LEAST_REST_S)
+        track = ffi.new("hx_track *")
+        library.hx_tracker_follow(self._settings, self._at, track)
+        track.normal_force_n = self._force.normal_force_n
+        self.now = Predicted(track, self._force)
+        """The present prediction; every report replaces it by a new object."""
 
 
 class Touches:

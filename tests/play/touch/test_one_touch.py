@@ -12,13 +12,14 @@ from haptix import InputError
 from haptix.play.touch import (
     ConstantVelocityKalman,
     ForceModel,
+    InteractingSinger,
     OneEuroFilter,
     SingerKalman,
     TouchSettings,
     TouchTracker,
 )
 
-FILTERS = (ConstantVelocityKalman(), OneEuroFilter(), SingerKalman())
+FILTERS = (ConstantVelocityKalman(), OneEuroFilter(), SingerKalman(), InteractingSinger())
 
 
 def follow(reports, settings=None):
