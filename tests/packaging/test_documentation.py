@@ -79,14 +79,20 @@ WITH_PYTHON = [page for page in (*PAGES, *ROOT.glob("clients/*/README.md"))
                if "```python" in page.read_text(encoding="utf-8")]  # fmt: skip
 
 
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    """One cache for all pages: many build the same surface."""
+    return tmp_path_factory.mktemp("cache")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("page", WITH_PYTHON, ids=lambda page: page.name)
-def test_the_blocks_of_python_of_a_page_run_from_its_top(page, tmp_path):
+def test_the_blocks_of_python_of_a_page_run_from_its_top(page, cache, tmp_path):
     program, _ = program_of(page.read_text(encoding="utf-8"))
     (tmp_path / page.name).write_text(program, encoding="utf-8")
     done = subprocess.run(
         [sys.executable, "-W", "error:::haptix", "-X", "utf8", page.name], cwd=tmp_path,
-        env=environment(tmp_path), check=False, capture_output=True, text=True,
+        env=environment(cache), check=False, capture_output=True, text=True,
     )  # fmt: skip
     assert not done.returncode, done.stderr
     if page.name == "README.md":
