@@ -396,12 +396,12 @@ static void read_reports(hx_player *p) {
             if (report->kind == HX_QUIT) end(p, HX_STOPPED);
             double sum = report->arrival_s + report->t_s + report->x_mm + report->y_mm;
             if (!isfinite(sum + report->force_n)) continue;
+            double now = now_s(), arrival_s = least(most(report->arrival_s, now - kept_s), now);
             if (report->kind == HX_FINGER)
-                p->source.report(p->source.of, report->touch_id, report->is_down, report->arrival_s,
+                p->source.report(p->source.of, report->touch_id, report->is_down, arrival_s,
                                  report->t_s, report->x_mm, report->y_mm, report->force_n);
             if (report->kind == HX_FINGER || report->kind == HX_CHANGED)
-                p->touched_s = isnan(p->touched_s) ? report->arrival_s
-                                                   : least(p->touched_s, report->arrival_s);
+                p->touched_s = isnan(p->touched_s) ? arrival_s : least(p->touched_s, arrival_s);
         }
     }
 }
@@ -504,21 +504,27 @@ static void append(hx_player *p) {
     note_sent(p, now, before);
 }
 
+static int is_low(const hx_player *p, double now) {
+    return (double)p->counts.sent - played_at(p, now) < (double)p->set.horizon / 4;
+}
+
 /* Do what is due; return when to go on at the latest. */
 static double step(hx_player *p) {
     const hx_player_setup *s = &p->set;
     double now = now_s(), asked_s = now; /* who stalls after a read knows no silence */
     p->counts.longest_stall_s = most(p->counts.longest_stall_s, now - p->due_s);
     read_reports(p);
-    int is_low = (double)p->counts.sent - played_at(p, now) < (double)s->horizon / 4;
-    if (!is_low && !is_over(p) && !isnan(p->touched_s) && now >= next_revision_s(p)) revise(p);
+    int low = is_low(p, now);
+    if (!low && !is_over(p) && !isnan(p->touched_s) && now >= next_revision_s(p)) revise(p);
     read_link(p);
-    if (!is_over(p) && !is_low && now >= next_revision_s(p)) revise(p);
-    if (!is_over(p) && (is_low || now >= p->append_due_s)) append(p);
+    if (!is_over(p) && !low && now >= next_revision_s(p)) revise(p);
+    if (!is_over(p) && (low || now >= p->append_due_s)) append(p);
     if (asked_s - p->last.reported_s > s->watchdog_s) end(p, HX_SILENT);
     if (asked_s - p->owner_s > s->quiet_s) end(p, HX_QUIET);
     now = now_s();
-    p->due_s = most(now, least(p->append_due_s, next_revision_s(p)));
+    /* Nothing is revised while too little waits, which only the driver's next report may end. */
+    double revision_s = is_low(p, now) ? INFINITY : next_revision_s(p);
+    p->due_s = most(now, least(p->append_due_s, revision_s));
     return p->due_s - now;
 }
 

@@ -2,9 +2,12 @@
 
 import ctypes
 import os
+import re
+import shutil
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -273,3 +276,52 @@ def test_a_mock_in_the_process_is_played_by_the_interpreter(surface):
         assert renderer.plays_by == "interpreter"
         assert renderer.reports is None
     device.close()
+
+
+HERE = Path(__file__).parent
+ROOT = HERE.parents[2]
+
+
+@pytest.fixture(scope="module")
+def hostile_driver(tmp_path_factory, surface):
+    """A player under sanitizers, and the program of a layout."""
+    if shutil.which("cc") is None:
+        pytest.skip("cc is missing")
+    folder = tmp_path_factory.mktemp("hostile_driver")
+    program, binary = folder / "touch.hxp", folder / "hostile_driver"
+    with haptix.open_device("mock:") as device:
+        program.write_bytes(compile_touch(surface, mixed(), device, settings=LIVE))
+    engine = ROOT / "haptix" / "base" / "native"
+    firmware = [ROOT / "firmware_io" / "firmware" / f"haptix_{name}.c" for name in ("wire", "host")]
+    sources = [HERE / "hostile_driver.c", *sorted(engine.glob("*.c")), *firmware]
+    flags = ["-std=gnu99", "-O1", "-g", "-fno-sanitize-recover=all", f"-I{engine}"]
+    flags.append("-fsanitize=address,undefined,float-cast-overflow")
+    made = subprocess.run(
+        ["cc", *flags, *map(str, sources), "-lm", "-o", str(binary)], capture_output=True, text=True
+    )
+    if "cannot find" in made.stderr and "san" in made.stderr:
+        pytest.skip("the compiler has no sanitizers (on Debian: apt install libasan8 libubsan1)")
+    assert made.returncode == 0, made.stderr
+
+    def play(count, seed):
+        done = subprocess.run(
+            [str(binary), str(program), str(count), str(seed)],
+            capture_output=True, text=True, timeout=300,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stdout + done.stderr
+        *ends, revisions, samples = map(int, re.findall(r"\d+", done.stdout))
+        assert sum(ends) == count
+        return ends, revisions, samples
+
+    return play
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="its calls of the system are Linux's")
+def test_drivers_and_reports_that_say_anything_end_the_thread_as_it_says(hostile_driver):
+    count = int(os.environ.get("HX_PLAYBACKS", "300"))  # 2000 take a minute
+    ends, revisions, samples = hostile_driver(count, 1)
+    stopped, _, _, fault, lost, silent, quiet = ends
+    assert min(stopped, fault, lost, silent, quiet) > 3
+    assert revisions > 10 * count
+    assert samples > 10_000 * count
