@@ -12,23 +12,27 @@ PACKAGE = Path(__file__).parents[2] / "clients" / "engine"
 
 class _Handler(http.server.SimpleHTTPRequestHandler):
     def do_GET(self):
-        if self.path.partition("?")[0] != "/":
+        added = self.server.added.get(self.path)
+        if self.path.partition("?")[0] == "/":
+            added = "text/html", PAGE.read_bytes()
+        if added is None:
             return super().do_GET()
         self.send_response(200)
-        self.send_header("content-type", "text/html")
+        self.send_header("content-type", added[0])
         self.end_headers()
-        self.wfile.write(PAGE.read_bytes())
+        self.wfile.write(added[1])
 
     def log_message(self, *_):
         pass
 
 
 @contextlib.contextmanager
-def served():
-    """The address, while this is entered."""
+def served(added=None):
+    """The address, while this is entered; `added` are types and contents of further paths."""
     server = http.server.ThreadingHTTPServer(
         ("127.0.0.1", 0), functools.partial(_Handler, directory=PACKAGE)
     )
+    server.added = added or {}
     threading.Thread(target=server.serve_forever, daemon=True).start()
     yield f"http://127.0.0.1:{server.server_address[1]}/"
     server.shutdown()

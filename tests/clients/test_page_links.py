@@ -197,6 +197,18 @@ def test_a_page_that_ends_leaves_0_v_within_the_watchdog_s_time(page, driver, en
         assert driver.status.fault == fault
 
 
+def test_blocks_that_come_too_fast_are_told_and_do_not_queue_up(page, driver):
+    assert chosen(page, "usb") == "armed"
+    page.evaluate("strokes(8)")
+    wait_for(lambda: np.abs(driver.output_v[-100:]).max() > 50.0)
+    page.wait_for_function("told.length === 1")
+    assert "slower than the blocks come" in page.evaluate("told[0]")
+    told = driver.output_v.size
+    wait_for(lambda: is_at_0_v(driver))
+    assert np.flatnonzero(driver.output_v)[-1] - told < ENDS_S * RATE_HZ
+    assert driver.faults == 0
+
+
 def test_a_page_opens_a_known_driver_alone_but_does_not_arm_it(page, driver, address):
     # Whatever Playwright evaluates counts as a click: nothing is asked until the page is done.
     with page.expect_console_message(lambda message: message.text == "done"):

@@ -17,7 +17,8 @@ const SEND_MS = 1000;
 const WATCHDOG_MS = 100;
 const STATUS_MS = 5;
 const LEAD_S = 0.015;
-const STALE_MS = 50; // a drive that nothing renders any more is stopped after this
+const MOST_UNSENT_S = 0.1;
+const STALE_MS = 50; // a drive that is short of samples, and that nothing renders any more, is stopped after this
 const [IDLE, RAMPING] = [0, 3]; // of the states in STATUS
 const REPORTS_PER_S = 1000;
 const REPORTS_PER_FRAME = 3;
@@ -159,6 +160,7 @@ export class Driver extends EventTarget {
   #version = OLDEST_VERSION;
   #owed = false; // a STOP, from just before ARM
   #sent = 0;
+  #unsent = 0;
   #window;
   #setup;
   #playedOut = 0; // when the output last went to 0 V [ms]
@@ -270,33 +272,47 @@ export class Driver extends EventTarget {
     return Math.max(0, queued - since * this.#setup.sampleRateHz);
   }
 
+  /** Samples that it is short of, to have its lead. */
+  get short() {
+    return Math.max(0, LEAD_S * this.#setup.sampleRateHz - this.ahead - this.#unsent);
+  }
+
   /** Check all samples, then send them as the driver has room. */
   write(volts) {
-    const turn = this.#sends.then(() => this.#write(Float64Array.from(volts)));
+    const kept = Float64Array.from(volts);
+    this.#unsent += kept.length;
+    const turn = this.#sends.then(() => this.#write(kept));
     this.#sends = turn.catch(() => {});
     return turn;
   }
 
   async #write(volts) {
-    if (!this.isArmed) throw new DriverError("the driver is not armed");
-    this.#window.check(volts);
-    const { fullScaleMv } = this.#setup;
-    const top = Math.floor((this.#setup.ceilingMv * 32767) / fullScaleMv);
-    for (let at = 0; at < volts.length; ) {
-      const piece = volts.subarray(at, at + this.frameSamples);
-      const most = this.#setup.sampleRateHz * 0.5e-3 * this.#setup.watchdogMs;
-      while (this.ahead + piece.length > Math.min(this.capabilities.queueSamples, most) && this.isArmed)
-        await this.#answer((message) => message.kind === "STATUS");
-      if (!this.isArmed) throw new DriverError("the driver was stopped");
-      const codes = Int16Array.from(piece, (v) => {
-        const nearest = Math.round((v * 1000 * 32767) / fullScaleMv);
-        return Math.max(-top, Math.min(top, nearest));
-      });
-      await this.#send("STREAM", { sampleIndex: this.#sent % 2 ** 32, mode: 0, codes });
-      this.#sent += piece.length;
-      this.#window.take(piece);
-      at += piece.length;
+    let at = 0;
+    try {
+      if (!this.isArmed) throw new DriverError("the driver is not armed");
+      this.#window.check(volts);
+      while (at < volts.length) at += await this.#writePiece(volts.subarray(at, at + this.frameSamples));
+    } finally {
+      this.#unsent -= volts.length - at;
     }
+  }
+
+  async #writePiece(piece) {
+    const { fullScaleMv, ceilingMv, sampleRateHz, watchdogMs } = this.#setup;
+    const top = Math.floor((ceilingMv * 32767) / fullScaleMv);
+    const most = Math.min(this.capabilities.queueSamples, sampleRateHz * 0.5e-3 * watchdogMs);
+    while (this.ahead + piece.length > most && this.isArmed)
+      await this.#answer((message) => message.kind === "STATUS");
+    if (!this.isArmed) throw new DriverError("the driver was stopped");
+    const codes = Int16Array.from(piece, (v) => {
+      const nearest = Math.round((v * 1000 * 32767) / fullScaleMv);
+      return Math.max(-top, Math.min(top, nearest));
+    });
+    await this.#send("STREAM", { sampleIndex: this.#sent % 2 ** 32, mode: 0, codes });
+    this.#sent += piece.length;
+    this.#unsent -= piece.length;
+    this.#window.take(piece);
+    return piece.length;
   }
 
   /**
@@ -315,13 +331,15 @@ export class Driver extends EventTarget {
       blockMs = performance.now();
       if (!this.isArmed) return;
       const isQuiet = this.#window.lastV === 0 && detail.driveV.every((v) => v === 0);
+      if (this.#unsent > MOST_UNSENT_S * this.#setup.sampleRateHz)
+        return fail(new DriverError("the driver plays slower than the blocks come"));
       if (isQuiet && this.ahead > LEAD_S * this.#setup.sampleRateHz) return; // clocks differ
       this.write(detail.driveV).catch((error) => this.isArmed && fail(error));
     };
     const status = () => {
-      if (!this.isArmed || performance.now() - blockMs < STALE_MS) return;
+      if (!this.isArmed || performance.now() - blockMs < STALE_MS || this.short === 0) return;
       if (this.#window.lastV !== 0) fail(new DriverError("the engine has stopped"));
-      else if (this.#sent > 0 && this.ahead < LEAD_S * this.#setup.sampleRateHz)
+      else if (this.#sent > 0)
         this.write(new Float64Array(this.#setup.sampleRateHz / 100)).catch(() => {}); // keeps it awake
     };
     const leave = () => document.visibilityState === "hidden" && this.stop().catch(() => {});

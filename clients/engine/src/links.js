@@ -27,14 +27,9 @@ const WAYS = {
   },
 };
 
-/**
- * Open a driver that a person chooses from the browser's list, in the listener of a click; `again` opens the one chosen before.
- *
- * @param {"usb" | "hid" | "serial"} kind
- * @returns {Promise<import("./driver.js").Link>}
- */
-export async function openLink(kind, options = {}) {
-  const chosen = { vendorId: 0x1209, productId: 0x0001, anyPort: false, baudRate: 2_000_000, ...options };
+/** The device of a link, and how many like it a person chose; `again` takes the first of these without asking. */
+export async function chooseDevice(kind, options) {
+  const chosen = { vendorId: 0x1209, productId: 0x0001, anyPort: false, ...options };
   const api = globalThis.navigator?.[kind];
   if (!api)
     throw new DriverError(`there is no navigator.${kind}: open the page by https in Chrome, Edge or Opera on a computer`);
@@ -43,11 +38,24 @@ export async function openLink(kind, options = {}) {
     return chosen.anyPort || (usbVendorId === chosen.vendorId && usbProductId === chosen.productId);
   };
   const way = WAYS[kind];
-  const device = options.again ? (await way.known(api)).find(isIt) : await way.ask(api, chosen);
+  const asked = options.again ? null : await way.ask(api, chosen);
+  const known = (await way.known(api)).filter(isIt);
+  const device = options.again ? known[0] : asked;
   if (!device) throw new DOMException("no driver was chosen", "NotFoundError");
+  return { device, alike: known.length };
+}
+
+/**
+ * Open a driver that a person chooses from the browser's list, in the listener of a click; `again` opens the one chosen before.
+ *
+ * @param {"usb" | "hid" | "serial"} kind
+ * @returns {Promise<import("./driver.js").Link>}
+ */
+export async function openLink(kind, options = {}) {
+  const { device } = await chooseDevice(kind, options);
   const link = { name: kind, hasReports: kind === "hid", awakeMs: AWAKE_MS[kind], onbytes: null, onlost: null };
   try {
-    return Object.assign(link, await way.open(device, link, chosen));
+    return Object.assign(link, await WAYS[kind].open(device, link, options));
   } catch (error) {
     await device.close().catch(() => {});
     if (error instanceof DriverError) throw error;
@@ -109,7 +117,7 @@ async function openHid(device, link) {
   };
 }
 
-async function openSerial(port, link, { baudRate }) {
+async function openSerial(port, link, { baudRate = 2_000_000 }) {
   await port.open({ baudRate, bufferSize: READ_BYTES });
   const [writer, reader] = [port.writable.getWriter(), port.readable.getReader()];
   follow(link, async () => (await reader.read()).value);

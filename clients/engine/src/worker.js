@@ -5,11 +5,14 @@ import { Curve } from "./curve.js";
 
 const TURN_MS = 5;
 const UNHEARD_MS = 10; // of blocks that only the curve takes
+const FOLLOWED = 0.1; // of a difference from the driver's clock, each turn
 const LATE_S = 0.1; // what a stalled worker missed is left out, not made up for
 const IDLE_S = 0.5; // without a finger the clock rests
 
 let core = null;
 let curve = null;
+let driver = null;
+const blocks = new EventTarget(); // for the driver
 let isHeard = false; // whether the page takes the blocks
 let timer = 0;
 let soon = 0;
@@ -28,26 +31,42 @@ function start() {
 
 function tick() {
   clearInterval(timer);
-  timer = setInterval(turn, isHeard ? TURN_MS : UNHEARD_MS);
+  timer = setInterval(turn, isHeard || driver ? TURN_MS : UNHEARD_MS);
 }
 
 function turn() {
   clearTimeout(soon);
   soon = 0;
   const behindS = atS(nowMs()) - core.nowS;
-  if (behindS > LATE_S) began += (behindS - LATE_S) * 1000;
   let points = Math.floor(Math.min(behindS, LATE_S) * core.pointsPerS);
+  if (driver?.isArmed) {
+    // Its clock is the master: a driver that is slower gets no more than it plays.
+    points = Math.floor(driver.short / core.step);
+    began += FOLLOWED * (1000 * behindS - (1000 * points) / core.pointsPerS);
+  } else if (behindS > LATE_S) began += (behindS - LATE_S) * 1000;
   while (points > 0) {
     const block = core.block(Math.min(points, MOST_POINTS));
     points -= block.points;
     if (block.fingers > 0) idleSinceS = core.nowS;
     curve?.take(block);
+    blocks.dispatchEvent(new CustomEvent("block", { detail: block }));
     if (isHeard) postMessage({ block }, [block.driveV.buffer]);
   }
   if (core.nowS - idleSinceS > IDLE_S) {
     clearInterval(timer);
     timer = 0;
   }
+}
+
+async function openDriver({ kind, options, limits }) {
+  const [{ Driver }, { openLink }] = await Promise.all([import("./driver.js"), import("./links.js")]);
+  await driver?.close();
+  driver = await Driver.open(await openLink(kind, options), { sampleRateHz: core.sampleRateHz, ...limits });
+  driver.addEventListener("failed", ({ detail: { name, message } }) =>
+    postMessage({ driver: { isArmed: false, failed: { name, message } } }),
+  );
+  driver.play(blocks);
+  if (timer !== 0) tick();
 }
 
 const HEARD = {
@@ -64,6 +83,16 @@ const HEARD = {
   hear(on) {
     isHeard = on;
     if (timer !== 0) tick();
+  },
+  async drive({ id, name, how }) {
+    const told = ({ name, message }) => ({ name, message });
+    try {
+      if (name === "open") await openDriver(how);
+      else await driver?.[name]();
+      postMessage({ driver: { id, isArmed: driver?.isArmed ?? false } });
+    } catch (error) {
+      postMessage({ driver: { id, isArmed: driver?.isArmed ?? false, error: told(error) } });
+    }
   },
   curve: (canvas) => (curve = new Curve(canvas, core.pointsPerS)),
   look: (look) => curve.look(look),

@@ -1,0 +1,148 @@
+"""A driver that the engine's worker plays, in Chromium with the fakes of test_page_links.py.
+
+The mock's clock is a fifth of the page's: a driver that is slower than the page.
+"""
+
+import time
+
+import numpy as np
+import pytest
+
+import haptix
+from firmware_io.protocol import FaultCode
+from haptix.feel.materials import Grating
+from haptix.play import compile_touch
+from tests.clients.driver_page import PACKAGE, served
+from tests.clients.test_page_links import (  # noqa: F401  # fixtures
+    ENDS_S,
+    RATE_HZ,
+    SLOW,
+    bridge,
+    browser,
+    crash,
+    driver,
+    is_at_0_v,
+)
+from tests.made_clients import ROOT
+from tests.waiting import wait_for
+
+FAKES = (ROOT / "tests" / "clients" / "fake_devices.js").read_text()
+#: Devices of the worker: what happens to them is told by the page.
+IN_WORKER = """
+for (const kind of ["usb", "hid", "serial"]) navigator[kind].isChosen = true;
+new BroadcastChannel("bus").onmessage = ({ data: [kind, what] }) => navigator[kind][what]();
+"""
+OPEN = """async (kind) => {
+    const { Engine } = await import("/src/engine.js");
+    const { PageDriver } = await import("/src/page-driver.js");
+    const words = (error) => `${error.name}: ${error.message}`;
+    window.engine ??= await Engine.load("/touch.hxp");
+    try {
+        window.driver = await PageDriver.open(kind, engine);
+    } catch (error) {
+        return words(error);
+    }
+    driver.addEventListener("failed", ({ detail }) => told.push(words(detail)));
+    return driver.arm().then(() => "armed", words);
+}"""
+#: A finger that goes to and fro, until `up`.
+STROKE = """() => {
+    const began = performance.now();
+    const timer = setInterval(() => {
+        const s = (performance.now() - began) / 1000;
+        engine.touch(1, 20 + 15 * Math.sin(5 * s), 9, { isDown: !window.up });
+        if (window.up) clearInterval(timer);
+    }, 8);
+}"""
+
+
+@pytest.fixture(scope="module")
+def program(model):
+    surface = haptix.FrictionSurface.build(model, {"normal_force_n": 0.5, "frequency_hz": 4000.0})
+    with haptix.open_device(f"mock:sample_rate_hz={RATE_HZ}") as device:
+        return compile_touch(surface, Grating(period_mm=2.0), device)
+
+
+@pytest.fixture
+def page(browser, bridge, program):  # noqa: F811
+    fakes = FAKES.replace("BRIDGE", bridge)
+    worker = (PACKAGE / "src" / "worker.js").read_text()
+    added = {
+        "/src/worker.js": ("text/javascript", (fakes + IN_WORKER + worker).encode()),
+        "/touch.hxp": ("application/octet-stream", program),
+    }
+    with served(added) as address:
+        page = browser.new_page()
+        page.add_init_script(fakes)
+        page.goto(address)
+        wait_for(lambda: page.title() == "ready")
+        yield page
+        page.close()
+
+
+def strokes(page, driver, kind="usb"):  # noqa: F811
+    page.click("#go", no_wait_after=True)
+    assert page.evaluate(OPEN, kind) == "armed"
+    page.evaluate(STROKE)
+    wait_for(lambda: np.abs(driver.output_v[-400:]).max() > 30.0)
+
+
+@pytest.mark.parametrize("kind", ["usb", *(pytest.param(k, marks=SLOW) for k in ("hid", "serial"))])
+def test_a_slower_driver_is_played_at_its_own_pace(page, driver, kind):  # noqa: F811
+    strokes(page, driver, kind)
+    began, began_s = driver.output_v.size, time.perf_counter()
+    wait_for(lambda: driver.output_v.size - began > 0.3 * RATE_HZ)  # 1.5 s of the page
+    assert time.perf_counter() - began_s > 1.2
+    page.evaluate("window.up = true")
+    lifted = driver.output_v.size
+    wait_for(lambda: not driver.output_v[-200:].any())
+    # What was ahead of it and a fade-out, and not what the page's clock was ahead.
+    assert np.flatnonzero(driver.output_v)[-1] - lifted < 0.15 * RATE_HZ
+    assert page.evaluate("told") == []
+    assert (driver.faults, driver.status.underruns) == (0, 0)
+    page.evaluate("driver.stop()")
+    wait_for(lambda: is_at_0_v(driver))
+
+
+def test_a_busy_page_does_not_stop_the_drive(page, driver):  # noqa: F811
+    strokes(page, driver)
+    # Twice the watchdog's time.
+    page.evaluate("const end = performance.now() + 1000; while (performance.now() < end);")
+    wait_for(lambda: np.abs(driver.output_v[-400:]).max() > 30.0)  # the finger is felt again
+    assert page.evaluate("[told.length, driver.isArmed]") == [0, True]
+    assert (driver.faults, driver.status.underruns) == (0, 0)
+
+
+@pytest.mark.parametrize(
+    ("end", "fault"),
+    [
+        (lambda page: page.goto("about:blank"), None),
+        (lambda page: page.evaluate("engine.close()"), FaultCode.STARVED),
+        (crash, FaultCode.STARVED),
+    ],
+    ids=["left", "engine killed", "crashed"],
+)
+def test_a_page_that_ends_leaves_0_v(page, driver, end, fault):  # noqa: F811
+    strokes(page, driver)
+    end(page)
+    ended = driver.output_v.size
+    wait_for(lambda: is_at_0_v(driver))
+    assert np.flatnonzero(driver.output_v)[-1] - ended < ENDS_S * RATE_HZ
+    if fault is not None:
+        assert driver.status.fault == fault
+
+
+def test_what_ends_the_drive_is_told(page, driver):  # noqa: F811
+    strokes(page, driver)
+    page.evaluate(
+        "Object.defineProperty(document, 'visibilityState', { value: 'hidden' });"
+        "document.dispatchEvent(new Event('visibilitychange'))"
+    )
+    wait_for(lambda: is_at_0_v(driver))
+    assert page.evaluate("told") == []
+    assert page.evaluate("driver.arm().then(() => driver.isArmed)")
+    page.evaluate("new BroadcastChannel('bus').postMessage(['usb', 'pullOut'])")
+    page.wait_for_function("told.length === 1")
+    assert "DriverError: the driver is gone" in page.evaluate("told[0]")
+    assert not page.evaluate("driver.isArmed")
+    assert "NotFoundError" in page.evaluate(f"navigator.usb.device = null, ({OPEN})('usb')")
