@@ -365,14 +365,19 @@ static void take_received(hx_player *p, double at_s) {
 }
 
 static void read_link(hx_player *p) {
+    int was_empty = 0;
     for (int reads = 0; reads < 4 && !is_over(p); reads++) {
         size_t room = sizeof p->received - p->received_bytes;
         ssize_t came = read(p->set.link, p->received + p->received_bytes, room);
         if (came < 0 && (errno == EAGAIN || errno == EWOULDBLOCK || errno == EINTR)) return;
         if (came <= 0) {
             struct pollfd closed = {p->set.link, POLLIN, 0};
-            /* A serial port without bytes gives none, and stays open. */
+            /* A serial port without bytes gives none, and stays open; some may just have come. */
             if (came == 0 && poll(&closed, 1, 0) == 0) return;
+            if (came == 0 && !was_empty) {
+                was_empty = 1;
+                continue;
+            }
             p->counts.error = came < 0 ? errno : 0;
             end(p, HX_LOST);
             return;

@@ -1,59 +1,20 @@
 """The serial link on a pseudo-terminal, with haptix's own firmware behind it."""
 
 import os
-import select
-import threading
-import time
 
 import pytest
 
 pytest.importorskip("serial", reason="the extra serial is not installed")
 pytest.importorskip("termios", reason="this system has no pseudo-terminals")
 
-import pty
-import tty
-
 import serial
 
-from firmware_io import MockDriver, ProtocolError, open_device
+from firmware_io import ProtocolError, open_device
 from firmware_io.links.serial import SerialLink
 from firmware_io.proof_test import proof_test
+from tests.serial_board import Board
 
 ESP32 = b"ets Jul 29 2019 12:21:46\r\n\r\nrst:0x1 (POWERON_RESET),boot:0x13\r\n"
-
-
-class Board(threading.Thread):
-    """Restarts when its port is opened: it says its boot text, and is deaf for a while."""
-
-    def __init__(self, deaf_s, text=b"", driver=MockDriver):
-        super().__init__(daemon=True)
-        self.deaf_s, self.text, self.make = deaf_s, text, driver
-        self.controller, port = pty.openpty()
-        tty.setraw(port)
-        self.port = os.ttyname(port)
-        os.close(port)
-        self.end = threading.Event()
-
-    def run(self):
-        poll = select.poll()
-        poll.register(self.controller, select.POLLIN | select.POLLHUP)
-        driver, hears_s = None, None
-        while not self.end.is_set():
-            flags = dict(poll.poll(1)).get(self.controller, 0)
-            if flags & select.POLLHUP:  # nobody has the port open
-                driver, hears_s = None, None
-                self.end.wait(0.001)
-                continue
-            if hears_s is None:
-                hears_s = time.monotonic() + self.deaf_s
-                os.write(self.controller, self.text)
-            data = os.read(self.controller, 4096) if flags & select.POLLIN else b""
-            if time.monotonic() < hears_s:
-                continue
-            driver = driver or self.make()
-            driver.receive(data)
-            if answer := driver.transmit():
-                os.write(self.controller, answer)
 
 
 @pytest.fixture

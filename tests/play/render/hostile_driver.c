@@ -68,6 +68,7 @@ static void fail(const char *why) {
 static hx_player *player;
 static double clock_s, began_s;
 static int reads_of_time, hostility, is_closed, is_deaf;
+static int is_port; /* whose reads give no bytes where others fail */
 static uint8_t to_host[PLACES], reports[PLACES];
 static size_t to_host_bytes, report_bytes;
 static uint8_t sent[1 << 17]; /* a frame that is not whole yet */
@@ -99,7 +100,8 @@ static ssize_t fake_read(int fd, void *bytes, size_t n) {
     }
     size_t *have = fd == LINK ? &to_host_bytes : &report_bytes;
     errno = below(9) ? EAGAIN : EINTR;
-    return *have ? taken(fd == LINK ? to_host : reports, have, bytes, n) : -1;
+    if (*have) return taken(fd == LINK ? to_host : reports, have, bytes, n);
+    return fd == LINK && is_port ? 0 : -1;
 }
 
 /* The driver's side of the link: every frame must be whole. */
@@ -230,9 +232,11 @@ static int fake_ppoll(struct pollfd *fds, nfds_t n, const struct timespec *time,
     return 1;
 }
 
+/* Whether the link can be read now, after something may have come. */
 static int fake_poll(struct pollfd *fds, nfds_t n, int ms) {
-    struct timespec time = {ms / 1000, 1000000L * (ms % 1000)};
-    return fake_ppoll(fds, n, &time, NULL) - (is_closed != 2);
+    (void)fds, (void)n, (void)ms;
+    if (below(4) == 0) happen();
+    return to_host_bytes > 0 || is_closed;
 }
 
 int main(int argc, char **argv) {
@@ -264,6 +268,7 @@ int main(int argc, char **argv) {
         stream_at = last_kind = revisions = 0;
         reads_of_time = is_closed = is_deaf = waits = frames = 0;
         hostility = below(4) ? (int)below(60) : 0;
+        is_port = (int)below(2);
         hx_player_setup setup = {LINK, PIPE, 4, 1024, 960, 1920, 96, 10320, 9000, RATE,
                                  below(3) ? 0.0 : 2e5, 0.003, 3.3e-4, 2.5e-3, 0.25, 1.0, 200.0,
                                  97.2, 250.0, TOP, 4, 7, 0, 12288, 0, &limits, window};

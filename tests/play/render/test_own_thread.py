@@ -14,6 +14,7 @@ import pytest
 
 import haptix
 from firmware_io import Device, DriveLimits, Playback
+from firmware_io.links.serial import SerialLink
 from firmware_io.links.tcp import TcpLink
 from firmware_io.own_thread import QUIET_S, OwnThread, finger_report
 from firmware_io.reviser import PlaybackStats
@@ -325,3 +326,59 @@ def test_drivers_and_reports_that_say_anything_end_the_thread_as_it_says(hostile
     assert min(stopped, fault, lost, silent, quiet) > 3
     assert revisions > 10 * count
     assert samples > 10_000 * count
+
+
+class SerialBoards:
+    """Boards at serial ports, in other processes; to unplug one ends it."""
+
+    def __init__(self):
+        self.process = None
+
+    def plug(self):
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "tests.serial_board"],
+            cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        return Device(SerialLink(self.process.stdout.readline().strip()))
+
+    def unplug(self):
+        if self.process is not None:
+            self.process.kill()
+            self.process.communicate()
+            self.process = None
+
+
+@pytest.fixture
+def boards():
+    pytest.importorskip("serial", reason="the extra serial is not installed")
+    boards = SerialBoards()
+    yield boards
+    boards.unplug()
+
+
+def test_a_serial_port_is_played_through_stalls_and_again_after_a_replug(surface, boards):
+    device = boards.plug()
+    with (
+        pytest.raises(haptix.DeviceDisconnectedError, match="failed"),
+        haptix.LiveRenderer(surface, ribs(), device, settings=LIVE) as renderer,
+    ):
+        assert renderer.plays_by == "engine"
+        stroke(renderer)
+        hold_the_interpreter(0.4)
+        stroke(renderer)
+        assert device.is_armed
+        assert renderer.stats.revisions > 10
+        assert renderer.stats.samples_played > 0.9 * 48_000
+        boards.unplug()
+        for _ in range(1000):
+            stroke(renderer, 0.1)
+    with pytest.raises(haptix.DeviceDisconnectedError):  # that it was stopped is not known
+        device.close()
+
+    device = boards.plug()
+    with haptix.LiveRenderer(surface, ribs(), device, settings=LIVE) as renderer:
+        assert renderer.plays_by == "engine"
+        stroke(renderer)
+        assert len(renderer.stats.reactions_s) > 10
+    assert not device.is_armed and not device.stop_is_owed
+    device.close()
