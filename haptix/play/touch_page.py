@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import html
 import io
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from haptix.feel.layout.layout_material import LayoutMaterial
+from haptix.feel.layout.layout_material import shown_place_mm
 from haptix.feel.materials.picture import picture
 
 if TYPE_CHECKING:
@@ -20,8 +19,6 @@ _PAGE = Path(__file__).with_name("page")
 _COPY = _PAGE / "engine"  # of the engine for pages, in a wheel
 _CHECKOUT = Path(__file__).parents[2] / "clients"
 _COLUMNS = 720
-_PLACE_MM = (0.0, 45.0, 0.0, 30.0)
-"""Place that is shown of a material without edges: left, right, top, bottom."""
 
 
 def engine_files() -> dict[str, bytes]:
@@ -53,13 +50,7 @@ def page_files(program: bytes, felt: Material, title: str) -> dict[str, bytes]:
     >>> sorted(page_files(b"", Grating(period_mm=2.0), "Ribs"))[-4:]
     ['protocol.js', 'touch.hxp', 'virtual-driver.js', 'worker.js']
     """
-    left, right, top, bottom = felt.extent_mm
-    if not (math.isfinite(right - left + bottom - top) and right > left and bottom > top):
-        left, right, top, bottom = _PLACE_MM
-    if isinstance(felt, LayoutMaterial) and not isinstance(felt.background, float | int):
-        # What lies around the regions is felt too, and has no edges.
-        boxes = zip((left, right, top, bottom), _PLACE_MM, (min, max, min, max), strict=True)
-        left, right, top, bottom = (chosen(one, other) for one, other, chosen in boxes)
+    left, right, top, bottom = shown_place_mm(felt)
     wanted = picture(felt, right - left, bottom - top, _COLUMNS, corner_mm=(left, top))
     text = (_PAGE / "index.html").read_text("utf-8")
     text = text.replace("TITLE", html.escape(title))

@@ -275,11 +275,12 @@ class ExportLayout(Task):
     def _friction_map(self, layout: Material, folder: Path) -> None:
         import numpy as np
 
+        from haptix.feel.layout.layout_material import shown_place_mm
         from haptix.feel.materials import as_mu
         from haptix.feel.materials.picture import picture
         from haptix.lab.stimuli.interchange import FrictionMap
 
-        left, right, top, bottom = layout.extent_mm
+        left, right, top, bottom = shown_place_mm(layout)
         width_mm = right - left
         wanted = picture(layout, width_mm, bottom - top, _MAP_COLUMNS, corner_mm=(left, top))
         mu = as_mu(layout.evaluator.target, wanted, *self.reachable_mu)

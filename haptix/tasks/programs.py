@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
+from haptix.base.errors import InputError
 from haptix.base.fields import (
     Address,
     Argument,
@@ -52,6 +53,12 @@ class Compile(OnScreen, command="compile"):
         from haptix.feel.gallery import load
 
         out = self.out if self.page is None else self.page / "touch.hxp"
+        has_files = self.page is not None and self.page.is_dir() and any(self.page.iterdir())
+        if has_files and not self.overwrite:
+            raise InputError(
+                f"{self.page} has files: name another folder, or pass --overwrite to replace "
+                "those of a page"
+            )
         check_new(out, self.overwrite, *(p for p in (self.layout, self.surface) if p is not None))
         felt = load(self.layout)
         update = partial(context.progress, "build the surface")

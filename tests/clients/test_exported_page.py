@@ -121,7 +121,12 @@ def test_the_command_writes_the_same_page(tmp_path, monkeypatch):
     assert written == {name: archive.read(name) for name in archive.namelist()}
     again = run_haptix("compile", "two.json", "--page", "site")
     assert again.code != 0
-    assert "--overwrite" in again.err
+    assert "site has files: name another folder, or pass --overwrite" in again.err
+    assert run_haptix("compile", "two.json", "--page", "site", "--overwrite").code == 0
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own" / "index.html").write_text("a page of somebody's")
+    assert run_haptix("compile", "two.json", "--page", "own").code != 0
+    assert [path.name for path in (tmp_path / "own").iterdir()] == ["index.html"]
 
 
 @pytest.mark.slow

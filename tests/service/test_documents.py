@@ -15,7 +15,7 @@ import pytest
 from fastapi import Depends
 
 import haptix
-from haptix.feel.gallery import ASSETS, presets
+from haptix.feel.gallery import ASSETS, load, presets
 from haptix.lab.stimuli.interchange import FrictionMap
 from haptix.service.front import pool as pool_module
 from haptix.service.front.assets import AssetStore
@@ -339,6 +339,20 @@ def test_an_exported_map_is_the_friction_at_each_place(work, tmp_path):
     share = (row - low) / (high - low)
     away = np.abs(share - (0.5 + 0.5 * np.sin(2 * np.pi * x / 4)))
     assert away[x > 0.5].max() < 0.02  # behind the region's own edge
+
+
+def test_an_exported_map_has_what_is_around_the_regions(work, tmp_path):
+    """The groove is a strip from 17.5 to 27.5 mm, in a rough plane that is felt as well."""
+    groove = load("gallery:groove").model_dump(mode="json", exclude_none=True)
+    answer = work.export(document=groove, form="friction-map", reachable_mu=(0.3, 0.6))
+    zipfile.ZipFile(io.BytesIO(base64.b64decode(answer["content"]))).extractall(tmp_path)
+    found = FrictionMap.load(tmp_path / "friction-map.png")
+    assert found.width_mm == 60.0
+    rows = found.values.shape[0]
+    assert rows == found.values.shape[1] // 2  # 30 mm high
+    assert (
+        found.values[: rows // 2].std() > 10 * found.values[round(0.65 * rows) :][: rows // 5].std()
+    )
 
 
 @pytest.mark.parametrize("form", ["ahap", "hjif", "wav"])

@@ -22,6 +22,7 @@ from haptix.service.front.assets import AssetStore
 from haptix.service.front.rest import documents_router
 from haptix.service.protocol.messages import Problem
 from haptix.service.worker.document_work import DocumentWork
+from tests.clients.test_exported_page import served as served_folder
 from tests.service.service_under_test import is_reached
 from tests.studio.conftest import a_front, a_page, address, keep, violations
 from tests.waiting import wait_for
@@ -793,6 +794,28 @@ def test_a_layout_is_renamed_deleted_and_brought_back(maker, page):
     page.get_by_text("desk opened").wait_for()
     assert name.input_value() == "desk"
     assert kept(maker, "desk") == 1
+
+
+@pytest.mark.slow  # it compiles; tests/clients has the numbers
+def test_a_web_page_of_the_menu_is_felt_without_the_service(maker, page, browser, brick, tmp_path):
+    page.get_by_label("Add a file").set_input_files(brick)
+    page.get_by_role("heading", name="Parameters of brick").wait_for()
+    page.get_by_text("Export", exact=True).click()
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Web page").click()
+    zipfile.ZipFile(download.value.path()).extractall(tmp_path / "site")
+    with served_folder(tmp_path / "site") as site, a_page(browser) as felt:
+        felt.goto(site)
+        felt.locator("figure[data-state=ready]").wait_for()
+        assert not violations(felt)
+        box = felt.locator(".felt-pad").bounding_box()
+        for step in range(60):
+            at = 0.2 + 0.6 * abs(step % 30 - 15) / 15
+            felt.mouse.move(box["x"] + at * box["width"], box["y"] + box["height"] / 2)
+            felt.wait_for_timeout(10)
+        # While it moves: a finger at rest feels nothing.
+        shown = felt.locator("output").all_inner_texts()
+        assert all(0.1 < float(mu) < 2.0 for mu in shown)
 
 
 def test_an_exported_zip_opens_again_and_is_exported_byte_for_byte(maker, page, brick, tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
 from typing import Annotated, Any, Literal, Self
 
@@ -73,3 +74,19 @@ class LayoutMaterial(Material):
     def extent_mm(self) -> tuple[float, float, float, float]:
         """Box around its regions."""
         return self.evaluator.extent_mm
+
+
+_PLACE_MM = (0.0, 45.0, 0.0, 30.0)
+"""Place that is shown of what has no edges: left, right, top, bottom."""
+
+
+def shown_place_mm(felt: Material) -> tuple[float, float, float, float]:
+    """Return where a material is shown: its extent, and what a layout has around its regions."""
+    place = felt.extent_mm
+    left, right, top, bottom = place
+    if not (math.isfinite(right - left + bottom - top) and right > left and bottom > top):
+        return _PLACE_MM
+    if isinstance(felt, LayoutMaterial) and not isinstance(felt.background, float | int):
+        boxes = zip(place, _PLACE_MM, (min, max, min, max), strict=True)
+        left, right, top, bottom = (chosen(one, other) for one, other, chosen in boxes)
+    return left, right, top, bottom
