@@ -474,10 +474,11 @@ class Device:
     def lend(self) -> Stream | None:
         """Return the stream, for a player in C that sends in its place, or None if it cannot.
 
-        It can where the samples are the drive itself, and the link is a file descriptor.
+        It can where the samples are the drive itself, and the link is a file descriptor or two
+        endpoints of USB.
         """
         stream = self._stream
-        if self.mode != "waveform" or stream.link.descriptor is None:
+        if self.mode != "waveform" or (stream.link.descriptor is None and stream.link.bulk is None):
             return None
         return stream
 

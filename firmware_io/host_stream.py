@@ -314,7 +314,7 @@ class Stream:
         """
         status = self._status()
         return self.checks.lent() | {
-            "link": self.link.descriptor,
+            "link": -1 if self.link.descriptor is None else self.link.descriptor,
             "frame": self.pace.frame_samples,
             "most_ahead": self.pace.most_ahead(True),
             "rate_hz": float(self.setup.sample_rate_hz),

@@ -20,6 +20,18 @@ from firmware_io.clock import HOST_CLOCK, Clock
 from firmware_io.device_errors import DeviceError, DeviceNotFoundError
 
 
+@dataclass(frozen=True)
+class Bulk:
+    """Two bulk endpoints of an open USB device, for a player in C."""
+
+    transfer: int
+    """Address of ``libusb_bulk_transfer``."""
+    handle: int
+    """Address of the device's handle."""
+    outward: int
+    inward: int
+
+
 class Link(ABC):
     """Carries bytes to one driver and back.
 
@@ -46,6 +58,11 @@ class Link(ABC):
 
         None if the bytes go through a library.
         """
+        return None
+
+    @property
+    def bulk(self) -> Bulk | None:
+        """Endpoints of a link that is open, if it is two of USB."""
         return None
 
     @property

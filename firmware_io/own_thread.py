@@ -23,6 +23,7 @@ from firmware_io.c_library import load
 from firmware_io.clock import HOST_CLOCK, raise_priority
 from firmware_io.device import Device
 from firmware_io.device_errors import DeviceDisconnectedError, DeviceError, LimitError
+from firmware_io.link import Bulk
 from firmware_io.playback import Writer
 from firmware_io.protocol import FrameKind
 from firmware_io.protocol.frames import read_payload
@@ -155,6 +156,10 @@ class OwnThread(Writer):
         for name in ("window", "limits"):
             lent[name] = ffi.cast("void *", _address(lent[name]))
         setup = ffi.new("hx_player_setup *", lent)
+        self._reader = None
+        if (bulk := stream.link.bulk) is not None:
+            self._reader = BulkReader(bulk)
+            setup.link, setup.bulk = self._reader.came, self._reader.bulk[0]
         setup.reports, setup.grid, setup.revised = self._read_end, source.grid, sizes.window
         setup.piece, setup.least, setup.horizon = sizes.piece, sizes.least, sizes.horizon
         setup.reaction_s, setup.guard_s = self.stats.reaction_s, device.capabilities.guard_s
@@ -206,9 +211,13 @@ class OwnThread(Writer):
     def _run(self) -> None:
         raise_priority()
         self._alive.start()
+        if self._reader is not None:
+            self._reader.start()
         # The call lets the interpreter go, and does not need it until it returns.
         compiled()[1].hx_player_run(self._player)
         self._returned.set()
+        if self._reader is not None:
+            self._reader.end()
         self._alive.join()
         self._count()
         try:
@@ -251,8 +260,9 @@ class OwnThread(Writer):
         if outcome == lib.HX_OVER_WINDOW:
             raise stream.checks.refusal(counts.verdict, counts.sample, counts.found)
         if outcome == lib.HX_LOST:
-            why = os.strerror(counts.error) if counts.error else "the other side closed it"
-            raise stream.client.lost(OSError(counts.error, why))
+            error = counts.error or (self._reader.error if self._reader is not None else 0)
+            why = os.strerror(error) if error else "the other side closed it"
+            raise stream.client.lost(OSError(error, why))
         if outcome == lib.HX_SILENT:
             raise DeviceDisconnectedError(
                 f"{name} has reported nothing within its watchdog time; check its cable and power, "
@@ -269,6 +279,49 @@ class OwnThread(Writer):
             for end in (self.reports, self._read_end):
                 os.close(end)
             self.reports = self._read_end = -1
+        if self._reader is not None:
+            self._reader.close()
+
+
+class BulkReader:
+    """A thread that reads a bulk endpoint without the interpreter, into a pipe."""
+
+    def __init__(self, bulk: Bulk) -> None:
+        ffi, _ = compiled()
+        self.came, self._to = os.pipe()
+        for end in (self.came, self._to):  # it is full if nobody has read for many seconds
+            os.set_blocking(end, False)
+        self.error = 0
+        """Number of the error by which the endpoint failed, or 0."""
+        self._is_over = ffi.new("int32_t *")
+        self.bulk = ffi.new("hx_bulk *")
+        self.bulk.transfer = ffi.cast(ffi.typeof(self.bulk.transfer), bulk.transfer)
+        self.bulk.handle = ffi.cast("void *", bulk.handle)
+        self.bulk.outward, self.bulk.inward = bulk.outward, bulk.inward
+        self._thread = Thread(target=self._run, name="firmware_io reader", daemon=True)
+
+    def start(self) -> None:
+        """Begin to read."""
+        self._thread.start()
+
+    def _run(self) -> None:
+        raise_priority()
+        self.error = compiled()[1].hx_bulk_read(self.bulk, self._to, self._is_over)
+        if self.error:
+            os.close(self._to)  # which the player sees
+            self._to = -1
+
+    def end(self) -> None:
+        """Read no more; return when nothing of it is under way."""
+        self._is_over[0] = 1
+        self._thread.join()
+
+    def close(self) -> None:
+        """Close the pipe."""
+        for end in (self.came, self._to):
+            if end >= 0:
+                os.close(end)
+        self.came = self._to = -1
 
 
 def _address(pointer: object) -> int:

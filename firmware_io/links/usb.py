@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import errno
 from contextlib import suppress
 from importlib import import_module
@@ -16,7 +17,7 @@ from firmware_io.device_errors import (
     DevicePermissionError,
     ProtocolError,
 )
-from firmware_io.link import OTHER_DEVICE, Bus, DeviceInfo, Link, Scheme, count, hexadecimal
+from firmware_io.link import OTHER_DEVICE, Bulk, Bus, DeviceInfo, Link, Scheme, count, hexadecimal
 
 #: pid.codes' numbers for testing; a board that is sold needs its own.
 VENDOR_ID = 0x1209
@@ -158,6 +159,19 @@ class UsbLink(Link):
         except BaseException:
             self.close()
             raise
+
+    @property
+    def bulk(self) -> Bulk | None:
+        """The endpoints; see `Link.bulk`."""
+        # pyusb 1.3 has no public name for its handle, and other libraries than libusb 1.0.
+        try:
+            context = self._device._ctx
+            transfer = context.backend.lib.libusb_bulk_transfer
+            handle = context.handle.handle.value
+        except AttributeError:
+            return None
+        address = ctypes.cast(transfer, ctypes.c_void_p).value
+        return Bulk(address, handle, self._out, self._in) if address and handle else None
 
     def send(self, data: bytes) -> None:
         """Write bytes in one transfer; see `Link.send`."""

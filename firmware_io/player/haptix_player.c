@@ -19,6 +19,10 @@ int64_t hx_player_run(hx_player *p) {
     return HX_LOST;
 }
 const hx_player_counts *hx_player_counts_of(const hx_player *p) { return (const void *)p; }
+int64_t hx_bulk_read(const hx_bulk *bulk, int64_t to, const volatile int32_t *is_over) {
+    (void)bulk, (void)to, (void)is_over;
+    return 0;
+}
 
 #else
 
@@ -117,11 +121,45 @@ static void end(hx_player *p, int outcome) {
 
 static int is_over(const hx_player *p) { return p->counts.outcome != HX_PLAYS; }
 
+static void lose(hx_player *p, int error) {
+    p->counts.error = error;
+    end(p, HX_LOST);
+}
+
+/* Errors of libusb: no device, a stalled endpoint, no transfer in time, another one. */
+enum { NO_DEVICE = -4, TIMED_OUT = -7, STALLED = -9, BULK_BYTES = 16384, BULK_WAIT_MS = 20 };
+
+static int error_of(int code) {
+    return code == NO_DEVICE ? ENODEV : code == TIMED_OUT ? ETIMEDOUT : code == STALLED ? EPIPE : EIO;
+}
+
+int64_t hx_bulk_read(const hx_bulk *b, int64_t to, const volatile int32_t *is_over) {
+    uint8_t bytes[BULK_BYTES];
+    while (!*is_over) {
+        int n = 0, code = b->transfer(b->handle, (uint8_t)b->inward, bytes, BULK_BYTES, &n, BULK_WAIT_MS);
+        if (code != 0 && code != TIMED_OUT) return error_of(code);
+        for (ssize_t at = 0, taken; at < n; at += taken)
+            if ((taken = write((int)to, bytes + at, (size_t)(n - at))) <= 0) return EPIPE;
+    }
+    return 0;
+}
+
 /* Frames. */
+
+static void send_bulk(hx_player *p, const uint8_t *bytes, int64_t n) {
+    const hx_bulk *b = &p->set.bulk;
+    int moved = 0, code = b->transfer(b->handle, (uint8_t)b->outward, (uint8_t *)bytes, (int)n, &moved,
+                                      (unsigned)(1e3 * send_s));
+    if (code != 0 || moved != n) lose(p, code != 0 ? error_of(code) : EIO);
+}
 
 static void send_bytes(hx_player *p, const uint8_t *bytes, int64_t n) {
     double began_s = now_s();
     p->counts.bytes_sent += n;
+    if (p->set.bulk.transfer) {
+        send_bulk(p, bytes, n);
+        return;
+    }
     while (n > 0) {
         ssize_t sent = write(p->set.link, bytes, (size_t)n);
         if (sent >= 0) {
@@ -129,14 +167,12 @@ static void send_bytes(hx_player *p, const uint8_t *bytes, int64_t n) {
             continue;
         }
         if (errno != EAGAIN && errno != EWOULDBLOCK && errno != EINTR) {
-            p->counts.error = errno;
-            end(p, HX_LOST);
+            lose(p, errno);
             return;
         }
         double left_s = began_s + send_s - now_s();
         if (left_s <= 0.0) {
-            p->counts.error = ETIMEDOUT;
-            end(p, HX_LOST);
+            lose(p, ETIMEDOUT);
             return;
         }
         struct pollfd writable = {p->set.link, POLLOUT, 0};
@@ -378,8 +414,7 @@ static void read_link(hx_player *p) {
                 was_empty = 1;
                 continue;
             }
-            p->counts.error = came < 0 ? errno : 0;
-            end(p, HX_LOST);
+            lose(p, came < 0 ? errno : 0);
             return;
         }
         p->received_bytes += (uint32_t)came;

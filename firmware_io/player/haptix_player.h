@@ -38,9 +38,18 @@ typedef struct {
     int64_t (*is_live)(void *of);
 } hx_source;
 
+/* Two bulk endpoints, by libusb_bulk_transfer and its handle of the device. */
+typedef struct {
+    int (*transfer)(void *handle, unsigned char endpoint, unsigned char *data, int length, int *moved,
+                    unsigned timeout_ms); /* NULL: the link is a file descriptor */
+    void *handle;
+    int32_t outward, inward;
+} hx_bulk;
+
 /* What the owner has agreed with the driver. Counts are in samples, times in seconds. */
 typedef struct {
     int32_t link, reports; /* file descriptors; both are read without waiting */
+    hx_bulk bulk; /* takes what is sent; hx_bulk_read brings what comes to `link` */
     int64_t grid, frame, revised, piece, least, horizon, most_ahead;
     double rate_hz, bytes_per_s; /* 0: the link has no rate of its own */
     double reaction_s, guard_s, least_interval_s, watchdog_s;
@@ -90,6 +99,10 @@ int64_t hx_player_init(hx_player *player, const hx_player_setup *setup, const hx
 
 /* Play until it ends; return why. It waits for the link and the pipe. */
 int64_t hx_player_run(hx_player *player);
+
+/* Read a bulk endpoint, in a thread of its own, and write what comes to a file descriptor, until the
+ * endpoint fails or `is_over` is set. Return an error of errno.h, or 0. */
+int64_t hx_bulk_read(const hx_bulk *bulk, int64_t to, const volatile int32_t *is_over);
 
 /* May be read at any time by another thread, for display. */
 const hx_player_counts *hx_player_counts_of(const hx_player *player);

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from firmware_io import own_thread
 from firmware_io.firmware.core import compiled
 from tests.devices.guest.machine import NoMachineError, run_in_guest
 
@@ -46,7 +47,8 @@ def results(request, tmp_path_factory):
         for item in request.session.items
         if item.path == Path(__file__) and hasattr(item, "callspec")
     ]
-    compiled()  # the guest can read the library, but not keep one
+    compiled()  # the guest can read the libraries, but not keep one
+    own_thread.compiled()
     shares = [share for n in range(GUESTS) if (share := wanted[n::GUESTS])]
     folders = [tmp_path_factory.mktemp("guest") for _ in shares]
     try:

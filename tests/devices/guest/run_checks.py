@@ -14,6 +14,7 @@ from pathlib import Path
 import tests.devices.guest.checks_content
 import tests.devices.guest.checks_faults
 import tests.devices.guest.checks_opening
+import tests.devices.guest.checks_own_thread
 import tests.devices.guest.checks_pages
 import tests.devices.guest.checks_revisions
 import tests.devices.guest.checks_touchscreens  # noqa: F401

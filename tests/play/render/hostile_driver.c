@@ -269,7 +269,7 @@ int main(int argc, char **argv) {
         reads_of_time = is_closed = is_deaf = waits = frames = 0;
         hostility = below(4) ? (int)below(60) : 0;
         is_port = (int)below(2);
-        hx_player_setup setup = {LINK, PIPE, 4, 1024, 960, 1920, 96, 10320, 9000, RATE,
+        hx_player_setup setup = {LINK, PIPE, {NULL, NULL, 0, 0}, 4, 1024, 960, 1920, 96, 10320, 9000, RATE,
                                  below(3) ? 0.0 : 2e5, 0.003, 3.3e-4, 2.5e-3, 0.25, 1.0, 200.0,
                                  97.2, 250.0, TOP, 4, 7, 0, 12288, 0, &limits, window};
         if (!hx_player_init(player, &setup, &source)) return 3;

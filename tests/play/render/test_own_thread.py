@@ -14,6 +14,7 @@ import pytest
 
 import haptix
 from firmware_io import Device, DriveLimits, Playback
+from firmware_io.link import Bulk, Link
 from firmware_io.links.serial import SerialLink
 from firmware_io.links.tcp import TcpLink
 from firmware_io.own_thread import QUIET_S, OwnThread, finger_report
@@ -382,3 +383,53 @@ def test_a_serial_port_is_played_through_stalls_and_again_after_a_replug(surface
         assert len(renderer.stats.reactions_s) > 10
     assert not device.is_armed and not device.stop_is_owed
     device.close()
+
+
+class PretendUsbLink(Link):
+    """A link of two bulk endpoints, whose calls of libusb go to the socket of another link."""
+
+    def __init__(self, link, library):
+        self.name = "usb:pretended"
+        self.send, self.receive, self.close = link.send, link.receive, link.close
+        self._handle = ctypes.c_int(link.descriptor)
+        self._transfer = ctypes.cast(library.pretend_bulk_transfer, ctypes.c_void_p).value
+
+    def send(self, data):
+        """Is that of the other link."""
+
+    receive = close = send
+
+    @property
+    def bulk(self):
+        return Bulk(self._transfer, ctypes.addressof(self._handle), 0x02, 0x82)
+
+
+@pytest.fixture(scope="module")
+def pretend_libusb(tmp_path_factory):
+    if shutil.which("cc") is None:
+        pytest.skip("cc is missing")
+    path = tmp_path_factory.mktemp("pretend_libusb") / "pretend_libusb.so"
+    source = HERE / "pretend_libusb.c"
+    subprocess.run(["cc", "-shared", "-fPIC", str(source), "-o", str(path)], check=True)
+    return ctypes.CDLL(str(path))
+
+
+def test_usb_is_played_through_stalls_until_it_is_unplugged(surface, served, pretend_libusb):
+    link, process = served
+    device = Device(PretendUsbLink(link, pretend_libusb))
+    with (
+        pytest.raises(haptix.DeviceError, match="No such device"),
+        haptix.LiveRenderer(surface, ribs(), device, settings=LIVE) as renderer,
+    ):
+        assert renderer.plays_by == "engine"
+        stroke(renderer)
+        for _ in range(2):
+            hold_the_interpreter(0.4)
+            stroke(renderer, 0.1)
+        assert device.is_armed
+        assert renderer.stats.revisions > 10
+        assert len(renderer.stats.reactions_s) > 10
+        assert renderer.stats.samples_played > 0.9 * 48_000
+        process.kill()
+        for _ in range(1000):
+            stroke(renderer, 0.1)

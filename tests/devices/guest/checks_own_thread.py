@@ -1,0 +1,72 @@
+"""Checks of the thread that plays without the interpreter, through libusb's own calls."""
+
+import threading
+import time
+from contextlib import suppress
+
+import numpy as np
+
+from firmware_io import DeviceDisconnectedError, Playback, volts_to_codes
+from firmware_io.own_thread import CompiledSource, OwnThread, compiled
+from firmware_io.reviser import PlaybackStats
+from tests.devices.guest.checks_faults import _SETTINGS, _board, _is_at_rest, _streamed
+from tests.devices.guest.plugged import wait_for
+from tests.devices.guest.ways import USB, check, require, same, wave
+
+_RATE_HZ = _SETTINGS["sample_rate_hz"]
+_SECONDS = 20.0
+
+
+def _source(volts):
+    """A source whose functions are Python's: what is played counts here, not when."""
+    ffi, _ = compiled()
+    types = dict(ffi.typeof("hx_source").fields)
+
+    def window(_of, first, count, _at_s, _is_revision, out):
+        ffi.memmove(out, np.ascontiguousarray(volts[first : first + count]), 8 * count)
+
+    makes = {"window": window, "is_live": lambda _of: 0}
+    kept = [
+        ffi.callback(types[name].type, makes.get(name, lambda *_: None))
+        for name in ("window", "settle", "played", "report", "is_live")
+    ]
+    return CompiledSource(4, 0, tuple(int(ffi.cast("uintptr_t", k)) for k in kept), kept)
+
+
+@check(USB)
+def a_thread_of_its_own(way):
+    """Every sample arrives, a pulled cable ends it at 0 V, and it plays again."""
+    volts = wave(int(_SECONDS * _RATE_HZ), _RATE_HZ)
+    codes, played = volts_to_codes(volts, 250.0), []
+    source = _source(volts)
+    with _board() as board:
+        for is_pulled in (True, False):
+            before = _streamed(board).size
+            device = way.open(**_SETTINGS)
+            require(OwnThread.can_play(device), "it cannot be played")
+            stats = PlaybackStats(horizon_s=0.1)
+            own, error = OwnThread(device, source, stats), None
+            with (
+                suppress(DeviceDisconnectedError),
+                Playback(device, None, stats=stats, writer=lambda own=own: own) as playback,
+            ):
+                wait_for(lambda before=before: _streamed(board).size > before + _RATE_HZ / 2)
+                if is_pulled:
+                    board.pull_out()
+                    try:
+                        for _ in range(100):
+                            playback.raise_once()
+                            time.sleep(0.05)
+                    except DeviceDisconnectedError as raised:
+                        error = raised
+            require(is_pulled == (error is not None), error)
+            with suppress(DeviceDisconnectedError):
+                device.close()
+            _is_at_rest(board)
+            streamed = _streamed(board)[before:]
+            same(streamed, codes[: streamed.size])
+            played.append(streamed.size)
+            if is_pulled:
+                board.plug_in()
+    require(threading.active_count() == 1, threading.enumerate())
+    return {"samples": played, "underruns": stats.underruns}
