@@ -172,3 +172,17 @@ def test_a_background_is_shown_around_the_regions():
         levels = np.asarray(image)
     assert levels.shape == (360, 720)  # of 30 mm, and of 60
     assert levels[:200].std() > 10 * levels[215:325].std()
+
+
+def test_a_phone_shows_picture_and_curve_at_once_and_can_be_scrolled(tmp_path):
+    for name, content in page_files(b"", load("gallery:comb"), "Ribs").items():
+        (tmp_path / name).write_bytes(content)
+    with served(tmp_path) as address, chromium() as browser:
+        page = browser.new_page(viewport={"width": 360, "height": 640})
+        page.goto(address)
+        page.locator("figure[data-state=failed]").wait_for()  # no program
+        pad, curve = (page.locator(one).bounding_box() for one in (".felt-pad", ".felt-curve"))
+        assert curve["y"] + curve["height"] <= pad["y"]  # a hand is below its finger
+        assert pad["y"] + pad["height"] <= 640
+        assert pad["width"] <= 0.8 * 360  # a finger on it does not scroll
+        assert page.evaluate("document.documentElement.scrollWidth") <= 360
