@@ -2,7 +2,7 @@
 
     python benchmarks/time_to_zero.py
 
-The firmware plays a sine of 150 Hz and 150 V at 48 kHz with a watchdog of 250 ms. A fault comes at
+The firmware plays a sine of 150 Hz and 150 V at 48 kHz with a watchdog of 160 ms. A fault comes at
 100 moments of the playback; from then on the record tells when the output is at 0 V for good.
 """
 
@@ -28,7 +28,7 @@ RATE = 48_000
 AHEAD = 960
 SETUP = Setup(
     mode=StreamMode.WAVEFORM,
-    watchdog_ms=250,
+    watchdog_ms=160,
     sample_rate_hz=RATE,
     full_scale_mv=250_000,
     ceiling_mv=200_000,

@@ -102,11 +102,16 @@ class Pace:
         return self.setup.watchdog_ms * self.setup.sample_rate_hz // 4000
 
     def most_ahead(self, is_revisable: bool) -> int:
-        """Return the most samples in the driver: those that it plays within its watchdog time."""
+        """Return the most samples in the driver.
+
+        What is revised may last longer than the watchdog time, which a revision or the next piece
+        ends long before: then a stall that the watchdog bears is no underrun. What is written once
+        lasts, with the lead, for three quarters of it: a quarter is left for delays of a frame.
+        """
         setup = self.setup
-        if is_revisable:  # a quarter of that time is left for delays of a frame
-            return int(0.75 * setup.watchdog_ms / 1e3 * setup.sample_rate_hz)
-        ahead_s = setup.watchdog_ms / 1e3 / 2 - min(setup.lead_us / 1e6, setup.watchdog_ms / 4e3)
+        if is_revisable:
+            return int(1.2 * setup.watchdog_ms / 1e3 * setup.sample_rate_hz)
+        ahead_s = 0.75 * setup.watchdog_ms / 1e3 - min(setup.lead_us / 1e6, setup.watchdog_ms / 4e3)
         return max(self.frame_samples, int(ahead_s * setup.sample_rate_hz))
 
     def revision_budget(self, window_s: float) -> tuple[int, float]:

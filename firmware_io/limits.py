@@ -33,8 +33,8 @@ DEFAULT_MAX_SLEW_V_PER_S = MAX_PEAK_A / BODY_CAPACITANCE_F
 #: The longest time without a host until a driver is at 0 V and disarmed.
 #: It is long enough that a pause of the host causes an underrun and does not end the session: 20 ms
 #: in a slow block, some 100 ms on a busy desktop. It is short enough that the output of a dead host
-#: ends in about the time that a person takes to react.
-WATCHDOG_S = 0.25
+#: ends before a person who feels it can react to it.
+WATCHDOG_S = 0.16
 
 #: Energy: the rms of a sine at the absolute ceiling, the strongest drive that screens are rated
 #: and calibrated for, and 1 % for windows without a whole number of its periods. Heat in amplifier

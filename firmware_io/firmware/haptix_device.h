@@ -47,7 +47,7 @@
 #define HX_MEAN_DIVISOR 20u
 /* Half a turn of the slowest carrier keeps the mean below 0.1 V. */
 #define HX_MIN_CARRIER_MHZ 1000000u
-#define HX_MAX_WATCHDOG_MS 250u
+#define HX_MAX_WATCHDOG_MS 160u
 
 /* How long the output takes to 0 V after a fault, STOP or silence. */
 #define HX_RAMP_MS 5u
@@ -100,7 +100,7 @@ typedef struct {
     uint32_t max_slew_v_per_s; /* with which 5 ms lead from the ceiling to 0 V, at most 4666666 */
     uint32_t queue_samples;
     uint16_t max_frame_samples; /* at most queue_samples */
-    uint16_t max_watchdog_ms; /* 10 to 250 */
+    uint16_t max_watchdog_ms; /* 10 to 160 */
     uint16_t report_bytes; /* 0 or 8 to 64 */
     uint16_t flags;
     uint16_t rate_count;

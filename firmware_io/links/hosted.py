@@ -45,10 +45,10 @@ _LOOK_S = 0.02
 HOLD_S = DEFAULT_WINDOW_S
 HOLD_EXTRA_S = 5.0
 """An output that asks for no samples for so long after it was opened counts as broken."""
-STILL_S = 0.19
+STILL_S = 0.11
 """An output that asks for no samples for so long while it is open has stopped: a playback looks at
-least every 50 ms, so that this is a fault within the watchdog's 0.25 s. The longest blocks in use,
-8192 samples at 44.1 kHz, last 0.186 s."""
+least every 50 ms, so that this is a fault within the watchdog's 0.16 s. Blocks of 4096 samples at
+44.1 kHz last 0.093 s; one of 8192 would starve the firmware, whose watchdog counts its samples."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -300,7 +300,10 @@ class HostedLink(Link):
         """Fail if the output has stopped, even if it goes on: what is queued is of the past."""
         silent_s = time.monotonic() - self._asked_s
         if silent_s > STILL_S and self._failure is None and self._has_held.is_set():
-            self._fail(f"its output stands, it has asked for no samples for {silent_s:.2g} s")
+            self._fail(
+                f"its output stands, it has asked for no samples for {silent_s:.2g} s (its blocks "
+                f"must be shorter than {STILL_S:g} s)"
+            )
 
     def _check_open(self) -> None:
         if not self._is_open:

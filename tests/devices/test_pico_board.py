@@ -44,7 +44,7 @@ BOARD = ROOT / "examples" / "boards" / "pico"
 HERE = ROOT / "tests" / "firmware_io" / "pico"
 OUTPUT_HZ, HALF = 48_000, 64
 RAMP = OUTPUT_HZ * 5 // 1000
-WATCHDOG = OUTPUT_HZ // 4
+WATCHDOG = OUTPUT_HZ * 160 // 1000
 RATE_HZ = 6000
 FULL_SCALE_V = 200.0
 LOW, HIGH, FLOATS = 0, 1, 4  # of a pin; with the pull-down that a reset switches on
@@ -434,7 +434,7 @@ def test_a_limit_is_held_on_the_other_endpoints_too(board, endpoint):
     frames.send(
         Setup(
             mode=StreamMode.WAVEFORM,
-            watchdog_ms=250,
+            watchdog_ms=160,
             sample_rate_hz=RATE_HZ,
             full_scale_mv=200_000,
             ceiling_mv=100_000,

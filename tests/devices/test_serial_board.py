@@ -27,7 +27,7 @@ pytestmark = pytest.mark.devices
 
 BOARD = Path(firmware_io.__file__).parents[1] / "examples" / "boards" / "stm32f405"
 OUTPUT_HZ = 2000
-WATCHDOG = OUTPUT_HZ // 4  # 250 ms in output samples
+WATCHDOG = OUTPUT_HZ * 160 // 1000  # 160 ms in output samples
 RAMP = OUTPUT_HZ * 5 // 1000
 HIGH = OUTPUT_HZ // 1000  # output samples in 1 ms
 RATE_HZ = 250

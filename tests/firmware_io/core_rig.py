@@ -39,14 +39,14 @@ BOARD = CapabilitiesReport(
     max_slew_v_per_s=2_638_937,
     queue_samples=2000,
     max_frame_samples=1000,
-    max_watchdog_ms=250,
+    max_watchdog_ms=160,
     name="board",
     serial="B1",
     calibration_id="none yet",
     reports_touch=True,
     rates=(Rate(48_000, BOTH), Rate(16_000, BOTH), Rate(6_000, frozenset({WAVEFORM}))),
 )
-PLAIN = Setup(WAVEFORM, 250, 48_000, 25_000, 20_000, 2_638_937, lead_us=0)
+PLAIN = Setup(WAVEFORM, 160, 48_000, 25_000, 20_000, 2_638_937, lead_us=0)
 CARRIED = replace(PLAIN, mode=ENVELOPE, sample_rate_hz=16_000, carrier_mhz=4_000_000)
 TOP = 26213
 RAMP = 240  # 5 ms

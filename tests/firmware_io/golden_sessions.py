@@ -25,7 +25,7 @@ BOARD = {
     "max_slew_v_per_s": 4_666_666,
     "queue_samples": 400,
     "max_frame_samples": 200,
-    "max_watchdog_ms": 200,
+    "max_watchdog_ms": 160,
     "name": "golden board",
     "serial": "G-0001",
     "calibration_id": "",
@@ -571,7 +571,7 @@ def sense():
 
     session.hello()
     session.capabilities()
-    session.setup(1, 200, 2000, carrier_mhz, 180_000, 0)
+    session.setup(1, 160, 2000, carrier_mhz, 180_000, 0)
     now(0, 0, 0)
     steady = [2000 * n for n in range(1, 11)] + [20_000] * 190
     playback(steady, {696: 1980 + 800})  # 0.84 mA beside the panel, when it has been measured
@@ -605,7 +605,7 @@ def frames():
         zip(
             (*list(BOARD)[:10], "name", "serial", "calibration_id", "reports_touch"),
             (
-                *(4, 4, 64, 48_000, 250_000, 200_000, 26_389_378, 4096, 1024, 250),
+                *(4, 4, 64, 48_000, 250_000, 200_000, 26_389_378, 4096, 1024, 160),
                 *("golden board", "G-0001", "abcdefghijklmnop", True),
             ),
             strict=True,
@@ -635,7 +635,7 @@ def frames():
             SETUP,
             1,
             "<HHIIIIIIH",
-            named(setup, 1, 250, 16_000, 250_000, 180_000, 20_000_000, 4_000_000, 25_000, 5),
+            named(setup, 1, 160, 16_000, 250_000, 180_000, 20_000_000, 4_000_000, 25_000, 5),
         ),
         row(ARM, 65535, "<", {}),
         samples(STREAM, 7, 480, [0, 1, -1, 32767, -32767]),

@@ -356,7 +356,7 @@ def test_close_lets_a_failing_link_go():
 
 def test_a_host_that_skips_its_checks_still_meets_the_drivers_ceiling():
     driver = MockDriver(ceiling_v=80.0)
-    setup = Setup(StreamMode.WAVEFORM, 250, 48_000, 250_000, 80_000, 1_000_000)
+    setup = Setup(StreamMode.WAVEFORM, 160, 48_000, 250_000, 80_000, 1_000_000)
     too_much = StreamSamples(0, volts_to_codes([81.0], 250.0), StreamMode.WAVEFORM)
     for number, message in enumerate([setup, Arm(), too_much]):
         driver.receive(encode(Frame(message, number)))

@@ -202,7 +202,7 @@ class SensingPair(Pair):
         self.setup = replace(
             SETUP,
             mode=ENVELOPE if is_carried else WAVEFORM,
-            watchdog_ms=250,
+            watchdog_ms=160,
             sample_rate_hz=int(rng.choice(self.rates_hz)),
             carrier_mhz=carrier_mhz if is_carried else 0,
             lead_us=int(rng.integers(0, 2000)),

@@ -284,7 +284,7 @@ def test_sums_of_weeks_do_not_drift():
 
 
 def codes_in_one_pass(volts, before_v, limits, rate_hz, full_scale_v):
-    setup = Setup(StreamMode.WAVEFORM, 250, rate_hz, round(full_scale_v * 1e3), 200_000, 4_666_666)
+    setup = Setup(StreamMode.WAVEFORM, 160, rate_hz, round(full_scale_v * 1e3), 200_000, 4_666_666)
     # The limits as they are, and not rounded to codes.
     with patch("firmware_io.drive_check.kept_limits", lambda limits, *_: limits):
         checks = DriveCheck(limits, setup, rate_hz)

@@ -20,7 +20,7 @@ from firmware_io.protocol_client import ANSWER_S
 from tests.faulty_link import FaultyLink
 
 RATE = 48_000
-WATCHDOG_S = 0.25
+WATCHDOG_S = 0.16
 
 # Kind of fault, its seconds, what the caller sees (None: nothing, and every sample is played).
 FAULTS = {

@@ -161,7 +161,7 @@ def test_reopening_at_any_sample_begins_no_second_anew(lengths, pause, count):
     host = Attacker(HOSTILE)
     for turn in range(40):
         length = 30 * lengths[turn % len(lengths)]
-        host.arm(replace(Setup(WAVEFORM, 250, RATE_HZ, 250_000, 200_000, 4_666_666), lead_us=0))
+        host.arm(replace(Setup(WAVEFORM, 160, RATE_HZ, 250_000, 200_000, 4_666_666), lead_us=0))
         sign = -1 if turn % count else 1
         host.write_codes(np.full(length, sign * 26_213))
         host.play(length / RATE_HZ)
@@ -173,7 +173,7 @@ def test_reopening_at_any_sample_begins_no_second_anew(lengths, pause, count):
 def test_the_index_of_samples_wraps_without_a_seam():
     """Frames are checked across the wrap of 32 bits; see `make weeks` for the whole way there."""
     host = Attacker(HOSTILE)
-    host.arm(replace(Setup(WAVEFORM, 250, RATE_HZ, 250_000, 200_000, 4_666_666), lead_us=0))
+    host.arm(replace(Setup(WAVEFORM, 160, RATE_HZ, 250_000, 200_000, 4_666_666), lead_us=0))
     host.say(StreamSamples(2**32 - 1, np.zeros(1, np.int16), WAVEFORM))
     assert host.fault is FaultCode.SAMPLE_INDEX
     assert host.core.fault().expected == 0
@@ -181,9 +181,9 @@ def test_the_index_of_samples_wraps_without_a_seam():
 
 def test_arming_again_and_again_is_no_way_to_stay_alive():
     """ARM while armed, SETUP, HELLO, PING: none feeds the watchdog, all end in the ramp."""
-    for message in (Arm(), Setup(WAVEFORM, 250, RATE_HZ, 250_000, 200_000, 4_666_666)):
+    for message in (Arm(), Setup(WAVEFORM, 160, RATE_HZ, 250_000, 200_000, 4_666_666)):
         host = Attacker(HOSTILE)
-        host.arm(Setup(WAVEFORM, 250, RATE_HZ, 250_000, 200_000, 4_666_666, lead_us=0))
+        host.arm(Setup(WAVEFORM, 160, RATE_HZ, 250_000, 200_000, 4_666_666, lead_us=0))
         host.write_codes(np.full(100, 20_000))
         host.play(50 / RATE_HZ)
         host.core.receive(encode(Frame(message, host.sequence)))

@@ -1,5 +1,7 @@
 """Mean and energy with a host in front: what it may ask for, and what it does between writes."""
 
+from contextlib import suppress
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,11 @@ from firmware_io import (
     MockLink,
     open_device,
 )
+from firmware_io.links import hosted
+from firmware_io.links.audio import AudioProfile
+from firmware_io.links.hosted import HostedLink
+from firmware_io.serve import DriverServer
+from tests.waiting import wait_for
 
 
 def worst(driver):
@@ -38,12 +45,77 @@ def test_no_carrier_below_1_khz(carrier_hz):
         device.set_up(carrier_hz=carrier_hz)
 
 
-@pytest.mark.parametrize("selector", ["watchdog_s=65", "watchdog_s=0.251"])
-def test_no_watchdog_above_250_ms(selector):
-    with pytest.raises(DeviceError, match=r"watchdog_s .*0\.25"):
+@pytest.mark.parametrize("selector", ["watchdog_s=65", "watchdog_s=0.161"])
+def test_no_watchdog_above_160_ms(selector):
+    with pytest.raises(DeviceError, match=r"watchdog_s .*0\.16"):
         open_device(f"mock:{selector}")
     with pytest.raises(DeviceError, match="max_watchdog_s"):
         MockDriver(max_watchdog_s=65.0)
+
+
+class Output(HostedLink):
+    """An output that asks for samples when it is told."""
+
+    def __init__(self, profile):
+        super().__init__(profile, "output")
+        self._has_held.set()
+        self.asked = [self._next(1)[0]]
+
+    def _end(self, plays_on):
+        pass
+
+    def advance(self, seconds):
+        for _ in range(round(seconds * 1000)):
+            self.asked.append(self._next(48)[0])
+
+
+@pytest.fixture(params=["bytes", "reports", "tcp", "in front of an output"])
+def silenced(request, monkeypatch):
+    """Of each link: a device, and how to end its time; returns the codes that it played then."""
+    monkeypatch.setattr(hosted, "STILL_S", 300.0)
+    if request.param == "tcp":
+        driver = MockDriver(pace="real")
+        with (
+            DriverServer(driver) as server,
+            open_device(f"{server.address},mode=envelope,carrier_hz=4000") as device,
+        ):
+
+            def codes():
+                wait_for(lambda: not driver.is_armed)
+                return driver.output[0]
+
+            yield device, codes
+        return
+    if request.param == "in front of an output":
+        output = Output(AudioProfile(full_scale_v=200.0))
+
+        def asked():
+            output.advance(1.0)
+            return np.concatenate(output.asked)
+
+        yield Device(output, mode="envelope", carrier_hz=4000.0), asked
+        return
+    link = MockLink(MockDriver(), 64 if request.param == "reports" else None)
+
+    def played():
+        link.driver.advance(1.0)
+        return link.driver.output[0]
+
+    yield Device(link, mode="envelope", carrier_hz=4000.0), played
+
+
+def test_each_link_is_at_0_v_160_ms_after_the_last_word_of_its_host(silenced):
+    """By the set-up that a program gets, from the first sample of its one frame on."""
+    device, codes = silenced
+    device.arm()
+    device.write(np.full(16, 30.0))
+    assert device.watchdog_s == 0.16
+    played = codes()
+    driven = np.flatnonzero(played)
+    shown_s = (driven[-1] - driven[0]) / 48_000
+    assert 0.13 < shown_s < 0.16  # what a lead of 20 ms leaves; a carrier holds its last amplitude
+    with suppress(DeviceError):  # it has starved
+        device.close()
 
 
 def test_the_host_rejects_an_envelope_in_step_with_its_carrier():

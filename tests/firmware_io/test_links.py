@@ -364,7 +364,7 @@ def test_a_claim_holds_across_processes():
     assert subprocess.run(command, capture_output=True, text=True).returncode == 0
 
 
-SPEED = 0.1  # of both clocks: a watchdog of 0.25 s outlasts stalls of a busy machine of 2.5 s
+SPEED = 0.1  # of both clocks: a watchdog of 0.16 s outlasts stalls of a busy machine of 1.6 s
 
 
 def slow_driver():

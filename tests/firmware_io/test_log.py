@@ -89,13 +89,14 @@ def test_damaged_bytes_are_told(said, monkeypatch):
 def test_a_stall_beyond_the_horizon_is_told(said):
     with open_device("mock:pace=stepped") as device:
         device.stop()
-        with Playback(device, WaveSource(lambda first, count: np.zeros(count))) as playback:
+        source = WaveSource(lambda first, count: np.zeros(count))
+        with Playback(device, source, horizon_s=0.02) as playback:
             playback.run_until(device.clock() + 0.2)
-            device.clock.sleep(0.2)  # nobody plays
+            device.clock.sleep(0.11)  # nobody plays; the watchdog waits longer
             playback.run_until(device.clock() + 0.1)
             assert playback.stats.underruns == 1
     lines = said("playback")
-    assert lines[0] == "begins: reaction 0.003 s, horizon 0.1 s"
+    assert lines[0] == "begins: reaction 0.003 s, horizon 0.02 s"
     assert "underrun, 1 in all" in lines
     assert lines[-1].startswith("ends: PlaybackStats(")
 

@@ -118,7 +118,7 @@ def test_one_write_may_hold_more_than_the_queue():
 
 def test_virtual_time_passes_by_hand():
     _, driver = playing()
-    driver.advance(0.24)  # the ramp of 5 ms ends with the watchdog's 250 ms
+    driver.advance(0.15)  # the ramp of 5 ms ends with the watchdog's 160 ms
     assert driver.is_armed
     assert driver.underruns == 1
     driver.advance(0.008)
@@ -126,11 +126,11 @@ def test_virtual_time_passes_by_hand():
     driver.advance(0.002)
     assert "starved" in driver.fault
     codes, what = driver.output
-    assert codes.size == 2 + 250
+    assert codes.size == 2 + 160
     assert codes[-1] == 0
     # The watchdog counts from the frame, which was played in no time: 2 samples, 5 held, 5 down,
-    # 233 at 0 V until the watchdog's own ramp would begin, and 7 disarmed.
-    assert [int((what == kind).sum()) for kind in Output] == [7, 2, 5 + 233, 5]
+    # 143 at 0 V until the watchdog's own ramp would begin, and 7 disarmed.
+    assert [int((what == kind).sum()) for kind in Output] == [7, 2, 5 + 143, 5]
 
 
 def test_a_refused_frame_is_answered_and_kept_as_a_sentence():

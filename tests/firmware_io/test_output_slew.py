@@ -58,7 +58,7 @@ def begin_again(host, rng, setup):
 def test_a_waveform_that_runs_dry_at_random(capacitance_nf, rate_hz, each):
     board = replace(BOARD, output_rate_hz=rate_hz, rates=(Rate(rate_hz // each, BOTH),))
     setup = Setup(
-        WAVEFORM, 250, rate_hz // each, 250_000, 200_000, slew_of(capacitance_nf), lead_us=0
+        WAVEFORM, 160, rate_hz // each, 250_000, 200_000, slew_of(capacitance_nf), lead_us=0
     )
     # Whole codes in an output sample.
     most = each * (setup.max_slew_v_per_s * 32_767_000 // 250_000 // rate_hz)
@@ -90,7 +90,7 @@ def test_a_carrier_that_is_held_stopped_and_begun_again_at_random(capacitance_nf
     for carrier_hz in (1000.0, 1357.9, 4000.0, 12_000.0):
         slew = slew_of(capacitance_nf)
         setup = Setup(
-            ENVELOPE, 250, 16_000, 250_000, 200_000, slew, round(carrier_hz * 1e3), lead_us=0
+            ENVELOPE, 160, 16_000, 250_000, 200_000, slew, round(carrier_hz * 1e3), lead_us=0
         )
         codes_per_s = slew * 32_767_000 // 250_000 // rate_hz * rate_hz
         carrier_rad_per_s = -(-setup.carrier_mhz * 411_775 // 65_536_000)
@@ -167,7 +167,7 @@ def test_a_host_at_its_limits_makes_the_driver_find_no_fault(mode, capacitance_n
 def test_the_slew_is_that_of_whole_codes_in_an_output_sample():
     """46,666 V/s at 8 kHz are 764.57 codes: in four output samples 3056 pass, 3058 do not."""
     board = replace(BOARD, rates=(Rate(2000, BOTH),))
-    setup = Setup(WAVEFORM, 250, 2000, 250_000, 200_000, 46_666, lead_us=0)
+    setup = Setup(WAVEFORM, 160, 2000, 250_000, 200_000, 46_666, lead_us=0)
     for code, fault in ((3056, FaultCode.NONE), (3057, FaultCode.SLEW)):
         host = Attacker(board)
         host.arm(setup)
@@ -188,7 +188,7 @@ def test_the_slew_is_that_of_whole_codes_in_an_output_sample():
 )
 def test_the_slew_of_a_carrier_at_its_limit(codes, fault):
     """2 pi 3 kHz are 18,849.6 rad/s and count as 18,850; the slew is 764 codes a sample."""
-    setup = Setup(ENVELOPE, 250, 8000, 250_000, 200_000, 46_666, 3_000_000, lead_us=0)
+    setup = Setup(ENVELOPE, 160, 8000, 250_000, 200_000, 46_666, 3_000_000, lead_us=0)
     host = Attacker()
     host.arm(setup)
     host.write_codes(codes)

@@ -38,14 +38,14 @@ BOARD = CapabilitiesReport(
     max_slew_v_per_s=4_666_666,
     queue_samples=20_000,
     max_frame_samples=10_000,
-    max_watchdog_ms=250,
+    max_watchdog_ms=160,
     name="board",
     serial="",
     calibration_id="",
     reports_touch=False,
     rates=(Rate(RATE_HZ, BOTH),),
 )
-SETUP = Setup(WAVEFORM, 250, RATE_HZ, 250_000, 200_000, 4_666_666, lead_us=0)
+SETUP = Setup(WAVEFORM, 160, RATE_HZ, 250_000, 200_000, 4_666_666, lead_us=0)
 
 
 class Attacker:

@@ -2,7 +2,7 @@
 
 In real time, on whatever machine: no stall is longer than the horizon, but the machine may add to
 it. So what is compared ends where the driver had no samples, no time is asserted, and a driver in
-this process counts a longer stall as 0.15 s: its watchdog waits for 0.25 s.
+this process counts a longer stall as 0.12 s: its watchdog waits for 0.16 s.
 """
 
 import os
@@ -90,7 +90,7 @@ def assert_as_believed(played, volts):
 @pytest.mark.parametrize("what", ["renderer", "link", "caller"])
 @pytest.mark.usefixtures("no_thread_is_left")
 def test_in_this_process(what):
-    driver = steady_driver(clock=SteadyClock(0.15))
+    driver = steady_driver(clock=SteadyClock(0.12))
     link, source = FaultyLink(driver), StallingLevels()
 
     def disturb():
@@ -111,7 +111,7 @@ def test_in_this_process(what):
 
 @pytest.mark.usefixtures("no_thread_is_left")
 def test_in_reports():
-    driver = steady_driver(sample_rate_hz=8000.0, clock=SteadyClock(0.15))
+    driver = steady_driver(sample_rate_hz=8000.0, clock=SteadyClock(0.12))
     link, source = FaultyLink(driver, 64), StallingLevels(grid=1)
     device = Device(link, mode="waveform", sample_rate_hz=8000)
     volts = play(device, source, lambda: link.inject("stall", 0, 0.02))

@@ -304,7 +304,7 @@ def test_the_engine_is_killed_or_hangs(running, how):
         client.on("output", lambda output: reasons.append((output.state, output.reason)))
         sliding = felt(running, client)
         engine = running.engine
-        with running.at_0_v_within(0.25 + 0.05):  # the driver's watchdog is 250 ms at most
+        with running.at_0_v_within(0.16 + 0.05):  # the driver's watchdog is 160 ms at most
             os.kill(engine, how)
         wait_for(lambda: ("off", "the engine is there again") in reasons)
         told = [reason for state, reason in reasons if state == "failed"]

@@ -215,7 +215,7 @@ export class Driver extends EventTarget {
     const bounds = [
       ["outputRateHz", 1000, 1e6], ["fullScaleMv", 1, 1e6], ["ceilingMv", 1, 200_000],
       ["maxSlewVPerS", 1, 4_666_666], ["queueSamples", 1, 2 ** 24], ["maxFrameSamples", 1, 32_765],
-      ["maxWatchdogMs", 10, 250],
+      ["maxWatchdogMs", 10, 160],
     ];
     for (const [field, least, most] of bounds)
       if (got[field] < least || got[field] > most)

@@ -22,7 +22,7 @@ from tests.devices.guest.ways import HID, HIDRAW, USB, WAYS, check, require, sam
 
 _RATE_HZ = 16_000
 #: The longest that there is; the board keeps to it by its own clock.
-_WATCHDOG_S = 0.25
+_WATCHDOG_S = 0.16
 _BLOCK = 249  # 9 reports
 _WHOLE_BLOCKS = 2
 _BLOCKS = 6

@@ -13,7 +13,7 @@ static uint8_t frame[1024];
 static int16_t out[1024];
 
 static const hx_config config = {
-    48000, 250000, 200000, 4666666, 1000, 500, 250, 64, 0, 2, {{48000, 3}, {16000, 3}}, "m0", "1", "", 16, 0, 0, 0};
+    48000, 250000, 200000, 4666666, 1000, 500, 160, 64, 0, 2, {{48000, 3}, {16000, 3}}, "m0", "1", "", 16, 0, 0, 0};
 
 /* Make a frame of what stands in the payload. */
 static void seal(uint8_t kind, uint16_t mode, uint32_t length) {
@@ -32,7 +32,7 @@ static void arm(uint16_t mode) {
     uint8_t *payload = frame + HX_HEADER_BYTES;
     for (uint32_t i = 0; i < sizeof frame; i++) frame[i] = 0;
     hx_put_u16(payload, mode);
-    hx_put_u16(payload + 2, 250);
+    hx_put_u16(payload + 2, 160);
     hx_put_u32(payload + 4, mode ? 16000 : 48000);
     hx_put_u32(payload + 8, 250000);
     hx_put_u32(payload + 12, 200000);

@@ -125,8 +125,8 @@ static void meets_the_ramp_from(int32_t level) {
 static void boards(void) {
     static hx_device other;
     hx_config c = config;
-    c.max_watchdog_ms = 250, demand(hx_device_init(&other, &c));
-    c.max_watchdog_ms = 251, demand(!hx_device_init(&other, &c));
+    c.max_watchdog_ms = 160, demand(hx_device_init(&other, &c));
+    c.max_watchdog_ms = 161, demand(!hx_device_init(&other, &c));
     c.max_watchdog_ms = 9, demand(!hx_device_init(&other, &c));
     c = config, c.ceiling_mv = 200001, demand(!hx_device_init(&other, &c));
     c = config, c.max_slew_v_per_s = 4666667, demand(!hx_device_init(&other, &c));
