@@ -32,7 +32,9 @@ def server(monkeypatch):
     """Start a server of this test's own; all are ended with it."""
     if missing():
         pytest.skip(f"missing: {missing()}")
-    name, servers = f"haptixgone{os.getpid()}", []
+    # Always the same name: JACK knows eight, and one of a server that was killed stays taken until
+    # another server takes it.
+    name, servers = "haptixgone", []
     monkeypatch.setenv("JACK_DEFAULT_SERVER", name)
     monkeypatch.setenv("JACK_NO_AUDIO_RESERVATION", "1")
     command = ["jackd", "--no-realtime", "-S", "-n", name, "-d", "dummy", "-r", str(RATE_HZ)]
@@ -41,8 +43,12 @@ def server(monkeypatch):
     def start():
         quiet = subprocess.DEVNULL
         servers.append(subprocess.Popen(command, stdout=quiet, stderr=quiet))
-        wait_for(lambda: "audio" in {device.kind for device in list_devices()})
+        wait_for(is_there)
         return servers[-1]
+
+    def is_there():
+        assert servers[-1].poll() is None, f"jackd ended: is one named {name} running?"
+        return "audio" in {device.kind for device in list_devices()}
 
     yield start
     for each in servers:
