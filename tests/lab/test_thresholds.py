@@ -100,14 +100,14 @@ def test_good_runs_are_not_warned_of(name):
 @pytest.mark.parametrize("name", METHODS)
 def test_one_who_guesses_has_no_threshold(name):
     none = 0
-    for seed in range(RUNS):
+    for seed in range(RUNS // 2):
         found = run(METHODS[name](seed), lambda level, trial: 0.5, seed).estimate()
         is_none = np.isnan(found.threshold)
         if is_none:  # it may lie anywhere above a level
             assert np.isfinite(found.low) and np.isinf(found.high)
             assert "no threshold" in found.warnings[0]
         none += is_none
-    assert none >= RUNS - 2  # of 100 who guess, one is as good as one who feels
+    assert none >= RUNS // 2 - 1  # of 100 who guess, one is as good as one who feels
 
 
 def test_a_walk_along_the_ceiling_gives_no_threshold():

@@ -233,7 +233,7 @@ anything = given(
 )
 
 
-@settings(max_examples=120)
+@settings(max_examples=50)
 @anything
 def test_the_engine_plays_what_the_renderer_plays(
     surface, device, layout, seed, fingers, footprints, combination, compress
@@ -320,7 +320,7 @@ def weights(places_px, pixels, beyond, level):
     return np.array([np.interp(at_places, at, column) for column in line.T]).T
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(
     rows=st.integers(1, 40),
     columns=st.integers(1, 40),
@@ -494,7 +494,7 @@ def check_events(surface, device, seed, seconds):
 
 
 def test_events_of_fingers_are_felt_as_the_host_plays_them(surface, device):
-    assert sum(check_events(surface, device, seed, 1.0) for seed in range(20)) > 250
+    assert sum(check_events(surface, device, seed, 1.0) for seed in range(10)) > 120
 
 
 @pytest.mark.slow
@@ -651,15 +651,7 @@ def beside_places():
     return layout
 
 
-@pytest.mark.parametrize("felt", [everything, beside_places])
-def test_damaged_programs_are_refused_or_played(mutations, surface, device, tmp_path, felt):
-    program = compile_touch(surface, felt(), device)
-    refused, played = mutated(mutations, program, 150, tmp_path)
-    assert refused > 40
-    assert played > 20
-
-
-@pytest.mark.slow
+@pytest.mark.slow  # the compiler's sanitizers; test_damage_is_named needs none
 def test_ten_thousand_damaged_programs_are_refused_or_played(mutations, surface, device, tmp_path):
     plain = compile_touch(surface, Grating(period_mm=2.0), device)
     refused, played = np.sum(
