@@ -250,3 +250,27 @@ def test_what_leads_into_the_repository_is_no_link_outside_it():
     assert "haptix demo" in text
     assert "`docs/safety.md`" in text
     assert all(to.startswith("https://") for to in re.findall(r"\]\(([^)]*)\)", text))
+
+
+@pytest.mark.parametrize(
+    ("page", "heading"),
+    [
+        ("touch.md", "What your panel may do"),
+        ("devices.md", "What your driver or interface may do"),
+    ],
+)
+def test_each_behaviour_of_devices_has_its_test(page, heading):
+    """Each row names a test, or a check of the guest, that is there."""
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    _, _, section = text.partition(f"# {heading}\n")
+    rows = re.findall(r"^\|(.+)\|$", section.partition("\n#")[0], re.MULTILINE)[2:]
+    assert len(rows) > 10
+    for row in rows:
+        *_, last = row.split(" | ")
+        named = re.findall(r"`([^`]+)`", last)
+        assert named, row
+        for file, test in (name.split("::") for name in named):
+            code = (ROOT / file).read_text(encoding="utf-8")
+            assert f"\ndef {test}(" in code, f"{file}: {test}"
+            is_check = file.startswith("tests/devices/guest/")
+            assert test.startswith("test_") != is_check, test

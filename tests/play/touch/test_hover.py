@@ -62,6 +62,18 @@ def test_a_panel_that_tells_hovering_by_its_key_alone():
     assert fed(decoder, (1, codes.BTN_TOUCH, 0)) == [(7, "up")]
 
 
+def test_a_panel_that_tells_hovering_by_its_pressure_alone():
+    """Once it has told a pressure above 0, a pressure of 0 is a finger above the glass."""
+    pressure = codes.ABS_MT_PRESSURE
+    decoder = SlotDecoder(AXES)
+    begins = (3, TID, 7), (3, X, 400), (3, Y, 800)
+    assert fed(decoder, *begins, (3, pressure, 40), (1, codes.BTN_TOUCH, 1)) == [(7, "down")]
+    assert fed(decoder, (3, X, 440), (3, pressure, 0)) == [(7, "up")]
+    assert fed(decoder, (3, X, 480)) == []
+    assert fed(decoder, (3, pressure, 30)) == [(7, "down")]
+    assert fed(decoder, (3, TID, -1), (1, codes.BTN_TOUCH, 0)) == [(7, "up")]
+
+
 def test_fingers_of_protocol_a_keep_their_numbers_when_they_change_places_in_the_report():
     decoder = SlotDecoder(AXES, protocol="A")
 
