@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from haptix.base.errors import FileFormatError, InputError
+from haptix.base.fields import LIFTED_BELOW_N
 from haptix.base.files import read_csv, read_text
 from haptix.feel.motion import Trajectory
 from haptix.play.touch import touchscreen as codes
@@ -63,8 +64,8 @@ def read_events(
     path : path
         A recording, see `read_recording`, or a CSV with the columns t_s, x_mm and y_mm, and where
         there are several fingers touch_id. Without a column kind, the first line of an id is its
-        "down" and its last is followed by an "up". normal_force_n and contact_area_m2 may be
-        missing, as columns or cell by cell.
+        "down" and its last is followed by an "up"; a force below 1 mN is a finger off the screen.
+        normal_force_n and contact_area_m2 may be missing, as columns or cell by cell.
     width_mm, height_mm, matrix
         Of a recording's panel, see `read_recording`.
 
@@ -87,14 +88,18 @@ def read_events(
         cells = row.cells
         t_s, x_mm, y_mm = (row.number(name) for name in _REQUIRED)
         touch_id = row.whole("touch_id") if "touch_id" in cells else 0
+        force, area = (
+            row.number(name) if cells.get(name, "").strip() else None for name in _OPTIONAL[2:]
+        )
         has_kinds = "kind" in cells
+        if not has_kinds and force is not None and force < LIFTED_BELOW_N:
+            if (last := seen.pop(touch_id, None)) is not None:
+                events.append(events[last]._replace(t_s=t_s, kind="up"))
+            continue
         kind = cells["kind"].strip() if has_kinds else "move" if touch_id in seen else "down"
         known = next((k for k in KINDS if k == kind), None)
         if known is None:
             raise InputError(f"{row.place}: kind: expected {', '.join(KINDS)}, got {kind!r}")
-        force, area = (
-            row.number(name) if cells.get(name, "").strip() else None for name in _OPTIONAL[2:]
-        )
         seen[touch_id] = len(events)
         events.append(TouchEvent(t_s, touch_id, x_mm, y_mm, known, force, area))
     if not events:

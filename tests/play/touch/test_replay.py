@@ -57,6 +57,26 @@ def test_a_trajectory_is_one_touch():
     assert read_events(FINGER_PATH) == [event._replace(touch_id=0) for event in events]
 
 
+def test_a_lifted_part_of_a_table_is_no_touch(tmp_path):
+    """A force of 0 N is a finger off the screen, here as in a trajectory."""
+    text = (
+        "t_s,x_mm,y_mm,normal_force_n\n0.0,9,20,0\n0.1,10,20,0.5\n0.2,20,20,0.5\n"
+        "0.3,30,20,0\n0.4,10,30,0\n0.5,12,30,0.5\n0.6,22,30,0.5\n"
+    )
+    path = write(tmp_path, text)
+    events = read_events(path)
+    assert [(event.t_s, event.kind) for event in events] == [
+        (0.1, "down"), (0.2, "move"), (0.3, "up"), (0.5, "down"), (0.6, "move"), (0.6, "up"),
+    ]  # fmt: skip
+    assert events == events_of(Trajectory.from_csv(path))
+    # Of two fingers, one lifts.
+    rows = ["0,1,1,0.5,1", "0,9,1,0.5,2", "0.1,2,1,0,1", "0.1,8,1,0.5,2", "0.2,3,1,0,1"]
+    path.write_text("\n".join(["t_s,x_mm,y_mm,normal_force_n,touch_id", *rows]), "utf-8")
+    assert [(event.touch_id, event.kind) for event in read_events(path)] == [
+        (1, "down"), (2, "down"), (1, "up"), (2, "move"), (2, "up"),
+    ]  # fmt: skip
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
