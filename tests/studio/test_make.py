@@ -796,6 +796,21 @@ def test_a_layout_is_renamed_deleted_and_brought_back(maker, page):
     assert kept(maker, "desk") == 1
 
 
+def test_the_board_takes_the_colours_of_a_system_that_turns_dark(page):
+    page.locator("button.region").first.wait_for()
+    # The grid below all regions, whose pictures may still come.
+    corner = """(() => {
+        const board = document.querySelector(".board canvas");
+        const { width, height } = board;
+        return board.getContext("2d").getImageData(0, height - 40, width, 30).data.join();
+    })()"""
+    light = page.evaluate(corner)
+    page.emulate_media(color_scheme="dark")
+    until(page, lambda: page.evaluate(corner) != light)
+    page.emulate_media(color_scheme="light")
+    until(page, lambda: page.evaluate(corner) == light)
+
+
 @pytest.mark.slow  # it compiles; tests/clients has the numbers
 def test_a_web_page_of_the_menu_is_felt_without_the_service(maker, page, browser, brick, tmp_path):
     page.get_by_label("Add a file").set_input_files(brick)

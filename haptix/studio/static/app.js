@@ -159,6 +159,8 @@ function theme() {
     button.title = texts.frame.theme[theme];
     button.setAttribute("aria-label", texts.frame.theme[theme]);
   });
+  // What is drawn on canvases has the colours of its time.
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => view.set({ ...view.get() }));
   return button;
 }
 
