@@ -126,34 +126,39 @@ static double wave_at(const hx_material *m, double place)
     return (m->low + m->high) / 2 + (m->high - m->low) / 2 * level;
 }
 
-static void feel_grating(const hx_material *m, const hx_motion *on, double *value)
+void hx_grating_sample(const hx_material *m, const double *x_mm, const double *y_mm,
+                       double footprint_mm, const double *footprints_mm, int64_t n, double *value)
 {
-    double footprint_mm = on->footprint_mm, last = (double)(m->numbers - 1), depth = 0.0;
-    if (footprint_mm > 0.0) {
-        double room = m->period_mm / (2 * footprint_mm);
-        depth = hx_least(log2(room > 1.0 ? room : 1.0), last);
-    }
-    int64_t number = (int64_t)depth;
-    double part = depth - (double)number;
-    int64_t size = hx_table_size(number), next_size = hx_table_size(number + 1);
     const double *table = m->number;
-    for (int64_t i = 0; i < number; i++)
-        table += hx_table_size(i);
-    for (int64_t i = 0; i < on->fingers * on->points; i++) {
-        double x = on->x_mm[i], y = on->y_mm[i];
-        if (!is_near(x, y)) {
+    int64_t number = 0, size = hx_table_size(0);
+    double depth = 0.0, last = (double)(m->numbers - 1), before_mm = 0.0;
+    for (int64_t i = 0; i < n; i++) {
+        double wide_mm = footprints_mm ? footprints_mm[i] : footprint_mm;
+        if (!is_near(x_mm[i], y_mm[i])) {
             value[i] = m->outside;
             continue;
         }
-        double place = (x * m->cosine + y * m->sine) / m->period_mm + m->phase;
+        double place = (x_mm[i] * m->cosine + y_mm[i] * m->sine) / m->period_mm + m->phase;
         place -= floor(place);
-        if (footprint_mm == 0.0) {
+        if (!(wide_mm > 0.0)) {
             value[i] = wave_at(m, place);
             continue;
         }
+        if (wide_mm != before_mm) {
+            double room = m->period_mm / (2 * wide_mm);
+            depth = hx_least(log2(room > 1.0 ? room : 1.0), last);
+            table = m->number;
+            for (number = 0; number < (int64_t)depth; number++)
+                table += hx_table_size(number);
+            size = hx_table_size(number);
+            before_mm = wide_mm;
+        }
+        double part = depth - (double)number;
         value[i] = read_table(table, size, place);
-        if (part > 0.0)
-            value[i] += part * (read_table(table + size, next_size, place) - value[i]);
+        if (part > 0.0) {
+            double next = read_table(table + size, hx_table_size(number + 1), place);
+            value[i] += part * (next - value[i]);
+        }
     }
 }
 
@@ -389,7 +394,10 @@ void hx_feel(const hx_program *p, int64_t material, const hx_motion *on, double 
     const hx_material *m = &p->material[material];
     switch (m->kind) {
     case KIND_MAP: feel_map(m, on, value); break;
-    case KIND_GRATING: feel_grating(m, on, value); break;
+    case KIND_GRATING:
+        hx_grating_sample(m, on->x_mm, on->y_mm, on->footprint_mm, NULL, on->fingers * on->points,
+                          value);
+        break;
     case KIND_SLIDER: feel_slider(m, on, value); break;
     case KIND_TOGGLE: feel_toggle(m, on, value); break;
     case KIND_DIAL: feel_dial(m, on, value); break;

@@ -173,6 +173,31 @@ void hx_pyramid_make(int64_t rows, int64_t columns, int64_t channels, double pix
                      double outside, int64_t beyond_x, int64_t beyond_y, hx_level *levels,
                      double *numbers);
 
+/* What is felt, by its kind; docs/program.md describes the kinds. */
+typedef struct {
+    int64_t kind, target, of; /* the material that this one changes; -1: none */
+    double outside, cosine, sine, low, high;
+    int64_t numbers; /* detents, corners, knots, values; periods of a grating */
+    const double *number;
+    hx_map map; /* of a relief: its channels are the slopes to the right, and down */
+    double pixel_mm, sharp_mm, width_mm, height_mm; /* of the map; inner and outer of a dial */
+    double ramp_mm;                                 /* ridge of a control, edge of a relief */
+    double bias;
+    int64_t wave; /* of a grating */
+    double period_mm, phase, duty;
+    double about_x_mm, about_y_mm;
+    double rate[3]; /* of what moves: along x, along y, turn */
+    int64_t loops;
+    double first, rate_hz, period_s; /* of a curve in time: its first value, and 0 or its period */
+    int64_t begins;                  /* 0: with the first sample, else 1 + an event */
+    double press_n, release_n;
+} hx_material;
+
+/* Numbers of a grating at n places, at one footprint, or where footprints is not NULL at one for
+ * each. */
+void hx_grating_sample(const hx_material *material, const double *x_mm, const double *y_mm,
+                       double footprint_mm, const double *footprints_mm, int64_t n, double *value);
+
 /* An engine plays a program of a touch; docs/program.md has its format. It lies in memory of the
  * caller, has no other state, and allocates nothing. */
 typedef struct hx_engine hx_engine;

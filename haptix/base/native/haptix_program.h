@@ -26,25 +26,6 @@ enum { BLEND_OVER = 0, BLEND_ADD = 1, BLEND_MULTIPLY = 2, BLEND_MAX = 3, BLEND_M
 enum { MOST_TABLES = 12, MOST_NESTED = 8, HX_SEEN_ROWS = 4 };
 
 typedef struct {
-    int64_t kind, target, of; /* the material that this one changes; -1: none */
-    double outside, cosine, sine, low, high;
-    int64_t numbers; /* detents, corners, knots, values; periods of a grating */
-    const double *number;
-    hx_map map; /* of a relief: its channels are the slopes to the right, and down */
-    double pixel_mm, sharp_mm, width_mm, height_mm; /* of the map; inner and outer of a dial */
-    double ramp_mm;                                 /* ridge of a control, edge of a relief */
-    double bias;
-    int64_t wave; /* of a grating */
-    double period_mm, phase, duty;
-    double about_x_mm, about_y_mm;
-    double rate[3]; /* of what moves: along x, along y, turn */
-    int64_t loops;
-    double first, rate_hz, period_s; /* of a curve in time: its first value, and 0 or its period */
-    int64_t begins;                  /* 0: with the first sample, else 1 + an event */
-    double press_n, release_n;
-} hx_material;
-
-typedef struct {
     int64_t material, mask; /* -1: none */
     int64_t shape, blend, priority, corners;
     const double *corner_mm; /* [corners][2] */

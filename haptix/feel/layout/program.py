@@ -212,11 +212,10 @@ class FeltRecords:
         )  # fmt: skip
 
     def _grating(self, felt: Grating) -> int:
-        rows = [table[: int(size)] for table, _, size in felt.tables]
         return self._put(
             _GRATING, felt, felt.period_mm, felt.phase, felt.low, felt.high, felt.duty,
-            words=(len(rows), _WAVES.index(felt.wave)), turn_deg=felt.orientation_deg,
-            numbers=np.concatenate(rows),
+            words=(len(felt.tables), _WAVES.index(felt.wave)), turn_deg=felt.orientation_deg,
+            numbers=np.concatenate(felt.tables),
         )  # fmt: skip
 
     def _slider(self, name: str, felt: Evaluator, of: Slider) -> int:

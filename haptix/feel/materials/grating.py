@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cached_property
-from math import cos, log2, radians, sin
-from typing import Annotated, Any, Literal, Self
+from math import cos, radians, sin
+from typing import Annotated, Literal, Self, get_args
 
 import numpy as np
 from pydantic import Field, PositiveFloat
 
 from haptix.base.checks import Array
+from haptix.base.native import NULL, Struct, doubles, library, room
 from haptix.feel.materials.field import FrictionField
 from haptix.feel.materials.material import Scaled
 from haptix.model.waves import Shape, Waveform
@@ -63,22 +63,16 @@ class Grating(FrictionField, Scaled):
     @property
     def evaluator(self) -> Self:
         """Itself, with its tables computed."""
-        _ = self._ready
+        _ = self._compiled
         return self
-
-    @cached_property
-    def _ready(self) -> tuple[tuple[tuple[Array, Array, Array], ...], Array, Array, Array, Array]:
-        turn = radians(self.orientation_deg)
-        c, s = np.array(cos(turn)), np.array(sin(turn))
-        return self.tables, c, s, np.array(self.period_mm), np.array(self.phase)
 
     @cached_property
     def _waveform(self) -> Waveform:
         return Waveform(self.wave, self.duty)
 
     @cached_property
-    def tables(self) -> tuple[tuple[Array, Array, Array], ...]:
-        """A period for 0, 1, 2, 4, ... harmonics: values, steps to the next, size."""
+    def tables(self) -> list[Array]:
+        """A period for 0, 1, 2, 4, ... harmonics: its values."""
         tables = []
         most = self._waveform.highest_harmonic or _MOST_HARMONICS
         series = self._waveform.harmonics(most)
@@ -90,75 +84,37 @@ class Grating(FrictionField, Scaled):
             # Lanczos' factors keep a cut-off series from ringing at the steps.
             taper = np.sinc(np.arange(1, count + 1) / (count + 1)) if most > 1 else 1.0
             spectrum[1 : count + 1] = taper * series[1 : count + 1] * size / 2
-            table = self._between(np.fft.irfft(spectrum, size))
-            around = np.append(table, table[:2])  # rounding may reach the period's end
-            tables.append((around[:-1], np.diff(around), np.array(float(size))))
+            wave = np.fft.irfft(spectrum, size)
+            tables.append((self.low + self.high) / 2 + (self.high - self.low) / 2 * wave)
             count = max(1, 2 * count)
-        return tuple(tables)
+        return tables
+
+    @cached_property
+    def _compiled(self) -> Struct:
+        turn = radians(self.orientation_deg)
+        return Struct(
+            "hx_material",
+            outside=self.outside,
+            cosine=cos(turn),
+            sine=sin(turn),
+            low=self.low,
+            high=self.high,
+            numbers=len(self.tables),
+            number=np.concatenate(self.tables),
+            wave=get_args(Shape).index(self.wave),
+            period_mm=self.period_mm,
+            phase=self.phase,
+            duty=self.duty,
+        )
 
     def _sample(self, x_mm: Array, y_mm: Array, footprint_mm: float | Array) -> Array:
-        tables, c, s, period, phase = self._ready
-        along = x_mm * c + y_mm * s if self.orientation_deg else x_mm
-        place = along / period
-        place += phase
-        place -= np.floor(place)
-        last = len(tables) - 1
-        # Table l > 0 holds 2^(l-1) harmonics, table 0 only the mean.
-        depth: float | Array
+        one, each = footprint_mm, NULL
         if isinstance(footprint_mm, np.ndarray):
-            with np.errstate(divide="ignore"):
-                depth = np.log2(self.period_mm / (2 * footprint_mm)).clip(0.0, last)
-        elif footprint_mm == 0:
-            return self._at_points(place)
-        else:
-            room = max(self.period_mm / (2 * footprint_mm), 1.0)
-            depth = min(log2(room), float(last))
-        value = _blend_levels(depth, last, lambda level, mine: self._read(level, place[mine]))
-        if isinstance(footprint_mm, np.ndarray):
-            points = footprint_mm == 0
-            value[points] = self._at_points(place[points])
+            one, each = 0.0, doubles(footprint_mm)
+        value, at = room(x_mm.size)
+        library.hx_grating_sample(
+            self._compiled.at, doubles(x_mm), doubles(y_mm), one, each, x_mm.size, at
+        )
         return value
 
-    def _at_points(self, place: Array) -> Array:
-        if self.wave == "square":
-            # Twice as fast as the waveform.
-            return np.where(place < self.duty, self.high, self.low)
-        return self._between(self._waveform.at(place))
-
-    def _read(self, level: int, place: Array) -> Array:
-        table, rise, size = self.tables[level]
-        at = place * size
-        index = at.astype(np.intp)
-        at -= index
-        at *= rise[index]
-        at += table[index]
-        return at
-
-    def _between(self, wave: Array) -> Array:
-        return (self.low + self.high) / 2 + (self.high - self.low) / 2 * wave
-
-
-def _blend_levels(depth: float | Array, last: int, read: Callable[[int, Any], Array]) -> Array:
-    """Blend levels linearly by depth, 0 to `last`: one number, or an array of shape (places,).
-
-    ``read(level, mine)`` returns new values of a level at the places that `mine` selects.
-    """
-    if isinstance(depth, float):
-        value = read(int(depth), ...)
-        if (part := depth - int(depth)) > 0:
-            coarse = read(int(depth) + 1, ...)
-            coarse -= value
-            coarse *= part
-            value += coarse
-        return value
-    level = np.minimum(depth.astype(np.intp), max(last - 1, 0))
-    value = np.empty(0)
-    for lower in np.unique(level).tolist():
-        mine = level == lower
-        values = read(lower, mine)
-        if last > 0:
-            values += (depth[mine] - lower) * (read(lower + 1, mine) - values)
-        if not value.size:
-            value = np.empty(depth.shape, dtype=values.dtype)
-        value[mine] = values
-    return value
+    _anywhere = _sample  # it has the value outside for places that are none

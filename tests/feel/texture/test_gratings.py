@@ -60,6 +60,36 @@ def test_a_wave_shorter_than_two_footprints_is_flat_at_its_mean(wave):
     np.testing.assert_allclose(grating.friction(ALONG, 1.0, 50.0), mean, rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("wave", ["sine", "square", "sawtooth"])
+def test_places_and_footprints_are_read_between_the_tables(wave):
+    grating = Grating(period_mm=1.7, wave=wave, orientation_deg=25.0, duty=0.3, phase=0.2, low=0.1)
+    random = np.random.default_rng(4)
+    (x, y), turn = random.uniform(-30, 30, (2, 500)), np.radians(25.0)
+    footprints = 10 ** random.uniform(-4, 1, 500) * (random.random(500) > 0.1)
+    place = ((x * np.cos(turn) + y * np.sin(turn)) / 1.7 + 0.2) % 1
+    levels = np.array([
+        np.interp(place * len(table), np.arange(len(table) + 1), [*table, table[0]])
+        for table in grating.tables
+    ])  # fmt: skip
+    last = len(levels) - 1
+    depth = np.log2(1.7 / (2 * np.maximum(footprints, 1e-9))).clip(0, last)
+    low, at = np.minimum(depth.astype(int), max(last - 1, 0)), np.arange(500)
+    high = levels[np.minimum(low + 1, last), at]
+    wanted = levels[low, at] + (depth - low) * (high - levels[low, at])
+    wanted[footprints == 0] = grating.friction(x, y)[footprints == 0]
+    np.testing.assert_allclose(grating.friction(x, y, footprints), wanted, rtol=0, atol=1e-11)
+    for i in range(0, 500, 50):
+        one = grating.friction(x, y, float(footprints[i]))
+        assert one[i] == pytest.approx(wanted[i], abs=1e-11)
+
+
+def test_a_place_that_is_none_is_outside():
+    grating = Grating(period_mm=2.0, low=0.3)
+    for footprint_mm in (0.0, 0.1):
+        found = grating.friction([np.nan, 1e7, 0.5], [0.0, 0.0, -np.inf], footprint_mm)
+        assert found.tolist() == [0.3] * 3
+
+
 def test_series_do_not_ring():
     grating = Grating(period_mm=2.0, wave="square")
     for footprint in (0.01, 0.03, 0.1, 0.2, 0.4):
