@@ -146,3 +146,22 @@ def test_what_ends_the_drive_is_told(page, driver):  # noqa: F811
     assert "DriverError: the driver is gone" in page.evaluate("told[0]")
     assert not page.evaluate("driver.isArmed")
     assert "NotFoundError" in page.evaluate(f"navigator.usb.device = null, ({OPEN})('usb')")
+
+
+def test_a_driver_that_is_opened_again_is_not_the_one_before(page, driver):  # noqa: F811
+    strokes(page, driver)
+    page.evaluate("window.before = window.driver")
+    assert page.evaluate(OPEN, "hid") == "armed"
+    assert page.evaluate("[before.isArmed, driver.isArmed]") == [False, True]
+    page.evaluate("before.stop()")
+    told = page.evaluate("before.arm().catch((error) => error.message)")
+    assert "another driver was opened" in told
+    assert page.evaluate("before.close().then(() => before.arm()).catch((e) => e.message)") == (
+        "the driver is closed; open it again"
+    )
+    assert page.evaluate("driver.isArmed")
+    wait_for(lambda: driver.is_armed and np.abs(driver.output_v[-400:]).max() > 30.0)
+    page.evaluate("new BroadcastChannel('bus').postMessage(['hid', 'pullOut'])")
+    page.wait_for_function("told.length > 0")
+    page.wait_for_timeout(100)
+    assert page.evaluate("[told.length, driver.isArmed]") == [1, False]

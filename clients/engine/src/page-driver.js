@@ -3,7 +3,10 @@
 import { DriverError } from "./driver.js";
 import { chooseDevice } from "./links.js";
 
+let opened = 0;
+
 export class PageDriver extends EventTarget {
+  #number = ++opened; // the worker plays the driver that was opened last
   #worker;
   #asked = 0;
   #waiting = new Map();
@@ -15,7 +18,8 @@ export class PageDriver extends EventTarget {
     /** Whether strokes are played. */
     this.isArmed = false;
     const { signal } = this.#unlisten;
-    const hear = ({ detail: { id, isArmed, failed, error } }) => {
+    const hear = ({ detail: { number, id, isArmed, failed, error } }) => {
+      if (number !== this.#number) return;
       this.isArmed = isArmed;
       const { resolve, reject } = this.#waiting.get(id) ?? {};
       this.#waiting.delete(id);
@@ -50,10 +54,15 @@ export class PageDriver extends EventTarget {
     return driver;
   }
 
-  #ask(name, how) {
+  async #ask(name, how) {
+    if (this.#isClosed) throw new DriverError("the driver is closed; open it again");
     const id = ++this.#asked;
-    this.#worker.postMessage({ drive: { id, name, how } });
+    this.#worker.postMessage({ drive: { number: this.#number, id, name, how } });
     return new Promise((resolve, reject) => this.#waiting.set(id, { resolve, reject }));
+  }
+
+  get #isClosed() {
+    return this.#unlisten.signal.aborted;
   }
 
   /** Arm, and play the engine's strokes. Only within a person's click or key. */
@@ -65,12 +74,12 @@ export class PageDriver extends EventTarget {
 
   /** Ramp to 0 V and disarm. */
   async stop() {
-    return this.#ask("stop");
+    if (!this.#isClosed) await this.#ask("stop");
   }
 
   /** Stop, and close the link. */
   async close() {
-    this.#unlisten.signal.aborted || (await this.#ask("close"));
+    if (!this.#isClosed) await this.#ask("close");
     this.#unlisten.abort();
   }
 }

@@ -12,6 +12,7 @@ const IDLE_S = 0.5; // without a finger the clock rests
 let core = null;
 let curve = null;
 let driver = null;
+let opened = 0; // number of the driver
 const blocks = new EventTarget(); // for the driver
 let isHeard = false; // whether the page takes the blocks
 let timer = 0;
@@ -58,12 +59,15 @@ function turn() {
   }
 }
 
-async function openDriver({ kind, options, limits }) {
+async function openDriver(number, { kind, options, limits }) {
   const [{ Driver }, { openLink }] = await Promise.all([import("./driver.js"), import("./links.js")]);
+  postMessage({ driver: { number: opened, isArmed: false } });
+  opened = 0;
   await driver?.close();
   driver = await Driver.open(await openLink(kind, options), { sampleRateHz: core.sampleRateHz, ...limits });
+  opened = number;
   driver.addEventListener("failed", ({ detail: { name, message } }) =>
-    postMessage({ driver: { isArmed: false, failed: { name, message } } }),
+    postMessage({ driver: { number, isArmed: false, failed: { name, message } } }),
   );
   driver.play(blocks);
   if (timer !== 0) tick();
@@ -84,14 +88,15 @@ const HEARD = {
     isHeard = on;
     if (timer !== 0) tick();
   },
-  async drive({ id, name, how }) {
-    const told = ({ name, message }) => ({ name, message });
+  async drive({ number, id, name, how }) {
+    const answer = (more) => postMessage({ driver: { number, id, isArmed: number === opened && driver.isArmed, ...more } });
     try {
-      if (name === "open") await openDriver(how);
-      else await driver?.[name]();
-      postMessage({ driver: { id, isArmed: driver?.isArmed ?? false } });
-    } catch (error) {
-      postMessage({ driver: { id, isArmed: driver?.isArmed ?? false, error: told(error) } });
+      if (name === "open") await openDriver(number, how);
+      else if (number === opened) await driver[name]();
+      else if (name === "arm") throw new Error("another driver was opened since; open this one again");
+      answer();
+    } catch ({ name, message }) {
+      answer({ error: { name, message } });
     }
   },
   curve: (canvas) => (curve = new Curve(canvas, core.pointsPerS)),
