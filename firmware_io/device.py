@@ -474,13 +474,12 @@ class Device:
     def lend(self) -> Stream | None:
         """Return the stream, for a player in C that sends in its place, or None if it cannot.
 
-        It can where the samples are the drive itself, and the link is a file descriptor or two
-        endpoints of USB.
+        It can where the samples are the drive itself, and the link is a file descriptor, has a
+        file for reports, or is two endpoints of USB.
         """
-        stream = self._stream
-        if self.mode != "waveform" or (stream.link.descriptor is None and stream.link.bulk is None):
-            return None
-        return stream
+        stream, link = self._stream, self._stream.link
+        ways = link.descriptor, link.reports_node, link.bulk
+        return stream if self.mode == "waveform" and any(way is not None for way in ways) else None
 
     def close(self) -> None:
         """Stop, then close the link; it is closed even if `stop` fails. Idempotent."""

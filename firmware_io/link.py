@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 from typing import Any
 
 from firmware_io.clock import HOST_CLOCK, Clock
@@ -57,6 +58,14 @@ class Link(ABC):
         """File descriptor of a link that is open, if reading and writing it never wait.
 
         None if the bytes go through a library.
+        """
+        return None
+
+    @property
+    def reports_node(self) -> Path | None:
+        """File of an open HID device that another descriptor can share; see `report_bytes`.
+
+        Each descriptor has its own queue of the reports that come.
         """
         return None
 

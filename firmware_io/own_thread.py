@@ -129,7 +129,8 @@ class OwnThread(Writer):
         self._counted = 0
         self._returned = Event()
         self._pipe = RLock()  # a number of a closed end may be another file's
-        self.reports = self._read_end = -1
+        self.reports = self._read_end = self._reports_of_hid = -1
+        self._reader: BulkReader | None = None
 
     @staticmethod
     def can_play(device: Device) -> bool:
@@ -156,8 +157,10 @@ class OwnThread(Writer):
         for name in ("window", "limits"):
             lent[name] = ffi.cast("void *", _address(lent[name]))
         setup = ffi.new("hx_player_setup *", lent)
-        self._reader = None
-        if (bulk := stream.link.bulk) is not None:
+        if (node := stream.link.reports_node) is not None:
+            self._reports_of_hid = setup.link = self._opened(node)
+            setup.report_bytes = stream.link.report_bytes
+        elif (bulk := stream.link.bulk) is not None:
             self._reader = BulkReader(bulk)
             setup.link, setup.bulk = self._reader.came, self._reader.bulk[0]
         setup.reports, setup.grid, setup.revised = self._read_end, source.grid, sizes.window
@@ -179,6 +182,17 @@ class OwnThread(Writer):
             )
         self._counts = lib.hx_player_counts_of(self._player)
         self._alive = Thread(target=self._say_alive, name="firmware_io owner", daemon=True)
+
+    def _opened(self, node: Path) -> int:
+        """Return another descriptor of the device's node."""
+        try:
+            return os.open(node, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
+        except OSError as error:
+            self._forget_pipe()
+            self.device.stop_at_once()
+            raise DeviceError(
+                f"{node} cannot be opened twice: {error}; play without own_thread."
+            ) from error
 
     @property
     def began_s(self) -> float:
@@ -218,6 +232,9 @@ class OwnThread(Writer):
         self._returned.set()
         if self._reader is not None:
             self._reader.end()
+        if self._reports_of_hid >= 0:
+            with suppress(DeviceError):  # the player has read them, too
+                self._stream.link.receive()
         self._alive.join()
         self._count()
         try:
@@ -281,6 +298,9 @@ class OwnThread(Writer):
             self.reports = self._read_end = -1
         if self._reader is not None:
             self._reader.close()
+        if self._reports_of_hid >= 0:
+            os.close(self._reports_of_hid)
+            self._reports_of_hid = -1
 
 
 class BulkReader:

@@ -113,6 +113,7 @@ class HidLink(Link):
             backends = BACKENDS if backend is None else (backend,)
             module, place = _find(backends, serial, vendor_id, product_id)
         self.name = f"hid:path={place.decode(errors='replace')}"
+        self._node = Path(os.fsdecode(place)) if module == "hidraw" else None
         self._claim = Claim(self.name)
         self._handle: Any = None
         try:
@@ -121,6 +122,12 @@ class HidLink(Link):
         except BaseException:
             self.close()
             raise
+
+    @property
+    def reports_node(self) -> Path | None:
+        """Linux's node, where hidapi uses it; see `Link.reports_node`."""
+        is_there = self._handle is not None and sys.platform == "linux"
+        return self._node if is_there else None
 
     def send(self, data: bytes) -> None:
         """Write one frame, report by report; see `Link.send`."""

@@ -32,7 +32,7 @@ int64_t hx_bulk_read(const hx_bulk *bulk, int64_t to, const volatile int32_t *is
 #include <unistd.h>
 
 enum { QUEUE = 1 << 16, MOST_REVISED = 4096, UNDER_WAY = 32, ORIGINS = 128, NEEDS = 32 };
-enum { PIECE = 1 << 14, FRAME = HX_FRAME_OVERHEAD_BYTES + HX_REVISE_HEAD_BYTES + 2 * PIECE };
+enum { REPORT = 64, PIECE = 1 << 14, FRAME = HX_FRAME_OVERHEAD_BYTES + HX_REVISE_HEAD_BYTES + 2 * PIECE };
 
 /* As in firmware_io/reviser.py, which gives the reasons. */
 static const double kept_s = 1.0, appended_within_s = 0.007, status_s = 0.02;
@@ -153,11 +153,30 @@ static void send_bulk(hx_player *p, const uint8_t *bytes, int64_t n) {
     if (code != 0 || moved != n) lose(p, code != 0 ? error_of(code) : EIO);
 }
 
+static void send_reports(hx_player *p, const uint8_t *bytes, int64_t n) {
+    int64_t size = p->set.report_bytes, most_bytes = size - (int64_t)HX_REPORT_PREFIX_BYTES;
+    for (int64_t at = 0; at < n; at += most_bytes) {
+        int64_t length = least_of(most_bytes, n - at);
+        uint8_t report[REPORT] = {HX_REPORT_ID, (uint8_t)length};
+        if (at == 0) report[1] |= HX_REPORT_BEGINS;
+        memcpy(report + HX_REPORT_PREFIX_BYTES, bytes + at, (size_t)length);
+        ssize_t sent = write(p->set.link, report, (size_t)size);
+        if (sent != size) {
+            lose(p, sent < 0 ? errno : EIO);
+            return;
+        }
+    }
+}
+
 static void send_bytes(hx_player *p, const uint8_t *bytes, int64_t n) {
     double began_s = now_s();
     p->counts.bytes_sent += n;
     if (p->set.bulk.transfer) {
         send_bulk(p, bytes, n);
+        return;
+    }
+    if (p->set.report_bytes) {
+        send_reports(p, bytes, n);
         return;
     }
     while (n > 0) {
@@ -400,11 +419,30 @@ static void take_received(hx_player *p, double at_s) {
     p->received_bytes = have - from;
 }
 
+/* Read what came behind what was received; return how much the driver sent. */
+static ssize_t receive(hx_player *p) {
+    size_t room = sizeof p->received - p->received_bytes;
+    uint8_t *to = p->received + p->received_bytes, report[REPORT];
+    ssize_t came = read(p->set.link, p->set.report_bytes ? report : to,
+                        p->set.report_bytes ? (size_t)p->set.report_bytes : room);
+    if (came <= 0) return came;
+    size_t length = (size_t)came;
+    if (p->set.report_bytes) {
+        length = came < 2 ? 0 : report[1] & (HX_REPORT_BEGINS - 1u);
+        int is_ours = report[0] == HX_REPORT_ID && length + HX_REPORT_PREFIX_BYTES <= (size_t)came;
+        if (!is_ours || length > room) length = 0; /* the frame that lacks it is left out */
+        memcpy(to, report + HX_REPORT_PREFIX_BYTES, length);
+    }
+    p->received_bytes += (uint32_t)length;
+    return came;
+}
+
 static void read_link(hx_player *p) {
     int was_empty = 0;
-    for (int reads = 0; reads < 4 && !is_over(p); reads++) {
+    int most_reads = p->set.report_bytes ? 128 : 4;
+    for (int reads = 0; reads < most_reads && !is_over(p); reads++) {
         size_t room = sizeof p->received - p->received_bytes;
-        ssize_t came = read(p->set.link, p->received + p->received_bytes, room);
+        ssize_t came = receive(p);
         if (came < 0 && (errno == EAGAIN || errno == EWOULDBLOCK || errno == EINTR)) return;
         if (came <= 0) {
             struct pollfd closed = {p->set.link, POLLIN, 0};
@@ -417,9 +455,8 @@ static void read_link(hx_player *p) {
             lose(p, came < 0 ? errno : 0);
             return;
         }
-        p->received_bytes += (uint32_t)came;
         take_received(p, now_s());
-        if ((size_t)came < room) return;
+        if (!p->set.report_bytes && (size_t)came < room) return;
     }
 }
 
@@ -575,7 +612,8 @@ int64_t hx_player_init(hx_player *p, const hx_player_setup *setup, const hx_sour
     int64_t rate = (int64_t)s->rate_hz;
     if (s->grid < 1 || s->frame < 1 || s->revised < s->grid || s->revised > MOST_REVISED ||
         s->piece < s->grid || s->piece > PIECE || s->horizon < s->piece ||
-        s->horizon + s->piece + rate / 10 > QUEUE / 2 || s->least < 1)
+        s->horizon + s->piece + rate / 10 > QUEUE / 2 || s->least < 1 ||
+        (s->report_bytes != 0 && s->report_bytes != REPORT))
         return 0;
     memset(p, 0, sizeof *p);
     p->set = *setup;

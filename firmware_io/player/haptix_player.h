@@ -49,6 +49,7 @@ typedef struct {
 /* What the owner has agreed with the driver. Counts are in samples, times in seconds. */
 typedef struct {
     int32_t link, reports; /* file descriptors; both are read without waiting */
+    int64_t report_bytes; /* of HID; 0: the descriptor carries a stream of bytes */
     hx_bulk bulk; /* takes what is sent; hx_bulk_read brings what comes to `link` */
     int64_t grid, frame, revised, piece, least, horizon, most_ahead;
     double rate_hz, bytes_per_s; /* 0: the link has no rate of its own */

@@ -122,9 +122,9 @@ class LiveSettings(RenderSettings):
         `touch_counts`.
     own_thread : bool
         Play by the engine in C, in a thread that a busy interpreter does not stop, where the layout
-        can be compiled and the link is ``tcp:``, ``serial:`` or ``usb:`` (not on Windows). Before a
-        change of the layout, the intensity or effects the output pauses at 0 V, and the interpreter
-        goes on.
+        can be compiled and the link is ``tcp:``, ``serial:``, ``usb:`` or, on Linux, ``hid:``
+        (never on Windows). Before a change of the layout, the intensity or effects the output
+        pauses at 0 V, and the interpreter goes on.
         `LiveRenderer.plays_by` says who plays.
 
     Examples

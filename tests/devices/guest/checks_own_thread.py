@@ -1,4 +1,4 @@
-"""Checks of the thread that plays without the interpreter, through libusb's own calls."""
+"""Checks of the thread that plays without the interpreter, by libusb's own calls and hidraw."""
 
 import threading
 import time
@@ -11,7 +11,7 @@ from firmware_io.own_thread import CompiledSource, OwnThread, compiled
 from firmware_io.reviser import PlaybackStats
 from tests.devices.guest.checks_faults import _SETTINGS, _board, _is_at_rest, _streamed
 from tests.devices.guest.plugged import wait_for
-from tests.devices.guest.ways import USB, check, require, same, wave
+from tests.devices.guest.ways import HIDRAW, USB, check, require, same, wave
 
 _RATE_HZ = _SETTINGS["sample_rate_hz"]
 _SECONDS = 20.0
@@ -33,7 +33,7 @@ def _source(volts):
     return CompiledSource(4, 0, tuple(int(ffi.cast("uintptr_t", k)) for k in kept), kept)
 
 
-@check(USB)
+@check(USB, HIDRAW)
 def a_thread_of_its_own(way):
     """Every sample arrives, a pulled cable ends it at 0 V, and it plays again."""
     volts = wave(int(_SECONDS * _RATE_HZ), _RATE_HZ)

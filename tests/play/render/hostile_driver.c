@@ -68,6 +68,7 @@ static void fail(const char *why) {
 static hx_player *player;
 static double clock_s, began_s;
 static int reads_of_time, hostility, is_closed, is_deaf;
+static int is_hid;  /* whose reads and writes are reports */
 static int is_port; /* whose reads give no bytes where others fail */
 static uint8_t to_host[PLACES], reports[PLACES];
 static size_t to_host_bytes, report_bytes;
@@ -100,22 +101,44 @@ static ssize_t fake_read(int fd, void *bytes, size_t n) {
     }
     size_t *have = fd == LINK ? &to_host_bytes : &report_bytes;
     errno = below(9) ? EAGAIN : EINTR;
+    if (*have && fd == LINK && is_hid) {
+        uint8_t *report = bytes;
+        if (n != 64) fail("it reads another size than a report's");
+        memset(report, 0, n);
+        size_t length = 1 + (size_t)below(62);
+        length = length < *have ? length : *have;
+        report[0] = HX_REPORT_ID, report[1] = (uint8_t)length;
+        taken(to_host, have, report + 2, length);
+        if (hostility && below(50) == 0) report[below(2)] = (uint8_t)random_bits();
+        return hostility && below(50) == 0 ? below(65) : 64;
+    }
     if (*have) return taken(fd == LINK ? to_host : reports, have, bytes, n);
-    return fd == LINK && is_port ? 0 : -1;
+    return fd == LINK && is_port && !is_hid ? 0 : -1;
 }
 
 /* The driver's side of the link: every frame must be whole. */
-static ssize_t fake_write(int fd, const void *bytes, size_t n) {
+static ssize_t fake_write(int fd, const void *data, size_t size) {
     (void)fd;
+    const uint8_t *bytes = data;
+    size_t n = size;
+    int begins = 0;
     if (is_closed) {
         errno = EPIPE;
         return -1;
     }
     if (is_deaf && below(2)) {
-        errno = EAGAIN;
+        errno = is_hid ? ENODEV : EAGAIN;
         return -1;
     }
-    n = below(20) ? n : 1 + (size_t)below((int64_t)n);
+    if (is_hid) {
+        if (n != 64 || bytes[0] != HX_REPORT_ID) fail("it writes no report");
+        begins = bytes[1] & HX_REPORT_BEGINS;
+        n = bytes[1] & 0x7f;
+        if (n == 0 || n > 62) fail("a report is empty, or says that it has too much");
+        if (begins != (sent_bytes == 0 ? (int)HX_REPORT_BEGINS : 0)) fail("a frame begins elsewhere");
+        bytes += HX_REPORT_PREFIX_BYTES;
+    } else
+        n = size = below(20) ? n : 1 + (size_t)below((int64_t)n);
     if (sent_bytes + n > sizeof sent) fail("no frame ends");
     memcpy(sent + sent_bytes, bytes, n);
     sent_bytes += n;
@@ -140,7 +163,7 @@ static ssize_t fake_write(int fd, const void *bytes, size_t n) {
         memmove(sent, sent + whole, sent_bytes - whole);
         sent_bytes -= whole;
     }
-    return (ssize_t)n;
+    return (ssize_t)size;
 }
 
 static void say(const uint8_t *bytes, size_t n) {
@@ -268,8 +291,8 @@ int main(int argc, char **argv) {
         stream_at = last_kind = revisions = 0;
         reads_of_time = is_closed = is_deaf = waits = frames = 0;
         hostility = below(4) ? (int)below(60) : 0;
-        is_port = (int)below(2);
-        hx_player_setup setup = {LINK, PIPE, {NULL, NULL, 0, 0}, 4, 1024, 960, 1920, 96, 10320, 9000, RATE,
+        is_port = (int)below(2), is_hid = below(3) == 0;
+        hx_player_setup setup = {LINK, PIPE, is_hid ? 64 : 0, {NULL, NULL, 0, 0}, 4, 1024, 960, 1920, 96, 10320, 9000, RATE,
                                  below(3) ? 0.0 : 2e5, 0.003, 3.3e-4, 2.5e-3, 0.25, 1.0, 200.0,
                                  97.2, 250.0, TOP, 4, 7, 0, 12288, 0, &limits, window};
         if (!hx_player_init(player, &setup, &source)) return 3;
