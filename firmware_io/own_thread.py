@@ -180,7 +180,6 @@ class OwnThread(Writer):
             raise DeviceError(
                 f"{device.name} has a queue, a rate or frames that the player has no room for."
             )
-        self._counts = lib.hx_player_counts_of(self._player)
         self._alive = Thread(target=self._say_alive, name="firmware_io owner", daemon=True)
 
     def _opened(self, node: Path) -> int:
@@ -197,7 +196,7 @@ class OwnThread(Writer):
     @property
     def began_s(self) -> float:
         """When sample 0 was played, by the host's clock; 0 before the first sample."""
-        return float(self._counts.began_s)
+        return float(self._look().began_s)
 
     def report(self, report: bytes) -> None:
         """Report a finger; see `finger_report`. Without effect once it has ended."""
@@ -246,9 +245,16 @@ class OwnThread(Writer):
         finally:
             self._forget_pipe()
 
+    def _look(self) -> Any:
+        """Return the player's counters of now; any thread may ask."""
+        ffi, lib = compiled()
+        counts = ffi.new("hx_player_counts *")
+        lib.hx_player_count(self._player, counts)
+        return counts
+
     def _count(self) -> None:
         """Copy the counters."""
-        counts, stats = self._counts, self.stats
+        counts, stats = self._look(), self.stats
         stats.samples_played, stats.underruns = counts.sent, counts.underruns
         stats.revisions, stats.refused = counts.revisions, counts.refused
         stats.late_samples, stats.longest_stall_s = counts.late_samples, counts.longest_stall_s
@@ -260,7 +266,7 @@ class OwnThread(Writer):
 
     def _take_back(self) -> None:
         """Let the device go on, and raise why the player has ended by itself."""
-        counts, stream = self._counts, self._stream
+        counts, stream = self._look(), self._stream
         ffi, lib = compiled()
         outcome, fault = counts.outcome, None
         if outcome == lib.HX_IN_FAULT:

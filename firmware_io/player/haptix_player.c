@@ -18,7 +18,7 @@ int64_t hx_player_run(hx_player *p) {
     (void)p;
     return HX_LOST;
 }
-const hx_player_counts *hx_player_counts_of(const hx_player *p) { return (const void *)p; }
+void hx_player_count(hx_player *p, hx_player_counts *to) { (void)p, (void)to; }
 int64_t hx_bulk_read(const hx_bulk *bulk, int64_t to, const volatile int32_t *is_over) {
     (void)bulk, (void)to, (void)is_over;
     return 0;
@@ -28,6 +28,7 @@ int64_t hx_bulk_read(const hx_bulk *bulk, int64_t to, const volatile int32_t *is
 
 #include <errno.h>
 #include <poll.h>
+#include <sched.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -59,7 +60,8 @@ typedef struct {
 struct hx_player {
     hx_player_setup set;
     hx_source source;
-    hx_player_counts counts;
+    hx_player_counts counts, shown;
+    char is_shown_held; /* by the thread that copies it */
     status last;
     int has_reported;
 
@@ -120,6 +122,14 @@ static void end(hx_player *p, int outcome) {
 }
 
 static int is_over(const hx_player *p) { return p->counts.outcome != HX_PLAYS; }
+
+/* Let other threads see the counters, unless one is looking; then the next step does. */
+static int show(hx_player *p) {
+    if (__atomic_test_and_set(&p->is_shown_held, __ATOMIC_ACQUIRE)) return 0;
+    p->shown = p->counts;
+    __atomic_clear(&p->is_shown_held, __ATOMIC_RELEASE);
+    return 1;
+}
 
 static void lose(hx_player *p, int error) {
     p->counts.error = error;
@@ -635,6 +645,7 @@ int64_t hx_player_init(hx_player *p, const hx_player_setup *setup, const hx_sour
 int64_t hx_player_run(hx_player *p) {
     while (!is_over(p)) {
         double delay_s = least(step(p), status_s);
+        show(p);
         if (is_over(p) || delay_s <= 0.0) continue;
         struct pollfd fds[2] = {{p->set.reports, POLLIN, 0}, {p->set.link, POLLIN, 0}};
         wait_for(fds, 2, delay_s);
@@ -642,9 +653,14 @@ int64_t hx_player_run(hx_player *p) {
     int outcome = p->counts.outcome;
     if (outcome != HX_IN_FAULT && outcome != HX_LOST) send_frame(p, HX_STOP, 0);
     take_played(p, p->counts.sent); /* as if all had been played, so as not to count too little */
-    return p->counts.outcome;
+    while (!show(p)) sched_yield();
+    return outcome;
 }
 
-const hx_player_counts *hx_player_counts_of(const hx_player *p) { return &p->counts; }
+void hx_player_count(hx_player *p, hx_player_counts *to) {
+    while (__atomic_test_and_set(&p->is_shown_held, __ATOMIC_ACQUIRE)) sched_yield();
+    *to = p->shown;
+    __atomic_clear(&p->is_shown_held, __ATOMIC_RELEASE);
+}
 
 #endif

@@ -105,8 +105,8 @@ int64_t hx_player_run(hx_player *player);
  * endpoint fails or `is_over` is set. Return an error of errno.h, or 0. */
 int64_t hx_bulk_read(const hx_bulk *bulk, int64_t to, const volatile int32_t *is_over);
 
-/* May be read at any time by another thread, for display. */
-const hx_player_counts *hx_player_counts_of(const hx_player *player);
+/* Copy the counters, in any thread; those of the last step while it plays. */
+void hx_player_count(hx_player *player, hx_player_counts *to);
 /* cffi: end */
 
 #endif

@@ -21,6 +21,7 @@ struct hx_live {
     int64_t first_under_way, under_way_count;
     double updated_s, driven_until_s;
     int64_t status[STATUSES];
+    int64_t shown[STATUSES]; /* to other threads */
 };
 
 int64_t hx_live_bytes(void) { return (int64_t)sizeof(hx_live); }
@@ -76,6 +77,8 @@ void hx_live_window(void *live, int64_t first, int64_t count, double at_s, int64
         point += n;
         points -= n;
     }
+    for (int i = 0; i < STATUSES; i++)
+        __atomic_store_n(&l->shown[i], l->status[i], __ATOMIC_RELAXED);
     if (point + 1 > l->end)
         l->end = point + 1;
 }
@@ -115,4 +118,8 @@ int64_t hx_live_is_live(void *live)
     return hx_engine_is_touched(l->engine) || l->updated_s < l->driven_until_s;
 }
 
-const int64_t *hx_live_statuses(const hx_live *l) { return l->status; }
+void hx_live_count(hx_live *l, int64_t *statuses)
+{
+    for (int i = 0; i < STATUSES; i++)
+        statuses[i] = __atomic_load_n(&l->shown[i], __ATOMIC_RELAXED);
+}

@@ -287,7 +287,7 @@ void hx_live_report(void *live, int64_t touch_id, int64_t is_down, double arriva
 int64_t hx_live_is_live(void *live);
 
 /* Samples of all fingers that were rendered, by the status of their friction: 16 numbers. */
-const int64_t *hx_live_statuses(const hx_live *live);
+void hx_live_count(hx_live *live, int64_t *statuses);
 /* cffi: end */
 
 /* Whether a finger is on the screen or fades out, and the rate and step of the program. */

@@ -62,5 +62,6 @@ class EngineSource:
     @property
     def statuses(self) -> npt.NDArray[np.int64]:
         """Samples of all fingers by the number of their `haptix.model.Status`."""
-        counts = library.hx_live_statuses(self.at)
-        return np.frombuffer(ffi.buffer(counts, 8 * _STATUSES), np.int64).copy()
+        counts = np.empty(_STATUSES, np.int64)
+        library.hx_live_count(self.at, ffi.from_buffer("int64_t[]", counts))
+        return counts

@@ -284,49 +284,64 @@ HERE = Path(__file__).parent
 ROOT = HERE.parents[2]
 
 
-@pytest.fixture(scope="module")
-def hostile_driver(tmp_path_factory, surface):
-    """A player under sanitizers, and the program of a layout."""
+def sanitized(folder, name, *flags):
+    """Compile a C program of this folder with player and engine, under sanitizers."""
     if shutil.which("cc") is None:
         pytest.skip("cc is missing")
-    folder = tmp_path_factory.mktemp("hostile_driver")
-    program, binary = folder / "touch.hxp", folder / "hostile_driver"
-    with haptix.open_device("mock:") as device:
-        program.write_bytes(compile_touch(surface, mixed(), device, settings=LIVE))
     engine = ROOT / "haptix" / "base" / "native"
-    firmware = [ROOT / "firmware_io" / "firmware" / f"haptix_{name}.c" for name in ("wire", "host")]
-    sources = [HERE / "hostile_driver.c", *sorted(engine.glob("*.c")), *firmware]
-    flags = ["-std=gnu99", "-O1", "-g", "-fno-sanitize-recover=all", f"-I{engine}"]
-    flags.append("-fsanitize=address,undefined,float-cast-overflow")
+    firmware = [ROOT / "firmware_io" / "firmware" / f"haptix_{part}.c" for part in ("wire", "host")]
+    sources = [HERE / f"{name}.c", *sorted(engine.glob("*.c")), *firmware]
+    command = ["cc", "-std=gnu99", "-O1", "-g", "-fno-sanitize-recover=all", f"-I{engine}", *flags]
     made = subprocess.run(
-        ["cc", *flags, *map(str, sources), "-lm", "-o", str(binary)], capture_output=True, text=True
-    )
+        [*command, *map(str, sources), "-lm", "-lpthread", "-o", str(folder / name)],
+        capture_output=True, text=True,
+    )  # fmt: skip
     if "cannot find" in made.stderr and "san" in made.stderr:
         pytest.skip("the compiler has no sanitizers (on Debian: apt install libasan8 libubsan1)")
     assert made.returncode == 0, made.stderr
+    return folder / name
 
-    def play(count, seed):
-        done = subprocess.run(
-            [str(binary), str(program), str(count), str(seed)],
-            capture_output=True, text=True, timeout=300,
-        )  # fmt: skip
-        assert done.returncode == 0, done.stdout + done.stderr
-        *ends, revisions, samples = map(int, re.findall(r"\d+", done.stdout))
-        assert sum(ends) == count
-        return ends, revisions, samples
 
-    return play
+@pytest.fixture
+def program(tmp_path, surface):
+    """The file of a compiled layout."""
+    path = tmp_path / "touch.hxp"
+    with haptix.open_device("mock:") as device:
+        path.write_bytes(compile_touch(surface, mixed(), device, settings=LIVE))
+    return path
+
+
+def numbers_of(command):
+    """Return the numbers that a program prints."""
+    done = subprocess.run([*map(str, command)], capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return [int(number) for number in re.findall(r"\d+", done.stdout)]
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="its calls of the system are Linux's")
-def test_drivers_and_reports_that_say_anything_end_the_thread_as_it_says(hostile_driver):
+def test_drivers_and_reports_that_say_anything_end_the_thread_as_it_says(tmp_path, program):
+    flag = "-fsanitize=address,undefined,float-cast-overflow"
+    binary = sanitized(tmp_path, "hostile_driver", flag)
     count = int(os.environ.get("HX_PLAYBACKS", "300"))  # 2000 take a minute
-    ends, revisions, samples = hostile_driver(count, 1)
+    *ends, revisions, samples = numbers_of([binary, program, count, 1])
+    assert sum(ends) == count
     stopped, _, _, fault, lost, silent, quiet = ends
     assert min(stopped, fault, lost, silent, quiet) > 3
     assert revisions > 10 * count
     assert samples > 10_000 * count
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="its calls of the system are Linux's")
+def test_threads_share_no_state_without_order(tmp_path, program):
+    player = ROOT / "firmware_io" / "player" / "haptix_player.c"
+    binary = sanitized(tmp_path, "shared_state", "-fsanitize=thread", str(player))
+    samples, revisions, looks, outcome = numbers_of([binary, program, 1])
+    assert samples > 10_000
+    assert revisions > 30
+    assert looks > 100
+    assert outcome == 1  # stopped by its owner
 
 
 class SerialBoards:
