@@ -154,6 +154,8 @@ CELLS = (
     *(Cell(h, 64, 8, "hs", 1e-4, 16, (0.1, 0.3, 1.0)) for h in (0.8, 0.5)),
     # A finger's layer, load and insulators, and the same with the pixels halved.
     *(Cell(0.86, 16, 4, SKIN, x, n, (0.01, 0.02), True) for n in (32, 64) for x in (1e-3, 3e-4)),
+    # Its thinnest insulators, resolved.
+    *(Cell(0.86, 8, 2, SKIN, x, 128, (0.006, 0.012), True) for x in (1e-3, 3e-4)),
 )
 
 

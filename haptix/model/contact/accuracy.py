@@ -32,11 +32,14 @@ SHOWN_ERRORS = ((5e-4, 3, 9, 8), (VALIDATED_X, 5, 28, 5))
 """One row for each range of x, without voltage: lowest x of the range, median and largest error of
 the area, largest error of the mean gap; errors in per cent of the boundary elements' values."""
 
-UNDER_VOLTAGE = {"x": (3e-4, 5e-2), "h0/h_rms": (0.01, 1.0), "gaps' attraction/p0": (0.0, 20.0)}
+UNDER_VOLTAGE = {"x": (1e-4, 5e-2), "h0/h_rms": (0.006, 1.0), "gaps' attraction/p0": (0.0, 20.0)}
 """Ranges in which theory and boundary elements were compared under voltage."""
 
 _THIN = 0.15
-"""h0/h_rms below which the interval of the ratio grows, as its inverse."""
+"""h0/h_rms below which the interval of the ratio grows, as h0/h_rms to the power of -0.7."""
+
+_LIGHT = 3e-4
+"""x below which it grows as 1/x: the gaps of few spots differ more from the mean field's."""
 
 _RATIO_WIDTH = {"local": 0.055, "corrected": 0.31}
 """Half-width of the 90 % interval of ``ln mu(V)/mu(0)`` over that logarithm itself, by theory."""
@@ -106,7 +109,7 @@ def of_states(
         width_at_rest = torch.where(in_range, log(1 + worst / 100), width_at_rest)
     driven = pull_over_p0 > 0
     width = _RATIO_WIDTH[theory] * torch.log(ratio.clamp(min=1.0))
-    width = width * (_THIN / h0_over_h_rms).clamp(min=1.0)
+    width = width * (_THIN / h0_over_h_rms).clamp(min=1.0) ** 0.7 * (_LIGHT / x).clamp(min=1.0)
     reasons = beyond_validation(float(x.min()), float(x.max()), inf)
     quantities = zip((x, h0_over_h_rms, pull_over_p0), UNDER_VOLTAGE.items(), strict=True)
     for value, (name, (least, most)) in quantities:

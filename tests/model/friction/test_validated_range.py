@@ -48,14 +48,20 @@ def test_the_interval_without_voltage_follows_the_load() -> None:
     assert float(lightest.mu) == inf
 
 
-def test_the_interval_of_the_ratio_grows_with_the_ratio_and_with_thin_insulators() -> None:
-    weak, strong, thin = (
-        accuracy("local", 1e-3, h0, pull, ratio)
-        for h0, pull, ratio in ((0.5, 1.0, 2.0), (0.5, 8.0, 9.0), (0.06, 1.0, 2.0))
+def test_the_interval_of_the_ratio_grows_with_the_ratio_thin_insulators_and_light_loads() -> None:
+    weak, strong, thin, light = (
+        accuracy("local", x, h0, pull, ratio)
+        for x, h0, pull, ratio in (
+            (1e-3, 0.5, 1.0, 2.0),
+            (1e-3, 0.5, 8.0, 9.0),
+            (1e-3, 0.06, 1.0, 2.0),
+            (1.5e-4, 0.5, 1.0, 2.0),
+        )
     )
     assert 0 < float(weak.ratio) < float(strong.ratio)
     assert float(weak.ratio) < float(thin.ratio)
-    for one in (weak, strong, thin):
+    assert float(weak.ratio) < float(light.ratio)
+    for one in (weak, strong, thin, light):
         assert float(one.mu) > float(one.ratio)
 
 
