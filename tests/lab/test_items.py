@@ -6,6 +6,7 @@ from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
+from scipy.stats import binom
 
 from haptix import InputError, LimitError
 from haptix.lab.analysis.results import analyse, report_html
@@ -280,19 +281,27 @@ def test_a_map_of_sorted_items_has_their_places(rng):
     assert np.corrcoef(shares, apart[upper])[0, 1] < -0.8
 
 
-def test_the_share_of_people_who_sort_two_together_is_held(rng):
-    held = []
-    for _ in range(150):
+@pytest.mark.parametrize("people", [5, 8, 12])
+def test_the_share_of_people_who_sort_two_together_is_held_and_no_wider(people):
+    """Coverage of the 95 % interval, exact by the binomial distribution, over all true shares."""
+    intervals = []
+    for together in range(people + 1):
         runs = []
-        for who in range(12):
+        for who in range(people):
             method = Sorting([0, 1, 2], 1)
-            group = {0: 1, 1: 1 if rng.random() < 0.6 else 2, 2: 3}
+            group = {0: 1, 1: 1 if who < together else 2, 2: 3}
             while not method.is_done:
                 method.update(group[int(method.level)])
             runs.append(run_of(method, str(who)))
         row = next(row for row in similarity_rows(runs) if row["participant"] == "all")
-        held.append(row["low"] <= 0.6 <= row["high"])
-    assert 0.92 <= np.mean(held) <= 0.99  # of 13 possible counts
+        assert row["share"] == together / people
+        intervals.append((row["low"], row["high"]))
+    low, high = np.array(intervals).T
+    true = np.linspace(0.05, 0.95, 181)[:, None]
+    chance = binom.pmf(np.arange(people + 1), people, true)
+    held = (chance * ((low <= true) & (true <= high))).sum(1)
+    assert 0.945 <= held.mean() <= 0.965
+    assert held.min() > 0.89  # of so few counts each interval leaves some shares out
 
 
 def test_an_effect_of_force_on_numbers_is_found_and_stated(device, tmp_path, rng):

@@ -268,7 +268,9 @@ def similarity_rows(runs: Sequence[RunOfMethod]) -> list[Row]:
 
     Of triads chance is a third. The intervals of 95 % are Wilson's (J. Am. Stat. Assoc. 22, 209
     (1927)); over all with the number of comparisons that would scatter as the participants' shares
-    do, and Student's factor (Korn & Graubard, Surv. Methodol. 24, 193 (1998)).
+    do, and Student's factor (Korn & Graubard, Surv. Methodol. 24, 193 (1998)). Where each
+    participant compared two items once, the answers are independent draws, whose scatter follows
+    from the share.
     """
     rows: list[Row] = []
     for members in grouped(runs, lambda run: condition_of(run.place)).values():
@@ -299,7 +301,7 @@ def _similarities(place: Row, method: Any, counts: Array) -> Iterator[Row]:
         if people and (people > 1 or len(counts) == 1):
             share, size = float((alike / together).mean()), float(together.sum())
             z = float(norm.ppf(0.975))
-            if people > 1:
+            if together.max() > 1 and people > 1:
                 variance = float((alike / together).var(ddof=1)) / people
                 if variance > 0:
                     size = share * (1 - share) / variance
