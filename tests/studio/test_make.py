@@ -10,6 +10,7 @@ import re
 import shutil
 import zipfile
 
+import numpy as np
 import pytest
 from PIL import Image
 from skimage import data
@@ -794,6 +795,22 @@ def test_a_layout_is_renamed_deleted_and_brought_back(maker, page):
     page.get_by_text("desk opened").wait_for()
     assert name.input_value() == "desk"
     assert kept(maker, "desk") == 1
+
+
+def test_a_draft_of_ribs_goes_their_way(page):
+    """The service's picture may take long; until then horizontal ribs are no vertical ones."""
+    page.evaluate(
+        """import("/studio/pictures.js").then(({ pictureOf }) => {
+            const material = { kind: "grating", period_mm: 4, orientation_deg: 90 };
+            const region = { name: "draft", material, width_mm: 20, height_mm: 20 };
+            const draft = pictureOf(region, () => {});
+            window.draft = draft.getContext("2d").getImageData(0, 0, draft.width, draft.height);
+        })"""
+    )
+    width, levels = page.evaluate("[draft.width, [...draft.data].filter((_, i) => i % 4 === 0)]")
+    levels = np.reshape(levels, (-1, width)).astype(float)
+    assert levels.std(axis=0).min() > 10  # down each column
+    assert levels.std(axis=1).max() < 3  # along each row
 
 
 def test_the_board_takes_the_colours_of_a_system_that_turns_dark(page):

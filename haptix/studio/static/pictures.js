@@ -128,10 +128,12 @@ function draft({ material, width_mm, height_mm }) {
   context.fillRect(0, 0, canvas.width, canvas.height);
   const period = "period_mm" in material ? Number(material.period_mm) : 0;
   if (period > 0) {
-    for (let x = 0; x < canvas.width; x += 1) {
+    const across = Math.ceil(Math.hypot(canvas.width, canvas.height));
+    context.rotate(((Number("orientation_deg" in material && material.orientation_deg) || 0) * Math.PI) / 180);
+    for (let x = -across; x < across; x += 1) {
       const share = 0.5 + 0.5 * Math.sin((2 * Math.PI * x) / zoom / period);
       context.fillStyle = `rgb(255 255 255 / ${0.35 * share})`;
-      context.fillRect(x, 0, 1, canvas.height);
+      context.fillRect(x, -across, 1, 2 * across);
     }
   }
   return canvas;
