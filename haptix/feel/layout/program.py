@@ -55,8 +55,6 @@ _POLYGON = len(_OUTLINES)
 # numbers and how many, or rows and columns, and what its kind has there; its own numbers.
 _MATERIAL = "<IIddd5I4x"
 _OWN_REALS = 9
-MATERIAL_BYTES = struct.calcsize(_MATERIAL) + 8 * _OWN_REALS
-REGION_BYTES = 88
 _REGION = "<4IiIII7d"
 
 
@@ -70,7 +68,6 @@ class Sections:
     """
 
     def __init__(self, header_bytes: int) -> None:
-        self._header_bytes = header_bytes
         self._parts: list[bytes] = []
         self.size = header_bytes
         """Size of the file."""
