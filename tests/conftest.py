@@ -78,15 +78,24 @@ LONG_FIRST = (
     "test_soak",
     "test_cluster_faults",
     "test_whole_studio",
+    "test_live_streams",
+    "test_firmware_build",
+    "test_types",
 )
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    items.sort(key=lambda item: item.path.stem not in LONG_FIRST)
-
 
 #: Folders whose files share what takes seconds to make: one process runs all of such a folder.
 ONE_PROCESS = ("calibration", "lab", "model/surface", "plan/planning", "play/simulation")
+
+
+def begins(item: pytest.Item) -> int:
+    """When a test begins: long files, then whole folders, then the others."""
+    if item.path.stem in LONG_FIRST:
+        return 0
+    return 1 if item.nodeid.startswith(tuple(f"tests/{one}/" for one in ONE_PROCESS)) else 2
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    items.sort(key=begins)
 
 
 class ByFileOrFolder(LoadFileScheduling):  # type: ignore[misc]  # xdist has no types
@@ -99,7 +108,11 @@ class ByFileOrFolder(LoadFileScheduling):  # type: ignore[misc]  # xdist has no 
 
 
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> ByFileOrFolder | None:
-    return ByFileOrFolder(config, log) if config.getoption("dist") == "loadfile" else None
+    if config.getoption("dist") != "loadfile":
+        return None
+    # Otherwise xdist begins the files of most tests first: one long test alone would be the last.
+    config.option.loadscopereorder = False
+    return ByFileOrFolder(config, log)
 
 
 @pytest.fixture(scope="session", autouse=True)
