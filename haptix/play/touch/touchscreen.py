@@ -271,10 +271,6 @@ class _Slot:
     values: dict[int, int] = field(default_factory=dict)
     touch_id: int | None = None
     """Id of the touch that was last reported as down."""
-    contact: int = -1
-    """Id of the contact, whether it touches or not."""
-    pressed: set[int] = field(default_factory=set)
-    """Codes that have been above 0 in this contact."""
 
 
 class PanelClock:
@@ -377,6 +373,7 @@ class SlotDecoder:
         self._ids = 0
         self._is_touched: bool | None = False if protocol == "single" else None  # BTN_TOUCH
         self._seen = set(codes)
+        self._pressed: set[int] = set()  # codes that have been above 0
         self._unknown: dict[int, int] = {}  # of slots whose values were lost
         self._clock = PanelClock()
         self._panel_us: int | None = None
@@ -507,9 +504,7 @@ class SlotDecoder:
         for slot in self._slots.values():
             values = slot.values
             now = values.get(ABS_MT_TRACKING_ID, -1)
-            if now != slot.contact:
-                slot.contact, slot.pressed = now, set()
-            slot.pressed.update(code for code in _ZERO_LIFTS if values.get(code, 0) > 0)
+            self._pressed.update(code for code in _ZERO_LIFTS if values.get(code, 0) > 0)
             is_down = now >= 0 and self._touches(slot)
             before = slot.touch_id
             if before is not None and not (is_down and before == now):
@@ -537,7 +532,7 @@ class SlotDecoder:
         # As in Android, a finger whose pressure becomes 0 is above the glass; drivers of protocol A
         # say the same by its width. Where neither has been above 0, the panel does not measure it.
         for code in _ZERO_LIFTS[: 1 + (self._protocol == "A")]:
-            if code in slot.pressed and values.get(code, 0) <= 0:
+            if code in self._pressed and values.get(code, 0) <= 0:
                 return False
         return values.get(ABS_MT_TOOL_TYPE) != MT_TOOL_PALM
 

@@ -41,6 +41,7 @@ class Panel:
     chance: random.Random
     contacts: dict[int, Contact] = field(default_factory=dict)  # by slot
     numbers: int = 0
+    has_pressed: bool = False
     sent: dict = field(default_factory=dict)
     slot: int = 0
 
@@ -52,8 +53,7 @@ class Panel:
         contact = self.contacts.get(slot)
         if contact is None:
             self.numbers += 1
-            # By pressure alone a finger is known to hover once it has touched.
-            hovers = chance.random() < 0.7 and self.shown_by != "pressure"
+            hovers = chance.random() < 0.7 and self.may_hover
             self.contacts[slot] = Contact(
                 self.numbers,
                 chance.randrange(1, 4096),
@@ -70,10 +70,15 @@ class Panel:
             contact.is_palm = not contact.is_palm
         elif what < 0.8 and self.protocol == "B":  # another finger in the slot, none between
             self.numbers += 1
-            height = 3 * int(self.shown_by != "pressure")
+            height = 3 * int(self.may_hover)
             self.contacts[slot] = Contact(self.numbers, chance.randrange(1, 4096), 100, height)
         else:
             del self.contacts[slot]
+
+    @property
+    def may_hover(self):
+        """By pressure alone fingers are known to hover once one has touched."""
+        return self.shown_by != "pressure" or self.has_pressed
 
     @property
     def key(self):
@@ -114,6 +119,7 @@ class Panel:
 
     def report(self):
         """Events (type, code, value) of what changed since the last report, with its end."""
+        self.has_pressed |= any(each.height == 0 for each in self.contacts.values())
         return [*self._places(), *self._changes(None, {codes.BTN_TOUCH: self.key}), (0, 0, 0)]
 
     def _changes(self, slot, values):

@@ -63,7 +63,7 @@ def test_a_panel_that_tells_hovering_by_its_key_alone():
 
 
 def test_a_panel_that_tells_hovering_by_its_pressure_alone():
-    """Once it has told a pressure above 0, a pressure of 0 is a finger above the glass."""
+    """Once it has told a pressure above 0, a finger of 0 is above the glass, also the next one."""
     pressure = codes.ABS_MT_PRESSURE
     decoder = SlotDecoder(AXES)
     begins = (3, TID, 7), (3, X, 400), (3, Y, 800)
@@ -72,6 +72,8 @@ def test_a_panel_that_tells_hovering_by_its_pressure_alone():
     assert fed(decoder, (3, X, 480)) == []
     assert fed(decoder, (3, pressure, 30)) == [(7, "down")]
     assert fed(decoder, (3, TID, -1), (1, codes.BTN_TOUCH, 0)) == [(7, "up")]
+    assert fed(decoder, (3, TID, 8), (3, X, 440), (3, pressure, 0), (1, codes.BTN_TOUCH, 1)) == []
+    assert fed(decoder, (3, pressure, 20)) == [(8, "down")]
 
 
 def test_fingers_of_protocol_a_keep_their_numbers_when_they_change_places_in_the_report():

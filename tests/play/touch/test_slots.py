@@ -30,6 +30,7 @@ E: 12.020000 0003 002f 0001  ABS_MT_SLOT 1
 E: 12.020000 0003 0039 0046  ABS_MT_TRACKING_ID
 E: 12.020000 0003 0035 2100  ABS_MT_POSITION_X
 E: 12.020000 0003 0036 1000  ABS_MT_POSITION_Y
+E: 12.020000 0003 003a 0030  ABS_MT_PRESSURE
 E: 12.020000 0000 0000 0000  SYN_REPORT
 E: 12.030000 0003 0036 1025  ABS_MT_POSITION_Y
 E: 12.030000 0003 002f 0000  ABS_MT_SLOT 0
@@ -68,12 +69,12 @@ def test_a_recording():
         (12.00, 45, 40.0, 20.0, "down", 0.5, area),
         (12.01, 45, 41.0, 20.0, "move", 0.5, area),
         (12.02, 45, 42.0, 20.0, "move", 0.5, area),
-        (12.02, 46, 100.0, 40.0, "down", None, None),
+        (12.02, 46, 100.0, 40.0, "down", 0.3, None),
         (12.03, 45, 42.0, 20.0, "up", 0.5, area),
-        (12.03, 46, 100.0, 41.0, "move", None, None),
+        (12.03, 46, 100.0, 41.0, "move", 0.3, None),
         # What slot 0 did not say again is as it was.
         (12.04, 47, 30.0, 20.0, "down", 0.5, area),
-        (12.04, 46, 100.0, 41.0, "move", None, None),
+        (12.04, 46, 100.0, 41.0, "move", 0.3, None),
     ]
     assert [event[1:5] for event in found] == [row[1:5] for row in wanted]
     for event_, row in zip(found, wanted, strict=True):
