@@ -23,6 +23,7 @@ from independent_finger import Finger, contacts
 
 import haptix
 from calibration import Parameters, StrokePredictor, fit_strokes, short_protocol, verify
+from calibration.fit.fitting import fit_in_best_theory, other_forms
 from calibration.keep.practice import VIRTUAL_RIG
 from calibration.keep.profile import calibrated_screen, finger_at, match_screens
 from calibration.measure.reduction import Point, Reduced
@@ -42,12 +43,13 @@ WEAK = 0.12  # of the highest volts
 class Sessions:
     """What all sessions share."""
 
-    def __init__(self, file: Path) -> None:
+    def __init__(self, file: Path, in_forms: bool = False) -> None:
         self.contacts = contacts(file)
         self.finger = in_theory(haptix.Finger.preset("semi-wet"), "open-gaps")
         self.screen = haptix.Screen.preset("3m-sct3250").replace(name="panel")
         self.predictor = StrokePredictor(haptix.ContactModel(self.finger, self.screen))
         self.start = Parameters.of(self.finger, self.screen).with_rig()
+        self.forms = other_forms(self.predictor.model) if in_forms else {}
         self.plans = {}
 
     def plan(self, volts, repeatability):
@@ -127,7 +129,15 @@ class Sessions:
             added = [one for one in plan.strokes if one.number > len(points)]
             points += self.strokes(true, added, rng, repeatability, volts, defect)
         off = self.errors(true, written, finger, screen, found.verified, defect)
-        if found.passed:
+        if found.passed and self.forms:
+            # The profile as `haptix calibrate fit` makes it, weighed in other forms.
+            fit, own, _ = fit_in_best_theory(reduced, self.predictor, self.start, self.forms)
+            best = {name: fit.best(name) for name in PER_FINGER}
+            finger = finger_at(self.finger, best).replace(theory=fit.theory)
+            if fit["h0_m"].value is None:
+                return {"session": number, "verdict": "no profile"}
+            screen = calibrated_screen(screen, fit, found, own)
+        elif found.passed:
             screen = calibrated_screen(screen, fit, found, self.predictor)
         self.made = true, finger, screen, volts
         return {
@@ -231,8 +241,9 @@ def main() -> None:
         default=30,
         help="of their numbers; a multiple of 3 is one contact law",
     )
+    parser.add_argument("--in-forms", action="store_true", help="weigh profiles in other forms")
     asked = parser.parse_args()
-    bench, rows = Sessions(asked.contacts), []
+    bench, rows = Sessions(asked.contacts, asked.in_forms), []
     if asked.match:
         for number in range(asked.first, asked.first + asked.sessions):
             for row in bench.matched(number, asked.apart, asked.seed):

@@ -43,7 +43,18 @@ DESIGNS = {
     "up-down": Design(
         lambda: UpDown(30.0, (4.0, 2.0), stop_after=4), Observer(22.0, 3.5, 0.08), 4, 5.5, 1.5
     ),
-}
+    # Of these nothing was seen while `paired_power` was made.
+    "few levels": Design(
+        lambda: ConstantStimuli((10.0, 16.0, 22.0, 28.0), 8), Observer(18.0), 5, 5.0, 2.0
+    ),
+    "two down": Design(
+        lambda: UpDown(28.0, (4.0, 2.0), stop_after=4, down_after=2),
+        Observer(20.0, 2.5, 0.03), 4, 6.0, 2.0,
+    ),
+    "coarse quest": Design(
+        lambda: Quest(GRID[::2], GRID[::2], trials=16), Observer(18.0, 3.5, 0.05), 4, 6.0, 1.0
+    ),
+}  # fmt: skip
 
 
 def finds(design: Design, study: int) -> bool:
