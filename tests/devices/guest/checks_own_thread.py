@@ -33,40 +33,43 @@ def _source(volts):
     return CompiledSource(4, 0, tuple(int(ffi.cast("uintptr_t", k)) for k in kept), kept)
 
 
+def _play(way, board, source, codes, is_pulled):
+    """Play for half a second of the board, to the end or until its cable is pulled."""
+    before, error = _streamed(board).size, None
+    device = way.open(**_SETTINGS)
+    require(OwnThread.can_play(device), "it cannot be played")
+    stats = PlaybackStats(horizon_s=0.1)
+    own = OwnThread(device, source, stats)
+    with (
+        suppress(DeviceDisconnectedError),
+        Playback(device, None, stats=stats, writer=lambda: own) as playback,
+    ):
+        wait_for(lambda: _streamed(board).size > before + _RATE_HZ / 2)
+        if is_pulled:
+            board.pull_out()
+            try:
+                for _ in range(100):
+                    playback.raise_once()
+                    time.sleep(0.05)
+            except DeviceDisconnectedError as raised:
+                error = raised
+    require(is_pulled == (error is not None), error)
+    with suppress(DeviceDisconnectedError):
+        device.close()
+    _is_at_rest(board)
+    streamed = _streamed(board)[before:]
+    same(streamed, codes[: streamed.size])
+    return streamed.size, stats.underruns
+
+
 @check(USB, HIDRAW)
 def a_thread_of_its_own(way):
     """Every sample arrives, a pulled cable ends it at 0 V, and it plays again."""
     volts = wave(int(_SECONDS * _RATE_HZ), _RATE_HZ)
-    codes, played = volts_to_codes(volts, 250.0), []
-    source = _source(volts)
+    codes, source = volts_to_codes(volts, 250.0), _source(volts)
     with _board() as board:
-        for is_pulled in (True, False):
-            before = _streamed(board).size
-            device = way.open(**_SETTINGS)
-            require(OwnThread.can_play(device), "it cannot be played")
-            stats = PlaybackStats(horizon_s=0.1)
-            own, error = OwnThread(device, source, stats), None
-            with (
-                suppress(DeviceDisconnectedError),
-                Playback(device, None, stats=stats, writer=lambda own=own: own) as playback,
-            ):
-                wait_for(lambda before=before: _streamed(board).size > before + _RATE_HZ / 2)
-                if is_pulled:
-                    board.pull_out()
-                    try:
-                        for _ in range(100):
-                            playback.raise_once()
-                            time.sleep(0.05)
-                    except DeviceDisconnectedError as raised:
-                        error = raised
-            require(is_pulled == (error is not None), error)
-            with suppress(DeviceDisconnectedError):
-                device.close()
-            _is_at_rest(board)
-            streamed = _streamed(board)[before:]
-            same(streamed, codes[: streamed.size])
-            played.append(streamed.size)
-            if is_pulled:
-                board.plug_in()
+        pulled = _play(way, board, source, codes, True)
+        board.plug_in()
+        again = _play(way, board, source, codes, False)
     require(threading.active_count() == 1, threading.enumerate())
-    return {"samples": played, "underruns": stats.underruns}
+    return {"samples": (pulled[0], again[0]), "underruns": again[1]}

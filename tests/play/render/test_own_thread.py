@@ -405,14 +405,18 @@ class PretendUsbLink(Link):
 
     def __init__(self, link, library):
         self.name = "usb:pretended"
-        self.send, self.receive, self.close = link.send, link.receive, link.close
+        self._link = link
         self._handle = ctypes.c_int(link.descriptor)
         self._transfer = ctypes.cast(library.pretend_bulk_transfer, ctypes.c_void_p).value
 
     def send(self, data):
-        """Is that of the other link."""
+        self._link.send(data)
 
-    receive = close = send
+    def receive(self, timeout_s=0.0):
+        return self._link.receive(timeout_s)
+
+    def close(self):
+        self._link.close()
 
     @property
     def bulk(self):
