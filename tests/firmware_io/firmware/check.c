@@ -325,8 +325,9 @@ static void watchdog(void) {
     demand(stream_level(10000, 20) == HX_FAULT_NONE);
     play(100);
     demand(stream_level(10000, 150) == HX_FAULT_NONE); /* counted from here */
-    say(HX_PING, 0, payload_bytes, 4);                  /* feeds nothing */
-    play(WATCHDOG - RAMP - 1u);
+    play(10);
+    say(HX_PING, 0, payload_bytes, 4); /* feeds nothing */
+    play(WATCHDOG - RAMP - 11u);
     demand(fault() == HX_FAULT_NONE);
     play(1);
     demand(fault() == HX_FAULT_STARVED && !device.is_armed);
@@ -818,6 +819,18 @@ static void steep_carrier(void) {
         }
         demand(before == 0);
     }
+    /* It begins with its turn, wherever that of the playback before ended. */
+    int16_t first[64];
+    for (int round = 0; round < 2; round++) {
+        ready(s);
+        demand(stream_level(100, 20) == HX_FAULT_NONE);
+        hx_device_play(&device, codes, NULL, 64);
+        for (int i = 0; i < 64; i++) demand(round == 0 || codes[i] == first[i]);
+        for (int i = 0; i < 64; i++) first[i] = codes[i];
+        demand(first[63] != 0);
+        say(HX_STOP, 0, NULL, 0);
+        for (int i = 0; i < 10; i++) hx_device_play(&device, codes, NULL, 64); /* a ramp of 480 */
+    }
 }
 
 /* A converter on a panel of 2 nF: 180 V of 4 kHz draw 9 mA, of which 77 parts in 1000 are 0.7 mA. */
@@ -1000,6 +1013,8 @@ static void currents(void) {
     change(WELL, 1000, 2000), demand(ends_by(HX_FAULT_OVERLOAD, MS + PERIOD));
     level_now = 1966, sensing_on(HX_SENDS_TOUCH, 250, 4000, 250000); /* 15 V */
     change(NOISE, 1000, 0), demand(ends_by(HX_FAULT_NO_CURRENT, MS + PERIOD));
+    level_now = 1450, sensing_on(HX_SENDS_TOUCH, 250, 4000, 250000); /* 11 V, by the full scale */
+    change(NOISE, 1000, 0), demand(ends_by(HX_FAULT_NO_CURRENT, MS + PERIOD));
     level_now = VOLTS, sensing_on(HX_SENDS_TOUCH, 250, 1000, 250000); /* one half decides nothing */
     for (uint32_t i = 0; i < 2u; i++) { /* of either sign */
         one_half(NOISE), demand(plays_for(20) == HX_FAULT_NONE && !device.sensor.doubt);
@@ -1031,6 +1046,11 @@ static void currents(void) {
     change(WELL, 1000, 0), plays_for(300), change(INVERTED, 1000, 0), plays_for(20);
     change(WELL, 1000, 0), plays_for(300), demand(device.sensor.doubt == HX_LIES);
     change(WELL, 1000, 2000), demand(plays_for(100) == HX_FAULT_NONE); /* of which nothing is believed */
+    known(), change(INVERTED, 1000, 0), plays_for(20), say(HX_STOP, 0, NULL, 0);
+    change(WELL, 1000, 0), plays_for(20); /* a playback that begins forgets no doubt */
+    set_up_fields again = {HX_ENVELOPE, WATCHDOG_MS, 16000, 250000, 200000, STEEP, 4000000u, 0};
+    hello(), demand(setup_with(again)), say(HX_ARM, 0, NULL, 0), level_now = 1000, plays_for(20);
+    demand(device.sensor.doubt == HX_LIES), level_now = VOLTS;
     known(), change(SILENT, 1000, 0), plays_for(5), demand(!device.sensor.doubt);
     for (uint32_t i = 0; i < PERIOD; i++) one();
     demand(device.sensor.doubt == HX_LATE);
@@ -1057,6 +1077,10 @@ static void currents(void) {
     sensing(), before = device.sensor.measured;
     hx_device_touch(&device, &down), hx_device_touch(&device, &up); /* between two output samples */
     plays_for(40), demand(device.sensor.measured == before);
+    hx_touch other_down = down; /* one finger lifts, another stays */
+    other_down.contact = 17u;
+    sensing(), hx_device_touch(&device, &other_down), hx_device_touch(&device, &down);
+    hx_device_touch(&device, &up), plays_for(300), demand(device.sensor.measured == 0);
     known(), change(WELL, 1030, 0), plays_for(500);
     change(WELL, 1085, 0), demand(ends_by(HX_FAULT_PEAK_CURRENT, MS + PERIOD));
     known(), rise_parts = 1, demand(plays_for(6000) && in_phase_parts < 93);
@@ -1074,8 +1098,10 @@ static void currents(void) {
     before = device.sensor.measured;
     device.sensor.lies = device.sensor.missing = device.sensor.too_much = 1, hx_seal(&device);
     set_up_fields other = {HX_ENVELOPE, WATCHDOG_MS, 16000, 250000, 200000, STEEP, 3000000u, 0};
+    for (uint32_t i = 0; i < 200u; i++) hx_device_play(&device, out, NULL, PERIOD);
+    demand(!device.sensor.doubt); /* nobody measures while nothing plays, and then it is not late */
     hello(), demand(setup_with(other)), say(HX_ARM, 0, NULL, 0), level_now = 1000;
-    plays_for(10), demand(before == 16u && device.sensor.measured == 0);
+    plays_for(10), demand(before == 16u && device.sensor.measured == 0 && !device.sensor.doubt);
     demand(device.sensor.lies + device.sensor.missing + device.sensor.too_much == 0); /* of before */
     static const uint32_t carriers_hz[3] = {1700, 7000, 11900}; /* halves of 14, 3 and 2 samples */
     for (uint32_t i = 0; i < 3u; i++) {
