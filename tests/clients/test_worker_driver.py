@@ -117,7 +117,7 @@ def test_a_busy_page_does_not_stop_the_drive(page, driver):  # noqa: F811
     ("end", "fault"),
     [
         (lambda page: page.goto("about:blank"), None),
-        (lambda page: page.evaluate("engine.close()"), FaultCode.STARVED),
+        (lambda page: page.evaluate("engine.close(), driver.close()"), FaultCode.STARVED),
         (crash, FaultCode.STARVED),
     ],
     ids=["left", "engine killed", "crashed"],

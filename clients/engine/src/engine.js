@@ -114,5 +114,6 @@ export class Engine extends EventTarget {
   /** End the worker. */
   close() {
     this.worker.terminate();
+    this.dispatchEvent(new Event("closed"));
   }
 }

@@ -28,6 +28,12 @@ export class PageDriver extends EventTarget {
       if (failed) this.dispatchEvent(new CustomEvent("failed", { detail: told(failed) }));
     };
     engine.addEventListener("driver", hear, { signal });
+    const end = () => {
+      this.isArmed = false;
+      this.#unlisten.abort();
+      for (const { reject } of this.#waiting.values()) reject(new DriverError("the engine is closed; load it again"));
+    };
+    engine.addEventListener("closed", end, { signal });
     const leave = () => this.stop().catch(() => {});
     document.addEventListener("visibilitychange", () => document.visibilityState === "hidden" && leave(), { signal });
     globalThis.addEventListener("pagehide", leave, { signal });
