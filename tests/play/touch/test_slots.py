@@ -79,7 +79,7 @@ def test_a_recording():
     assert [event[1:5] for event in found] == [row[1:5] for row in wanted]
     for event_, row in zip(found, wanted, strict=True):
         assert event_.t_s == pytest.approx(row[0], abs=1e-9)
-        assert event_.normal_force_n == (None if row[5] is None else pytest.approx(row[5]))
+        assert event_.normal_force_n == pytest.approx(row[5])
         assert event_.contact_area_m2 == (None if row[6] is None else pytest.approx(row[6]))
 
 
