@@ -348,6 +348,7 @@ class LiveRenderer(RenderStream):
         if whole("code", code) >= 2**16:
             raise InputError(f"code: expected at most 65535, got {code}")
         self._marks.append(code)
+        self._leave_own_thread()  # it places none
 
     def _place_marks(self, first: int) -> None:
         while self._marks and self.device.marks_waiting < MOST_MARKS:

@@ -245,18 +245,20 @@ def test_samples_over_a_limit_are_not_sent(surface, served):
     device.close()
 
 
-def test_a_change_lets_the_interpreter_go_on(surface, served):
+@pytest.mark.parametrize("change", [lambda r: r.intensity(0.5), lambda r: r.mark(7)])
+def test_a_change_lets_the_interpreter_go_on(surface, served, change):
     link, _ = served
     device = Device(link)
     with haptix.LiveRenderer(surface, ribs(), device, settings=LIVE) as renderer:
         stroke(renderer, 0.2)
         before_s = renderer.scene_s
-        renderer.intensity(0.5)
+        change(renderer)
         assert renderer.plays_by == "interpreter"
         assert before_s < renderer.next_sample_s < before_s + 60.0
         stroke(renderer, 0.2)
         assert device.is_armed
         assert renderer.stats.block_s  # the interpreter's
+        assert not renderer._marks
     assert not device.stop_is_owed
     device.close()
 
