@@ -109,6 +109,39 @@ def test_a_body_that_comes_too_slowly_is_refused(service, monkeypatch, head, lim
     assert b"expected the whole body within 0.2 s" in heard
 
 
+def spoken(service):
+    """A session's socket of no library, whose client reads little."""
+    one = socket.socket()
+    one.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    one.settimeout(PATIENCE_S)
+    one.connect(("127.0.0.1", service.port))
+    one.sendall(
+        f"GET /v1/session HTTP/1.1\r\nHost: 127.0.0.1:{service.port}\r\nUpgrade: websocket\r\n"
+        "Connection: Upgrade\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
+        f"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Protocol: {SUBPROTOCOL}\r\n\r\n".encode()
+    )
+    assert b" 101 " in one.recv(4096)
+    return one
+
+
+def test_pongs_that_nobody_reads_end_their_connection(service):
+    pings = (b"\x89\xfd" + bytes(4) + bytes(125)) * 500
+    with spoken(service) as one, pytest.raises(ConnectionError):
+        while True:
+            one.sendall(pings)
+
+
+def test_a_message_in_endless_pieces_ends_its_connection(service):
+    piece = b"\x00\x80" + bytes(4)
+    with spoken(service) as one:
+        one.sendall(b"\x01\x80" + bytes(4) + piece * 1000 + b"\x80\x80" + bytes(4))
+        assert b'"error"' in one.recv(4096)  # a message of no text, taken as such
+        one.sendall(b"\x01\x80" + bytes(4))
+        with pytest.raises(ConnectionError):
+            while True:
+                one.sendall(piece * 100)
+
+
 def test_the_process_may_open_enough_files(service):
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     assert soft >= min(hard, 1024) or hard == resource.RLIM_INFINITY

@@ -23,6 +23,8 @@ from types import FrameType
 from typing import Any
 
 import uvicorn
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
+from websockets.frames import Frame
 
 from haptix.service.protocol.messages import MOST_TEXT_BYTES
 
@@ -32,6 +34,30 @@ _AT_ONCE, _WAITING = 24, 4096  # newcomers taken in one turn of the loop, and wa
 _READ_BYTES, _SESSION_BYTES = 16 * 1024, 4 * 1024
 """Of a connection in one turn of the loop, then others have theirs. A session's messages may be of
 30 bytes, and another session's STOP takes four turns: with 4 KiB of them a turn takes 2 ms."""
+
+_UNREAD_BYTES = 4 * 2**20
+_MOST_PIECES = 1024
+
+
+class SessionProtocol(WebSocketsSansIOProtocol):
+    """WebSocket of a session. What its client makes it keep is bounded, beside a message's size.
+
+    Pongs are written whether they are read or not, and pieces of a message may be empty.
+    """
+
+    def handle_ping(self) -> None:
+        """Answer, unless the client does not read."""
+        if self.transport.get_write_buffer_size() > _UNREAD_BYTES:
+            self.transport.abort()
+        else:
+            super().handle_ping()
+
+    def handle_cont(self, event: Frame) -> None:
+        """Take the next piece of a message."""
+        if len(self.frames) >= _MOST_PIECES:
+            self.transport.abort()
+        else:
+            super().handle_cont(event)
 
 
 class Connection(socket.socket):
@@ -184,7 +210,7 @@ class HttpServer(uvicorn.Server):
                 ws_ping_interval=None,  # the session's own pings show that the script lives
                 timeout_graceful_shutdown=2,
                 server_header=False,
-                **{"ws": "websockets-sansio", **options},
+                **{"ws": SessionProtocol, **options},
             )
         )
 
