@@ -6,6 +6,7 @@ import tempfile
 
 import httpx
 import pytest
+from filelock import FileLock
 
 import haptix.base.files
 from haptix.base.errors import FileFormatError, InputError
@@ -101,6 +102,18 @@ def test_a_worker_that_cannot_keep_pixels_says_so(tmp_path, full, monkeypatch):
     full()
     with pytest.raises(FileFormatError, match=r"cannot keep the pixels .* make room"):
         DocumentWork(store.folder, OPENING).decode(digest)
+
+
+def test_a_second_service_leaves_the_folder_to_the_first(tmp_path):
+    (tmp_path / "results").mkdir()
+    (tmp_path / "service.json").write_text("{}")
+    with (
+        FileLock(tmp_path / "service.lock"),
+        pytest.raises(InputError, match=r"one runs with it; .* HAPTIX_SERVICE"),
+    ):
+        serve(port=0, folder=tmp_path)
+    assert (tmp_path / "results").is_dir()
+    assert (tmp_path / "service.json").read_text() == "{}"
 
 
 @pytest.mark.parametrize("where", ["Access", "AssetStore.keep"])

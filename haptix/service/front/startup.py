@@ -15,6 +15,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from filelock import FileLock, Timeout
+
 from haptix.base.errors import DeviceError, InputError, from_extra
 from haptix.base.files import write_failure
 from haptix.base.log import without_secrets
@@ -46,8 +48,8 @@ def serve(
     """Serve clients of this machine until interrupted.
 
     Raises `DeviceError` if the port is taken, or the device or surface cannot be opened;
-    `InputError` if certificate and key cannot be used; `MissingExtraError` if the extra ``serve``
-    is not installed.
+    `InputError` if certificate and key cannot be used, or the folder is another service's;
+    `MissingExtraError` if the extra ``serve`` is not installed.
 
     Parameters
     ----------
@@ -81,10 +83,18 @@ def serve(
     listener = listens(listen.host if listen else "127.0.0.1", port)
     number = listener.getsockname()[1]
     folder = folder or service_folder()
+    lock = FileLock(folder / "service.lock", timeout=0)
     try:
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        lock.acquire()
         access = Access(number, folder, (listen.host,) if listen else ())
         assets = AssetStore(folder / "assets")
         assets.keep(GALLERY_ASSETS)
+    except Timeout:
+        raise InputError(
+            f"{folder}: expected a folder that no service uses, but one runs with it; end that, or "
+            "name another folder in HAPTIX_SERVICE"
+        ) from None
     except OSError as error:
         why = write_failure(error, folder)
         raise InputError(f"cannot write to the service's folder {folder}: {why}") from error
@@ -170,6 +180,7 @@ def serve(
         asyncio.run(run())
     finally:
         access.close()
+        lock.release()
         listener.close()
     if failure:
         raise DeviceError(failure[0].sentence)
