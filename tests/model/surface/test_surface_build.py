@@ -344,14 +344,14 @@ def smooth_skin() -> ContactModel:
 
 def test_a_surface_has_the_intervals_of_its_cells(tmp_path: Path) -> None:
     model = smooth_skin()
-    # Insulators below 0.006 of the roughness were not shown: a part of the cells.
-    scene = {"normal_force_n": (0.3, 0.6), "voltage_v": (0.0, 3.0), "h0_m": (4e-9, 4e-8)}
+    # Loads below x = 1e-4 were not shown: a part of the cells.
+    scene = {"normal_force_n": (0.003, 0.1), "voltage_v": (0.0, 3.0), "h0_m": (8e-9, 4e-8)}
     built = FrictionSurface.build(model, scene, tolerance=1e-2, past_limits=True)
     built.save(tmp_path / "a.surface")
     surface = FrictionSurface.load(tmp_path / "a.surface")
     draw = torch.Generator().manual_seed(3)
     share = torch.rand(2, 200, generator=draw, dtype=torch.float64)
-    force, h0 = 0.3 * 2 ** share[0], 4e-9 * 10 ** share[1]
+    force, h0 = 0.003 * 33 ** share[0], 8e-9 * 5 ** share[1]
     cells = surface.intervals(force, h0_m=h0)
     voltage = surface.highest_voltage(force, h0_m=h0)
     own = model.solve(force, voltage, h0_m=h0).accuracy
@@ -365,7 +365,7 @@ def test_a_surface_has_the_intervals_of_its_cells(tmp_path: Path) -> None:
     assert len(finite.unique()) > 3  # one number for each cell, not for the surface
     assert 0 < cells.interpolation_jnd < 1
     with pytest.raises(InputError, match="h0_m"):
-        surface.intervals(0.5)
+        surface.intervals(0.01)
 
 
 def test_a_surface_says_how_exact_its_theory_is() -> None:
