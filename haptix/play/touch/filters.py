@@ -11,7 +11,6 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from haptix.base.checks import NotNegative, Positive, checked
-from haptix.base.native import library
 
 _Share = Annotated[Positive, Field(lt=1)]
 
@@ -22,7 +21,9 @@ class PlaceFilter:
     @property
     def compiled(self) -> tuple[int, tuple[float, ...]]:
         """Its number in the library in C, and its parameters."""
-        return _NUMBERS[type(self)], astuple(self)  # type: ignore[call-overload]
+        from haptix.base.native import library  # late: the service has words for its lack
+
+        return getattr(library, _NAMES[type(self)]), astuple(self)  # type: ignore[call-overload]
 
 
 @checked()
@@ -141,11 +142,11 @@ class InteractingSinger(SingerKalman):
     stay: _Share = 0.97
 
 
-_NUMBERS: dict[Any, int] = {
-    InteractingSinger: library.HX_TWO_SINGERS,
-    SingerKalman: library.HX_SINGER,
-    ConstantVelocityKalman: library.HX_WHITE_ACCELERATION,
-    OneEuroFilter: library.HX_ONE_EURO,
+_NAMES: dict[Any, str] = {
+    InteractingSinger: "HX_TWO_SINGERS",
+    SingerKalman: "HX_SINGER",
+    ConstantVelocityKalman: "HX_WHITE_ACCELERATION",
+    OneEuroFilter: "HX_ONE_EURO",
 }
-FILTERS = tuple(_NUMBERS)
+FILTERS = tuple(_NAMES)
 """The filters that there are."""

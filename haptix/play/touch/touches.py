@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 from haptix.base import checks
 from haptix.base.checks import NotNegative, Positive, checked
 from haptix.base.errors import InputError
-from haptix.base.native import ffi, library
 from haptix.play.touch.events import (
     LARGEST_S,
     ForceEstimate,
@@ -30,12 +29,12 @@ _LOG = logging.getLogger("haptix.play.touch")
 _REMEMBERED = 32
 _FIRST_INTERVAL_S = 1 / 60
 _OUTCOMES = {
-    library.HX_TAKEN: "taken",
-    library.HX_COALESCED: "coalesced",
-    library.HX_REORDERED: "reordered",
-    library.HX_JUMPED: "jumps",
-    library.HX_LATE: "late",
-    library.HX_CLOCK_JUMPED: "clock_jumps",
+    "HX_TAKEN": "taken",
+    "HX_COALESCED": "coalesced",
+    "HX_REORDERED": "reordered",
+    "HX_JUMPED": "jumps",
+    "HX_LATE": "late",
+    "HX_CLOCK_JUMPED": "clock_jumps",
 }
 
 
@@ -110,6 +109,8 @@ class TouchSettings:
         fade_s : float
             Time in which the drive of a finger fades in and out [s].
         """
+        from haptix.base.native import ffi  # late, as in `TouchTracker`
+
         number, parameters = self.filter.compiled
         touching = ffi.new("hx_touching *", (
             parameters, self.slide_above_mm_s, self.rest_below_mm_s, self.turn_above_mm_s,
@@ -202,6 +203,10 @@ class TouchTracker:
         self.is_down = True
         self._settings, self._following = settings.compiled()
         self._force = settings.force.assumed
+        from haptix.base.native import ffi, library  # late: the service has words for its lack
+
+        self._ffi, self._library = ffi, library
+        self._outcomes = [(getattr(library, flag), name) for flag, name in _OUTCOMES.items()]
         self._memory = ffi.new("double[]", library.hx_tracker_bytes() // 8 + 1)
         self._at = ffi.cast("hx_tracker *", self._memory)
         library.hx_tracker_start(self._settings, self._at, interval_s, t_s, x_mm, y_mm)
@@ -213,7 +218,7 @@ class TouchTracker:
     @property
     def interval_s(self) -> float:
         """Interval of the panel's reports, as estimated until now."""
-        interval_s: float = library.hx_tracker_interval_s(self._at)
+        interval_s: float = self._library.hx_tracker_interval_s(self._at)
         return interval_s
 
     @property
@@ -243,14 +248,14 @@ class TouchTracker:
         contact_area_m2 : float, optional
             Contact area [m^2], if measured.
         """
-        outcome = library.hx_tracker_push(self._settings, self._at, t_s, x_mm, y_mm)
-        for flag, name in _OUTCOMES.items():
+        outcome = self._library.hx_tracker_push(self._settings, self._at, t_s, x_mm, y_mm)
+        for flag, name in self._outcomes:
             if outcome & flag:
                 setattr(self.counts, name, getattr(self.counts, name) + 1)
-        if not outcome & library.HX_TAKEN:
+        if not outcome & self._library.HX_TAKEN:
             return False
         if (normal_force_n is not None or contact_area_m2 is not None) and (
-            outcome & library.HX_LATEST  # a later report has a newer force
+            outcome & self._library.HX_LATEST  # a later report has a newer force
         ):
             self._take_force(normal_force_n, contact_area_m2)
         self._publish()
@@ -279,8 +284,8 @@ class TouchTracker:
         True
         """
         track, force = self.now
-        place = ffi.new("double[4]")
-        library.hx_finger_place(self._following, track, t_s, place)
+        place = self._ffi.new("double[4]")
+        self._library.hx_finger_place(self._following, track, t_s, place)
         x, y, vx, vy = place
         age, down = t_s - track.reported_s, self.is_down
         return TouchState(
@@ -297,8 +302,8 @@ class TouchTracker:
             self.counts.bad_force += 1
 
     def _publish(self) -> None:
-        track = ffi.new("hx_track *")
-        library.hx_tracker_follow(self._settings, self._at, track)
+        track = self._ffi.new("hx_track *")
+        self._library.hx_tracker_follow(self._settings, self._at, track)
         track.normal_force_n = self._force.normal_force_n
         self.now = Predicted(track, self._force)
         """The present prediction; every report replaces it by a new object."""

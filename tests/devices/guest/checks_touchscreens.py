@@ -102,6 +102,7 @@ def two_fingers() -> dict[str, float]:
                 (codes.ABS_MT_TRACKING_ID, 6),
                 (codes.ABS_MT_POSITION_X, 3300),
                 (codes.ABS_MT_POSITION_Y, 2250),
+                (codes.ABS_MT_PRESSURE, 30),
             )
             _equal(
                 [event[1:5] for event in screen.read(1.0)],
