@@ -499,21 +499,28 @@ def tables(folder: Path, least_surfaces: int = 2) -> str:
 
 
 def coverage(found: Errors, least_surfaces: int) -> Iterator[str]:
-    """How many rows lie inside the intervals that states have, by theory and Hurst exponent."""
-    cells = {cell.name: cell for cell in CELLS if cell.rolloff >= 4}  # 4 waves in the box
+    """How many rows lie inside the intervals that states have, by theory and kind of row."""
+    kinds: tuple[tuple[str, Callable[[Cell], bool]], ...] = (
+        ("H = 0.8 (fitted)", lambda cell: cell.hurst == 0.8),
+        ("H 0.5 to 0.9, but for 0.8", lambda cell: cell.hurst != 0.8),
+        ("x = 1e-4", lambda cell: cell.x < 2e-4),
+        ("layers", lambda cell: cell.solid_name != "hs"),
+        ("the presets' layer", lambda cell: cell.solid_name == SKIN),
+    )
+    cells = {cell.name: cell for cell in CELLS if cell.rolloff >= 4 or cell.solid_name == SKIN}
     yield "| theory | rows of | inside the 90 % interval of mu_on/mu_off |"
     yield "|---|---|---|"
     for theory in ("local", "corrected"):
-        for title, chosen in (("H = 0.8 (fitted)", (0.8,)), ("H 0.5, 0.65, 0.9", (0.5, 0.65, 0.9))):
+        for title, is_of in kinds:
             inside = []
             for (name, h0, _), states in found[theory].items():
-                if name not in cells or len(states) < least_surfaces:
-                    continue
-                if cells[name].hurst not in chosen:
+                if name not in cells or len(states) < least_surfaces or not is_of(cells[name]):
                     continue
                 m = np.mean(np.array(states), 0)
                 given = (cells[name].x, h0, m[0] * m[3] / m[4], m[7])
-                width = of_states(theory, *(torch.tensor([v]) for v in given)).ratio
+                width = of_states(
+                    theory, *(torch.tensor([v], dtype=torch.float64) for v in given)
+                ).ratio
                 if bool(width.isfinite()):
                     inside.append(abs(np.log(m[7] / m[8])) <= float(width))
             yield f"| `{theory}` | {title} | {sum(inside)} of {len(inside)} |"
@@ -574,8 +581,8 @@ def shown(states: int = 20_000) -> Iterator[str]:
     draw = torch.rand(3, states, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
     force, voltage, frequency = 0.1 + 0.9 * draw[0], 200 * draw[1], 60 * (1e4 / 60) ** draw[2]
     screen = Screen.preset("3m-sct3250")
-    yield "| finger | insulator | shown | by x | by h0/h_rms | by the pull |"
-    yield "|---|---|---|---|---|---|"
+    yield "| finger | insulator | shown | half of these within | by x | by h0/h_rms | by the pull |"
+    yield "|---|---|---|---|---|---|---|"
     for name in PRESETS:
         model = ContactModel(Finger.preset(name), screen)
         for h0_m, title in ((screen.h0_m, "its own"), (screen.h0_m / 4, "a quarter")):
@@ -591,9 +598,13 @@ def shown(states: int = 20_000) -> Iterator[str]:
                 (low <= value) & (value <= high)
                 for value, (low, high) in zip(quantities, UNDER_VOLTAGE.values(), strict=True)
             ]
-            shares = [float(one.double().mean()) for one in (state.accuracy.ratio < inf, *inside)]
-            cells = " | ".join(f"{100 * share:.0f} %" for share in shares)
-            yield f"| {name} | {title} | {cells} |"
+            width = state.accuracy.ratio
+            half = torch.expm1(width[width < inf].median()) if bool((width < inf).any()) else None
+            within = "-" if half is None else f"{100 * float(half):.2g} %"
+            all_of, *of = (
+                f"{100 * float(one.double().mean()):.0f} %" for one in (width < inf, *inside)
+            )
+            yield f"| {name} | {title} | {all_of} | {within} | {' | '.join(of)} |"
 
 
 def write_rows(folder: Path) -> None:
