@@ -372,9 +372,11 @@ class FingerObserver:
         """Return what is known now; nothing moves the drive while the sensor is not trusted."""
         self.watch.check(now_s)
         if not self.watch.is_trusted and self._state is not Knowledge.SENSOR:
+            # What was learned is as right after a silence as before it: only the drive is as
+            # without sensing, since nothing tells whether the finger still is the same.
             _LOG.warning("the sensor of current is not trusted: %s", self.watch.problem)
             self._state = Knowledge.SENSOR
-            self.forget()
+            self._last, self._bin = None, []
         state = self._state
         if state is Knowledge.LEARNS and not self._readings:
             state = Knowledge.NOTHING

@@ -343,12 +343,17 @@ def test_a_silent_sensor_is_not_trusted_within_10_ms_and_comes_back(contact, sti
     observer = FingerObserver(contact)
     current = VirtualCurrent(stiffer, HERTZ)
     end_s = slide(observer, current, 0.2)
-    assert observer.estimate(end_s + 0.010).state is Knowledge.SENSOR
+    learned = observer.estimate(end_s)
+    silent = observer.estimate(end_s + 0.010)
+    assert (silent.state, silent.log_gain) == (Knowledge.SENSOR, 0.0)
+    assert silent.readings == learned.readings > 0  # the finger was not lifted
     t = np.arange(int(0.7 * RATE)) / RATE
     path = Trajectory.of([0.0, 10.0], [0.0, 600.0], 0.0, 0.4)
     for reading in current.read(120 * np.cos(2 * pi * HERTZ * t), RATE, path, end_s + 0.02):
         observer.read(reading, reading.t_s)
-    assert observer.estimate(reading.t_s).state is Knowledge.LEARNS
+    back = observer.estimate(reading.t_s)
+    assert back.state is Knowledge.LEARNS
+    assert back.readings > learned.readings
 
 
 @pytest.mark.parametrize("seed", range(3))
