@@ -266,7 +266,7 @@ class RemoveService(Task, command="service remove"):
         gone = [system.path, *log.parent.glob(f"{log.stem}*.log"), *log.parent.glob(".*.log.lock")]
         if running_service() is None:  # that of `haptix serve` keeps its own
             gone += [folder / f"{name}.json" for name in ("service", "tokens", "person")]
-            gone.append(folder / "studio.html")
+            gone += [folder / name for name in ("studio.html", "service.lock")]
             for name in ("assets", "apps"):
                 shutil.rmtree(folder / name, ignore_errors=True)
         for path in gone:
