@@ -259,7 +259,7 @@ class ChartStandard(Task, command="calibrate standard"):
 
 
 class StudyGauge(Task, command="calibrate gauge"):
-    """Find how much of what was measured is the panels', and how much the operators' and the days'.
+    """Find the shares of panels, operators and days in the variance of the measured values.
 
     Analysis of variance of sessions, or of a CSV file whose last column is the value and whose
     other columns are factors: the panel first, then such as operator and day. Every panel by every

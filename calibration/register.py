@@ -170,7 +170,7 @@ def update_register(path: Path, today: date, change: Callable[[Register], Regist
             before = Register.load(path) if path.exists() else Register(written_on=today)
             if today < before.written_on:
                 raise InputError(
-                    f"{path} was written on {before.written_on}, and the clock says {today}: set "
+                    f"{path} was written on {before.written_on}, and the clock shows {today}: set "
                     "the clock right; nothing was changed"
                 )
             after = change(before).replace(written_on=today)

@@ -64,7 +64,7 @@ class Reduce(Task, command="calibrate reduce"):
 
 
 class FitSession(Task, command="calibrate fit"):
-    """Fit screen and finger, and report what the strokes determine.
+    """Fit screen and finger, and report the parameters that the strokes determine.
 
     A parameter that they do not determine has no value, but the experiment that would give one.
     """
@@ -287,7 +287,7 @@ class Install(Task, command="calibrate install"):
 
 
 class Period(Task, command="calibrate period"):
-    """Find the spatial period of what was touched, with its significance and its harmonic.
+    """Find the spatial period of the touched surface, with its significance and its harmonic.
 
     Every mapped column but time, place, normal force and drive is a signal; of a session's stroke
     it is the tangential force. Exit code 1 if a file shows no significant period.

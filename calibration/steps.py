@@ -426,7 +426,7 @@ def profile_model(folder: Path) -> ContactModel:
 
 
 def _check_reduced(session: Session, reduced: Reduced, recordings: list[StrokeRecording]) -> None:
-    """Raise `InputError` unless ``reduced.csv`` is what the recordings of all its strokes give."""
+    """Raise `InputError` unless ``reduced.csv`` follows from the recordings of all its strokes."""
     recorded = {recording.stroke.number for recording in recordings}
     for stroke in session.protocol.strokes:
         if stroke.number not in recorded and (

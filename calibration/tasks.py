@@ -64,7 +64,7 @@ class Planned(Task):
     )
     repeatability_percent: Annotated[float, Field(ge=0.1, le=20)] | None = Field(
         None,
-        description="Within which strokes repeat on this rig, as a report says: strokes are added "
+        description="Within which strokes repeat on this rig, as in a report: strokes are added "
         "until a good screen passes in 95 % of sessions.",
     )
     finger: FingerName | None = Field(
@@ -123,7 +123,7 @@ class PlanStrokes(Planned, command="calibrate plan"):
 
 
 class Columns(Task, command="calibrate columns"):
-    """Show what a recording of another program was understood as, and propose its column map.
+    """Show how a recording of another program was understood, and propose its column map.
 
     Exit code 1 if something is open: then the map is not complete.
     """

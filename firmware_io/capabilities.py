@@ -21,7 +21,7 @@ from firmware_io.protocol import (
 
 Mode = Literal["waveform", "envelope"]
 
-#: Bounds of PROTOCOL.md on what a device may state.
+#: Bounds of PROTOCOL.md on the values that a device may state.
 MAX_RATE_HZ = 1_000_000
 MAX_QUEUE_SAMPLES = 2**24
 DEFAULT_CARRIER_HZ = 4000.0

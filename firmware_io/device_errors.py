@@ -29,7 +29,7 @@ class DeviceDisconnectedError(DeviceError):
 
 
 class ProtocolError(DeviceError):
-    """Bytes on the wire are not what this protocol says, or cannot be put on the wire."""
+    """Bytes on the wire break this protocol, or a value cannot be put on the wire."""
 
 
 class DeviceFaultError(DeviceError):
@@ -46,7 +46,7 @@ class MissingExtraError(HaptixError, ModuleNotFoundError):
 
 @contextmanager
 def from_extra(extra: str) -> Iterator[None]:
-    """Import, in the body, what an extra of the distribution brings.
+    """Import, in the body, the modules that an extra of the distribution brings.
 
     Raises
     ------

@@ -265,7 +265,7 @@ class DriveCheck:
         }
 
     def refusal(self, verdict: int, sample: int, value: float) -> LimitError:
-        """Return the error for what the check in C has found in the window; see `DriveWindow`."""
+        """Return the error for the sample that the check in C has found, see `DriveWindow`."""
         return LimitError(self._window.reason(verdict, sample, value))
 
     def take(self, driven: _Volts) -> None:

@@ -1,7 +1,7 @@
 """A function generator as a driver, by SCPI: whole stimuli, uploaded and played once.
 
 Laboratories have one. It is no link of `open_device`: it cannot be revised while it plays, and an
-upload takes longer than a touch. What it plays has passed the firmware, in virtual time, with all
+upload takes longer than a touch. The waveform has passed the firmware, in virtual time, with all
 of its limits. It begins and ends at 0 V and is played once, so that nothing stands at the output
 when the host dies.
 
@@ -128,9 +128,7 @@ class FunctionGenerator:
         """Switch the output off and close the connection. Idempotent."""
         instrument, self._instrument = self._instrument, None
         if instrument is not None:
-            with suppress(
-                Exception
-            ):  # the connection may be gone; what was played has ended at 0 V
+            with suppress(Exception):  # the connection may be gone; the waveform has ended at 0 V
                 instrument.write("OUTP1 OFF")
             instrument.close()
 
@@ -154,7 +152,7 @@ class FunctionGenerator:
         Returns
         -------
         ndarray, shape (m,)
-            What is played at 48 kHz [V at the screen]: with the ramp at its end.
+            Samples at 48 kHz [V at the screen]: with the ramp at their end.
 
         Raises
         ------
@@ -238,7 +236,7 @@ class FunctionGenerator:
                 answer = f"its answer {error.object!r:.60} is no text"
             except (pyvisa.Error, OSError) as error:
                 raise DeviceDisconnectedError(
-                    f"{self.name} is gone at {command:.40}: {error}; what it plays ends at 0 V by "
+                    f"{self.name} is gone at {command:.40}: {error}; its waveform ends at 0 V by "
                     "itself. Switch its output off by hand, then open it again."
                 ) from None
             if not answer.startswith(_NO_ERROR):
@@ -246,7 +244,7 @@ class FunctionGenerator:
 
 
 class TraceCheck(NamedTuple):
-    """A recorded trace against what was played: its gain, offset, delay and largest difference."""
+    """A recorded trace against the waveform: its gain, offset, delay and largest difference."""
 
     gain: float
     """Of the trace by the drive, 1 for a rig that is as its profile states."""

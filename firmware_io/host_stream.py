@@ -104,9 +104,10 @@ class Pace:
     def most_ahead(self, is_revisable: bool) -> int:
         """Return the most samples in the driver.
 
-        What is revised may last longer than the watchdog time, which a revision or the next piece
-        ends long before: then a stall that the watchdog bears is no underrun. What is written once
-        lasts, with the lead, for three quarters of it: a quarter is left for delays of a frame.
+        Samples that are revised may last longer than the watchdog time, which a revision or the
+        next piece ends long before: then a stall that the watchdog bears is no underrun. Those
+        written once last, with the lead, for three quarters of it: a quarter is left for delays of
+        a frame.
         """
         setup = self.setup
         if is_revisable:
@@ -285,7 +286,7 @@ class Stream:
         self._marks_sent += 1
 
     def poll(self, is_fresh: bool = False, is_due: bool = False) -> None:
-        """Read what the driver has sent; raise its fault.
+        """Read the driver's messages; raise its fault.
 
         If it reports at an interval, read once in that interval, or if `is_due`: a read may take
         a millisecond. With `is_fresh`, ask for a report and wait for it.
@@ -312,7 +313,7 @@ class Stream:
             )
 
     def lend(self) -> dict[str, object]:
-        """Return what a player in C needs to go on in this object's place, as `hx_player_setup`.
+        """Return the state from which a player in C goes on instead, as `hx_player_setup`.
 
         Until `take_back`, nobody else may send. The driver must be armed for revisions, and take a
         waveform.

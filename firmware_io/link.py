@@ -1,8 +1,8 @@
 """A link, by which bytes go to a driver and back, and the addresses that open one.
 
-An address is a scheme, a colon, and the key=value pairs of that scheme. A scheme says how to open a
-link by an address, and how to search its bus. A module of `firmware_io.links` with a `SCHEME` adds
-one under the module's name; another package adds its own by entry points of the group
+An address is a scheme, a colon, and the key=value pairs of that scheme. A scheme defines how to
+open a link by an address, and how to search its bus. A module of `firmware_io.links` with a
+`SCHEME` adds one under the module's name; another package adds its own by entry points of the group
 "haptix.links".
 """
 

@@ -28,7 +28,7 @@ def open_device(address: str) -> Device:
     Parameters
     ----------
     address : str
-        A scheme, a colon, and comma-separated key=value pairs; `haptix devices` lists what is
+        A scheme, a colon, and comma-separated key=value pairs; `haptix devices` lists all that are
         connected. ``"mock:"``, ``"mock:pace=real,ceiling_v=150"``; ``"usb:"`` (the only one that is
         connected), ``"usb:serial=ABC"``; ``"hid:path=/dev/hidraw0"``;
         ``"audio:device=scarlett,full_scale_v=200"``;

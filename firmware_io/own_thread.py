@@ -112,7 +112,7 @@ class OwnThread(Writer):
     Attributes
     ----------
     reports : int
-        File descriptor of the pipe. What is written there at once is one report, see
+        File descriptor of the pipe. Bytes written there at once are one report, see
         `finger_report`.
     """
 

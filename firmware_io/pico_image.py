@@ -68,7 +68,7 @@ def pico_uf2(board: str, serial: str = "0", full_scale_v: float = 200.0) -> byte
     if not LOWEST_FULL_SCALE_V <= full_scale_v <= HIGHEST_FULL_SCALE_V:
         raise DeviceError(
             f"full_scale_v must lie in {LOWEST_FULL_SCALE_V:g} to {HIGHEST_FULL_SCALE_V:g} V, but "
-            f"is {full_scale_v:g}; measure what the amplifier makes of code 32767."
+            f"is {full_scale_v:g}; measure the amplifier's voltage at code 32767."
         )
     rate_hz, _, *others = _NUMBERS
     numbers = _SETUP.pack(rate_hz, round(full_scale_v * 1e3), *others)

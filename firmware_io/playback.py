@@ -23,7 +23,7 @@ from firmware_io.reviser import PlaybackStats, Reviser, Source
 _LOG = logging.getLogger("firmware_io.playback")
 
 LONGEST_HORIZON_S = 0.11
-"""Longest horizon: with the spare beyond it, what a driver may hold of what can be revised."""
+"""Longest horizon: with the spare beyond it, the most revisable samples that a driver may hold."""
 
 JOIN_S = 5.0  # longer than any link waits
 

@@ -146,7 +146,7 @@ class CurrentReading(NamedTuple):
     driven_v: float
     """Amplitude driven over the reading [V]."""
     is_saturated: bool
-    """Whether the current was beyond what the converter measures."""
+    """Whether the current was beyond the converter's range."""
 
     @classmethod
     def of(cls, reading: SenseReading, clock: OutputClock, full_scale_v: float) -> Self:

@@ -34,7 +34,7 @@ _ANSWER_S = 0.5
 
 
 class Proof(NamedTuple):
-    """One statement of a driver, whether it held, and what was seen."""
+    """One statement of a driver, whether it held, and the measured value."""
 
     what: str
     holds: bool

@@ -185,7 +185,7 @@ class ProtocolClient:
         return self._sequence
 
     def take_back(self, sequence: int, frames: int, size: int) -> None:
-        """Count what a player in C has sent.
+        """Count the samples that a player in C has sent.
 
         Parameters
         ----------
@@ -231,7 +231,7 @@ class ProtocolClient:
             return
 
     def poll(self) -> None:
-        """Read what the driver has sent, at most `_READS` times: it may send without end."""
+        """Read the driver's messages, at most `_READS` times: it may send without end."""
         for _ in range(_READS):
             if self._read(0.0) is None:
                 return
@@ -265,7 +265,7 @@ class ProtocolClient:
         )
 
     def _items(self, end_s: float) -> Iterator[DeviceMessage | ProtocolError]:
-        """Yield what the driver sends, until a time or until nothing comes."""
+        """Yield the driver's messages, until a time or until nothing comes."""
         while True:
             items = self._read(max(0.0, end_s - self.clock()))
             yield from items or ()

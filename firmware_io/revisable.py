@@ -72,7 +72,7 @@ class Revisable:
         self.values[first - self.first : first - self.first + before.size] = before
 
     def drop_before(self, index: int) -> _Values:
-        """Remove the values before an index; return them without what was not accepted.
+        """Remove the values before an index; return those of them that were accepted.
 
         A replacement that is accepted is so before its first value is used. One that was still on
         its way then came too late.

@@ -131,7 +131,7 @@ class Source(Protocol):
 
     @property
     def is_live(self) -> bool:
-        """Whether a revision could differ from what was made before."""
+        """Whether a revision could differ from the samples made before."""
 
     def window(
         self, first: int, count: int, at_s: float, is_revision: bool
@@ -168,16 +168,16 @@ class Source(Protocol):
 
 @dataclass(frozen=True)
 class Sizes:
-    """What is sent at once, in samples."""
+    """Samples sent at once."""
 
     window: int
     """Longest revision."""
     least: int
     """Shortest revision."""
     piece: int
-    """What is appended at once."""
+    """Samples appended at once."""
     horizon: int
-    """What is kept ahead."""
+    """Samples kept ahead."""
     least_interval_s: float
     """Time from one revision to the next [s]."""
 
@@ -292,7 +292,7 @@ class Reviser:
             self.ready.notify_all()
 
     def step(self) -> float:
-        """Send what is due; return the time to the next step, in seconds."""
+        """Send all that is due; return the time to the next step, in seconds."""
         self.has_touch = False
         now_s = self._clock()
         self.stats.longest_stall_s = max(self.stats.longest_stall_s, now_s - self._due_s)

@@ -147,7 +147,7 @@ def python() -> str:
     face = _python_face(description)
     plain = face.replace("async def", "def").replace("await ", "")
     plain = plain.replace("Async", "Plain").replace("Client", "Plain")
-    about = f'"""What a session can be asked, with and without ``await``.\n\n{BANNER}\n"""\n'
+    about = f'"""The requests of a session, with and without ``await``.\n\n{BANNER}\n"""\n'
     formatter = [sys.executable, "-m", "ruff", "format", "--stdin-filename", "made.py", "-"]
     return subprocess.run(
         formatter,
@@ -217,7 +217,7 @@ def camel(name: str) -> str:
 def javascript() -> str:
     """Return the module of the calls for pages and Node; its types are in JSDoc."""
     description = reading.asyncapi()
-    text = f"/** What a session can be asked. {BANNER} */\n{_JAVASCRIPT}"
+    text = f"/** The requests of a session. {BANNER} */\n{_JAVASCRIPT}"
     for call in calls(description):
         text += _javascript(call, "m." + call.answer, f'this.ask("{call.kind}"', '"type" | "id"')
     adding, *others = changes(description)
@@ -279,7 +279,7 @@ def csharp_type(field: Field) -> str:
 def csharp() -> str:
     """Return the calls of the client for Unity, Mono and .NET."""
     description = reading.asyncapi()
-    text = f"// What a session can be asked. {BANNER}\n{_CSHARP}"
+    text = f"// The requests of a session. {BANNER}\n{_CSHARP}"
     for call in calls(description):
         sent = f'Ask<{call.answer}>("{call.kind}", {_csharp_given(call.fields)})'
         text += _csharp(call, f"Task<{call.answer}>", call.fields, f"return {sent};")
@@ -366,13 +366,13 @@ class AsyncCalls(ABC):
         kind : str
             Its type.
         **fields
-            What it holds.
+            Its content.
         """
 '''
 _PYTHON_LAYOUT = '''
 
 class ClientLayout:
-    """The layout of a session: what is felt where; `layout` of a client.
+    """The layout of a session: its materials by place; `layout` of a client.
 
     Parameters
     ----------
@@ -433,11 +433,11 @@ _JAVASCRIPT = """
 
 /** The messages of a session that are answered; each rejects with `Refused` or `Lost`. */
 export class Calls {
-  /** What is felt where. */
+  /** The materials by place. */
   layout = new Layout(this);
 
   /**
-   * Send a message and return its answer; what is undefined is left out.
+   * Send a message and return its answer; undefined fields are left out.
    * @param {string} type
    * @param {object} [fields]
    * @returns {Promise<any>}
@@ -448,7 +448,7 @@ export class Calls {
 """
 _JAVASCRIPT_LAYOUT = """}
 
-/** What is felt where; the service keeps it for who connects again. */
+/** The materials by place; the service keeps it for who connects again. */
 export class Layout {
   #calls;
   #count = 0;

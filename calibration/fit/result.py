@@ -253,7 +253,7 @@ class Fit(Document):
     forms : tuple of FormFit
         The strokes fitted in other forms of the model.
     posterior : Posterior
-        What the covariance is made of.
+        Parts of the covariance.
     unmeasured : tuple of str
         What the roughness of the finger lacks, and warnings about it.
     made_from : mapping of str to str

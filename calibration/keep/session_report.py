@@ -457,7 +457,7 @@ class _Sheets:
 
 
 class CertificateText(Document):
-    """What a laboratory states on its certificates, as a file; what is missing is said there."""
+    """What a laboratory states on its certificates, as a file; a missing one is named there."""
 
     laboratory: str = ""
     address: str = ""
@@ -599,15 +599,15 @@ def write_certificate(
 
 def environment(recordings: Sequence[StrokeRecording]) -> str:
     """Return the room's temperature and humidity, where recorded."""
-    said = []
+    words = []
     for name, unit in (("temperature_c", "°C"), ("humidity_percent", "%")):
         read = [getattr(recording.conditions, name) for recording in recordings]
         values = [value for value in read if value is not None]
         word = name.split("_")[0]
         if not values:
-            said.append(f"{word} not recorded")
+            words.append(f"{word} not recorded")
         elif min(values) == max(values):
-            said.append(f"{word} {values[0]:.3g} {unit}")
+            words.append(f"{word} {values[0]:.3g} {unit}")
         else:
-            said.append(f"{word} {min(values):.3g} to {max(values):.3g} {unit}")
-    return ", ".join(said)
+            words.append(f"{word} {min(values):.3g} to {max(values):.3g} {unit}")
+    return ", ".join(words)

@@ -115,7 +115,7 @@ class ColumnMap(Document):
         drive_v = { column = "Monitor", unit = "V", scale = 50 }           # 1:50 divider
 
     Where the instrument kept no drive, leave ``drive_v`` out: the planned voltage takes its place.
-    What was not measured is kept with the recording, and the profile says so. A second file of
+    A quantity that was not measured is noted in the recording and in the profile. A second file of
     another rate, and a transducer whose gauges were recorded::
 
         rate_hz = 10000                                         # where there are no times
@@ -176,7 +176,7 @@ class ColumnMap(Document):
         return self.completed(self.read(path))
 
     def completed(self, signals: Mapping[str, Array]) -> dict[str, Array]:
-        """Return what was read of one stroke as the signals of its recording.
+        """Return the columns of one stroke as the signals of its recording.
 
         Raises
         ------
@@ -230,7 +230,7 @@ class ColumnMap(Document):
                 values = _onto(of, name, t, own, values)
                 moved.add(name)
             signals[name] = values
-        for name in _GROUPS:  # the numbers of the strokes, where nothing else says them
+        for name in _GROUPS:  # the numbers of the strokes, where nothing else states them
             if name in table.columns and len(table.columns[name]) == len(t):
                 signals.setdefault("stroke", table.columns[name])
         known = np.isfinite(np.sum([signals[name] for name in moved], axis=0))
@@ -290,11 +290,11 @@ class ColumnMap(Document):
         if unit == "samples" and name == "t_s":
             factor = None if rate is None else 1 / rate
         if factor is None and name in _UNITS:
-            said = f"got {unit!r}" if unit else "and the file states none"
+            stated = f"got {unit!r}" if unit else "and the file states none"
             rather = "rate_hz with samples" if unit == "samples" else ", ".join(_UNITS[name])
             raise FileFormatError(
                 f'{path}: expected the unit of column "{column.column}" for {name}: one of '
-                f"{rather}, {said}; give it in the column map"
+                f"{rather}, {stated}; give it in the column map"
             )
         return np.asarray(table.columns[heading] * (factor or 1.0) * column.scale)
 
@@ -351,9 +351,9 @@ _COUNTER = r"rdt sequence|sequence|sample|samples|sample (no|number|index)|scan"
 
 
 def proposed(table: LabTable) -> tuple[ColumnMap, tuple[str, ...], tuple[str, ...]]:
-    """Propose a column map by the headings of a table; say what is open, and what is assumed.
+    """Propose a column map by the headings of a table; name the open points and the assumptions.
 
-    Nothing is guessed where no heading says it: a unit that the file does not state is left out,
+    Nothing is guessed where no heading states it: a unit that the file does not state is left out,
     and then the map is refused until it is given.
     """
     columns: dict[str, CsvColumn] = {}
@@ -372,8 +372,8 @@ def proposed(table: LabTable) -> tuple[ColumnMap, tuple[str, ...], tuple[str, ..
         if name == "stroke":
             unit = "raw"
         elif unit not in _UNITS[name]:
-            said = f"; the file says {unit!r}" if unit else ""
-            missing.append(f"{name}: add unit = one of {', '.join(_UNITS[name])}{said}")
+            stated = f"; the file states {unit!r}" if unit else ""
+            missing.append(f"{name}: add unit = one of {', '.join(_UNITS[name])}{stated}")
             unit = None
         columns[name] = CsvColumn(column=fits[0], unit=unit)
     counters = [name for name in table.columns if re.fullmatch(_COUNTER, name, re.I)]

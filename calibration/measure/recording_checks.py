@@ -523,7 +523,7 @@ class _SlidingChecks:
     def bent(self) -> Iterator[Finding]:
         """A zero that curves between the idle parts: a sensor that warms up, or a leak of charge.
 
-        A charge amplifier forgets a force: what it loses during the touch stands below zero after
+        A charge amplifier forgets a force: the loss during the touch stands below zero after
         it, and comes back at the same rate.
         """
         t, planned = self.recording.t_s, self.stroke.normal_force_n

@@ -54,7 +54,7 @@ class Point:
     ripple_sd: Annotated[float, Heading("sd of ripple", ".2g")]
     """Amplitude at 2f over the mean friction, without noise; NaN where it cannot be seen."""
     crosstalk: float = nan
-    """Half the difference of both directions, over the normal force: what a tilted sensor adds to
+    """Half the difference of both directions, over the normal force: a tilted sensor adds it to
     mu in one direction; NaN for one-way strokes."""
     creep: float = nan
     """Relative change of mu for each e-fold of the time in contact; NaN where it was not found."""

@@ -269,8 +269,8 @@ class Instruments(Document):
             if name == DRIVER:
                 continue
             instrument = known.get((name, serial))
-            said = f'no instrument of the file has name = "{name}" and serial = "{serial}"'
-            faults.append(said if instrument is None else instrument.fault(day))
+            missing = f'no instrument of the file has name = "{name}" and serial = "{serial}"'
+            faults.append(missing if instrument is None else instrument.fault(day))
         return [fault for fault in faults if fault]
 
     def check_strokes(self, recordings: Iterable[StrokeRecording]) -> None:
@@ -281,8 +281,8 @@ class Instruments(Document):
             for fault in self.faults(recording.conditions.instruments, day):
                 late.setdefault(fault, []).append(recording.stroke.number)
         if late:
-            said = (f"{why} (strokes {', '.join(map(str, at))})" for why, at in late.items())
+            reasons = (f"{why} (strokes {', '.join(map(str, at))})" for why, at in late.items())
             raise InputError(
-                f"{'; '.join(said)}: what was measured is kept; calibrate the instrument, and open "
+                f"{'; '.join(reasons)}: the strokes are kept; calibrate the instrument, and open "
                 "these strokes again"
             )

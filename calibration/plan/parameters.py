@@ -65,7 +65,7 @@ _SPREAD = {
 
 _FURTHEST = {"youngs_modulus_pa": 1.6, "h_rms_m": 1.2, "gap_resistivity_ohm_m": 12.0}
 _USUALLY_FURTHEST = 4.6
-"""Largest change of a logarithm in a fit: a factor of 100, or what the tables of the contact cover.
+"""Largest change of a logarithm in a fit: a factor of 100, or the range of the contact's tables.
 """
 
 EXPERIMENTS: Mapping[str, str] = {

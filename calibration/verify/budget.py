@@ -108,7 +108,7 @@ def uncertainty_budget(
     Friction is that at 0.5 N and 50 mm/s. `highest_v` are the amplitudes [V] at 125 Hz and at the
     carrier to which the profile is verified. mu(V) is at 125 Hz, the range and h0 (d1/eps1 and the
     skin's d2/eps2) at the carrier. Without a `rig` check the gains are in no budget, and the
-    verdict says so. Empty where no insulator was fitted.
+    verdict states it. Empty where no insulator was fitted.
     """
     if fit["h0_m"].value is None:
         return ()

@@ -53,7 +53,7 @@ _WITHIN = "{0.mean_jnd:+.2f} ± {0.uncertainty_jnd:.2f}"
 
 @dataclass(frozen=True)
 class HeldOutStroke:
-    """A stroke kept out of the fit, and what the fit predicts for it.
+    """A stroke kept out of the fit, and its prediction by the fit.
 
     The ripple is the amplitude of the friction at 2f over its mean; `is_light` is False where the
     contact snaps in by the prediction.
@@ -132,9 +132,9 @@ class Verification:
     failures : tuple of str
         Why it fails; empty where it does not.
     groups : tuple of Equivalence
-        What was tested.
+        Tests that were made.
     untested : tuple of str
-        What was not, so that the verdict is provisional.
+        Tests that were not, so that the verdict is provisional.
     fit_bound_jnd : float
         Largest error [JND], at 95 %, that the fit's own uncertainty leaves where the screen is
         used.
@@ -260,7 +260,7 @@ def verify(
     Parameters
     ----------
     fit : Fit
-        What was fitted.
+        The fit.
     reduced : Reduced
         All strokes, those held out included.
     predictor : StrokePredictor
@@ -376,7 +376,7 @@ def verify(
 def _gains_not_checked(
     rows: tuple[HeldOutStroke, ...], predictor: StrokePredictor, rig: RigCheck | None
 ) -> str:
-    """Say what the gains that no stroke tells from friction would do."""
+    """State the effect of the gains that no stroke separates from friction."""
     power = _power([row.point for row in rows], predictor, "voltage_v") if rows else np.zeros(1)
     force, volts = (0.01 * power_of / WEBER_FRACTION for power_of in (1.0, float(power.max())))
     of_volts = f"1 % of the volts up to {volts:.2f} JND"
@@ -389,7 +389,7 @@ def _gains_not_checked(
 
 
 def _undecided(fit: Fit) -> str:
-    """Say which session would decide what the scatter leaves open."""
+    """Name the session that would decide a question that the scatter leaves open."""
     return (
         "; its scatter leaves that open: a session planned with --repeatability-percent "
         f"{100 * fit.repeatability.log_mu:.2g} holds out strokes enough to decide"

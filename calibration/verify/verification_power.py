@@ -40,7 +40,7 @@ from haptix.model.perception.thresholds import WEBER_FRACTION
 ENOUGH = 0.95
 """Chance of a good screen from which a plan needs no more strokes.
 
-It is that of a screen that is as the model says; with other contact laws among them 88 % passed
+It is that of a screen that follows the model; with other contact laws among them 88 % passed
 (docs/calibration.md).
 """
 
@@ -63,7 +63,7 @@ def chance_of_passing(
     repeatability: float,
     determined: float | None = None,
 ) -> float:
-    """Share of sessions in which a screen that is as the model says passes.
+    """Share of sessions in which a screen that follows the model passes.
 
     `repeatability` is the standard deviation of ln mu from stroke to stroke, and `determined` the
     share of `drawn_truths` on which the fitted strokes determine d1/eps1, if it is known.

@@ -1,4 +1,4 @@
-// What a session can be asked. Made by scripts/client_calls.py from the description of the session; do not edit.
+// The requests of a session. Made by scripts/client_calls.py from the description of the session; do not edit.
 namespace Haptix
 {
     using System.Collections.Generic;

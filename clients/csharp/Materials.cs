@@ -80,8 +80,8 @@ namespace Haptix.Materials
         public long? SchemaVersion { get; set; }
 
         /// <summary>
-        /// What `low` and `high` are: shares of what the screen can reach, friction coefficients, or
-        /// relative changes of friction; see `haptix.feel.as_mu`.
+        /// Quantity of `low` and `high`: shares of the reach of the screen, friction coefficients,
+        /// or relative changes of friction; see `haptix.feel.as_mu`.
         /// </summary>
         [Preserve, JsonProperty("target", NullValueHandling = NullValueHandling.Ignore)]
         public string Target { get; set; }
@@ -114,7 +114,7 @@ namespace Haptix.Materials
         public double[] NormalForceN { get; set; }
 
         /// <summary>
-        /// What the curve multiplies.
+        /// Material that the curve multiplies.
         /// </summary>
         [Preserve, JsonProperty("of")]
         public object Of { get; set; }
@@ -145,7 +145,7 @@ namespace Haptix.Materials
         public double[] Mu { get; set; }
 
         /// <summary>
-        /// What the curve multiplies.
+        /// Material that the curve multiplies.
         /// </summary>
         [Preserve, JsonProperty("of")]
         public object Of { get; set; }
@@ -311,8 +311,8 @@ namespace Haptix.Materials
         public long? SchemaVersion { get; set; }
 
         /// <summary>
-        /// What `low` and `high` are: shares of what the screen can reach, friction coefficients, or
-        /// relative changes of friction; see `haptix.feel.as_mu`.
+        /// Quantity of `low` and `high`: shares of the reach of the screen, friction coefficients,
+        /// or relative changes of friction; see `haptix.feel.as_mu`.
         /// </summary>
         [Preserve, JsonProperty("target", NullValueHandling = NullValueHandling.Ignore)]
         public string Target { get; set; }
@@ -345,7 +345,7 @@ namespace Haptix.Materials
         public bool? Loop { get; set; }
 
         /// <summary>
-        /// What the curve multiplies.
+        /// Material that the curve multiplies.
         /// </summary>
         [Preserve, JsonProperty("of")]
         public object Of { get; set; }
@@ -420,8 +420,8 @@ namespace Haptix.Materials
         public long? SchemaVersion { get; set; }
 
         /// <summary>
-        /// What `low` and `high` are: shares of what the screen can reach, friction coefficients, or
-        /// relative changes of friction; see `haptix.feel.as_mu`.
+        /// Quantity of `low` and `high`: shares of the reach of the screen, friction coefficients,
+        /// or relative changes of friction; see `haptix.feel.as_mu`.
         /// </summary>
         [Preserve, JsonProperty("target", NullValueHandling = NullValueHandling.Ignore)]
         public string Target { get; set; }
@@ -475,8 +475,8 @@ namespace Haptix.Materials
         public long? SchemaVersion { get; set; }
 
         /// <summary>
-        /// What `low` and `high` are: shares of what the screen can reach, friction coefficients, or
-        /// relative changes of friction; see `haptix.feel.as_mu`.
+        /// Quantity of `low` and `high`: shares of the reach of the screen, friction coefficients,
+        /// or relative changes of friction; see `haptix.feel.as_mu`.
         /// </summary>
         [Preserve, JsonProperty("target", NullValueHandling = NullValueHandling.Ignore)]
         public string Target { get; set; }
@@ -512,7 +512,7 @@ namespace Haptix.Materials
         public long? SchemaVersion { get; set; }
 
         /// <summary>
-        /// What the answers are.
+        /// Quantity of the answers.
         /// </summary>
         [Preserve, JsonProperty("target", NullValueHandling = NullValueHandling.Ignore)]
         public string Target { get; set; }
@@ -526,7 +526,7 @@ namespace Haptix.Materials
     /// name : str, optional
     /// By which `LayoutMaterial.region` finds it.
     /// material : FrictionField or Material
-    /// What is felt there; its origin lies at the region's corner.
+    /// Material; its origin lies at the region's corner.
     /// mask : FrictionField or Material, optional
     /// Opacity at every place of the region, as a share.
     ///
@@ -801,7 +801,7 @@ namespace Haptix.Materials
         public double? ShortestMm { get; set; }
 
         /// <summary>
-        /// What these are: shares of what the screen can reach, friction coefficients, or relative
+        /// Quantity of these: shares of the reach of the screen, friction coefficients, or relative
         /// changes of friction.
         /// </summary>
         [Preserve, JsonProperty("target", NullValueHandling = NullValueHandling.Ignore)]
@@ -898,8 +898,8 @@ namespace Haptix.Materials
         public long? SchemaVersion { get; set; }
 
         /// <summary>
-        /// What `low` and `high` are: shares of what the screen can reach, friction coefficients, or
-        /// relative changes of friction; see `haptix.feel.as_mu`.
+        /// Quantity of `low` and `high`: shares of the reach of the screen, friction coefficients,
+        /// or relative changes of friction; see `haptix.feel.as_mu`.
         /// </summary>
         [Preserve, JsonProperty("target", NullValueHandling = NullValueHandling.Ignore)]
         public string Target { get; set; }
@@ -1142,8 +1142,8 @@ namespace Haptix.Materials
         public long? SchemaVersion { get; set; }
 
         /// <summary>
-        /// What `low` and `high` are: shares of what the screen can reach, friction coefficients, or
-        /// relative changes of friction; see `haptix.feel.as_mu`.
+        /// Quantity of `low` and `high`: shares of the reach of the screen, friction coefficients,
+        /// or relative changes of friction; see `haptix.feel.as_mu`.
         /// </summary>
         [Preserve, JsonProperty("target", NullValueHandling = NullValueHandling.Ignore)]
         public string Target { get; set; }
@@ -1271,8 +1271,8 @@ namespace Haptix.Materials
         public double? StartMm { get; set; }
 
         /// <summary>
-        /// What `low` and `high` are: shares of what the screen can reach, friction coefficients, or
-        /// relative changes of friction; see `haptix.feel.as_mu`.
+        /// Quantity of `low` and `high`: shares of the reach of the screen, friction coefficients,
+        /// or relative changes of friction; see `haptix.feel.as_mu`.
         /// </summary>
         [Preserve, JsonProperty("target", NullValueHandling = NullValueHandling.Ignore)]
         public string Target { get; set; }
@@ -1515,8 +1515,8 @@ namespace Haptix.Materials
         public long? SchemaVersion { get; set; }
 
         /// <summary>
-        /// What `low` and `high` are: shares of what the screen can reach, friction coefficients, or
-        /// relative changes of friction; see `haptix.feel.as_mu`.
+        /// Quantity of `low` and `high`: shares of the reach of the screen, friction coefficients,
+        /// or relative changes of friction; see `haptix.feel.as_mu`.
         /// </summary>
         [Preserve, JsonProperty("target", NullValueHandling = NullValueHandling.Ignore)]
         public string Target { get; set; }

@@ -54,7 +54,7 @@ LINE = 0x80
 
 @cache
 def compiled() -> tuple[cffi.FFI, Any]:
-    """Return the compiled firmware, and what the host has compiled with it.
+    """Return the compiled firmware, and the host's functions compiled with it.
 
     Raises `DeviceError` if it is not there and cannot be built, or cannot be loaded.
     """
@@ -198,7 +198,7 @@ class Core:
 
     @property
     def is_whole(self) -> bool:
-        """Whether its memory passes its test, and its output is what was sent."""
+        """Whether its memory passes its test, and its output equals the samples sent."""
         return bool(self._lib.hx_device_is_whole(self._device))
 
     def read_back(

@@ -135,7 +135,7 @@ class AudioLink(HostedLink):
         return latency_s if 0.0 <= latency_s <= _MOST_LATENCY_S else None
 
     def _fill(self, out: npt.NDArray[np.float32], frames: int, times: Any, status: Any) -> None:
-        """Fill a block of PortAudio with what the firmware plays."""
+        """Fill a block of PortAudio with the firmware's output."""
         if status and status.output_underflow:
             self.underflows += 1
             _LOG.info("%s: PortAudio was served too late, %d times", self.name, self.underflows)
@@ -151,7 +151,7 @@ class AudioLink(HostedLink):
             self._fail("PortAudio ended the stream; the interface was unplugged or its server quit")
 
     def _end(self, plays_on: bool) -> None:
-        """Close; a stream that plays on is stopped, which plays out what it holds."""
+        """Close; a stream that plays on is stopped, which plays out its queue."""
         stream, self._stream = self._stream, None
         if stream is not None:
             with suppress(self._sounddevice.PortAudioError):

@@ -290,7 +290,7 @@ class DaqLink(HostedLink):
             self._silence()
 
     def _step(self) -> None:
-        """Write as many samples as the card has played; check that it plays, and what it plays."""
+        """Write as many samples as the card has played; check that it plays these samples."""
         played = self._task.out_stream.total_samp_per_chan_generated
         count = self._lead - (self._written - played)
         now_s = time.monotonic()

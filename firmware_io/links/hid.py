@@ -64,14 +64,14 @@ class Claim:
 
 #: hidapi's two modules. hidraw first: libusb takes the device from the kernel.
 BACKENDS = ("hidraw", "hid")
-#: Reports in one read: twice what the kernel keeps, since a device may send without end.
+#: Reports in one read: twice the kernel's queue, since a device may send without end.
 _MOST_REPORTS = 128
 
 
 def enumerate_drivers(
     backend: str, vendor_id: int = VENDOR_ID, product_id: int = PRODUCT_ID
 ) -> list[dict[str, Any]]:
-    """Return what hidapi says about each connected device with these numbers."""
+    """Return hidapi's record of each connected device with these numbers."""
     return list(import_module(backend).enumerate(vendor_id, product_id))
 
 
@@ -181,13 +181,13 @@ class HidLink(Link):
             node = Path(os.fsdecode(path))
             if backend == "hidraw" and not node.exists():
                 raise DeviceNotFoundError(
-                    f"There is no {node}; `haptix devices` lists what is connected."
+                    f"There is no {node}; `haptix devices` lists all connected ones."
                 ) from error
             if backend == "hid" and path not in [
                 f["path"] for f in import_module(backend).enumerate()
             ]:
                 raise DeviceNotFoundError(
-                    f"No HID device is at {node}; `haptix devices` lists what is connected."
+                    f"No HID device is at {node}; `haptix devices` lists all connected ones."
                 ) from error
             if backend == "hid":
                 node = _usb_node(path)
@@ -238,7 +238,7 @@ def _find(
         if places:
             return backend, places.pop()
     raise DeviceNotFoundError(
-        f"No HID device {wanted} is connected; `haptix devices` lists what is."
+        f"No HID device {wanted} is connected; `haptix devices` lists those that are."
     )
 
 

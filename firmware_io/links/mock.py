@@ -50,7 +50,7 @@ _BOTH = frozenset(StreamMode)
 _KEPT_S = 60.0
 # Tolerances in codes: of the ADC, and of an amplifier that lags behind a carrier.
 _READ_BACK_TOLERANCE = 3000
-# Pieces a second of what is played, then measured: a limit holds by that much later.
+# Pieces a second that are played, then measured: a limit holds by that much later.
 _CONVERTED_HZ = 4000
 # So few bytes that no queue overflows, whichever frames they hold.
 _LEAST_PIECE_BYTES = 512
@@ -87,7 +87,7 @@ class MockConverter:
     Attributes
     ----------
     failure : str or None
-        What is wrong: "dead" (0 always), "stuck" (the last code for ever), "noise" (alone: a broken
+        The fault: "dead" (0 always), "stuck" (the last code for ever), "noise" (alone: a broken
         electrode), "inverted", "saturated", "late", "silent" (no samples).
 
     Raises
@@ -226,7 +226,7 @@ class MockDriver:
         Returns the time in seconds, for the real pace.
     kept_s : float, optional
         Least length of the record of its output, in seconds. Default: all of the output at the
-        virtual pace and in steps, which play only what a program sends; a minute at the real pace,
+        virtual pace and in steps, which play only a program's samples; a minute at the real pace,
         which never ends.
     tests_itself : bool
         Whether it does the tests of a board at power-up, which take some milliseconds.

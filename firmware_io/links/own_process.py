@@ -30,9 +30,9 @@ from firmware_io.links.hosted import HostedLink
 _HEAD = struct.Struct("<BI")  # kind and bytes of a message of the process
 _BYTES, _OPENED, _FAILED = range(3)
 _START_S = 60.0  # on a machine that is busy
-_END_S = 3.0  # a ramp, and what the output holds
+_END_S = 3.0  # a ramp, and the queue of the output
 _HANG_S = 1.5  # a ramp, and the end of its library
-_TURN_S = 0.002  # between two looks for what the firmware reports unasked
+_TURN_S = 0.002  # between two looks for reports of the firmware
 _SWITCH_S = 5e-4
 
 
@@ -125,7 +125,7 @@ class OwnProcessLink(Link):
             raise DeviceDisconnectedError(f"{self.name} is closed; open the device again.")
 
     def _read(self) -> None:
-        """Take what the process says, until it ends; a thread's body."""
+        """Take the messages of the process, until it ends; a thread's body."""
         pipe = self._process.stdout
         assert pipe is not None
         with pipe:
@@ -150,7 +150,7 @@ class OwnProcessLink(Link):
 
 
 def ask_in_own_process(module: str, function: str) -> Any:
-    """Return what a function of a module writes to its standard output as JSON.
+    """Return the JSON that a function of a module writes to its standard output.
 
     Raises `DeviceError` if its process fails.
     """
@@ -200,7 +200,7 @@ def serve_link(open_link: Callable[..., HostedLink]) -> None:
     for number in (signal.SIGINT, signal.SIGTERM):  # the program ends first, and then this one
         signal.signal(number, signal.SIG_IGN)
     output, writing, ended = os.fdopen(os.dup(1), "wb"), threading.Lock(), threading.Event()
-    os.dup2(2, 1)  # what a library prints is no message
+    os.dup2(2, 1)  # a library's prints are no message
 
     def say(kind: int, data: bytes) -> None:
         with suppress(OSError), writing:  # nobody may be there any more

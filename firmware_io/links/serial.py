@@ -88,7 +88,7 @@ class SerialLink(Link):
             raise DeviceError(f"{self.name} cannot have baud={baud}: {error}.") from error
         except OSError as error:
             raise _refusal(self.name, error) from error
-        # Discard what an earlier host has left unread.
+        # Discard messages that an earlier host has left unread.
         self._port.reset_input_buffer()
 
     @property
@@ -172,7 +172,7 @@ def _search() -> tuple[str, list[DeviceInfo]]:
             "A driver by its USB numbers." if is_driver else OTHER_DEVICE,
         )
         for port, is_driver in _ports()
-        if port.vid is not None  # a built-in port does not say what is connected to it
+        if port.vid is not None  # a built-in port does not identify the device on it
     ]
     return f"pyserial {pyserial().__version__}", devices
 

@@ -143,7 +143,7 @@ class UsbLink(Link):
                 )
         if not devices:
             raise DeviceNotFoundError(
-                f"No USB device {wanted} is connected there; `haptix devices` lists what is."
+                f"No USB device {wanted} is connected there; `haptix devices` lists those that are."
             )
         if len(devices) > 1:
             where = ", ".join(f"bus={d.bus},address={d.address}" for d in devices)
@@ -232,7 +232,7 @@ class UsbLink(Link):
                 if self._device.is_kernel_driver_active(self._interface):
                     self._device.detach_kernel_driver(self._interface)
             self._util.claim_interface(self._device, self._interface)
-            # Discard what an earlier host has left unread.
+            # Discard messages that an earlier host has left unread.
             for _ in range(64):
                 if len(self._device.read(self._in, _READ_BYTES, 1)) == 0:
                     break

@@ -149,7 +149,7 @@ class FrameKind(IntEnum):
 
 
 class SensorProblem(IntEnum):
-    """Why the driver does not believe its converter, and limits what it computes alone."""
+    """Why the driver does not believe its converter, and limits a computed current alone."""
 
     NONE = 0
     STUCK = 1
@@ -345,7 +345,7 @@ class StatusReport:
     """Device: its state."""
 
     state: DeviceState
-    """What it does at the moment."""
+    """Its state at the moment."""
     fault: FaultCode
     """The first fault since the last accepted HELLO, SETUP or ARM."""
     next_sequence: int

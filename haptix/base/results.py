@@ -145,13 +145,13 @@ class ResultStore:
         if not data:
             return None, f"{MANIFEST} is empty"
         if manifest is None:
-            return None, f"{MANIFEST} is not what was written"
+            return None, f"{MANIFEST} was changed since it was written"
         for name, written in manifest["files"].items():
             data = self.read(f"{folder_of(key)}/{name}")
             if data is None:
                 return None, f"{name} is missing"
             if hashlib.sha256(data).hexdigest() != written["sha256"]:
-                return None, f"{name} is {'not what was written' if data else 'empty'}"
+                return None, f"{name} {'was changed since it was written' if data else 'is empty'}"
         return manifest, ""
 
     def remove(self, key: str) -> None:

@@ -144,7 +144,7 @@ TASKS: dict[str, tuple[str, str]] = {
     ),
     "calibrate fit": (
         "calibration.result_tasks:FitSession",
-        "Fit screen and finger, and report what the strokes determine.",
+        "Fit screen and finger, and report the parameters that the strokes determine.",
     ),
     "calibrate verify": (
         "calibration.result_tasks:Verify",
@@ -164,7 +164,7 @@ TASKS: dict[str, tuple[str, str]] = {
     ),
     "calibrate period": (
         "calibration.result_tasks:Period",
-        "Find the spatial period of what was touched, with its significance and its harmonic.",
+        "Find the spatial period of the touched surface, with its significance and its harmonic.",
     ),
     "calibrate instruments": (
         "calibration.keeping_tasks:CheckInstruments",
@@ -204,11 +204,11 @@ TASKS: dict[str, tuple[str, str]] = {
     ),
     "calibrate gauge": (
         "calibration.keeping_tasks:StudyGauge",
-        "Find how much of what was measured is the panels', and how much the operators' and the days'.",
+        "Find the shares of panels, operators and days in the variance of the measured values.",
     ),
     "calibrate columns": (
         "calibration.tasks:Columns",
-        "Show what a recording of another program was understood as, and propose its column map.",
+        "Show how a recording of another program was understood, and propose its column map.",
     ),
 }
 """``module:Class`` and first sentence of each task by the words of its command, as help lists them."""

@@ -1,4 +1,4 @@
-"""What a finger feels: signals, materials, layouts, and how fingers move."""
+"""All that a finger can feel: signals, materials, layouts, and how fingers move."""
 
 import lazy_loader
 

@@ -194,7 +194,7 @@ def _texture_table(texture: FrictionField) -> dict[str, Any]:
 class AlongPath(Signal):
     """Values of a texture where the finger is: on the line y = 0, with all detail.
 
-    The numbers of the texture are in the stimulus's quantity, whatever its target says.
+    The numbers of the texture are in the stimulus's quantity; its target is not read.
 
     Parameters
     ----------
@@ -293,7 +293,7 @@ def relief(
     return AlongPath(profile, speed_from(speed), length_s)
 
 
-_REPORT_S = 1e-3  # between what a material hears of the finger
+_REPORT_S = 1e-3  # between two reports of the finger to a material
 
 
 class MaterialSignal(Signal):
@@ -326,7 +326,7 @@ class MaterialSignal(Signal):
 
     @property
     def target(self) -> TargetKind:
-        """What the values are."""
+        """Quantity of the values."""
         return self.of.evaluator.target
 
     def describe(self) -> dict[str, Any]:

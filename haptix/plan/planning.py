@@ -120,7 +120,7 @@ class Plan:
     accuracy: str
     """Intervals at the scene's highest drives, see `haptix.model.Accuracy`."""
     warnings: tuple[str, ...]
-    """Where the scene lies below what was validated, or its highest voltages past a limit."""
+    """Where the scene lies below the validated range, or its highest voltages past a limit."""
 
     def record(self) -> dict[str, Any]:
         """Return the decisions as plain values, to be stored in the surface.
@@ -182,7 +182,7 @@ class Plan:
 def plan_scene(
     scene: Scene, on_progress: Callable[[float], None] = lambda share: None, points: int = 300
 ) -> Plan:
-    """Decide what a scene's surface needs.
+    """Decide on the terms and accuracy of a scene's surface.
 
     Each thing that can be left out is switched off alone, at the same seeded points of the scene,
     and its effect on friction and its time are measured. Then things are dropped one by one, first
@@ -253,8 +253,9 @@ def plan_scene(
     ranges = scene.ranges()
     if scene.not_shown == "refuse" and highest.accuracy.not_shown:
         raise InputError(
-            f"not_shown: the scene refuses what was not shown, and its {highest.accuracy}; narrow "
-            'it to what was shown (docs/mean-field.md), or set not_shown = "warn"'
+            "not_shown: the scene refuses states whose accuracy was not shown, and its "
+            f"{highest.accuracy}; narrow "
+            'it to states where it was (docs/mean-field.md), or set not_shown = "warn"'
         )
     lightest = trials.model(chosen).solve(scene.normal_force_n[0], 0.0, ranges["frequency_hz"][0])
     verified = scene.screen.verified
@@ -378,7 +379,7 @@ def _spend(
         if out in decisions:
             continue
         alone = effects[out]
-        why = f"with what is dropped, more than {share:.2g} JND"
+        why = f"with all dropped parts, more than {share:.2g} JND"
         if alone.is_past_breakdown:
             why = f"without it the surface would end {alone.overreach:.0%} past breakdown"
         elif alone.jnd_max > share:

@@ -248,7 +248,7 @@ class Scene(Document):
         return possible_terms(self.finger, self.screen, FIDELITIES[fidelity])
 
     def terms(self, fidelity: FidelityName = "mean-field") -> frozenset[str]:
-        """Names of the possible terms; of those left to the scene, only what it asks for."""
+        """Names of the possible terms; of those left to the scene, only those it asks for."""
         wanted, possible = self.override.terms, self.possible_terms(fidelity)
         return frozenset(t for t in possible if wanted.get(t) or not TERMS[t].left_to_scene)
 

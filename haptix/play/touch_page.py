@@ -40,7 +40,7 @@ def page_files(program: bytes, felt: Material, title: str) -> dict[str, bytes]:
     program : bytes
         Of `compile_touch`.
     felt : Material
-        What was compiled; the page shows a picture of it, dark where the friction is low.
+        The compiled material; the page shows a picture of it, dark where the friction is low.
     title : str
         Heading of the page.
 

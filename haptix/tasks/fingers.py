@@ -36,7 +36,7 @@ class MakeFinger(Task, command="finger", route="fingers", keeps="results"):
     """Make a finger of a height map, line scans or a spectrum, and of a dielectric table.
 
     Writes finger.toml and a picture: the map, its spectrum beside that of the model, and the waves
-    that were added or are not known. A finger keeps what it was made of in its notes.
+    that were added or are not known. A finger keeps its sources in its notes.
     """
 
     measurements: Annotated[tuple[FileThere, ...], Argument] = Field(
@@ -141,7 +141,7 @@ class MakeFinger(Task, command="finger", route="fingers", keeps="results"):
         return Result(document, [(f"haptix finger: {self.name}", [row])], notes)
 
     def _measured(self) -> tuple[MeasuredSurface | None, RoughnessSpectrum]:
-        """Read the roughness, and compare its h_rms with what is known of it."""
+        """Read the roughness, and compare its h_rms with the published one."""
         from haptix.model.contact import RoughnessSpectrum
         from haptix.model.contact.measured_files import MeasuredTable, read_spectrum, read_surface
         from haptix.model.contact.topography import MeasuredSurface

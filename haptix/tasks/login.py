@@ -46,7 +46,7 @@ class Login(ABC):
         self.home = home
 
     path: Path
-    """The file that the system reads, or from which it was told."""
+    """The file that the system reads, or from which it was registered."""
 
     @abstractmethod
     def text(self, command: Sequence[str]) -> bytes:
@@ -275,8 +275,8 @@ class RemoveService(Task, command="service remove"):
             if empty.is_dir() and not any(empty.iterdir()):
                 empty.rmdir()
         _do(system.forget)
-        said = "removed" if was_there else "there was none"
-        return Result({"removed": was_there}, lines=[f"the service at log-in: {said}"])
+        state = "removed" if was_there else "there was none"
+        return Result({"removed": was_there}, lines=[f"the service at log-in: {state}"])
 
 
 class ServiceStatus(Task, command="service status"):

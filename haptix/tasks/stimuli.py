@@ -396,8 +396,8 @@ class Simulate(Task, command="stimuli simulate"):
         simulated = [*simulations(plan, *observers, self.runs, comparison)]
         if comparison is not None:
             least = simulated[0].expected_s() * ceil(len(simulated) / self.workers) / 60
-            said = f"expected: {least:.0f} to {4 * least:.0f} minutes, until powers are known"
-            context.tell(step=f"{said} within 0.02")
+            expected = f"expected: {least:.0f} to {4 * least:.0f} minutes, until powers are known"
+            context.tell(step=f"{expected} within 0.02")
         with Here() if self.workers == 1 else Processes(self.workers) as executor:
             rows = [row for rows in executor.map(SimulateObserver.rows, simulated) for row in rows]
         if self.participants is not None:

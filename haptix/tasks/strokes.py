@@ -95,7 +95,7 @@ class OfPhotograph(OnScreen):
         None, description="Width of the photograph on the screen."
     )
     mu_range: Annotated[Range, Local()] | None = Field(
-        None, description="LOW,HIGH friction coefficients. [default: what is reachable]"
+        None, description="LOW,HIGH friction coefficients. [default: the reach]"
     )
     trajectory: FileThere | None = Field(
         None,

@@ -157,7 +157,7 @@ def test_a_clock_that_was_set_back_and_a_damaged_register_change_nothing(tmp_pat
     path = tmp_path / "register.json"
     enter(path, "panel 1")
     before = path.read_bytes()
-    with pytest.raises(haptix.InputError, match=r"clock says 2026-02-28.*nothing was changed"):
+    with pytest.raises(haptix.InputError, match=r"clock shows 2026-02-28.*nothing was changed"):
         update_register(path, DAY - timedelta(days=1), lambda register: register)
     assert path.read_bytes() == before
     path.write_bytes(before[:-9])

@@ -1,14 +1,14 @@
-/** What a session can be asked. Made by scripts/client_calls.py from the description of the session; do not edit. */
+/** The requests of a session. Made by scripts/client_calls.py from the description of the session; do not edit. */
 
 /** @import * as m from "../types/messages.js" */
 
 /** The messages of a session that are answered; each rejects with `Refused` or `Lost`. */
 export class Calls {
-  /** What is felt where. */
+  /** The materials by place. */
   layout = new Layout(this);
 
   /**
-   * Send a message and return its answer; what is undefined is left out.
+   * Send a message and return its answer; undefined fields are left out.
    * @param {string} type
    * @param {object} [fields]
    * @returns {Promise<any>}
@@ -126,7 +126,7 @@ export class Calls {
   }
 }
 
-/** What is felt where; the service keeps it for who connects again. */
+/** The materials by place; the service keeps it for who connects again. */
 export class Layout {
   #calls;
   #count = 0;

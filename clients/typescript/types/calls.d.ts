@@ -1,12 +1,12 @@
-/** What a session can be asked. Made by scripts/client_calls.py from the description of the session; do not edit. */
+/** The requests of a session. Made by scripts/client_calls.py from the description of the session; do not edit. */
 import type * as m from "../types/messages.js";
 /** @import * as m from "../types/messages.js" */
 /** The messages of a session that are answered; each rejects with `Refused` or `Lost`. */
 export declare class Calls {
-    /** What is felt where. */
+    /** The materials by place. */
     layout: Layout;
     /**
-     * Send a message and return its answer; what is undefined is left out.
+     * Send a message and return its answer; undefined fields are left out.
      * @param {string} type
      * @param {object} [fields]
      * @returns {Promise<any>}
@@ -73,7 +73,7 @@ export declare class Calls {
      * @returns {Promise<m.Job>} */
     watch(job: m.Watch["job"]): Promise<m.Job>;
 }
-/** What is felt where; the service keeps it for who connects again. */
+/** The materials by place; the service keeps it for who connects again. */
 export declare class Layout {
     #private;
     /** @param {Calls} calls */

@@ -67,7 +67,7 @@ export type Signal =
 export interface Button {
   kind: "button";
   /**
-   * What `low` and `high` are: shares of what the screen can reach, friction coefficients, or relative changes of friction; see `haptix.feel.as_mu`.
+   * Quantity of `low` and `high`: shares of the reach of the screen, friction coefficients, or relative changes of friction; see `haptix.feel.as_mu`.
    */
   target?: "share" | "mu" | "contrast";
   /**
@@ -114,7 +114,7 @@ export interface ByForce {
    */
   mu?: number[] | null;
   /**
-   * What the curve multiplies.
+   * Material that the curve multiplies.
    */
   of?: Material1 | null;
   /**
@@ -137,7 +137,7 @@ export interface BySpeed {
    */
   mu?: number[] | null;
   /**
-   * What the curve multiplies.
+   * Material that the curve multiplies.
    */
   of?: Material1 | null;
   /**
@@ -152,7 +152,7 @@ export interface BySpeed {
 export interface Dial {
   kind: "dial";
   /**
-   * What `low` and `high` are: shares of what the screen can reach, friction coefficients, or relative changes of friction; see `haptix.feel.as_mu`.
+   * Quantity of `low` and `high`: shares of the reach of the screen, friction coefficients, or relative changes of friction; see `haptix.feel.as_mu`.
    */
   target?: "share" | "mu" | "contrast";
   /**
@@ -210,7 +210,7 @@ export interface WebEffect {
 export interface Envelope {
   kind: "envelope";
   /**
-   * What the curve multiplies.
+   * Material that the curve multiplies.
    */
   of:
     | Button
@@ -252,7 +252,7 @@ export interface Envelope {
 export interface Grating {
   kind: "grating";
   /**
-   * What `low` and `high` are: shares of what the screen can reach, friction coefficients, or relative changes of friction; see `haptix.feel.as_mu`.
+   * Quantity of `low` and `high`: shares of the reach of the screen, friction coefficients, or relative changes of friction; see `haptix.feel.as_mu`.
    */
   target?: "share" | "mu" | "contrast";
   /**
@@ -291,7 +291,7 @@ export interface Grating {
 export interface Heights {
   kind: "heights";
   /**
-   * What `low` and `high` are: shares of what the screen can reach, friction coefficients, or relative changes of friction; see `haptix.feel.as_mu`.
+   * Quantity of `low` and `high`: shares of the reach of the screen, friction coefficients, or relative changes of friction; see `haptix.feel.as_mu`.
    */
   target?: "share" | "mu" | "contrast";
   /**
@@ -334,7 +334,7 @@ export interface LayoutMaterial {
    */
   background?: number | Material1;
   /**
-   * What the answers are.
+   * Quantity of the answers.
    */
   target?: "share" | "mu" | "contrast";
   schema_version?: 1;
@@ -347,7 +347,7 @@ export interface LayoutMaterial {
  * name : str, optional
  *     By which `LayoutMaterial.region` finds it.
  * material : FrictionField or Material
- *     What is felt there; its origin lies at the region's corner.
+ *     Material; its origin lies at the region's corner.
  * mask : FrictionField or Material, optional
  *     Opacity at every place of the region, as a share.
  *
@@ -433,7 +433,7 @@ export interface Noise {
    */
   deviation?: number;
   /**
-   * What these are: shares of what the screen can reach, friction coefficients, or relative changes of friction.
+   * Quantity of these: shares of the reach of the screen, friction coefficients, or relative changes of friction.
    */
   target?: "share" | "mu" | "contrast";
   /**
@@ -507,7 +507,7 @@ export interface Penn {
 export interface Photograph {
   kind: "photograph";
   /**
-   * What `low` and `high` are: shares of what the screen can reach, friction coefficients, or relative changes of friction; see `haptix.feel.as_mu`.
+   * Quantity of `low` and `high`: shares of the reach of the screen, friction coefficients, or relative changes of friction; see `haptix.feel.as_mu`.
    */
   target?: "share" | "mu" | "contrast";
   /**
@@ -565,7 +565,7 @@ export interface Recording {
 export interface Relief {
   kind: "relief";
   /**
-   * What `low` and `high` are: shares of what the screen can reach, friction coefficients, or relative changes of friction; see `haptix.feel.as_mu`.
+   * Quantity of `low` and `high`: shares of the reach of the screen, friction coefficients, or relative changes of friction; see `haptix.feel.as_mu`.
    */
   target?: "share" | "mu" | "contrast";
   /**
@@ -604,7 +604,7 @@ export interface Relief {
 export interface Slider {
   kind: "slider";
   /**
-   * What `low` and `high` are: shares of what the screen can reach, friction coefficients, or relative changes of friction; see `haptix.feel.as_mu`.
+   * Quantity of `low` and `high`: shares of the reach of the screen, friction coefficients, or relative changes of friction; see `haptix.feel.as_mu`.
    */
   target?: "share" | "mu" | "contrast";
   /**
@@ -682,7 +682,7 @@ export interface Spectral {
 export interface Toggle {
   kind: "toggle";
   /**
-   * What `low` and `high` are: shares of what the screen can reach, friction coefficients, or relative changes of friction; see `haptix.feel.as_mu`.
+   * Quantity of `low` and `high`: shares of the reach of the screen, friction coefficients, or relative changes of friction; see `haptix.feel.as_mu`.
    */
   target?: "share" | "mu" | "contrast";
   /**

@@ -30,7 +30,7 @@ FAMILIES = (
 
 @dataclass(frozen=True)
 class Preset:
-    """A material with what a person needs to choose it.
+    """A material with the facts by which a person chooses it.
 
     Attributes
     ----------

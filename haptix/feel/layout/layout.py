@@ -124,7 +124,7 @@ class LayoutRegion:
 
     @property
     def material(self) -> Feelable:
-        """What is felt there."""
+        """Material of the region."""
         return self.fields.material
 
     @property
@@ -177,9 +177,9 @@ class Layout(Mapped):
     Parameters
     ----------
     background : float or Feelable
-        What is felt below all regions, a number of the kind `target`.
+        Material below all regions, or a number of the kind `target`.
     target : {"share", "mu", "contrast"}
-        What the answers are. Materials of another kind are converted by what the screen can reach.
+        Quantity of the answers. Materials of another kind are converted by the reach of the screen.
 
     Examples
     --------
@@ -221,7 +221,7 @@ class Layout(Mapped):
         Parameters
         ----------
         material : FrictionField or Material
-            What is felt there; its origin lies at the region's corner.
+            Material; its origin lies at the region's corner.
         x_mm, y_mm : float
             Corner on the screen, upper left, before it is turned.
         width_mm, height_mm : float, optional
@@ -307,7 +307,7 @@ class Layout(Mapped):
 
     @property
     def background(self) -> Evaluator | float:
-        """What is felt below all regions."""
+        """Material below all regions."""
         return self._background
 
     @property
@@ -412,7 +412,7 @@ class Layout(Mapped):
         Parameters
         ----------
         facts : Facts
-            What the finger has done so far.
+            Facts of the finger so far.
         before : Report or None
             The report before; None when it comes down.
         now : Report
@@ -550,7 +550,7 @@ class Listeners:
         Parameters
         ----------
         texture : Feelable
-            What the finger is on.
+            Material under the finger.
         touch_id : int
         t_s : float
             Time stamp of the report [s].

@@ -38,7 +38,7 @@ class LayoutMaterial(Material):
     background : float or material
         Friction below all regions.
     target : {"share", "mu", "contrast"}
-        What the answers are.
+        Quantity of the answers.
     """
 
     kind: Literal["layout"] = "layout"
@@ -81,7 +81,7 @@ _PLACE_MM = (0.0, 45.0, 0.0, 30.0)
 
 
 def shown_place_mm(felt: Material) -> tuple[float, float, float, float]:
-    """Return where a material is shown: its extent, and what a layout has around its regions."""
+    """Return where a material is shown: its extent, and a layout's around its regions."""
     place = felt.extent_mm
     left, right, top, bottom = place
     if not (math.isfinite(right - left + bottom - top) and right > left and bottom > top):

@@ -87,7 +87,7 @@ class Sections:
 
 
 class FeltRecords:
-    """What is felt, as records: a material of the background, and regions from the bottom up.
+    """A layout as records: a material of the background, and regions from the bottom up.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ class FeltRecords:
         )  # fmt: skip
 
     def _material(self, name: str, felt: Evaluator) -> int:
-        """Number of the record of what is felt; it is written once."""
+        """Number of a material's record; each is written once."""
         if id(felt) not in self._known:
             self._known[id(felt)] = self._record(name, felt)
             self._kept.append(felt)

@@ -49,7 +49,7 @@ class _Fields(BaseModel):
 
 
 class Place(_Fields):
-    """Where a region lies; what is None is as it was, or as a new region has it.
+    """Where a region lies; a None keeps the value, or takes that of a new region.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class Place(_Fields):
 
 
 class RegionFields(Place):
-    """Where a region lies, and how it lies on what is below.
+    """Where a region lies, and how it combines with the regions below.
 
     Parameters
     ----------

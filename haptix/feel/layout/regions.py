@@ -49,7 +49,7 @@ class Shown:
     evaluators: tuple[Evaluator, ...] = ()
     """Of all regions, each once."""
     multiplies: bool = False
-    """Whether any region multiplies what is below it."""
+    """Whether any region multiplies the friction below it."""
     has_priorities: bool = False
     """Whether any region has a priority."""
     controls: tuple[RegionState, ...] = ()
@@ -101,7 +101,7 @@ class Region(RegionFields):
     name : str, optional
         By which `LayoutMaterial.region` finds it.
     material : FrictionField or Material
-        What is felt there; its origin lies at the region's corner.
+        Material; its origin lies at the region's corner.
     mask : FrictionField or Material, optional
         Opacity at every place of the region, as a share.
 

@@ -1,6 +1,6 @@
-"""Materials: what a surface feels like, as documents that answer for blocks of motion.
+"""Materials: the feel of a surface, as documents that answer for blocks of motion.
 
-A `Material` is asked `wanted(motion)` and says what it `depends_on`. `load` reads one from a file,
+A `Material` is asked `wanted(motion)` and lists what it `depends_on`. `load` reads one from a file,
 `KINDS` holds every kind by the name that documents use. ``docs/materials.md`` has them with
 pictures, and how to make one of your own.
 """

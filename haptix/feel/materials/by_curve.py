@@ -32,7 +32,7 @@ class _ByCurve(Material):
     mu : list of float
         Friction coefficients instead.
     of : material, optional
-        What the curve multiplies.
+        Material that the curve multiplies.
     """
 
     corners: ClassVar[str]

@@ -69,7 +69,7 @@ def as_mu(target: TargetKind, value: Floats, lowest_mu: Floats, highest_mu: Floa
 
     Examples
     --------
-    >>> round(as_mu("share", 0.5, lowest_mu=0.2, highest_mu=0.4), 6)  # half of what is reachable
+    >>> round(as_mu("share", 0.5, lowest_mu=0.2, highest_mu=0.4), 6)  # half of the reach
     0.3
     >>> as_mu("mu", 0.35, lowest_mu=0.2, highest_mu=0.4)
     0.35
@@ -138,7 +138,7 @@ class Mapped(_Feelable):
 
 
 class FrictionField(Mapped, ABC):
-    """Target friction at every place of the screen, band-limited to what the drive can follow.
+    """Target friction at every place of the screen, limited to the band that the drive can follow.
 
     A field depends on places alone, and so is its evaluator itself. x points right and y down, in
     millimetres from the screen's corner. A field has no state, so that any thread may use it.
@@ -276,7 +276,7 @@ class Evaluator(Protocol):
         Parameters
         ----------
         facts : Facts
-            What the finger has done so far.
+            Facts of the finger so far.
         before : Report or None
             The report before; None when it comes down.
         now : Report
@@ -292,7 +292,7 @@ def check_feelable(name: str, texture: Any) -> None:
     name : str
         Name of the argument, with which the message begins.
     texture : object
-        What was given.
+        Value of the argument.
     """
     # Look at the class first: reading the instance's property may compute much.
     has_one = hasattr(type(texture), "evaluator") or hasattr(texture, "evaluator")

@@ -47,10 +47,10 @@ ANY_KIND = "a material of any kind"
 
 
 class Material(Mapped, Kind):
-    """What a surface feels like: a document that answers for blocks of motion.
+    """The feel of a surface: a document that answers for blocks of motion.
 
     A subclass is one kind. It gives `kind` its name, adds fields, and defines `wanted`, or
-    `evaluator` where answers need something made once. It also says what it depends on. Answers are
+    `evaluator` where answers need something made once. It lists what it depends on. Answers are
     shares of the reachable friction unless a field ``target`` says otherwise, 0 outside unless
     there is a field ``outside``. A package brings a kind with an entry point of the group
     ``haptix.feel.materials``.
@@ -100,7 +100,7 @@ class Material(Mapped, Kind):
         Parameters
         ----------
         facts : Facts
-            What the finger has done so far.
+            Facts of the finger so far.
         before : Report or None
             The report before; None when it comes down.
         now : Report
@@ -220,7 +220,7 @@ class Scaled(Material):
     Parameters
     ----------
     target : {"share", "mu", "contrast"}
-        What `low` and `high` are: shares of what the screen can reach, friction coefficients, or
+        Quantity of `low` and `high`: shares of the reach of the screen, friction coefficients, or
         relative changes of friction; see `haptix.feel.as_mu`.
     low, high : float
         Friction at the lowest and at the highest level.

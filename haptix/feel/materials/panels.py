@@ -208,7 +208,7 @@ def effects_of_steps(material: Material, lowest_mu: float, highest_mu: float) ->
     dict
         The 95th percentile of the change, in JND, over seeded places, times, directions, speeds and
         forces, by the field's name; without those that allow no step. A pattern that is moved
-        changes by its whole height: that is what a finger would feel at a place, not how well it
+        changes by its whole height: a finger would feel that at a place, which is not how well it
         could tell both patterns apart.
     """
     from haptix.model.perception.thresholds import WEBER_FRACTION  # with torch

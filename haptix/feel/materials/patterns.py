@@ -28,7 +28,7 @@ _TINY_S = 1e-6  # an edge takes this long
 
 
 class NotFeltWarning(UserWarning):
-    """Part of what a file or a model asks for cannot be felt on a screen; the message says what."""
+    """A part of a file or a model cannot be felt on a screen; the message names it."""
 
 
 def fields_of(path: Path) -> dict[str, Any]:
@@ -176,7 +176,7 @@ def hjif_profile(path: Path) -> tuple[list[float], list[float], list[str]]:
         channel = first["channels"][0]
         bands = [band for band in channel["bands"] if band["band_type"] == "Curve"]
         if not bands:
-            raise FileFormatError(f"{path}: expected a band of curves, which is what is read")
+            raise FileFormatError(f"{path}: expected a band of curves, the only kind that is read")
         for what, there in (
             ("perceptions", perceptions), ("channels", first["channels"]),
             ("bands", channel["bands"]),

@@ -112,7 +112,7 @@ def contents_of(root: ET.Element) -> Contents:
     variance = np.array([_number(model, "var") for model in models])
     if not (rate > 0 and mu >= 0 and (variance >= 0).all()):
         raise ValueError("expected a SampleRate above 0 and mu and var of 0 or more")
-    # A pure autoregression has no gain, whatever the file says.
+    # A pure autoregression has no gain, even where the file states one.
     gain = [_number(model, "gain", 1.0) if ma_order else 1.0 for model in models]
     return Contents(
         (root.findtext("material") or "").strip() or "unnamed",

@@ -49,9 +49,9 @@ def picture(
     t_s : float
         When.
     sweeps : bool
-        Where the place says nothing, the width stands for what does: speeds up to 200 mm/s, or the
-        first half second, at 0.1 s of which an event happens. Of what depends on force, the height
-        stands for 0 to 1 N.
+        Where friction does not depend on the place, the width stands for the other input: speeds up
+        to 200 mm/s, or the first half second, at 0.1 s of which an event happens. Where it depends
+        on force, the height stands for 0 to 1 N.
     corner_mm : (float, float)
         Upper left corner of the grid.
 

@@ -277,7 +277,7 @@ def _of_tiff(tiff: tifffile.TiffFile) -> tuple[npt.NDArray[Any], bool]:
 
 
 def _turned(pixels: npt.NDArray[Any], orientation: int) -> npt.NDArray[Any]:
-    """Upright pixels; the orientation says where row 0 and column 0 are (TIFF 6.0, page 36)."""
+    """Upright pixels; the orientation states where row 0 and column 0 are (TIFF 6.0, page 36)."""
     if orientation in (5, 6, 7, 8):
         pixels = pixels.swapaxes(0, 1)
     if orientation in (3, 4, 7, 8):

@@ -39,7 +39,7 @@ class RecordedProfile(Displayed, FrictionField):
     value : array_like, shape (samples,)
         Recorded values there.
     target : {"mu", "contrast", "share"}
-        What the values are, see `haptix.feel.as_mu`.
+        Quantity of the values, see `haptix.feel.as_mu`.
     orientation_deg : float
         Direction of the line from the origin: 0 to the right, 90 down.
     beyond : {"outside", "hold"}

@@ -455,7 +455,7 @@ class Noise(FrictionField, Material):
     mean, deviation : float
         Mean of the friction, and how far it strays from it.
     target : {"share", "mu", "contrast"}
-        What these are: shares of what the screen can reach, friction coefficients, or relative
+        Quantity of these: shares of the reach of the screen, friction coefficients, or relative
         changes of friction.
     seed : int
         Same seed, same noise.

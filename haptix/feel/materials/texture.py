@@ -24,8 +24,8 @@ from haptix.feel.materials.pyramid import Pyramid
 
 HeightRule = Literal["height", "slope-magnitude", "slope-along"]
 """``"height"``: the higher, the more friction. ``"slope-magnitude"``: the steeper in whatever
-direction, the more. ``"slope-along"``: what a finger that strokes along `direction_deg` feels as
-lateral force, more uphill and less downhill, with level 0.5 on the flat (Robles-De-La-Torre and
+direction, the more. ``"slope-along"``: like the lateral force on a finger that strokes along
+`direction_deg`, more uphill and less downhill, with level 0.5 on the flat (Robles-De-La-Torre and
 Hayward, Nature 412, 445 (2001)); a stroke against the direction feels it inside out."""
 
 LEFT_OUT: float = cast("float", None)
@@ -136,7 +136,7 @@ class Texture(Displayed, FrictionField):
     width_mm : float
         Width on the screen; the height follows from the pixels, which are square.
     target : {"share", "mu", "contrast"}
-        What `low` and `high` are: shares of what the screen can reach, friction coefficients, or
+        Quantity of `low` and `high`: shares of the reach of the screen, friction coefficients, or
         relative changes of friction; see `haptix.feel.as_mu`.
     low, high : float
         Friction at levels 0 and 1; of a share, 0 and 1 where they are left out.
@@ -252,7 +252,7 @@ class Texture(Displayed, FrictionField):
         Raises
         ------
         FileFormatError, InputError
-            If one of the two files is missing, or is not what it should be.
+            If one of the two files is missing, or is of another format.
         """
         beside = Sidecar.load(Sidecar.path_for(image))
         how = (beside.width_mm, beside.polarity, beside.target, beside.low, beside.high)

@@ -142,7 +142,7 @@ class Envelope(Material):
     Parameters
     ----------
     of : material
-        What the curve multiplies.
+        Material that the curve multiplies.
     curve : signal
         Factors against time; before and after, those of its ends.
     loop : bool
@@ -233,7 +233,7 @@ class WebEffect(_FromEvent):
     """One of the web's effects, with an intensity.
 
     ``hint``: something can be done here. ``edge``: the end of a range. ``tick``: a step of it.
-    ``align``: two things are in line; friction rises, then falls below what it was. ``success``:
+    ``align``: two things are in line; friction rises, then falls below its start. ``success``:
     two ticks. ``error``: three edges. They ask for changes relative to the friction without
     voltage, so that each finger and screen that can give them gives the same.
 

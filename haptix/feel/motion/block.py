@@ -523,7 +523,7 @@ def unmoved(facts: Facts, before: Report | None, now: Report) -> Facts:
     Parameters
     ----------
     facts : Facts
-        What the finger has done so far.
+        Facts of the finger so far.
     before, now : Report
         Reports of it, which change nothing.
     """

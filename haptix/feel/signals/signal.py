@@ -280,7 +280,7 @@ def signal_from(table: Any, place: str = "") -> Signal:
 
 
 ANY_SIGNAL = "a signal of any kind"
-"""Stands in schemas for all kinds: pydantic knows no reference to what is registered later."""
+"""Stands in schemas for all kinds: pydantic knows no reference to kinds registered later."""
 
 AnySignal = Annotated[
     Signal,

@@ -1,4 +1,4 @@
-"""What a plan is worth before its first session, by simulation.
+"""The power of a plan before its first session, by simulation.
 
 An experiment is run by simulated observers: precision of its thresholds, and the participants that
 it needs. Of a set of stimuli, each is rendered, and its sensation level follows from the attraction

@@ -30,14 +30,14 @@ _DRAWN = ("seed", "order", "first_row")  # differ between sessions
 
 
 class Preregistration(Document):
-    """What a study has stated before its data.
+    """The statements of a study before its data.
 
     Parameters
     ----------
     name, task : str
         Of the experiment.
     method : mapping
-        As `Method.describe` has it, without what is drawn for each session.
+        As `Method.describe` has it, without the draws of each session.
     exclude : Exclude
         Rules by which a session is left out.
     participants : int

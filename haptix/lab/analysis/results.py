@@ -211,9 +211,9 @@ class Analysis:
         participants; "differences" of conditions within participants; "scale-differences" and
         "magnitude-differences" of items or levels; "map" and "map-fit"; "trials" of comparisons.
     notes : tuple of str
-        What was mixed or is missing.
+        Mixed or missing data.
     runs : tuple of RunOfMethod
-        What the tables are made of, for pictures.
+        Data of the tables, for pictures.
     """
 
     tables: dict[str, list[Row]]
@@ -237,7 +237,7 @@ def analyse(
     Parameters
     ----------
     source : path
-        What is analysed.
+        Data to analyse.
     preregistration : path, optional
         File of `haptix.lab.analysis.preregistration.Preregistration`.
     columns : TrialColumns, optional
@@ -375,7 +375,7 @@ def write_analysis(
     Parameters
     ----------
     analysis : Analysis
-        What is written.
+        Content to write.
     out : path
         Folder.
     title : str

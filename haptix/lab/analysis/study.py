@@ -152,7 +152,7 @@ def write_session(
 
 
 def _write(files: Mapping[Path, bytes], study: Path, record: Path) -> None:
-    """Write the files of a session, and keep their hashes; what was changed since is refused.
+    """Write the files of a session, and keep their hashes; a file changed since is refused.
 
     While they are written, `record` has the old hashes and the new ones, so that an export that was
     stopped can be done again.

@@ -129,7 +129,7 @@ class MethodsByCondition(Method):
     interleaved : bool
         Each trial's condition is drawn from those that are not done; otherwise one follows another.
     seed : int
-        Seed of what is drawn.
+        Seed of the draws.
     """
 
     methods: Mapping[str, Method]

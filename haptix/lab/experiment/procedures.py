@@ -217,7 +217,7 @@ class Quest(ThresholdMethod):
         guesses, lapses = self.grids["guess"], self.grids["lapse"]
         if min(guesses[0], lapses[0]) < 0 or guesses[-1] + lapses[-1] >= 1:
             raise InputError("guess and lapse: expected shares of 0 or more, together below 1")
-        with np.errstate(all="ignore"):  # what is not finite is refused
+        with np.errstate(all="ignore"):  # values that are not finite are refused
             right = function_named(self.function)(self._levels[:, None], *flat)
         if not np.isfinite(right).all():
             raise InputError("threshold and slope: expected values that give finite probabilities")

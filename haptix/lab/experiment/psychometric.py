@@ -178,8 +178,8 @@ def fit(
     posterior, over_chance = _posterior(answers, function, guess, empty, guessed)
     if guessed.any():
         posterior.others["fast_guesses"] = share = float(guessed.mean())
-        said = f"{share:.0%} of the answers are fast guesses by their times, and count as such"
-        posterior = replace(posterior, warnings=(*posterior.warnings, said))
+        warning = f"{share:.0%} of the answers are fast guesses by their times, and count as such"
+        posterior = replace(posterior, warnings=(*posterior.warnings, warning))
     levels = [level for level, _ in answers]
     low, high = min(levels), max(levels)
     if function == "symmetric-normal" or over_chance > _BEYOND_CHANCE:
@@ -364,8 +364,8 @@ def _posterior(
     lapsing = float(marginal(3)[axes[2] > _MANY_LAPSES].sum())
     if lapsing > _MAY_BE:
         low, high = min(low, float(allowed[0])), max(high, float(allowed[-1]))
-    said = tuple(_said(others, lapsing, marginal(0)))
-    found = Estimate(float(middle), float(low), float(high), others, said, (axes[0], log_mass))
+    warnings = tuple(_said(others, lapsing, marginal(0)))
+    found = Estimate(float(middle), float(low), float(high), others, warnings, (axes[0], log_mass))
     return found, over_chance
 
 

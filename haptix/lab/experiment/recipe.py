@@ -76,7 +76,7 @@ class ExperimentRecipe(Document):
     """``kind`` is "up-down", "quest+" or "constant-stimuli", or one that compares: "pairs",
     "triads", "magnitudes", "sorting"; the rest are its parameters."""
     items: tuple[ConditionTable, ...] | str = ()
-    """What is compared in place of levels: two or more, each with a `name`, and `set`, values at
+    """Items compared in place of levels: two or more, each with a `name`, and `set`, values at
     dotted places of the stimulus; or the file of a set, all of whose stimuli are compared."""
     pedestal: dict[str, Any] | None = None
     """A signal in the same quantity, in both target and reference, to measure a JND. Without it the

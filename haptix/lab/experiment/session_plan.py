@@ -379,7 +379,7 @@ def _others(planned: Sequence[float], found: str) -> str:
 
 
 def replay(sequence: TrialSequence, rows: Sequence[Mapping[str, str]], path: Path) -> Iterator[str]:
-    """Replay the rows of a log; yield the differences from what the sequence would present.
+    """Replay the rows of a log; yield the differences from the sequence's own trials.
 
     Raises
     ------

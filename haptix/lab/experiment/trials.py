@@ -545,8 +545,8 @@ class Experiment:
         )
         self._sequence.hear(self.log.rows[-1])
         if why and self.show is not None:
-            said = f"counted: {why}" if is_own else f"not counted: {why}; the trial comes again"
-            self.show(f"{said}\n")
+            verdict = f"counted: {why}" if is_own else f"not counted: {why}; the trial comes again"
+            self.show(f"{verdict}\n")
         if is_accepted:
             self._after(planned.kind, is_right)
         elif attempt + 1 >= _MOST_ATTEMPTS:

@@ -194,7 +194,7 @@ def write_ahap(
     missed = low + np.interp(t, at, corner) * (high - low) - values
     lost = {
         "lost": (
-            "volts, force, carrier, absolute friction and places; what is between corners "
+            "volts, force, carrier, absolute friction and places; the curve between corners "
             f"{1 / rate_hz:g} s apart"
         ),
         "rms": float(np.sqrt(np.mean(missed**2))),

@@ -259,7 +259,7 @@ class SetPlan:
 def drive_limits(screens: Sequence[Screen], ceiling_v: float | None = None) -> DriveLimits:
     """Limits of a drive for several screens: those of the lowest, or a lower ceiling [V].
 
-    Raises `LimitError` if the ceiling is above what a screen may carry.
+    Raises `LimitError` if the ceiling is above the limit of a screen.
     """
     lowest = min(screen.max_voltage_v for screen in screens)
     ceiling = lowest if ceiling_v is None else ceiling_v

@@ -26,7 +26,7 @@ MOST_LOG_GAIN = 1.2
 sigma."""
 
 STEP_JND, STEP_S = 0.2, 0.010
-"""Largest change of the felt friction by what was learned, and the time for it. It is below the
+"""Largest change of the felt friction by learning, and the time for it. It is below the
 required 0.25 JND, so that a finger that differs from the estimate stays within them too."""
 
 _CACHED_SLICES = 8  # for blocks that are rendered again
@@ -97,7 +97,7 @@ class Adaptation:
             return self.observer.read(reading, now_s) and self._learn(now_s)
 
     def known(self, now_s: float) -> FingerEstimate:
-        """Return what is known at a time."""
+        """Return the estimate at a time."""
         with self._lock:
             self.estimate = self.observer.estimate(now_s)
             return self.estimate

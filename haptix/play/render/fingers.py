@@ -166,7 +166,7 @@ class RecordedFingers:
         """Fingers at ``t0_s + step_s * (1 ... points)``, on the clock of touches.
 
         `since_s` is `t0_s` on the clock of samples, see `Motion`. `at_rest` has no effect: `touch`
-        has said whether a finger is driven at rest.
+        has determined whether a finger is driven at rest.
         """
         self.tracks = {
             touch_id: track

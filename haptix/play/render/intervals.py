@@ -1,4 +1,4 @@
-"""Plays one interval on a device, and returns when it began and what the panel reported."""
+"""Plays one interval on a device, and returns its beginning and the panel's reports."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def play(
 
 
 def reported(device: Device) -> list[TouchReport]:
-    """Return what the panel has reported since the interval began."""
+    """Return the panel's reports since the interval began."""
     return device.touches() if hasattr(device, "touches") else []
 
 

@@ -47,8 +47,8 @@ class LabOutlets:
     and sample of each mark.
 
     Drive samples wait until a mark has reported when one of them was played: mark the first. Marks
-    wait until somebody records them. Ends as a context manager; a recorder keeps what it has
-    received. Raises `MissingExtraError` without the extra ``lab``.
+    wait until somebody records them. Ends as a context manager; a recorder keeps the samples
+    received so far. Raises `MissingExtraError` without the extra ``lab``.
 
     Parameters
     ----------
@@ -230,7 +230,7 @@ class LiveOutlets:
     asked for under the finger that came down last; NaN without one. Its times are those of the
     samples, by the driver's clock. Markers are the marks of `LiveRenderer.mark`, by the same clock.
 
-    Use it inside the renderer's context; on leaving, what was played is sent to its end. Raises
+    Use it inside the renderer's context; on leaving, the record is sent to its end. Raises
     `InputError` if somebody else takes the renderer's record; `MissingExtraError` without the extra
     ``lab``.
 

@@ -47,7 +47,7 @@ class PlayingEffect:
     Parameters
     ----------
     effect : object
-        What was asked for.
+        Requested value.
     evaluator : Evaluator
         Its answers.
     now : callable

@@ -1,4 +1,4 @@
-"""What was played: the record of amplitudes and places that a renderer keeps."""
+"""The record of amplitudes and places that a renderer keeps."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class _Window:
 
 
 class PlayedRecord:
-    """Records the windows of a stream, and returns what was played once it is final.
+    """Records the windows of a stream, and returns the amplitudes once they are final.
 
     Where windows cover the same time, the last one was played, unless the driver refused it.
 

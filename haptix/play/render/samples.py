@@ -184,7 +184,7 @@ class RenderCore:
     texture : FrictionField, Material or Layout
         What to feel.
     device : Device
-        Gives the sample rate, and says whether the driver makes the carrier itself.
+        Gives the sample rate, and states whether the driver makes the carrier itself.
     drive : Drive, optional
         The default is a sine carrier at the surface's own frequency, or where the surface spans
         several or leaves frequency out, at the one nearest to `DEFAULT_CARRIER_HZ`.
@@ -309,7 +309,7 @@ class RenderCore:
             Amplitudes [V] already queued at the points: the last stays, the block blends into
             those before.
         mix : Mix
-            Intensity, and effects that are added to what is felt.
+            Intensity, and effects that are added to the friction.
         """
         _, evaluator, rendering = self._felt
         motion, gain = fingers.motion, fingers.gain

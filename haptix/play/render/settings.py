@@ -125,7 +125,7 @@ class LiveSettings(RenderSettings):
         can be compiled and the link is ``tcp:``, ``serial:``, ``usb:`` or, on Linux, ``hid:``
         (never on Windows). Before a change of the layout, the intensity or effects the output
         pauses at 0 V, and the interpreter goes on.
-        `LiveRenderer.plays_by` says who plays.
+        `LiveRenderer.plays_by` names the player.
 
     Examples
     --------

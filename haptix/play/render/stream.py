@@ -218,7 +218,7 @@ class RenderStream(RenderCore, ABC):
         Parameters
         ----------
         event : TouchEvent
-            What a finger did.
+            Events of a finger.
         arrival_s : float, optional
             Time of the clock [s] to wait for first, live; recordings take no notice of it.
         """

@@ -94,7 +94,7 @@ class VerifiedUse:
             quantity = sentence.partition(" ")[0]
             if quantity not in self._warned:
                 self._warned.add(quantity)
-                text = f"beyond what the screen's calibration has verified: {sentence}"
+                text = f"beyond the range that the screen's calibration has verified: {sentence}"
                 _LOG.warning(text)
                 if self.on_warning is not None:
                     self.on_warning(text)

@@ -1,4 +1,4 @@
-"""What the contact of an unknown finger draws and feels, and what is kept of one that was enrolled.
+"""Current and friction of an unknown finger's contact, and the record of one that was enrolled.
 
 The model is that of a known finger:
 All moduli times e and all heights times s scale pressures by ``e s`` and gaps by s: another finger
@@ -32,7 +32,7 @@ from haptix.model.status import Status
 from haptix.model.surface import FrictionSurface
 
 LATENT = ("stiffness", "roughness", "area", "skin", "force", "form")
-"""What is not known of a finger, as logarithms of ratios: its moduli, its heights, its apparent
+"""The unknowns of a finger, as logarithms of ratios: its moduli, its heights, its apparent
 area at 1 N and its skin's insulating thickness over those of the known finger, its force over
 `PopulationSpread.force_n`, and the true capacitance over the model's."""
 
@@ -52,7 +52,7 @@ _SEED = 40
 
 @checked()
 class PopulationSpread(Displayed):
-    """How far fingers differ: what is assumed of a finger before any reading.
+    """How far fingers differ: the prior of a finger before any reading.
 
     Parameters
     ----------
@@ -243,7 +243,7 @@ class ContactCurrent(Displayed):
         latent = np.asarray(latent, dtype=np.float64)
         volts = np.broadcast_to(np.maximum(voltage_v, _LOWEST_V), len(latent))
         place = _place(latent, volts, self.population, self.area_at_1n_m2, self.area_exponent)
-        # Beyond what was solved, as at its edge.
+        # Beyond the solved range, as at its edge.
         at = np.clip((place - self.fit["centre"]) / self.fit["width"], -3.0, 3.0)
         return np.asarray(_terms(at) @ self.fit["coefficients"])
 
@@ -334,7 +334,7 @@ class Averaged(NamedTuple):
 
 
 class EnrolledFinger(Document):
-    """What was learned of one person's finger on one screen, see `FingerObserver.enrolled`.
+    """The estimate of one person's finger on one screen, see `FingerObserver.enrolled`.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
-"""The observer: from the current through a contact to what the finger is.
+"""The observer: from the current through a contact to the properties of the finger.
 
-It takes readings only while one finger slides under enough voltage, and says in
+It takes readings only while one finger slides under enough voltage, and names in
 `FingerEstimate.state` why it takes none. Two filters read them: one believes the converter, the
 other lets its gain drift and follow the voltage. Each counts by how likely it makes the readings.
 """
@@ -36,7 +36,7 @@ _LOG = logging.getLogger("haptix.play.sensing")
 _PF = 1e-12
 _KEPT_AVERAGES = 1000  # 20 s
 # So many times its distance from the population's median, in the population's sigmas, an estimate
-# is less sure than the filter says: a finger beyond the population is taken for one at its edge.
+# is less sure than the filter states: a finger beyond the population is taken for one at its edge.
 _WIDER = 2.0
 # Standard deviation of ln of the attraction at a known current, between contact laws: by the three
 # of docs/sensing.md.
@@ -111,12 +111,12 @@ class SensingSettings(Displayed):
 
 @dataclass(frozen=True)
 class FingerEstimate(Displayed):
-    """What is known of a finger; nan where nothing is."""
+    """Estimate of a finger; nan where nothing is known."""
 
     state: Knowledge
     log_gain: float
     """Logarithm of its attraction over the known finger's, at the force the renderer takes: 0
-    while the difference is within what the readings and the theory err."""
+    while the difference is within the error of the readings and the theory."""
     log_gain_sd: float
     force_n: float
     """Normal force [N], and the standard deviation of its logarithm."""
@@ -150,7 +150,7 @@ class FingerObserver:
     settings : SensingSettings, optional
         Its numbers.
     person : EnrolledFinger, optional
-        What was enrolled of the one who touches. Without it each finger begins from the population.
+        Enrolment of the person who touches. Without it each finger begins from the population.
     """
 
     def __init__(
@@ -212,7 +212,7 @@ class FingerObserver:
         self._panel.farads = farads
 
     def enrolled(self, screen: str = "") -> EnrolledFinger:
-        """Return what was learned, to give to the observer of the same person another time.
+        """Return the estimate, to give to the observer of the same person another time.
 
         Parameters
         ----------
@@ -271,7 +271,7 @@ class FingerObserver:
             self._assumed_n = positive("assumed_n", assumed_n)
 
     def read(self, reading: CurrentReading, now_s: float) -> bool:
-        """Take a reading; return whether what is known has changed.
+        """Take a reading; return whether the estimate has changed.
 
         Parameters
         ----------
@@ -369,11 +369,11 @@ class FingerObserver:
         return np.asarray(likely / likely.sum())
 
     def estimate(self, now_s: float) -> FingerEstimate:
-        """Return what is known now; nothing moves the drive while the sensor is not trusted."""
+        """Return the estimate now; nothing moves the drive while the sensor is not trusted."""
         self.watch.check(now_s)
         if not self.watch.is_trusted and self._state is not Knowledge.SENSOR:
-            # What was learned is as right after a silence as before it: only the drive is as
-            # without sensing, since nothing tells whether the finger still is the same.
+            # The estimate is as right after a silence as before it: only the drive is as
+            # without sensing, since nothing shows whether the finger still is the same.
             _LOG.warning("the sensor of current is not trusted: %s", self.watch.problem)
             self._state = Knowledge.SENSOR
             self._last, self._bin = None, []
@@ -453,7 +453,7 @@ class SensorWatch:
         away_s = now_s - self._looked_s
         self._looked_s = now_s
         self._away_s = away_s if away_s > self._settings.lost_s else 0.0
-        # Half of what is forgiven at most, so that a silent sensor is found whatever holds us up.
+        # Half of the forgiven time at most, so that a silent sensor is found whatever holds us up.
         self._heard_s += max(self._away_s - self._settings.lost_s / 2, 0.0)
 
     def read(self, reading: CurrentReading, now_s: float, baseline_f: complex) -> bool:

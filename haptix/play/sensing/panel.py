@@ -17,7 +17,7 @@ class PanelBaseline:
     span_s : float
         Time constant of both [s].
     voltage_v : float
-        Amplitude at which it is measured [V], until a reading has said it.
+        Amplitude at which it is measured [V], until a reading has stated it.
     """
 
     def __init__(self, span_s: float, voltage_v: float) -> None:

@@ -1,4 +1,4 @@
-"""Rendering without hardware: a virtual finger feels what a mock device plays."""
+"""Rendering without hardware: a virtual finger feels the output of a mock device."""
 
 from haptix.play.simulation.folder import FILES, errors_of, summary_of, write
 from haptix.play.simulation.run import (

@@ -151,7 +151,7 @@ def write(
     simulation : Simulation
         Simulation to write.
     about : mapping of str
-        What was simulated, in words; goes into the summary.
+        Name of the simulation; goes into the summary.
     picture : str
         Name of the picture, which needs the extra ``figures`` and is left out without it.
     panels : int
@@ -349,7 +349,7 @@ def _parts(axes: Axes, simulation: Simulation) -> None:
         xscale="log",
         xlim=(1e-4, 10.0),
         xlabel="95 % of errors are below (JND)",
-        title="5  What the error is made of",
+        title="5  Parts of the error",
     )
 
 

@@ -85,7 +85,7 @@ class Setting(Displayed):
     path : Trajectory
         True path of the finger.
     drive : Drive, optional
-        What the amplitude modulates; the default is the surface's carrier.
+        Carrier of the amplitude; the default is the surface's carrier.
 
     Raises
     ------
@@ -127,7 +127,7 @@ class Setting(Displayed):
 
 @dataclass(frozen=True)
 class Played(Displayed):
-    """What a renderer sent along a path, and what the device played.
+    """Samples that a renderer sent along a path, and those that the device played.
 
     Parameters
     ----------
@@ -152,13 +152,13 @@ class Played(Displayed):
     def feel(
         self, finger: VirtualFinger, drive_v: Array | None = None, output_rate_hz: float = 10_000.0
     ) -> Felt:
-        """Return what a finger on the path felt of a drive, or of what the device played.
+        """Return the friction that a finger on the path felt of a drive, or of the device's output.
 
         Parameters
         ----------
         finger : VirtualFinger
         drive_v : array, shape (samples,), optional
-            A drive [V]; what the device played if not given.
+            A drive [V]; the device's output if not given.
         output_rate_hz : float
             Of the friction that is felt [Hz].
         """
@@ -215,7 +215,7 @@ def play_live(
     settings: LiveSettings,
     address: str,
 ) -> Played:
-    """Play what a touch panel reports of the path, as a live renderer does, in steps."""
+    """Play a touch panel's reports of the path, as a live renderer does, in steps."""
     seen = panel.read(setting.path)
     device = _mock(address, "stepped")
     start_s = float(setting.path.t_s[0])
@@ -223,7 +223,7 @@ def play_live(
         columns = (seen.t_s, seen.x_mm, seen.y_mm, seen.normal_force_n, seen.arrival_s)
         last_s, scan_s = start_s, 1 / panel.rate_hz
         for t, x, y, force, arrival in zip(*(c.tolist() for c in columns), strict=True):
-            if t - last_s > 1.5 * scan_s:  # lifted: the panel says so with its next scan
+            if t - last_s > 1.5 * scan_s:  # lifted: the panel reports it with its next scan
                 lifted_s = last_s + scan_s - start_s
                 up = TouchEvent(lifted_s, 0, x, y, "up")
                 renderer.event(up, lifted_s + panel.latency_s)
@@ -235,7 +235,7 @@ def play_live(
 
 
 def _played(setting: Setting, renderer: Renderer | LiveRenderer, start_s: float) -> Played:
-    """Close the device, and say what it played."""
+    """Close the device, and return its output."""
     device, driver = renderer.device, renderer.device.mock
     assert driver is not None
     device.close()
@@ -252,7 +252,7 @@ def _mock(address: str, pace: str) -> Device:
 
 
 def felt_in_steps(known: Played, finger: VirtualFinger, h0_m: float) -> dict[str, Felt]:
-    """Return what the finger feels with each source of error in `PARTS` switched off in turn.
+    """Return the felt friction with each source of error in `PARTS` switched off in turn.
 
     `known` has played the true path and kept its blocks: "prediction" is not among the sources.
     """
@@ -334,7 +334,7 @@ class Simulation(Displayed):
     Parameters
     ----------
     surface : FrictionSurface
-        What the renderer knew of finger and screen.
+        Model of finger and screen in the renderer.
     played : Played
         Samples that were sent and played.
     felt : Felt
@@ -351,8 +351,8 @@ class Simulation(Displayed):
         already. Empty without a touch panel.
     periods : Evaluation, optional
         Of a direct drive with a touch panel: mean friction over each of its periods, from one zero
-        of the wave to the next, without the part of prediction. What the part of the modulation
-        has beyond it is ripple.
+        of the wave to the next, without the part of prediction. The part of the modulation
+        beyond it is ripple.
     """
 
     surface: FrictionSurface
@@ -367,7 +367,7 @@ class Simulation(Displayed):
     periods: Evaluation | None = None
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw friction wanted and felt, and what is reachable, against time.
+        """Draw friction wanted and felt, and the reach, against time.
 
         Parameters
         ----------
@@ -433,7 +433,7 @@ def simulate(
     """Move the virtual finger along a path on a texture.
 
     With a touch panel, the panel reports the path, late and sampled, and the renderer predicts. The
-    finger feels what the mock device plays, at the place where it truly is. Then each source of
+    finger feels the mock device's output, at the place where it truly is. Then each source of
     error is switched off in turn.
 
     Without one, the renderer knows the path, and friction follows the voltage at once. What is left
@@ -444,7 +444,7 @@ def simulate(
     setting : Setting
         Finger, screen, texture, path and drive.
     surface : FrictionSurface
-        What the renderer knows of finger and screen.
+        Model of finger and screen in the renderer.
     panel : TouchPanel, optional
         How the screen senses the finger.
     settings : LiveSettings, optional
@@ -493,7 +493,7 @@ def simulate(
 
 
 def evaluate_live(played: Played, left_out_s: Sequence[tuple[float, float]] = ()) -> Evaluation:
-    """Return errors of what a live renderer played, as `simulate` does with a touch panel.
+    """Return errors of a live renderer's output, as `simulate` does with a touch panel.
 
     Parameters
     ----------

@@ -96,7 +96,7 @@ def problem_of(event: Any, checks_force: bool = True) -> str | None:
     for name, value, least, largest, unit in measured if checks_force else ():
         if value is not None and not _within(value, least, largest):
             return (
-                f"touch {touch_id}: {name}: expected what a finger has, {least:g} to {largest:g} "
+                f"touch {touch_id}: {name}: expected a finger's, {least:g} to {largest:g} "
                 f"{unit}, or None where the screen measures none, got {value!r:.80}"
             )
     return None
@@ -357,7 +357,7 @@ class ForceEstimate(NamedTuple):
 class AreaProxy:
     """Force from contact area by a power law: ``F = 1 N * (area / area_at_1n)^(1 / exponent)``.
 
-    This inverts the law of the apparent area in `haptix.Finger`. What a touchscreen calls area
+    This inverts the law of the apparent area in `haptix.Finger`. A touchscreen's "area"
     differs from screen to screen, so calibrate with the screen and the finger at hand (`fit`).
 
     Parameters

@@ -21,7 +21,7 @@ from haptix.play.touch.touchscreen import (
 
 _X, _Y = 0x10030, 0x10031
 _TIP, _CONFIDENCE, _CONTACT, _COUNT = 0xD0042, 0xD0047, 0xD0051, 0xD0054
-_UNSEEN_S = 0.1  # after which hid-multitouch lifts a contact of a panel that says nothing of it
+_UNSEEN_S = 0.1  # after which hid-multitouch lifts a contact of a panel that does not report it
 _MOST_USAGES, _MOST_BITS = 12288, 256  # of a descriptor, and of one value; Linux takes as many
 _MM = {0x11: 10.0, 0x13: 25.4}  # units of length, centimetre and inch, of the linear systems
 
@@ -90,7 +90,7 @@ class HidReports:
 
         As in Linux' hid-multitouch, a frame has as many contacts as it counts, in one report or
         several, each of which may repeat the count; a contact that is not in a frame stays as it
-        was, for 0.1 s. Without a count a report is a frame, and what is not in it stays.
+        was, for 0.1 s. Without a count a report is a frame, and a contact that is not in it stays.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Touchscreens of this machine: which they are, what they state, and what is odd."""
+"""Touchscreens of this machine: their names, their statements, and oddities."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class TouchscreenInfo(NamedTuple):
     protocol : {"B", "A", "single"}
         Of its events: with slots, without, or of one finger.
     slots : int or None
-        Number of fingers that it tells apart; None where it cannot be read or does not say.
+        Number of fingers that it tells apart; None where it cannot be read or is not stated.
     size_mm : tuple of float, or None
         Width and height that the driver states, where one can rely on them.
     most_hz : float or None
@@ -73,7 +73,7 @@ def find_touchscreens(root: Path = Path("/")) -> Iterator[TouchscreenInfo]:
     DeviceError
         On another system than Linux, or if the package evdev is missing.
     """
-    evdev_module()  # before anything else, to name what is missing
+    evdev_module()  # before anything else, to name a missing package
     folders = (root / "sys/class/input").glob("event*")
     for folder in sorted(folders, key=lambda path: (len(path.name), path.name)):
         device = folder / "device"
@@ -105,7 +105,7 @@ def find_touchscreens(root: Path = Path("/")) -> Iterator[TouchscreenInfo]:
 def _opened(
     path: Path, slots: int | None
 ) -> tuple[int | None, tuple[float, float] | None, list[str]]:
-    """Return slots, size and what is odd of a touchscreen that is opened for it."""
+    """Return slots, size and oddities of a touchscreen that is opened for it."""
     device = evdev_module().InputDevice(str(path))
     try:
         ranges = dict(device.capabilities().get(EV_ABS, []))

@@ -66,7 +66,7 @@ LEAST_PER_MM = 20
 """The kernel states whole units per mm, so that below this a stated size is off by over 2.5 %."""
 _SIDES_MM, _MOST_ASPECT = (20.0, 3000.0), 5.0
 _ZERO_LIFTS = (ABS_MT_PRESSURE, ABS_MT_TOUCH_MAJOR)  # a finger where they become 0, see `_touches`
-# Of a slot whose values were lost: no touch before the panel says so again.
+# Of a slot whose values were lost: no touch before the panel reports one again.
 _LOST = {ABS_MT_DISTANCE: 1, ABS_MT_PRESSURE: 0, ABS_MT_TOOL_TYPE: MT_TOOL_PALM}
 # Of the panel's clock: reports that decide whether it holds, and how far it may scatter and drift
 # over them. It wraps around, and begins anew after a pause.
@@ -310,7 +310,7 @@ class PanelClock:
             self._behind_s.append(t_s - self._panel_s)
             if self.holds:
                 found_s = self._panel_s + fmean(self._behind_s)
-        # Where it begins or ends to hold, no stamp is before one that was told.
+        # Where it begins or ends to hold, no stamp is before an earlier one.
         self._stamped_s = max(found_s, min(self._stamped_s, t_s + _CLOCK_SPREAD_S))
         return self._stamped_s
 
@@ -456,7 +456,7 @@ class SlotDecoder:
         if self._ask_key is not None:
             self._is_touched = self._ask_key()
         elif self._is_touched is not None:
-            self._is_touched = False  # until the key says so: a finger may hover by now
+            self._is_touched = False  # until the key reports it: a finger may hover by now
         self._ids += 1
 
     def _match(self, contacts: list[dict[int, int]]) -> None:
@@ -488,7 +488,7 @@ class SlotDecoder:
             old = np.array([self._place(values) for values in before.values()])
             new = np.array([self._place(contact) for contact in contacts])
             apart_mm = np.hypot(*(old[:, None] - new[None]).T).T
-            # Beyond the farthest all are alike: what is left goes to the near ones.
+            # Beyond the farthest all are alike: the rest goes to the near ones.
             for i, j in zip(*linear_sum_assignment(apart_mm.clip(max=_FARTHEST_MM)), strict=True):
                 if apart_mm[i, j] < _FARTHEST_MM:
                     numbers[j] = list(before)[i]

@@ -34,7 +34,7 @@ class TuioDecoder:
     Parameters
     ----------
     width_mm, height_mm : float
-        Size of the surface, whose places TUIO tells as shares of its sides.
+        Size of the surface, whose places TUIO states as shares of its sides.
     matrix : tuple of 6 float, or str
         How the surface lies on the picture, see `ScreenAxes`.
     """
@@ -56,7 +56,7 @@ class TuioDecoder:
         ----------
         packet : bytes
         arrival_s : float
-            When it came [s]. TUIO 2.0 tells times, which count where they agree, see `PanelClock`.
+            When it came [s]. TUIO 2.0 states times, which count where they agree, see `PanelClock`.
         """
         try:
             messages = [*_messages(packet)]

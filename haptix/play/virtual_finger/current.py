@@ -43,7 +43,7 @@ class Converter(Displayed):
     pole_hz : float
         Of the amplifier of the current: the phase turns by its share of the carrier.
     hum_a, hum_hz : float
-        Amplitude and frequency of what the mains induce in finger and panel [A, Hz].
+        Amplitude and frequency of the current that the mains induce in finger and panel [A, Hz].
     """
 
     rate_hz: Positive = 250.0

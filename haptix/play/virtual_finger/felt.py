@@ -1,4 +1,4 @@
-"""What a virtual finger feels, its sensors' readings, and the error against a target."""
+"""Friction felt by a virtual finger, its sensors' readings, and the error against a target."""
 
 from __future__ import annotations
 
@@ -99,12 +99,12 @@ class SensorModel:
     axis: Axis = "motion"
 
     def read(self, felt: Felt, seed: int = 0) -> SensedForce:
-        """Read what a finger felt; the same seed gives the same noise.
+        """Read the felt friction; the same seed gives the same noise.
 
         Parameters
         ----------
         felt : Felt
-            What the finger felt.
+            Felt friction.
         seed : int
             Seed of the noise: the same gives the same noise.
         """

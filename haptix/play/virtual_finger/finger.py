@@ -67,7 +67,7 @@ class Sensed(NamedTuple):
 
 
 class VirtualFinger(Displayed):
-    """A finger that feels what a driver played, by the contact model alone.
+    """A finger that feels a driver's output, by the contact model alone.
 
     At each instant the gaps' field follows from the voltage's whole spectrum (complex h0 per
     frequency), its square is the attraction, the finger's first-order response smooths it over a
@@ -116,7 +116,7 @@ class VirtualFinger(Displayed):
         self._h0 = torch.tensor(h0_m, dtype=torch.float64, device=model.contact.device)
 
     def read(self, felt: Felt) -> SensedForce:
-        """Return a sensor's readings of what was felt."""
+        """Return a sensor's readings of the felt friction."""
         return self.sensor.read(felt, self.seed)
 
     def feel(
@@ -279,7 +279,7 @@ class VirtualFinger(Displayed):
         return Sensed(time, *places, *squares, contact)
 
     def felt(self, parts: Sequence[Sensed], field: GapField) -> list[Felt]:
-        """Return what is felt under attractions; several are solved at once.
+        """Return the friction under attractions; several are solved at once.
 
         Parameters
         ----------
@@ -320,7 +320,7 @@ class VirtualFinger(Displayed):
         if highest > limit * (1 + _ROUNDING):
             raise LimitError(
                 f"{name}: {highest:g} V is above the limit of {limit:g} V of screen "
-                f"{self.model.screen.name!r}; what was played must not exceed it"
+                f"{self.model.screen.name!r}; the drive must not exceed it"
             )
         return volts, float(sample_rate_hz), checks.number("start_s", start_s)
 
@@ -445,7 +445,7 @@ class LiveVirtualFinger:
     frequency_hz : float
         Of the carrier.
     rate_hz : float
-        Of what is felt.
+        Of the felt friction.
     """
 
     def __init__(self, finger: VirtualFinger, frequency_hz: float, rate_hz: float = 1000.0) -> None:

@@ -95,7 +95,7 @@ class GapField:
                     return field
         raise InputError(
             "drive_v: expected frequencies that meet similar insulators, got ones between "
-            f"{thinnest:.3g} and {size.max():.3g} m; remove what the drive has near 0 Hz"
+            f"{thinnest:.3g} and {size.max():.3g} m; remove the drive's content near 0 Hz"
         )
 
     @property

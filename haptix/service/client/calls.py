@@ -1,4 +1,4 @@
-"""What a session can be asked, with and without ``await``.
+"""The requests of a session, with and without ``await``.
 
 Made by scripts/client_calls.py from the description of the session; do not edit.
 """
@@ -68,7 +68,7 @@ class AsyncCalls(ABC):
         kind : str
             Its type.
         **fields
-            What it holds.
+            Its content.
         """
 
     async def acquire(self, takeover: bool = False) -> m.Lease:
@@ -153,7 +153,7 @@ class AsyncCalls(ABC):
 
 
 class ClientLayout:
-    """The layout of a session: what is felt where; `layout` of a client.
+    """The layout of a session: its materials by place; `layout` of a client.
 
     Parameters
     ----------
@@ -246,7 +246,7 @@ class PlainCalls(ABC):
         kind : str
             Its type.
         **fields
-            What it holds.
+            Its content.
         """
 
     def acquire(self, takeover: bool = False) -> m.Lease:
@@ -331,7 +331,7 @@ class PlainCalls(ABC):
 
 
 class PlainLayout:
-    """The layout of a session: what is felt where; `layout` of a client.
+    """The layout of a session: its materials by place; `layout` of a client.
 
     Parameters
     ----------

@@ -204,7 +204,7 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
     lease : Lease
         Who holds the output, by the last message.
     output : OutputMessage
-        What the output does, by the last message.
+        State of the output, by the last message.
     layout : ClientLayout
         Calls that change the layout.
     """
@@ -285,7 +285,7 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
         try:
             return await super().stop()
         finally:
-            await pressing  # it must not stop what is armed next
+            await pressing  # it must not stop the output that is armed next
 
     async def ask(self, kind: str, **fields: Any) -> Any:
         """Send a message and return its answer; fields that are None are left out.
@@ -318,7 +318,7 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
     async def feel(self, material: Document, *, person_asked: bool = False) -> ClientRegion:
         """Fill the screen with a material and arm: all that it takes to feel one.
 
-        What was felt before is replaced. After a lost connection it is felt again, on a virtual
+        The layout before is replaced. After a lost connection it is felt again, on a virtual
         driver by itself.
 
         Parameters
@@ -679,7 +679,7 @@ class Client(ReportsTouches[None], PlainCalls):
 
     @property
     def output(self) -> m.OutputMessage:
-        """What the output does, by the last message."""
+        """State of the output, by the last message."""
         return self._client.output
 
     def touches(self, touches: list[m.TouchMessage]) -> None:

@@ -128,7 +128,7 @@ class Decoding:
         """Check the new assets in a message of an owner.
 
         Raises `Problem` with the place in the message of the file that cannot be read. The memory
-        of what the engine makes of them is counted there (`MapMemory`).
+        of the maps that the engine makes of them is counted there (`MapMemory`).
         """
         for path, digest in _named(fields, ""):
             try:

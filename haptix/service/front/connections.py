@@ -167,7 +167,7 @@ class Crowd:
             del self.connections[connection.peer]
 
     async def serve(self, app: Any, scope: Any, receive: Any, send: Any) -> None:
-        """Let an application answer, and note what it is about."""
+        """Let an application answer, and note its subject."""
         connection = self.connections.get(tuple(scope.get("client") or ()))
         if connection is None:
             await app(scope, receive, send)

@@ -145,12 +145,12 @@ class OutputControl:
             self.set(state=rest, reason=reason)
 
     def rests(self) -> str:
-        """Return the state without voltage; what was armed is not armed again by itself."""
+        """Return the state without voltage; the output is not armed again by itself."""
         self._was_live = False
         return "gone" if self.output.state == "gone" else "off"
 
     def follow_driver(self, state: str, reason: str) -> bool:
-        """Take what the engine says of the output; return whether it was armed and is back."""
+        """Take the engine's report of the output; return whether it was armed and is back."""
         had_failed = self.output.state in ("failed", "gone")
         was_live = self.is_live or (had_failed and self._was_live)
         self.set(state=state, reason=reason)

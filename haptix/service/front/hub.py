@@ -1,8 +1,8 @@
 """All sessions: access, the immediate effect of each message, and time-outs.
 
-One session at a time holds the lease (`OutputControl`): only it arms, touches and changes what is
-felt. Any session may stop. Before the lease goes to another session, the output is at 0 V; the new
-holder must arm it.
+One session at a time holds the lease (`OutputControl`): only it arms, touches and changes the
+layout that is felt. Any session may stop. Before the lease goes to another session, the output is
+at 0 V; the new holder must arm it.
 """
 
 from __future__ import annotations

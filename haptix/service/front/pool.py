@@ -235,7 +235,7 @@ class Process:
 
 
 def _is_stopped(pid: int) -> bool:
-    """Whether a process is stopped by a signal or a debugger, where the system tells (Linux)."""
+    """Whether a process is stopped by a signal or a debugger, where the system shows it (Linux)."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] in ("T", "t")
     except (OSError, IndexError):

@@ -114,7 +114,7 @@ def read_touches(data: bytes) -> TouchBatch:
 
 
 def _touch(record: tuple[Any, ...], base_s: float, index: int) -> TouchMessage | Problem:
-    """Return the touch of a record, or what is wrong with it."""
+    """Return the touch of a record, or its fault."""
     after_us, touch_id, flags, zero, x, y, force_n, area_m2 = record
     if flags >= 64 or zero:
         wrong = f"unknown flags {flags:#x} or padding {zero}"

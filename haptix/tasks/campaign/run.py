@@ -238,7 +238,7 @@ def _check(workers: Executor, where: str, kind: str) -> None:
         if other := differences(seen, as_seen_here(where, kind)):
             raise HaptixError(
                 f"the workers cannot do tasks of the kind {kind!r}: {', '.join(other)}; install "
-                "on them what is installed here, or set PYTHONPATH for them"
+                "on them the packages of this machine, or set PYTHONPATH for them"
             )
         return
     raise _never_begin(why)

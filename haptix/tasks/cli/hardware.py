@@ -48,7 +48,7 @@ def firmware(
     ] = None,
     serial: Annotated[str, option("The board's serial number, 1 to 15 characters.", Text)] = "0",
     full_scale_v: Annotated[
-        float, option("What the amplifier makes of code 32767 [V], 10 to 1000.", Positive)
+        float, option("Voltage of the amplifier at code 32767 [V], 10 to 1000.", Positive)
     ] = 200.0,
     as_json: AsJson = False,
 ) -> None:

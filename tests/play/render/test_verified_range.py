@@ -58,7 +58,7 @@ def test_a_renderer_says_what_leaves_the_range(surface, used, said):
     assert list(renderer.verified.sentences) == said
     # Each is told when it begins, once: the last of it is in `sentences`.
     assert len(heard) == len(said)
-    assert all(one.startswith("beyond what the screen's calibration") for one in heard)
+    assert all(one.startswith("beyond the range that the screen's calibration") for one in heard)
 
 
 def test_amplitudes_count_too_and_the_live_renderer_says_the_same(surface):

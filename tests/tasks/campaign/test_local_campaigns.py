@@ -144,11 +144,11 @@ def test_twenty_results_damaged_at_random_are_named_and_made_again(tmp_path, whe
     ("harm", "file", "why"),
     [
         (emptied, "numbers.bin", "numbers.bin is empty"),
-        (one_bit, "numbers.bin", "numbers.bin is not what was written"),
+        (one_bit, "numbers.bin", "numbers.bin was changed since it was written"),
         (removed, "numbers.bin", "numbers.bin is missing"),
         (emptied, "result.json", "result.json is empty"),
-        (one_bit, "result.json", "result.json is not what was written"),
-        (swapped, "result.json", "result.json is not what was written"),
+        (one_bit, "result.json", "result.json was changed since it was written"),
+        (swapped, "result.json", "result.json was changed since it was written"),
         (removed, "result.json", "is gone"),
     ],
 )
@@ -182,7 +182,7 @@ def test_every_byte_of_a_manifest_counts(tmp_path):
         hurt = bytearray(data)
         hurt[place] ^= 1 << place % 8
         file.write_bytes(hurt)
-        assert store.check("ab" * 32) == (None, "result.json is not what was written")
+        assert store.check("ab" * 32) == (None, "result.json was changed since it was written")
 
 
 def test_what_fails_has_its_reason_and_is_done_again_only_when_asked(tmp_path):

@@ -31,7 +31,7 @@ _BRACKETS = re.compile(r"[\[\]{}]")
 
 
 def build() -> None:
-    """Build what the front reads and says, which a first client would wait for otherwise."""
+    """Build the front's readers and writers, for which a first client would wait otherwise."""
     CLIENT.rebuild()
     for kind in get_args(get_args(ServerMessage)[0]):
         kind.model_rebuild()
@@ -55,7 +55,7 @@ def read_client(text: str, most_bytes: int = MOST_TEXT_BYTES) -> Any:
 
 
 def too_many(text: bytes | bytearray) -> str:
-    """Say what a JSON text has too many of, by its separators; empty where it has not."""
+    """Name the part of which a JSON text has too many, by its separators; empty where none."""
     keys, values = text.count(b":"), text.count(b",")
     brackets, quotes = text.count(b"[") + text.count(b"{"), text.count(b'"')
     if keys > MOST_KEYS or values > MOST_VALUES or brackets > MOST_LISTS or quotes > 4 * MOST_KEYS:
@@ -64,13 +64,13 @@ def too_many(text: bytes | bytearray) -> str:
 
 
 def read_server(text: str) -> Any:
-    """Return the server's message of a JSON text: what a client in Python reads."""
+    """Return the server's message of a JSON text, as a client in Python reads it."""
     return SERVER.validate_json(text)
 
 
 def id_of(text: str) -> int:
     """Return the id of a message that was refused, 0 where it has none."""
-    if len(text) > MOST_TEXT_BYTES or too_many(text.encode()):  # to parse it is what is refused
+    if len(text) > MOST_TEXT_BYTES or too_many(text.encode()):  # too costly to parse
         first = _ID.match(text)
         return int(first[1]) if first else 0
     try:
