@@ -29,6 +29,9 @@ struct hx_engine {
     double step_s, before_v;
     double playable_s; /* from when on a report can still change what happens */
     int64_t sample; /* the first of the next block */
+    hx_mix mix;
+    double lag_s; /* clock of samples less that of the scene, at the last block */
+    double intensity[HX_POINTS];
     touch touches[HX_FINGERS];
     int64_t order[HX_FINGERS], down; /* touches in the order in which they came */
     double interval_s;               /* of reports of the last touch that has ended */
@@ -88,6 +91,9 @@ hx_engine *hx_engine_open(const uint8_t *program, int64_t size, void *memory)
     const hx_program *p = &e->program;
     e->step_s = (double)p->rendering.step / p->sample_rate_hz;
     e->interval_s = first_interval_s;
+    e->mix.before = e->mix.after = 1.0;
+    e->mix.start_s = e->mix.end_s = -INFINITY;
+    e->mix.stands_s = NAN;
     e->program.rendering.joined = (int64_t)hx_most(1.0, joined_s / e->step_s + 0.5);
     for (int64_t i = 0; i < p->regions; i++) {
         e->multiplies |= p->region[i].blend == BLEND_MULTIPLY;
@@ -290,6 +296,28 @@ static const double *share(hx_engine *e, const hx_motion *motion, const double *
 
 static double now_s(const hx_engine *e) { return (double)e->sample / e->program.sample_rate_hz; }
 
+/* Share of a line that is done at a time. */
+static double done(double start_s, double end_s, double t_s)
+{
+    return end_s > start_s ? hx_least(hx_most((t_s - start_s) / (end_s - start_s), 0.0), 1.0)
+                           : (double)(t_s >= end_s);
+}
+
+/* Intensity at the points of the next block; NULL: 1. */
+static const double *intensity(hx_engine *e, int64_t points)
+{
+    const hx_mix *m = &e->mix;
+    double t0_s = now_s(e);
+    if (t0_s >= m->end_s && m->after == 1.0)
+        return NULL;
+    for (int64_t i = 0; i < points; i++) {
+        double t_s = t0_s + e->step_s * (double)(i + 1);
+        e->intensity[i] = t0_s >= m->end_s ? m->after
+                                           : m->before + done(m->start_s, m->end_s, t_s) * (m->after - m->before);
+    }
+    return e->intensity;
+}
+
 static const hx_felt *play(hx_engine *e, const hx_motion *motion, const double *gain,
                            const double *queued_v)
 {
@@ -308,6 +336,7 @@ static const hx_felt *play(hx_engine *e, const hx_motion *motion, const double *
     block.value = e->row[VALUE];
     block.force_n = force_n;
     block.gain = gain;
+    block.intensity = intensity(e, points);
     block.less = &p->slice;
     block.before_v = e->before_v;
     block.queued_v = queued_v;
@@ -402,6 +431,7 @@ const hx_felt *hx_engine_window(hx_engine *e, int64_t first_sample, int64_t poin
     e->sample = first_sample;
     e->before_v = before_v;
     double t0_s = now_s(e), *numbers = e->moved;
+    e->lag_s = isnan(e->mix.stands_s) ? e->mix.stood_s : t0_s - e->mix.stands_s;
     if (news)
         follow(e, t0_s);
     int64_t count = known(e, tracks, order);
@@ -425,12 +455,14 @@ const hx_felt *hx_engine_window(hx_engine *e, int64_t first_sample, int64_t poin
     }
     hx_motion motion = {
         n, points, numbers, numbers + size, e->row[VX], e->row[VY], numbers + 2 * size,
-        vy[2 * n] * e->step_s, e->step_s, t0_s, e->force_known, e->facts ? history : NULL,
+        vy[2 * n] * e->step_s, e->step_s, t0_s - e->lag_s, e->force_known, e->facts ? history : NULL,
     };
     return play(e, &motion, numbers + 3 * size, queued_v);
 }
 
 void hx_engine_playable(hx_engine *e, double playable_s) { e->playable_s = playable_s; }
+
+void hx_engine_mix(hx_engine *e, const hx_mix *mix) { e->mix = *mix; }
 
 int64_t hx_engine_is_touched(const hx_engine *e) { return e->down > 0; }
 
@@ -508,7 +540,7 @@ static void recall(hx_engine *e, touch *t, const hx_touched *now)
     int64_t each = 1 + e->program.regions;
     size_t bytes = sizeof(hx_facts) * (size_t)each;
     hx_facts *kept = e->facts + (t - e->touches) * KEPT * each;
-    double playable_s = e->playable_s, since_s = INFINITY;
+    double playable_s = e->playable_s - e->lag_s, since_s = INFINITY;
     while (t->recalled > 1 && (kept[each].since_s <= playable_s || t->recalled == KEPT)) {
         memmove(kept, kept + each, bytes * (size_t)(t->recalled - 1));
         t->recalled--;
@@ -599,7 +631,7 @@ int64_t hx_engine_touch(hx_engine *e, int64_t touch_id, double t_s, double x_mm,
         t->is_down = 0;
         e->interval_s = t->tracker.interval_s;
     }
-    hx_touched now = {t->tracker.now.used_t_s, x_mm, y_mm, is_force ? force_n : NAN, is_down};
+    hx_touched now = {t->tracker.now.used_t_s - e->lag_s, x_mm, y_mm, is_force ? force_n : NAN, is_down};
     recall(e, t, &now);
     t->is_new = 1;
     return 1;

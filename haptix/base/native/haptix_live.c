@@ -22,6 +22,9 @@ struct hx_live {
     double updated_s, driven_until_s;
     int64_t status[STATUSES];
     int64_t shown[STATUSES]; /* to other threads */
+    char is_change_held;     /* by the thread that writes it or takes it over */
+    int64_t has_mix;
+    hx_mix mix;
 };
 
 int64_t hx_live_bytes(void) { return (int64_t)sizeof(hx_live); }
@@ -44,12 +47,33 @@ static revision *under_way(hx_live *l, int64_t place)
     return &l->under_way[(l->first_under_way + place) % UNDER_WAY];
 }
 
+void hx_live_mix(hx_live *l, const hx_mix *mix)
+{
+    while (__atomic_test_and_set(&l->is_change_held, __ATOMIC_ACQUIRE)) {
+    } /* the other thread holds it while it copies it */
+    l->mix = *mix;
+    l->has_mix = 1;
+    __atomic_clear(&l->is_change_held, __ATOMIC_RELEASE);
+}
+
+/* Take over what has changed, unless it is being written; then the next window does. */
+static void take_change(hx_live *l)
+{
+    if (__atomic_test_and_set(&l->is_change_held, __ATOMIC_ACQUIRE))
+        return;
+    if (l->has_mix)
+        hx_engine_mix(l->engine, &l->mix);
+    l->has_mix = 0;
+    __atomic_clear(&l->is_change_held, __ATOMIC_RELEASE);
+}
+
 void hx_live_window(void *live, int64_t first, int64_t count, double at_s, int64_t is_revision,
                     double *volts)
 {
     hx_live *l = live;
     int64_t point = first / l->step, points = count / l->step;
     l->ahead_s = at_s - (double)first / l->rate_hz;
+    take_change(l);
     revision *r = under_way(l, l->under_way_count);
     if (is_revision) { /* its length is at most that of a block */
         points = points < HX_POINTS ? points : HX_POINTS;

@@ -273,6 +273,14 @@ const hx_felt *hx_engine_window(hx_engine *engine, int64_t first_sample, int64_t
                                 double before_v, const double *queued_v, int64_t news);
 void hx_engine_playable(hx_engine *engine, double playable_s);
 
+/* What is common to all fingers; see haptix.play.render.master. The intensity goes along a line
+ * from one time of samples to another. The clock of the scene is that of samples less the time for
+ * which it stood; where `stands_s` is no NaN, it stands there. Without it: 1, and the same clock. */
+typedef struct {
+    double before, after, start_s, end_s, stood_s, stands_s;
+} hx_mix;
+void hx_engine_mix(hx_engine *engine, const hx_mix *mix);
+
 /* An engine as the source of a driver's queue, any stretch of which is played again after a report;
  * see haptix.play.render.live.RenderSource and the hx_source of firmware_io. Times are the host's. */
 typedef struct hx_live hx_live;
@@ -285,6 +293,9 @@ void hx_live_played(void *live, int64_t index);
 void hx_live_report(void *live, int64_t touch_id, int64_t is_down, double arrival_s, double t_s,
                     double x_mm, double y_mm, double force_n);
 int64_t hx_live_is_live(void *live);
+
+/* Take a mix in any thread; the next window has it. */
+void hx_live_mix(hx_live *live, const hx_mix *mix);
 
 /* Samples of all fingers that were rendered, by the status of their friction: 16 numbers. */
 void hx_live_count(hx_live *live, int64_t *statuses);

@@ -59,6 +59,10 @@ class EngineSource:
         addresses = [int(ffi.cast("uintptr_t", function)) for function in functions]
         return CompiledSource(grid, int(ffi.cast("uintptr_t", self.at)), tuple(addresses), self)
 
+    def mix(self, numbers: tuple[float, ...]) -> None:
+        """Take the intensity and the clock of the scene; see `Master.compiled`."""
+        library.hx_live_mix(self.at, ffi.new("hx_mix *", numbers))
+
     @property
     def statuses(self) -> npt.NDArray[np.int64]:
         """Samples of all fingers by the number of their `haptix.model.Status`."""

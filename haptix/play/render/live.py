@@ -20,6 +20,7 @@ from firmware_io.progress import MOST_MARKS
 from firmware_io.revisable import Revisable
 from haptix.base.checks import Array, whole
 from haptix.base.errors import InputError, OverloadWarning
+from haptix.feel.layout import Layout
 from haptix.feel.materials import Feelable
 from haptix.model.surface import FrictionSurface
 from haptix.play.render.adapting import Adaptation
@@ -158,6 +159,8 @@ class LiveRenderer(RenderStream):
 
     _playback: Playback | None = None
     _own: OwnThread | None = None
+    _engine: EngineSource | None = None
+    _compiled_felt: tuple[object, object] = (None, None)
     plays_by: Literal["engine", "interpreter"] = "interpreter"
     """Who makes the samples: the engine in C in a thread of its own, or Python."""
     record: PlayedRecord | None = None
@@ -174,9 +177,9 @@ class LiveRenderer(RenderStream):
         settings: LiveSettings | None = None,
         sense: bool | FingerObserver = False,
     ) -> None:
+        self._changing = threading.Lock()
         super().__init__(surface, texture, device, drive, settings or LiveSettings())
         self._clock = device.clock
-        self._leaving = threading.Lock()
         if sense is not False:
             self.adapted = Adaptation.of(sense, self.surface, self.drive)
 
@@ -258,7 +261,7 @@ class LiveRenderer(RenderStream):
 
     def _own_thread(self) -> OwnThread | None:
         """Return the thread without the interpreter, if the settings want one and it can play."""
-        master = self._master
+        self._engine, mix, felt = None, self._master.compiled, self._felt_now
         if not self.settings.own_thread:
             return None
         why = ""
@@ -266,8 +269,6 @@ class LiveRenderer(RenderStream):
             why = f"{self.device.name} has no waveform that goes through a file descriptor"
         elif self.adapted is not None or self.settings.keep_blocks or self.record is not None:
             why = "sensing, keep_blocks and record need it"
-        elif master.is_muted or master.intensity * master.person_intensity != 1.0:
-            why = "the engine plays at full intensity"
         else:
             try:
                 program = compile_touch(
@@ -279,6 +280,9 @@ class LiveRenderer(RenderStream):
             _LOG.warning("own_thread: plays by the interpreter: %s", why)
             return None
         source, stats = EngineSource(program, self.settings.reaction_s), self.stats
+        if mix is not None:
+            source.mix(mix)
+        self._engine, self._compiled_felt = source, felt
 
         def count() -> None:
             stats.samples = stats.samples_played
@@ -302,13 +306,34 @@ class LiveRenderer(RenderStream):
         """
         if self._own is None or self._playback is None:
             return
-        with self._leaving:
+        with self._changing:
             if self._own is None:
                 return
             _LOG.warning("own_thread: goes on by the interpreter, since something is changed")
             self._playback.stop()
             self._source.since_s = self._samples_s
+            self._engine = None
             self._begin(None)
+
+    def _engine_follows(self) -> bool:
+        """Hand the engine what has changed; return whether it can play that."""
+        with self._changing:
+            engine, mix = self._engine, self._master.compiled
+            if engine is None or mix is None or not self._engine_feels():
+                return False
+            engine.mix(mix)
+            return True
+
+    @property
+    def _felt_now(self) -> tuple[object, object]:
+        """What is felt, which is replaced when it changes."""
+        evaluator = self._felt[1]
+        return self._felt, evaluator.store.shown if isinstance(evaluator, Layout) else None
+
+    def _engine_feels(self) -> bool:
+        return all(
+            now is then for now, then in zip(self._felt_now, self._compiled_felt, strict=True)
+        )
 
     @property
     def _samples_s(self) -> float:
@@ -476,7 +501,8 @@ class LiveRenderer(RenderStream):
             self._playback.touch(now_s)
 
     def _changed(self) -> None:
-        self._leave_own_thread()
+        if not self._engine_follows():
+            self._leave_own_thread()
         if self._playback is not None and self._fingers.touches.active:
             self._touched(self.now_s())
 

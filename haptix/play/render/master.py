@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from math import ceil, inf, isfinite
+from math import ceil, inf, isfinite, nan
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -214,6 +214,14 @@ class Master:
         (low,), (high,) = line.before, line.after
         parts = line.parts(first_s + step_s * np.arange(1.0, points + 1))
         return Mix(since_s, low + parts * (high - low), self._effects)
+
+    @property
+    def compiled(self) -> tuple[float, ...] | None:
+        """The numbers of an ``hx_mix`` of the engine; None while effects play."""
+        if self._effects:
+            return None
+        line, stands_s = self._line, self._stands_s if self.is_paused else nan
+        return (*line.before, *line.after, line.start_s, line.end_s, self._stood_s, stands_s)
 
     def play(
         self,

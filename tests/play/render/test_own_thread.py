@@ -20,7 +20,7 @@ from firmware_io.links.tcp import TcpLink
 from firmware_io.own_thread import QUIET_S, OwnThread, finger_report
 from firmware_io.reviser import PlaybackStats
 from haptix.base.native import ffi, library
-from haptix.feel.materials import Button, Grating, Texture
+from haptix.feel.materials import Button, Grating, Moving, Texture, Transient
 from haptix.play import LiveSettings, compile_touch
 from haptix.play.render.engine import EngineSource
 from haptix.play.render.fingers import PredictedFingers
@@ -32,6 +32,7 @@ from tests.waiting import pause, wait_for
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="the interpreter plays there")
 
+CLICK = {"kind": "pulse", "height": 0.8, "width_s": 0.05, "length_s": 0.1}
 CODE_V = 200.0 / 2**15
 LEVEL = np.random.default_rng(9).random((12, 20)).astype(np.float32).astype(float)
 
@@ -54,7 +55,29 @@ def mixed():
     return layout
 
 
-@pytest.mark.parametrize("make", [ribs, mixed])
+def scene():
+    """A layout that changes in time, and with what a finger did."""
+    layout = mixed()
+    layout.add(
+        Moving(of=Texture(LEVEL, 30.0), velocity_mm_s=(20.0, 5.0)), width_mm=20, height_mm=20
+    )
+    layout.add(Transient(curve=CLICK, begins="detent"), width_mm=12, height_mm=12)
+    return layout
+
+
+def turn(master, random, now_s):
+    """Turn a knob."""
+    if master.is_muted:
+        master.turn(now_s, is_muted=False)
+    elif master.is_paused:
+        master.resume(now_s)
+    else:
+        changes = {"intensity": float(random.random())}, {"is_muted": True}
+        choice = random.integers(3)
+        master.pause(now_s) if choice == 2 else master.turn(now_s, **changes[choice])
+
+
+@pytest.mark.parametrize("make", [ribs, mixed, scene])
 @pytest.mark.parametrize("seed", range(4))
 def test_the_source_in_c_makes_the_windows_of_the_one_in_python(surface, make, seed):
     random = np.random.default_rng(seed)
@@ -66,7 +89,8 @@ def test_the_source_in_c_makes_the_windows_of_the_one_in_python(surface, make, s
         )
     fingers = PredictedFingers(settings)
     react = core.texture.evaluator.react
-    python = RenderSource(core, fingers, Master(lambda: None), lambda *_: None)
+    master = Master(lambda: None)
+    python = RenderSource(core, fingers, master, lambda *_: None)
     rate, step, began_s = core.sample_rate_hz, core.step, 1000.25
     sent, played, pending, is_down = 0, 0, 0, [False, False]
     places = random.uniform(5, 15, (2, 2))
@@ -99,6 +123,9 @@ def test_the_source_in_c_makes_the_windows_of_the_one_in_python(surface, make, s
         library.hx_live_report(
             compiled.at, finger, kind != "up", now_s, t_s, x_mm, y_mm, force or 0.0
         )
+        if random.random() < 0.3:
+            turn(master, random, played / rate + settings.reaction_s)
+            compiled.mix(master.compiled)
         first = (played // step + 40) * step
         largest = max(largest, window(first, 240 * step, True))
         pending += 1
@@ -110,7 +137,7 @@ def test_the_source_in_c_makes_the_windows_of_the_one_in_python(surface, make, s
             pending = 0 if undone else pending - obeyed
         python.played(played // step * step - 1000 * step if played > 1000 * step else 0)
         assert bool(library.hx_live_is_live(compiled.at)) == python.is_live, round_
-    assert largest > 50.0
+    assert largest > 20.0
 
 
 @pytest.fixture
@@ -245,7 +272,10 @@ def test_samples_over_a_limit_are_not_sent(surface, served):
     device.close()
 
 
-@pytest.mark.parametrize("change", [lambda r: r.intensity(0.5), lambda r: r.mark(7)])
+@pytest.mark.parametrize(
+    "change",
+    [lambda r: r.texture.add(Grating(period_mm=2), width_mm=9, height_mm=9), lambda r: r.mark(7)],
+)
 def test_a_change_lets_the_interpreter_go_on(surface, served, change):
     link, _ = served
     device = Device(link)
@@ -260,6 +290,24 @@ def test_a_change_lets_the_interpreter_go_on(surface, served, change):
         assert renderer.stats.block_s  # the interpreter's
         assert not renderer._marks
     assert not device.stop_is_owed
+    device.close()
+
+
+def test_the_engine_follows_intensity_mute_and_pause(surface, served):
+    link, _ = served
+    device = Device(link)
+    with haptix.LiveRenderer(surface, ribs(), device, settings=LIVE) as renderer:
+        stroke(renderer, 0.1)
+        renderer.intensity(0.5)
+        renderer.mute()
+        stroke(renderer, 0.2)
+        renderer.mute(on=False)
+        renderer.pause()
+        at_s = renderer.scene_s
+        stroke(renderer, 0.1)
+        assert renderer.scene_s == at_s
+        renderer.pause(on=False)
+        assert renderer.plays_by == "engine"
     device.close()
 
 
