@@ -1,6 +1,6 @@
-"""Make clients/engine/src/engine.wasm of the engine's C, with ziglang.
+"""Make the WebAssembly in clients/engine/src of the engine's C and of the firmware's, with ziglang.
 
-With `--check FILE` it writes there instead, for a test that compares both.
+With `--check FOLDER` it writes there instead, for a test that compares both.
 """
 
 from __future__ import annotations
@@ -11,27 +11,27 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 PACKAGE, NATIVE = ROOT / "clients" / "engine", ROOT / "haptix" / "base" / "native"
+FIRMWARE = ROOT / "firmware_io" / "firmware"
 PARTS = ("block", "engine", "fingers", "map", "material", "program", "pyramid", "touch")
+SOURCES = {
+    "engine": (NATIVE, [NATIVE / f"haptix_{part}.c" for part in PARTS]),
+    "firmware": (FIRMWARE, sorted(FIRMWARE.glob("*.c"))),
+}
+# For size: of the engine -O2 makes a quarter more, which is a twelfth faster.
 FLAGS = (
-    *("-target", "wasm32-wasi", "-mexec-model=reactor", "-std=c99", "-O2", "-s"),
+    *("-target", "wasm32-wasi", "-mexec-model=reactor", "-std=c99", "-Os", "-s"),
     *("-Wall", "-Wextra", "-Werror", "-ffp-contract=off", "-Wl,--no-entry"),
 )
 
 
-def make(out: Path) -> None:
-    """Compile to a file."""
-    sources = [PACKAGE / "engine.c", *(NATIVE / f"haptix_{part}.c" for part in PARTS)]
-    subprocess.run(
-        [
-            *(sys.executable, "-m", "ziglang", "cc", *FLAGS, f"-I{NATIVE}"),
-            *(str(source) for source in sources),
-            *("-o", str(out)),
-        ],
-        check=True,
-        cwd=ROOT,
-    )
-    out.chmod(0o644)
+def make(folder: Path) -> None:
+    """Compile both into a folder."""
+    for name, (headers, sources) in SOURCES.items():
+        out = folder / f"{name}.wasm"
+        command = [sys.executable, "-m", "ziglang", "cc", *FLAGS, f"-I{headers}"]
+        subprocess.run([*command, PACKAGE / f"{name}.c", *sources, "-o", out], check=True, cwd=ROOT)
+        out.chmod(0o644)
 
 
 if __name__ == "__main__":
-    make(Path(sys.argv[2]) if sys.argv[1:2] == ["--check"] else PACKAGE / "src" / "engine.wasm")
+    make(Path(sys.argv[2]) if sys.argv[1:2] == ["--check"] else PACKAGE / "src")

@@ -1,6 +1,6 @@
 /* The engine for a web page: one engine in memory of its own, by numbers that JavaScript has.
  *
- * scripts/engine_wasm.py makes src/engine.wasm of it. */
+ * scripts/make-engine.py makes src/engine.wasm of it. */
 #include <stddef.h>
 #include <stdint.h>
 

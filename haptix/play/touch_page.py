@@ -48,7 +48,7 @@ def page_files(program: bytes, felt: Material, title: str) -> dict[str, bytes]:
     --------
     >>> from haptix.feel.materials import Grating
     >>> sorted(page_files(b"", Grating(period_mm=2.0), "Ribs"))[-4:]
-    ['protocol.js', 'touch.hxp', 'virtual-driver.js', 'worker.js']
+    ['touch.hxp', 'virtual-driver.js', 'virtual-link.js', 'worker.js']
     """
     left, right, top, bottom = shown_place_mm(felt)
     wanted = picture(felt, right - left, bottom - top, _COLUMNS, corner_mm=(left, top))

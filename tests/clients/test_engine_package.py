@@ -150,16 +150,18 @@ def test_the_package_is_small_and_whole():
     assert sum(path.stat().st_size for path in files) <= MOST_BYTES
     for entry in about["exports"].values():
         assert all((PACKAGE / path).is_file() for path in entry.values())
-    assert (PACKAGE / "src" / "engine.wasm").read_bytes()[:4] == b"\0asm"
+    for name in ("engine.wasm", "firmware.wasm"):
+        assert (PACKAGE / "src" / name).read_bytes()[:4] == b"\0asm"
 
 
 @pytest.mark.slow  # it compiles
 def test_the_web_assembly_is_that_of_the_sources(tmp_path):
     pytest.importorskip("ziglang")
     script = ROOT / "scripts" / "make-engine.py"
-    subprocess.run([sys.executable, script, "--check", tmp_path / "engine.wasm"], check=True)
-    made = (tmp_path / "engine.wasm").read_bytes()
-    assert made == (PACKAGE / "src" / "engine.wasm").read_bytes(), f"run {script}"
+    subprocess.run([sys.executable, script, "--check", tmp_path], check=True)
+    for name in ("engine.wasm", "firmware.wasm"):
+        made = (tmp_path / name).read_bytes()
+        assert made == (PACKAGE / "src" / name).read_bytes(), f"run {script}"
 
 
 USE = """

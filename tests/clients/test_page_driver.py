@@ -350,3 +350,102 @@ def test_a_page_that_falls_silent_ends_at_0_v(served, is_cut):
         assert (got["fault"], got["failed"]) == (0, "the engine has stopped")
     wait_for(lambda: np.asarray(driver.output_v)[-1] == 0.0)
     assert np.abs(driver.output_v).max() > 50.0
+
+
+VIRTUAL = """
+import { setTimeout as sleep } from "node:timers/promises";
+import { Driver } from "PACKAGE/src/driver.js";
+import { openLink } from "PACKAGE/src/links.js";
+import { encode, FAULTS, FrameParser } from "PACKAGE/src/protocol.js";
+const out = (result) => process.stdout.write(JSON.stringify(result), () => process.exit(0));
+const sine = (n, rateHz) =>
+  Float64Array.from({ length: n }, (_, i) => 100 * Math.sin((2 * Math.PI * 1000 * i) / rateHz));
+async function opened(sampleRateHz) {
+  const played = [];
+  const onplayed = (volts) => played.push(...volts);
+  const link = await openLink("virtual", { sampleRateHz, onplayed });
+  return { played, link, driver: await Driver.open(link, { sampleRateHz }) };
+}
+"""
+
+PLAYED = """
+const { played, driver } = await opened(16000);
+await driver.arm();
+const sent = sine(8000, 16000);
+await driver.write(sent);
+while (driver.ahead > 0) await sleep(2);
+await driver.stop();
+const { underruns, fault } = driver.status;
+await driver.close();
+await sleep(50);
+out({ sent: [...sent], played, underruns, fault });
+"""
+
+STARVED = """
+const { played, link, driver } = await opened(48000);
+let failed = "";
+driver.addEventListener("failed", ({ detail }) => (failed = detail.message));
+await driver.arm();
+await driver.write(sine(96, 48000));
+while (!failed) await sleep(2);
+out({ played, failed, isArmed: driver.isArmed });
+"""
+
+#: By frames of its own, without the page's limits: only the firmware's are left.
+OVER = """
+const played = [], faults = [], parser = new FrameParser();
+const link = await openLink("virtual", { onplayed: (volts) => played.push(...volts) });
+link.onbytes = (bytes) => {
+  for (const message of parser.feed(bytes)) if (message.kind === "FAULT") faults.push(message.code);
+};
+const setup = {
+  mode: 0, watchdogMs: 100, sampleRateHz: 48000, fullScaleMv: 200000, ceilingMv: 100000,
+  maxSlewVPerS: 4666666, carrierMhz: 0, leadUs: 15000, statusMs: 5,
+};
+const codes = Int16Array.from({ length: 960 }, (_, i) => CODE);
+const frames = [
+  ["HELLO", { oldestVersion: 4, newestVersion: 4 }], ["SETUP", setup], ["ARM"],
+  ["STREAM", { sampleIndex: 0, mode: 0, codes }],
+];
+for (const [sequence, [name, fields]] of frames.entries())
+  await link.send(encode(name, sequence, fields, 4));
+while (!faults.length) await sleep(2);
+await sleep(50);
+out({ played, faults: faults.map((code) => FAULTS[code]) });
+"""
+
+
+def test_a_virtual_driver_plays_what_is_written():
+    for _ in range(5):  # a busy machine may leave the driver dry, which is heard in its record
+        got = under_node(VIRTUAL + PLAYED, b"")
+        if got["underruns"] <= 1:
+            break
+    played, sent = np.array(got["played"]), np.array(got["sent"])
+    # The output has 48 kHz: lines from sample to sample, which end at the last one.
+    sent = np.interp(np.arange(3 * sent.size - 2) / 3, np.arange(sent.size), sent)
+    first = np.flatnonzero(played)[0] - np.flatnonzero(np.abs(sent) > 200 / 32767)[0]
+    arrived = played[first : first + sent.size]
+    # Half a code of a sample, and one of whole numbers between two.
+    np.testing.assert_allclose(arrived, sent, rtol=0, atol=1.501 * 200 / 32767)
+    assert played[-1] == 0.0
+    assert got["fault"] == 0
+
+
+def test_a_virtual_driver_ends_at_0_v_by_itself():
+    got = under_node(VIRTUAL + STARVED, b"")
+    driven = np.flatnonzero(got["played"])
+    # Two milliseconds of samples, then the watchdog of 100 ms and the ramp of 5.
+    assert (driven[-1] - driven[0]) / 48_000 < 0.107
+    assert "STARVED" in got["failed"]
+    assert not got["isArmed"]
+
+
+@pytest.mark.parametrize(
+    ("code", "fault"),
+    # Steps of 195 V are too steep, where 97 V are allowed; 122 V are above a ceiling of 100 V.
+    [("i % 2 ? 16000 : -16000", "SLEW"), ("Math.min(i * 500, 20000)", "CEILING")],
+)
+def test_a_virtual_driver_has_the_limits_of_a_board(code, fault):
+    got = under_node(VIRTUAL + OVER.replace("CODE", code), b"")
+    assert got["faults"][0] == fault
+    assert got["played"][-1] == 0.0

@@ -165,3 +165,20 @@ def test_a_driver_that_is_opened_again_is_not_the_one_before(page, driver):  # n
     page.wait_for_function("told.length > 0")
     page.wait_for_timeout(100)
     assert page.evaluate("[told.length, driver.isArmed]") == [1, False]
+
+
+@pytest.mark.slow  # another test has the virtual driver, under Node
+def test_strokes_are_played_on_the_virtual_driver(page):
+    page.click("#go", no_wait_after=True)
+    assert page.evaluate(OPEN, "virtual") == "armed"
+    page.evaluate(STROKE)
+    page.evaluate("window.driven = 0; window.blocks = 0")
+    page.evaluate(
+        "engine.addEventListener('block', ({ detail }) => {"
+        " blocks += 1; driven = Math.max(driven, ...detail.driveV); })"
+    )
+    wait_for(lambda: page.evaluate("driven > 30 && blocks > 200"))
+    assert page.evaluate("[told.length, driver.isArmed]") == [0, True]
+    page.evaluate("driver.stop()")
+    page.wait_for_function("!driver.isArmed")
+    assert page.evaluate("told") == []

@@ -1,7 +1,8 @@
-// Links of a page to a driver, over WebUSB, WebHID and WebSerial: whole frames out, bytes in.
+// Links of a page to a driver, over WebUSB, WebHID and WebSerial, or to a virtual one: whole frames out, bytes in.
 
 import { DriverError } from "./driver.js";
 import { fromReport, toReports } from "./protocol.js";
+import { openVirtual } from "./virtual-link.js";
 
 const READ_BYTES = 4096;
 const AWAKE_MS = { usb: 1000, hid: 1000, serial: 3000 }; // a board just plugged in answers by then
@@ -25,10 +26,12 @@ const WAYS = {
     known: async (serial) => serial.getPorts(),
     open: openSerial,
   },
+  virtual: { open: (_, link, options) => openVirtual(link, options) },
 };
 
 /** The device of a link, and how many like it a person chose; `again` takes the first of these without asking. */
 export async function chooseDevice(kind, options) {
+  if (kind === "virtual") return { device: { close: async () => {} }, alike: 1 }; // nobody chooses it
   const chosen = { vendorId: 0x1209, productId: 0x0001, anyPort: false, ...options };
   const api = globalThis.navigator?.[kind];
   if (!api)
@@ -48,7 +51,7 @@ export async function chooseDevice(kind, options) {
 /**
  * Open a driver that a person chooses from the browser's list, in the listener of a click; `again` opens the one chosen before.
  *
- * @param {"usb" | "hid" | "serial"} kind
+ * @param {"usb" | "hid" | "serial" | "virtual"} kind
  * @returns {Promise<import("./driver.js").Link>}
  */
 export async function openLink(kind, options = {}) {

@@ -43,7 +43,7 @@ export class PageDriver extends EventTarget {
    * Open a driver that a person chooses from the browser's list, in the listener of a click. A page that is hidden or closed, and an
    * engine that dies, end at 0 V; a page that is busy does not.
    *
-   * @param {"usb" | "hid" | "serial"} kind
+   * @param {"usb" | "hid" | "serial" | "virtual"} kind
    * @param {import("./engine.js").Engine} engine
    */
   static async open(kind, engine, { ceilingV, maxSlewVPerS, ...options } = {}) {

@@ -64,7 +64,8 @@ async function openDriver(number, { kind, options, limits }) {
   postMessage({ driver: { number: opened, isArmed: false } });
   opened = 0;
   await driver?.close();
-  driver = await Driver.open(await openLink(kind, options), { sampleRateHz: core.sampleRateHz, ...limits });
+  const { sampleRateHz } = core;
+  driver = await Driver.open(await openLink(kind, { sampleRateHz, ...options }), { sampleRateHz, ...limits });
   opened = number;
   driver.addEventListener("failed", ({ detail: { name, message } }) =>
     postMessage({ driver: { number, isArmed: false, failed: { name, message } } }),
