@@ -9,8 +9,10 @@ from __future__ import annotations
 import csv
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
+from datetime import datetime
 from io import BytesIO
 from math import nan
 from pathlib import Path
@@ -34,6 +36,7 @@ _CLOCK = re.compile(
     re.I,
 )
 _UNIT = re.compile(r"(?P<name>.*?)\s*(?:[(\[](?P<unit>[^()\[\]]*)[)\]]|/\s*(?P<after>\w+))\s*")
+_START = re.compile(r"(\d+)/(\d+)/(\d+) (\d+):(\d+):(\d+)[.,]?(\d*)")
 _DAY_S = 86_400.0
 _OF_SIGNALS = frozenset(
     ["s", "ms", "us", "N", "mN", "gf", "kgf", "lbf", "m", "cm", "mm", "um", "inch", "V", "mV", "kV"]
@@ -149,6 +152,15 @@ def _needed(table: LabTable, path: str | Path, names: Sequence[str] | None) -> L
     return table
 
 
+#: LabVIEW's time 0 is the day before, and stands in a waveform whose start was not set.
+_UNSET = np.datetime64("1904-01-02", "us")
+
+
+def _begun(channel: Any) -> np.datetime64 | None:
+    start = channel.properties.get("wf_start_time")
+    return start if isinstance(start, np.datetime64) and start > _UNSET else None
+
+
 def _of_tdms(path: str | Path, data: bytes) -> LabTable:
     with from_extra("calibration"):
         from nptdms import TdmsFile
@@ -161,7 +173,10 @@ def _of_tdms(path: str | Path, data: bytes) -> LabTable:
         filled = [(group.name, part) for group, part in zip(groups, parts, strict=True) if part]
         alike = len(filled) > 1 and len({tuple(part) for _, part in filled}) == 1
         columns, units, times = dict[str, Array](), dict[str, str](), dict[str, Array]()
+        first = _first(_begun(channel) for _, part in filled for channel in part.values())
         for number, (group, part) in enumerate(filled, 1):
+            if alike:
+                first = _first(map(_begun, part.values()))
             for channel in part.values():
                 # Groups of the same channels follow one another, such as one for each stroke.
                 name = channel.name if alike or len(filled) == 1 else f"{group}/{channel.name}"
@@ -176,8 +191,9 @@ def _of_tdms(path: str | Path, data: bytes) -> LabTable:
                 if unit := known_unit(str(properties.get("unit_string", ""))):
                     units[name] = unit
                 if (step := float(properties.get("wf_increment", 0.0))) > 0:
-                    first = float(properties.get("wf_start_offset", 0.0))
-                    own = first + step * np.arange(len(values))
+                    began_s = _late_s(_begun(channel), first)
+                    began_s += float(properties.get("wf_start_offset", 0.0))
+                    own = began_s + step * np.arange(len(values))
                     times[name] = np.append(times.get(name, []), own)
             if alike:
                 longest = max(len(channel) for channel in part.values())
@@ -185,6 +201,29 @@ def _of_tdms(path: str | Path, data: bytes) -> LabTable:
                 columns["group"] = np.append(numbers, np.full(longest, float(number)))
     what = f"TDMS: {', '.join(f'{group} ({len(part)} channels)' for group, part in filled)}"
     return LabTable(columns, units, times, None, (what,))
+
+
+def _first(starts: Iterable[np.datetime64 | None]) -> np.datetime64:
+    return min((start for start in starts if start is not None), default=_UNSET)
+
+
+def _late_s(start: np.datetime64 | None, first: np.datetime64) -> float:
+    """Seconds by which a channel began after the first one; 0 where its start is not stated."""
+    return 0.0 if start is None else float((start - first) / np.timedelta64(1, "us")) / 1e6
+
+
+def _started(date: str, time: str) -> np.datetime64 | None:
+    """Return the start of a channel of LVM; None where it is not stated."""
+    at = re.fullmatch(
+        r"(\d+)/(\d+)/(\d+) (\d+):(\d+):(\d+)[.,]?(\d*)", f"{date.strip()} {time.strip()}"
+    )
+    if at is None:
+        return None
+    year, month, day, hour, minute, second = map(int, at.groups()[:6])
+    with suppress(ValueError):
+        start = datetime(year, month, day, hour, minute, second)
+        return np.datetime64(start, "us") + np.timedelta64(round(float(f"0.{at[7]}0") * 1e6), "us")
+    return None
 
 
 def _of_lvm(path: str | Path, text: str) -> LabTable:
@@ -200,6 +239,10 @@ def _of_lvm(path: str | Path, text: str) -> LabTable:
             rows = np.atleast_2d(segment["data"])
             names = segment["Channel names"]
             places = [k for k, name in enumerate(names) if name not in ("X_Value", "Comment")]
+            dates, clocks = (segment.get(key, []) for key in ("Date", "Time"))
+            starts = [_started(*each) for each in zip(dates, clocks, strict=False)]
+            starts += [None] * len(places)
+            first = _first(starts)
             for channel, at in enumerate(places):
                 values = rows[:, at]
                 values = values[: int(np.flatnonzero(np.isfinite(values))[-1]) + 1]
@@ -212,6 +255,8 @@ def _of_lvm(path: str | Path, text: str) -> LabTable:
                     own = start + step * np.arange(len(values))
                 else:
                     own = rows[: len(values), at - 1 if x_columns == "Multi" else 0]
+                if x_columns != "One":  # else all have the same times
+                    own = own + _late_s(starts[channel], first)
                 times.setdefault(names[at], []).append(own)
             if count > 1:
                 columns.setdefault("segment", []).append(np.full(len(rows), float(number + 1)))

@@ -1,5 +1,7 @@
 """Files as the programs of instruments write them, against the signals that they were made of."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -107,7 +109,7 @@ def waveforms(made, path):
     path.write_text(head + text_of(columns_of(made)[1:], "\t", True))
 
 
-def lvm(made, path, x_columns="One"):
+def lvm(made, path, x_columns="One", began=()):
     """A LabVIEW measurement file, by its specification (version 2)."""
     columns, count = columns_of(made)[1:], len(made.t_s)
     lines = [
@@ -115,7 +117,8 @@ def lvm(made, path, x_columns="One"):
         "Decimal_Separator\t,", "Multi_Headings\tYes", f"X_Columns\t{x_columns}",
         "Time_Pref\tRelative", "Date\t2026/11/27", "Time\t10:11:12,123",
         "***End_of_Header***\t", "\t", "Channels\t4\t\t\t\t",
-        "Samples" + f"\t{count}" * 4, "Y_Unit_Label\tN\tN\tmm\tV", "X_Dimension" + "\tTime" * 4,
+        *began, "Samples" + f"\t{count}" * 4, "Y_Unit_Label\tN\tN\tmm\tV",
+        "X_Dimension" + "\tTime" * 4,
         "X0" + "\t0,0000000000000000E+0" * 4, "Delta_X" + "\t0,000500" * 4,
         "***End_of_Header***\t\t\t\t\t", "X_Value\tFz\tFx\tPosition\tMonitor\tComment",
     ]  # fmt: skip
@@ -130,14 +133,15 @@ def lvm_without_times(made, path):
     lvm(made, path, "No")
 
 
-def tdms_of(path, *groups):
+def tdms_of(path, *groups, starts=None):
     from nptdms import ChannelObject, TdmsWriter
 
     with TdmsWriter(path) as file:
-        for group, channels in groups:
+        for number, (group, channels) in enumerate(groups):
+            began = {} if starts is None else {"wf_start_time": starts[number]}
             file.write_segment([
                 ChannelObject(group, name, values, {
-                    "wf_increment": step, "wf_start_offset": 0.0, "unit_string": unit})
+                    "wf_increment": step, "wf_start_offset": 0.0, "unit_string": unit, **began})
                 for name, unit, step, values in channels
             ])  # fmt: skip
 
@@ -148,6 +152,51 @@ def tdms(made, path):
     step = 1 / RATE_HZ
     force = [("Fz", "N", step, fz), ("Fx", "N", step, fx), ("AO monitor", "V", step, v)]
     tdms_of(path, ("Force", force), ("Stage", [("Position", "m", 20 * step, x[::20] / 1e3)]))
+
+
+def lvm_of_two_tasks(made, path):
+    """Each channel has its own start; the place was measured from 0.1 s on, over midnight."""
+    dates = "Date\t2026/11/27\t2026/11/27\t2026/11/28\t2026/11/27"
+    times = "Time\t23:59:59,950\t23:59:59,95\t00:00:00,050000000\t23:59:59,950"
+    later = replace(made, x_mm=np.roll(made.x_mm, -round(0.1 * RATE_HZ)))
+    lvm(later, path, "No", (dates, times))
+
+
+BEGAN = np.datetime64("2026-11-27T10:00:00.000000")
+
+
+def tdms_of_two_tasks(made, path, began=BEGAN):
+    """The stage was measured from 0.1 s on."""
+    _, fz, fx, x, v = columns_of(made)
+    step, late = 1 / RATE_HZ, round(0.1 * RATE_HZ)
+    force = [("Fz", "N", step, fz), ("Fx", "N", step, fx), ("AO monitor", "V", step, v)]
+    stage = [("Position", "m", step, x[late:] / 1e3)]
+    starts = (began, BEGAN + np.timedelta64(100_000, "us"))
+    tdms_of(path, ("Force", force), ("Stage", stage), starts=starts)
+
+
+@pytest.mark.parametrize(
+    ("write", "name"), [(lvm_of_two_tasks, "a.lvm"), (tdms_of_two_tasks, "a.tdms")]
+)
+def test_channels_that_began_at_different_times_are_put_in_line(made, tmp_path, write, name):
+    write(made, tmp_path / name)
+    columns, missing, _ = proposed(read_table(tmp_path / name))
+    assert missing == ()
+    found = columns.signals(tmp_path / name)
+    # From where both are measured to the last that was.
+    assert found["t_s"][0] == pytest.approx(0.1, abs=1e-6)
+    at = np.round(found["t_s"] * RATE_HZ).astype(int)
+    at = at[at < len(made.t_s)]
+    for signal in NAMES[1:]:
+        wanted = getattr(made, signal)[at]
+        np.testing.assert_allclose(found[signal][: len(at)], wanted, atol=2e-5)
+
+
+def test_a_start_that_labview_has_not_set_is_none(made, tmp_path):
+    """It writes 0, which is 1904: one channel of that and one of today are not 120 years apart."""
+    tdms_of_two_tasks(made, tmp_path / "a.tdms", np.datetime64("1904-01-01T00:00:00.000000"))
+    times = read_table(tmp_path / "a.tdms").times_s
+    assert times["Force/Fz"][0] == times["Stage/Position"][0] == 0.0
 
 
 FILES = {
