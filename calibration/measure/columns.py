@@ -238,6 +238,7 @@ class ColumnMap(Document):
             inside = np.flatnonzero(known)
             if len(inside) < FEWEST_SAMPLES:
                 files = ", ".join({c.file for c in self.columns.values() if c.file})
+                files = files or "its other columns"
                 raise FileFormatError(
                     f"{path}: has no times in common with {files}; expected both by one clock, or "
                     "both from the start of the recording on"

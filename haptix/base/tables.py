@@ -313,7 +313,10 @@ def _of_text(
             f"{', '.join(map(repr, layout.names))}"
         )
     wanted = layout.names if names is None else [empty.named(name) or name for name in names]
-    columns, units = _values(path, body, at[layout.first :], layout, wanted, names is not None)
+    own = _waveforms(path, layout)
+    columns, units = _values(
+        path, body, at[layout.first :], layout, wanted, names is not None, is_ragged=bool(own)
+    )
     columns = {name: columns[name] for name in wanted if name in columns}
     factors, rate_hz = _stated(layout)
     for name in columns:
@@ -331,9 +334,33 @@ def _of_text(
         understood.append("no headings: the columns are called 1, 2, ...")
     if factors:
         understood.append("counts divided by the counts per unit above the columns")
-    if rate_hz:
+    if own:
+        understood.append("each column from its own start on, at its own rate, as stated above")
+    elif rate_hz:
         understood.append(f"{rate_hz:g} samples a second, as stated above the columns")
-    return LabTable(columns, units, {}, rate_hz, (*understood,))
+    times = {
+        name: began_s + step_s * np.arange(float(len(columns[name])))
+        for name, (began_s, step_s) in own.items() if name in columns
+    }  # fmt: skip
+    return LabTable(columns, units, times, None if own else rate_hz, (*understood,))
+
+
+def _waveforms(path: str | Path, layout: _Layout) -> dict[str, tuple[float, float]]:
+    """Start and step [s] of each column, where LabVIEW's waveforms have those of their own."""
+    rows = {
+        label.strip().lower(): cells
+        for label, *cells in (_cells(line, layout.delimiter) for line in layout.above)
+        if len(cells) == len(layout.names)
+    }
+    if "t0" not in rows or "delta t" not in rows:
+        return {}
+    starts = np.array([_clock_s(path, [cell], "t0")[0] for cell in rows["t0"]])
+    starts = (starts - starts[0] + _DAY_S / 2) % _DAY_S  # over midnight as well
+    steps = [_number(cell, layout.has_commas) for cell in rows["delta t"]]
+    if not min(steps) > 0 or (np.ptp(starts) == 0 and len(set(steps)) == 1):
+        return {}
+    own = zip((starts - starts.min()).tolist(), steps, strict=True)
+    return dict(zip(layout.names, own, strict=True))
 
 
 def _cells(line: str, delimiter: str) -> list[str]:
@@ -411,8 +438,12 @@ def _values(
     layout: _Layout,
     wanted: Sequence[str],
     must_be: bool,
+    is_ragged: bool,
 ) -> tuple[dict[str, Array], dict[str, str]]:
-    """Numbers of the wanted columns; where one must be, a cell that is none is an error."""
+    """Numbers of the wanted columns; where one must be, a cell that is none is an error.
+
+    Ragged columns end before empty cells.
+    """
     sign, units = layout.delimiter, dict(layout.units)
     first = _cells(body[0], sign)
     numeric, clocks = [], []
@@ -436,6 +467,8 @@ def _values(
         rows = [_cells(line, sign) for line in body]
         for k in numeric:
             cells = [row[k] if k < len(row) else "" for row in rows]
+            while is_ragged and cells and not cells[-1].strip():
+                cells.pop()
             values = np.array([_number(cell, layout.has_commas) for cell in cells])
             if (bad := np.flatnonzero(np.isnan(values))).size and not must_be:
                 if len(bad) > len(values) / 2:

@@ -109,6 +109,19 @@ def waveforms(made, path):
     path.write_text(head + text_of(columns_of(made)[1:], "\t", True))
 
 
+def waveforms_of_two_tasks(made, path):
+    """The place was measured from 0.1 s on, at a tenth of the rate: its column ends earlier."""
+    late = round(0.1 * RATE_HZ)
+    fz, fx, x, v = (text_of([column], "\t", True).split() for column in columns_of(made)[1:])
+    x = x[late::10] + [""] * len(fz)
+    rows = "".join("\t".join(row) + "\n" for row in zip(fz, fx, x, v, strict=False))
+    head = "waveform\t[0]\t[1]\t[2]\t[3]\n"
+    head += "t0" + "".join(f"\t27.11.2026 23:59:59,{at}" for at in ("95", "95")) + "\t28.11.2026 "
+    head += "00:00:00,05\t27.11.2026 23:59:59,95\n"
+    head += "delta t\t0,000500\t0,000500\t0,005000\t0,000500\n\n"
+    path.write_text(head + "Fz (N)\tFx (N)\tPosition (mm)\tMonitor (V)\n" + rows)
+
+
 def lvm(made, path, x_columns="One", began=()):
     """A LabVIEW measurement file, by its specification (version 2)."""
     columns, count = columns_of(made)[1:], len(made.t_s)
@@ -176,20 +189,28 @@ def tdms_of_two_tasks(made, path, began=BEGAN):
 
 
 @pytest.mark.parametrize(
-    ("write", "name"), [(lvm_of_two_tasks, "a.lvm"), (tdms_of_two_tasks, "a.tdms")]
+    ("write", "name"),
+    [
+        (lvm_of_two_tasks, "a.lvm"),
+        (tdms_of_two_tasks, "a.tdms"),
+        (waveforms_of_two_tasks, "a.txt"),
+    ],
 )
 def test_channels_that_began_at_different_times_are_put_in_line(made, tmp_path, write, name):
     write(made, tmp_path / name)
     columns, missing, _ = proposed(read_table(tmp_path / name))
     assert missing == ()
     found = columns.signals(tmp_path / name)
-    # From where both are measured to the last that was.
-    assert found["t_s"][0] == pytest.approx(0.1, abs=1e-6)
+    # From where both are measured, and half a step of the slower one before that.
+    half_s = 2.5e-3 if name == "a.txt" else 0.0
+    assert found["t_s"][0] == pytest.approx(0.1 - half_s / 2, abs=half_s / 2 + 1e-6)
     at = np.round(found["t_s"] * RATE_HZ).astype(int)
     at = at[at < len(made.t_s)]
     for signal in NAMES[1:]:
         wanted = getattr(made, signal)[at]
-        np.testing.assert_allclose(found[signal][: len(at)], wanted, atol=2e-5)
+        # The place of waveforms is on lines of 5 ms.
+        atol = 0.1 if (name, signal) == ("a.txt", "x_mm") else 2e-5
+        np.testing.assert_allclose(found[signal][: len(at)], wanted, atol=atol)
 
 
 def test_a_start_that_labview_has_not_set_is_none(made, tmp_path):
