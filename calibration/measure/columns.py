@@ -336,7 +336,7 @@ def _onto(path: Path, name: str, t_s: Array, own_s: Array, values: Array) -> Arr
 
 
 _MEANT = {
-    "t_s": r"t|time|zeit|temps|timestamp|time ?stamp|elapsed.*|x_value|seconds",
+    "t_s": r"t|(abs )?time\b.*|zeit|temps|timestamp|elapsed.*|x_value|seconds",
     "normal_force_n": r"f_?z|fn|f_?n|.*normal.*|.*load.*|.*press.*|force ?z|kraft ?z|.*vertical.*",
     "tangential_force_n": (
         r"f_?x|ft|f_?t|.*tangential.*|.*friction.*|.*shear.*|.*lateral.*|force ?x|kraft ?x|"

@@ -37,6 +37,8 @@ _CLOCK = re.compile(
 )
 _UNIT = re.compile(r"(?P<name>.*?)\s*(?:[(\[](?P<unit>[^()\[\]]*)[)\]]|/\s*(?P<after>\w+))\s*")
 _START = re.compile(r"(\d+)/(\d+)/(\d+) (\d+):(\d+):(\d+)[.,]?(\d*)")
+_NAMED = re.compile(r"#\s*NAME(\d+)\s*=\s*(.+?)\s*")  # of a column, as PIPython writes
+_STEP = re.compile(r"delta.?[tx]|dt|sample.time|.*\binterval( \(?m?s\)?)?")
 _DAY_S = 86_400.0
 _OF_SIGNALS = frozenset(
     ["s", "ms", "us", "N", "mN", "gf", "kgf", "lbf", "m", "cm", "mm", "um", "inch", "V", "mV", "kV"]
@@ -384,8 +386,9 @@ def _layout(lines: Sequence[str], delimiter: str | None) -> _Layout | None:
         rows = [_cells(line, sign) for line in looked]
         for has_commas in (False, True):
             counts = [sum(_is_value(cell, has_commas) for cell in row) for row in rows]
-            # Most of the cells of a line of numbers are numbers.
-            full = [2 * c > len(row) for c, row in zip(counts, rows, strict=True)]
+            # Most of the cells of a line of numbers are numbers, two of the samples of a scope.
+            filled = [sum(bool(cell.strip()) for cell in row) for row in rows]
+            full = [2 * c > n for c, n in zip(counts, filled, strict=True)]
             widths = Counter(len(row) for row, is_full in zip(rows, full, strict=True) if is_full)
             if not widths:
                 continue
@@ -406,7 +409,7 @@ def _layout_of(
     rows: Sequence[list[str]], first: int, width: int, delimiter: str, has_commas: bool
 ) -> _Layout:
     above = [[cell.strip().strip('"') for cell in row] for row in rows[:first]]
-    head = [k for k, row in enumerate(above) if len(row) == width][-2:]
+    head = [k for k, row in enumerate(above) if len(row) == width and row[0] != "#"][-2:]
     units: dict[str, str] = {}
     names = [str(k + 1) for k in range(width)]
     if head:
@@ -419,16 +422,23 @@ def _layout_of(
         )
         names = above[head[0]] if is_units else row
         names = [name or str(k + 1) for k, name in enumerate(names)]
+        seen = Counter[str]()
+        for k, name in enumerate(names):  # two channels of one name are two
+            seen[name] += 1
+            names[k] = name if seen[name] == 1 else f"{name} {seen[name]}"
         if is_units:
             units = {n: known_unit(u) for n, u in zip(names, row, strict=True) if known_unit(u)}
-    units = {name: unit for name in names if (unit := split_unit(name)[1])} | units
     lines = [delimiter.join(row) for row in above]
-    return _Layout(delimiter, has_commas, names, first, width, units, lines, bool(head))
+    named = {match[1]: match[2] for line in lines if (match := _NAMED.fullmatch(line))}
+    names = [named.get(str(k), name) for k, name in enumerate(names)]
+    units = {name: unit for name in names if (unit := split_unit(name)[1])} | units
+    return _Layout(delimiter, has_commas, names, first, width, units, lines, bool(head or named))
 
 
 def _is_unit(cell: str) -> bool:
     """Whether a cell below a heading is a unit: empty, in brackets, or short without a digit."""
-    return not cell or cell[0] in "([" or bool(re.fullmatch(r"[^\W\d]{1,3}|-|%", cell))
+    is_short = bool(re.fullmatch(r"[^\W\d]{1,3}|-|%", cell))
+    return not cell or cell[0] in "([" or is_short or known_unit(cell) in _OF_SIGNALS
 
 
 def _values(
@@ -517,11 +527,13 @@ def _stated(layout: _Layout) -> tuple[dict[str, tuple[float, str]], float | None
     """Counts per unit of force and torque, and the rate, as instruments state them.
 
     The demonstration program of ATI's network sensors writes counts, and "Counts per Unit Force",
-    "Force Units" and "RDT Sample Rate" above them; LabVIEW's waveforms have "delta t".
+    "Force Units" and "RDT Sample Rate" above them; LabVIEW's waveforms have "delta t", arrays of
+    PI's stages "SAMPLE_TIME".
     """
     stated: dict[str, str] = {}
     signs = "[:=\t]" if layout.delimiter == " " else f"[:=]|{re.escape(layout.delimiter)}"
     for line in layout.above:
+        line = line.removeprefix("#")
         parts = [part.strip() for part in re.split(signs, line) if part.strip()]
         if len(parts) > 1:
             stated[parts[0].lower()] = parts[1].replace(",", "." if layout.has_commas else "")
@@ -536,6 +548,8 @@ def _stated(layout: _Layout) -> tuple[dict[str, tuple[float, str]], float | None
         value, kilo = _number(size, False), 1000 if "khz" in f"{key} {unit}".lower() else 1
         if value > 0 and re.search(r"\brate\b|\bfrequency\b", key):
             rates.add(value * kilo)
-        elif value > 0 and re.fullmatch(r"delta.?[tx]|dt|.*\binterval( \(?m?s\)?)?", key):
+        elif value > 0 and re.fullmatch(
+            r"delta.?[tx]|dt|sample.time|.*\binterval( \(?m?s\)?)?", key
+        ):
             rates.add((1000 if "ms" in f"{key} {unit}" else 1) / value)
     return factors, rates.pop() if len(rates) == 1 else None

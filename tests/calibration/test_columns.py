@@ -220,6 +220,72 @@ def test_a_start_that_labview_has_not_set_is_none(made, tmp_path):
     assert times["Force/Fz"][0] == times["Stage/Position"][0] == 0.0
 
 
+def of_a_scope(head, row, count=2500):
+    """A file of an oscilloscope: 400 ns a sample, the sine of k/30 V."""
+    rows = [row(k, k * 4e-7 - 5e-4, np.sin(k / 30)) for k in range(count)]
+    return "\n".join([*head, *rows]) + "\n"
+
+
+#: Tektronix TDS 1000 and 2000 have their settings left of the first samples.
+SETTINGS = (
+    "Record Length,2500,", "Sample Interval,4e-07,", "Trigger Point,1250,", ",,", ",,", ",,",
+    "Source,CH1,", "Vertical Units,V,", "Vertical Scale,0.5,", "Horizontal Units,s,",
+)  # fmt: skip
+
+
+def tektronix(k, t, volts):
+    return f"{SETTINGS[k] if k < len(SETTINGS) else ',,'},{t:018.12f},{volts:10.5f},"
+
+
+@pytest.mark.parametrize(
+    ("text", "t", "volts"),
+    [
+        (of_a_scope((), tektronix), "4", "5"),
+        (
+            of_a_scope(
+                ("x-axis,1,2", "second,Volt,Volt"),
+                lambda k, t, v: f"{t:+.8E},{v:+.5E},{k / 1e3:+.5E}",
+            ),
+            "x-axis", "1",
+        ),
+    ],
+    ids=["Tektronix", "Keysight"],
+)  # fmt: skip
+def test_an_oscilloscopes_file_is_read(tmp_path, text, t, volts):
+    (tmp_path / "a.csv").write_text(text)
+    table = read_table(tmp_path / "a.csv")
+    assert np.diff(table.columns[t]) == pytest.approx(4e-7, abs=1e-11)
+    np.testing.assert_allclose(table.columns[volts], np.sin(np.arange(2500) / 30), atol=1e-5)
+    if table.units:
+        assert table.units == {"x-axis": "s", "1": "V", "2": "V"}
+
+
+def test_two_columns_of_one_name_are_two(tmp_path):
+    rows = "".join(f"{k},{k * 2},{k * 3}\n" for k in range(20))
+    (tmp_path / "a.csv").write_text("Time (s),Force (N),Force (N)\n" + rows)
+    columns = read_table(tmp_path / "a.csv").columns
+    assert [(name, values[1]) for name, values in columns.items()] == [
+        ("Time (s)", 1.0), ("Force (N)", 2.0), ("Force (N) 2", 3.0),
+    ]  # fmt: skip
+
+
+def test_a_stages_record_is_read(tmp_path):
+    """A GCS array as `savegcsarray` of PIPython 2.11.0.6 writes it, with blanks at the ends."""
+    head = (
+        "# VERSION = 1 \n# TYPE = 1 \n# SEPARATOR = 32 \n# DIM = 2 \n# SAMPLE_TIME = 0.001 \n"
+        "# NDATA = 2500 \n# NAME0 = Actual Position of Axis 1 \n"
+        "# NAME1 = Position Error of Axis 1 \n# \n# END_HEADER \n"
+    )
+    rows = "".join(f"{k * 0.05:.6f} {0.001 * (k % 10):.6f} \n" for k in range(2500))
+    (tmp_path / "a.dat").write_text(head + rows)
+    table = read_table(tmp_path / "a.dat")
+    assert [*table.columns] == ["Actual Position of Axis 1", "Position Error of Axis 1"]
+    assert table.rate_hz == pytest.approx(1000.0)
+    np.testing.assert_allclose(
+        table.columns["Actual Position of Axis 1"], 0.05 * np.arange(2500), atol=1e-6
+    )
+
+
 FILES = {
     "decimal commas, cp1252": (semicolons, "a.csv"),
     "a row of units": (units_row, "a.txt"),
