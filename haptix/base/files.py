@@ -357,7 +357,8 @@ def reading(path: str | Path, expected: str) -> Iterator[None]:
 def parse_json(text: str | bytes, most_values: int = _MOST_VALUES) -> Any:
     """Parse JSON that may come from anywhere.
 
-    Raises `ValueError` if it is not JSON, or holds more than a document may: see `checked_values`.
+    Raises `ValueError` if it is not JSON, an object has a name twice, of which readers take the
+    one or the other (RFC 8259, 4), or it holds more than a document may: see `checked_values`.
 
     Examples
     --------
@@ -365,7 +366,8 @@ def parse_json(text: str | bytes, most_values: int = _MOST_VALUES) -> Any:
     {'width_mm': 60}
     """
     try:
-        return checked_values(json.loads(text, parse_constant=_refuse_constant), most_values)
+        value = json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_each_once)
+        return checked_values(value, most_values)
     except RecursionError:
         raise _too_deep() from None
 
@@ -424,6 +426,15 @@ def read_json(
 
 def _refuse_constant(name: str) -> float:
     raise ValueError(f"{name} is no number of JSON")
+
+
+def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) != len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"the name {twice!r} stands twice in one object")
+    return found
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:

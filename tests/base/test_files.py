@@ -146,6 +146,7 @@ def test_a_folder_is_checked_before_the_work(tmp_path):
         (b"[1]", "expected a JSON object"),
         (b"{", "expected a JSON file"),
         (b'{"a": NaN}', "NaN is no number of JSON"),
+        (b'{"a": [{"b": 1, "c": 2, "b": 3}]}', "the name 'b' stands twice"),
         (b"[" * 100_000, "expected a JSON file"),
         (b"\xff\xfe", "expected a text file in UTF-8, got another encoding; save it as UTF-8"),
     ],

@@ -172,7 +172,7 @@ def certify(folder):
     (folder / "instruments.toml").write_text(kept.format("2020-12-31"))
     late = str(run.invoke(app, command).exception)
     assert "D-1 expired on 2020-12-31 (strokes 1, 2," in late
-    assert "what was measured is kept" in late
+    assert "the strokes are kept" in late
     (folder / "instruments.toml").write_text(kept.format("2999-12-31"))
     made = json.loads(run.invoke(app, command).stdout)[0]
     content = (folder / "certificate.pdf").read_bytes()
