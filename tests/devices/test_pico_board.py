@@ -237,8 +237,10 @@ def test_the_board_plays_what_the_host_sends(board, image):
     np.testing.assert_array_equal(found, expected[first:])
 
 
-def test_a_minute_at_48_khz_leaves_without_an_underrun(board):
-    samples, start = 60 * OUTPUT_HZ, board.output().size
+def test_a_minute_at_48_khz_leaves_without_an_underrun(board, image):
+    # A drift or a leak shows in the minute of one; the other has the same C, and takes as long.
+    seconds = 60 if image.stem == "haptix-pico" else 15
+    samples, start = seconds * OUTPUT_HZ, board.output().size
     volts = 80 * np.sin(2 * np.pi * 100.3 * np.arange(samples) / OUTPUT_HZ)
     link = TcpLink("127.0.0.1", board.port)
     with firmware_io.Device(link, sample_rate_hz=OUTPUT_HZ, clock=SlowClock()) as device:
