@@ -4,7 +4,7 @@ import csv
 import json
 import shutil
 from dataclasses import replace
-from datetime import timedelta
+from datetime import date, timedelta
 from typing import cast
 
 import numpy as np
@@ -15,6 +15,7 @@ from scipy.stats import bootstrap, ttest_1samp
 from firmware_io import open_device
 from haptix.base.errors import FileFormatError, InputError
 from haptix.lab.analysis import results as analysis
+from haptix.lab.analysis.foreign import TrialColumns
 from haptix.lab.analysis.preregistration import Preregistration
 from haptix.lab.analysis.results import analyse, report_html, write_analysis
 from haptix.lab.analysis.scales import magnitude_rows
@@ -511,10 +512,18 @@ def test_an_analysis_is_compared_with_what_was_preregistered(tmp_path):
     stated.save(tmp_path / "stated.json")
     logs = tmp_path / "logs"
     logs.mkdir()
-    plan = recipe.session_plan()
-    for who in ("a", "b"):
-        method = recipe.make_method(1, 5 if who == "a" else 6)  # an order of its own
-        run(logs / f"{who}.tsv", method, SimulatedObserver(24.0), plan=plan, source="program")
+
+    def people_answer(recipe, *who):
+        for name in who:
+            device = open_device("mock:")
+            answer = SimulatedObserver(24.0)
+            log, seed = logs / f"{name}.tsv", ord(name)  # an order of its own
+            recipe.experiment(
+                device, answer, log, seed=seed, source="program", wait=lambda seconds: None
+            ).run()
+            device.close()
+
+    people_answer(recipe, "a", "b")
 
     def notes(file="stated.json"):
         return [n for n in analyse(logs, tmp_path / file).notes if "preregistered" in n]
@@ -528,7 +537,49 @@ def test_an_analysis_is_compared_with_what_was_preregistered(tmp_path):
     later.save(tmp_path / "later.json")
     assert all("began before" in note for note in notes("later.json"))
     run(logs / "c.tsv", UpDown(32.0), SimulatedObserver(24.0), source="program")
-    assert any("c: another method and exclude" in note for note in notes())
+    assert any("c: another method, exclude and recipe" in note for note in notes())
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"stimulus": {"drive_hz": 60}},
+        {"stimulus": {"length_s": 0.02}},
+        {"practice": {"trials": 1, "level": 30}},
+        {"ceiling_v": 150.0},
+    ],
+)
+def test_an_analysis_notes_that_another_stimulus_or_plan_was_run_than_preregistered(
+    tmp_path, change
+):
+    stimulus = {"quantity": "volts", "drive_hz": 120, "length_s": 0.01,
+                "signal": {"kind": "sine", "amplitude": 1.0, "frequency_hz": 120}}  # fmt: skip
+    method = {"kind": "constant-stimuli", "levels": [18, 22, 26, 30], "repeats": 3}
+    recipe = ExperimentRecipe(name="two", stimulus=stimulus, method=method)
+    Preregistration.of(recipe, 1).save(tmp_path / "stated.json")
+    ran = recipe.replace(**{**change, "stimulus": {**stimulus, **change.get("stimulus", {})}})
+    device = open_device("mock:")
+    ran.experiment(
+        device, SimulatedObserver(24.0), tmp_path / "a.tsv", source="program",
+        wait=lambda seconds: None,
+    ).run()  # fmt: skip
+    device.close()
+    notes = analyse(tmp_path / "a.tsv", tmp_path / "stated.json").notes
+    assert [note for note in notes if "another recipe than stated" in note]
+
+
+def test_tables_of_other_programs_are_not_said_to_be_as_preregistered(tmp_path):
+    recipe = ExperimentRecipe(name="two", stimulus={"signal": {}}, method={"kind": "up-down"})
+    stated = Preregistration(
+        name="two", task="2ifc", method={}, exclude=recipe.exclude, recipe="", participants=1,
+        seed=1, written_on=date(2026, 1, 1),
+    )  # fmt: skip
+    stated.save(tmp_path / "stated.json")
+    rows = "".join(f"{12 + k % 5 * 4},{int(k % 5 > 1)}\n" for k in range(60))
+    (tmp_path / "a.csv").write_text("db,right\n" + rows)
+    columns = TrialColumns(level="db", level_unit="dB", is_right="right", task="2ifc")
+    notes = analyse(tmp_path / "a.csv", tmp_path / "stated.json", columns).notes
+    assert [note for note in notes if "not compared with" in note]
 
 
 def test_the_modulus_of_a_person_is_that_of_all_conditions(tmp_path):

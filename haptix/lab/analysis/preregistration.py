@@ -40,6 +40,8 @@ class Preregistration(Document):
         As `Method.describe` has it, without the draws of each session.
     exclude : Exclude
         Rules by which a session is left out.
+    recipe : str
+        Hash of the whole recipe, as logs have it: stimulus, touch, practice, catch trials, stop.
     participants : int
         How many are planned.
     test : str
@@ -60,6 +62,7 @@ class Preregistration(Document):
     task: str
     method: dict[str, Any]
     exclude: Exclude
+    recipe: str
     participants: PositiveInt
     test: str = TEST
     power: tuple[dict[str, Any], ...] = ()
@@ -85,7 +88,7 @@ class Preregistration(Document):
         """
         stated = cls(
             name=recipe.name, task=recipe.task, method=_undrawn(recipe.make_method().describe()),
-            exclude=recipe.exclude, participants=participants,
+            exclude=recipe.exclude, recipe=recipe.content_hash(), participants=participants,
             power=tuple(dict(row) for row in power), seed=recipe.seed,
             written_on=datetime.now(UTC).date(),
         )  # fmt: skip
@@ -101,7 +104,10 @@ class Preregistration(Document):
             yield "the file was changed since it was written"
         people = {one.participant for one in sessions if one.source != "simulated"}
         if len(people) != self.participants:
-            yield f"{len(people)} participants, and {self.participants} were stated"
+            yield (
+                f"{len(people)} participants but simulated ones, and {self.participants} were "
+                "stated"
+            )
         if self.test != TEST:
             yield "this version of haptix has another test"
         stated = self.model_dump(mode="json")
@@ -113,11 +119,21 @@ class Preregistration(Document):
                 "exclude": Exclude(**plan.get("exclude", {})).model_dump(mode="json"),
             }
             wrong = [name for name, value in found.items() if digest(value) != digest(stated[name])]
+            if {part.get("recipe") for part in _hashes(one.settings)} != {self.recipe}:
+                wrong.append("recipe")
             if wrong:
-                yield f"{one.name}: another {' and '.join(wrong)} than stated"
+                named = " and ".join(filter(None, (", ".join(wrong[:-1]), wrong[-1])))
+                yield f"{one.name}: another {named} than stated"
             days = [row["date"][:10] for row in one.rows if row["date"] != "n/a"]
             if days and date.fromisoformat(min(days)) < self.written_on:
                 yield f"{one.name}: began before it was stated, on {min(days)}"
+
+
+def _hashes(settings: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Hashes of the presentation, or of that of each condition."""
+    hashes = settings.get("hashes", {})
+    of_conditions = [part for part in hashes.values() if isinstance(part, Mapping)]
+    return of_conditions or [hashes]
 
 
 def _undrawn(method: Mapping[str, Any]) -> dict[str, Any]:

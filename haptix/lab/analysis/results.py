@@ -253,6 +253,11 @@ def analyse(
     stated: list[str] = []
     if columns is not None:
         runs = [*_foreign_runs(Path(source), columns)]
+        if preregistration:
+            stated = [
+                f"not compared with {preregistration}: tables of other programs do not have the "
+                "design that was run"
+            ]
     else:
         if is_table(Path(source)) and not is_log(Path(source)):
             raise FileFormatError(advice(Path(source)))

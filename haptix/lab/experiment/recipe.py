@@ -138,6 +138,10 @@ class ExperimentRecipe(Document):
             raise InputError("items: expected names that differ")
         return tuple(stimuli)
 
+    def content_hash(self) -> str:
+        """SHA-256 of all that differs from the defaults, as logs have it."""
+        return digest(self.model_dump(mode="json", exclude_defaults=True))
+
     def session_plan(self) -> SessionPlan:
         """Return what surrounds the trials."""
         return SessionPlan(**{name: getattr(self, name) for name in SessionPlan.model_fields})
@@ -277,7 +281,7 @@ class ExperimentRecipe(Document):
         hashes = {
             "finger": finger.content_hash(),
             "screen": screen.content_hash(),
-            "recipe": digest(self.model_dump(mode="json", exclude_defaults=True)),
+            "recipe": self.content_hash(),
         }
         return replace(
             made,
