@@ -5,9 +5,11 @@
 
 Each session has a finger and a screen of its own, with the friction of ``independent_finger.py`` in
 one of its three forms, and strokes that repeat within 1 to 4 %. Short protocols are planned for
-that, fitted in one theory ("open-gaps"), verified, and extended where the verdict is left open.
-Errors are those of friction inside the range that the verdict states. With ``--defects`` friction
-rises late in a contact or goes with the speed, or the amplifier is weak at its highest volts.
+that, fitted in one theory ("open-gaps", or `--theory`), verified, and extended where the verdict is
+left open. Errors are those of friction inside the range that the verdict states. With ``--defects``
+friction rises late in a contact or goes with the speed, or the amplifier is weak at its highest
+volts. With ``--in-forms`` passed profiles are weighed in other forms, as `haptix calibrate fit`
+does, and the intervals of tau_f are compared with that of the truth.
 """
 
 from __future__ import annotations
@@ -43,14 +45,14 @@ WEAK = 0.12  # of the highest volts
 class Sessions:
     """What all sessions share."""
 
-    def __init__(self, file: Path, in_forms: bool = False) -> None:
+    def __init__(self, file: Path, in_forms: bool = False, theory: str = "open-gaps") -> None:
         self.contacts = contacts(file)
-        self.finger = in_theory(haptix.Finger.preset("semi-wet"), "open-gaps")
+        self.finger = in_theory(haptix.Finger.preset("semi-wet"), theory)
         self.screen = haptix.Screen.preset("3m-sct3250").replace(name="panel")
         self.predictor = StrokePredictor(haptix.ContactModel(self.finger, self.screen))
         self.start = Parameters.of(self.finger, self.screen).with_rig()
         self.forms = other_forms(self.predictor.model) if in_forms else {}
-        self.plans = {}
+        self.plans, self.matched_before = {}, {}
 
     def plan(self, volts, repeatability):
         """Short protocol with held-out strokes enough."""
@@ -129,6 +131,7 @@ class Sessions:
             added = [one for one in plan.strokes if one.number > len(points)]
             points += self.strokes(true, added, rng, repeatability, volts, defect)
         off = self.errors(true, written, finger, screen, found.verified, defect)
+        more = {}
         if found.passed and self.forms:
             # The profile as `haptix calibrate fit` makes it, weighed in other forms.
             fit, own, _ = fit_in_best_theory(reduced, self.predictor, self.start, self.forms)
@@ -137,6 +140,9 @@ class Sessions:
             if fit["h0_m"].value is None:
                 return {"session": number, "verdict": "no profile"}
             screen = calibrated_screen(screen, fit, found, own)
+            shear = self.shear_stress(true, fit.theory)
+            known = fit["frictional_shear_stress_pa"]
+            more = {"theory": fit.theory, "tau_f_holds": bool(known.low <= shear <= known.high)}
         elif found.passed:
             screen = calibrated_screen(screen, fit, found, self.predictor)
         self.made = true, finger, screen, volts
@@ -146,7 +152,14 @@ class Sessions:
             "minutes": plan.duration_s / 60, "first": first, "looks": plan.looks,
             "verdict": found.verdict, "worst_jnd": off, "failures": list(found.failures)[:2],
             "strokes_used": len(fit.strokes), "h0_spread": fit["h0_m"].spread,
+            **more,
         }  # fmt: skip
+
+    def shear_stress(self, true, theory):
+        """The truth's tau_f as a theory has it, whose area at rest is another."""
+        of_theory = self.contacts["open-gaps" if theory == "open-gaps" else "own"]
+        share = true.contact.area[24] / of_theory.area[24]
+        return true.values["frictional_shear_stress_pa"] * share
 
     def matched(self, number, apart, seed):
         """Compare the screens of two sessions that passed, of two fingers, with the truth.
@@ -155,9 +168,12 @@ class Sessions:
         """
         made = []
         for one in (number, number + apart):
-            if self.session(one, seed, False)["verdict"] != "passed":
+            if one not in self.matched_before:
+                passed = self.session(one, seed, False)["verdict"] == "passed"
+                self.matched_before[one] = self.made if passed else None
+            if self.matched_before[one] is None:
                 return []
-            made.append(self.made)
+            made.append(self.matched_before[one])
         (one, finger_a, a, volts_a), (two, finger_b, b, volts_b) = made
         a, b = (screen.replace(max_voltage_v=min(volts_a, volts_b)) for screen in (a, b))
         rows = []
@@ -242,8 +258,9 @@ def main() -> None:
         help="of their numbers; a multiple of 3 is one contact law",
     )
     parser.add_argument("--in-forms", action="store_true", help="weigh profiles in other forms")
+    parser.add_argument("--theory", default="open-gaps", help="in which fits begin")
     asked = parser.parse_args()
-    bench, rows = Sessions(asked.contacts, asked.in_forms), []
+    bench, rows = Sessions(asked.contacts, asked.in_forms, asked.theory), []
     if asked.match:
         for number in range(asked.first, asked.first + asked.sessions):
             for row in bench.matched(number, asked.apart, asked.seed):
@@ -264,6 +281,11 @@ def main() -> None:
         f"{len(rows)} sessions: {first} passed at the first look, {len(passed)} in all; wrong by "
         f"half a JND or more {wrong}, worst {worst:.2f} JND"
     )
+    if asked.in_forms:
+        weighed = [one for one in rows if "theory" in one]
+        for form in FORMS:
+            held = [one["tau_f_holds"] for one in weighed if one["form"] == form]
+            print(f"{form}: intervals of tau_f hold {sum(held)} of {len(held)}")
 
 
 if __name__ == "__main__":
