@@ -5,13 +5,16 @@ import re
 import shutil
 from functools import partial
 from itertools import pairwise
+from pathlib import Path
 
 import pytest
+from jinja2 import Template
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from typer.testing import CliRunner
 
 import haptix
 from calibration import Fit, Protocol, Session, steps
+from calibration.keep import session_report
 from calibration.keep.practice import VIRTUAL_RIG
 from calibration.keep.session_report import _Sheets
 from calibration.measure.rig import RIG
@@ -193,6 +196,18 @@ def certify(folder):
         ("panel 7", "practice", "a practice, of no panel")  # by a virtual finger
     ]
     assert "panel 7" in (folder.parent / "panels.html").read_text()
+
+
+def test_a_certificate_names_traceability_that_is_not_stated():
+    template = Path(session_report.__file__).with_name("certificate_template.txt")
+    _, _, rest = template.read_text("utf-8").partition("## Traceability")
+    part = Template(rest.partition("## Signature")[0])
+    about = session_report.CertificateText(traceability={"weight": "NIST", "place": "bench 2"})
+    lines = part.render(about=about, missing="not stated", instruments=[], rig_checked="")
+    stated = dict(line.split(" :: ") for line in lines.splitlines() if line)
+    assert stated == {
+        "weight": "NIST", "voltmeter": "not stated", "driver": "not stated", "place": "bench 2",
+    }  # fmt: skip
 
 
 def test_rows_of_a_certificate_stand_in_one_table_beneath_headings_that_do_not_touch():
