@@ -50,6 +50,7 @@ _LEAST_FREEDOM = 3.0
 _CURVED = 0.4  # spread of a logarithm above which the log-likelihood is no parabola
 _SAME_ANSWER = 0.5  # standard deviations within which two fits are one
 _OTHER_FORM = 0.5  # odds before the strokes: the default is the form that boundary elements chose
+_THEORIES: tuple[TheoryName, ...] = ("local", "corrected", "open-gaps")
 _MOST_EVIDENCE = 300.0  # the exponential of more would overflow
 
 
@@ -63,24 +64,28 @@ _NEGLIGIBLE = 0.05  # JND: the planning rule's usual share of a budget
 def other_forms(
     model: ContactModel,
     terms: Mapping[str, bool] | None = None,
-    tables: StrokePredictor | None = None,
+    known: Mapping[TheoryName, StrokePredictor] | None = None,
 ) -> dict[str, StrokePredictor]:
-    """Return predictors in the other gap distribution and the other theory for calibrations.
+    """Return predictors in the other gap distribution and the other theories for calibrations.
 
-    For a measured roughness there is one more, with the waves that were not measured. `tables` is
-    one that exists already, of the other theory.
+    For a measured roughness there is one more, with the waves that were not measured. `known` are
+    those that exist already, by their theories.
     """
     is_plain = model.contact.gap_distribution == "plain"
     other: GapDistribution = "combined" if is_plain else "plain"
-    theory: TheoryName = "open-gaps" if model.theory == "local" else "local"
     finger, screen = model.finger, model.screen
     by_gaps = ContactModel(finger, screen, terms=terms, theory=model.theory, gap_distribution=other)
-    if tables is None:
-        # The other theory with the terms that are usual for it: finite size belongs to one of them.
-        usual = THEORIES[theory].usual_terms | THEORIES[model.theory].usual_terms
-        kept = {name: on for name, on in (terms or {}).items() if name not in usual}
-        tables = StrokePredictor(ContactModel(finger, screen, terms=kept, theory=theory))
-    forms = {f'gap distribution "{other}"': StrokePredictor(by_gaps), f'theory "{theory}"': tables}
+    forms = {f'gap distribution "{other}"': StrokePredictor(by_gaps)}
+    for theory in _THEORIES:
+        if theory == model.theory:
+            continue
+        form = (known or {}).get(theory)
+        if form is None:
+            # With the terms that are usual for it: finite size belongs to one of them.
+            usual = THEORIES[theory].usual_terms | THEORIES[model.theory].usual_terms
+            kept = {name: on for name, on in (terms or {}).items() if name not in usual}
+            form = StrokePredictor(ContactModel(finger, screen, terms=kept, theory=theory))
+        forms[f'theory "{theory}"'] = form
     area = finger.apparent_area_at_1n_m2
     if isinstance(finger.roughness, MeasuredRoughness) and finger.roughness.unmeasured(area):
         hurst, whole = whole_roughness(finger.roughness, area)
@@ -351,21 +356,22 @@ def fit_in_best_theory(
     parameters: Parameters,
     forms: dict[str, StrokePredictor],
 ) -> ChosenFit:
-    """Fit, and fit again in the other theory if the strokes decide for it.
+    """Fit, and fit again in another theory if the strokes decide for it.
 
-    `forms` are those of `other_forms`. A theory is kept where tau_f is fixed or
-    has a prior, which belongs to that theory. Errors as `fit_strokes`.
+    `forms` are those of `other_forms`; the one of the most evidence is tried first. A theory is
+    kept where tau_f is fixed or has a prior, which belongs to that theory. Errors as `fit_strokes`.
     """
     fit = fit_strokes(reduced, predictor, parameters, forms=forms)
     first = ChosenFit(fit, predictor, parameters)
     shear = parameters["frictional_shear_stress_pa"]
     known = parameters.prior_spread(shear.name) is not None or shear.is_fixed
     against = {form.form: form.evidence for form in fit.forms}
-    for name, other in forms.items():
+    solved = {form.model.theory: form for form in (*forms.values(), predictor)}
+    for name, other in sorted(forms.items(), key=lambda form: against[form[0]]):
         if other.model.theory == predictor.model.theory or known or against[name] > -DECISIVE:
             continue
         changed = in_form(parameters, other)
-        others = other_forms(other.model, tables=predictor)
+        others = other_forms(other.model, known=solved)
         again = fit_strokes(reduced, other, changed, forms=others)
         if again.cost < fit.cost:
             return ChosenFit(again, other, changed)
