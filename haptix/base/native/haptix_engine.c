@@ -29,6 +29,7 @@ struct hx_engine {
     double step_s, before_v;
     double playable_s; /* from when on a report can still change what happens */
     int64_t sample; /* the first of the next block */
+    int64_t at_rest; /* whether fingers at rest got drive in the last block */
     hx_mix mix;
     double lag_s; /* clock of samples less that of the scene, at the last block */
     double intensity[HX_POINTS];
@@ -91,6 +92,7 @@ hx_engine *hx_engine_open(const uint8_t *program, int64_t size, void *memory)
     const hx_program *p = &e->program;
     e->step_s = (double)p->rendering.step / p->sample_rate_hz;
     e->interval_s = first_interval_s;
+    e->at_rest = p->drives_at_rest;
     e->mix.before = e->mix.after = 1.0;
     e->mix.start_s = e->mix.end_s = -INFINITY;
     e->mix.stands_s = NAN;
@@ -137,6 +139,21 @@ static void convert(const hx_engine *e, int64_t material, const hx_motion *on, d
 }
 
 /* Regions. */
+
+/* Share of a line that is done at a time. */
+static double done(double start_s, double end_s, double t_s)
+{
+    return end_s > start_s ? hx_least(hx_most((t_s - start_s) / (end_s - start_s), 0.0), 1.0)
+                           : (double)(t_s >= end_s);
+}
+
+/* A number of a glide at a time; see Glide.at. */
+static double glided(double before, double after, double start_s, double end_s, double t_s)
+{
+    if (t_s >= end_s)
+        return after;
+    return t_s <= start_s ? before : before + (t_s - start_s) / (end_s - start_s) * (after - before);
+}
 
 /* A step from 0 to 1, as a ramp around a depth of 0. */
 static double ramp_at(double depth_mm, double ramp_mm)
@@ -189,6 +206,63 @@ static void see(const hx_region *r, const double *x, const double *y, double x0,
     }
 }
 
+static void turn(double *x, double *y, double angle_rad, double scale)
+{
+    double c = angle_rad == 0.0 ? 1.0 : cos(angle_rad), s = angle_rad == 0.0 ? 0.0 : sin(angle_rad);
+    double dx = *x, dy = *y;
+    *x = (dx * c + dy * s) / scale;
+    *y = (dy * c - dx * s) / scale;
+}
+
+/* The fingers in the axes of a region that glides, in the rows of local places and velocities;
+ * see RegionState.axes and Motion.seen_from. Return the footprint. */
+static double see_gliding(hx_engine *e, const hx_region *r, const hx_motion *screen)
+{
+    const hx_glide *g = &r->glide;
+    double to[4] = {r->x_mm, r->y_mm, r->angle_rad, r->scale}, change[4];
+    double *x = e->row[LOCAL_X], *y = e->row[LOCAL_Y], *vx = e->row[LOCAL_VX], *vy = e->row[LOCAL_VY];
+    double span_s = g->place_end_s - g->place_start_s, fastest = 0.0, first_s = screen->start_s;
+    double last_s = first_s + screen->step_s * (double)screen->points;
+    int is_within = g->place_start_s <= first_s && last_s <= g->place_end_s, is_still = is_within;
+    for (int k = 0; k < 4; k++) {
+        change[k] = to[k] - g->place[k];
+        is_still &= change[k] == 0.0;
+    }
+    for (int64_t i = 0; i < screen->fingers * screen->points; i++) {
+        double t_s = first_s + screen->step_s * (double)(i % screen->points + 1);
+        double part = is_within ? (t_s - g->place_start_s) / span_s
+                                : done(g->place_start_s, g->place_end_s, t_s);
+        int moves = is_within || (part > 0.0 && part < 1.0);
+        double rate = moves && span_s > 0.0 ? 1.0 / span_s : 0.0, at[4];
+        for (int k = 0; k < 4; k++)
+            at[k] = g->place[k] + part * change[k];
+        double growth = rate * change[3] / at[3], turning = rate * change[2];
+        x[i] = screen->x_mm[i] - at[0];
+        y[i] = screen->y_mm[i] - at[1];
+        vx[i] = screen->vx_mm_s[i] - rate * change[0] + turning * y[i] - growth * x[i];
+        vy[i] = screen->vy_mm_s[i] - rate * change[1] - turning * x[i] - growth * y[i];
+        turn(&x[i], &y[i], at[2], at[3]);
+        turn(&vx[i], &vy[i], at[2], at[3]);
+        fastest = hx_most(hx_length(vx[i], vy[i]), fastest);
+    }
+    if (is_still)
+        return screen->footprint_mm / r->scale;
+    return screen->footprint_mm > 0.0 ? fastest * screen->step_s : 0.0;
+}
+
+/* Left, right, top and bottom of the places of the fingers. */
+static void around(const hx_motion *on, double *box)
+{
+    box[0] = box[2] = INFINITY;
+    box[1] = box[3] = -INFINITY;
+    for (int64_t i = 0; i < on->fingers * on->points; i++) {
+        box[0] = hx_least(on->x_mm[i], box[0]);
+        box[1] = hx_most(on->x_mm[i], box[1]);
+        box[2] = hx_least(on->y_mm[i], box[2]);
+        box[3] = hx_most(on->y_mm[i], box[3]);
+    }
+}
+
 static double blended(int64_t blend, double below, double felt)
 {
     switch (blend) {
@@ -200,15 +274,36 @@ static double blended(int64_t blend, double below, double felt)
     }
 }
 
+static int has_inner(const hx_glide *g)
+{
+    return g->inner[0] != 0.0 || g->inner[1] != 0.0 || g->inner[2] != 0.0 || g->inner[3] != 1.0;
+}
+
 static void lay(hx_engine *e, const hx_region *r, const hx_motion *screen)
 {
     const hx_program *p = &e->program;
     double *value = e->row[VALUE], *cover = e->row[COVER], *felt = e->row[FELT];
     double *x = e->row[LOCAL_X], *y = e->row[LOCAL_Y], within_mm = screen->footprint_mm / r->scale;
-    int64_t n = screen->fingers * screen->points, is_on = 0;
-    see(r, screen->x_mm, screen->y_mm, r->x_mm, r->y_mm, n, x, y);
+    int64_t n = screen->fingers * screen->points, is_on = 0, is_inside = 0;
+    const hx_glide *g = &r->glide;
+    int glides = screen->start_s < g->place_end_s, fades = screen->start_s < g->opacity_end_s;
+    if (glides) {
+        double box[4], near_mm = 3 * screen->footprint_mm + 1e-9;
+        around(screen, box);
+        if (box[1] < g->way[0] - near_mm || box[0] > g->way[1] + near_mm ||
+            box[3] < g->way[2] - near_mm || box[2] > g->way[3] + near_mm)
+            return;
+        is_inside = g->is_level && box[0] > g->core[0] + near_mm && box[1] < g->core[1] - near_mm &&
+                    box[2] > g->core[2] + near_mm && box[3] < g->core[3] - near_mm;
+        within_mm = see_gliding(e, r, screen);
+    } else
+        see(r, screen->x_mm, screen->y_mm, r->x_mm, r->y_mm, n, x, y);
     for (int64_t i = 0; i < n; i++) {
-        cover[i] = r->opacity * covered(r, x[i], y[i], 4 * within_mm);
+        double t_s = screen->start_s + screen->step_s * (double)(i % screen->points + 1);
+        double opacity = r->opacity;
+        if (fades)
+            opacity = g->opacity + done(g->opacity_start_s, g->opacity_end_s, t_s) * (r->opacity - g->opacity);
+        cover[i] = opacity * (is_inside ? 1.0 : covered(r, x[i], y[i], 4 * within_mm));
         is_on |= cover[i] > 0.0;
     }
     if (!is_on)
@@ -218,7 +313,8 @@ static void lay(hx_engine *e, const hx_region *r, const hx_motion *screen)
     on.y_mm = y;
     on.vx_mm_s = e->row[LOCAL_VX];
     on.vy_mm_s = e->row[LOCAL_VY];
-    see(r, screen->vx_mm_s, screen->vy_mm_s, 0.0, 0.0, n, e->row[LOCAL_VX], e->row[LOCAL_VY]);
+    if (!glides)
+        see(r, screen->vx_mm_s, screen->vy_mm_s, 0.0, 0.0, n, e->row[LOCAL_VX], e->row[LOCAL_VY]);
     if (r->mask >= 0) {
         on.footprint_mm = 2 * within_mm;
         hx_feel(p, r->mask, &on, e->seen, felt);
@@ -228,10 +324,16 @@ static void lay(hx_engine *e, const hx_region *r, const hx_motion *screen)
     hx_history history[HX_FINGERS];
     for (int64_t k = 0; on.history && k < on.fingers; k++) {
         history[k] = screen->history[k];
-        history[k].first += 1 + (r - p->region);
+        history[k].first += 1 + r->facts;
     }
     on.history = on.history ? history : NULL;
-    on.footprint_mm = within_mm;
+    on.footprint_mm = within_mm / g->inner[3];
+    for (int64_t i = 0; has_inner(g) && i < n; i++) {
+        x[i] -= g->inner[0];
+        y[i] -= g->inner[1];
+        turn(&x[i], &y[i], g->inner[2], g->inner[3]);
+        turn(&e->row[LOCAL_VX][i], &e->row[LOCAL_VY][i], g->inner[2], g->inner[3]);
+    }
     hx_feel(p, r->material, &on, e->seen, felt);
     if (r->blend != BLEND_MULTIPLY)
         convert(e, r->material, &on, felt);
@@ -277,7 +379,10 @@ static const double *share(hx_engine *e, const hx_motion *motion, const double *
         rank[i] = 0.0;
     for (int64_t k = 0; k < p->regions; k++) {
         const hx_region *r = &p->region[k];
-        see(r, motion->x_mm, motion->y_mm, r->x_mm, r->y_mm, n, e->row[LOCAL_X], e->row[LOCAL_Y]);
+        if (motion->start_s < r->glide.place_end_s)
+            see_gliding(e, r, motion);
+        else
+            see(r, motion->x_mm, motion->y_mm, r->x_mm, r->y_mm, n, e->row[LOCAL_X], e->row[LOCAL_Y]);
         for (int64_t i = 0; i < n; i++)
             if (covered(r, e->row[LOCAL_X][i], e->row[LOCAL_Y][i], 0.0) >= 0.5)
                 rank[i] = (double)r->priority;
@@ -295,13 +400,6 @@ static const double *share(hx_engine *e, const hx_motion *motion, const double *
 /* Blocks. */
 
 static double now_s(const hx_engine *e) { return (double)e->sample / e->program.sample_rate_hz; }
-
-/* Share of a line that is done at a time. */
-static double done(double start_s, double end_s, double t_s)
-{
-    return end_s > start_s ? hx_least(hx_most((t_s - start_s) / (end_s - start_s), 0.0), 1.0)
-                           : (double)(t_s >= end_s);
-}
 
 /* Intensity at the points of the next block; NULL: 1. */
 static const double *intensity(hx_engine *e, int64_t points)
@@ -369,11 +467,13 @@ const hx_felt *hx_engine_play(hx_engine *e, const hx_motion *motion, const doubl
     return play(e, motion, gain, NULL);
 }
 
+static const hx_facts nothing = {0.0, {NAN, NAN, NAN, NAN}, NAN};
+
 /* Touches. */
 
 static double gain_at(const hx_engine *e, const hx_track *track, double t_s)
 {
-    return hx_finger_gain(&e->program.following, track, e->program.drives_at_rest, t_s);
+    return hx_finger_gain(&e->program.following, track, e->at_rest, t_s);
 }
 
 /* Let all reports until now count, from a time on. */
@@ -384,7 +484,7 @@ static void update(const hx_engine *e, touch *t, double t0_s)
     hx_tracker_follow(&p->touching, &t->tracker, &t->track);
     t->track.is_down = t->is_down;
     t->track.normal_force_n = t->force_n;
-    hx_finger_update(&p->following, &t->track, t->is_known ? &before : NULL, p->drives_at_rest, t0_s);
+    hx_finger_update(&p->following, &t->track, t->is_known ? &before : NULL, e->at_rest, t0_s);
     t->is_new = 0;
     t->is_known = 1;
 }
@@ -434,9 +534,10 @@ const hx_felt *hx_engine_window(hx_engine *e, int64_t first_sample, int64_t poin
     e->lag_s = isnan(e->mix.stands_s) ? e->mix.stood_s : t0_s - e->mix.stands_s;
     if (news)
         follow(e, t0_s);
+    e->at_rest = e->program.drives_at_rest;
     int64_t count = known(e, tracks, order);
     int64_t n = hx_fingers(&e->program.following, tracks, count, t0_s, e->step_s, points,
-                           e->program.drives_at_rest, numbers);
+                           e->at_rest, numbers);
     int64_t size = n * points;
     const double *vx = numbers + 4 * size + points, *vy = vx + n;
     for (int64_t i = 0; i < size; i++) {
@@ -464,6 +565,77 @@ void hx_engine_playable(hx_engine *e, double playable_s) { e->playable_s = playa
 
 void hx_engine_mix(hx_engine *e, const hx_mix *mix) { e->mix = *mix; }
 
+void hx_engine_glide(hx_engine *e, int64_t region, const hx_glide *glide)
+{
+    e->program.region[region].glide = *glide;
+}
+
+/* The region of a key whose facts count: that which is not removed, or else the first one; -1. */
+static int64_t region_of(const hx_program *p, int64_t key)
+{
+    int64_t found = -1;
+    for (int64_t k = 0; k < p->regions; k++)
+        if (p->region[k].glide.key == key && (found < 0 || p->region[k].opacity > 0.0))
+            found = k;
+    return found;
+}
+
+void hx_engine_match(hx_engine *e, const hx_engine *before)
+{
+    hx_program *p = &e->program;
+    for (int64_t k = 0; k < p->regions; k++) {
+        hx_region *r = &p->region[k];
+        r->facts = region_of(p, r->glide.key);
+        r->facts_before = region_of(&before->program, r->glide.key);
+        r->forgets = r->facts_before >= 0 &&
+                     before->program.region[r->facts_before].glide.state != r->glide.state;
+    }
+}
+
+/* Take over what a finger did; of another state of a material the number of its detent is none. */
+static void take_facts(hx_engine *e, touch *t, const hx_engine *before)
+{
+    const hx_program *p = &e->program;
+    int64_t each = 1 + p->regions, each_before = 1 + before->program.regions;
+    if (!e->facts || !before->facts) {
+        t->recalled = 0;
+        t->reported.is_down = 0;
+        return;
+    }
+    for (int64_t i = 0; i < t->recalled; i++) {
+        hx_facts *to = e->facts + ((t - e->touches) * KEPT + i) * each;
+        const hx_facts *from = before->facts + ((t - e->touches) * KEPT + i) * each_before;
+        to[0] = from[0];
+        for (int64_t k = 0; k < p->regions; k++) {
+            const hx_region *r = &p->region[k];
+            to[1 + k] = r->facts_before < 0 ? nothing : from[1 + r->facts_before];
+            to[1 + k].since_s = from[0].since_s;
+            if (r->forgets && i == t->recalled - 1)
+                to[1 + k].detent = NAN;
+        }
+    }
+}
+
+void hx_engine_follow(hx_engine *e, const hx_engine *before)
+{
+    for (int64_t k = 0; k < HX_FINGERS; k++) {
+        e->touches[k].is_used = 0;
+        if (!before->touches[k].is_used)
+            continue;
+        e->touches[k] = before->touches[k];
+        take_facts(e, &e->touches[k], before);
+    }
+    memcpy(e->order, before->order, sizeof e->order);
+    e->down = before->down;
+    e->interval_s = before->interval_s;
+    e->before_v = before->before_v;
+    e->playable_s = before->playable_s;
+    e->sample = before->sample;
+    e->at_rest = before->at_rest;
+    e->lag_s = before->lag_s;
+    e->mix = before->mix;
+}
+
 int64_t hx_engine_is_touched(const hx_engine *e) { return e->down > 0; }
 
 void hx_engine_rate(const hx_engine *e, double *sample_rate_hz, int64_t *step)
@@ -473,8 +645,6 @@ void hx_engine_rate(const hx_engine *e, double *sample_rate_hz, int64_t *step)
 }
 
 /* What fingers did. */
-
-static const hx_facts nothing = {0.0, {NAN, NAN, NAN, NAN}, NAN};
 
 static int is_later(double now_s, double before_s) { return !isnan(now_s) && !(now_s <= before_s); }
 
@@ -493,12 +663,23 @@ static int differ(double one, double other) { return one != other && !(isnan(one
 static hx_touched seen_report(const hx_region *r, const hx_touched *report)
 {
     hx_touched seen = *report;
-    see(r, &report->x_mm, &report->y_mm, r->x_mm, r->y_mm, 1, &seen.x_mm, &seen.y_mm);
+    const hx_glide *g = &r->glide;
+    hx_region there = *r;
+    double *place[4] = {&there.x_mm, &there.y_mm, &there.angle_rad, &there.scale};
+    for (int k = 0; k < 4; k++)
+        *place[k] = glided(g->place[k], *place[k], g->place_start_s, g->place_end_s, report->t_s);
+    see(&there, &report->x_mm, &report->y_mm, there.x_mm, there.y_mm, 1, &seen.x_mm, &seen.y_mm);
     double width = r->width_mm, height = r->height_mm, x = seen.x_mm, y = seen.y_mm;
     int is_on = r->shape == SHAPE_RECTANGLE ? x >= 0.0 && x <= width && y >= 0.0 && y <= height
                 : r->shape == SHAPE_ELLIPSE ? hx_length(2 * x / width - 1, 2 * y / height - 1) <= 1.0
                                             : covered(r, x, y, 0.0) >= 0.5;
-    seen.is_down = report->is_down && r->opacity > 0.0 && is_on;
+    double opacity = glided(g->opacity, r->opacity, g->opacity_start_s, g->opacity_end_s, report->t_s);
+    seen.is_down = report->is_down && opacity > 0.0 && is_on;
+    if (has_inner(g)) {
+        seen.x_mm -= g->inner[0];
+        seen.y_mm -= g->inner[1];
+        turn(&seen.x_mm, &seen.y_mm, g->inner[2], g->inner[3]);
+    }
     return seen;
 }
 
@@ -515,6 +696,11 @@ static void react(const hx_engine *e, hx_facts *facts, const hx_touched *before,
     for (int64_t k = 0; k < p->regions; k++) {
         const hx_region *r = &p->region[k];
         hx_facts *of = &facts[1 + k];
+        if (r->opacity == 0.0) { /* it is being removed */
+            if (r->facts == k)
+                *of = nothing;
+            continue;
+        }
         int is_known = !isnan(of->time_s[HX_DOWN]);
         hx_touched here = seen_report(r, now), then;
         if (!here.is_down && !is_known)

@@ -25,6 +25,7 @@ struct hx_live {
     char is_change_held;     /* by the thread that writes it or takes it over */
     int64_t has_mix;
     hx_mix mix;
+    hx_engine *adopted;      /* plays from the next window on; or NULL */
 };
 
 int64_t hx_live_bytes(void) { return (int64_t)sizeof(hx_live); }
@@ -47,13 +48,39 @@ static revision *under_way(hx_live *l, int64_t place)
     return &l->under_way[(l->first_under_way + place) % UNDER_WAY];
 }
 
-void hx_live_mix(hx_live *l, const hx_mix *mix)
+/* The other threads hold it while they copy a change; the one that plays never waits for it. */
+static void hold(hx_live *l)
 {
     while (__atomic_test_and_set(&l->is_change_held, __ATOMIC_ACQUIRE)) {
-    } /* the other thread holds it while it copies it */
+    }
+}
+
+static void let_go(hx_live *l) { __atomic_clear(&l->is_change_held, __ATOMIC_RELEASE); }
+
+void hx_live_mix(hx_live *l, const hx_mix *mix)
+{
+    hold(l);
     l->mix = *mix;
     l->has_mix = 1;
-    __atomic_clear(&l->is_change_held, __ATOMIC_RELEASE);
+    let_go(l);
+}
+
+void hx_live_adopt(hx_live *l, hx_engine *engine, const hx_mix *mix)
+{
+    hold(l);
+    hx_engine_match(engine, l->engine);
+    l->adopted = engine;
+    l->mix = *mix;
+    l->has_mix = 1;
+    let_go(l);
+}
+
+int64_t hx_live_needs(hx_live *l, const hx_engine *engine)
+{
+    hold(l);
+    int64_t is_needed = engine == l->engine || engine == l->adopted;
+    let_go(l);
+    return is_needed;
 }
 
 /* Take over what has changed, unless it is being written; then the next window does. */
@@ -61,10 +88,15 @@ static void take_change(hx_live *l)
 {
     if (__atomic_test_and_set(&l->is_change_held, __ATOMIC_ACQUIRE))
         return;
+    if (l->adopted) {
+        hx_engine_follow(l->adopted, l->engine);
+        l->engine = l->adopted;
+    }
+    l->adopted = NULL;
     if (l->has_mix)
         hx_engine_mix(l->engine, &l->mix);
     l->has_mix = 0;
-    __atomic_clear(&l->is_change_held, __ATOMIC_RELEASE);
+    let_go(l);
 }
 
 void hx_live_window(void *live, int64_t first, int64_t count, double at_s, int64_t is_revision,

@@ -281,6 +281,23 @@ typedef struct {
 } hx_mix;
 void hx_engine_mix(hx_engine *engine, const hx_mix *mix);
 
+/* How a region glides to its place and opacity in the program, by the clock of the scene; see
+ * haptix.feel.layout.region_state.RegionState. A program alone has all regions at rest. */
+typedef struct {
+    double place[4], place_start_s, place_end_s; /* from a corner, an angle and a scale */
+    double opacity, opacity_start_s, opacity_end_s;
+    double inner[4];         /* axes of its material within it, the same four */
+    double way[4], core[4];  /* left, right, top, bottom: it stays within, and covers, in the glide */
+    int64_t is_level;        /* whether it covers its whole box */
+    int64_t key, state;      /* which region it is; facts of another state of its material */
+} hx_glide;
+void hx_engine_glide(hx_engine *engine, int64_t region, const hx_glide *glide);
+
+/* Let an engine go on where another one is that plays at the same rate: with its fingers, and with
+ * their facts on the regions of the same keys, which the first call looks for. */
+void hx_engine_match(hx_engine *engine, const hx_engine *before);
+void hx_engine_follow(hx_engine *engine, const hx_engine *before);
+
 /* An engine as the source of a driver's queue, any stretch of which is played again after a report;
  * see haptix.play.render.live.RenderSource and the hx_source of firmware_io. Times are the host's. */
 typedef struct hx_live hx_live;
@@ -296,6 +313,12 @@ int64_t hx_live_is_live(void *live);
 
 /* Take a mix in any thread; the next window has it. */
 void hx_live_mix(hx_live *live, const hx_mix *mix);
+
+/* Take an engine in any thread, with a mix; the next window is its first. */
+void hx_live_adopt(hx_live *live, hx_engine *engine, const hx_mix *mix);
+
+/* Whether an engine plays, or will. The memory of others may be freed. */
+int64_t hx_live_needs(hx_live *live, const hx_engine *engine);
 
 /* Samples of all fingers that were rendered, by the status of their friction: 16 numbers. */
 void hx_live_count(hx_live *live, int64_t *statuses);

@@ -459,7 +459,10 @@ static void read_region(const uint8_t *bytes, const uint8_t *r, hx_region *to, u
     to->scale = real_at(r + 56);
     to->width_mm = real_at(r + 64);
     to->height_mm = real_at(r + 72);
-    to->opacity = real_at(r + 80);
+    to->opacity = to->glide.opacity = real_at(r + 80);
+    to->glide.inner[3] = 1.0;
+    to->glide.place_end_s = to->glide.opacity_end_s = -INFINITY;
+    to->facts_before = -1;
     if (to->shape == SHAPE_POLYGON) {
         to->corners = uint_at(r + 20);
         to->corner_mm = taken(bytes + uint_at(r + 24), 2 * to->corners, memory);
@@ -508,8 +511,10 @@ void hx_program_read(const uint8_t *bytes, hx_program *program, uint8_t *memory)
         read_material(bytes, bytes + uint_at(h + 72) + i * MATERIAL, &material[i], &memory);
     hx_region *region = (hx_region *)(void *)memory;
     memory += sizeof *region * (size_t)program->regions;
-    for (int64_t i = 0; i < program->regions; i++)
+    for (int64_t i = 0; i < program->regions; i++) {
         read_region(bytes, bytes + uint_at(h + 76) + i * REGION, &region[i], &memory);
+        region[i].facts = i;
+    }
     program->material = material;
     program->region = region;
 }

@@ -30,6 +30,9 @@ typedef struct {
     int64_t shape, blend, priority, corners;
     const double *corner_mm; /* [corners][2] */
     double x_mm, y_mm, angle_rad, scale, width_mm, height_mm, opacity;
+    hx_glide glide;
+    int64_t facts, facts_before; /* region whose facts are its own, in this engine and in the one before; -1: none */
+    int64_t forgets;             /* whether those are of another state of its material */
 } hx_region;
 
 typedef struct {
@@ -42,7 +45,7 @@ typedef struct {
     int64_t period, materials, regions, background;
     const double *wave;
     const hx_material *material;
-    const hx_region *region; /* the lowest first */
+    hx_region *region; /* the lowest first */
 } hx_program;
 
 /* Numbers of the period of a grating with 0, 1, 2, 4, ... harmonics. */

@@ -35,6 +35,7 @@ from haptix.feel.materials import (
 from haptix.feel.materials.material import Answering
 from haptix.feel.materials.pyramid import Beyond, Pyramid
 from haptix.feel.materials.timeline import RATE_HZ, Begins, Timeline
+from haptix.feel.motion import LocalFrame
 from haptix.model.waves import Shape
 
 NONE = 0xFFFFFFFF
@@ -95,6 +96,9 @@ class FeltRecords:
         A layout, as it is at rest, or a single material.
     sections : Sections
         Takes the numbers of maps and gratings.
+    moving : bool
+        Keep the regions that fade out and those that are shown in other axes, whose numbers
+        `moving` has; without it, all are written as they will be at rest.
 
     Raises
     ------
@@ -102,7 +106,7 @@ class FeltRecords:
         If a material is of a kind that has no record.
     """
 
-    def __init__(self, felt: Evaluator, sections: Sections) -> None:
+    def __init__(self, felt: Evaluator, sections: Sections, moving: bool = False) -> None:
         self._sections = sections
         self._records: list[bytes] = []
         self._known: dict[int, int] = {}
@@ -111,7 +115,7 @@ class FeltRecords:
         """Of all that is felt."""
         self.is_layout = isinstance(felt, Layout)
         """Whether regions, and no single material, take what fingers do."""
-        regions: Sequence[RegionState] = ()
+        shown: Sequence[RegionState] = ()
         if isinstance(felt, Layout):
             below = felt.background
             self.background = (
@@ -119,13 +123,18 @@ class FeltRecords:
                 if isinstance(below, float)
                 else self._material("background", below)
             )
-            settled = [region.settled() for region in reversed(felt.store.shown.regions)]
-            regions = [region for region in settled if region.opacity.after[0] > 0.0]
+            shown = [
+                region
+                for region in reversed(felt.store.shown.regions)
+                if moving or region.opacity.after[0] > 0.0
+            ]
         else:
             self.background = self._material("material", felt)
         """Number of the background's material."""
-        self.regions = tuple(self._region(_name(felt, region), region) for region in regions)
+        self.regions = tuple(self._region(_name(felt, region), region) for region in shown)
         """Records of the regions, the lowest first."""
+        self.glides = tuple(_glide(region) for region in shown) if moving else ()
+        """The numbers of an ``hx_glide`` of each region."""
 
     @property
     def materials(self) -> Sequence[bytes]:
@@ -273,10 +282,20 @@ class FeltRecords:
         return self._put(_UNIFORM, Answering(lambda motion: motion.x_mm, target, value))
 
 
+def _glide(region: RegionState) -> tuple[Any, ...]:
+    place, opacity, inner = region.place, region.opacity, region.inner or LocalFrame()
+    return (
+        place.before, place.start_s, place.end_s, *opacity.before, opacity.start_s, opacity.end_s,
+        (inner.x_mm, inner.y_mm, inner.angle_rad, inner.scale), region.way, region.core,
+        region.is_level, region.key, region.state,
+    )  # fmt: skip
+
+
 def _name(felt: Evaluator, region: RegionState) -> str:
     """Name of a region, or its number in the order in which they were added."""
     assert isinstance(felt, Layout)
-    name = felt.regions[region.key].fields.name
+    placed = felt.regions.get(region.key)
+    name = placed.fields.name if placed is not None and placed.is_there else None
     return f"region {region.key}" if name is None else f"region {name!r}"
 
 

@@ -29,7 +29,7 @@ from haptix.play.render.engine import EngineSource
 from haptix.play.render.fingers import PredictedFingers
 from haptix.play.render.master import EffectEnd, Master, PlayingEffect
 from haptix.play.render.played import PlayedRecord
-from haptix.play.render.program import compile_touch
+from haptix.play.render.program import compile_core
 from haptix.play.render.samples import RenderCore, RenderedBlock
 from haptix.play.render.settings import LiveSettings
 from haptix.play.render.stream import LONGEST_GAP_S, RenderStream
@@ -271,15 +271,14 @@ class LiveRenderer(RenderStream):
             why = "sensing, keep_blocks and record need it"
         else:
             try:
-                program = compile_touch(
-                    self.surface, self.texture, self.device, self.drive, self.settings
-                )
+                compiled = compile_core(self, self.settings, moving=True)
+                source = EngineSource(compiled, self.settings.reaction_s)
             except InputError as error:
                 why = str(error)
         if why:
             _LOG.warning("own_thread: plays by the interpreter: %s", why)
             return None
-        source, stats = EngineSource(program, self.settings.reaction_s), self.stats
+        stats = self.stats
         if mix is not None:
             source.mix(mix)
         self._engine, self._compiled_felt = source, felt
@@ -318,10 +317,18 @@ class LiveRenderer(RenderStream):
     def _engine_follows(self) -> bool:
         """Hand the engine what has changed; return whether it can play that."""
         with self._changing:
-            engine, mix = self._engine, self._master.compiled
-            if engine is None or mix is None or not self._engine_feels():
+            engine, mix, felt = self._engine, self._master.compiled, self._felt_now
+            if engine is None or mix is None:
                 return False
-            engine.mix(mix)
+            if all(now is then for now, then in zip(felt, self._compiled_felt, strict=True)):
+                engine.mix(mix)
+                return True
+            try:
+                engine.adopt(compile_core(self, self.settings, moving=True), mix)
+            except InputError as error:
+                _LOG.warning("own_thread: %s", error)
+                return False
+            self._compiled_felt = felt
             return True
 
     @property
@@ -329,11 +336,6 @@ class LiveRenderer(RenderStream):
         """What is felt, which is replaced when it changes."""
         evaluator = self._felt[1]
         return self._felt, evaluator.store.shown if isinstance(evaluator, Layout) else None
-
-    def _engine_feels(self) -> bool:
-        return all(
-            now is then for now, then in zip(self._felt_now, self._compiled_felt, strict=True)
-        )
 
     @property
     def _samples_s(self) -> float:

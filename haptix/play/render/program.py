@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -69,6 +70,32 @@ def compile_touch(
     """
     settings = LiveSettings() if settings is None else settings
     core = RenderCore(surface, texture, device, drive, settings)
+    return compile_core(core, settings).program
+
+
+class Compiled(NamedTuple):
+    """A program of a touch, and how its regions glide."""
+
+    program: bytes
+    glides: tuple[tuple[Any, ...], ...]
+    """Of each region, the lowest first, the numbers of an ``hx_glide`` of the engine."""
+
+
+def compile_core(core: RenderCore, settings: LiveSettings, moving: bool = False) -> Compiled:
+    """Compile what a core renders; see `compile_touch`.
+
+    Parameters
+    ----------
+    core : RenderCore
+    settings : LiveSettings
+    moving : bool
+        Follow regions that glide and fade; without it, all are as they will be at rest.
+
+    Raises
+    ------
+    InputError
+        As `compile_touch`.
+    """
     wave = core.drive.period(core.sample_rate_hz)
     if core.drive.attraction is not None:
         raise InputError(
@@ -92,7 +119,7 @@ def compile_touch(
     numbers = [np.log(table.force_n), table.drive, table.columns]
     slice_at = sections.add(b"".join(part.astype("<f8").tobytes() for part in numbers))
     wave_at = sections.add(wave.astype("<f8").tobytes())
-    felt = FeltRecords(texture.evaluator, sections)
+    felt = FeltRecords(core.texture.evaluator, sections, moving)
     materials_at, regions_at = (
         sections.add(b"".join(records)) for records in (felt.materials, felt.regions)
     )
@@ -117,4 +144,5 @@ def compile_touch(
     )  # fmt: skip
     header = _HEADER.pack(MAGIC, VERSION, 0, *fields, *reals)
     checked = header[_CHECKED_FROM:] + sections.parts
-    return MAGIC + struct.pack("<II", VERSION, zlib.crc32(checked)) + checked
+    program = MAGIC + struct.pack("<II", VERSION, zlib.crc32(checked)) + checked
+    return Compiled(program, felt.glides)

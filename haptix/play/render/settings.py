@@ -123,8 +123,8 @@ class LiveSettings(RenderSettings):
     own_thread : bool
         Play by the engine in C, in a thread that a busy interpreter does not stop, where the layout
         can be compiled and the link is ``tcp:``, ``serial:``, ``usb:`` or, on Linux, ``hid:``
-        (never on Windows). Before a change of the layout or an effect the output pauses at 0 V,
-        and the interpreter goes on.
+        (never on Windows). Before an effect or a mark, and before a region that cannot be
+        compiled, the output pauses at 0 V, and the interpreter goes on.
         `LiveRenderer.plays_by` names the player.
 
     Examples

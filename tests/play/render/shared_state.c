@@ -1,7 +1,8 @@
 /* A player, a driver, a process that reports fingers, and an owner that reads the counters, each in
  * a thread of its own, under ThreadSanitizer.
  *
- * Usage: shared_state FILE SECONDS. Prints samples, revisions and looks at the counters. */
+ * The owner also changes the intensity, and the engine.
+ * Usage: shared_state FILE SECONDS. Prints samples, revisions, looks at the counters, engines. */
 #define _GNU_SOURCE
 #include <fcntl.h>
 #include <math.h>
@@ -124,16 +125,29 @@ int main(int argc, char **argv) {
     for (int i = 0; i < 3; i++)
         if (pthread_create(&threads[i], NULL, runs[i], NULL) != 0) return 2;
     static hx_player_counts counts;
-    int64_t statuses[16], looks = 0;
+    int64_t statuses[16], looks = 0, adopted = 0;
+    hx_mix mix = {0.5, 1.0, 0.1, 0.2, 0.0, NAN};
+    hx_engine *engines[3] = {NULL, NULL, NULL};
     for (double end = now_s() + seconds; now_s() < end; looks++) {
         hx_player_count(player, &counts);
         hx_live_count(live, statuses);
+        hx_live_mix(live, &mix);
+        for (int i = 0; i < 3; i++)
+            if (!engines[i] || !hx_live_needs(live, engines[i])) {
+                free(engines[i]);
+                engines[i] = malloc((size_t)hx_engine_size(program, size));
+                if (!engines[i]) return 2;
+                hx_live_adopt(live, hx_engine_open(program, size, engines[i]), &mix);
+                adopted++;
+                break;
+            }
         usleep(1000);
     }
     for (int i = 0; i < 3; i++) pthread_join(threads[i], NULL);
     hx_player_count(player, &counts);
-    printf("%ld samples, %ld revisions, %ld looks, ends by %d\n", (long)counts.sent,
-           (long)counts.revisions, (long)looks, (int)counts.outcome);
+    printf("%ld samples, %ld revisions, %ld looks, %ld engines, ends by %d\n", (long)counts.sent,
+           (long)counts.revisions, (long)looks, (long)adopted, (int)counts.outcome);
+    for (int i = 0; i < 3; i++) free(engines[i]);
     free(program), free(memory), free(live), free(window), free(player);
     return 0;
 }
