@@ -40,7 +40,13 @@ def test_a_finger_is_learned_from_the_current_of_the_driver(tmp_path):
 
             def has_learned():
                 arm_again(client, states)
-                client.touch(float(place_mm(client.now_s() - began_s)), 20.0, 0.4, touch_id=4)
+                now_s = client.now_s()
+                # A session that was starved measures the panel anew, and a stall spoils an
+                # estimate: the finger leaves the panel for 2 s of each 12, and begins anew.
+                if now_s - began_s > 10.0 and (now_s - began_s) % 12.0 < 2.0:
+                    client.lift(4)
+                else:
+                    client.touch(float(place_mm(now_s - began_s)), 20.0, 0.4, touch_id=4)
                 pause(0.008)
                 return frames and stats(frames[-1])["sensing"] == LEARNS and known(frames[-1])
 
