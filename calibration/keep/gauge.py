@@ -74,7 +74,7 @@ class ControlChart:
         if len(values) < FEWEST:
             return cls(tuple(values), nan, nan, nan, nan, nan, ())
         column = np.array(values, dtype=float)
-        alarms, found = [], list[str]()
+        alarms, alerts = [], list[str]()
         mean = variance = 0.0
         middle = low = high = nan
         for place in range(FEWEST - 1, len(column)):
@@ -86,22 +86,22 @@ class ControlChart:
             mean = (1 - _LATEST) * mean + _LATEST * score
             variance = (1 - _LATEST) ** 2 * variance + _LATEST**2
             half = -float(stdtrit(free, ndtr(-_BEYOND))) * sd
-            low, high, found = middle - half, middle + half, []
+            low, high, alerts = middle - half, middle + half, []
             if not low <= column[place] <= high:
-                found.append(
+                alerts.append(
                     f"beyond: the last value, {column[place]:.3g}, is outside {low:.3g} to "
                     f"{high:.3g}"
                 )
             if abs(mean) > _SHIFTED * sqrt(variance):
                 way = "above" if mean > 0 else "below"
-                found.append(f"shift: the last values lie {way} {middle:.3g}")
-            if found:
+                alerts.append(f"shift: the last values lie {way} {middle:.3g}")
+            if alerts:
                 alarms.append(place)
         line = linregress(np.arange(len(column)), column)
         lasts = len(column) - 1
         drift = float(line.slope) * lasts
         unsure = float(stdtrit(len(column) - 2, _LEVEL) * line.stderr) * lasts
-        return cls(tuple(values), middle, low, high, drift, unsure, tuple(found), tuple(alarms))
+        return cls(tuple(values), middle, low, high, drift, unsure, tuple(alerts), tuple(alarms))
 
     @property
     def text(self) -> str:

@@ -457,7 +457,7 @@ class _Sheets:
 
 
 class CertificateText(Document):
-    """What a laboratory states on its certificates, as a file; a missing one is named there."""
+    """Statements of a laboratory on its certificates, as a file; the sheet names missing ones."""
 
     laboratory: str = ""
     address: str = ""

@@ -297,7 +297,7 @@ class HostedLink(Link):
         self._has_held.set()
 
     def _follow_output(self) -> None:
-        """Fail if the output has stopped, even if it goes on: its queue is of the past."""
+        """Fail if the output has stopped, even if it goes on: its queued samples are late."""
         silent_s = time.monotonic() - self._asked_s
         if silent_s > STILL_S and self._failure is None and self._has_held.is_set():
             self._fail(

@@ -216,9 +216,7 @@ def _late_s(start: np.datetime64 | None, first: np.datetime64) -> float:
 
 def _started(date: str, time: str) -> np.datetime64 | None:
     """Return the start of a channel of LVM; None where it is not stated."""
-    at = re.fullmatch(
-        r"(\d+)/(\d+)/(\d+) (\d+):(\d+):(\d+)[.,]?(\d*)", f"{date.strip()} {time.strip()}"
-    )
+    at = _START.fullmatch(f"{date.strip()} {time.strip()}")
     if at is None:
         return None
     year, month, day, hour, minute, second = map(int, at.groups()[:6])
@@ -315,9 +313,9 @@ def _of_text(
             f"{', '.join(map(repr, layout.names))}"
         )
     wanted = layout.names if names is None else [empty.named(name) or name for name in names]
-    own = _waveforms(path, layout)
+    waveforms = _waveforms(path, layout)
     columns, units = _values(
-        path, body, at[layout.first :], layout, wanted, names is not None, is_ragged=bool(own)
+        path, body, at[layout.first :], layout, wanted, names is not None, is_ragged=bool(waveforms)
     )
     columns = {name: columns[name] for name in wanted if name in columns}
     factors, rate_hz = _stated(layout)
@@ -336,15 +334,15 @@ def _of_text(
         understood.append("no headings: the columns are called 1, 2, ...")
     if factors:
         understood.append("counts divided by the counts per unit above the columns")
-    if own:
+    if waveforms:
         understood.append("each column from its own start on, at its own rate, as stated above")
     elif rate_hz:
         understood.append(f"{rate_hz:g} samples a second, as stated above the columns")
     times = {
         name: began_s + step_s * np.arange(float(len(columns[name])))
-        for name, (began_s, step_s) in own.items() if name in columns
+        for name, (began_s, step_s) in waveforms.items() if name in columns
     }  # fmt: skip
-    return LabTable(columns, units, times, None if own else rate_hz, (*understood,))
+    return LabTable(columns, units, times, None if waveforms else rate_hz, (*understood,))
 
 
 def _waveforms(path: str | Path, layout: _Layout) -> dict[str, tuple[float, float]]:
@@ -356,8 +354,10 @@ def _waveforms(path: str | Path, layout: _Layout) -> dict[str, tuple[float, floa
     }
     if "t0" not in rows or "delta t" not in rows:
         return {}
-    starts = np.array([_clock_s(path, [cell], "t0")[0] for cell in rows["t0"]])
-    starts = (starts - starts[0] + _DAY_S / 2) % _DAY_S  # over midnight as well
+    starts = np.zeros(len(rows["t0"]))
+    if all(map(_CLOCK.fullmatch, rows["t0"])):
+        starts = np.array([_clock_s(path, [cell], "t0")[0] for cell in rows["t0"]])
+        starts = (starts - starts[0] + _DAY_S / 2) % _DAY_S  # over midnight as well
     steps = [_number(cell, layout.has_commas) for cell in rows["delta t"]]
     if not min(steps) > 0 or (np.ptp(starts) == 0 and len(set(steps)) == 1):
         return {}
@@ -548,8 +548,6 @@ def _stated(layout: _Layout) -> tuple[dict[str, tuple[float, str]], float | None
         value, kilo = _number(size, False), 1000 if "khz" in f"{key} {unit}".lower() else 1
         if value > 0 and re.search(r"\brate\b|\bfrequency\b", key):
             rates.add(value * kilo)
-        elif value > 0 and re.fullmatch(
-            r"delta.?[tx]|dt|sample.time|.*\binterval( \(?m?s\)?)?", key
-        ):
+        elif value > 0 and _STEP.fullmatch(key):
             rates.add((1000 if "ms" in f"{key} {unit}" else 1) / value)
     return factors, rates.pop() if len(rates) == 1 else None

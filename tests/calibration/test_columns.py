@@ -260,6 +260,14 @@ def test_an_oscilloscopes_file_is_read(tmp_path, text, t, volts):
         assert table.units == {"x-axis": "s", "1": "V", "2": "V"}
 
 
+def test_waveforms_whose_starts_are_no_times_begin_together(tmp_path):
+    rows = "".join(f"{k}\t{2 * k}\n" for k in range(20))
+    head = "t0\t0\t0\ndelta t\t0.001\t0.002\n\nFz (N)\tx (mm)\n"
+    (tmp_path / "a.txt").write_text(head + rows)
+    times = read_table(tmp_path / "a.txt").times_s
+    assert (times["Fz (N)"][1], times["x (mm)"][1]) == (0.001, 0.002)
+
+
 def test_two_columns_of_one_name_are_two(tmp_path):
     rows = "".join(f"{k},{k * 2},{k * 3}\n" for k in range(20))
     (tmp_path / "a.csv").write_text("Time (s),Force (N),Force (N)\n" + rows)

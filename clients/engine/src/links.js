@@ -26,12 +26,13 @@ const WAYS = {
     known: async (serial) => serial.getPorts(),
     open: openSerial,
   },
-  virtual: { open: (_, link, options) => openVirtual(link, options) },
+  virtual: { device: { close: async () => {} }, open: (_, link, options) => openVirtual(link, options) },
 };
 
 /** The device of a link, and how many like it a person chose; `again` takes the first of these without asking. */
 export async function chooseDevice(kind, options) {
-  if (kind === "virtual") return { device: { close: async () => {} }, alike: 1 }; // nobody chooses it
+  const way = WAYS[kind];
+  if (way?.device) return { device: way.device, alike: 1 }; // nobody chooses it
   const chosen = { vendorId: 0x1209, productId: 0x0001, anyPort: false, ...options };
   const api = globalThis.navigator?.[kind];
   if (!api)
@@ -40,7 +41,6 @@ export async function chooseDevice(kind, options) {
     const { usbVendorId, usbProductId } = device.getInfo?.() ?? { usbVendorId: device.vendorId, usbProductId: device.productId };
     return chosen.anyPort || (usbVendorId === chosen.vendorId && usbProductId === chosen.productId);
   };
-  const way = WAYS[kind];
   const asked = options.again ? null : await way.ask(api, chosen);
   const known = (await way.known(api)).filter(isIt);
   const device = options.again ? known[0] : asked;

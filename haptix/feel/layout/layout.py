@@ -412,7 +412,7 @@ class Layout(Mapped):
         Parameters
         ----------
         facts : Facts
-            Facts of the finger so far.
+            Past events of the finger.
         before : Report or None
             The report before; None when it comes down.
         now : Report

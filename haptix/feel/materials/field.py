@@ -276,7 +276,7 @@ class Evaluator(Protocol):
         Parameters
         ----------
         facts : Facts
-            Facts of the finger so far.
+            Past events of the finger.
         before : Report or None
             The report before; None when it comes down.
         now : Report

@@ -523,7 +523,7 @@ def unmoved(facts: Facts, before: Report | None, now: Report) -> Facts:
     Parameters
     ----------
     facts : Facts
-        Facts of the finger so far.
+        Past events of the finger.
     before, now : Report
         Reports of it, which change nothing.
     """

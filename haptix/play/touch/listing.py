@@ -1,4 +1,4 @@
-"""Touchscreens of this machine: their names, their statements, and oddities."""
+"""Touchscreens of this machine: their names, their properties and oddities."""
 
 from __future__ import annotations
 

@@ -187,7 +187,7 @@ def serve(
 
 
 def inventory_of(device: str, opened: dict[str, Any]) -> m.Inventory:
-    """Return the client's record of the driver at an address, and of the profiles in use."""
+    """Return the record that clients get of the driver at an address, and of the profiles."""
     return m.Inventory(
         devices=(
             # Where its token lies concerns no client.
