@@ -9,7 +9,7 @@ that, fitted in one theory ("open-gaps", or `--theory`), verified, and extended 
 left open. Errors are those of friction inside the range that the verdict states. With ``--defects``
 friction rises late in a contact or goes with the speed, or the amplifier is weak at its highest
 volts. With ``--in-forms`` passed profiles are weighed in other forms, as `haptix calibrate fit`
-does, and the intervals of tau_f are compared with that of the truth.
+does, and the intervals of tau_f and h0 are compared with the truth's.
 """
 
 from __future__ import annotations
@@ -131,18 +131,19 @@ class Sessions:
             added = [one for one in plan.strokes if one.number > len(points)]
             points += self.strokes(true, added, rng, repeatability, volts, defect)
         off = self.errors(true, written, finger, screen, found.verified, defect)
-        more = {}
+        verdict: str = found.verdict
+        more: dict[str, object] = {}
         if found.passed and self.forms:
             # The profile as `haptix calibrate fit` makes it, weighed in other forms.
             fit, own, _ = fit_in_best_theory(reduced, self.predictor, self.start, self.forms)
             best = {name: fit.best(name) for name in PER_FINGER}
             finger = finger_at(self.finger, best).replace(theory=fit.theory)
             if fit["h0_m"].value is None:
-                return {"session": number, "verdict": "no profile"}
-            screen = calibrated_screen(screen, fit, found, own)
-            shear = self.shear_stress(true, fit.theory)
-            known = fit["frictional_shear_stress_pa"]
-            more = {"theory": fit.theory, "tau_f_holds": bool(known.low <= shear <= known.high)}
+                verdict = "no profile"
+            else:
+                screen = calibrated_screen(screen, fit, found, own)
+                held = self.held(true, fit)
+                more = {"theory": fit.theory, "tau_f_holds": held[0], "h0_holds": held[1]}
         elif found.passed:
             screen = calibrated_screen(screen, fit, found, self.predictor)
         self.made = true, finger, screen, volts
@@ -150,16 +151,24 @@ class Sessions:
             "session": number, "form": FORMS[number % len(FORMS)], "repeatability": repeatability,
             "defect": defect, "volts": volts, "planned_minutes": planned_s / 60,
             "minutes": plan.duration_s / 60, "first": first, "looks": plan.looks,
-            "verdict": found.verdict, "worst_jnd": off, "failures": list(found.failures)[:2],
+            "verdict": verdict, "worst_jnd": off, "failures": list(found.failures)[:2],
             "strokes_used": len(fit.strokes), "h0_spread": fit["h0_m"].spread,
             **more,
         }  # fmt: skip
 
-    def shear_stress(self, true, theory):
-        """The truth's tau_f as a theory has it, whose area at rest is another."""
-        of_theory = self.contacts["open-gaps" if theory == "open-gaps" else "own"]
+    def held(self, true, fit):
+        """Whether the 90 % interval of tau_f, and 1.645 spreads of h0, hold the truth's.
+
+        The truth's tau_f as the fit's theory has it, whose area at rest is another.
+        """
+        of_theory = self.contacts["open-gaps" if fit.theory == "open-gaps" else "own"]
         share = true.contact.area[24] / of_theory.area[24]
-        return true.values["frictional_shear_stress_pa"] * share
+        shear, known = true.values["frictional_shear_stress_pa"], fit["frictional_shear_stress_pa"]
+        off = abs(np.log(fit.best("h0_m") / true.values["h0_m"]))
+        return (
+            bool(known.low <= shear * share <= known.high),
+            bool(off <= 1.645 * fit["h0_m"].spread),
+        )
 
     def matched(self, number, apart, seed):
         """Compare the screens of two sessions that passed, of two fingers, with the truth.
@@ -282,10 +291,11 @@ def main() -> None:
         f"half a JND or more {wrong}, worst {worst:.2f} JND"
     )
     if asked.in_forms:
-        weighed = [one for one in rows if "theory" in one]
+        print(f"{sum(one['verdict'] == 'no profile' for one in rows)} determine no h0")
         for form in FORMS:
-            held = [one["tau_f_holds"] for one in weighed if one["form"] == form]
-            print(f"{form}: intervals of tau_f hold {sum(held)} of {len(held)}")
+            weighed = [one for one in passed if one["form"] == form]
+            tau_f, h0 = (sum(one[key] for one in weighed) for key in ("tau_f_holds", "h0_holds"))
+            print(f"{form}: of {len(weighed)} intervals, those of tau_f hold {tau_f}, of h0 {h0}")
 
 
 if __name__ == "__main__":
