@@ -285,6 +285,10 @@ class Stream:
         self.client.send(Mark(index % INDEX_MODULUS, code))
         self._marks_sent += 1
 
+    def note_mark(self) -> None:
+        """Count a mark that a player in C sends."""
+        self._marks_sent += 1
+
     def poll(self, is_fresh: bool = False, is_due: bool = False) -> None:
         """Read the driver's messages; raise its fault.
 
@@ -324,6 +328,7 @@ class Stream:
             "frame": self.pace.frame_samples,
             "most_ahead": self.pace.most_ahead(True),
             "rate_hz": float(self.setup.sample_rate_hz),
+            "output_rate_hz": float(self.output_rate_hz),
             "bytes_per_s": self.pace.bytes_per_s or 0.0,
             "watchdog_s": self.setup.watchdog_ms / 1e3,
             "version": self.client.version,

@@ -7,6 +7,7 @@ leads there: whoever has its end, another process too, reports fingers. POSIX on
 from __future__ import annotations
 
 import os
+import socket
 import struct
 import sys
 from collections.abc import Callable
@@ -14,6 +15,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from select import select
 from threading import Event, RLock, Thread
 from typing import Any
 
@@ -34,7 +36,9 @@ QUIET_S = 1.0
 
 _ALIVE_S = 0.1
 _REPORT = struct.Struct("=iiiiddddd")
-_ALIVE, _FINGER, _CHANGED, _QUIT = range(4)
+_TIME = struct.Struct("=d")
+_ALIVE, _FINGER, _CHANGED, _QUIT, _MARK_NEXT = range(5)
+_TOLD_BYTES = 4096
 
 
 @cache
@@ -101,7 +105,7 @@ class OwnThread(Writer):
     Parameters
     ----------
     device : Device
-        Its link must have a file descriptor, and its samples be the drive; see `can_play`.
+        Its link must have a file descriptor, and its samples be the drive; see `why_not`.
     source : CompiledSource
         Makes the samples.
     stats : PlaybackStats
@@ -133,10 +137,20 @@ class OwnThread(Writer):
         self._reader: BulkReader | None = None
 
     @staticmethod
-    def can_play(device: Device) -> bool:
-        """Whether the thread can play to a device."""
-        is_posix = sys.platform != "win32"
-        return is_posix and device.clock is HOST_CLOCK and device.lend() is not None
+    def why_not(device: Device) -> str:
+        """Return why the thread cannot play to a device; nothing if it can.
+
+        Parameters
+        ----------
+        device : Device
+        """
+        if sys.platform == "win32" or device.clock is not HOST_CLOCK or device.lend() is None:
+            return f"{device.name} has no waveform that goes through a file descriptor"
+        try:
+            compiled()
+        except DeviceError as error:
+            return str(error)
+        return ""
 
     def begin(self) -> None:
         """Arm the device and prepare the player."""
@@ -153,6 +167,10 @@ class OwnThread(Writer):
         self._read_end, self.reports = os.pipe()
         for end in (self._read_end, self.reports):
             os.set_blocking(end, False)
+        # Each frame comes whole, so that one for which there is no room leaves the others whole.
+        self._told, self._tells = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._told.setblocking(False)
+        self._tells.setblocking(False)
         lent = stream.lend()
         for name in ("window", "limits"):
             lent[name] = ffi.cast("void *", _address(lent[name]))
@@ -163,6 +181,7 @@ class OwnThread(Writer):
         elif (bulk := stream.link.bulk) is not None:
             self._reader = BulkReader(bulk)
             setup.link, setup.bulk = self._reader.came, self._reader.bulk[0]
+        setup.told = self._tells.fileno()
         setup.reports, setup.grid, setup.revised = self._read_end, source.grid, sizes.window
         setup.piece, setup.least, setup.horizon = sizes.piece, sizes.least, sizes.horizon
         setup.reaction_s, setup.guard_s = self.stats.reaction_s, device.capabilities.guard_s
@@ -209,6 +228,27 @@ class OwnThread(Writer):
         """Wake the thread: something has changed at a time of the host's clock."""
         self.report(_REPORT.pack(_CHANGED, 0, 0, 0, touched_s, 0.0, 0.0, 0.0, 0.0))
 
+    def mark(self, code: int) -> None:
+        """Mark the next sample that the driver has not received, see `Device.mark`.
+
+        Parameters
+        ----------
+        code : int
+            Number that `Device.marked` repeats.
+
+        Raises
+        ------
+        DeviceError
+            If too many wait for room in the driver.
+        """
+        kept: int = compiled()[1].HX_MARKS_KEPT
+        if self._stream.marks_waiting >= kept:
+            raise DeviceError(
+                f"{kept} marks wait for room in {self.device.name}; mark fewer samples."
+            )
+        self._stream.note_mark()
+        self.report(_REPORT.pack(_MARK_NEXT, code, 0, 0, 0.0, 0.0, 0.0, 0.0, 0.0))
+
     def round(self) -> float:
         """Do nothing, since the thread does it."""
         return _ALIVE_S
@@ -217,9 +257,22 @@ class OwnThread(Writer):
         self.report(_REPORT.pack(_QUIT, 0, 0, 0, 0.0, 0.0, 0.0, 0.0, 0.0))
 
     def _say_alive(self) -> None:
-        while not self._returned.wait(_ALIVE_S):
-            self.report(_REPORT.pack(_ALIVE, 0, 0, 0, 0.0, 0.0, 0.0, 0.0, 0.0))
-            self._count()
+        """Tell the thread ten times a second that the interpreter goes on; take its frames."""
+        due_s = HOST_CLOCK()
+        while not self._returned.is_set():
+            select([self._told], [], [], max(0.0, due_s - HOST_CLOCK()))
+            self._take_frames()
+            if HOST_CLOCK() >= due_s:
+                due_s = HOST_CLOCK() + _ALIVE_S
+                self.report(_REPORT.pack(_ALIVE, 0, 0, 0, 0.0, 0.0, 0.0, 0.0, 0.0))
+                self._count()
+
+    def _take_frames(self) -> None:
+        with suppress(BlockingIOError):
+            while True:
+                if not (told := self._told.recv(_TOLD_BYTES)):
+                    return
+                self._stream.client.take(told[_TIME.size :], *_TIME.unpack_from(told))
 
     def _run(self) -> None:
         raise_priority()
@@ -229,12 +282,14 @@ class OwnThread(Writer):
         # The call lets the interpreter go, and does not need it until it returns.
         compiled()[1].hx_player_run(self._player)
         self._returned.set()
+        self._tells.send(b"")  # wakes the other thread
         if self._reader is not None:
             self._reader.end()
         if self._reports_of_hid >= 0:
             with suppress(DeviceError):  # the player has read them, too
                 self._stream.link.receive()
         self._alive.join()
+        self._take_frames()
         self._count()
         try:
             self._take_back()
@@ -302,6 +357,8 @@ class OwnThread(Writer):
             for end in (self.reports, self._read_end):
                 os.close(end)
             self.reports = self._read_end = -1
+        self._told.close()
+        self._tells.close()
         if self._reader is not None:
             self._reader.close()
         if self._reports_of_hid >= 0:

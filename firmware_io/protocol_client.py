@@ -101,6 +101,7 @@ class ProtocolClient:
         self._sequence = 0
         self._token = 0
         self._parser = FrameParser(max_payload_bytes=1024)
+        self._relayed = FrameParser(max_payload_bytes=1024)
         self._read_s = 0.0
 
     def handshake(self) -> CapabilitiesReport:
@@ -183,6 +184,11 @@ class ProtocolClient:
     def sequence(self) -> int:
         """Number of the next frame."""
         return self._sequence
+
+    def take(self, frame: bytes, at_s: float) -> None:
+        """Take a whole frame of the driver that a player in C has read, at a time of the host."""
+        for item in self._relayed.feed(frame):
+            self._take(item, at_s)
 
     def take_back(self, sequence: int, frames: int, size: int) -> None:
         """Count the samples that a player in C has sent.

@@ -33,12 +33,14 @@ int64_t hx_bulk_read(const hx_bulk *bulk, int64_t to, const volatile int32_t *is
 #include <unistd.h>
 
 enum { QUEUE = 1 << 16, MOST_REVISED = 4096, UNDER_WAY = 32, ORIGINS = 128, NEEDS = 32 };
+enum { STATUS_CLOCK = 28, DRIVER_MARKS = 8 }; /* place in a STATUS; marks that a driver keeps */
 enum { REPORT = 64, PIECE = 1 << 14, FRAME = HX_FRAME_OVERHEAD_BYTES + HX_REVISE_HEAD_BYTES + 2 * PIECE };
 
 /* As in firmware_io/reviser.py, which gives the reasons. */
 static const double kept_s = 1.0, appended_within_s = 0.007, status_s = 0.02;
 static const double first_need_s = 1e-3, refused_s = 0.01, refused_needs = 3.0, spare_s = 1e-4;
 static const double longest_need_s = 0.05, renewed_share = 0.75, burst = 0.5, slowest = 0.98;
+static const double told_within_s = 0.1;
 static const double send_s = 1.0; /* longest time for which a link takes nothing */
 
 typedef struct {
@@ -85,6 +87,15 @@ struct hx_player {
     double touched_s; /* the earliest report that no revision knows of; NaN: none */
     double revised_s, carried_s, free_s, append_due_s, due_s, owner_s;
     int64_t forgotten;
+
+    int64_t marks_asked, marks_sent, marks_reported;
+    uint16_t mark[HX_MARKS_KEPT];
+
+    /* The STATUS that the owner has not been told of, that which shows the driver furthest ahead:
+     * it needs no others for the driver's clock. */
+    uint8_t status[8 + HX_FRAME_OVERHEAD_BYTES + HX_STATUS_BYTES];
+    uint32_t status_bytes;
+    double status_origin, told_s;
 
     uint8_t received[2048];
     uint32_t received_bytes;
@@ -403,6 +414,36 @@ static void take_frame(hx_player *p, uint8_t kind, const uint8_t *payload, uint3
                       hx_get_u32(payload + 16), hx_get_u32(payload + 20), hx_get_u16(payload + 36),
                       hx_get_u16(payload + 38), (int32_t)hx_get_u32(payload + 40)};
         take_status(p, &now);
+    } else if (kind == HX_MARKED && p->marks_reported < p->marks_sent)
+        p->marks_reported++;
+}
+
+/* Give the owner frames of the driver, which has room unless it stands still. */
+
+static void tell_status(hx_player *p) {
+    if (p->status_bytes > 0 && write(p->set.told, p->status, p->status_bytes) < 0) return;
+    p->status_bytes = 0;
+}
+
+static void tell(hx_player *p, const uint8_t *frame, uint32_t length, double at_s) {
+    uint8_t told[8 + sizeof p->received];
+    memcpy(told, &at_s, 8);
+    memcpy(told + 8, frame, length);
+    if (frame[3] != HX_STATUS) {
+        tell_status(p); /* by which the owner knows the clock */
+        if (write(p->set.told, told, 8 + length) < 0) return;
+    } else if (8 + length <= sizeof p->status) {
+        const uint8_t *clock = frame + HX_HEADER_BYTES + STATUS_CLOCK;
+        double ticks = hx_get_u32(clock) + 4294967296.0 * hx_get_u32(clock + 4);
+        double origin = ticks - at_s * p->set.output_rate_hz;
+        if (p->status_bytes == 0 || origin >= p->status_origin) {
+            memcpy(p->status, told, 8 + length);
+            p->status_bytes = 8 + length;
+            p->status_origin = origin;
+        }
+        if (at_s - p->told_s < told_within_s) return;
+        tell_status(p);
+        p->told_s = at_s;
     }
 }
 
@@ -423,6 +464,7 @@ static void take_received(hx_player *p, double at_s) {
             continue;
         }
         take_frame(p, f[3], f + HX_HEADER_BYTES, length, at_s);
+        if (f[3] != HX_FAULT) tell(p, f, whole, at_s); /* which ends it, and is in the counts */
         from += whole;
     }
     memmove(p->received, p->received + from, have - from);
@@ -481,6 +523,8 @@ static void read_reports(hx_player *p) {
             const hx_report *report = &reports[i];
             if (report->kind == HX_ALIVE) p->owner_s = now_s();
             if (report->kind == HX_QUIT) end(p, HX_STOPPED);
+            if (report->kind == HX_MARK_NEXT && p->marks_asked - p->marks_sent < HX_MARKS_KEPT)
+                p->mark[p->marks_asked++ % HX_MARKS_KEPT] = (uint16_t)report->touch_id;
             double sum = report->arrival_s + report->t_s + report->x_mm + report->y_mm;
             if (!isfinite(sum + report->force_n)) continue;
             double now = now_s(), arrival_s = least(most(report->arrival_s, now - kept_s), now);
@@ -557,6 +601,19 @@ static int64_t room(const hx_player *p, double now) {
     return most_of(0, least_of(free, p->set.most_ahead - ahead));
 }
 
+/* Mark a sample that the driver does not have yet, as often as it has been asked for and there is
+ * room in the driver. */
+static void place_marks(hx_player *p, int64_t index) {
+    while (p->marks_sent < p->marks_asked && !is_over(p) &&
+           p->marks_sent - p->marks_reported < DRIVER_MARKS) {
+        uint8_t *payload = p->frame + HX_HEADER_BYTES;
+        hx_put_u32(payload, (uint32_t)index);
+        hx_put_u16(payload + HX_INDEX_BYTES, p->mark[p->marks_sent % HX_MARKS_KEPT]);
+        send_frame(p, HX_MARK, HX_MARK_BYTES);
+        p->marks_sent++;
+    }
+}
+
 /* Send a piece if the horizon lacks one, and find out when it will. */
 static void append(hx_player *p) {
     const hx_player_setup *s = &p->set;
@@ -579,6 +636,7 @@ static void append(hx_player *p) {
     p->source.window(p->source.of, sent, s->piece, time_of(p, sent), 0, volts);
     if (!is_kept(p, volts, s->piece, *last_v) || !is_window_kept(p, sent + s->piece)) return;
     int64_t before = p->counts.bytes_sent;
+    place_marks(p, sent);
     for (int64_t at = 0; at < s->piece && !is_over(p); at += s->frame) {
         int64_t count = least_of(s->frame, s->piece - at);
         uint8_t *payload = p->frame + HX_HEADER_BYTES;
@@ -636,7 +694,7 @@ int64_t hx_player_init(hx_player *p, const hx_player_setup *setup, const hx_sour
     if (s->bytes_per_s > 0.0) p->need_s += 2.0 * (double)s->revised / s->bytes_per_s;
     p->needs[p->need_count++] = p->need_s;
     p->touched_s = NAN;
-    p->revised_s = p->carried_s = p->free_s = p->append_due_s = -INFINITY;
+    p->revised_s = p->carried_s = p->free_s = p->append_due_s = p->told_s = -INFINITY;
     p->due_s = INFINITY;
     p->owner_s = now;
     return 1;

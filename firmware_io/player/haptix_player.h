@@ -15,11 +15,11 @@
 
 /* cffi: begin */
 /* What the owner, or a process to which it has given the pipe, writes there; in one piece. */
-enum hx_report_kind { HX_ALIVE = 0, HX_FINGER = 1, HX_CHANGED = 2, HX_QUIT = 3 };
+enum hx_report_kind { HX_ALIVE = 0, HX_FINGER = 1, HX_CHANGED = 2, HX_QUIT = 3, HX_MARK_NEXT = 4 };
 
 typedef struct {
     int32_t kind;
-    int32_t touch_id;
+    int32_t touch_id; /* of HX_MARK_NEXT: its code */
     int32_t is_down;
     int32_t reserved;
     double arrival_s, t_s, x_mm, y_mm; /* by the host's clock, CLOCK_MONOTONIC */
@@ -49,10 +49,11 @@ typedef struct {
 /* What the owner has agreed with the driver. Counts are in samples, times in seconds. */
 typedef struct {
     int32_t link, reports; /* file descriptors; both are read without waiting */
+    int32_t told; /* each frame of the driver is written there at once, behind the time when it came */
     int64_t report_bytes; /* of HID; 0: the descriptor carries a stream of bytes */
     hx_bulk bulk; /* takes what is sent; hx_bulk_read brings what comes to `link` */
     int64_t grid, frame, revised, piece, least, horizon, most_ahead;
-    double rate_hz, bytes_per_s; /* 0: the link has no rate of its own */
+    double rate_hz, output_rate_hz, bytes_per_s; /* 0: the link has no rate of its own */
     double reaction_s, guard_s, least_interval_s, watchdog_s;
     double quiet_s; /* without HX_ALIVE for so long, it ends */
     double most_v, most_step_v, full_scale_v;
@@ -75,7 +76,7 @@ enum hx_outcome {
     HX_QUIET = 7        /* the owner */
 };
 
-enum { HX_REACTIONS = 1024 };
+enum { HX_REACTIONS = 1024, HX_MARKS_KEPT = 1024 };
 
 typedef struct {
     int64_t sent, bytes_sent, frames_sent;

@@ -10,6 +10,7 @@ enum { PLACES = HX_FINGERS * HX_POINTS, ROWS = 13, KEPT = 4 };
 static const double first_interval_s = 1.0 / 60; /* as haptix.play.touch.touches */
 static const double joined_s = 0.002;    /* as haptix.play.render.samples */
 static const double slow_mm_s = 2.0;     /* as haptix.feel.motion.block.SLOW_MM_PER_S */
+static const double felt_gain = 0.5;     /* as haptix.play.render.master */
 static const int64_t most_bytes = 1 << 30;
 static const double lightest_n = 1e-3, hardest_n = 100.0, latest_s = 1e10, largest_mm = 1e4;
 
@@ -71,7 +72,12 @@ static int64_t step_of(const uint8_t *program)
 
 int64_t hx_engine_size(const uint8_t *program, int64_t size)
 {
-    int64_t contents = hx_program_size(program, size);
+    return hx_engine_size_after(program, size, NULL);
+}
+
+int64_t hx_engine_size_after(const uint8_t *program, int64_t size, const hx_engine *before)
+{
+    int64_t contents = hx_program_size(program, size, before ? &before->program : NULL);
     if (contents < 0)
         return contents;
     contents += own_size(step_of(program), hx_program_depth(program), facts_of(program));
@@ -81,11 +87,16 @@ int64_t hx_engine_size(const uint8_t *program, int64_t size)
 hx_engine *hx_engine_open(const uint8_t *program, int64_t size, void *memory)
 {
     (void)size;
+    return hx_engine_open_after(program, memory, NULL);
+}
+
+hx_engine *hx_engine_open_after(const uint8_t *program, void *memory, const hx_engine *before)
+{
     hx_engine *e = memory;
     memset(e, 0, sizeof *e);
     int64_t step = step_of(program), depth = hx_program_depth(program);
     int64_t facts = facts_of(program), size_of_all = own_size(step, depth, facts);
-    hx_program_read(program, &e->program, (uint8_t *)memory + size_of_all);
+    hx_program_read(program, &e->program, (uint8_t *)memory + size_of_all, before ? &before->program : NULL);
     e->seen = e->numbers + PLACES + HX_POINTS * (1 + step);
     if (facts)
         e->facts = (hx_facts *)(void *)((uint8_t *)memory + size_of_all) - facts;
@@ -416,6 +427,59 @@ static const double *intensity(hx_engine *e, int64_t points)
     return e->intensity;
 }
 
+/* Shares of the reachable friction that effects add; NULL: 0. See PlayingEffect.added. */
+static const double *added(hx_engine *e, const hx_motion *motion)
+{
+    static const hx_facts begun = {-INFINITY, {0.0, 0.0, 0.0, 0.0}, 0.0};
+    double *sum = e->row[LOCAL_X], *value = e->row[LOCAL_Y];
+    int64_t n = motion->fingers * motion->points, any = 0, has_reach = e->converts;
+    hx_history history[HX_FINGERS];
+    for (int64_t k = 0; k < motion->fingers; k++)
+        history[k] = (hx_history){&begun, 1, 1};
+    for (int64_t k = 0; k < e->mix.effects; k++) {
+        const hx_effect *effect = &e->mix.effect[k];
+        const hx_program *of = &effect->of->program;
+        if (motion->start_s >= effect->end_s)
+            continue;
+        hx_motion since = *motion;
+        since.start_s -= effect->start_s;
+        since.history = history;
+        hx_feel(of, of->background, &since, effect->of->seen, value);
+        int is_contrast = of->material[of->background].target == TARGET_CONTRAST;
+        if (is_contrast && !has_reach)
+            hx_slice_reach(&e->program.slice, motion->force_n, n, e->row[LOWEST], e->row[HIGHEST]);
+        has_reach |= is_contrast;
+        for (int64_t i = 0; i < n; i++) {
+            double t_s = motion->start_s + motion->step_s * (double)(i % motion->points + 1);
+            double lowest = e->row[LOWEST][i], highest = e->row[HIGHEST][i];
+            double share = is_contrast ? value[i] * lowest / hx_most(highest - lowest, 1e-9 * lowest)
+                                       : value[i];
+            share *= t_s < effect->end_s ? 1 - done(effect->fade_start_s, effect->fade_end_s, t_s) : 0.0;
+            sum[i] = any ? sum[i] + share : share;
+        }
+        any = 1;
+    }
+    return any ? sum : NULL;
+}
+
+/* Record whether a finger feels the effects, unless their time stands; see Mix.mark. */
+static void mark_felt(const hx_engine *e, const hx_motion *motion, const double *gain)
+{
+    int64_t effects = isnan(e->mix.stands_s) ? e->mix.effects : 0;
+    for (int64_t k = 0; k < effects; k++) {
+        const hx_effect *effect = &e->mix.effect[k];
+        for (int64_t point = 0; point < motion->points; point++) {
+            double t_s = motion->start_s + motion->step_s * (double)(point + 1), most = 0.0;
+            double at = floor((t_s - effect->start_s) / HX_FELT_S);
+            if (!(at >= 0.0 && at < (double)effect->felts))
+                continue;
+            for (int64_t i = point; i < motion->fingers * motion->points; i += motion->points)
+                most = hx_most(gain[i], most);
+            effect->felt[(int64_t)at] = most > felt_gain;
+        }
+    }
+}
+
 static const hx_felt *play(hx_engine *e, const hx_motion *motion, const double *gain,
                            const double *queued_v)
 {
@@ -423,6 +487,7 @@ static const hx_felt *play(hx_engine *e, const hx_motion *motion, const double *
     const double *force_n = motion->force_n;
     int64_t fingers = motion->fingers, points = motion->points, n = fingers * points;
     int64_t step = p->rendering.step;
+    mark_felt(e, motion, gain);
     if (n) {
         want(e, motion);
         if (fingers > 1 && e->has_priorities)
@@ -435,6 +500,7 @@ static const hx_felt *play(hx_engine *e, const hx_motion *motion, const double *
     block.force_n = force_n;
     block.gain = gain;
     block.intensity = intensity(e, points);
+    block.added = n && e->mix.effects ? added(e, motion) : NULL;
     block.less = &p->slice;
     block.before_v = e->before_v;
     block.queued_v = queued_v;

@@ -22,6 +22,7 @@ struct hx_live {
     double updated_s, driven_until_s;
     int64_t status[STATUSES];
     int64_t shown[STATUSES]; /* to other threads */
+    double most_v, shown_most_v;
     char is_change_held;     /* by the thread that writes it or takes it over */
     int64_t has_mix;
     hx_mix mix;
@@ -83,6 +84,14 @@ int64_t hx_live_needs(hx_live *l, const hx_engine *engine)
     return is_needed;
 }
 
+int64_t hx_live_has_taken(hx_live *l)
+{
+    hold(l);
+    int64_t has_taken = !l->has_mix;
+    let_go(l);
+    return has_taken;
+}
+
 /* Take over what has changed, unless it is being written; then the next window does. */
 static void take_change(hx_live *l)
 {
@@ -121,8 +130,10 @@ void hx_live_window(void *live, int64_t first, int64_t count, double at_s, int64
         int64_t n = points < HX_POINTS ? points : HX_POINTS;
         const hx_felt *felt = hx_engine_window(l->engine, point * l->step, n, *at(l, point),
                                                is_revision ? r->before_v : NULL, is_revision);
-        for (int64_t i = 0; i < n; i++)
+        for (int64_t i = 0; i < n; i++) {
             *at(l, point + 1 + i) = felt->amplitude_v[i];
+            l->most_v = felt->amplitude_v[i] > l->most_v ? felt->amplitude_v[i] : l->most_v;
+        }
         memcpy(volts, felt->drive_v, sizeof(double) * (size_t)(n * l->step));
         for (int64_t i = 0; i < felt->fingers * n; i++)
             l->status[felt->status[i] & (STATUSES - 1)] += l->step;
@@ -135,6 +146,7 @@ void hx_live_window(void *live, int64_t first, int64_t count, double at_s, int64
     }
     for (int i = 0; i < STATUSES; i++)
         __atomic_store_n(&l->shown[i], l->status[i], __ATOMIC_RELAXED);
+    __atomic_store(&l->shown_most_v, &l->most_v, __ATOMIC_RELAXED);
     if (point + 1 > l->end)
         l->end = point + 1;
 }
@@ -174,8 +186,9 @@ int64_t hx_live_is_live(void *live)
     return hx_engine_is_touched(l->engine) || l->updated_s < l->driven_until_s;
 }
 
-void hx_live_count(hx_live *l, int64_t *statuses)
+void hx_live_count(hx_live *l, int64_t *statuses, double *most_v)
 {
+    __atomic_load(&l->shown_most_v, most_v, __ATOMIC_RELAXED);
     for (int i = 0; i < STATUSES; i++)
         statuses[i] = __atomic_load_n(&l->shown[i], __ATOMIC_RELAXED);
 }

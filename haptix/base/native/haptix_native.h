@@ -218,6 +218,10 @@ int64_t hx_engine_size(const uint8_t *program, int64_t size);
  * for a double. The program is not needed any more. */
 hx_engine *hx_engine_open(const uint8_t *program, int64_t size, void *memory);
 
+/* The same for a program that may take over maps of another engine, whose memory must then stay. */
+int64_t hx_engine_size_after(const uint8_t *program, int64_t size, const hx_engine *before);
+hx_engine *hx_engine_open_after(const uint8_t *program, void *memory, const hx_engine *before);
+
 /* What a block was made of, until the next one: arrays that go finger after finger. */
 typedef struct {
     int64_t fingers, points, step;
@@ -273,11 +277,22 @@ const hx_felt *hx_engine_window(hx_engine *engine, int64_t first_sample, int64_t
                                 double before_v, const double *queued_v, int64_t news);
 void hx_engine_playable(hx_engine *engine, double playable_s);
 
+/* An effect adds a material's numbers to the friction of all fingers; see
+ * haptix.play.render.master.PlayingEffect. Times are those of the scene. */
+typedef struct {
+    hx_engine *of; /* plays nothing: its background is the material */
+    double start_s, end_s, fade_start_s, fade_end_s; /* it fades out from one to the other */
+    uint8_t *felt; /* [felts] whether a finger felt it, for each HX_FELT_S from its start on */
+    int64_t felts;
+} hx_effect;
+
 /* What is common to all fingers; see haptix.play.render.master. The intensity goes along a line
  * from one time of samples to another. The clock of the scene is that of samples less the time for
  * which it stood; where `stands_s` is no NaN, it stands there. Without it: 1, and the same clock. */
 typedef struct {
     double before, after, start_s, end_s, stood_s, stands_s;
+    const hx_effect *effect; /* [effects], which the caller keeps */
+    int64_t effects;
 } hx_mix;
 void hx_engine_mix(hx_engine *engine, const hx_mix *mix);
 
@@ -320,13 +335,20 @@ void hx_live_adopt(hx_live *live, hx_engine *engine, const hx_mix *mix);
 /* Whether an engine plays, or will. The memory of others may be freed. */
 int64_t hx_live_needs(hx_live *live, const hx_engine *engine);
 
-/* Samples of all fingers that were rendered, by the status of their friction: 16 numbers. */
-void hx_live_count(hx_live *live, int64_t *statuses);
+/* Whether the last mix has been taken over. Then the effects of those before may be freed. */
+int64_t hx_live_has_taken(hx_live *live);
+
+/* Samples of all fingers that were rendered, by the status of their friction: 16 numbers; and the
+ * largest amplitude. */
+void hx_live_count(hx_live *live, int64_t *statuses, double *most_v);
 /* cffi: end */
 
 /* Whether a finger is on the screen or fades out, and the rate and step of the program. */
 int64_t hx_engine_is_touched(const hx_engine *engine);
 void hx_engine_rate(const hx_engine *engine, double *sample_rate_hz, int64_t *step);
+
+/* Time that each number of an effect's `felt` stands for; as haptix.play.render.master. */
+#define HX_FELT_S 1e-3
 
 /* No finger is farther from the corner of a screen; as haptix.feel.motion.FARTHEST_MM. */
 #define HX_FARTHEST_MM 1e6

@@ -56,6 +56,7 @@ static uint32_t checksum(const uint8_t *bytes, int64_t size)
 typedef struct {
     const uint8_t *bytes;
     int64_t size;
+    const hx_program *before;
 } file;
 
 /* Whether `count` items of a width lie in the file, from a place on. */
@@ -170,8 +171,20 @@ static int can_be(const file *f, const uint8_t *m, uint32_t number)
     }
 }
 
+/* The map that a material takes over from the program before; NULL if it has its own. */
+static const hx_map *kept_map(const uint8_t *m, const hx_program *before)
+{
+    uint32_t number = uint_at(m + 52);
+    if (!before || uint_at(m + 32) != 0 || number >= before->materials)
+        return NULL;
+    return &before->material[number].map;
+}
+
 static int64_t pyramids_size(const file *f, const uint8_t *m, int64_t maps)
 {
+    const hx_map *kept = kept_map(m, f->before);
+    if (kept)
+        return kept->channels == maps ? 0 : HX_WRONG_NUMBER;
     int64_t levels = 0, size = map_size(f, m, maps, &levels);
     if (size == 0 || levels > HX_LEVELS)
         return HX_WRONG_NUMBER;
@@ -294,9 +307,9 @@ static int is_possible(const file *f)
            is_between(real_at(h + 304), 1e-9, 1e6);
 }
 
-int64_t hx_program_size(const uint8_t *bytes, int64_t size)
+int64_t hx_program_size(const uint8_t *bytes, int64_t size, const hx_program *before)
 {
-    file f = {bytes, size};
+    file f = {bytes, size, before};
     if (size < HEADER || memcmp(bytes, magic, sizeof magic) != 0)
         return HX_NO_PROGRAM;
     if (uint_at(bytes + 8) != VERSION)
@@ -376,9 +389,10 @@ static hx_map read_map(const uint8_t *m, const uint8_t *values, int64_t maps, do
     return map;
 }
 
-static void read_material(const uint8_t *bytes, const uint8_t *m, hx_material *to,
-                          uint8_t **memory)
+static void read_material(const uint8_t *bytes, const uint8_t *m, const hx_program *before,
+                          hx_material *to, uint8_t **memory)
 {
+    const hx_map *kept = kept_map(m, before);
     const uint8_t *numbers = bytes + uint_at(m + 32);
     double real[9];
     for (int i = 0; i < 9; i++)
@@ -404,7 +418,7 @@ static void read_material(const uint8_t *bytes, const uint8_t *m, hx_material *t
         to->sharp_mm = real[1];
         to->width_mm = real[2];
         to->height_mm = real[3];
-        to->map = read_map(m, numbers, 1, to->pixel_mm, to->outside, memory);
+        to->map = kept ? *kept : read_map(m, numbers, 1, to->pixel_mm, to->outside, memory);
         break;
     case KIND_GRATING:
         to->wave = uint_at(m + 40);
@@ -422,7 +436,7 @@ static void read_material(const uint8_t *bytes, const uint8_t *m, hx_material *t
     case KIND_RELIEF:
         to->bias = real[5];
         to->pixel_mm = real[6];
-        to->map = read_map(m, numbers, 2, to->pixel_mm, 0.0, memory); /* right, down */
+        to->map = kept ? *kept : read_map(m, numbers, 2, to->pixel_mm, 0.0, memory); /* right, down */
         break;
     case KIND_BUTTON:
         to->press_n = real[5];
@@ -469,7 +483,8 @@ static void read_region(const uint8_t *bytes, const uint8_t *r, hx_region *to, u
     }
 }
 
-void hx_program_read(const uint8_t *bytes, hx_program *program, uint8_t *memory)
+void hx_program_read(const uint8_t *bytes, hx_program *program, uint8_t *memory,
+                     const hx_program *before)
 {
     const uint8_t *h = bytes, *slice = bytes + uint_at(h + 64);
     int64_t forces = uint_at(h + 36), drives = uint_at(h + 40);
@@ -508,7 +523,7 @@ void hx_program_read(const uint8_t *bytes, hx_program *program, uint8_t *memory)
     hx_material *material = (hx_material *)(void *)memory;
     memory += sizeof *material * (size_t)program->materials;
     for (int64_t i = 0; i < program->materials; i++)
-        read_material(bytes, bytes + uint_at(h + 72) + i * MATERIAL, &material[i], &memory);
+        read_material(bytes, bytes + uint_at(h + 72) + i * MATERIAL, before, &material[i], &memory);
     hx_region *region = (hx_region *)(void *)memory;
     memory += sizeof *region * (size_t)program->regions;
     for (int64_t i = 0; i < program->regions; i++) {

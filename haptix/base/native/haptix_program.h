@@ -51,8 +51,9 @@ typedef struct {
 /* Numbers of the period of a grating with 0, 1, 2, 4, ... harmonics. */
 int64_t hx_table_size(int64_t table);
 
-/* Bytes of memory of the contents of a program, or why it is refused. */
-int64_t hx_program_size(const uint8_t *bytes, int64_t size);
+/* Bytes of memory of the contents of a program, or why it is refused. It may take over maps of the
+ * one `before`, if that is not NULL. */
+int64_t hx_program_size(const uint8_t *bytes, int64_t size, const hx_program *before);
 
 /* Depth to which materials that move lie in each other. */
 int64_t hx_program_depth(const uint8_t *bytes);
@@ -61,7 +62,8 @@ int64_t hx_program_depth(const uint8_t *bytes);
 int64_t hx_program_recalls(const uint8_t *bytes);
 
 /* Take over the contents of a program that hx_program_size accepts, into memory of that size. */
-void hx_program_read(const uint8_t *bytes, hx_program *program, uint8_t *memory);
+void hx_program_read(const uint8_t *bytes, hx_program *program, uint8_t *memory,
+                     const hx_program *before);
 
 /* Numbers of a material under fingers; `rows` is room for HX_SEEN_ROWS rows of numbers for each
  * material that moves, one in another. */

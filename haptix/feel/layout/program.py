@@ -54,7 +54,7 @@ _OUTLINES = ("rectangle", "ellipse")
 _POLYGON = len(_OUTLINES)
 # Of a material: kind, target, value outside, cosine and sine of its direction; place of its
 # numbers and how many, or rows and columns, and what its kind has there; its own numbers.
-_MATERIAL = "<IIddd5I4x"
+_MATERIAL = "<IIddd6I"
 _OWN_REALS = 9
 _REGION = "<4IiIII7d"
 
@@ -99,6 +99,8 @@ class FeltRecords:
     moving : bool
         Keep the regions that fade out and those that are shown in other axes, whose numbers
         `moving` has; without it, all are written as they will be at rest.
+    kept : sequence of (Evaluator, int)
+        Materials whose maps are taken over from a program before, and their numbers in it.
 
     Raises
     ------
@@ -106,11 +108,20 @@ class FeltRecords:
         If a material is of a kind that has no record.
     """
 
-    def __init__(self, felt: Evaluator, sections: Sections, moving: bool = False) -> None:
+    def __init__(
+        self,
+        felt: Evaluator,
+        sections: Sections,
+        moving: bool = False,
+        kept: Sequence[tuple[Evaluator, int]] = (),
+    ) -> None:
         self._sections = sections
         self._records: list[bytes] = []
         self._known: dict[int, int] = {}
-        self._kept: list[Evaluator] = []  # so that no other one gets the identity of one
+        self._written: list[Evaluator] = []  # so that no other one gets the identity of one
+        self._kept = {id(felt): number for felt, number in kept}
+        self.maps: list[tuple[Evaluator, int]] = []
+        """Materials with maps, and their numbers."""
         self.target = felt.target
         """Of all that is felt."""
         self.is_layout = isinstance(felt, Layout)
@@ -160,7 +171,7 @@ class FeltRecords:
         """Number of a material's record; each is written once."""
         if id(felt) not in self._known:
             self._known[id(felt)] = self._record(name, felt)
-            self._kept.append(felt)
+            self._written.append(felt)
         return self._known[id(felt)]
 
     def _record(self, name: str, felt: Evaluator) -> int:
@@ -193,15 +204,18 @@ class FeltRecords:
         numbers: Any = None,
     ) -> int:
         """Write a record: `words` behind the place of its numbers, then those of its own."""
-        at, turn = 0, radians(turn_deg)
-        if numbers is not None:
-            rows = np.asarray(numbers)
-            single = kind in (_MAP, _RELIEF)
-            at = self._sections.add(rows.astype("<f4" if single else "<f8").tobytes())
+        at, turn, is_map = 0, radians(turn_deg), kind in (_MAP, _RELIEF)
+        if is_map:
+            self.maps.append((felt, len(self._records)))
+        kept = self._kept.get(id(felt))
+        if numbers is not None and kept is None:
+            at = self._sections.add(
+                np.asarray(numbers).astype("<f4" if is_map else "<f8").tobytes()
+            )
         self._records.append(
             struct.pack(
                 _MATERIAL, kind, TARGETS.index(felt.target), felt.outside, cos(turn), sin(turn),
-                at, *words, *(0,) * (4 - len(words)),
+                at, *words, *(0,) * (4 - len(words)), kept or 0,
             )
             + struct.pack(f"<{_OWN_REALS}d", *own, *(0.0,) * (_OWN_REALS - len(own)))
         )  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,8 @@ import numpy.typing as npt
 from firmware_io.own_thread import CompiledSource
 from haptix.base.errors import InputError
 from haptix.base.native import ffi, library
-from haptix.play.render.program import Compiled
+from haptix.play.render.master import PlayingEffect
+from haptix.play.render.program import Compiled, Maps
 
 _WHY = {
     -1: "it is no program of a touch",
@@ -23,17 +25,32 @@ _FUNCTIONS = ("window", "settle", "played", "report", "is_live")
 _STATUSES = 16
 
 
-def _opened(compiled: Compiled) -> tuple[Any, Any]:
-    """Return the engine of a program, and its memory."""
-    program = compiled.program
-    size = library.hx_engine_size(program, len(program))
-    if size < 0:
-        raise InputError(f"program: expected one that the engine takes, but {_WHY[size]}")
-    memory = ffi.new("double[]", size // 8 + 1)
-    engine = library.hx_engine_open(program, len(program), memory)
-    for number, glide in enumerate(compiled.glides):
-        library.hx_engine_glide(engine, number, ffi.new("hx_glide *", glide))
-    return engine, memory
+class _Engine:
+    """The engine of a program, and its memory.
+
+    Parameters
+    ----------
+    compiled : Compiled
+    before : _Engine, optional
+        Whose maps the program takes over.
+    """
+
+    def __init__(self, compiled: Compiled, before: _Engine | None = None) -> None:
+        program, of = compiled.program, ffi.NULL if before is None else before.at
+        size = library.hx_engine_size_after(program, len(program), of)
+        if size < 0:
+            raise InputError(f"program: expected one that the engine takes, but {_WHY[size]}")
+        self._memory = ffi.new("double[]", size // 8 + 1)
+        self.at: Any = library.hx_engine_open_after(program, self._memory, of)
+        for number, glide in enumerate(compiled.glides):
+            library.hx_engine_glide(self.at, number, ffi.new("hx_glide *", glide))
+        self.maps = compiled.maps
+        """Materials with maps, and their numbers."""
+        known: dict[int, Any] = {} if before is None else before._owners
+        # Of each map, in whose memory it lies.
+        self._owners: dict[int, Any] = {
+            id(felt): known.get(id(felt), self._memory) for felt, _ in self.maps
+        }
 
 
 class EngineSource:
@@ -53,11 +70,13 @@ class EngineSource:
     """
 
     def __init__(self, compiled: Compiled, reaction_s: float) -> None:
-        self._engines = [_opened(compiled)]
+        self._engines = [_Engine(compiled)]
+        # Of each mix that may still be read, the engines and the records of its effects.
+        self._mixes: list[tuple[dict[PlayingEffect, _Engine], Any]] = [({}, None)]
         self._own = ffi.new("double[]", library.hx_live_bytes() // 8 + 1)
         self.at = ffi.cast("hx_live *", self._own)
         """Address of its state."""
-        library.hx_live_init(self.at, self._engines[0][0], reaction_s)
+        library.hx_live_init(self.at, self._engines[0].at, reaction_s)
 
     def compiled(self, grid: int) -> CompiledSource:
         """Return its addresses.
@@ -71,26 +90,65 @@ class EngineSource:
         addresses = [int(ffi.cast("uintptr_t", function)) for function in functions]
         return CompiledSource(grid, int(ffi.cast("uintptr_t", self.at)), tuple(addresses), self)
 
-    def adopt(self, compiled: Compiled, mix: tuple[float, ...]) -> None:
+    def adopt(
+        self,
+        compiled: Compiled,
+        mix: tuple[float, ...],
+        effects: Sequence[tuple[PlayingEffect, Compiled]] = (),
+    ) -> None:
         """Play another program from the next window on, with a mix; the fingers stay.
 
         Raises
         ------
         InputError
-            If the engine refuses the program.
+            If the engine refuses a program.
         """
-        engine = _opened(compiled)
-        library.hx_live_adopt(self.at, engine[0], ffi.new("hx_mix *", mix))
-        kept = [other for other in self._engines if library.hx_live_needs(self.at, other[0])]
+        engine, numbers = _Engine(compiled, self._engines[-1]), self._mix(mix, effects)
+        library.hx_live_adopt(self.at, engine.at, numbers)
+        kept = [other for other in self._engines if library.hx_live_needs(self.at, other.at)]
         self._engines = [*kept, engine]
 
-    def mix(self, numbers: tuple[float, ...]) -> None:
-        """Take the intensity and the clock of the scene; see `Master.compiled`."""
-        library.hx_live_mix(self.at, ffi.new("hx_mix *", numbers))
+    @property
+    def maps(self) -> Maps:
+        """Materials with maps of the last program, and their numbers; see `compile_core`."""
+        return self._engines[-1].maps
+
+    def mix(
+        self,
+        numbers: tuple[float, ...],
+        effects: Sequence[tuple[PlayingEffect, Compiled]] = (),
+    ) -> None:
+        """Take the intensity and the clock of the scene, and effects with their programs.
+
+        Parameters
+        ----------
+        numbers : tuple of float
+            See `Master.compiled`.
+        effects : sequence of (PlayingEffect, Compiled)
+        """
+        library.hx_live_mix(self.at, self._mix(numbers, effects))
+
+    def _mix(
+        self, numbers: tuple[float, ...], effects: Sequence[tuple[PlayingEffect, Compiled]]
+    ) -> Any:
+        """Return an ``hx_mix``; keep what the engine may still read of it."""
+        known, _ = self._mixes[-1]
+        engines = {effect: known.get(effect) or _Engine(program) for effect, program in effects}
+        records = ffi.new("hx_effect[]", [
+            (
+                engine.at, effect.start_s, effect.end_s, *effect.fades_s,
+                ffi.from_buffer("uint8_t[]", effect.felt), len(effect.felt),
+            )
+            for effect, engine in engines.items()
+        ])  # fmt: skip
+        if library.hx_live_has_taken(self.at):
+            self._mixes = self._mixes[-1:]
+        self._mixes.append((engines, records))
+        return ffi.new("hx_mix *", (*numbers, records, len(records)))
 
     @property
-    def statuses(self) -> npt.NDArray[np.int64]:
-        """Samples of all fingers by the number of their `haptix.model.Status`."""
-        counts = np.empty(_STATUSES, np.int64)
-        library.hx_live_count(self.at, ffi.from_buffer("int64_t[]", counts))
-        return counts
+    def reached(self) -> tuple[npt.NDArray[np.int64], float]:
+        """Samples of all fingers by the number of their `Status`, and the largest amplitude [V]."""
+        counts, most_v = np.empty(_STATUSES, np.int64), ffi.new("double *")
+        library.hx_live_count(self.at, ffi.from_buffer("int64_t[]", counts), most_v)
+        return counts, most_v[0]

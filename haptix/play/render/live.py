@@ -163,8 +163,7 @@ class LiveRenderer(RenderStream):
     _compiled_felt: tuple[object, object] = (None, None)
     plays_by: Literal["engine", "interpreter"] = "interpreter"
     """Who makes the samples: the engine in C in a thread of its own, or Python."""
-    record: PlayedRecord | None = None
-    """Record of what is played; set it to `PlayedRecord(renderer)` or None at any time."""
+    _record: PlayedRecord | None = None
     taken: Callable[[TouchEvent], None] | None = None
     """`touch` and `lift` call it with each touch that they took."""
 
@@ -210,6 +209,20 @@ class LiveRenderer(RenderStream):
         if adapted.check(self.now_s(), self.device.sensor_problem):
             self.stats.finger = adapted.estimate
             self._changed()
+
+    @property
+    def record(self) -> PlayedRecord | None:
+        """Record of what is played; set it to `PlayedRecord(renderer)` or None at any time.
+
+        Only the interpreter keeps one.
+        """
+        return self._record
+
+    @record.setter
+    def record(self, record: PlayedRecord | None) -> None:
+        self._record = record
+        if record is not None:
+            self._leave_own_thread()
 
     _begin: Callable[[OwnThread | None], None]
     _source: RenderSource
@@ -264,29 +277,28 @@ class LiveRenderer(RenderStream):
         self._engine, mix, felt = None, self._master.compiled, self._felt_now
         if not self.settings.own_thread:
             return None
-        why = ""
-        if not OwnThread.can_play(self.device):
-            why = f"{self.device.name} has no waveform that goes through a file descriptor"
-        elif self.adapted is not None or self.settings.keep_blocks or self.record is not None:
+        why = OwnThread.why_not(self.device)
+        if self.adapted is not None or self.settings.keep_blocks or self.record is not None:
             why = "sensing, keep_blocks and record need it"
-        else:
+        if not why:
             try:
                 compiled = compile_core(self, self.settings, moving=True)
                 source = EngineSource(compiled, self.settings.reaction_s)
             except InputError as error:
                 why = str(error)
         if why:
-            _LOG.warning("own_thread: plays by the interpreter: %s", why)
+            _LOG.info("own_thread: plays by the interpreter: %s", why)
             return None
         stats = self.stats
-        if mix is not None:
-            source.mix(mix)
+        source.mix(mix)
         self._engine, self._compiled_felt = source, felt
 
         def count() -> None:
             stats.samples = stats.samples_played
             stats.below = stats.above = stats.outside = 0
-            stats.reached(source.statuses)
+            statuses, most_v = source.reached
+            stats.reached(statuses)
+            self.verified.played(most_v)
 
         return OwnThread(self.device, source.compiled(self.step), stats, count)
 
@@ -318,13 +330,18 @@ class LiveRenderer(RenderStream):
         """Hand the engine what has changed; return whether it can play that."""
         with self._changing:
             engine, mix, felt = self._engine, self._master.compiled, self._felt_now
-            if engine is None or mix is None:
+            if engine is None:
                 return False
-            if all(now is then for now, then in zip(felt, self._compiled_felt, strict=True)):
-                engine.mix(mix)
-                return True
             try:
-                engine.adopt(compile_core(self, self.settings, moving=True), mix)
+                effects = [
+                    (effect, compile_core(self, self.settings, felt=effect.evaluator))
+                    for effect in self._master.effects
+                ]
+                if all(now is then for now, then in zip(felt, self._compiled_felt, strict=True)):
+                    engine.mix(mix, effects)
+                    return True
+                compiled = compile_core(self, self.settings, moving=True, kept=engine.maps)
+                engine.adopt(compiled, mix, effects)
             except InputError as error:
                 _LOG.warning("own_thread: %s", error)
                 return False
@@ -374,8 +391,10 @@ class LiveRenderer(RenderStream):
             raise InputError("mark: expected a driver that takes marks; update its firmware")
         if whole("code", code) >= 2**16:
             raise InputError(f"code: expected at most 65535, got {code}")
-        self._marks.append(code)
-        self._leave_own_thread()  # it places none
+        if (own := self._own) is None:
+            self._marks.append(code)
+        else:
+            own.mark(code)
 
     def _place_marks(self, first: int) -> None:
         while self._marks and self.device.marks_waiting < MOST_MARKS:

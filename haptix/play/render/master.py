@@ -80,7 +80,8 @@ class PlayingEffect:
         self.end_s = self.start_s + length_s
         self.fade = Glide.resting(1.0)
         self.outcome: Outcome = "played"
-        self._felt = np.zeros(max(1, ceil(length_s / _FELT_S)), bool)
+        self.felt = np.zeros(max(1, ceil(length_s / _FELT_S)), bool)
+        """Whether a finger felt it, for each millisecond."""
 
     def added(self, motion: Motion) -> Array:
         """Share of the reachable friction that the effect adds."""
@@ -90,9 +91,15 @@ class PlayingEffect:
         if self.evaluator.target == "contrast":
             low, high = motion.reach
             value = value * low / np.maximum(high - low, 1e-9 * low)
+        value = np.where(motion.t_s < self.end_s, value, 0.0)
         if self.fade.after[0] == 1.0:
             return value
         return value * (1 - self.fade.parts(motion.t_s))
+
+    @property
+    def fades_s(self) -> tuple[float, float]:
+        """When it begins and ends to fade out; infinite if it does not."""
+        return (self.fade.start_s, self.fade.end_s) if self.fade.after[0] != 1.0 else (inf, inf)
 
     def mark(self, t_s: Array, is_felt: npt.NDArray[np.bool_]) -> None:
         """Record whether the effect is felt at times of the scene.
@@ -104,14 +111,14 @@ class PlayingEffect:
             Whether a finger feels it then.
         """
         at = np.floor((t_s - self.start_s) / _FELT_S).astype(int)
-        inside = (at >= 0) & (at < len(self._felt))
-        self._felt[at[inside]] = is_felt[inside]
+        inside = (at >= 0) & (at < len(self.felt))
+        self.felt[at[inside]] = is_felt[inside]
 
     @property
     def felt_share(self) -> float:
         """Share of the effect's time in which it is felt."""
-        count = min(max(1, round((self.end_s - self.start_s) / _FELT_S)), len(self._felt))
-        return float(self._felt[:count].mean())
+        count = min(max(1, round((self.end_s - self.start_s) / _FELT_S)), len(self.felt))
+        return float(self.felt[:count].mean())
 
     def stop(self, outcome: Outcome = "cut") -> None:
         """Fade the effect out in 5 ms."""
@@ -131,13 +138,17 @@ class Mix(NamedTuple):
     intensity: float | Array = 1.0
     """Intensity at the points, shape (points,), or one number if it is constant."""
     effects: tuple[PlayingEffect, ...] = ()
+    stands: bool = False
+    """Whether the time of the scene stands."""
 
     def added(self, motion: Motion) -> Array:
         """Share of the reachable friction that the effects add to a motion."""
         return np.asarray(np.sum([effect.added(motion) for effect in self.effects], axis=0))
 
     def mark(self, motion: Motion, gain: Array) -> None:
-        """Record whether fingers of such gains feel the effects."""
+        """Record whether fingers of such gains feel the effects, unless their time stands."""
+        if self.stands:
+            return
         t_s = self.since_s + motion.step_s * np.arange(1.0, motion.points + 1)
         is_felt = gain.reshape(-1, motion.points).max(axis=0, initial=0.0) > _FELT_GAIN
         for effect in self.effects:
@@ -210,18 +221,21 @@ class Master:
         """Return the mix of a block that starts at a time of samples."""
         since_s, line = self.scene_s(first_s), self._line
         if first_s >= line.end_s:
-            return Mix(since_s, line.after[0], self._effects)
+            return Mix(since_s, line.after[0], self._effects, self.is_paused)
         (low,), (high,) = line.before, line.after
         parts = line.parts(first_s + step_s * np.arange(1.0, points + 1))
-        return Mix(since_s, low + parts * (high - low), self._effects)
+        return Mix(since_s, low + parts * (high - low), self._effects, self.is_paused)
 
     @property
-    def compiled(self) -> tuple[float, ...] | None:
-        """The numbers of an ``hx_mix`` of the engine; None while effects play."""
-        if self._effects:
-            return None
+    def compiled(self) -> tuple[float, ...]:
+        """The numbers of an ``hx_mix`` of the engine, without the effects."""
         line, stands_s = self._line, self._stands_s if self.is_paused else nan
         return (*line.before, *line.after, line.start_s, line.end_s, self._stood_s, stands_s)
+
+    @property
+    def effects(self) -> tuple[PlayingEffect, ...]:
+        """Effects that play, or have played."""
+        return self._effects
 
     def play(
         self,

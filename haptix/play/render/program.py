@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,7 +16,7 @@ import numpy as np
 from firmware_io import Device
 from haptix.base.errors import InputError
 from haptix.feel.layout.program import TARGETS, FeltRecords, Sections
-from haptix.feel.materials import Feelable
+from haptix.feel.materials import Evaluator, Feelable
 from haptix.model.surface import FrictionSurface
 from haptix.play.render.drive import Drive
 from haptix.play.render.samples import COMBINATIONS, RenderCore
@@ -73,15 +74,26 @@ def compile_touch(
     return compile_core(core, settings).program
 
 
+Maps = Sequence[tuple[Evaluator, int]]
+
+
 class Compiled(NamedTuple):
     """A program of a touch, and how its regions glide."""
 
     program: bytes
     glides: tuple[tuple[Any, ...], ...]
     """Of each region, the lowest first, the numbers of an ``hx_glide`` of the engine."""
+    maps: Maps
+    """Materials with maps, and their numbers."""
 
 
-def compile_core(core: RenderCore, settings: LiveSettings, moving: bool = False) -> Compiled:
+def compile_core(
+    core: RenderCore,
+    settings: LiveSettings,
+    moving: bool = False,
+    felt: Evaluator | None = None,
+    kept: Maps = (),
+) -> Compiled:
     """Compile what a core renders; see `compile_touch`.
 
     Parameters
@@ -90,6 +102,10 @@ def compile_core(core: RenderCore, settings: LiveSettings, moving: bool = False)
     settings : LiveSettings
     moving : bool
         Follow regions that glide and fade; without it, all are as they will be at rest.
+    felt : Evaluator, optional
+        In place of the core's texture.
+    kept : sequence of (Evaluator, int)
+        `Compiled.maps` of the program that it follows; their maps are not written again.
 
     Raises
     ------
@@ -119,19 +135,19 @@ def compile_core(core: RenderCore, settings: LiveSettings, moving: bool = False)
     numbers = [np.log(table.force_n), table.drive, table.columns]
     slice_at = sections.add(b"".join(part.astype("<f8").tobytes() for part in numbers))
     wave_at = sections.add(wave.astype("<f8").tobytes())
-    felt = FeltRecords(core.texture.evaluator, sections, moving)
+    records = FeltRecords(felt or core.texture.evaluator, sections, moving, kept)
     materials_at, regions_at = (
-        sections.add(b"".join(records)) for records in (felt.materials, felt.regions)
+        sections.add(b"".join(rows)) for rows in (records.materials, records.regions)
     )
     low, high = settings.compress or (0.0, 0.0)
-    compresses = settings.compress is not None and felt.target != "share"
+    compresses = settings.compress is not None and records.target != "share"
     at_rest = core.drives_at_rest or not settings.sliding.is_needed
-    flags = compresses + 2 * at_rest + 4 * felt.is_layout
+    flags = compresses + 2 * at_rest + 4 * records.is_layout
     fields = (
-        sections.size, core.step, TARGETS.index(felt.target),
+        sections.size, core.step, TARGETS.index(records.target),
         COMBINATIONS.index(settings.combination), flags, len(table.force_n),
-        len(table.drive), int(table.limited_by), len(wave), len(felt.materials),
-        len(felt.regions), felt.background, slice_at, wave_at, materials_at, regions_at,
+        len(table.drive), int(table.limited_by), len(wave), len(records.materials),
+        len(records.regions), records.background, slice_at, wave_at, materials_at, regions_at,
     )  # fmt: skip
     reals = (
         core.sample_rate_hz, core.drive.frequency_hz, core.highest_v, core.most_step_v, low, high,
@@ -145,4 +161,4 @@ def compile_core(core: RenderCore, settings: LiveSettings, moving: bool = False)
     header = _HEADER.pack(MAGIC, VERSION, 0, *fields, *reals)
     checked = header[_CHECKED_FROM:] + sections.parts
     program = MAGIC + struct.pack("<II", VERSION, zlib.crc32(checked)) + checked
-    return Compiled(program, felt.glides)
+    return Compiled(program, records.glides, records.maps)

@@ -121,10 +121,11 @@ class LiveSettings(RenderSettings):
         Raise for a touch that cannot be used. Otherwise it is dropped and counted in
         `touch_counts`.
     own_thread : bool
-        Play by the engine in C, in a thread that a busy interpreter does not stop, where the layout
-        can be compiled and the link is ``tcp:``, ``serial:``, ``usb:`` or, on Linux, ``hid:``
-        (never on Windows). Before an effect or a mark, and before a region that cannot be
-        compiled, the output pauses at 0 V, and the interpreter goes on.
+        Play by the engine in C, in a thread that a busy interpreter does not stop, where all that
+        is felt can be compiled and the link is ``tcp:``, ``serial:``, ``usb:`` or, on Linux,
+        ``hid:`` (never on Windows). Otherwise the interpreter plays: with sensing, `keep_blocks`,
+        a record, or a region or effect of another package's kind. Where one of the last three
+        comes while the engine plays, the output pauses at 0 V, and the interpreter goes on.
         `LiveRenderer.plays_by` names the player.
 
     Examples
@@ -137,7 +138,7 @@ class LiveSettings(RenderSettings):
     reaction_s: Positive = 0.003
     horizon_s: Positive = 0.1
     strict: bool = True
-    own_thread: bool = False
+    own_thread: bool = True
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -535,7 +535,7 @@ class EngineServer:
             self._surface,
             layout.layout,
             self._device,
-            settings=LiveSettings(strict=False),
+            settings=LiveSettings(strict=False, own_thread=False),  # it keeps a record
             sense=observer,
         )
         renderer.verified.on_warning = self._beyond_verified

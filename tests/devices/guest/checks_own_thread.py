@@ -37,7 +37,7 @@ def _play(way, board, source, codes, is_pulled):
     """Play for half a second of the board, to the end or until its cable is pulled."""
     before, error = _streamed(board).size, None
     device = way.open(**_SETTINGS)
-    require(OwnThread.can_play(device), "it cannot be played")
+    require(not (why := OwnThread.why_not(device)), why)
     stats = PlaybackStats(horizon_s=0.1)
     own = OwnThread(device, source, stats)
     with (

@@ -33,7 +33,7 @@ static ssize_t fake_write(int fd, const void *bytes, size_t n);
 
 #include "../../../haptix/base/native/haptix_native.h"
 
-enum { LINK = 3, PIPE = 4, RATE = 48000, TOP = 26213, PLACES = 1 << 14 };
+enum { LINK = 3, PIPE = 4, TOLD = 5, RATE = 48000, TOP = 26213, PLACES = 1 << 14 };
 
 static uint64_t state;
 
@@ -75,7 +75,8 @@ static size_t to_host_bytes, report_bytes;
 static uint8_t sent[1 << 17]; /* a frame that is not whole yet */
 static size_t sent_bytes;
 static uint32_t stream_at, last_kind, revisions;
-static int frames;
+static int frames, marks; /* that the driver keeps */
+static long statuses_told, marked;
 
 static int fake_gettime(clockid_t clock, struct timespec *now) {
     (void)clock;
@@ -116,10 +117,34 @@ static ssize_t fake_read(int fd, void *bytes, size_t n) {
     return fd == LINK && is_port && !is_hid ? 0 : -1;
 }
 
+static void continue_after(uint32_t whole) {
+    memmove(sent, sent + whole, sent_bytes - whole);
+    sent_bytes -= whole;
+}
+
+/* What the owner is told: a whole frame behind a time that has been. It has no room at times. */
+static void hear(const uint8_t *told, size_t size) {
+    double at_s;
+    memcpy(&at_s, told, 8);
+    if (!(at_s <= clock_s)) fail("a frame comes before its time");
+    const uint8_t *f = told + 8;
+    if (size < 8 + HX_FRAME_OVERHEAD_BYTES || size - 8 != HX_FRAME_OVERHEAD_BYTES + hx_get_u16(f + 6) ||
+        hx_get_u32(f + size - 12) != hx_crc32(f, (uint32_t)size - 12))
+        fail("the owner is told no whole frame");
+    statuses_told += f[3] == HX_STATUS;
+}
+
 /* The driver's side of the link: every frame must be whole. */
 static ssize_t fake_write(int fd, const void *data, size_t size) {
-    (void)fd;
     const uint8_t *bytes = data;
+    if (fd == TOLD) {
+        if (below(10) == 0) {
+            errno = EAGAIN;
+            return -1;
+        }
+        hear(data, size);
+        return (ssize_t)size;
+    }
     size_t n = size;
     int begins = 0;
     if (is_closed) {
@@ -158,10 +183,15 @@ static ssize_t fake_write(int fd, const void *data, size_t size) {
             stream_at += (length - head) / 2;
         }
         revisions += last_kind == HX_REVISE;
+        if (last_kind == HX_MARK) {
+            if (length != HX_MARK_BYTES || hx_get_u32(payload) != stream_at) fail("a mark is late");
+            if (++marks > DRIVER_MARKS && !hostility) fail("the driver has no room for a mark");
+            continue_after(whole);
+            continue;
+        }
         for (uint32_t at = head; last_kind != HX_STOP && at < length; at += 2)
             if (abs((int16_t)hx_get_u16(payload + at)) > TOP) fail("a code is above the ceiling");
-        memmove(sent, sent + whole, sent_bytes - whole);
-        sent_bytes -= whole;
+        continue_after(whole);
     }
     return (ssize_t)size;
 }
@@ -206,6 +236,7 @@ static void report(int is_odd) {
                    40.0 * share(), 20.0, share()};
     double *numbers[] = {&r.arrival_s, &r.t_s, &r.x_mm, &r.y_mm, &r.force_n};
     while (is_odd && below(3)) *numbers[below(5)] = any_double();
+    if (below(10) == 0) r.kind = HX_MARK_NEXT;
     if (is_odd && below(4) == 0) r.kind = below(20) ? HX_CHANGED : (int32_t)random_bits();
     if (is_odd && below(4) == 0) r.touch_id = (int32_t)random_bits();
     if (report_bytes + sizeof r > sizeof reports) return;
@@ -226,6 +257,10 @@ static void happen(void) {
     } else if (what == 72 && hostility) is_deaf = !is_deaf;
     else if (what == 73 && hostility && below(20) == 0) is_closed = 1 + (int)below(2);
     else if (what == 74 && hostility && below(20) == 0) say_frame(HX_FAULT, bytes, HX_FAULT_BYTES);
+    else if (what < 85 && marks > 0) {
+        say_frame(HX_MARKED, bytes, HX_MARKED_BYTES);
+        marks--, marked++;
+    }
     if (below(100) < 20) {
         hx_report alive = {HX_ALIVE, 0, 0, 0, clock_s, 0, 0, 0, 0};
         memcpy(reports + report_bytes, &alive, sizeof alive * (report_bytes + sizeof alive <= PLACES));
@@ -289,10 +324,10 @@ int main(int argc, char **argv) {
         clock_s = 1000.0 + 1e4 * share(), began_s = clock_s;
         to_host_bytes = report_bytes = sent_bytes = 0;
         stream_at = last_kind = revisions = 0;
-        reads_of_time = is_closed = is_deaf = waits = frames = 0;
+        reads_of_time = is_closed = is_deaf = waits = frames = marks = 0;
         hostility = below(4) ? (int)below(60) : 0;
         is_port = (int)below(2), is_hid = below(3) == 0;
-        hx_player_setup setup = {LINK, PIPE, is_hid ? 64 : 0, {NULL, NULL, 0, 0}, 4, 1024, 960, 1920, 96, 10320, 9000, RATE,
+        hx_player_setup setup = {LINK, PIPE, TOLD, is_hid ? 64 : 0, {NULL, NULL, 0, 0}, 4, 1024, 960, 1920, 96, 10320, 9000, RATE, RATE,
                                  below(3) ? 0.0 : 2e5, 0.003, 3.3e-4, 2.5e-3, 0.25, 1.0, 200.0,
                                  97.2, 250.0, TOP, 4, 7, 0, 12288, 0, &limits, window};
         if (!hx_player_init(player, &setup, &source)) return 3;
@@ -306,7 +341,7 @@ int main(int argc, char **argv) {
         revised += player->counts.revisions, played += player->counts.sent;
     }
     for (int i = HX_STOPPED; i <= HX_QUIET; i++) printf("%ld ", ends[i]);
-    printf("%ld revisions, %ld samples\n", revised, played);
+    printf("%ld revisions, %ld samples, %ld told, %ld marked\n", revised, played, statuses_told, marked);
     free(program), free(memory), free(live), free(window), free(player);
     return 0;
 }

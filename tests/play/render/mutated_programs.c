@@ -77,9 +77,11 @@ static int64_t mutate(uint8_t *bytes, int64_t size, int64_t records_at)
     return kept;
 }
 
-static int play(const uint8_t *bytes, int64_t size)
+/* Half of the programs may take over maps of the engine of the whole one. */
+static int play(const uint8_t *bytes, int64_t size, const hx_engine *whole)
 {
-    int64_t room = hx_engine_size(bytes, size);
+    const hx_engine *before = below(2) ? whole : NULL;
+    int64_t room = hx_engine_size_after(bytes, size, before);
     if (room < 0)
         return 0;
     if (room > (int64_t)1 << 28)
@@ -88,7 +90,7 @@ static int play(const uint8_t *bytes, int64_t size)
     if (!memory)
         abort();
     memset(memory, 0xA5, (size_t)room);
-    hx_engine *engine = hx_engine_open(bytes, size, memory);
+    hx_engine *engine = hx_engine_open_after(bytes, memory, before);
     double highest_v = 0.0;
     for (int i = 0; i < 12; i++) {
         for (int64_t id = 0; id < 3; id++)
@@ -131,7 +133,9 @@ int main(int argc, char **argv)
     state = 88172645463325252u + strtoull(argv[3], NULL, 10);
     int64_t records_at = whole[72] | (int64_t)whole[73] << 8 | (int64_t)whole[74] << 16;
     long count = strtol(argv[2], NULL, 10), was_played = 0;
-    if (!play(whole, size))
+    void *memory = malloc((size_t)hx_engine_size(whole, size));
+    const hx_engine *engine = memory ? hx_engine_open(whole, size, memory) : NULL;
+    if (!play(whole, size, engine))
         return 3;
     for (long i = 0; i < count; i++) {
         uint8_t *bytes = malloc((size_t)size);
@@ -143,11 +147,12 @@ int main(int argc, char **argv)
         if (!copy)
             return 2;
         memcpy(copy, bytes, (size_t)kept);
-        was_played += play(copy, kept);
+        was_played += play(copy, kept, engine);
         free(copy);
         free(bytes);
     }
     printf("%ld refused, %ld played\n", count - was_played, was_played);
+    free(memory);
     free(whole);
     return 0;
 }

@@ -113,11 +113,15 @@ int main(int argc, char **argv) {
     hx_host_limits limits = {979295999.0, 231481481.0, 480000.0, 120.0, 0.05, 0.05};
     hx_source source = {live, hx_live_window, hx_live_settle, hx_live_played, hx_live_report,
                         hx_live_is_live};
-    if (socketpair(AF_UNIX, SOCK_STREAM, 0, link_ends) != 0 || pipe(report_ends) != 0) return 2;
+    int told_ends[2];
+    if (socketpair(AF_UNIX, SOCK_STREAM, 0, link_ends) != 0 || pipe(report_ends) != 0 ||
+        socketpair(AF_UNIX, SOCK_DGRAM, 0, told_ends) != 0)
+        return 2;
+    fcntl(told_ends[0], F_SETFL, O_NONBLOCK);
     fcntl(link_ends[0], F_SETFL, O_NONBLOCK);
     fcntl(report_ends[0], F_SETFL, O_NONBLOCK);
-    hx_player_setup setup = {link_ends[0], report_ends[0], 0, {NULL, NULL, 0, 0}, 4, 1024, 960, 1920, 96,
-                             10320, 9000, RATE, 0.0, 0.003, 3.3e-4, 2.5e-3, 2.0, 2.0, 200.0,
+    hx_player_setup setup = {link_ends[0], report_ends[0], told_ends[0], 0, {NULL, NULL, 0, 0}, 4, 1024, 960, 1920, 96,
+                             10320, 9000, RATE, RATE, 0.0, 0.003, 3.3e-4, 2.5e-3, 2.0, 2.0, 200.0,
                              97.2, 250.0, 26213, 4, 7, 0, 12288, 0, &limits, window};
     if (!hx_player_init(player, &setup, &source)) return 3;
     pthread_t threads[3];
@@ -126,11 +130,18 @@ int main(int argc, char **argv) {
         if (pthread_create(&threads[i], NULL, runs[i], NULL) != 0) return 2;
     static hx_player_counts counts;
     int64_t statuses[16], looks = 0, adopted = 0;
-    hx_mix mix = {0.5, 1.0, 0.1, 0.2, 0.0, NAN};
+    double most_v;
+    static uint8_t felt[100]; /* read only when it is not played any more */
+    void *effect_memory = malloc((size_t)hx_engine_size(program, size));
+    if (!effect_memory) return 2;
+    hx_effect effect = {hx_engine_open(program, size, effect_memory), 0.1, 0.2, INFINITY, INFINITY,
+                        felt, sizeof felt};
+    hx_mix mix = {0.5, 1.0, 0.1, 0.2, 0.0, NAN, &effect, 0};
     hx_engine *engines[3] = {NULL, NULL, NULL};
     for (double end = now_s() + seconds; now_s() < end; looks++) {
         hx_player_count(player, &counts);
-        hx_live_count(live, statuses);
+        hx_live_count(live, statuses, &most_v);
+        mix.effects = looks % 2;
         hx_live_mix(live, &mix);
         for (int i = 0; i < 3; i++)
             if (!engines[i] || !hx_live_needs(live, engines[i])) {
@@ -148,6 +159,7 @@ int main(int argc, char **argv) {
     printf("%ld samples, %ld revisions, %ld looks, %ld engines, ends by %d\n", (long)counts.sent,
            (long)counts.revisions, (long)looks, (long)adopted, (int)counts.outcome);
     for (int i = 0; i < 3; i++) free(engines[i]);
+    free(effect_memory);
     free(program), free(memory), free(live), free(window), free(player);
     return 0;
 }

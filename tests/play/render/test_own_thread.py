@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,18 +16,21 @@ import pytest
 import haptix
 from firmware_io import Device, DriveLimits, Playback
 from firmware_io.link import Bulk, Link
+from firmware_io.links.mock import MockDriver
 from firmware_io.links.serial import SerialLink
 from firmware_io.links.tcp import TcpLink
 from firmware_io.own_thread import QUIET_S, OwnThread, finger_report
 from firmware_io.reviser import PlaybackStats
+from firmware_io.serve import DriverServer
 from haptix.base.native import ffi, library
 from haptix.feel.layout import Layout
-from haptix.feel.materials import Button, Grating, Moving, Slider, Texture, Transient
+from haptix.feel.materials import Button, Grating, Moving, Slider, Texture, Transient, WebEffect
 from haptix.play import LiveSettings, compile_touch
 from haptix.play.render.engine import EngineSource
 from haptix.play.render.fingers import PredictedFingers
 from haptix.play.render.live import RenderSource
 from haptix.play.render.master import Master
+from haptix.play.render.played import PlayedRecord
 from haptix.play.render.program import compile_core
 from haptix.play.render.samples import RenderCore
 from haptix.play.touch import OneEuroFilter, TouchEvent, TouchSettings
@@ -66,6 +70,19 @@ def scene():
     )
     layout.add(Transient(curve=CLICK, begins="detent"), width_mm=12, height_mm=12)
     return layout
+
+
+def effect(random):
+    """An effect, of shares or of contrasts."""
+    begins = str(random.choice(["start", "down", "detent"]))
+    height, length_s = float(random.uniform(0.1, 0.9)), float(random.uniform(0.02, 0.3))
+    if random.random() < 0.4:
+        name = str(random.choice(["edge", "align", "error"]))
+        return WebEffect(name=name, intensity=height, begins=begins)
+    curve = {"kind": "pulse", "height": height, "width_s": 0.02, "rest": 0.1}
+    if random.random() < 0.5:
+        curve = {"kind": "chirp", "amplitude": height, "start_hz": 20.0, "end_hz": 90.0}
+    return Transient(curve={**curve, "length_s": length_s}, begins=begins)
 
 
 def turn(master, random, now_s):
@@ -120,23 +137,43 @@ def test_the_source_in_c_makes_the_windows_of_the_one_in_python(surface, make, s
     fingers = PredictedFingers(settings)
     react = core.texture.evaluator.react
     master = Master(lambda: None)
-    python = RenderSource(core, fingers, master, lambda *_: None)
+    amplitudes = []
+    python = RenderSource(
+        core, fingers, master, lambda block, *_: amplitudes.append(block.amplitude_v.max())
+    )
     rate, step, began_s = core.sample_rate_hz, core.step, 1000.25
     played = 0
     layout = core.texture
     assert isinstance(layout, Layout)
     layout.attach(lambda: master.scene_s(played / rate + settings.reaction_s))
     sent, pending, is_down = 0, 0, [False, False]
+    programs, ends = {}, []
+
+    def scene_s():
+        return master.scene_s(played / rate + settings.reaction_s)
+
+    def effects():
+        for playing in master.effects:
+            if playing not in programs:
+                programs[playing] = compile_core(core, settings, felt=playing.evaluator)
+        return [(playing, programs[playing]) for playing in master.effects]
+
     places = random.uniform(5, 15, (2, 2))
 
     def window(first, count, is_revision):
         at_s = began_s + first / rate
+        before = [playing.felt.copy() for playing in master.effects]
         one = python.window(first, count, at_s, is_revision)
+        after = [playing.felt.copy() for playing in master.effects]
+        for playing, felt in zip(master.effects, before, strict=True):
+            playing.felt[:] = felt
         other = np.empty(count)
         library.hx_live_window(
             compiled.at, first, count, at_s, is_revision, ffi.from_buffer("double[]", other)
         )
         np.testing.assert_allclose(other, one, atol=CODE_V, err_msg=f"{first} {is_revision}")
+        for playing, felt in zip(master.effects, after, strict=True):
+            np.testing.assert_array_equal(playing.felt, felt)
         return np.abs(one).max()
 
     largest = 0.0
@@ -159,10 +196,16 @@ def test_the_source_in_c_makes_the_windows_of_the_one_in_python(surface, make, s
         )
         if random.random() < 0.3:
             turn(master, random, played / rate + settings.reaction_s)
-            compiled.mix(master.compiled)
+            compiled.mix(master.compiled, effects())
         if random.random() < 0.3:
             alter(layout, random)
-            compiled.adopt(compile_core(core, settings, moving=True), master.compiled)
+            program = compile_core(core, settings, moving=True, kept=compiled.maps)
+            compiled.adopt(program, master.compiled, effects())
+        if random.random() < 0.3:
+            began = master.play(effect(random), scene_s, int(random.integers(3)), ends.append)
+            if random.random() < 0.3:
+                began.stop()
+            compiled.mix(master.compiled, effects())
         first = (played // step + 40) * step
         largest = max(largest, window(first, 240 * step, True))
         pending += 1
@@ -174,7 +217,39 @@ def test_the_source_in_c_makes_the_windows_of_the_one_in_python(surface, make, s
             pending = 0 if undone else pending - obeyed
         python.played(played // step * step - 1000 * step if played > 1000 * step else 0)
         assert bool(library.hx_live_is_live(compiled.at)) == python.is_live, round_
+        if random.random() < 0.3:
+            master.ended(scene_s(), rate)
     assert largest > 20.0
+    assert 0.0 < max(end.felt_share for end in ends) <= 1.0
+    _, most_v = compiled.reached
+    assert most_v == pytest.approx(max(amplitudes), abs=CODE_V)
+
+
+def test_maps_are_taken_over_from_the_program_before_and_from_no_other(surface):
+    settings, layout = LiveSettings(), mixed()
+    layout.add(Texture(np.ones((256, 256)), 20.0), width_mm=20, height_mm=20)
+    with haptix.open_device("mock:") as device:
+        core = RenderCore(surface, layout, device, settings=settings)
+    whole = compile_core(core, settings, moving=True)
+    engine = EngineSource(whole, settings.reaction_s)
+    after = compile_core(core, settings, moving=True, kept=engine.maps)
+    assert len(after.program) < len(whole.program) - 4 * 256**2  # the map is not in it
+    engine.adopt(after, Master(lambda: None).compiled)
+    assert engine.maps == after.maps
+
+    def refusal(program, before):
+        return library.hx_engine_size_after(program, len(program), before)
+
+    wrong_number = -4
+    assert library.hx_engine_size(after.program, len(after.program)) == wrong_number
+    assert refusal(after.program, ffi.NULL) == wrong_number
+    without_maps = EngineSource(
+        compile_core(core, settings, felt=WebEffect(name="tick").evaluator), 0.003
+    )
+    assert refusal(after.program, without_maps._engines[0].at) == wrong_number
+    (first, _), *others = engine.maps
+    beyond = compile_core(core, settings, moving=True, kept=[(first, 99), *others])
+    assert refusal(beyond.program, engine._engines[0].at) == wrong_number
 
 
 @pytest.fixture
@@ -205,7 +280,7 @@ def hold_the_interpreter(seconds):
     ctypes.PyDLL(None).usleep(int(1e6 * seconds))
 
 
-LIVE = LiveSettings(own_thread=True, strict=False)
+LIVE = LiveSettings(strict=False)
 
 
 def test_it_plays_through_stalls_of_the_interpreter_longer_than_the_queue(surface, served):
@@ -313,8 +388,7 @@ def test_samples_over_a_limit_are_not_sent(surface, served):
     "change",
     [
         lambda r: r.texture.add(Ruler(), width_mm=9, height_mm=9),
-        lambda r: r.mark(7),
-        lambda r: r.play(Transient(curve=CLICK)),
+        lambda r: setattr(r, "record", PlayedRecord(r)),
     ],
 )
 def test_a_change_lets_the_interpreter_go_on(surface, served, change):
@@ -329,9 +403,85 @@ def test_a_change_lets_the_interpreter_go_on(surface, served, change):
         stroke(renderer, 0.2)
         assert device.is_armed
         assert renderer.stats.block_s  # the interpreter's
-        assert not renderer._marks
     assert not device.stop_is_owed
     device.close()
+
+
+def test_effects_play_and_their_ends_are_told(surface, served):
+    link, _ = served
+    device = Device(link)
+    ends = []
+    with haptix.LiveRenderer(surface, ribs(), device, settings=LIVE) as renderer:
+        stroke(renderer, 0.3)
+        renderer.play(Transient(curve=CLICK), done=ends.append)
+        stroke(renderer, 0.4)
+        began = renderer.play(WebEffect(name="error"), done=ends.append)
+        stroke(renderer, 0.02)
+        began.stop()
+        stroke(renderer, 0.2)
+        assert [end.outcome for end in ends] == ["played", "cut"]
+        assert ends[0].felt_share > 0.5  # of a finger that slides all the time
+        for _ in range(50):
+            renderer.play(WebEffect(name="tick"), done=ends.append)
+            stroke(renderer, 0.01)
+        assert renderer.plays_by == "engine"
+        assert renderer.stats.underruns == 0
+        stroke(renderer, 0.5)
+        assert len(ends) == 52
+        renderer.intensity(0.5)
+        stroke(renderer, 0.1)
+        renderer.intensity(1.0)
+        assert not any(
+            engines for engines, _ in renderer._engine._mixes
+        )  # no memory of them is kept
+    assert not device.stop_is_owed
+    device.close()
+
+
+def test_marks_come_back_with_their_times(surface, served):
+    link, _ = served
+    device = Device(link)
+    with haptix.LiveRenderer(surface, ribs(), device, settings=LIVE) as renderer:
+        stroke(renderer, 0.3)
+        asked_s = []
+        for code in range(30):  # more at once than a driver has room for
+            asked_s.append(time.monotonic())
+            renderer.mark(code)
+        stroke(renderer, 1.0)
+        seen = device.marked()
+        assert [mark.code for mark in seen] == list(range(30))
+        assert [mark.sample_index for mark in seen] == sorted(mark.sample_index for mark in seen)
+        # The first come with the samples after those that are queued.
+        for mark in seen[:8]:
+            assert 0.0 < mark.time_s - asked_s[0] < renderer.settings.horizon_s + 0.1
+            began_s = renderer._own.began_s
+            assert mark.time_s == pytest.approx(began_s + mark.sample_index / 48_000, abs=2e-3)
+        assert renderer.plays_by == "engine"
+        assert device.marks_waiting == 0
+    assert not device.stop_is_owed
+    device.close()
+
+
+def has_touches(device, touches):
+    """Take the touches that came, and return whether there are any."""
+    touches.extend(device.touches())
+    return bool(touches)
+
+
+def test_touches_of_the_drivers_panel_come_while_the_thread_plays(surface):
+    driver = MockDriver(pace="real")
+    with DriverServer(driver, port=0) as server, haptix.open_device(server.address) as device:
+        device.stop()
+        with haptix.LiveRenderer(surface, ribs(), device, settings=LIVE) as renderer:
+            assert renderer.plays_by == "engine"
+            for x_mm in (12.5, 13.0, 14.0):
+                stroke(renderer, 0.05)
+                assert driver.touch(x_mm, 3.0, 0.25)
+                touches = []
+                wait_for(partial(has_touches, device, touches))
+                assert [(touch.x_um, touch.normal_force_mn) for touch in touches] == [
+                    (1000 * x_mm, 250)
+                ]
 
 
 def test_the_engine_follows_a_layout_that_changes(surface, served):
@@ -384,7 +534,8 @@ def test_the_engine_follows_intensity_mute_and_pause(surface, served):
 def test_what_cannot_be_compiled_is_played_by_the_interpreter(surface, served, caplog):
     link, _ = served
     device = Device(link)
-    settings = LiveSettings(own_thread=True, touch=TouchSettings(filter=OneEuroFilter()))
+    settings = LiveSettings(touch=TouchSettings(filter=OneEuroFilter()))
+    caplog.set_level("INFO", "haptix.play.render")
     with haptix.LiveRenderer(surface, ribs(), device, settings=settings) as renderer:
         stroke(renderer, 0.1)
         assert renderer.plays_by == "interpreter"
@@ -444,12 +595,13 @@ def test_drivers_and_reports_that_say_anything_end_the_thread_as_it_says(tmp_pat
     flag = "-fsanitize=address,undefined,float-cast-overflow"
     binary = sanitized(tmp_path, "hostile_driver", flag)
     count = int(os.environ.get("HX_PLAYBACKS", "300"))  # 2000 take a minute
-    *ends, revisions, samples = numbers_of([binary, program, count, 1])
+    *ends, revisions, samples, told, marked = numbers_of([binary, program, count, 1])
     assert sum(ends) == count
     stopped, _, _, fault, lost, silent, quiet = ends
     assert min(stopped, fault, lost, silent, quiet) > 3
     assert revisions > 10 * count
     assert samples > 10_000 * count
+    assert min(told, marked) > 3 * count
 
 
 @pytest.mark.slow
