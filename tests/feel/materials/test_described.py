@@ -5,7 +5,8 @@ import pytest
 from haptix.base.errors import InputError
 from haptix.feel.materials import KINDS, material_of, schema
 
-DEFINITIONS = {kind: schema()["$defs"][model.__name__] for kind, model in KINDS.items()
+SCHEMA = schema()
+DEFINITIONS = {kind: SCHEMA["$defs"][model.__name__] for kind, model in KINDS.items()
                if model.__module__.startswith("haptix.")}  # fmt: skip
 NEEDED: dict[str, dict[str, str | float]] = {
     "photograph": {"file": "a.png", "width_mm": 40.0},
