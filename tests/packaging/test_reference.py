@@ -4,9 +4,8 @@ import ast
 import inspect
 import re
 import sys
-import textwrap
 from enum import Enum
-from functools import cached_property, lru_cache
+from functools import cache, cached_property
 from importlib import import_module
 from pathlib import Path
 from types import FunctionType
@@ -24,7 +23,7 @@ def is_ours(found):
     return found.__module__.partition(".")[0] in {"haptix", "firmware_io", "calibration"}
 
 
-@lru_cache
+@cache
 def public():
     """Each public function, class, method and property by the first name that the pages give it."""
     found, known = {}, set()
@@ -63,13 +62,18 @@ def named_in(text):
     return names
 
 
+@cache
+def classes_of(file):
+    """The definitions of a module's classes, by their names."""
+    tree = ast.parse(Path(file).read_text(encoding="utf-8"))
+    return {node.name: node for node in ast.walk(tree) if isinstance(node, ast.ClassDef)}
+
+
 def fields_with_text(kind):
     """Fields that have a text below them; those just above share it."""
     names, above = set(), []
     for base in filter(is_ours, kind.__mro__):
-        (definition,) = ast.parse(textwrap.dedent(inspect.getsource(base))).body
-        assert isinstance(definition, ast.ClassDef)
-        for statement in definition.body:
+        for statement in classes_of(inspect.getfile(base))[base.__name__].body:
             match statement:
                 case ast.AnnAssign(target=ast.Name(name)):
                     above.append(name)

@@ -87,6 +87,7 @@ class Service:
         await asyncio.to_thread(self.stop_path.close)
 
     def close(self):
+        self.server.config.timeout_graceful_shutdown = 0  # the tests are over: nobody is waited for
         self.server.should_exit = True
         self.thread.join()
 
