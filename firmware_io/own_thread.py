@@ -111,7 +111,7 @@ class OwnThread(Writer):
     stats : PlaybackStats
         Counters; they follow ten times a second.
     on_count : callable, optional
-        Called with the counters.
+        Called after the counters were copied, with the times that the last windows took [s].
 
     Attributes
     ----------
@@ -125,12 +125,12 @@ class OwnThread(Writer):
         device: Device,
         source: CompiledSource,
         stats: PlaybackStats,
-        on_count: Callable[[], None] = lambda: None,
+        on_count: Callable[[list[float]], None] = lambda windows_s: None,
     ) -> None:
         super().__init__(device, stats)
         self._source = source
         self._on_count = on_count
-        self._counted = 0
+        self._reactions = self._windows = 0  # that have been copied
         self._returned = Event()
         self._pipe = RLock()  # a number of a closed end may be another file's
         self.reports = self._read_end = self._reports_of_hid = -1
@@ -313,11 +313,10 @@ class OwnThread(Writer):
         stats.samples_played, stats.underruns = counts.sent, counts.underruns
         stats.revisions, stats.refused = counts.revisions, counts.refused
         stats.late_samples, stats.longest_stall_s = counts.late_samples, counts.longest_stall_s
-        end, kept = counts.reactions, len(counts.reaction_s)
-        for number in range(max(self._counted, end - kept), end):
-            stats.reactions_s.append(counts.reaction_s[number % kept])
-        self._counted = end
-        self._on_count()
+        stats.reactions_s.extend(_newest(counts.reaction_s, counts.reactions, self._reactions))
+        windows_s = _newest(counts.window_s, counts.windows, self._windows)
+        self._reactions, self._windows = counts.reactions, counts.windows
+        self._on_count(windows_s)
 
     def _take_back(self) -> None:
         """Let the device go on, and raise why the player has ended by itself."""
@@ -364,6 +363,11 @@ class OwnThread(Writer):
         if self._reports_of_hid >= 0:
             os.close(self._reports_of_hid)
             self._reports_of_hid = -1
+
+
+def _newest(ring: Any, end: int, begin: int) -> list[float]:
+    """Return the numbers of a ring from one count to another, as far as they are kept."""
+    return [ring[number % len(ring)] for number in range(max(begin, end - len(ring)), end)]
 
 
 class BulkReader:

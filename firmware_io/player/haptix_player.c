@@ -539,6 +539,12 @@ static void read_reports(hx_player *p) {
 
 /* The work. */
 
+static void make_window(hx_player *p, int64_t first, int64_t count, int64_t is_revision, double *volts) {
+    double began_s = now_s();
+    p->source.window(p->source.of, first, count, time_of(p, first), is_revision, volts);
+    p->counts.window_s[p->counts.windows++ % HX_REACTIONS] = now_s() - began_s;
+}
+
 static double next_revision_s(hx_player *p) {
     if (!isnan(p->touched_s)) return p->carried_s - burst * p->set.least_interval_s;
     if (!p->source.is_live(p->source.of)) return INFINITY;
@@ -576,7 +582,7 @@ static void revise(hx_player *p) {
     r->first = first, r->count = count;
     r->touched_s = touched_s, r->at_s = at_s, r->lead_s = at_s - now - waits_s;
     memcpy(r->before, volts, sizeof(double) * (size_t)count);
-    p->source.window(p->source.of, first, count, at_s, 1, volts);
+    make_window(p, first, count, 1, volts);
     p->under_way_count++;
     if (!is_kept(p, volts, count + 1, volts[-1]) || !is_window_kept(p, p->counts.sent)) return;
     int64_t before = p->counts.bytes_sent;
@@ -633,7 +639,7 @@ static void append(hx_player *p) {
     p->counts.began_s = time_of(p, 0);
     if (p->at + (sent - p->begin) + s->piece > QUEUE) return; /* init has made sure that it fits */
     double *volts = queued_at(p, sent), *last_v = &p->counts.last_v;
-    p->source.window(p->source.of, sent, s->piece, time_of(p, sent), 0, volts);
+    make_window(p, sent, s->piece, 0, volts);
     if (!is_kept(p, volts, s->piece, *last_v) || !is_window_kept(p, sent + s->piece)) return;
     int64_t before = p->counts.bytes_sent;
     place_marks(p, sent);

@@ -83,8 +83,9 @@ typedef struct {
     int64_t underruns, revisions, refused, late_samples;
     double longest_stall_s, last_v;
     double began_s; /* when sample 0 was played, by the host's clock, as if without a gap */
-    int64_t reactions; /* that were measured; the last ones are kept, in a ring */
+    int64_t reactions, windows; /* that were measured; the last ones are kept, in a ring */
     double reaction_s[1024];
+    double window_s[1024]; /* time that the source took to make one */
     int32_t outcome, error, verdict;
     uint32_t sample;   /* of the piece that a limit refuses */
     double found;      /* the sum that is too large */

@@ -293,7 +293,8 @@ class LiveRenderer(RenderStream):
         source.mix(mix)
         self._engine, self._compiled_felt = source, felt
 
-        def count() -> None:
+        def count(windows_s: list[float]) -> None:
+            stats.block_s.extend(windows_s)
             stats.samples = stats.samples_played
             stats.below = stats.above = stats.outside = 0
             statuses, most_v = source.reached
