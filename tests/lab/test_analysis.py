@@ -9,6 +9,7 @@ from typing import cast
 
 import numpy as np
 import pytest
+from scipy.io import wavfile
 from scipy.optimize import brentq
 from scipy.stats import bootstrap, ttest_1samp
 
@@ -566,6 +567,34 @@ def test_an_analysis_notes_that_another_stimulus_or_plan_was_run_than_preregiste
     device.close()
     notes = analyse(tmp_path / "a.tsv", tmp_path / "stated.json").notes
     assert [note for note in notes if "another recipe than stated" in note]
+
+
+def test_an_analysis_notes_that_a_file_of_the_recipe_was_changed(tmp_path):
+    signal = {"kind": "recorded", "file": "clip.wav"}
+    stimulus = {"quantity": "volts", "drive_hz": 120, "length_s": 0.01, "signal": signal}
+    recipe = ExperimentRecipe(
+        name="two", stimulus=stimulus, folder=tmp_path,
+        method={"kind": "constant-stimuli", "levels": [18, 22, 26, 30], "repeats": 3},
+    )  # fmt: skip
+
+    def record(height):
+        wave = height * np.sin(2 * np.pi * 200 * np.arange(480) / 48_000)
+        wavfile.write(tmp_path / "clip.wav", 48_000, wave.astype(np.float32))
+
+    def notes(height):
+        record(height)
+        device = open_device("mock:")
+        log = tmp_path / f"{height}.tsv"
+        recipe.experiment(
+            device, SimulatedObserver(24.0), log, source="program", wait=lambda seconds: None
+        ).run()
+        device.close()
+        return analyse(log, tmp_path / "stated.json").notes
+
+    record(0.5)
+    Preregistration.of(recipe, 1).save(tmp_path / "stated.json")
+    assert not [note for note in notes(0.5) if "another recipe than stated" in note]
+    assert [note for note in notes(0.6) if "another recipe than stated" in note]
 
 
 def test_tables_of_other_programs_are_not_said_to_be_as_preregistered(tmp_path):

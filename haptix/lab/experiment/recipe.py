@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import fields, replace
 from functools import cached_property
@@ -18,6 +18,7 @@ from haptix.base.documents import Document, Part
 from haptix.base.errors import InputError, LimitError
 from haptix.base.files import digest
 from haptix.base.kinds import call, in_folder
+from haptix.feel.signals.audio_files import file_hash
 from haptix.feel.signals.signal import Array, Constant, Product, Signal, signal_from
 from haptix.lab.experiment import (
     METHODS,
@@ -56,6 +57,18 @@ _COMPARES = {"pairs": "pairs", "triads": "triads", "magnitude": "magnitudes", "s
 _SEEDED = [name for name, method in METHODS.items() if "seed" in {at.name for at in fields(method)}]
 
 _WITHOUT_TARGET = 0.05  # share of answers that find a target where there is none
+
+
+_LONGEST_NAME = 256  # of a file; a longer text names none
+
+
+def _texts(value: Any) -> Iterator[str]:
+    """Yield all texts within tables and lists."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, Mapping | Sequence):
+        for part in value.values() if isinstance(value, Mapping) else value:
+            yield from _texts(part)
 
 
 class ConditionTable(Part):
@@ -139,8 +152,20 @@ class ExperimentRecipe(Document):
         return tuple(stimuli)
 
     def content_hash(self) -> str:
-        """SHA-256 of all that differs from the defaults, as logs have it."""
-        return digest(self.model_dump(mode="json", exclude_defaults=True))
+        """SHA-256 of all that differs from the defaults, as logs have it.
+
+        It includes the contents of files that the recipe names, such as recordings and pictures.
+        Those of finger and screen have hashes of their own in a log.
+        """
+        stated = self.model_dump(mode="json", exclude_defaults=True)
+        files = {
+            name: file_hash(path)
+            for key, value in stated.items()
+            if key not in ("finger", "screen")
+            for name in _texts(value)
+            if len(name) < _LONGEST_NAME and (path := self.folder / name).is_file()
+        }
+        return digest({**stated, "files": files} if files else stated)
 
     def session_plan(self) -> SessionPlan:
         """Return what surrounds the trials."""
