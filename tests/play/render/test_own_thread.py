@@ -24,7 +24,16 @@ from firmware_io.reviser import PlaybackStats
 from firmware_io.serve import DriverServer
 from haptix.base.native import ffi, library
 from haptix.feel.layout import Layout
-from haptix.feel.materials import Button, Grating, Moving, Slider, Texture, Transient, WebEffect
+from haptix.feel.materials import (
+    Button,
+    FrictionField,
+    Grating,
+    Moving,
+    Slider,
+    Texture,
+    Transient,
+    WebEffect,
+)
 from haptix.play import LiveSettings, compile_touch
 from haptix.play.render.engine import EngineSource
 from haptix.play.render.fingers import PredictedFingers
@@ -386,10 +395,21 @@ def test_samples_over_a_limit_are_not_sent(surface, served):
     device.close()
 
 
+class Hum(FrictionField):
+    """An effect of a kind that is not haptix's own."""
+
+    target = "share"
+    outside, length_s = 0.0, 0.05
+
+    def _sample(self, x_mm, y_mm, footprint_mm):
+        return np.full(x_mm.shape, 0.1)
+
+
 @pytest.mark.parametrize(
     "change",
     [
         lambda r: r.texture.add(Ruler(), width_mm=9, height_mm=9),
+        lambda r: r.play(Hum()),
         lambda r: setattr(r, "record", PlayedRecord(r)),
     ],
 )
