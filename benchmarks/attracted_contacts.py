@@ -49,7 +49,7 @@ from haptix.model.contact import (
     RoughnessSpectrum,
     TheoryName,
 )
-from haptix.model.contact.accuracy import UNDER_VOLTAGE, of_states
+from haptix.model.contact.accuracy import UNDER_VOLTAGE, YIELDED, of_states
 from haptix.model.contact.boundary_elements import Surfaces
 from haptix.model.contact.boundary_elements.bounded import BoundedProblem
 from haptix.model.contact.boundary_elements.coupled import AttractedContacts
@@ -589,14 +589,16 @@ def shown(states: int = 20_000) -> Iterator[str]:
             state = model.solve(force, voltage, frequency, h0_m)
             thickness = model.solver.terms.thickness(torch.as_tensor(h0_m), frequency).abs()
             applied = state.x * sqrt(2) * model.contact.stress_rms_pa
-            quantities = (
-                state.x,
-                thickness / model.contact.spectrum.h_rms_m,
-                state.gap_attraction_pa / applied,
-            )
+            quantities = {
+                "x": state.x,
+                "h0/h_rms": thickness / model.contact.spectrum.h_rms_m,
+                "gaps' attraction/p0": state.gap_attraction_pa / applied,
+            }
+            yields = bool((state.find_yielded_area() > 0).all())
+            ranges = YIELDED if yields else UNDER_VOLTAGE
             inside = [
-                (low <= value) & (value <= high)
-                for value, (low, high) in zip(quantities, UNDER_VOLTAGE.values(), strict=True)
+                (ranges[quantity][0] <= value) & (value <= ranges[quantity][1])
+                for quantity, value in quantities.items()
             ]
             width = state.accuracy.ratio
             half = torch.expm1(width[width < inf].median()) if bool((width < inf).any()) else None

@@ -68,6 +68,7 @@ class ContactState(Displayed):
     """Mean pressure in the contact spots: normal force and attraction over the real area."""
     find_status: Callable[[], Tensor] = field(repr=False, compare=False)
     find_accuracy: Callable[[], Accuracy] = field(repr=False, compare=False)
+    find_yielded_area: Callable[[], Tensor] = field(repr=False, compare=False)
     sum_gaps: Callable[[], GapSums] = field(repr=False, compare=False)
     """These make the values of the properties below at their first use: many callers need none."""
     of_finger: tuple[str, ...] = field(default=(), repr=False, compare=False)
@@ -170,9 +171,9 @@ class ContactState(Displayed):
 
     def warnings(self) -> list[str]:
         """Name the states below the validated range or past a limit, as outputs quote it."""
-        lowest, highest = (float(end) for end in self.x.detach().aminmax())
+        yielded = self.find_yielded_area()
         fewest = float(self.rolloff_waves.detach().min())
-        beyond = beyond_validation(lowest, highest, fewest)
+        beyond = beyond_validation(self.x.detach(), yielded, fewest)
         return [*beyond, *limits_passed(self.status), *self.of_finger]
 
     @property

@@ -32,8 +32,20 @@ SHOWN_ERRORS = ((5e-4, 3, 9, 8), (VALIDATED_X, 5, 28, 5))
 """One row for each range of x, without voltage: lowest x of the range, median and largest error of
 the area, largest error of the mean gap; errors in per cent of the boundary elements' values."""
 
-UNDER_VOLTAGE = {"x": (1e-4, 5e-2), "h0/h_rms": (0.006, 1.0), "gaps' attraction/p0": (0.0, 20.0)}
+_PULL = "gaps' attraction/p0"
+UNDER_VOLTAGE = {"x": (1e-4, 5e-2), "h0/h_rms": (0.006, 1.0), _PULL: (0.0, 20.0)}
 """Ranges in which theory and boundary elements were compared under voltage."""
+
+YIELDED = {
+    "x": (8e-7, 2.5e-5),
+    "A/A0": (5e-5, 5e-4),
+    "h0/h_rms": (0.003, 0.015),
+    _PULL: (0.0, 0.2),
+}
+"""The same for contacts whose spots all yield; x and A/A0 = p0/hardness without voltage too."""
+
+_AT_REST = ("x", "A/A0")
+_WHERE_YIELDED = "where all spots yield"
 
 _THIN = 0.15
 """h0/h_rms below which the interval of the ratio grows, as h0/h_rms to the power of -0.7."""
@@ -43,6 +55,12 @@ _LIGHT = 3e-4
 
 _RATIO_WIDTH = {"local": 0.055, "corrected": 0.31}
 """Half-width of the 90 % interval of ``ln mu(V)/mu(0)`` over that logarithm itself, by theory."""
+
+_YIELDED_RATIO_WIDTH = {"local": 0.75}
+"""The same where all spots yield: the ratio is close to 1 there, and its error in proportion."""
+
+_YIELDED_WIDTH = log(1.1)
+"""Half-width for mu there without voltage."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +97,12 @@ class Accuracy(Displayed):
 
 
 def of_states(
-    theory: TheoryName | None, x: Tensor, h0_over_h_rms: Tensor, pull_over_p0: Tensor, ratio: Tensor
+    theory: TheoryName | None,
+    x: Tensor,
+    h0_over_h_rms: Tensor,
+    pull_over_p0: Tensor,
+    ratio: Tensor,
+    yielded_area: Tensor | float = 0.0,
 ) -> Accuracy:
     """Return the accuracy of states; all tensors have the shape of the states.
 
@@ -95,54 +118,85 @@ def of_states(
         Mean attraction of the gaps over the applied pressure; 0 without voltage.
     ratio : Tensor
         mu(V)/mu(0).
+    yielded_area : Tensor or float
+        A/A0 without voltage where all contact spots yield, 0 elsewhere.
     """
     x, h0_over_h_rms, pull_over_p0, ratio = (
         part.detach().to(torch.float64) for part in (x, h0_over_h_rms, pull_over_p0, ratio)
     )
-    if theory not in _RATIO_WIDTH:
+    yielded_area = torch.as_tensor(yielded_area).to(ratio).expand_as(ratio)
+    yields = yielded_area > 0
+    known = theory in (_YIELDED_RATIO_WIDTH if bool(yields.any()) else _RATIO_WIDTH)
+    if theory is None or not known:
         unknown = torch.full_like(ratio, inf)
         name = "this model" if theory is None else f'the theory "{theory}"'
         return Accuracy(unknown, unknown, (f"{name} has no comparison",))
-    width_at_rest = torch.full_like(ratio, inf)
+    at_rest = torch.full_like(ratio, inf)
     for least, _, worst, _ in reversed(SHOWN_ERRORS):
         in_range = (x >= least) & (x <= HEAVIEST_X)
-        width_at_rest = torch.where(in_range, log(1 + worst / 100), width_at_rest)
+        at_rest = torch.where(in_range, log(1 + worst / 100), at_rest)
+    at_rest = torch.where(yields, _YIELDED_WIDTH, at_rest)
     driven = pull_over_p0 > 0
-    width = _RATIO_WIDTH[theory] * torch.log(ratio.clamp(min=1.0))
-    width = width * (_THIN / h0_over_h_rms).clamp(min=1.0) ** 0.7 * (_LIGHT / x).clamp(min=1.0)
-    reasons = beyond_validation(float(x.min()), float(x.max()), inf)
-    quantities = zip((x, h0_over_h_rms, pull_over_p0), UNDER_VOLTAGE.items(), strict=True)
-    for value, (name, (least, most)) in quantities:
-        outside = driven & ((value < least) | (value > most))
-        width = torch.where(outside, inf, width)
-        if bool(outside.any()):
-            low, high = (float(end) for end in value[outside].aminmax())
-            reached = f"{low:.2g}" if low == high else f"{low:.2g} to {high:.2g}"
-            reasons.append(f"{name} of {reached} under voltage: shown from {least:g} to {most:g}")
+    width = _RATIO_WIDTH[theory] * (_THIN / h0_over_h_rms).clamp(min=1.0) ** 0.7
+    width = width * (_LIGHT / x).clamp(min=1.0)
+    width = torch.where(yields, _YIELDED_RATIO_WIDTH.get(theory, inf), width)
+    width = width * torch.log(ratio.clamp(min=1.0))
+    reasons = beyond_validation(x, yielded_area, inf)
+    values = {"x": x, "A/A0": yielded_area, "h0/h_rms": h0_over_h_rms, _PULL: pull_over_p0}
+    for ranges, kind, where in (
+        (UNDER_VOLTAGE, driven & ~yields, "under voltage"),
+        (YIELDED, yields, _WHERE_YIELDED),
+    ):
+        for name, ends in ranges.items():
+            needs_no_drive = kind is yields and name in _AT_REST
+            of_kind = kind if needs_no_drive else kind & driven
+            outside = of_kind & ((values[name] < ends[0]) | (values[name] > ends[1]))
+            width = torch.where(outside, inf, width)
+            if needs_no_drive:
+                at_rest = torch.where(outside, inf, at_rest)
+            else:
+                reasons += _beyond(name, values[name][of_kind], where, ends)
     width = torch.where(driven, width, 0.0)
-    return Accuracy(torch.hypot(width_at_rest, width), width, tuple(reasons))
+    return Accuracy(torch.hypot(at_rest, width), width, tuple(reasons))
 
 
-def beyond_validation(lowest_x: float, highest_x: float, rolloff_waves: float) -> list[str]:
+def _beyond(name: str, values: Tensor, where: str, ends: tuple[float, float]) -> list[str]:
+    """Reason for values of a quantity that lie outside its range, if any."""
+    least, most = ends
+    outside = values[(values < least) | (values > most)]
+    if not outside.numel():
+        return []
+    low, high = (float(end) for end in outside.aminmax())
+    reached = f"{low:.2g}" if low == high else f"{low:.2g} to {high:.2g}"
+    return [f"{name} of {reached} {where}: shown from {least:g} to {most:g}"]
+
+
+def beyond_validation(x: Tensor, yielded_area: Tensor, rolloff_waves: float) -> list[str]:
     """Return one reason for each quantity of contacts that lies outside the validated range.
 
     Parameters
     ----------
-    lowest_x, highest_x : float
-        Range of ``x = p0/(E* slope)`` of the contacts.
+    x : Tensor
+        ``p0/(E* slope)`` of the contacts.
+    yielded_area : Tensor
+        A/A0 of those whose spots all yield, 0 for the others; of the shape of x.
     rolloff_waves : float
         Smallest number of roll-off waves under one of them.
 
     Examples
     --------
-    >>> beyond_validation(lowest_x=1e-2, highest_x=1e-2, rolloff_waves=100.0)
+    >>> beyond_validation(torch.tensor([1e-2]), torch.tensor([0.0]), rolloff_waves=100.0)
     []
     """
-    limits = []
-    if lowest_x < VALIDATED_X:
-        limits.append(f"x = p0/(E* slope) from {lowest_x:.2g}: validated from {VALIDATED_X:g}")
-    if highest_x > HEAVIEST_X:
-        limits.append(f"x = p0/(E* slope) to {highest_x:.2g}: validated up to {HEAVIEST_X:g}")
+    yields, limits = yielded_area > 0, []
+    if not bool(yields.all()):
+        lowest_x, highest_x = (float(end) for end in x[~yields].aminmax())
+        if lowest_x < VALIDATED_X:
+            limits.append(f"x = p0/(E* slope) from {lowest_x:.2g}: validated from {VALIDATED_X:g}")
+        if highest_x > HEAVIEST_X:
+            limits.append(f"x = p0/(E* slope) to {highest_x:.2g}: validated up to {HEAVIEST_X:g}")
+    for name, values in zip(_AT_REST, (x, yielded_area), strict=True):
+        limits += _beyond(name, values[yields], _WHERE_YIELDED, YIELDED[name])
     if rolloff_waves < VALIDATED_WAVES:
         limits.append(
             f"{rolloff_waves:.3g} waves of the roll-off: validated from {VALIDATED_WAVES:g}"

@@ -21,6 +21,8 @@ from haptix.model.terms import Stage
 LIGHT_CONTACT_LIMIT = LIMITS[Status.PULL_IN].most
 """Largest p/p0 that counts as light contact: the bound of the reference solver (section 5)."""
 
+_ALL_YIELDS = 1.01  # A hardness/p: 1 where the hardness bears all of the load
+
 
 class Ability(StrEnum):
     """Ability that some fidelities lack; the value completes "a fidelity that ..."."""
@@ -53,6 +55,14 @@ class Contact:
             return self.field.area_fraction(pressure_pa)
         spread = pressure_pa / self.field.area_argument(pressure_pa)
         return elastoplastic_area(pressure_pa, spread, self.hardness_pa).total
+
+    def yielded_area(self, pressure_pa: Tensor) -> Tensor:
+        """A/A0 at pressures [Pa] where all contact spots yield, to 1 % of it; 0 elsewhere."""
+        if self.hardness_pa is None:
+            return torch.zeros_like(pressure_pa)
+        area = self.area_fraction(pressure_pa)
+        yields = area * self.hardness_pa <= _ALL_YIELDS * pressure_pa
+        return torch.where(yields, area, torch.zeros_like(area))
 
 
 @dataclass(frozen=True)

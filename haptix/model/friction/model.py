@@ -376,13 +376,18 @@ class ContactModel(Displayed):
                 status[past] = int(Status.BREAKDOWN)
             return status.reshape(shape)
 
+        contact, applied = self.solver.fidelity.contact, force / area
+
+        def find_yielded_area() -> Tensor:
+            return contact.yielded_area(applied).detach().reshape(shape)
+
         def find_accuracy() -> Accuracy:
-            applied, contact = force / area, self.solver.fidelity.contact
             states = (
                 solved["x"],
                 thickness.abs() / self.contact.spectrum.h_rms_m,
                 balance.gap_attraction_pa / applied,
                 balance.area_fraction / contact.area_fraction(applied),
+                find_yielded_area(),
             )
             theory = self.theory if self.fidelity == MeanFieldBalance.name else None
             return of_states(theory, *(part.detach().reshape(shape) for part in states))
@@ -395,6 +400,7 @@ class ContactModel(Displayed):
             **solved,
             find_status=find_status,
             find_accuracy=find_accuracy,
+            find_yielded_area=find_yielded_area,
             of_finger=tuple(self.finger.roughness.warnings),
             sum_gaps=partial(
                 self.solver.sum_gaps,

@@ -1,10 +1,12 @@
 """x and the waves of the roll-off under a contact, and what is said below the validated ones."""
 
-from math import inf, pi
+from collections import defaultdict
+from math import inf, log, pi
 
 import pytest
 import torch
 
+from benchmarks.yielding_spots import compared
 from haptix import ContactModel, Finger, Screen
 from haptix.model.contact import Accuracy
 from haptix.model.contact.accuracy import (
@@ -12,6 +14,7 @@ from haptix.model.contact.accuracy import (
     UNDER_VOLTAGE,
     VALIDATED_WAVES,
     VALIDATED_X,
+    YIELDED,
     beyond_validation,
     of_states,
 )
@@ -93,11 +96,15 @@ def test_a_state_at_200_v_does_not_have_the_accuracy_of_0_v() -> None:
 
 
 def test_nothing_is_said_within_what_was_validated() -> None:
-    ends = (VALIDATED_X, HEAVIEST_X, VALIDATED_WAVES)
-    assert beyond_validation(*ends) == []
-    for place, factor in enumerate((0.99, 1.01, 0.99)):
-        beyond = [end * factor if i == place else end for i, end in enumerate(ends)]
-        assert len(beyond_validation(*beyond)) == 1
+    def beyond(lowest: float, highest: float, waves: float) -> list[str]:
+        return beyond_validation(torch.tensor([lowest, highest]), torch.zeros(2), waves)
+
+    ends = (1.01 * VALIDATED_X, 0.99 * HEAVIEST_X, VALIDATED_WAVES)
+    assert beyond(*ends) == []
+    for place, factor in enumerate((0.97, 1.03, 0.99)):
+        assert (
+            len(beyond(*(end * factor if i == place else end for i, end in enumerate(ends)))) == 1
+        )
 
 
 def test_heavy_contact_has_no_interval() -> None:
@@ -111,3 +118,61 @@ def test_heavy_contact_has_no_interval() -> None:
     heavy = ContactModel(soft, Screen()).solve(0.5, 0.0)
     assert not state.warnings()
     assert any("validated up to" in one for one in heavy.warnings())
+
+
+def yielded(
+    x: float = 1e-5, area: float = 2e-4, h0: float = 0.01, pull: float = 0.01, ratio: float = 1.01
+) -> Accuracy:
+    """Accuracy of a state whose spots all yield."""
+    x_, h0_, pull_, ratio_ = (torch.tensor([value]) for value in (x, h0, pull, ratio))
+    return of_states("local", x_, h0_, pull_, ratio_, area)
+
+
+def test_the_interval_of_yielding_spots_is_in_proportion_to_what_the_voltage_adds() -> None:
+    weak, strong = yielded(ratio=1.01), yielded(ratio=1.02)
+    assert not weak.not_shown
+    assert 0 < float(weak.ratio) < 0.01
+    assert float(strong.ratio) / float(weak.ratio) == pytest.approx(log(1.02) / log(1.01), rel=1e-6)
+    assert float(yielded(pull=0.0, ratio=1.0).ratio) == 0
+    # An elastic contact of this load was compared with nothing.
+    assert float(accuracy("local", 1e-5, 0.01, 0.01, 1.01).ratio) == inf
+
+
+@pytest.mark.parametrize("place", range(4))
+@pytest.mark.parametrize("end", [0, 1])
+def test_nothing_is_claimed_of_yielding_spots_beyond_either_end(place: int, end: int) -> None:
+    name, ends = list(YIELDED.items())[place]
+    if ends[end] == 0:  # no attraction, and nothing to say of it
+        return
+    option, value = ("x", "area", "h0", "pull")[place], ends[end] * (1.01 if end else 0.99)
+    beyond = yielded(**{option: value})
+    (reason,) = beyond.not_shown
+    assert name in reason
+    assert float(beyond.ratio) == inf
+    if option != "pull":  # load and area count without voltage too
+        at_rest = yielded(**{option: value, "pull": 0.0, "ratio": 1.0})
+        assert (float(at_rest.mu) == inf) == (option != "h0")
+
+
+def test_rows_kept_out_of_the_choice_lie_in_the_interval_of_yielding_spots() -> None:
+    inside: dict[str, list[bool]] = defaultdict(list)
+    for row in compared():
+        inside[row.group or ""] += row.inside
+    kept_out = [group for group in inside if "kept out" in group]
+    assert len(kept_out) == 2
+    for group in kept_out:
+        assert len(inside[group]) >= 15
+        assert sum(inside[group]) >= 0.9 * len(inside[group])
+
+
+def test_a_dry_finger_has_an_interval_and_one_that_yields_in_part_has_none() -> None:
+    dry, screen = Finger.preset("dry"), Screen.preset("3m-sct3250")
+    state = ContactModel(dry, screen).solve([0.1, 0.5, 1.0], 200.0, 4000.0)
+    assert not state.accuracy.not_shown
+    assert not state.warnings()
+    ratio = state.mu / ContactModel(dry, screen).solve([0.1, 0.5, 1.0], 0.0, 4000.0).mu
+    assert bool((state.accuracy.ratio <= torch.log(ratio)).all())
+    # Ten times the hardness: elastic spots bear much of the load.
+    harder = ContactModel(dry.replace(hardness_pa=5e8), screen).solve(0.5, 200.0, 4000.0)
+    assert any("validated from 5e-05" in one for one in harder.accuracy.not_shown)
+    assert any("validated from 5e-05" in one for one in harder.warnings())
