@@ -106,7 +106,7 @@ class Cell:
 CELLS = (
     *(Cell(0.86, 2, band, points) for band, points in ((16, 1024), (64, 1024), (256, 2048))),
     *(Cell(0.86, 4, band, 1024) for band in (16, 64)),
-    Cell(0.75, 2, 64, 1024),
+    *(Cell(0.75, waves, 64, 1024) for waves in (2, 4)),
     # Halves the pixels of three surfaces.
     *(Cell(0.86, 2, band, points) for band, points in ((16, 2048), (64, 2048), (256, 4096))),
     Cell(0.86, 4, 64, 2048),

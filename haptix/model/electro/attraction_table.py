@@ -15,11 +15,12 @@ import torch
 from torch import Tensor
 
 from haptix.model.contact import MeanField
+from haptix.model.contact.area import PlasticSplit
 from haptix.model.contact.finite_size import Touching
 from haptix.model.contact.persson import LATTICE_STEP, GapHistogram
 from haptix.model.contact.tables import UniformCubic, polynomial, polynomial_with_slope
 from haptix.model.electro.attraction import Circuit, Lattice, Pull, bin_inverse
-from haptix.model.electro.widening import LARGEST_RISE, LOWER_NODES, LiftedGaps, by_rise
+from haptix.model.electro.widening import LARGEST_RISE, LOWER_NODES, LiftedGaps, by_rise, sunk
 
 _MARGIN = 3  # nodes beyond the ends, so that every slope in use has its full stencil
 _LIFTED_MARGIN = 2  # further nodes: lifted gaps are themselves differences from node to node
@@ -84,7 +85,12 @@ class AttractionTable:
 
     @classmethod
     def solve(
-        cls, contact: MeanField, lowest_pa: float, highest_pa: float, widened: bool = False
+        cls,
+        contact: MeanField,
+        lowest_pa: float,
+        highest_pa: float,
+        widened: bool = False,
+        split: Callable[[Tensor], PlasticSplit] | None = None,
     ) -> AttractionTable:
         """Tabulate from `lowest_pa` to `highest_pa`; `widened` also tabulates the lifted gaps.
 
@@ -96,22 +102,29 @@ class AttractionTable:
             Pressures [Pa] that the table must cover.
         widened : bool
             Whether the attraction widens the contact spots.
+        split : callable, optional
+            Areas that yield and that do not at pressures [Pa], where widened spots yield.
         """
         anchor = float(torch.log(contact.stress_rms_pa.detach()))
         margin = _MARGIN + _LIFTED_MARGIN
         first = floor((log(lowest_pa) - anchor) / LATTICE_STEP) - margin
         last = ceil((log(highest_pa) - anchor) / LATTICE_STEP) + margin
         log_pressure = contact.log_lattice(first, last)
-        gaps = GapHistogram(contact.gap_edges_m, contact.lattice_mass(first, last))
+        mass, edges_m = contact.lattice_mass(first, last), contact.gap_edges_m
         more = LOWER_NODES if widened else 0
         mean_gap = contact.lattice_mean_gap(first - more, last)
         lifted = None
         if widened:
-            area = contact.area_fraction(torch.exp(log_pressure))
-            lifted = LiftedGaps.of_table(gaps.edges_m, gaps.mass, area, mean_gap, LATTICE_STEP)
+            area, elastic = contact.area_fraction(torch.exp(log_pressure)), None
+            if split is not None:
+                yielding = split(torch.exp(log_pressure))
+                mass = sunk(edges_m, mass, (yielding.total - area).clamp(min=0.0))
+                area, elastic = yielding.total, yielding.elastic / yielding.total
+            lifted = LiftedGaps.of_table(edges_m, mass, area, mean_gap, LATTICE_STEP, elastic)
         log_gap = torch.log(mean_gap[more:].clamp(min=_TINY))
         log_mean_gap = UniformCubic.through(log_pressure[0], LATTICE_STEP, log_gap)
-        effects = None if lifted is None else (_LatticeEffects(gaps.edges_m, lifted), 0)
+        effects = None if lifted is None else (_LatticeEffects(edges_m, lifted), 0)
+        gaps = GapHistogram(edges_m, mass)
         return cls(contact, log_pressure, gaps, log_mean_gap, lifted, effects)
 
     def covers(self, lowest_pa: float, highest_pa: float) -> bool:

@@ -22,6 +22,8 @@ rank n is larger than a share n of the area, contact spots (A) included.
   over the reach. Between these limits a share ``z/(1 + z)`` of the lift counts; z follows from the
   factor ``(1 + z)^-2`` by which lifting all of these gaps would weaken their attraction. Below
   ranks of 0.03 A, v is a root that joins the mean field's own.
+- Skin that yields sinks until the narrowest gaps close and the area bears the load. The yielded
+  spots' area follows from the load alone: only that of elastic spots counts what acts beside them.
 """
 
 from __future__ import annotations
@@ -42,6 +44,7 @@ _FIXED_SHARE = 0.5  # of a lift by spots that stay as they are; the rest is that
 _NEAR_EDGE = 0.03  # of the spots' area: ranks below which the mean field has gaps of no width
 _STEEPEST = 4.0  # bound of v, above that of any gap: nearly empty bins have meaningless quotients
 _TINY = 1e-300
+_NONE_LEFT = 1e-9  # of gaps and edges where all of it yields: they need a logarithm
 # ln p_A/p0 at which the effect of an attraction is computed; between them it is a polynomial.
 _RISES = (0.0, 0.3, 0.9, 1.8, 2.8, 3.8, 4.8)
 LARGEST_RISE = _RISES[-1]
@@ -89,6 +92,30 @@ def edge_weight(area: Tensor, open_share: Tensor) -> Tensor:
     return 2 / pi * (angle - beyond)
 
 
+def sunk(edges_m: Tensor, mass: Tensor, closed: Tensor) -> Tensor:
+    """Gaps of skin that sinks until a share of the area has closed: all are narrower by as much.
+
+    Parameters
+    ----------
+    edges_m : Tensor, shape (bins + 1,)
+        Edges of the bins [m].
+    mass : Tensor, shape (nodes, bins)
+        Share of the area in each bin.
+    closed : Tensor, shape (nodes,)
+        Share of the area that closes.
+    """
+    narrower = torch.cat([torch.zeros_like(mass[:, :1]), mass.cumsum(-1)], -1)
+    closed = closed[:, None]
+    above = torch.searchsorted(narrower.detach(), closed.detach()).clamp(1, mass.shape[1])
+    low, high = narrower.gather(1, above - 1), narrower.gather(1, above)
+    part = ((closed - low) / (high - low).clamp(min=_TINY)).clamp(0.0, 1.0)
+    place = edges_m + torch.lerp(edges_m[above - 1], edges_m[above], part)
+    above = torch.searchsorted(edges_m, place.detach()).clamp(1, mass.shape[1])
+    part = ((place - edges_m[above - 1]) / (edges_m[above] - edges_m[above - 1])).clamp(0.0, 1.0)
+    left = torch.lerp(narrower.gather(1, above - 1), narrower.gather(1, above), part) - closed
+    return left.clamp(min=0.0).diff(dim=-1) + _NONE_LEFT * mass
+
+
 @dataclass(frozen=True)
 class LiftedGaps:
     """Gap distributions at the nodes of a table, for each of a few lifts."""
@@ -101,7 +128,13 @@ class LiftedGaps:
 
     @classmethod
     def of_table(
-        cls, edges_m: Tensor, mass: Tensor, area: Tensor, mean_gap_m: Tensor, step: float
+        cls,
+        edges_m: Tensor,
+        mass: Tensor,
+        area: Tensor,
+        mean_gap_m: Tensor,
+        step: float,
+        elastic: Tensor | None = None,
     ) -> LiftedGaps:
         """Lift the gaps of a table.
 
@@ -118,6 +151,8 @@ class LiftedGaps:
             needs.
         step : float
             Step of ln p from node to node.
+        elastic : Tensor, shape (nodes,), optional
+            Share of the spots' area that does not yield; None for all.
         """
         nodes, more = len(mass), len(mean_gap_m) - len(mass)
         rank = area[:, None] + torch.cat([torch.zeros_like(area)[:, None], mass.cumsum(-1)], -1)
@@ -138,6 +173,8 @@ class LiftedGaps:
         low = mean_gap_m[more:]
         edge = edge_weight(area[:, None], rank[:, 1:] - area[:, None])
         edge = torch.cat([edge[:, :1], edge.diff(dim=-1)], -1).clamp(min=0.0)
+        if elastic is not None:
+            edge = edge * elastic.clamp(min=_NONE_LEFT)[:, None]
         moved, lifted = torch.stack([mass, work, edge], 1), []
         for steps in _LIFT_STEPS:
             lift = (mean_gap_m[more - steps : more - steps + nodes] - low).clamp(min=0.0)

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from haptix.model.contact import ContactSpots, MeanField
-from haptix.model.contact.area import elastoplastic_area
+from haptix.model.contact.area import PlasticSplit, elastoplastic_area
 from haptix.model.electro import Pull, VoltageShare
 from haptix.model.fidelity.box import BoxedFinger
 from haptix.model.status import LIMITS, Status
@@ -53,8 +53,12 @@ class Contact:
         """A/A0 at pressures [Pa]: elastic, or elastoplastic where there is a hardness."""
         if self.hardness_pa is None:
             return self.field.area_fraction(pressure_pa)
+        return self.plastic_split(pressure_pa, self.hardness_pa).total
+
+    def plastic_split(self, pressure_pa: Tensor, hardness_pa: float | Tensor) -> PlasticSplit:
+        """A/A0 at pressures [Pa], of spots that yield at a hardness [Pa] and of the others."""
         spread = pressure_pa / self.field.area_argument(pressure_pa)
-        return elastoplastic_area(pressure_pa, spread, self.hardness_pa).total
+        return elastoplastic_area(pressure_pa, spread, hardness_pa)
 
     def yielded_area(self, pressure_pa: Tensor) -> Tensor:
         """A/A0 at pressures [Pa] where all contact spots yield, to 1 % of it; 0 elsewhere."""

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from math import inf, log, pi, sqrt
 
 import torch
@@ -247,23 +248,28 @@ class MeanFieldBalance(Fidelity):
     def __init__(self, contact: Contact) -> None:
         super().__init__(contact)
         # A table belongs to one autograd graph, and must not outlive it.
-        self._keeps_table = not contact.field.stress_variance.requires_grad
+        hardness = contact.hardness_pa
+        is_learned = isinstance(hardness, Tensor) and hardness.requires_grad
+        self._keeps_table = not (contact.field.stress_variance.requires_grad or is_learned)
         self._kept: AttractionTable | None = None
         self._log_mean_gap: UniformCubic | None = None
         self._touching: tuple[Tensor, Touching] | None = None
         self._widened = contact.contact_spots == "widened"
+        self._yields_at = hardness if self._widened else None
 
     def borrow(self, other: Fidelity) -> bool:
         """Use the table of another fidelity with the same mean field; return whether it did.
 
         Area fraction, finite size and contact spots may differ, since the table does not depend on
-        them; only widened spots need a table that was made for them.
+        them; only widened spots need a table that was made for them, and for their hardness.
         """
         if not isinstance(other, MeanFieldBalance) or other._kept is None:
             return False
         if self.contact.field is not other.contact.field:
             return False
         if self._widened and other._kept.lifted is None:
+            return False
+        if self._yields_at != other._yields_at:  # it closes gaps of the table
             return False
         self._kept, self._log_mean_gap = other._kept, other._log_mean_gap
         return True
@@ -357,7 +363,11 @@ class MeanFieldBalance(Fidelity):
                 return self._kept.part(low, high) if self._keeps_table else self._kept
             nodes = self._kept.log_pressure.exp()
             lowest, highest = min(low, float(nodes[0])), max(high, float(nodes[-1]))
-        table = AttractionTable.solve(self.contact.field, lowest, highest, self._widened)
+        hardness, split = self._yields_at, None
+        if hardness is not None:
+            split = partial(self.contact.plastic_split, hardness_pa=hardness)
+        field, widened = self.contact.field, self._widened
+        table = AttractionTable.solve(field, lowest, highest, widened, split)
         if not self._keeps_table:
             return table
         self._kept = table
