@@ -377,3 +377,14 @@ def test_a_surface_says_how_exact_its_theory_is() -> None:
     at_end = model.solve([0.3, 0.6], 45.0, h0_m=1e-7).accuracy.record()
     assert accuracy["ratio_percent"] == pytest.approx(at_end["ratio_percent"], rel=1e-3)
     assert accuracy["mu_percent"] > accuracy["ratio_percent"] > 1
+
+
+def test_a_surface_of_a_dry_finger_has_the_interval_of_spots_that_yield() -> None:
+    model = ContactModel(Finger.preset("dry"), Screen.preset("3m-sct3250"))
+    scene = {"normal_force_n": (0.1, 1.0), "voltage_v": (0.0, 200.0), "frequency_hz": 4000.0}
+    surface = FrictionSurface.build(model, scene, tolerance=1e-2)
+    cells = surface.intervals(torch.linspace(0.1, 1.0, 20))
+    assert surface.info["accuracy"]["not_shown"] == []
+    # The voltage adds 1 to 4 % to friction, and less than that is unknown.
+    assert bool(((cells.contrast_jnd > 0) & (cells.contrast_jnd < 0.04 / 0.11)).all())
+    assert bool((cells.mu_jnd < 1.5).all())
