@@ -52,7 +52,7 @@ TOLERANCE = 1e-5
 MOST_ROUNDS = 12
 WEAK_V = 30.0  # of the sine whose attraction counts as small
 NARROWEST = 64  # q1/q_r from which spots yield as the finger's
-LEAST_SURFACES = 5
+LEAST_SURFACES = 8
 FITTED_H, HELD_OUT_PA = 0.86, 10e3  # the interval was chosen on this H, without this load
 COLUMNS = (
     *("cell", "seed", "p0_pa", "area", "plastic_share", "gap_m"),

@@ -126,8 +126,7 @@ def of_states(
     )
     yielded_area = torch.as_tensor(yielded_area).to(ratio).expand_as(ratio)
     yields = yielded_area > 0
-    known = theory in (_YIELDED_RATIO_WIDTH if bool(yields.any()) else _RATIO_WIDTH)
-    if theory is None or not known:
+    if theory not in _RATIO_WIDTH:
         unknown = torch.full_like(ratio, inf)
         name = "this model" if theory is None else f'the theory "{theory}"'
         return Accuracy(unknown, unknown, (f"{name} has no comparison",))
@@ -139,9 +138,12 @@ def of_states(
     driven = pull_over_p0 > 0
     width = _RATIO_WIDTH[theory] * (_THIN / h0_over_h_rms).clamp(min=1.0) ** 0.7
     width = width * (_LIGHT / x).clamp(min=1.0)
-    width = torch.where(yields, _YIELDED_RATIO_WIDTH.get(theory, inf), width)
+    width = torch.where(yields, _YIELDED_RATIO_WIDTH.get(theory, 0.0), width)
     width = width * torch.log(ratio.clamp(min=1.0))
     reasons = beyond_validation(x, yielded_area, inf)
+    if theory not in _YIELDED_RATIO_WIDTH and bool(yields.any()):
+        at_rest, width = (torch.where(yields, inf, part) for part in (at_rest, width))
+        reasons.append(f'the theory "{theory}" has no comparison {_WHERE_YIELDED}')
     values = {"x": x, "A/A0": yielded_area, "h0/h_rms": h0_over_h_rms, _PULL: pull_over_p0}
     for ranges, kind, where in (
         (UNDER_VOLTAGE, driven & ~yields, "under voltage"),

@@ -154,6 +154,15 @@ def test_nothing_is_claimed_of_yielding_spots_beyond_either_end(place: int, end:
         assert (float(at_rest.mu) == inf) == (option != "h0")
 
 
+def test_yielding_spots_without_a_comparison_leave_the_others_of_a_batch_theirs() -> None:
+    x, h0, pull, ratio = torch.tensor([[1e-3, 1e-5], [0.3, 0.01], [2.0, 0.01], [3.0, 1.01]])
+    said = of_states("corrected", x, h0, pull, ratio, torch.tensor([0.0, 2e-4]))
+    alone = accuracy("corrected", 1e-3, 0.3, 2.0, 3.0)
+    assert said.ratio.tolist() == [float(alone.ratio), inf]
+    assert said.mu.tolist() == [float(alone.mu), inf]
+    assert said.not_shown == ('the theory "corrected" has no comparison where all spots yield',)
+
+
 def test_rows_kept_out_of_the_choice_lie_in_the_interval_of_yielding_spots() -> None:
     inside: dict[str, list[bool]] = defaultdict(list)
     for row in compared():
