@@ -63,6 +63,7 @@ LIBRARIES = {
         "haptix/base/native",
         (
             "haptix_block.c",
+            "haptix_contact.c",
             "haptix_engine.c",
             "haptix_fingers.c",
             "haptix_live.c",

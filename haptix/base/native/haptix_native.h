@@ -39,6 +39,26 @@ typedef struct {
 void hx_surface_evaluate(const hx_surface *surface, const double *voltage_v,
                          const double *const *log_place, int64_t n, double *mu, int64_t *status);
 
+/* The effect of attractions that widen contact spots, as polynomials of the rise ln p_A/p0 at nodes of
+ * ln p_A; see haptix.model.electro.attraction_table.WideningBranches. */
+typedef struct {
+    double start, step;              /* ln p_A [Pa] of the first node, and from node to node */
+    int64_t nodes, powers;           /* of ln p_A and of the rise */
+    const double *effect;            /* [columns][powers][3][nodes]: ln I, ln of the gaps' share, lift */
+    double least_rise, largest_rise; /* where the polynomials hold */
+    double log_widest;               /* ln of the largest p_A over applied pressure and gaps' pull */
+    double flattest, steepest;       /* bounds of the slope of ln of that sum */
+    int64_t by_contact;              /* whether each contact gets a row of its own, without powers */
+} hx_widening;
+
+/* Equilibria of n states at p0 [Pa] and ln of the largest applied pressure and gaps' pull of light
+ * contact; with `of_end` the strengths are shares of those at which that ends. `row` is room for 5
+ * rows of nodes. I of the gaps and the lift are those at the pressures. */
+void hx_widening_branches(const hx_widening *widening, int64_t n, const int64_t *column,
+                          const double *applied_pa, const double *log_limit, const double *strength,
+                          int64_t of_end, double *row, double *pressure_pa, double *strength_at_end,
+                          uint8_t *is_stable, double *gaps, double *lift);
+
 /* A surface at one frequency and thickness; see haptix.model.surface.interpolant.Slice. */
 typedef struct {
     int64_t forces, drives;

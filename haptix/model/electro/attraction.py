@@ -18,6 +18,7 @@ from typing import Self
 
 import torch
 from torch import Tensor
+from torch.nn.functional import embedding_bag
 
 from haptix.model.contact.persson import bin_inverse_square
 from haptix.model.electro.dielectric import VACUUM_PERMITTIVITY
@@ -391,8 +392,7 @@ class Pull:
         used, node = place.unique(return_inverse=True)
         if len(used) >= len(h0) * (_NODES_EACH if keeps else 1):
             return None
-        weights = weight.new_zeros(len(used), len(h0)).scatter(0, node.T, weight.T)
-        return Lattice(used, weights, h0.is_complex())
+        return Lattice(used, node, weight, h0.is_complex())
 
     def on_spots(self) -> Tensor:
         """Attraction per strength in a contact spot, for the columns of `own_column`."""
@@ -417,10 +417,29 @@ class Lattice:
 
     used: Tensor
     """Nodes, each a whole number, shape (nodes,)."""
+    near: Tensor
+    """Numbers in `used` of the nodes about each insulator, shape (columns, near)."""
     weights: Tensor
-    """Weight of each node, shape (nodes, columns)."""
+    """Weights of these nodes, of the same shape."""
     is_complex: bool
     """Whether h0 is complex."""
+
+    def interpolated(self, values: Tensor, rows: Tensor | None = None) -> Tensor:
+        """Return values at the insulators from those at nodes.
+
+        Parameters
+        ----------
+        values : Tensor, shape (nodes, ...)
+            Values at the nodes.
+        rows : Tensor, shape (used,), optional
+            The row of `values` of each node in use; by default they are in the order of `used`.
+        """
+        near = self.near if rows is None else rows[self.near]
+        mixed: Tensor = embedding_bag(
+            near, values.flatten(1), per_sample_weights=self.weights, mode="sum"
+        )
+        interpolated: Tensor = mixed.unflatten(1, values.shape[1:])
+        return interpolated
 
     def pull(self, gap_edges_m: Tensor, used: Tensor) -> Pull:
         """Return the attraction at some of the nodes, in the order given.

@@ -14,6 +14,7 @@ from math import ceil, exp, floor, log
 import torch
 from torch import Tensor
 
+from haptix.base.native import doubles, ffi, library, room
 from haptix.model.contact import MeanField
 from haptix.model.contact.area import PlasticSplit
 from haptix.model.contact.finite_size import Touching
@@ -28,6 +29,7 @@ _TINY = 1e-300
 _LIMIT_STEPS = 2
 _STEEPNESS = 0.05, 1.0  # bounds of the slope of ln(p0 + gaps' attraction) against ln p_A
 
+_ROWS = 5  # of nodes, as room for the library in C
 _CONTACTS_PER_COLUMN = 4  # up to which each contact has a table of its own
 _DRIVES = 8  # of each contact, from which it has one too
 _CONTACTS = 256  # whose tables are made together: their arrays fit the CPU's cache
@@ -52,7 +54,7 @@ class _LatticeEffects:
         self._kept: tuple[dict[tuple[bool, int], int], list[Tensor]] = {}, []
 
     def of(self, places: Lattice) -> Tensor:
-        """Return the effects at the nodes in use, shape (used, powers, 3, nodes)."""
+        """Return the effects at the insulators, shape (columns, powers, 3, nodes)."""
         keys = [(places.is_complex, node) for node in places.used.tolist()]
         rows, effects = self._kept if len(self._kept[0]) <= _MOST_EFFECTS else ({}, [])
         new = [number for number, key in enumerate(keys) if key not in rows]
@@ -64,7 +66,7 @@ class _LatticeEffects:
             effects = [torch.cat([*effects, more])]
             self._kept = rows, effects
         at = torch.tensor([rows[key] for key in keys], device=places.used.device)
-        return effects[0].index_select(0, at)
+        return places.interpolated(effects[0], at)
 
 
 @dataclass(frozen=True)
@@ -176,7 +178,7 @@ class AttractionTable:
         supply: Tensor | None = None,
         applied_pa: Tensor | None = None,
         by_contact: bool = False,
-    ) -> Attraction:
+    ) -> Attraction | WideningBranches:
         """Attraction of a batch of states against pressure.
 
         Parameters
@@ -213,28 +215,36 @@ class AttractionTable:
         supply: Tensor | None,
         applied_pa: Tensor,
         by_contact: bool,
-    ) -> WideningAttraction:
+    ) -> WideningAttraction | WideningBranches:
         log_applied, column = torch.log(applied_pa), pull.own_column
+        shares_rows = False
         if pull.column is None:  # every column belongs to one state, and so has one p0
             effect = by_rise(lifted, pull.on_gaps, self._rise(log_applied).T)
+            powers, skipped = effect.permute(3, 1, 0, 2), 0
         else:
-            powers = self._by_powers(lifted, pull, by_contact)
+            powers, skipped = self._by_powers(lifted, pull, by_contact)
             first = torch.ones_like(column, dtype=torch.bool)
             first[1:] = (column[1:] != column[:-1]) | (applied_pa[1:] != applied_pa[:-1])
             most = max(_CONTACTS_PER_COLUMN * len(powers), len(column) // _DRIVES)
-            if by_contact and supply is None and int(first.sum()) <= most:
-                # Contacts whose states differ in the drive alone: each has one p0.
-                of_contact, each = first.nonzero()[:, 0], powers.unbind(1)
-                rise = self._rise(log_applied[of_contact])[:, None]
-                parts = column[of_contact].split(_CONTACTS), rise.split(_CONTACTS)
-                effects = [_at_rise(each, *part) for part in zip(*parts, strict=True)]
-                effect = torch.cat(effects).permute(1, 2, 0)[:, None].contiguous()
-                column = first.cumsum(0) - 1
-            else:
-                effect = powers.permute(2, 1, 3, 0).contiguous()
-                if supply is not None:
-                    effect = effect[..., column]
-                    column = torch.arange(len(column), device=column.device)
+            shares_rows = by_contact and supply is None and int(first.sum()) <= most
+        recorded = [powers, applied_pa, pull.strength]
+        recorded += [] if touching is None else [touching.log_pressure]
+        if supply is None and not any(part.requires_grad or part.is_cuda for part in recorded):
+            start = float(self.log_pressure[0]) - skipped * LATTICE_STEP
+            return WideningBranches(start, powers, column, touching, by_contact)
+        powers = powers[..., skipped : skipped + len(self.log_pressure)]
+        if shares_rows:  # contacts whose states differ in the drive alone: each has one p0
+            of_contact, each = first.nonzero()[:, 0], powers.unbind(1)
+            rise = self._rise(log_applied[of_contact])[:, None]
+            parts = column[of_contact].split(_CONTACTS), rise.split(_CONTACTS)
+            effects = [_at_rise(each, *part) for part in zip(*parts, strict=True)]
+            effect = torch.cat(effects).permute(1, 2, 0)[:, None].contiguous()
+            column = first.cumsum(0) - 1
+        else:
+            effect = powers.permute(2, 1, 3, 0).contiguous()
+            if supply is not None:
+                effect = effect[..., column]
+                column = torch.arange(len(column), device=column.device)
         total, pulled, lift = (self._against_pressure(part.movedim(0, 1)) for part in effect)
         log_supply = None if supply is None else self._against_pressure(supply)
         return WideningAttraction(
@@ -246,20 +256,18 @@ class AttractionTable:
         rise = self.log_pressure - log_applied[:, None]
         return rise.clamp(-_MARGIN * LATTICE_STEP, LARGEST_RISE)
 
-    def _by_powers(self, lifted: LiftedGaps, pull: Pull, by_contact: bool) -> Tensor:
-        """Coefficients of `by_rise`, shape (columns, powers, 3, nodes)."""
+    def _by_powers(self, lifted: LiftedGaps, pull: Pull, by_contact: bool) -> tuple[Tensor, int]:
+        """Coefficients of `by_rise`, shape (columns, powers, 3, nodes), and nodes to skip first."""
         places = pull.on_lattice(keeps=by_contact)
         if places is None:
-            return by_rise(lifted, pull.on_gaps).permute(3, 1, 0, 2).contiguous()
+            return by_rise(lifted, pull.on_gaps).permute(3, 1, 0, 2).contiguous(), 0
         # The effect is smooth in h0, and an interpolation is far cheaper than computing it.
         if self.kept_effects is None or lifted.mass.requires_grad:
             lattice = places.pull(self.gaps.edges_m, places.used)
             effect = by_rise(lifted, lattice.on_gaps).permute(3, 1, 0, 2)
-        else:
-            effects, start = self.kept_effects
-            effect = effects.of(places)[..., start : start + len(self.log_pressure)]
-        powers: Tensor = torch.tensordot(places.weights, effect, dims=([0], [0]))
-        return powers
+            return places.interpolated(effect), 0
+        effects, start = self.kept_effects
+        return effects.of(places), start
 
     def supply(
         self,
@@ -489,6 +497,76 @@ class WideningAttraction(Attraction):
         values, by_rise = polynomial_with_slope(cubics.unbind(1), self._rise(at))
         value, slope = polynomial_with_slope(values.unbind(), t)
         return value, slope / table.step + polynomial(by_rise.unbind(), t)
+
+
+@dataclass(frozen=True)
+class WideningBranches:
+    """The same attractions as plain numbers, whose equilibria the library in C finds.
+
+    It takes the steps that torch takes with a `WideningAttraction`, where gradients are recorded.
+    """
+
+    start: float
+    """ln p_A [Pa] of the first node."""
+    powers: Tensor
+    """Coefficients of `by_rise`, shape (columns, powers, 3, nodes)."""
+    column: Tensor
+    """The column of each state."""
+    touching: Touching | None
+    """Finite size of each state."""
+    by_contact: bool
+    """Whether states that differ in the drive alone share one function of ln p_A."""
+
+    def solve(
+        self, applied_pa: Tensor, strength: Tensor, log_limit: Tensor, of_end: bool
+    ) -> tuple[Tensor, ...]:
+        """Return the fields of `haptix.model.fidelity.mean_field.Equilibrium`, in their order.
+
+        Parameters
+        ----------
+        applied_pa, strength : Tensor, shape (states,)
+            p0 [Pa] and c [N].
+        log_limit : Tensor, shape (states,)
+            ln of applied pressure plus gaps' attraction at which light contact ends.
+        of_end : bool
+            Whether the strength is a share of the one at which light contact ends.
+        """
+        effect = doubles(self.powers.numpy())
+        table = ffi.new(
+            "hx_widening *",
+            {
+                "start": self.start,
+                "step": LATTICE_STEP,
+                "nodes": self.powers.shape[-1],
+                "powers": self.powers.shape[1],
+                "effect": effect,
+                "least_rise": -_MARGIN * LATTICE_STEP,
+                "largest_rise": LARGEST_RISE,
+                "log_widest": log(WIDEST),
+                "flattest": _STEEPNESS[0],
+                "steepest": _STEEPNESS[1],
+                "by_contact": self.by_contact,
+            },
+        )
+        solved = [torch.empty_like(applied_pa) for _ in range(4)]
+        stable = torch.empty(len(applied_pa), dtype=torch.bool)
+        pressure, at_end, gaps, lift = (doubles(part.numpy()) for part in solved)
+        library.hx_widening_branches(
+            table,
+            len(applied_pa),
+            ffi.from_buffer("int64_t *", self.column.contiguous().numpy()),
+            *(doubles(part.numpy()) for part in (applied_pa, log_limit, strength)),
+            of_end,
+            room(_ROWS * self.powers.shape[-1])[1],
+            pressure,
+            at_end,
+            ffi.from_buffer("uint8_t *", stable.numpy()),
+            gaps,
+            lift,
+        )
+        of_gap = torch.log(solved[0]) - solved[3].clamp(min=0.0)
+        of_gap = of_gap if self.touching is None else self.touching.of_gap(of_gap)
+        return solved[0], solved[1], stable, solved[2], of_gap
 
 
 def _at_rise(powers: Sequence[Tensor], column: Tensor, rise: Tensor) -> Tensor:

@@ -26,7 +26,7 @@ from torch import Tensor
 from haptix.model.contact.finite_size import Touching
 from haptix.model.contact.tables import UniformCubic
 from haptix.model.electro import Attraction, AttractionTable
-from haptix.model.electro.attraction_table import WIDEST
+from haptix.model.electro.attraction_table import WIDEST, WideningBranches
 from haptix.model.fidelity.balance import (
     LIGHT_CONTACT_LIMIT,
     Ability,
@@ -56,10 +56,17 @@ class Equilibrium:
     """Largest c = eps0 V0^2 / 4 [N] at which the contact is light."""
     is_stable: Tensor
     """True where a solution exists on the lowest branch."""
+    gaps: Tensor
+    """I of the gaps alone."""
+    log_gap_pressure: Tensor
+    """ln of the pressure [Pa] whose mean gap the contact has."""
 
 
 def lowest_branch(
-    applied_pa: Tensor, strength: Tensor, attraction: Attraction, of_end: bool = False
+    applied_pa: Tensor,
+    strength: Tensor,
+    attraction: Attraction | WideningBranches,
+    of_end: bool = False,
 ) -> Equilibrium:
     """Solve a flat batch of states.
 
@@ -77,7 +84,10 @@ def lowest_branch(
     light = torch.log(applied_pa)
     if attraction.touching is not None:
         light = attraction.touching.of_gap(light)
-    log_limit = attraction.limit(light + log(LIGHT_CONTACT_LIMIT))
+    light = light + log(LIGHT_CONTACT_LIMIT)
+    if isinstance(attraction, WideningBranches):
+        return Equilibrium(*attraction.solve(applied_pa, strength, light, of_end))
+    log_limit = attraction.limit(light)
     log_fold = _first_fold(applied_pa, attraction, log_limit)
     log_end = log_limit if log_fold is None else torch.minimum(log_fold, log_limit)
     end = torch.exp(log_end)
@@ -98,10 +108,14 @@ def lowest_branch(
     stiffness = (1 - strength * slope / pressure).detach()
     usable = stable & (stiffness > 1e-9)
     step = mismatch / torch.where(usable, stiffness, torch.ones_like(stiffness))
-    return Equilibrium(torch.where(usable, pressure - step, end), bearable, stable)
+    pressure = torch.where(usable, pressure - step, end)
+    at = torch.log(pressure)
+    return Equilibrium(pressure, bearable, stable, attraction.gaps(at), attraction.of_gap(at))
 
 
-def end_of_voltage(applied_pa: Tensor, attraction: Callable[[Tensor], Attraction]) -> Tensor:
+def end_of_voltage(
+    applied_pa: Tensor, attraction: Callable[[Tensor], Attraction | WideningBranches]
+) -> Tensor:
     """Strength at which light contact ends where I(p) itself falls with the strength.
 
     Parameters
@@ -303,31 +317,28 @@ class MeanFieldBalance(Fidelity):
         # Discharge limits the gaps at the voltage on the contact at rest: no state has more.
         rest = table.at(supply, load.applied_pa)
 
-        def at(strength: Tensor) -> Attraction:
+        def at(strength: Tensor) -> Attraction | WideningBranches:
             attracted = pull.held(strength * rest)
             return table.attraction(
                 attracted, spots, touching, supply, load.applied_pa, by_contact=load.of_end
             )
 
-        attraction = at(pull.strength)
-        equilibrium = lowest_branch(load.applied_pa, pull.strength, attraction, load.of_end)
+        equilibrium = lowest_branch(load.applied_pa, pull.strength, at(pull.strength), load.of_end)
         end = equilibrium.strength_at_end
         if pull.most_pa is not None:
             end = end_of_voltage(load.applied_pa, at)
         pressure = equilibrium.pressure_pa
         area = area_fraction(pressure)
-        log_pressure = torch.log(pressure)
-        of_gap = attraction.of_gap(log_pressure)
         # A state past the end of its branch has the values at the end, and so the voltage there.
         strength = pull.strength * equilibrium.strength_at_end if load.of_end else pull.strength
         strength = torch.minimum(strength, equilibrium.strength_at_end)
-        left = attraction.supply(log_pressure)
+        left = table.at(supply, pressure)
         return Balance(
             pressure_pa=pressure,
             area_fraction=area,
-            gap_attraction_pa=strength * attraction.gaps(log_pressure),
+            gap_attraction_pa=strength * equilibrium.gaps,
             spot_attraction_pa=strength * left * area * pull.on_spots()[pull.own_column],
-            mean_gap_m=torch.exp(table.log_mean_gap(of_gap)),
+            mean_gap_m=torch.exp(table.log_mean_gap(equilibrium.log_gap_pressure)),
             strength_at_end=end,
             is_stable=equilibrium.is_stable,
             voltage_share=left.sqrt(),

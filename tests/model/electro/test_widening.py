@@ -143,7 +143,8 @@ def test_tables_are_near_each_state_on_its_own(field: MeanField, x: float, relat
         spot=shared.spot.expand(40, -1),
         column=None,
     )
-    one, other = (table.attraction(pull, applied_pa=p0)(log_p)[0] for pull in (shared, own))
+    recorded = p0.clone().requires_grad_()  # for the form that torch evaluates
+    one, other = (table.attraction(pull, applied_pa=recorded)(log_p)[0] for pull in (shared, own))
     # Seven rises from 0 to 4.8 carry the polynomial, up to 30 p0 here: the end of light contact.
     assert other.tolist() == pytest.approx(one.tolist(), rel=3e-3)
 
@@ -280,6 +281,45 @@ def test_states_do_not_depend_on_their_batch(model: ContactModel) -> None:
     together = model.solve(forces, volts).mu
     alone = torch.stack([model.solve(f, v).mu for f, v in zip(forces, volts, strict=True)])
     assert torch.allclose(together, alone, rtol=1e-12)
+
+
+@pytest.mark.parametrize("preset", ["semi-wet", "dry"])
+@pytest.mark.parametrize("is_finite", [True, False])
+def test_values_are_those_that_carry_gradients(preset: str, is_finite: bool) -> None:
+    """The library in C finds the states without gradients, torch those with them.
+
+    Both take the same steps in another order of rounding, which the stiffness near a fold enlarges:
+    1e-9 is far above that, and far below the error of the tables.
+    """
+    usual = ContactModel(Finger.preset(preset), Screen.preset("3m-sct3250"))
+    terms = usual.terms if is_finite else usual.terms - {"finite-size"}
+    model = ContactModel(usual.finger, usual.screen, terms=terms)
+    generator = torch.Generator().manual_seed(7)
+
+    def draw(low: float, high: float, *shape: int) -> torch.Tensor:
+        share = torch.rand(shape, generator=generator, dtype=torch.float64)
+        return low * (high / low) ** share
+
+    # To loads of nearly complete contact, whose branches end at a fold.
+    force, volts = draw(1e-3, 30.0, 60), draw(1.0, 200.0, 60)
+    insulators = {"frequency_hz": draw(60, 1e4, 60), "h0_m": draw(1e-8, 1e-6, 60)}
+    drives = torch.linspace(0, 1.2, 8, dtype=torch.float64)  # 1, the fold itself, would magnify
+    contacts = {name: values[:, None] for name, values in insulators.items()}
+    pairs = [
+        [model.solve(f, volts, **insulators) for f in (force, force.clone().requires_grad_())],
+        [
+            model.at_drive(f[:, None], drives, **contacts)
+            for f in (force, force.clone().requires_grad_())
+        ],
+        [model.solve(f, volts) for f in (force, force.clone().requires_grad_())],
+    ]
+    for plain, recorded in pairs:
+        assert recorded.mu.requires_grad and not plain.mu.requires_grad
+        assert torch.equal(plain.status, recorded.status)
+        for name in ("mu", "pressure_pa", "gap_attraction_pa", "mean_gap_m", "pull_in_voltage_v"):
+            torch.testing.assert_close(
+                getattr(plain, name), getattr(recorded, name).detach(), rtol=1e-9, atol=0
+            )
 
 
 def test_gradients_are_those_of_differences(model: ContactModel) -> None:
