@@ -52,7 +52,7 @@ typedef struct {
 } hx_widening;
 
 /* Equilibria of n states at p0 [Pa] and ln of the largest applied pressure and gaps' pull of light
- * contact; with `of_end` the strengths are shares of those at which that ends. `row` is room for 5
+ * contact; with `of_end` the strengths are shares of those at which that ends. `row` is room for 7
  * rows of nodes. I of the gaps and the lift are those at the pressures. */
 void hx_widening_branches(const hx_widening *widening, int64_t n, const int64_t *column,
                           const double *applied_pa, const double *log_limit, const double *strength,

@@ -29,7 +29,9 @@ _TINY = 1e-300
 _LIMIT_STEPS = 2
 _STEEPNESS = 0.05, 1.0  # bounds of the slope of ln(p0 + gaps' attraction) against ln p_A
 
-_ROWS = 5  # of nodes, as room for the library in C
+# States, and states per column, from which torch's cubics of whole columns are the cheaper way.
+_STATES, _STATES_PER_COLUMN = 2048, 32
+_ROWS = 7  # of nodes, as room for the library in C
 _CONTACTS_PER_COLUMN = 4  # up to which each contact has a table of its own
 _DRIVES = 8  # of each contact, from which it has one too
 _CONTACTS = 256  # whose tables are made together: their arrays fit the CPU's cache
@@ -217,23 +219,24 @@ class AttractionTable:
         by_contact: bool,
     ) -> WideningAttraction | WideningBranches:
         log_applied, column = torch.log(applied_pa), pull.own_column
-        shares_rows = False
         if pull.column is None:  # every column belongs to one state, and so has one p0
             effect = by_rise(lifted, pull.on_gaps, self._rise(log_applied).T)
             powers, skipped = effect.permute(3, 1, 0, 2), 0
         else:
             powers, skipped = self._by_powers(lifted, pull, by_contact)
-            first = torch.ones_like(column, dtype=torch.bool)
-            first[1:] = (column[1:] != column[:-1]) | (applied_pa[1:] != applied_pa[:-1])
-            most = max(_CONTACTS_PER_COLUMN * len(powers), len(column) // _DRIVES)
-            shares_rows = by_contact and supply is None and int(first.sum()) <= most
         recorded = [powers, applied_pa, pull.strength]
         recorded += [] if touching is None else [touching.log_pressure]
-        if supply is None and not any(part.requires_grad or part.is_cuda for part in recorded):
+        is_plain = not any(part.requires_grad or part.is_cuda for part in recorded)
+        is_few = by_contact or len(column) < _STATES + _STATES_PER_COLUMN * len(powers)
+        if supply is None and is_plain and is_few:
             start = float(self.log_pressure[0]) - skipped * LATTICE_STEP
             return WideningBranches(start, powers, column, touching, by_contact)
         powers = powers[..., skipped : skipped + len(self.log_pressure)]
-        if shares_rows:  # contacts whose states differ in the drive alone: each has one p0
+        first = torch.ones_like(column, dtype=torch.bool)
+        first[1:] = (column[1:] != column[:-1]) | (applied_pa[1:] != applied_pa[:-1])
+        most = max(_CONTACTS_PER_COLUMN * len(powers), len(column) // _DRIVES)
+        if by_contact and supply is None and int(first.sum()) <= most:
+            # Contacts whose states differ in the drive alone: each has one p0.
             of_contact, each = first.nonzero()[:, 0], powers.unbind(1)
             rise = self._rise(log_applied[of_contact])[:, None]
             parts = column[of_contact].split(_CONTACTS), rise.split(_CONTACTS)
