@@ -54,7 +54,8 @@ _READ_BACK_TOLERANCE = 3000
 _CONVERTED_HZ = 4000
 # So few bytes that no queue overflows, whichever frames they hold.
 _LEAST_PIECE_BYTES = 512
-_STREAM, _RAMP = np.uint8(Output.STREAM), np.uint8(Output.RAMP)
+# By the kind of an output sample: whether it is one of the stream or of a ramp.
+_IS_PLAYED = np.isin(np.arange(256) & ~LINE, (Output.STREAM, Output.RAMP))
 
 
 class MockConverter:
@@ -172,12 +173,14 @@ class MockConverter:
 
     def _current(self, sent: Codes, about: CapabilitiesReport) -> npt.NDArray[np.float64]:
         """Return the current of output samples, in codes of the converter, without noise."""
-        volts = np.concatenate([[self._before], sent]) * about.full_scale_mv / 1e3 / FULL_SCALE_CODE
+        volts = np.empty(sent.size + 1)
+        volts[0], volts[1:] = self._before, sent
+        volts *= about.full_scale_mv / 1e3 / FULL_SCALE_CODE
         self._before = int(sent[-1])
         # Of a sine, v(t) cos(x) - v(t - dt) is sin(x) times v a quarter later, x = 2 pi f dt.
         turn = 2 * math.pi * self.carrier_hz / about.output_rate_hz
         ahead = (volts[1:] * math.cos(turn) - volts[:-1]) / math.sin(turn)
-        amplitude_v = float(np.sqrt((volts[1:] ** 2 + ahead**2).max()))
+        amplitude_v = math.sqrt((volts[1:] ** 2 + ahead**2).max())
         self._played += sent.size
         time_s = self._played / about.output_rate_hz
         farads = self.farads(amplitude_v, time_s) if callable(self.farads) else self.farads
@@ -186,9 +189,13 @@ class MockConverter:
         return current / self.full_scale_a * FULL_SCALE_CODE
 
     def _convert(self, current: npt.NDArray[np.float64]) -> Codes:
-        noisy = current + self._random.normal(0.0, self._noise_codes, current.size)
-        rounded = np.round(noisy / self._step) * self._step
-        return np.asarray(np.clip(rounded, -32768, 32768 - self._step), np.int16)
+        codes = current + self._random.normal(0.0, self._noise_codes, current.size)
+        codes /= self._step
+        np.rint(codes, out=codes)
+        codes *= self._step
+        np.maximum(codes, -32768, out=codes)
+        np.minimum(codes, 32768 - self._step, out=codes)
+        return codes.astype(np.int16)
 
 
 class MockDriver:
@@ -350,7 +357,7 @@ class MockDriver:
         The 0 V between streams and the samples held in an underrun are left out.
         """
         codes, kinds = self.output
-        return codes[_is_played(kinds)]
+        return codes[_IS_PLAYED[kinds]]
 
     @property
     def played_v(self) -> npt.NDArray[np.float64]:
@@ -476,18 +483,13 @@ class MockDriver:
             if raw is not None:
                 self.core.sense(codes, raw)
         self._ticks += codes.size
-        self._played += int(np.count_nonzero(_is_played(kinds)))
+        self._played += int(np.count_nonzero(_IS_PLAYED[kinds]))
         self._pieces.append((codes, kinds))
         self._remembered += codes.size
         while len(self._pieces) > 1 and (
             self._remembered - self._pieces[0][0].size >= self._kept_ticks
         ):
             self._remembered -= self._pieces.popleft()[0].size
-
-
-def _is_played(kinds: Kinds) -> npt.NDArray[np.bool_]:
-    kind = kinds & ~np.uint8(LINE)
-    return np.asarray((kind == _STREAM) | (kind == _RAMP))
 
 
 def _whole(
