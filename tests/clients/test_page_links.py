@@ -18,12 +18,14 @@ from firmware_io.protocol import DeviceState, FaultCode
 from tests.chromium import chromium
 from tests.clients.driver_page import served
 from tests.made_clients import ROOT
+from tests.steady_clock import SteadyClock
 from tests.waiting import wait_for
 
 KINDS = ["usb", "hid", "serial"]
 RATE_HZ = 16_000  # what all of them carry
-#: The mock's clock beside this machine's: a page that waits for a processor leaves nothing dry.
-PACE = 0.2
+#: The mock's clock beside this machine's, and how much of this machine's time counts at a look: a
+#: page that waits for a processor leaves nothing dry, and where all waits the clock does too.
+PACE, LONGEST_S = 0.2, 0.004
 CODE_V = 250.0 / 32767
 ENDS_S = 0.105  #: the watchdog that a page asks for, and a ramp
 
@@ -36,7 +38,7 @@ def address():
 
 @pytest.fixture
 def driver():
-    return MockDriver(sample_rate_hz=RATE_HZ, pace="real", clock=lambda: PACE * time.perf_counter())
+    return MockDriver(sample_rate_hz=RATE_HZ, pace="real", clock=SteadyClock(LONGEST_S, PACE))
 
 
 @pytest.fixture
