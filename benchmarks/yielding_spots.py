@@ -45,6 +45,7 @@ DRY = Roughness()  # of the presets
 SKIN = Layered(1e9, 0.3, 200e-6, 10e3, 0.5)  # of the dry preset
 HARDNESS_PA = 50e6
 LOADS_PA = (25e3, 10e3, 5e3, 2.5e3)  # of 0.1 to 1 N: 3 to 22 kPa
+OUTER_PA = (60e3, 1.5e3)  # of 0.05 and 3 N
 # h0/h_rms of the preset on the 3M screen, and on a quarter of its insulator: 0.003 to 0.0145.
 INSULATORS = (0.003, 0.0045, 0.0065, 0.01, 0.015)
 H_RMS_M, Q_ROLLOFF, WIDEST = float(DRY.h_rms_m), DRY.q_rolloff_per_m, 256
@@ -68,11 +69,13 @@ class Cell:
     waves: int  # of the roll-off along the box
     band: int  # q1/q_r
     points: int
+    loads_pa: tuple[float, ...] = LOADS_PA
 
     @property
     def name(self) -> str:
         """All of it in a word."""
-        return f"{100 * self.hurst:.0f}_{self.waves}_{self.band}_{self.points}"
+        outer = "" if self.loads_pa == LOADS_PA else "_outer"
+        return f"{100 * self.hurst:.0f}_{self.waves}_{self.band}_{self.points}{outer}"
 
     @property
     def side_m(self) -> float:
@@ -107,6 +110,7 @@ CELLS = (
     *(Cell(0.86, 2, band, points) for band, points in ((16, 1024), (64, 1024), (256, 2048))),
     *(Cell(0.86, 4, band, 1024) for band in (16, 64)),
     *(Cell(0.75, waves, 64, 1024) for waves in (2, 4)),
+    *(Cell(h, waves, 64, 1024, OUTER_PA) for h, waves in ((0.86, 2), (0.86, 4), (0.75, 4))),
     # Halves the pixels of three surfaces.
     *(Cell(0.86, 2, band, points) for band, points in ((16, 2048), (64, 2048), (256, 4096))),
     Cell(0.86, 4, 64, 2048),
@@ -121,7 +125,7 @@ def solve(cell: Cell, seed: int) -> list[list[float]]:
     """Rows of one surface at all loads: p0, A/A0, share of it that yields, mean gap, I(h0)."""
     height, problem = cell.heights(seed), cell.problem(HARDNESS_PA)
     scale, start, rows = torch.tensor([H_RMS_M], dtype=torch.float64), None, []
-    for load in LOADS_PA:
+    for load in cell.loads_pa:
         solved = problem.solve(height, torch.full_like(scale, load), scale, TOLERANCE, start)
         if not bool(solved.converged):
             raise RuntimeError(f"{cell.name}, seed {seed}, {load:g} Pa: not solved")

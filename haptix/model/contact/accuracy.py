@@ -37,8 +37,8 @@ UNDER_VOLTAGE = {"x": (1e-4, 5e-2), "h0/h_rms": (0.006, 1.0), _PULL: (0.0, 20.0)
 """Ranges in which theory and boundary elements were compared under voltage."""
 
 YIELDED = {
-    "x": (8e-7, 2.6e-5),
-    "A/A0": (5e-5, 5e-4),
+    "x": (5e-7, 6.2e-5),
+    "A/A0": (3e-5, 1.2e-3),
     "h0/h_rms": (0.003, 0.015),
     _PULL: (0.0, 0.2),
 }
