@@ -11,6 +11,8 @@ from itertools import pairwise, product
 from math import floor, inf, log, log2, prod, sqrt
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
 import torch
 from torch import Tensor
 
@@ -35,6 +37,7 @@ from haptix.model.surface.file import surface_key
 from haptix.model.surface.interpolant import Interpolant
 from haptix.model.surface.tolerance import Tolerance
 
+Array = npt.NDArray[np.float64]
 CellError = Callable[[int, int], float]
 """Largest error inside a cell between two points; it grows with the cell."""
 
@@ -82,29 +85,36 @@ def fewest_nodes(points: int, error: CellError, tolerance: float) -> list[int]:
 
 def _longest_cells(points: int, error: CellError, tolerance: float, most: int) -> list[int]:
     """Nodes from the first point on, up to the last point, but no more than `most`."""
-    nodes = [0]
+    nodes, length = [0], 2
     while nodes[-1] < points - 1 and len(nodes) < most:
         start, good, bad = nodes[-1], nodes[-1] + 1, points
-        reach = 2
-        while good < bad - 1:  # doubling first: most cells are short
-            end = min(start + reach, (good + bad) // 2 if bad < points else points - 1)
-            end = max(end, good + 1)
+        # Neighbouring cells have similar lengths: from that of the last one by growing strides,
+        # upwards or downwards, then by halves.
+        end, stride = start + length, 1
+        while good < bad - 1:
+            end = min(max(end, good + 1), bad - 1)
             if error(start, end) <= tolerance:
-                good, reach = end, 2 * reach
+                good, end = end, end + stride
             else:
-                bad = end
+                bad, end = end, end - stride
+            stride *= 2
+            if bad < points and good > start + 1:
+                end = (good + bad) // 2
         nodes.append(good)
+        length = good - start
     return nodes
 
 
-def chord_error(values: Tensor, at: Tensor, start: int, end: int) -> Tensor:
-    """Chord minus curve inside a cell, shape (inner points, ...).
+def chord_error(values: Array, at: Array, start: int, end: int) -> Array:
+    """Chord minus curve inside a cell, shape (inner points, curves).
 
-    The curves have `values`, shape (points, ...), at positions `at`, shape (points,).
+    The curves have `values`, shape (points, curves), at positions `at`, shape (points,). Cells are
+    short and many: numpy takes a third of torch's time for them.
     """
     share = (at[start + 1 : end] - at[start]) / (at[end] - at[start])
-    share = share.reshape(-1, *([1] * (values.ndim - 1)))
-    return torch.lerp(values[start], values[end], share) - values[start + 1 : end]
+    chord = share[:, None] * (values[end] - values[start])
+    error: Array = chord + (values[start] - values[start + 1 : end])
+    return error
 
 
 @dataclass(frozen=True)
@@ -178,6 +188,8 @@ class Pilot:
     """ln of the axis, or the drive, shape (points,)."""
     error: CellError
     """Largest error of mu between two points that become nodes, in units of the tolerance."""
+    columns: SolvedColumns | None = None
+    """The lines' columns at the points of an axis, shape (points, lines)."""
 
 
 @dataclass(frozen=True)
@@ -306,34 +318,44 @@ class Sampler:
         unit: UnitInMu,
         boundary_error: float,
         also: Mapping[str, Tensor | None],
+        before: SolvedColumns | None = None,
     ) -> Pilot:
         """Solve lines along one axis, some of them through the places of `also`.
 
-        `boundary_error` is the error of ln V_breakdown per unit.
+        `boundary_error` is the error of ln V_breakdown per unit. The columns `before` are those at
+        every second point.
         """
         values = self.positions(name, points)
         places = _joined(self._lines(without=name), also)
-        places[name] = values[:, None]
+        places[name] = values[1::2, None] if before else values[:, None]
         drive = torch.linspace(0, last_drive, _LEVELS, dtype=torch.float64)
         columns = self.columns(places, drive)
+        if before:
+            is_known = (torch.arange(points) % 2 == 0)[:, None].expand(-1, columns.inverse.shape[1])
+            flat = SolvedColumns(*(part.flatten(0, 1) for part in vars(columns).values()))
+            columns = before.with_more(flat, is_known)
         at, inverse = torch.log(values), columns.inverse
         slope = torch.gradient(inverse, spacing=(drive,), dim=-1)[0]
         level = torch.minimum(drive, self.top(columns)[..., None])
         weight = 1 / (inverse**2 * unit(-1 / inverse))
         # An error of the pull-in voltage shifts the drive, and so tilts the friction.
         tilt = 2 * level * slope * weight
-        boundary = columns.log_breakdown / boundary_error
+        boundary = torch.zeros_like(columns.log_pull_in)
+        if self.limited_by:
+            boundary = columns.log_breakdown / boundary_error
+        # The curves of each line: -1/mu at each drive, and the logarithms of two voltages.
+        curves = torch.cat([inverse, torch.stack([columns.log_pull_in, boundary], -1)], -1)
+        lines, at_of, curves_of = inverse.shape[1], at.numpy(), curves.flatten(1).numpy()
+        weights, tilts = weight.numpy(), tilt.numpy()
 
         def error(start: int, end: int) -> float:
             inner = slice(start + 1, end)
-            wrong = chord_error(inverse, at, start, end) * weight[inner]
-            shift = chord_error(columns.log_pull_in, at, start, end)[..., None]
-            worst = float((wrong - shift * tilt[inner]).abs().max())
-            if not self.limited_by:
-                return worst
-            return max(worst, float(chord_error(boundary, at, start, end).abs().max()))
+            wrong = chord_error(curves_of, at_of, start, end).reshape(-1, lines, _LEVELS + 2)
+            shift, of_boundary = wrong[..., _LEVELS, None], wrong[..., _LEVELS + 1]
+            in_units = wrong[..., :_LEVELS] * weights[inner] - shift * tilts[inner]
+            return float(max(np.abs(in_units).max(), np.abs(of_boundary).max()))
 
-        return Pilot(at, error)
+        return Pilot(at, error, columns)
 
     def along_drive(
         self, points: int, last_drive: float, unit: UnitInMu, also: Mapping[str, Tensor | None]
@@ -351,11 +373,12 @@ class Sampler:
         at_top = inverse.gather(0, torch.searchsorted(drive, top).clamp(max=points - 1)[None])
         instants = in_mu * (at_top / inverse) / _INSTANTS_SHARE
         in_mu = torch.where(drive[:, None] <= top, in_mu, instants)
-        weight = torch.where(drive[:, None] <= last, 1 / (inverse**2 * in_mu), 0.0)
+        weight = torch.where(drive[:, None] <= last, 1 / (inverse**2 * in_mu), 0.0).numpy()
+        curves, at = inverse.numpy(), drive.numpy()
 
         def error(start: int, end: int) -> float:
-            wrong = chord_error(inverse, drive, start, end) * weight[start + 1 : end]
-            return float(wrong.abs().max())
+            wrong = chord_error(curves, at, start, end) * weight[start + 1 : end]
+            return float(np.abs(wrong).max())
 
         return Pilot(drive, error)
 
@@ -566,6 +589,11 @@ class _Build:
         # Without a smaller error to be had, the reserve of the first check is not asked for.
         return self._confirmed(best) if best.worst <= self.tolerance.value else best
 
+    @cached_property
+    def unseen(self) -> HeldOutPoints:
+        """Points that decide about an attempt, and about no node."""
+        return self.sampler.held_out(seed=2)
+
     def intervals(self, attempt: _Attempt) -> dict[str, Any]:
         """Intervals of the theory in each cell, see `haptix.model.surface.answers`."""
         axes = attempt.table.axes
@@ -587,7 +615,7 @@ class _Build:
         """Whether the attempt meets the tolerance at fresh points and in every cell as well."""
         axes = attempt.table.axes
         for everywhere in (False, True):
-            fresh = self.sampler.in_cells(axes) if everywhere else self.sampler.held_out(2)
+            fresh = self.sampler.in_cells(axes) if everywhere else self.unseen
             other = fresh.error(attempt.table)
             worst = max(attempt.worst, self._worst(other, fresh, attempt.table))
             error = torch.cat([attempt.error, other.reshape(-1)])
@@ -629,13 +657,12 @@ class _Build:
                 if shortest > 1 or self.points[name] >= _MOST_PILOT_POINTS:
                     break
                 self.points[name] = 2 * self.points[name] - 1
-                del self.pilots[name]
             nodes[name] = pilot.at[chosen]
         return nodes
 
     def _pilot(self, name: str) -> Pilot:
-        if name not in self.pilots:
-            points = self.points[name]
+        pilot, points = self.pilots.get(name), self.points[name]
+        if pilot is None or len(pilot.at) < points:
             self.pilots[name] = (
                 self.sampler.along_drive(points, self.last_drive, self._unit, self.steepest)
                 if name == "drive"
@@ -646,6 +673,7 @@ class _Build:
                     self._unit,
                     _BOUNDARY / self.tolerance.value,
                     self.steepest,
+                    None if pilot is None else pilot.columns,
                 )
             )
         return self.pilots[name]
