@@ -56,7 +56,15 @@ class Contact:
         return self.plastic_split(pressure_pa, self.hardness_pa).total
 
     def plastic_split(self, pressure_pa: Tensor, hardness_pa: float | Tensor) -> PlasticSplit:
-        """A/A0 at pressures [Pa], of spots that yield at a hardness [Pa] and of the others."""
+        """A/A0 of spots that yield and of the others.
+
+        Parameters
+        ----------
+        pressure_pa : Tensor
+            Pressures [Pa].
+        hardness_pa : float or Tensor
+            The hardness at which spots yield [Pa].
+        """
         spread = pressure_pa / self.field.area_argument(pressure_pa)
         return elastoplastic_area(pressure_pa, spread, hardness_pa)
 
