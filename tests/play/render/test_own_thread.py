@@ -670,8 +670,9 @@ def boards():
 
 def test_a_serial_port_is_played_through_stalls_and_again_after_a_replug(surface, boards):
     device = boards.plug()
+    gone = "failed|reported nothing"  # the latter where its thread waits for a processor
     with (
-        pytest.raises(haptix.DeviceDisconnectedError, match="failed"),
+        pytest.raises(haptix.DeviceDisconnectedError, match=gone),
         haptix.LiveRenderer(surface, ribs(), device, settings=LIVE) as renderer,
     ):
         assert renderer.plays_by == "engine"
