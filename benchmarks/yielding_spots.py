@@ -174,13 +174,15 @@ def kept() -> Iterator[list[str]]:
             yield from list(csv.reader(file))[1:]
 
 
-def by_theory(cell: Cell, load_pa: float) -> tuple[torch.Tensor, torch.Tensor, Accuracy]:
+def by_theory(
+    cell: Cell, load_pa: float, insulators: tuple[float, ...] = INSULATORS, volts_v: float = WEAK_V
+) -> tuple[torch.Tensor, torch.Tensor, Accuracy]:
     """Strength c [N], and ln mu(V)/mu(0) of "local" with its accuracy, on each insulator."""
     low, end = Q_ROLLOFF / cell.waves, DRY.q1_per_m
     spectrum = RoughnessSpectrum.self_affine(H_RMS_M, cell.hurst, low, Q_ROLLOFF, end)
-    theory, relative = THEORIES["local"], torch.tensor(INSULATORS, dtype=torch.float64)
+    theory, relative = THEORIES["local"], torch.tensor(insulators, dtype=torch.float64)
     contact = Contact(theory.mean_field(spectrum, SKIN), theory.contact_spots, HARDNESS_PA, load_pa)
-    volts = torch.full_like(relative, WEAK_V)
+    volts = torch.full_like(relative, volts_v)
     load, box = torch.full_like(volts, load_pa), torch.full_like(volts, cell.side_m**2)
     pull = Pull.of_sine(
         contact.field.gap_edges_m, volts, relative * H_RMS_M, torch.arange(len(volts))
@@ -263,7 +265,7 @@ def tables() -> str:
 
 
 def attract(cell: Cell, seed: int, load_pa: float, h0: float, volts: float) -> str:
-    """mu(V)/mu(0) of one surface under a sine, and to first order by its gaps without voltage.
+    """mu(V)/mu(0) by theory and of one surface, and to first order by its gaps without voltage.
 
     The hardness bounds the net stress on the skin, and in the last column the contact pressure.
     """
@@ -288,7 +290,8 @@ def attract(cell: Cell, seed: int, load_pa: float, h0: float, volts: float) -> s
     gap = alone.gap_m.clamp(min=0)
     gaps = float((c / (gap + thickness) ** 2 * (alone.pressure_pa <= 0)).mean())
     spots = in_spots * float(corrected_area(alone.pressure_pa > 0))
-    figures = (ratios[0], 1 + gaps / load_pa, ratios[1], 1 + (gaps + spots) / load_pa)
+    theory = float(by_theory(cell, load_pa, (h0,), volts)[1].exp())
+    figures = (theory, ratios[0], 1 + gaps / load_pa, ratios[1], 1 + (gaps + spots) / load_pa)
     return (
         f"| {cell.waves} waves, {cell.band}, {cell.points} | {load_pa / 1e3:g} | {h0:g} "
         f"| {volts:g} | {' | '.join(f'{figure:.4f}' for figure in figures)} |"
@@ -298,10 +301,11 @@ def attract(cell: Cell, seed: int, load_pa: float, h0: float, volts: float) -> s
 def attracted() -> Iterator[str]:
     """Some surfaces under voltage."""
     yield (
-        "| box, q1/q_r, pixels | p0 [kPa] | h0/h_rms | V | hardness bounds the net stress | 1 + "
-        "gaps' pull/p0 | it bounds the contact pressure | 1 + gaps' and spots' pull/p0 |"
+        "| box, q1/q_r, pixels | p0 [kPa] | h0/h_rms | V | `local` "
+        "| hardness bounds the net stress | 1 + gaps' pull/p0 "
+        "| it bounds the contact pressure | 1 + gaps' and spots' pull/p0 |"
     )
-    yield "|---|---|---|---|---|---|---|---|"
+    yield "|---|---|---|---|---|---|---|---|---|"
     for cell, load, h0, volts in ATTRACTED:
         yield attract(cell, 0, load, h0, volts)
 
