@@ -1,6 +1,8 @@
 """The friction surface: time to build, evaluate, invert, slice and load.
 
-    python benchmarks/surface.py
+    python benchmarks/surface.py [price]
+
+With `price` it only compares the default theory with the quick one.
 
 Ratios compare times measured in turn in one run. Every time is the best of several, since other
 work slows the machine. interpn is a peer too where it is installed (pip install interpn): linear
@@ -9,9 +11,10 @@ interpolation in Rust, without gradients, statuses or a pull-in voltage for each
 
 from __future__ import annotations
 
+import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -20,7 +23,10 @@ import numpy as np
 import torch
 from scipy.interpolate import RegularGridInterpolator
 
+from calibration.plan.parameters import Parameters
+from calibration.plan.predict import StrokeConditions, StrokePredictor
 from haptix import ContactModel, Finger, FrictionSurface, Screen
+from haptix.model.contact.theories import _cached_field
 from haptix.model.surface import Interpolant
 from haptix.model.surface.axes import Axes
 
@@ -61,6 +67,46 @@ def build(theory: str = "local") -> FrictionSurface:
     finger, screen = Finger.preset("semi-wet"), Screen.preset("3m-sct3250")
     model = ContactModel(finger, screen, theory=theory)
     return FrictionSurface.build(model, RANGES, "0.2 %")
+
+
+def price() -> Iterator[str]:
+    """Processor time of `local` beside `corrected`, in turns: tables, states and strokes."""
+
+    def from_nothing(theory: str) -> None:
+        _cached_field.cache_clear()
+        build(theory)
+
+    torch.set_num_threads(1)
+    names = ("corrected", "local")
+    finger, screen = Finger.preset("semi-wet"), Screen.preset("3m-sct3250")
+    models = [ContactModel(finger, screen, theory=theory) for theory in names]
+    force, share = torch.rand(2, 100_000, dtype=torch.float64)
+    generator = np.random.default_rng(1)
+    strokes = StrokeConditions(
+        generator.uniform(0.1, 1.0, 40),
+        generator.uniform(0.0, 100.0, 40),
+        generator.choice([125.0, 250.0, 500.0, 1000.0], 40),
+        generator.uniform(20.0, 100.0, 40),
+    )
+    given = [Parameters.of(model.finger, model.screen).fixed() for model in models]
+    predict = [
+        partial(StrokePredictor(model), strokes, one.names, one.log_values)
+        for model, one in zip(models, given, strict=True)
+    ]
+    works: dict[str, tuple[list[Callable[[], object]], int]] = {
+        "a surface, from nothing": ([partial(from_nothing, name) for name in names], 5),
+        "building": ([partial(build, name) for name in names], 5),
+        "100,000 states": ([partial(m.solve, 0.1 + force, 200 * share) for m in models], 10),
+        "one state": ([partial(m.solve, 0.5, 100.0, 200.0) for m in models], 200),
+        "40 strokes": ([partial(one, jacobian=False) for one in predict], 20),
+        "40 strokes with their Jacobian": (list(predict), 20),
+    }
+    for name, (work, rounds) in works.items():
+        corrected_s, local_s = in_turns(*work, rounds=rounds)
+        yield (
+            f"{name} by `local` takes {local_s / corrected_s:.1f} times that by `corrected`: "
+            f"{1e3 * local_s:.3g} ms and {1e3 * corrected_s:.3g}"
+        )
 
 
 def draw(low: float, high: float, generator: torch.Generator) -> torch.Tensor:
@@ -147,9 +193,11 @@ def load(surface: FrictionSurface) -> None:
 
 def main() -> None:
     """Measure and print everything."""
+    for line in price():
+        print(line)
+    if "price" in sys.argv[1:]:
+        return
     torch.set_num_threads(2)
-    corrected_s, local_s = in_turns(partial(build, "corrected"), build, rounds=3)
-    print(f"building by `local` takes {local_s / corrected_s:.0f} times that by `corrected`")
     seconds = best_s(partial(build, "corrected"), 3)
     surface = build("corrected")
     size = " x ".join(str(n) for n in surface.mu_table.shape)
