@@ -105,8 +105,9 @@ def test_a_slower_driver_is_played_at_its_own_pace(page, driver, kind):
     page.evaluate("window.up = true")
     lifted = driver.output_v.size
     wait_for(lambda: not driver.output_v[-200:].any())
-    # What was ahead of it and a fade-out, and not what the page's clock was ahead.
-    assert np.flatnonzero(driver.output_v)[-1] - lifted < 0.15 * RATE_HZ
+    # What was ahead of it, a fade-out and some turns of the worker, which a busy machine keeps
+    # waiting; and not the 1.9 s that the page's clock was ahead.
+    assert np.flatnonzero(driver.output_v)[-1] - lifted < 0.5 * RATE_HZ
     assert page.evaluate("told") == []
     assert (driver.faults, driver.status.underruns) == (0, 0)
     page.evaluate("driver.stop()")
