@@ -68,9 +68,10 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
         terminalreporter.write_line(line)
 
 
-#: Files with tests of half a minute each: begun first, so that no process is left alone with one.
+#: Files that take half a minute: begun first, so that no process is left alone with one.
 LONG_FIRST = (
     "test_researchers_day",
+    "test_make",
     "test_differential",
     "test_documentation",
     "test_site_search",
@@ -79,6 +80,9 @@ LONG_FIRST = (
     "test_cluster_faults",
     "test_whole_studio",
     "test_live_streams",
+    "test_engine",
+    "test_wheels",
+    "test_play",
     "test_firmware_build",
     "test_types",
 )
@@ -96,6 +100,16 @@ def begins(item: pytest.Item) -> int:
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=begins)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_xdist_auto_num_workers() -> Generator[None, int, int]:
+    """Three processes for two cores: of these tests' time a third is spent waiting.
+
+    They wait for browsers, services, links and the clocks of these.
+    """
+    cores = yield
+    return cores + cores // 2
 
 
 class ByFileOrFolder(LoadFileScheduling):  # type: ignore[misc]  # xdist has no types
