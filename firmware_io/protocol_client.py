@@ -253,8 +253,8 @@ class ProtocolClient:
     def lost(self, error: OSError) -> DeviceDisconnectedError:
         """Return the error to raise for an error of the operating system."""
         return DeviceDisconnectedError(
-            f"The link to {self.link.name} failed: {error}; check its cable and power, then stop "
-            "or arm it again."
+            f"The link to {self.link.name} failed: {error}; check its cable and power, then open "
+            "it again."
         )
 
     def _await(

@@ -20,10 +20,8 @@ struct hx_live {
     revision under_way[UNDER_WAY];
     int64_t first_under_way, under_way_count;
     double updated_s, driven_until_s;
-    int64_t status[STATUSES];
-    int64_t shown[STATUSES]; /* to other threads */
-    double most_v, shown_most_v;
-    char is_change_held;     /* by the thread that writes it or takes it over */
+    hx_live_counts counts, shown; /* to other threads */
+    char is_change_held;     /* by the thread that writes or reads what stands around it */
     int64_t has_mix;
     hx_mix mix;
     hx_engine *adopted;      /* plays from the next window on; or NULL */
@@ -132,11 +130,13 @@ void hx_live_window(void *live, int64_t first, int64_t count, double at_s, int64
                                                is_revision ? r->before_v : NULL, is_revision);
         for (int64_t i = 0; i < n; i++) {
             *at(l, point + 1 + i) = felt->amplitude_v[i];
-            l->most_v = felt->amplitude_v[i] > l->most_v ? felt->amplitude_v[i] : l->most_v;
+            if (felt->amplitude_v[i] > l->counts.most_v)
+                l->counts.most_v = felt->amplitude_v[i];
         }
         memcpy(volts, felt->drive_v, sizeof(double) * (size_t)(n * l->step));
         for (int64_t i = 0; i < felt->fingers * n; i++)
-            l->status[felt->status[i] & (STATUSES - 1)] += l->step;
+            l->counts.status[felt->status[i] & (STATUSES - 1)] += l->step;
+        l->counts.samples += n * l->step;
         double until_s = (double)((point + n) * l->step) / l->rate_hz;
         if (felt->fingers && until_s > l->driven_until_s)
             l->driven_until_s = until_s;
@@ -144,9 +144,10 @@ void hx_live_window(void *live, int64_t first, int64_t count, double at_s, int64
         point += n;
         points -= n;
     }
-    for (int i = 0; i < STATUSES; i++)
-        __atomic_store_n(&l->shown[i], l->status[i], __ATOMIC_RELAXED);
-    __atomic_store(&l->shown_most_v, &l->most_v, __ATOMIC_RELAXED);
+    if (!__atomic_test_and_set(&l->is_change_held, __ATOMIC_ACQUIRE)) {
+        l->shown = l->counts;
+        let_go(l);
+    }
     if (point + 1 > l->end)
         l->end = point + 1;
 }
@@ -186,9 +187,9 @@ int64_t hx_live_is_live(void *live)
     return hx_engine_is_touched(l->engine) || l->updated_s < l->driven_until_s;
 }
 
-void hx_live_count(hx_live *l, int64_t *statuses, double *most_v)
+void hx_live_count(hx_live *l, hx_live_counts *counts)
 {
-    __atomic_load(&l->shown_most_v, most_v, __ATOMIC_RELAXED);
-    for (int i = 0; i < STATUSES; i++)
-        statuses[i] = __atomic_load_n(&l->shown[i], __ATOMIC_RELAXED);
+    hold(l);
+    *counts = l->shown;
+    let_go(l);
 }

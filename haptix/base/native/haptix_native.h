@@ -358,9 +358,13 @@ int64_t hx_live_needs(hx_live *live, const hx_engine *engine);
 /* Whether the last mix has been taken over. Then the effects of those before may be freed. */
 int64_t hx_live_has_taken(hx_live *live);
 
-/* Samples of all fingers that were rendered, by the status of their friction: 16 numbers; and the
- * largest amplitude. */
-void hx_live_count(hx_live *live, int64_t *statuses, double *most_v);
+/* What was rendered, again or not: samples, those of all fingers by the status of their friction,
+ * and the largest amplitude. */
+typedef struct {
+    int64_t samples, status[16];
+    double most_v;
+} hx_live_counts;
+void hx_live_count(hx_live *live, hx_live_counts *counts);
 /* cffi: end */
 
 /* Whether a finger is on the screen or fades out, and the rate and step of the program. */

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -22,7 +22,6 @@ _WHY = {
     -5: "it needs too much memory",
 }
 _FUNCTIONS = ("window", "settle", "played", "report", "is_live")
-_STATUSES = 16
 
 
 class _Engine:
@@ -51,6 +50,16 @@ class _Engine:
         self._owners: dict[int, Any] = {
             id(felt): known.get(id(felt), self._memory) for felt, _ in self.maps
         }
+
+
+class EngineCounts(NamedTuple):
+    """What an engine has rendered, again or not."""
+
+    samples: int
+    statuses: npt.NDArray[np.int64]
+    """Samples of all fingers by the number of their `haptix.model.Status`."""
+    most_v: float
+    """Largest amplitude [V]."""
 
 
 class EngineSource:
@@ -147,8 +156,8 @@ class EngineSource:
         return ffi.new("hx_mix *", (*numbers, records, len(records)))
 
     @property
-    def reached(self) -> tuple[npt.NDArray[np.int64], float]:
-        """Samples of all fingers by the number of their `Status`, and the largest amplitude [V]."""
-        counts, most_v = np.empty(_STATUSES, np.int64), ffi.new("double *")
-        library.hx_live_count(self.at, ffi.from_buffer("int64_t[]", counts), most_v)
-        return counts, most_v[0]
+    def counts(self) -> EngineCounts:
+        """What it has rendered."""
+        counts = ffi.new("hx_live_counts *")
+        library.hx_live_count(self.at, counts)
+        return EngineCounts(counts.samples, np.array([*counts.status]), counts.most_v)

@@ -295,11 +295,11 @@ class LiveRenderer(RenderStream):
 
         def count(windows_s: list[float]) -> None:
             stats.block_s.extend(windows_s)
-            stats.samples = stats.samples_played
+            counts = source.counts
+            stats.samples = counts.samples
             stats.below = stats.above = stats.outside = 0
-            statuses, most_v = source.reached
-            stats.reached(statuses)
-            self.verified.played(most_v)
+            stats.reached(counts.statuses)
+            self.verified.played(counts.most_v)
 
         return OwnThread(self.device, source.compiled(self.step), stats, count)
 

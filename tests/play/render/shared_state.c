@@ -129,8 +129,8 @@ int main(int argc, char **argv) {
     for (int i = 0; i < 3; i++)
         if (pthread_create(&threads[i], NULL, runs[i], NULL) != 0) return 2;
     static hx_player_counts counts;
-    int64_t statuses[16], looks = 0, adopted = 0;
-    double most_v;
+    int64_t looks = 0, adopted = 0;
+    hx_live_counts rendered;
     static uint8_t felt[100]; /* read only when it is not played any more */
     void *effect_memory = malloc((size_t)hx_engine_size(program, size));
     if (!effect_memory) return 2;
@@ -140,7 +140,7 @@ int main(int argc, char **argv) {
     hx_engine *engines[3] = {NULL, NULL, NULL};
     for (double end = now_s() + seconds; now_s() < end; looks++) {
         hx_player_count(player, &counts);
-        hx_live_count(live, statuses, &most_v);
+        hx_live_count(live, &rendered);
         mix.effects = looks % 2;
         hx_live_mix(live, &mix);
         for (int i = 0; i < 3; i++)

@@ -185,11 +185,12 @@ def test_the_source_in_c_makes_the_windows_of_the_one_in_python(surface, make, s
             np.testing.assert_array_equal(playing.felt, felt)
         return np.abs(one).max()
 
-    largest = 0.0
+    largest, rendered = 0.0, 0
     for round_ in range(60):
         while sent - played < 0.15 * rate:
             largest = max(largest, window(sent, 480 * step, False))
             sent += 480 * step
+            rendered += 480 * step
         played += int(random.integers(1, 4)) * 120 * step
         now_s = began_s + played / rate
         finger = int(random.integers(2))
@@ -217,6 +218,7 @@ def test_the_source_in_c_makes_the_windows_of_the_one_in_python(surface, make, s
             compiled.mix(master.compiled, effects())
         first = (played // step + 40) * step
         largest = max(largest, window(first, 240 * step, True))
+        rendered += 240 * step
         pending += 1
         if random.random() < 0.6:
             obeyed = int(random.integers(pending + 1))
@@ -230,8 +232,8 @@ def test_the_source_in_c_makes_the_windows_of_the_one_in_python(surface, make, s
             master.ended(scene_s(), rate)
     assert largest > 20.0
     assert 0.0 < max(end.felt_share for end in ends) <= 1.0
-    _, most_v = compiled.reached
-    assert most_v == pytest.approx(max(amplitudes), abs=CODE_V)
+    assert compiled.counts.samples == rendered
+    assert compiled.counts.most_v == pytest.approx(max(amplitudes), abs=CODE_V)
 
 
 def test_maps_are_taken_over_from_the_program_before_and_from_no_other(surface):
