@@ -345,11 +345,14 @@ class ContactModel(Displayed):
         mu, balance = self.solver.solve_in_blocks(force, pull, circuit.column, of_end)
         if of_end:
             voltage = drive_voltage(balance.strength_at_end) * voltage.sqrt()
-        thickness = circuit.thickness_m[circuit.column]
         at_contact = voltage * balance.voltage_share
+        # By column, since states far outnumber these.
+        thickness = circuit.thickness_m.abs()[circuit.column]
         breakdown = breakdown_voltage(
-            thickness, self.screen.insulator_permittivity, self.screen.insulator_strength_v_per_m
-        )
+            circuit.thickness_m,
+            self.screen.insulator_permittivity,
+            self.screen.insulator_strength_v_per_m,
+        )[circuit.column]
         area = self.solver.terms.apparent_area_m2(force)
         solved = {
             "mu": mu,
@@ -365,7 +368,11 @@ class ContactModel(Displayed):
             "breakdown_voltage_v": breakdown / balance.voltage_share,
             "spot_pressure_pa": self.solver.spot_pressure_pa(mu, balance),
         }
-        status = self.solver.status(mu, balance, lambda gap: at_contact / (gap + thickness).abs())
+
+        def field(gap_m: float) -> Tensor:
+            return at_contact / (gap_m + circuit.thickness_m).abs()[circuit.column]
+
+        status = self.solver.status(mu, balance, field)
 
         def find_status() -> Tensor:
             if not self.reports(Status.BREAKDOWN):
@@ -384,7 +391,7 @@ class ContactModel(Displayed):
         def find_accuracy() -> Accuracy:
             states = (
                 solved["x"],
-                thickness.abs() / self.contact.spectrum.h_rms_m,
+                thickness / self.contact.spectrum.h_rms_m,
                 balance.gap_attraction_pa / applied,
                 balance.area_fraction / contact.area_fraction(applied),
                 find_yielded_area(),

@@ -144,7 +144,8 @@ class FrictionSolver:
         back: slice | Tensor = slice(None)
         if column is not None and states > block:
             order = column.argsort(stable=True)
-            blocks, back = order.split(block), order.argsort()
+            blocks, back = order.split(block), torch.empty_like(order)
+            back[order] = torch.arange(states, device=order.device)
         try:
             solved = [
                 self._solve(self._load(pull_of(at), at_rest.part(at), of_end)) for at in blocks
