@@ -239,11 +239,16 @@ def _of_lvm(path: str | Path, text: str) -> LabTable:
             rows = np.atleast_2d(segment["data"])
             names = segment["Channel names"]
             places = [k for k, name in enumerate(names) if name not in ("X_Value", "Comment")]
+            if len(places) != segment["Channels"]:
+                raise ValueError(f"{segment['Channels']} channels, got headings of {len(places)}")
+            # A value above stands in its channel's column, whose first has the name of the row.
+            above = places if x_columns == "No" else [at - 1 for at in places]
             dates, clocks = (segment.get(key, []) for key in ("Date", "Time"))
             starts = [_started(*each) for each in zip(dates, clocks, strict=False)]
-            starts += [None] * len(places)
+            starts += [None] * len(names)
             first = _first(starts)
-            for channel, at in enumerate(places):
+            names = _distinct(names)
+            for channel, at in zip(above, places, strict=True):
                 values = rows[:, at]
                 values = values[: int(np.flatnonzero(np.isfinite(values))[-1]) + 1]
                 columns.setdefault(names[at], []).append(values)
@@ -421,11 +426,7 @@ def _layout_of(
             and any(known_unit(cell) in _OF_SIGNALS for cell in row)
         )
         names = above[head[0]] if is_units else row
-        names = [name or str(k + 1) for k, name in enumerate(names)]
-        seen = Counter[str]()
-        for k, name in enumerate(names):  # two channels of one name are two
-            seen[name] += 1
-            names[k] = name if seen[name] == 1 else f"{name} {seen[name]}"
+        names = _distinct([name or str(k + 1) for k, name in enumerate(names)])
         if is_units:
             units = {n: known_unit(u) for n, u in zip(names, row, strict=True) if known_unit(u)}
     lines = [delimiter.join(row) for row in above]
@@ -433,6 +434,15 @@ def _layout_of(
     names = [named.get(str(k), name) for k, name in enumerate(names)]
     units = {name: unit for name in names if (unit := split_unit(name)[1])} | units
     return _Layout(delimiter, has_commas, names, first, width, units, lines, bool(head or named))
+
+
+def _distinct(names: Iterable[str]) -> list[str]:
+    """Names with a number behind those that came before: two channels of one name are two."""
+    seen, distinct = Counter[str](), []
+    for name in names:
+        seen[name] += 1
+        distinct.append(name if seen[name] == 1 else f"{name} {seen[name]}")
+    return distinct
 
 
 def _is_unit(cell: str) -> bool:

@@ -1,0 +1,72 @@
+"""Tables of instruments: no number gets a unit, a time or a rate that its file does not state."""
+
+import numpy as np
+import pytest
+
+import haptix
+from haptix.base.tables import read_table
+
+
+def lvm_of_several_x_columns(path, *channels):
+    """Write channels of (name, unit, start, values) as LabVIEW does.
+
+    Above the numbers a value stands in its channel's column; the column of its times is empty
+    there, as in ``multi_time_column.lvm`` and ``no_decimal_separator.lvm`` of lvm_read 1.26.
+    """
+    names, units, starts, values = zip(*channels, strict=True)
+
+    def row(key, cells):
+        return f"{key}\t" + "\t\t".join(cells) + "\t"
+
+    count = len(values[0])
+    lines = [
+        "LabVIEW Measurement\t", "Writer_Version\t2", "Reader_Version\t2", "Separator\tTab",
+        "Decimal_Separator\t.", "Multi_Headings\tYes", "X_Columns\tMulti", "Time_Pref\tAbsolute",
+        "Operator\tme", "Date\t2026/11/27", "Time\t10:11:12.5", "***End_of_Header***\t", "\t",
+        f"Channels\t{len(names)}" + "\t" * (2 * len(names) - 1),
+        row("Samples", [str(count)] * len(names)), row("Date", ["2026/11/27"] * len(names)),
+        row("Time", starts), row("Y_Unit_Label", units), row("X_Dimension", ["Time"] * len(names)),
+        row("X0", ["0.0000000000000000E+0"] * len(names)),
+        row("Delta_X", ["0.001000"] * len(names)),
+        "***End_of_Header***" + "\t" * (2 * len(names)),
+        "\t".join(f"X_Value\t{name}" for name in names) + "\tComment",
+    ]  # fmt: skip
+    for k in range(count):
+        lines.append("\t".join(f"{k / 1e3:.6f}\t{each[k]:.6f}" for each in values))
+    path.write_text("\n".join(lines) + "\n")
+
+
+def test_channels_with_times_of_their_own_keep_their_units_and_starts(tmp_path):
+    path, k = tmp_path / "a.lvm", np.arange(20)
+    lvm_of_several_x_columns(
+        path,
+        ("Fz", "N", "10:11:12.5", 0.5 + 0 * k),
+        ("Fy", "mN", "10:11:13.0", 7.0 + 0 * k),
+        ("Fx", "", "10:11:12.75", 0.1 * k),
+        ("Position", "mm", "10:11:12.5", 1.0 * k),
+    )
+    table = read_table(path)
+    assert table.units == {"Fz": "N", "Fy": "mN", "Position": "mm"}
+    assert [times[0] for times in table.times_s.values()] == [0.0, 0.5, 0.25, 0.0]
+    np.testing.assert_allclose(table.columns["Fx"], 0.1 * k)
+
+
+def test_two_channels_of_one_name_are_two(tmp_path):
+    path, k = tmp_path / "a.lvm", np.arange(20)
+    lvm_of_several_x_columns(
+        path, ("F", "N", "10:11:12.5", 1.0 * k), ("F", "mN", "10:11:12.5", 2.0 * k)
+    )
+    table = read_table(path)
+    assert table.units == {"F": "N", "F 2": "mN"}
+    np.testing.assert_allclose(table.columns["F 2"], 2.0 * k)
+
+
+def test_fewer_headings_than_channels_are_refused(tmp_path):
+    """Without the blanks behind their number, lvm_read takes so many columns, not channels."""
+    path, k = tmp_path / "a.lvm", np.arange(20)
+    lvm_of_several_x_columns(
+        path, ("Fz", "N", "10:11:12.5", 1.0 * k), ("Fx", "N", "10:11:12.5", 2.0 * k)
+    )
+    path.write_text(path.read_text().replace("Channels\t2\t\t\t\n", "Channels\t2\n"))
+    with pytest.raises(haptix.HaptixError, match=r"a\.lvm: .*2 channels"):
+        read_table(path)
