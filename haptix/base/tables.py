@@ -38,8 +38,20 @@ _CLOCK = re.compile(
 _UNIT = re.compile(r"(?P<name>.*?)\s*(?:[(\[](?P<unit>[^()\[\]]*)[)\]]|/\s*(?P<after>\w+))\s*")
 _START = re.compile(r"(\d+)/(\d+)/(\d+) (\d+):(\d+):(\d+)[.,]?(\d*)")
 _NAMED = re.compile(r"#\s*NAME(\d+)\s*=\s*(.+?)\s*")  # of a column, as PIPython writes
-_STEP = re.compile(r"delta.?[tx]|dt|sample.time|.*\binterval( \(?m?s\)?)?")
+_OF_SAMPLING = r"(?:(?:rdt|daq|data) )?(?:sampl(?:e|ing)|scan|acquisition|abtast)[ _-]?"
+_STATED_UNIT = r"(?:[ _]*[(\[](?P<unit>[^()\[\]]*)[)\]]|[ _](?P<after>[mu]?s|[kM]?Hz))?"
+_RATE = re.compile(rf"(?:{_OF_SAMPLING}(?:rate|frequency|frequenz)|fs){_STATED_UNIT}", re.I)
+_STEP = re.compile(
+    rf"(?:{_OF_SAMPLING}(?:time|interval|intervall|period)|interval|delta.?[tx]|dt){_STATED_UNIT}",
+    re.I,
+)
+_RATE_UNIT = re.compile(
+    r"(?P<prefix>[kKMG]?)(?:Hz|hz|Sa?/s(?:ec)?|samples?/s(?:ec(?:ond)?)?|sps|SPS)|1/s"
+)
+_QUANTITY = re.compile(r"(?P<number>[+\d.,]+(?:[eE][+-]?\d+)?)\s*(?P<unit>[^\d\s.,:].*)?")
+_GROUPED = re.compile(r"[1-9]\d{0,2}(?:,\d{3})+(?:\.\d*)?|[1-9]\d{0,2}(?:\.\d{3})+(?:,\d*)?")
 _DAY_S = 86_400.0
+_PREFIXES = {"": 1.0, "k": 1e3, "K": 1e3, "M": 1e6, "G": 1e9}
 _OF_SIGNALS = frozenset(
     ["s", "ms", "us", "N", "mN", "gf", "kgf", "lbf", "m", "cm", "mm", "um", "inch", "V", "mV", "kV"]
 )
@@ -49,9 +61,13 @@ ALIASES = {
     "microseconds": "us", "newton": "N", "newtons": "N", "millinewton": "mN", "grams": "gf",
     "g": "gf", "kg": "kgf", "lbs": "lbf", "lb": "lbf", "millimeter": "mm", "millimeters": "mm",
     "meter": "m", "in": "inch", "micron": "um", "microns": "um", "volt": "V", "volts": "V",
-    "v": "V", "n": "N", "[s]": "s", "mv": "mV", "kv": "kV", "mn": "mN",
+    "v": "V", "n": "N", "[s]": "s", "mv": "mV", "kv": "kV", "mn": "mN", "nsec": "ns",
+    "nanoseconds": "ns", "minute": "min", "minutes": "min", "hours": "h",
 }  # fmt: skip
 """Spellings of units in files."""
+
+TIMES_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
+"""Seconds of the units of time."""
 
 
 @dataclass(frozen=True)
@@ -543,21 +559,44 @@ def _stated(layout: _Layout) -> tuple[dict[str, tuple[float, str]], float | None
     stated: dict[str, str] = {}
     signs = "[:=\t]" if layout.delimiter == " " else f"[:=]|{re.escape(layout.delimiter)}"
     for line in layout.above:
-        line = line.removeprefix("#")
-        parts = [part.strip() for part in re.split(signs, line) if part.strip()]
-        if len(parts) > 1:
-            stated[parts[0].lower()] = parts[1].replace(",", "." if layout.has_commas else "")
+        key, *rest = re.split(signs, line.removeprefix("#"), maxsplit=1)
+        cells = [cell.strip() for cell in "".join(rest).split(layout.delimiter)]
+        # Waveforms repeat it for each column.
+        stated[key.strip()] = " ".join(dict.fromkeys(cell for cell in cells if cell))
+    plain = {key.lower(): text for key, text in stated.items()}
     factors: dict[str, tuple[float, str]] = {}
     for what, axis in (("force", "F"), ("torque", "T")):
-        counts = _number(stated.get(f"counts per unit {what}", ""), False)
+        counts, _ = _quantity(plain.get(f"counts per unit {what}", ""), layout.has_commas)
         if counts > 0:
-            factors[axis] = counts, known_unit(stated.get(f"{what} units", ""))
+            factors[axis] = counts, known_unit(plain.get(f"{what} units", ""))
     rates = set[float]()
     for key, text in stated.items():
-        size, _, unit = text.partition(" ")
-        value, kilo = _number(size, False), 1000 if "khz" in f"{key} {unit}".lower() else 1
-        if value > 0 and re.search(r"\brate\b|\bfrequency\b", key):
-            rates.add(value * kilo)
-        elif value > 0 and _STEP.fullmatch(key):
-            rates.add((1000 if "ms" in f"{key} {unit}" else 1) / value)
+        value, unit = _quantity(text, layout.has_commas)
+        is_rate, is_step = _RATE.fullmatch(key), _STEP.fullmatch(key)
+        named = is_rate or is_step
+        if named is None or not value > 0:
+            continue
+        units = {known_unit(each) for each in (named["unit"], named["after"], unit) if each}
+        unit = units.pop() if units else ""
+        if units:  # two that differ
+            continue
+        of_rate = _RATE_UNIT.fullmatch(unit or "Hz")
+        if is_rate and of_rate:
+            rates.add(float(f"{value * _PREFIXES[of_rate['prefix'] or '']:.9g}"))
+        elif is_step and (unit or "s") in TIMES_S:
+            rates.add(float(f"{1 / (value * TIMES_S[unit or 's']):.9g}"))
     return factors, rates.pop() if len(rates) == 1 else None
+
+
+def _quantity(text: str, has_commas: bool) -> tuple[float, str]:
+    """Number and unit of a value above the columns; NaN where it may be read in two ways."""
+    match = _QUANTITY.fullmatch(text.strip())
+    if match is None:
+        return nan, ""
+    number, unit = match["number"], (match["unit"] or "").strip()
+    if has_commas:  # "5.000" is five, of a program that always writes points, or five thousand
+        is_unclear = "." in number and bool("," in number or _GROUPED.fullmatch(number))
+    else:
+        is_unclear = "," in number and not _GROUPED.fullmatch(number)
+    plain = number.replace(",", "." if has_commas else "")
+    return nan if is_unclear else _number(plain, False), unit

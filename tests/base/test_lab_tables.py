@@ -70,3 +70,48 @@ def test_fewer_headings_than_channels_are_refused(tmp_path):
     path.write_text(path.read_text().replace("Channels\t2\t\t\t\n", "Channels\t2\n"))
     with pytest.raises(haptix.HaptixError, match=r"a\.lvm: .*2 channels"):
         read_table(path)
+
+
+def rate_above(path, line, comma=False, sign=";"):
+    """Rate that is read from a line above columns without times."""
+    rows = "".join(f"{k}.5{sign}{k}.25\n" for k in range(20))
+    path.write_text(f"{line}\nFz (N){sign}Fx (N)\n" + (rows.replace(".", ",") if comma else rows))
+    return read_table(path).rate_hz
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "Sample rate: 5000 Hz", "Sample rate: 5 kHz", "Sampling frequency: 0.005 MHz",
+        "Sample Rate: 5 kS/s", "Sampling Rate [kHz]: 5", "Sample rate (Hz);5000", "fs = 5e3",
+        "Scan rate: 5,000 Hz", "Acquisition rate: 5 kSa/s", "samples: 20\nsample_rate=5000",
+        "Abtastrate: 5000 Hz", "Sample interval: 200 us", "Sample interval: 200 \N{MICRO SIGN}s",
+        "Sampling interval (us): 200", "Sample time: 0.2 ms", "dt: 0.0002", "Interval=;0.2 ms",
+        "Sample interval: 200000 ns", "delta t;0.0002;0.0002",
+        "Sample rate: 5000 Hz\nDrive frequency: 125 Hz", "Sample rate: 5 kHz\ndt: 0.0002",
+    ],
+)  # fmt: skip
+def test_a_rate_of_sampling_is_taken_with_its_unit(tmp_path, line):
+    assert rate_above(tmp_path / "a.csv", line) == pytest.approx(5000.0)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "Drive frequency: 125 Hz", "Carrier frequency (Hz);125", "Baud rate: 115200",
+        "Low-pass cutoff frequency (Hz): 1000", "Frame rate: 60", "Heart rate: 60",
+        "Calibration interval: 365", "Sample time: 10:15:30", "Sample rate: 5 rpm",
+        "Sample rate: 5 mhz", "Sample interval: 3 days", "Sample rate: 5000 Hz\ndt: 0.001",
+        "Sample rate (kHz): 5 Hz", "Sample rate: 5000 of 10000", "Sample interval: 0,200 ms",
+        "Max sample rate: 10 kHz",
+    ],
+)  # fmt: skip
+def test_another_rate_is_no_rate_of_sampling(tmp_path, line):
+    assert rate_above(tmp_path / "a.csv", line) is None
+
+
+def test_a_rate_above_decimal_commas(tmp_path):
+    assert rate_above(tmp_path / "a.csv", "dt: 0,2 ms", comma=True) == pytest.approx(5000.0)
+    assert rate_above(tmp_path / "a.csv", "dt: 0.2 ms", comma=True) == pytest.approx(5000.0)
+    assert rate_above(tmp_path / "a.csv", "Sample rate: 5.000 Hz", comma=True) is None
+    assert rate_above(tmp_path / "b.csv", "Sample rate: 5,000 Hz", sign=",") is None
