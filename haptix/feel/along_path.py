@@ -3,20 +3,28 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from inspect import signature
-from math import ceil, inf, log2, pi
+from math import ceil, cos, inf, log2, pi, radians
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import Field, PlainSerializer, PlainValidator, model_validator
+from pydantic import BaseModel, Field, PlainSerializer, PlainValidator, model_validator
 
 from haptix.base.checks import choice, increasing, number, plain, row
 from haptix.base.errors import InputError
 from haptix.base.files import read_csv
 from haptix.base.kinds import Kinds, asset_of, by_content, call
-from haptix.feel.materials import AnyMaterial, FrictionField, Grating, RecordedProfile, TargetKind
+from haptix.feel.materials import (
+    AnyMaterial,
+    FrictionField,
+    Grating,
+    Noise,
+    RecordedProfile,
+    Spectral,
+    TargetKind,
+)
 from haptix.feel.motion import VELOCITY_OVER_S, Depends, History, Motion, Report
 from haptix.feel.motion.block import Reactions
 from haptix.feel.signals.signal import Array, Described, Length, Number, Positive, Row, Signal
@@ -37,6 +45,12 @@ class SpeedProfile(Described):
     @abstractmethod
     def position_mm(self, t_s: Array) -> Array:
         """Place along the finger's line [mm] at times [s]."""
+
+    def velocity_mm_s(self, t_s: Array) -> Array:
+        """Mean velocity [mm/s] over `VELOCITY_OVER_S` around times [s]."""
+        half = VELOCITY_OVER_S / 2
+        ahead, behind = (self.position_mm(t_s + by) for by in (half, -half))
+        return np.asarray((ahead - behind) / VELOCITY_OVER_S)
 
 
 class SteadySpeed(SpeedProfile):
@@ -191,10 +205,46 @@ def _texture_table(texture: FrictionField) -> dict[str, Any]:
     )
 
 
+def _periods(felt: Any, turn_deg: float = 0.0, scale: float = 1.0) -> Iterator[tuple[str, float]]:
+    """Yield fields of periodic materials within a material, and their periods along x [mm]."""
+    if isinstance(felt, Grating):
+        across = abs(cos(radians(felt.orientation_deg + turn_deg)))
+        yield "period_mm", scale * felt.period_mm / max(across, 1e-9)
+    elif isinstance(felt, Noise) and felt.spectrum is None:
+        yield "longest_mm", scale * felt.longest_mm
+    elif isinstance(felt, Spectral):
+        yield from (("waves", scale * period_mm) for period_mm, _ in felt.waves)
+    elif isinstance(felt, tuple):
+        for part in felt:
+            yield from _periods(part, turn_deg, scale)
+    elif isinstance(felt, BaseModel):  # of a layout, a region may be turned and scaled
+        turn_deg += getattr(felt, "rotation_deg", None) or 0.0
+        scale *= getattr(felt, "scale", None) or 1.0
+        for name in type(felt).model_fields:
+            yield from _periods(getattr(felt, name), turn_deg, scale)
+
+
+def _check_rate(felt: Any, velocity_mm_s: Array, sample_rate_hz: float) -> None:
+    """Raise `InputError` if a finger meets a period more often than the sample rate carries.
+
+    Only fundamentals count. Harmonics of sharp shapes are sampled as they are.
+    """
+    speed, half_hz = float(np.abs(velocity_mm_s).max(initial=0.0)), sample_rate_hz / 2
+    for name, period_mm in _periods(felt):
+        if speed / period_mm >= half_hz:
+            raise InputError(
+                f"{name}: a period of {period_mm:.4g} mm at {speed:.4g} mm/s is "
+                f"{speed / period_mm:.6g} Hz, expected less than {half_hz:g} Hz, half of the "
+                f"{sample_rate_hz:g} samples per second; lengthen the period above "
+                f"{speed / half_hz:.3g} mm, or slow the finger down"
+            )
+
+
 class AlongPath(Signal):
     """Values of a texture where the finger is: on the line y = 0, with all detail.
 
-    The numbers of the texture are in the stimulus's quantity; its target is not read.
+    The numbers of the texture are in the stimulus's quantity; its target is not read. Periods that
+    the finger meets at half of the sample rate or more are refused; harmonics are not filtered.
 
     Parameters
     ----------
@@ -210,8 +260,9 @@ class AlongPath(Signal):
     kind: Literal["along-path"] = "along-path"
 
     def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
-        x = self.speed.position_mm(np.arange(first, first + count) / sample_rate_hz)
-        return self.field.friction(x, np.zeros(count))
+        t = np.arange(first, first + count) / sample_rate_hz
+        _check_rate(self.field, self.speed.velocity_mm_s(t), sample_rate_hz)
+        return self.field.friction(self.speed.position_mm(t), np.zeros(count))
 
 
 def grating(
@@ -301,7 +352,8 @@ class MaterialSignal(Signal):
 
     Time counts from the first sample, at which the finger comes down. The force is constant, so
     that no button is pressed. A detent counts from the first millisecond at which it has been
-    crossed, so that no sample depends on later ones.
+    crossed, so that no sample depends on later ones. Periods are refused as in `AlongPath`, by the
+    finger's speed over the screen.
 
     Parameters
     ----------
@@ -337,14 +389,14 @@ class MaterialSignal(Signal):
     def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         evaluator = self.of.evaluator
         t = np.arange(first, first + count) / sample_rate_hz
-        half = VELOCITY_OVER_S / 2
-        ahead, behind = (self.speed.position_mm(t + by) for by in (half, -half))
+        velocity = self.speed.velocity_mm_s(t)
+        _check_rate(self.of, velocity, sample_rate_hz)
         history: History = ()
         if Depends.FACTS in evaluator.depends_on:
             # Powers of two, so that of blocks one after the other each finds few facts anew.
             history = _facts(self, 2 ** ceil(log2(t[-1] + 2 * _REPORT_S)))
         motion = Motion.of(
-            self.speed.position_mm(t), self.y_mm, t, (ahead - behind) / VELOCITY_OVER_S, 0.0,
+            self.speed.position_mm(t), self.y_mm, t, velocity, 0.0,
             self.normal_force_n, history=history,
         )  # fmt: skip
         return evaluator.wanted(motion)

@@ -121,6 +121,32 @@ def test_what_is_wrong_is_one_sentence(message):
     assert "\n" not in str(error.value)
 
 
+FINE = {"kind": "grating", "period_mm": 0.005}
+CURVE = {"speed_mm_s": [10.0, 200.0], "share": [0.2, 0.8]}
+PASSED_TOO_OFTEN: dict[str, dict[str, Any]] = {
+    "itself": FINE,
+    "within": {"kind": "moving", "of": {"kind": "by-speed", **CURVE, "of": FINE}},
+    "region": {"kind": "layout", "regions": [{"material": FINE, "width_mm": 9, "height_mm": 9}]},
+    "noise": {"kind": "noise", "tile_mm": 0.05, "shortest_mm": 0.001, "longest_mm": 0.005},
+}
+
+
+@pytest.mark.parametrize("place", PASSED_TOO_OFTEN)
+def test_a_period_that_the_rate_cannot_carry_is_refused(place):
+    """At 100 mm/s a period of 0.005 mm is 20 kHz, more than half of 12 and less than of 48 kHz."""
+    signal = MaterialSignal(PASSED_TOO_OFTEN[place], 100.0)
+    with pytest.raises(InputError, match=r"0\.005 mm at 100 mm/s is 20000 Hz.*half of the 12000"):
+        signal.values(0, 600, RATE)
+    assert np.ptp(signal.values(0, 600, 48_000.0)) > 0
+
+
+def test_ribs_along_the_path_are_no_period_of_it():
+    along = {**FINE, "orientation_deg": 90.0}
+    turned = {"material": FINE, "width_mm": 9, "height_mm": 9, "rotation_deg": 90}
+    for material in (along, {"kind": "layout", "regions": [turned]}):
+        MaterialSignal(material, 100.0).values(0, 600, RATE)
+
+
 RECIPE = """
 schema_version = 1
 name = "coins"

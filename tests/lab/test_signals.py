@@ -263,6 +263,13 @@ def test_what_the_rate_cannot_carry_is_refused():
     for signal in (Sine(1.0, 24_000.0), Chirp(1.0, 10.0, 3e4, 1.0), TimeNoise(1.0, (1.0, 3e4), 1)):
         with pytest.raises(InputError, match="half"):
             signal.values(0, 10, RATE)
+    # 100 mm/s over 0.00208 mm are 48 077 Hz, which samples would show as 77 Hz.
+    with pytest.raises(InputError, match=r"0.00208 mm at 100 mm/s is 48076.9 Hz.*0.00417 mm"):
+        grating(0.1, 0.00208, 100.0).values(0, 10, RATE)
+    with pytest.raises(InputError, match="half"):
+        grating(0.1, 0.0059, Strokes(60.0, 1.0), shape="square").values(10_000, 4000, 24_000.0)
+    # Harmonics of a square wave are sampled as they are.
+    assert np.ptp(grating(0.1, 0.0059, 100.0, shape="square").values(0, 99, RATE)) == 0.2
     with pytest.raises(InputError, match="narrower"):
         TimeNoise(1.0, (100.01, 100.02), seed=1).values(0, 10, RATE)
     with pytest.raises(InputError, match="signal or a number"):
