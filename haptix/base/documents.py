@@ -131,8 +131,10 @@ class Document(Part):
         if not fields:  # an interrupted write, and not a document of all defaults
             raise FileFormatError(f"{path}: expected the fields of a {cls.__name__}, got none")
         check_schema_version(path, fields.get("schema_version", 1))
+        kinds = {key: field.annotation for key, field in cls.model_fields.items()}
+        texts = {key for key, kind in kinds.items() if kind in (str, str | None)}
         try:
-            return cls._from_table(with_numbers(cls.__name__, fields), path.parent)
+            return cls._from_table(with_numbers(cls.__name__, fields, texts), path.parent)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from contextlib import suppress
 from decimal import Decimal
 from typing import Any
@@ -53,7 +53,13 @@ _FACTOR = re.compile(
 )
 
 
-def with_numbers(name: str, fields: Mapping[str, Any]) -> dict[str, Any]:
+FOREVER = "forever"
+"""An endless length, in files; the fields that take it read it."""
+
+
+def with_numbers(
+    name: str, fields: Mapping[str, Any], texts: Collection[str] = ()
+) -> dict[str, Any]:
     """Return a table in which strings such as "150 V" are numbers.
 
     Raises `InputError` if a string under such a key is not a number with such a unit.
@@ -65,13 +71,18 @@ def with_numbers(name: str, fields: Mapping[str, Any]) -> dict[str, Any]:
     fields : mapping
         Values, lists and nested tables. The end of a key names its unit: ``h0_m = "0.2 um"``
         becomes 2e-7. Other strings stay as they are.
+    texts : collection of str, optional
+        Keys of texts, whose end names no unit: ``reaction_s = "key_resp.rt"`` names a column.
 
     Examples
     --------
     >>> with_numbers("screen", {"width_mm": "2 cm", "name": "left"})
     {'width_mm': 20.0, 'name': 'left'}
     """
-    return {key: _converted(f"{name}.{key}", key, value) for key, value in fields.items()}
+    return {
+        key: value if key in texts else _converted(f"{name}.{key}", key, value)
+        for key, value in fields.items()
+    }
 
 
 def _converted(place: str, key: str, value: Any) -> Any:
@@ -80,7 +91,7 @@ def _converted(place: str, key: str, value: Any) -> Any:
         return dict(value) if key == "axes" else with_numbers(place, value)
     if isinstance(value, list):
         return [_converted(f"{place}.{i}", key, item) for i, item in enumerate(value)]
-    if isinstance(value, str):
+    if isinstance(value, str) and value != FOREVER:
         suffix = next((end for end in _SUFFIXES if key.endswith(end)), None)
         return value if suffix is None else _quantity(place, value, *_SUFFIXES[suffix])
     return value

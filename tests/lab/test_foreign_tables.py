@@ -65,7 +65,10 @@ def test_reaction_times_of_another_program_tell_fast_guesses(tmp_path):
         rows.append(f"{level},{int(draw.random() < p)},{time_s:.4f}")
     (tmp_path / "p1.csv").write_text("\n".join(rows) + "\n")
     columns = TrialColumns(level="level", level_unit="dB", is_right="right", task="2ifc")
-    of_times = columns.model_copy(update={"reaction_s": "rt"})
+    file = tmp_path / "map.toml"  # the name of a column, under a key whose end names a unit
+    file.write_text('level = "level"\nlevel_unit = "dB"\nis_right = "right"\ntask = "2ifc"\n'
+                    'reaction_s = "rt"\n')  # fmt: skip
+    of_times = TrialColumns.load(file)
     alone, timed = (
         analyse(tmp_path, columns=one).tables["thresholds"][0] for one in (columns, of_times)
     )

@@ -29,6 +29,7 @@ from haptix.base import checks
 from haptix.base.checks import increasing
 from haptix.base.errors import InputError
 from haptix.base.kinds import Kind, Kinds
+from haptix.base.units import FOREVER
 
 Array = npt.NDArray[np.float64]
 
@@ -50,16 +51,16 @@ KINDS = Kinds(
 """Every kind of signal by its name in recipes and sidecars; a subclass enters itself."""
 
 
-_AS_HELD = PlainSerializer(lambda value: "forever" if value == inf else value)
+_AS_HELD = PlainSerializer(lambda value: FOREVER if value == inf else value)
 
 Number = Annotated[checks.Number, _AS_HELD]
 Positive = Annotated[checks.Positive, _AS_HELD]
 NotNegative = Annotated[checks.NotNegative, _AS_HELD]
 Length = Annotated[
     checks.Length,
-    BeforeValidator(lambda value: inf if isinstance(value, str) and value == "forever" else value),
+    BeforeValidator(lambda value: inf if isinstance(value, str) and value == FOREVER else value),
     _AS_HELD,
-    WithJsonSchema({"anyOf": [{"type": "number", "exclusiveMinimum": 0}, {"const": "forever"}]}),
+    WithJsonSchema({"anyOf": [{"type": "number", "exclusiveMinimum": 0}, {"const": FOREVER}]}),
 ]
 """A number above 0 that may be infinite: "forever" in files."""
 

@@ -1,11 +1,14 @@
 """Numbers with units in files."""
 
+from math import inf
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from haptix import Finger, InputError, Screen
 from haptix.base.units import with_numbers
+from haptix.feel.signals.signal import signal_from
 
 # Written out by hand: text, key, and the SI float (millimetres for places) that it stands for.
 GOOD = [
@@ -109,3 +112,16 @@ def test_finger_and_screen_files_accept_units(tmp_path):
     path.write_text('[roughness]\nh_rms_m = "20 V"\n')
     with pytest.raises(InputError, match=r"x\.toml: Finger\.roughness\.h_rms_m: .*got '20 V'"):
         Finger.load(path)
+
+
+def test_an_endless_length_is_read_as_it_is_written():
+    endless = {"kind": "sine", "amplitude": 0.1, "frequency_hz": "0.1 kHz", "length_s": "forever"}
+    read = with_numbers("signal", endless)
+    assert signal_from(read).length_s == inf and read["frequency_hz"] == 100.0
+
+
+def test_texts_are_no_quantities_whatever_their_names_end_in():
+    assert with_numbers("map", {"at_s": "rt", "x_mm": "1 cm"}, {"at_s"}) == {
+        "at_s": "rt",
+        "x_mm": 10.0,
+    }
