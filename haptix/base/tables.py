@@ -49,7 +49,12 @@ _RATE_UNIT = re.compile(
     r"(?P<prefix>[kKMG]?)(?:Hz|hz|Sa?/s(?:ec)?|samples?/s(?:ec(?:ond)?)?|sps|SPS)|1/s"
 )
 _QUANTITY = re.compile(r"(?P<number>[+\d.,]+(?:[eE][+-]?\d+)?)\s*(?P<unit>[^\d\s.,:].*)?")
-_GROUPED = re.compile(r"[1-9]\d{0,2}(?:,\d{3})+(?:\.\d*)?|[1-9]\d{0,2}(?:\.\d{3})+(?:,\d*)?")
+# Digits with signs between the thousands.
+_GROUPED = re.compile(
+    r"\s*[+-]?[1-9]\d{0,2}(?:(?:[,' \u00a0\u2019\u202f]\d{3})+(?:\.\d*)?"
+    r"|(?:[.' \u00a0\u2019\u202f]\d{3})+(?:,\d*)?)\s*"
+)
+_OF_DIGITS = re.compile(r"[+-]?\d[\d.,' \u00a0\u2019\u202f]*(?:[eE][+-]?\d+)?")
 _DAY_S = 86_400.0
 _PREFIXES = {"": 1.0, "k": 1e3, "K": 1e3, "M": 1e6, "G": 1e9}
 _OF_SIGNALS = frozenset(
@@ -399,14 +404,26 @@ def _is_value(cell: str, has_commas: bool) -> bool:
     return bool(_NUMBER.fullmatch(plain) or _CLOCK.fullmatch(cell))
 
 
+def _is_number(cell: str) -> bool:
+    """Whether a cell is a number, with a decimal sign and one between thousands or either."""
+    is_one = _NUMBER.fullmatch(cell.replace(",", ".")) or _GROUPED.fullmatch(cell)
+    return bool(is_one and _OF_DIGITS.fullmatch(cell.strip()))
+
+
 def _layout(lines: Sequence[str], delimiter: str | None) -> _Layout | None:
     """Find the layout that makes the most cells of the first lines numbers."""
     looked = lines[:_LOOKED_AT]
-    best: tuple[int, _Layout] | None = None
+    best: tuple[tuple[float, ...], _Layout] | None = None
     for sign in (delimiter,) if delimiter else _DELIMITERS:
         rows = [_cells(line, sign) for line in looked]
         for has_commas in (False, True):
-            counts = [sum(_is_value(cell, has_commas) for cell in row) for row in rows]
+            plain = [sum(_is_value(cell, has_commas) for cell in row) for row in rows]
+            # Thousands with signs are numbers as well, though they are refused later.
+            grouped = [
+                sum(bool(_GROUPED.fullmatch(c)) and not _is_value(c, has_commas) for c in row)
+                for row in rows
+            ]
+            counts = [sum(each) for each in zip(plain, grouped, strict=True)]
             # Most of the cells of a line of numbers are numbers, two of the samples of a scope.
             filled = [sum(bool(cell.strip()) for cell in row) for row in rows]
             full = [2 * c > n for c, n in zip(counts, filled, strict=True)]
@@ -415,7 +432,10 @@ def _layout(lines: Sequence[str], delimiter: str | None) -> _Layout | None:
                 continue
             width = widths.most_common(1)[0][0]
             fits = [f and len(row) == width for f, row in zip(full, rows, strict=True)]
-            score = sum(count for count, fit in zip(counts, fits, strict=True) if fit)
+            fitting = [each for each, fit in zip(counts, fits, strict=True) if fit]
+            cells = sum(n for n, fit in zip(filled, fits, strict=True) if fit)
+            certain = sum(n for n, fit in zip(plain, fits, strict=True) if fit)
+            score = (sum(fitting), sum(fitting) / max(cells, 1), certain)
             if best is not None and score <= best[0]:
                 continue
             runs = [k for k in range(len(rows)) if all(fits[k : k + 3])]
@@ -487,8 +507,10 @@ def _values(
         k = layout.names.index(name)
         if _CLOCK.fullmatch(first[k]):
             clocks.append(k)
-        elif must_be or _is_value(first[k], layout.has_commas):
+        elif must_be or _is_value(first[k], layout.has_commas) or _GROUPED.fullmatch(first[k]):
             numeric.append(k)
+    if layout.has_commas:
+        _check_one_sign(path, body, at, layout)
     found: dict[str, Array] = {}
     try:
         text = [line.replace(",", ".") for line in body] if layout.has_commas else body
@@ -506,6 +528,9 @@ def _values(
             while is_ragged and cells and not cells[-1].strip():
                 cells.pop()
             values = np.array([_number(cell, layout.has_commas) for cell in cells])
+            for j in np.flatnonzero(np.isnan(values)).tolist():
+                if _OF_DIGITS.fullmatch(cells[j].strip()):
+                    raise _of_two_signs(path, at[j], {layout.names[k]: cells[j]}) from None
             if (bad := np.flatnonzero(np.isnan(values))).size and not must_be:
                 if len(bad) > len(values) / 2:
                     continue
@@ -515,11 +540,56 @@ def _values(
                     f"column {layout.names[k]!r}, got {cells[bad[0]]!r}"
                 ) from None
             found[layout.names[k]] = values
+    for k in numeric:
+        values = found.get(layout.names[k], np.empty(0))
+        if _may_be_grouped(values):
+            cells = [_cells(line, sign)[k].strip(" +-") for line in body[: len(values)]]
+            grouped = [j for j, cell in enumerate(cells) if _GROUPED.fullmatch(cell)]
+            whole = sum(cell.isdecimal() and len(cell) <= 3 for cell in cells)
+            if whole and len(grouped) + whole == len(cells):
+                raise _of_two_signs(path, at[grouped[0]], {layout.names[k]: cells[grouped[0]]})
     for k in clocks:
         cells = [_cells(line, sign)[k] for line in body]
         found[layout.names[k]] = _clock_s(path, cells, layout.names[k])
         units[layout.names[k]] = "s"
     return found, units
+
+
+def _check_one_sign(path: str | Path, body: list[str], at: Sequence[int], layout: _Layout) -> None:
+    """Raise `FileFormatError` where points stand beside decimal commas."""
+    first: FileFormatError | None = None
+    for j, line in enumerate(body):
+        if "." not in line:
+            continue
+        cells = zip(layout.names, _cells(line, layout.delimiter), strict=False)
+        row = {name: cell for name, cell in cells if _is_number(cell)}
+        signs = {sign: name for name, cell in row.items() for sign in ",." if sign in cell}
+        if "." in signs:
+            first = first or _of_two_signs(path, at[j], {signs["."]: row[signs["."]]})
+            if "," in signs:
+                raise _of_two_signs(path, at[j], {name: row[name] for name in signs.values()})
+    if first is not None:
+        raise first
+
+
+def _may_be_grouped(values: Array) -> bool:
+    """Whether "1.234" in a column may be 1234: it has whole numbers, and thousandths above 1."""
+    size = np.abs(values[np.isfinite(values)])
+    parted = size[size % 1 != 0]
+    thousandths = size * 1000
+    return bool(
+        parted.size
+        and parted.min() >= 1
+        and (np.abs(thousandths - np.round(thousandths)) <= 1e-6 * thousandths).all()
+    )
+
+
+def _of_two_signs(path: str | Path, line: int, cells: Mapping[str, str]) -> FileFormatError:
+    got = " and ".join(f"{cell.strip()!r} in column {name!r}" for name, cell in cells.items())
+    return FileFormatError(
+        f"{path}, about line {line}: expected one decimal sign and none between thousands, got "
+        f"{got}; export again without a sign between thousands (of a spreadsheet: as General)"
+    )
 
 
 def _number(cell: str, has_commas: bool) -> float:
@@ -597,6 +667,7 @@ def _quantity(text: str, has_commas: bool) -> tuple[float, str]:
     if has_commas:  # "5.000" is five, of a program that always writes points, or five thousand
         is_unclear = "." in number and bool("," in number or _GROUPED.fullmatch(number))
     else:
-        is_unclear = "," in number and not _GROUPED.fullmatch(number)
+        before = number.partition(",")[0]
+        is_unclear = before != number and ("." in before or not _GROUPED.fullmatch(number))
     plain = number.replace(",", "." if has_commas else "")
     return nan if is_unclear else _number(plain, False), unit

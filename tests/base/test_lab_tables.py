@@ -103,7 +103,7 @@ def test_a_rate_of_sampling_is_taken_with_its_unit(tmp_path, line):
         "Calibration interval: 365", "Sample time: 10:15:30", "Sample rate: 5 rpm",
         "Sample rate: 5 mhz", "Sample interval: 3 days", "Sample rate: 5000 Hz\ndt: 0.001",
         "Sample rate (kHz): 5 Hz", "Sample rate: 5000 of 10000", "Sample interval: 0,200 ms",
-        "Max sample rate: 10 kHz",
+        "Max sample rate: 10 kHz", "Sample rate: 5.000,0 Hz", "Sample rate: 0,500 Hz",
     ],
 )  # fmt: skip
 def test_another_rate_is_no_rate_of_sampling(tmp_path, line):
@@ -115,3 +115,54 @@ def test_a_rate_above_decimal_commas(tmp_path):
     assert rate_above(tmp_path / "a.csv", "dt: 0.2 ms", comma=True) == pytest.approx(5000.0)
     assert rate_above(tmp_path / "a.csv", "Sample rate: 5.000 Hz", comma=True) is None
     assert rate_above(tmp_path / "b.csv", "Sample rate: 5,000 Hz", sign=",") is None
+
+
+def german(value, digits):
+    return f"{value:,.{digits}f}".translate(str.maketrans(",.", ".,"))
+
+
+@pytest.mark.parametrize(
+    ("sign", "row", "cell"),
+    [
+        (";", lambda k: (german(k / 1e3, 3), german(k * 100, 0)), "1.000"),
+        (";", lambda k: (german(k / 1e3, 3), german(k * 100, 2)), "1.000,00"),
+        ("\t", lambda k: (f"{k / 1e3:.4f}", f"{k * 100:,}"), "1,000"),
+        ("\t", lambda k: (f"{k / 1e3:.4f}", f"{k * 100:,.1f}"), "1,000.0"),
+        ("\t", lambda k: (str(k), f"{k * 100:,}"), "1,000"),
+        (";", lambda k: (str(k), german(k * 100, 0)), "1.000"),
+        (";", lambda k: (str(k), german(k * 100 - 5e3, 0)), "5.000"),
+        (";", lambda k: (f"{k / 1e3}", f"{k * 100 + 1000:,}"), "1,000"),
+        (";", lambda k: (f"{k / 1e3}", f"{k * 100:,.1f}".replace(",", "'")), "1'000.0"),
+        (";", lambda k: (german(k / 1e3, 3), german(k * 100, 1).replace(".", " ")), "1 000,0"),
+        (",", lambda k: (f"{k / 1e3}", f'"{k * 100:,.2f}"'), "1,000.00"),
+    ],
+)
+@pytest.mark.parametrize("names", [None, ["x (um)"]])
+def test_thousands_with_a_sign_are_refused(tmp_path, sign, row, cell, names):
+    rows = [sign.join(row(k)) for k in range(300)]
+    (tmp_path / "a.csv").write_text("\n".join([f"t (s){sign}x (um)", *rows]) + "\n")
+    with pytest.raises(haptix.HaptixError, match=r"a\.csv.*without a sign between") as caught:
+        read_table(tmp_path / "a.csv", names)
+    assert repr(cell) in str(caught.value)
+
+
+def test_blanks_in_a_heading_are_no_columns(tmp_path):
+    """Tabs and blanks both split the numbers; the heading has blanks of its own."""
+    rows = "".join(f"{k}\t{k}\n" for k in range(20))
+    (tmp_path / "a.asc").write_text("Time  1 - default rate\tFz\ns\tN\n" + rows)
+    assert read_table(tmp_path / "a.asc").units == {"Time  1 - default rate": "s", "Fz": "N"}
+
+
+@pytest.mark.parametrize("comma", [False, True])
+@pytest.mark.parametrize(
+    "write", [lambda v: f"{v:.3f}", lambda v: f"{v:.7g}", lambda v: f"{v:.3e}", repr]
+)
+def test_decimals_are_no_thousands(tmp_path, comma, write):
+    """Among them steps of 1/8, which have three decimals or none from 1 on."""
+    columns = np.arange(40) / 8, 1.0 + np.arange(40) / 1000, 999.0 + np.arange(40) / 4
+    rows = [";".join(write(float(v)) for v in row) for row in zip(*columns, strict=True)]
+    text = "\n".join(rows).replace(".", "," if comma else ".")
+    (tmp_path / "a.csv").write_text(f"a;b;c\n{text}\n")
+    table = read_table(tmp_path / "a.csv")
+    for found, wanted in zip(table.columns.values(), columns, strict=True):
+        np.testing.assert_allclose(found, wanted, rtol=6e-4)
