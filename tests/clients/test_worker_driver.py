@@ -116,10 +116,15 @@ def test_a_slower_driver_is_played_at_its_own_pace(page, driver, kind):
 
 def test_a_busy_page_does_not_stop_the_drive(page, driver):
     strokes(page, driver)
-    busy_ms = 2e3 * ENDS_S / PACE  # twice the watchdog's time
+    busy_ms = 1.25e3 * ENDS_S / PACE  # longer than the watchdog's time
     page.evaluate(f"const end = performance.now() + {busy_ms}; while (performance.now() < end);")
-    wait_for(lambda: np.abs(driver.output_v[-400:]).max() > 30.0)  # the finger is felt again
-    assert page.evaluate("[told.length, driver.isArmed]") == [0, True]
+    wait_for(
+        lambda: (
+            np.abs(driver.output_v[-400:]).max() > 30.0  # the finger is felt again
+            or page.evaluate("told.length")
+        )
+    )
+    assert page.evaluate("[told, driver.isArmed]") == [[], True]
     assert (driver.faults, driver.status.underruns) == (0, 0)
 
 
