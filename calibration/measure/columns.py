@@ -360,11 +360,13 @@ def proposed(table: LabTable) -> tuple[ColumnMap, tuple[str, ...], tuple[str, ..
     columns: dict[str, CsvColumn] = {}
     missing, assumed = [], []
     for name, pattern in _MEANT.items():
-        fits = [
-            heading
-            for heading in table.columns
-            if re.fullmatch(pattern, split_unit(heading)[0].rpartition("/")[2], re.I)
-        ]
+        plain = {heading: split_unit(heading)[0] for heading in table.columns}
+        fits = [h for h, text in plain.items() if re.fullmatch(pattern, text.split("/")[-1], re.I)]
+        if not fits:  # "Force/Z" of two groups
+            fits = [h for h, t in plain.items() if re.fullmatch(pattern, t.replace("/", " "), re.I)]
+        if len(fits) > 1:
+            known = {*_UNITS.get(name, ()), None}
+            fits = [heading for heading in fits if table.units.get(heading) in known] or fits
         if not fits:
             continue
         if len(fits) > 1:

@@ -194,8 +194,9 @@ def _of_tdms(path: str | Path, data: bytes) -> LabTable:
             for group in groups
         ]
         filled = [(group.name, part) for group, part in zip(groups, parts, strict=True) if part]
-        alike = len(filled) > 1 and len({tuple(part) for _, part in filled}) == 1
+        alike = len(filled) > 1 and _follow_each_other([part for _, part in filled])
         columns, units, times = dict[str, Array](), dict[str, str](), dict[str, Array]()
+        no_times = dict[str, None]()
         first = _first(_begun(channel) for _, part in filled for channel in part.values())
         for number, (group, part) in enumerate(filled, 1):
             if alike:
@@ -211,19 +212,50 @@ def _of_tdms(path: str | Path, data: bytes) -> LabTable:
                     continue
                 properties = channel.properties
                 columns[name] = np.append(columns.get(name, []), np.asarray(values, dtype=float))
-                if unit := known_unit(str(properties.get("unit_string", ""))):
+                if unit := _unit_of(channel):
                     units[name] = unit
-                if (step := float(properties.get("wf_increment", 0.0))) > 0:
-                    began_s = _late_s(_begun(channel), first)
-                    began_s += float(properties.get("wf_start_offset", 0.0))
-                    own = began_s + step * np.arange(len(values))
+                axis = [str(properties.get(key, "")) for key in ("wf_xname", "wf_xunit_string")]
+                unit_s = _axis_unit_s(*axis)
+                step = float(properties.get("wf_increment", 0.0))
+                if step > 0 and unit_s is None:
+                    no_times.setdefault(f"{name} stands over {axis[0]} [{axis[1]}], no time")
+                elif step > 0 and unit_s is not None:
+                    offset = float(properties.get("wf_start_offset", 0.0))
+                    own = unit_s * (offset + step * np.arange(len(values)))
+                    own += _late_s(_begun(channel), first)
                     times[name] = np.append(times.get(name, []), own)
             if alike:
                 longest = max(len(channel) for channel in part.values())
                 numbers = columns.get("group", np.empty(0))
                 columns["group"] = np.append(numbers, np.full(longest, float(number)))
     what = f"TDMS: {', '.join(f'{group} ({len(part)} channels)' for group, part in filled)}"
-    return LabTable(columns, units, times, None, (what,))
+    return LabTable(columns, units, times, None, (what, *no_times))
+
+
+def _unit_of(channel: Any) -> str:
+    return known_unit(str(channel.properties.get("unit_string", "")))
+
+
+def _follow_each_other(groups: Sequence[Mapping[str, Any]]) -> bool:
+    """Whether groups of TDMS are the same channels at different times, such as strokes.
+
+    Channels of one name in different units, or groups that began at once, are those of several
+    instruments: a force's X and a position's.
+    """
+    units = {tuple((name, _unit_of(group[name])) for name in group) for group in groups}
+    starts = [start for group in groups if (start := min(_starts(group), default=None)) is not None]
+    return len(units) == 1 and len(set(starts)) == len(starts)
+
+
+def _starts(group: Mapping[str, Any]) -> list[np.datetime64]:
+    return [start for start in map(_begun, group.values()) if start is not None]
+
+
+def _axis_unit_s(name: str, unit: str) -> float | None:
+    """Seconds of the unit of an axis; None where it is none of time."""
+    if unit.strip():
+        return TIMES_S.get(known_unit(unit))
+    return 1.0 if name.strip().lower() in ("", "time", "t", "zeit", "temps") else None
 
 
 def _first(starts: Iterable[np.datetime64 | None]) -> np.datetime64:
@@ -251,6 +283,7 @@ def _of_lvm(path: str | Path, text: str) -> LabTable:
     with from_extra("calibration"):
         import lvm_read
     columns, units, times = dict[str, list[Any]](), dict[str, str](), dict[str, list[Any]]()
+    no_times = dict[str, None]()
     with reading(path, "a LabVIEW measurement file"):
         # `read` would keep a pickle beside the file.
         table = lvm_read.read_str(text)
@@ -274,8 +307,13 @@ def _of_lvm(path: str | Path, text: str) -> LabTable:
                 values = values[: int(np.flatnonzero(np.isfinite(values))[-1]) + 1]
                 columns.setdefault(names[at], []).append(values)
                 labels = segment.get("Y_Unit_Label", [])
-                if channel < len(labels) and labels[channel].strip():
-                    units[names[at]] = known_unit(labels[channel])
+                unit = known_unit(labels[channel]) if channel < len(labels) else ""
+                if units.setdefault(names[at], unit) != unit:
+                    raise ValueError(f"{names[at]} in {units[names[at]]!r} and later in {unit!r}")
+                axis = [*segment.get("X_Dimension", ["Time"]), *[""] * len(names)][channel]
+                if _axis_unit_s(axis, "") is None:
+                    no_times.setdefault(f"{names[at]} stands over {axis}, no time")
+                    continue
                 if x_columns == "No":
                     start, step = (float(segment[key][channel]) for key in ("X0", "Delta_X"))
                     own = start + step * np.arange(len(values))
@@ -290,7 +328,8 @@ def _of_lvm(path: str | Path, text: str) -> LabTable:
     joined, stamps = (
         {name: np.concatenate(parts) for name, parts in found.items()} for found in (columns, times)
     )
-    return LabTable(joined, units, stamps, None, (what,))
+    units = {name: unit for name, unit in units.items() if unit}
+    return LabTable(joined, units, stamps, None, (what, *no_times))
 
 
 @dataclass(frozen=True)

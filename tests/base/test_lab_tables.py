@@ -166,3 +166,80 @@ def test_decimals_are_no_thousands(tmp_path, comma, write):
     table = read_table(tmp_path / "a.csv")
     for found, wanted in zip(table.columns.values(), columns, strict=True):
         np.testing.assert_allclose(found, wanted, rtol=6e-4)
+
+
+BEGAN = np.datetime64("2026-11-27T10:00:00.000000")
+
+
+def tdms(path, channels):
+    """Write channels of (group, name, unit, values, further properties) at 1000 a second."""
+    nptdms = pytest.importorskip("nptdms")
+    with nptdms.TdmsWriter(path) as file:
+        file.write_segment([
+            nptdms.ChannelObject(group, name, values, {
+                "wf_increment": 1e-3, "wf_start_offset": 0.0, "unit_string": unit, **more})
+            for group, name, unit, values, more in channels
+        ])  # fmt: skip
+    return read_table(path)
+
+
+@pytest.mark.parametrize(
+    ("units", "starts"),
+    [(("N", "mm"), None), (("N", ""), None), (("", ""), (BEGAN, BEGAN))],
+)
+def test_two_instruments_with_channels_of_one_name_are_two(tmp_path, units, starts):
+    k = np.arange(20.0)
+    more = [{"wf_start_time": start} for start in starts] if starts else [{}, {}]
+    table = tdms(tmp_path / "a.tdms", [
+        ("Force", "X", units[0], k, more[0]), ("Position", "X", units[1], 3 * k, more[1]),
+    ])  # fmt: skip
+    assert [*table.columns] == ["Force/X", "Position/X"]
+    stated = {"Force/X": units[0], "Position/X": units[1]}
+    assert table.units == {name: unit for name, unit in stated.items() if unit}
+    np.testing.assert_array_equal(table.columns["Position/X"], 3 * k)
+
+
+@pytest.mark.parametrize("starts", [None, (BEGAN, BEGAN + np.timedelta64(10, "s"))])
+def test_groups_of_one_instrument_are_strokes(tmp_path, starts):
+    more = [{"wf_start_time": start} for start in starts] if starts else [{}, {}]
+    table = tdms(tmp_path / "a.tdms", [
+        ("1", "Fz", "N", np.ones(10), more[0]), ("2", "Fz", "N", np.full(10, 2.0), more[1]),
+    ])  # fmt: skip
+    assert (
+        table.columns["Fz"].tolist() == table.columns["group"].tolist() == [1.0] * 10 + [2.0] * 10
+    )
+
+
+@pytest.mark.parametrize(
+    ("axis", "unit", "step_s"),
+    [
+        ("Time", "s", 1e-3), ("Time", "ms", 1e-6), ("", "", 1e-3), ("Time", "", 1e-3),
+        ("Zeit", "min", 0.06), ("Position", "mm", None), ("Frequency", "", None),
+    ],
+)  # fmt: skip
+def test_an_axis_of_tdms_has_a_unit(tmp_path, axis, unit, step_s):
+    more = {"wf_xname": axis, "wf_xunit_string": unit, "wf_start_offset": 5.0}
+    table = tdms(tmp_path / "a.tdms", [("D", "Fz", "N", np.ones(10), more)])
+    if step_s is None:
+        assert table.times_s == {}
+        assert axis in table.understood[1]
+    else:
+        np.testing.assert_allclose(table.times_s["Fz"], (5000 + np.arange(10)) * step_s)
+
+
+def test_an_axis_of_lvm_that_is_no_time_gives_none(tmp_path):
+    path = tmp_path / "a.lvm"
+    lvm_of_several_x_columns(path, ("Fz", "N", "10:11:12.5", np.arange(20)))
+    path.write_text(path.read_text().replace("X_Dimension\tTime", "X_Dimension\tLength"))
+    table = read_table(path)
+    assert table.times_s == {} and "Length" in table.understood[1]
+
+
+def test_segments_of_lvm_in_two_units_are_refused(tmp_path):
+    path, other, k = tmp_path / "a.lvm", tmp_path / "b.lvm", np.arange(20)
+    lvm_of_several_x_columns(path, ("Fz", "mN", "10:11:12.5", 1e3 * k))
+    lvm_of_several_x_columns(other, ("Fz", "N", "10:11:14.5", k))
+    _, segment = other.read_text().split("\n\t\n")
+    path.write_text(f"{path.read_text()}\n{segment}")
+    with pytest.raises(haptix.HaptixError, match=r"a\.lvm: .*Fz in 'mN' and later in 'N'"):
+        read_table(path)

@@ -175,6 +175,15 @@ def lvm_of_two_tasks(made, path):
     lvm(later, path, "No", (dates, times))
 
 
+def tdms_of_axes(made, path):
+    """The groups of both instruments have an X and a Z."""
+    _, fz, fx, x, v = columns_of(made)
+    step = 1 / RATE_HZ
+    force = [("X", "N", step, fx), ("Z", "N", step, fz)]
+    stage = [("X", "mm", step, x), ("Z", "mm", step, 0 * x)]
+    tdms_of(path, ("Force", force), ("Position", stage), ("Drive", [("AO", "V", step, v)]))
+
+
 BEGAN = np.datetime64("2026-11-27T10:00:00.000000")
 
 
@@ -308,6 +317,7 @@ FILES = {
     "LVM": (lvm, "a.lvm"),
     "LVM without times": (lvm_without_times, "a.lvm"),
     "TDMS of two rates": (tdms, "a.tdms"),
+    "TDMS of axes": (tdms_of_axes, "a.tdms"),
 }
 
 
