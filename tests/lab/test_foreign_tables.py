@@ -1,5 +1,6 @@
 """Tables of trials of other programs, such as PsychoPy's, give the thresholds of their answers."""
 
+import json
 import shutil
 
 import numpy as np
@@ -135,3 +136,11 @@ def test_the_command_says_what_a_foreign_table_needs(folder):
     )
     done = run_haptix("stimuli", "analyse", table, "--columns", folder / "map.toml")
     assert done.code == 0 and "p1" in done.out
+    # Results of earlier analyses lie in the folder: p1_exp_2026_analysis, and then analysis.
+    first, second = (
+        run_haptix("stimuli", "analyse", folder, "--columns", folder / "map.toml", "--json")
+        for _ in range(2)
+    )
+    assert first.code == second.code == 0, second.err
+    assert json.loads(first.out) == json.loads(second.out)
+    assert len(json.loads(second.out)[0]["thresholds"]) == 3

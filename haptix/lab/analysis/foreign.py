@@ -18,9 +18,12 @@ from haptix.lab.experiment.methods import ConstantStimuli
 from haptix.lab.experiment.session_plan import TASKS
 from haptix.lab.experiment.trial_log import COLUMNS, LoggedSession
 
+REPORT = "report.html"
+"""File of an analysis, beside its tables."""
 _SUFFIXES = (".csv", ".tsv", ".txt")
 _RIGHT = {"1", "1.0", "true", "yes", "right", "correct", "hit"}
 _WRONG = {"0", "0.0", "false", "no", "wrong", "incorrect", "miss"}
+_RESULTS = ("thresholds.tsv", "group.tsv", "differences.tsv")
 _NOTHING = {"", "none", "n/a", "nan", "na"}
 
 
@@ -34,7 +37,8 @@ class TrialColumns(Document):
         is_right = "key_resp.corr"      # 1 or 0, true or false, right or wrong
         task = "2ifc"
 
-    Rows without a level or an answer, such as those of instructions, are left out.
+    Rows without a level or an answer, such as those of instructions, are left out, and so are
+    tables of results that an earlier analysis left in the folder.
 
     Parameters
     ----------
@@ -81,7 +85,11 @@ class TrialColumns(Document):
         source = Path(source)
         files = [source]
         if source.is_dir():
-            files = sorted(file for file in source.rglob("*") if file.suffix in _SUFFIXES)
+            files = sorted(
+                file
+                for file in source.rglob("*")
+                if file.suffix in _SUFFIXES and not _is_written_by_analysis(file)
+            )
         known: dict[str, Path] = {}
         remarks: dict[Path, list[str]] = {}
         for file in sorted(files, key=lambda file: (len(file.name), file)):
@@ -187,6 +195,11 @@ class TrialColumns(Document):
             raise FileFormatError(
                 f"{file}, line {number}: {self.level}: expected {wanted}, got {cell!r}"
             ) from None
+
+
+def _is_written_by_analysis(file: Path) -> bool:
+    """Whether a table is a result of an earlier analysis, which has its report beside it."""
+    return file.name in _RESULTS and file.with_name(REPORT).exists()
 
 
 def _person(row: dict[str, str]) -> tuple[str, str]:

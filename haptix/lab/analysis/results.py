@@ -18,7 +18,7 @@ from haptix.base.errors import FileFormatError, MissingExtraError, from_extra
 from haptix.base.files import digest, json_text, write_folder
 from haptix.base.report import page, paragraph, picture, table
 from haptix.base.version import __version__
-from haptix.lab.analysis.foreign import TrialColumns, advice, is_table
+from haptix.lab.analysis.foreign import REPORT, TrialColumns, advice, is_table
 from haptix.lab.analysis.preregistration import NAME, Preregistration
 from haptix.lab.analysis.runs import (
     ALL,
@@ -400,7 +400,7 @@ def write_analysis(
     for name, rows in analysis.tables.items():
         lines = [list(rows[0]), *([_cell(value) for value in row.values()] for row in rows)]
         files[f"{name}.tsv"] = "".join("\t".join(line) + "\n" for line in lines)
-    files["report.html"] = report_html(analysis, title)
+    files[REPORT] = report_html(analysis, title)
     return write_folder(Path(out), files)
 
 
