@@ -16,6 +16,7 @@ from haptix.base.report import record, row, text
 from haptix.base.version import foreign_package
 
 _LONGEST_MESSAGE = 10_000
+_LIST_LINE = "\n  "
 _TELLS_EACH_S = 10.0
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
@@ -29,8 +30,12 @@ def run(app: Callable[[], object], name: str) -> None:
         message = str(error)
         if len(message) > _LONGEST_MESSAGE:  # it may quote a file
             message = f"{message[:_LONGEST_MESSAGE]} ..."
-        # Names of files may hold line breaks, and characters that move a terminal's cursor.
-        message = "".join(char if char.isprintable() else repr(char)[1:-1] for char in message)
+        # Names of files may hold line breaks, and characters that move a terminal's cursor. Lines
+        # of a list are indented, so that no name begins a line as a message does.
+        message = _LIST_LINE.join(
+            "".join(char if char.isprintable() else repr(char)[1:-1] for char in line)
+            for line in message.split(_LIST_LINE)
+        )
         sys.stderr.write(f"{name}: {message}\n")
         sys.exit(getattr(error, "exit_code", 2))
     except ImportError:

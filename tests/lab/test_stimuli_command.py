@@ -233,6 +233,17 @@ def test_one_participant_has_one_spelling_in_a_study(haptix_stimuli):
     assert names == ["sub-07", "sub-17", "sub-70", "sub-p7"]
 
 
+def test_a_rejected_set_has_a_line_for_each_stimulus(haptix_stimuli):
+    path = Path("set.toml")
+    path.write_text(path.read_text().replace("value = 0.272", "value = 9.0"))
+    done = haptix_stimuli("make", "set.toml")
+    assert done.code == 2
+    head, *lines = done.err.splitlines()
+    assert head.endswith("friction:") and "rejected whole, nothing was written" in head
+    assert len(lines) == 4 and all(line.startswith("  same-") for line in lines)
+    assert "\\" not in done.err
+
+
 def test_who_cannot_be_a_participant(haptix_stimuli):
     for who in ("../x", "../07", "Jane Doe 1", "anna", "0", "-1", "", "7/1", "1" * 80, "n\u00e41"):
         done = haptix_stimuli(

@@ -314,12 +314,12 @@ class MakingJob:
         if limits or (unreachable and parts.unreachable == "reject"):
             shutil.rmtree(self.drafts, ignore_errors=True)
             lines = "\n  ".join([*limits, *unreachable])
-            head = f"set {parts.name!r} is rejected whole, nothing was written:\n  {lines}"
+            head = f"set {parts.name!r} is rejected whole, nothing was written"
             if limits:
-                raise LimitError(head)
+                raise LimitError(f"{head}:\n  {lines}")
             raise RangeError(
-                f'{head}\nlower what they ask for, or say unreachable = "nearest" to play the '
-                "nearest reachable friction"
+                f'{head}; lower what its stimuli ask for, or say unreachable = "nearest" to play '
+                f"the nearest reachable friction:\n  {lines}"
             )
         reused = sum(entry.is_reused for entry in made)
         known = {
