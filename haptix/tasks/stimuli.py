@@ -250,7 +250,7 @@ class RunExperiment(Task, command="stimuli run"):
                 context.tell(step="waiting for a recorder of the streams haptix-*")
                 outlets.wait_for_recorders()
                 around["outlets"] = outlets
-            around["another_program"] = self.another_program
+            around |= {"another_program": self.another_program, "participant": self.participant}
             experiment = plan.experiment(device, answer, table, _number_of(who), seed, **around)
             if self.simulate_db is None:
                 ask_to_go_on(context, experiment, self.ask_after_h)
@@ -267,7 +267,8 @@ class RunExperiment(Task, command="stimuli run"):
             row |= {"trials": experiment.trials, **estimate.record(), **experiment.summary()}
             warnings += [f"{name}: {line}" if name else line for line in estimate.warnings]
             rows.append(row)
-        title = "; warning: ".join((f"{plan.name}: trials in {table}", *warnings))
+        title = f"{plan.name}: trials in {table}"
+        title = "; warning: ".join((title, *warnings))
         shown = [{k: value for k, value in row.items() if k != "warnings"} for row in rows]
         return Result(rows, [(title, shown)])
 
@@ -308,7 +309,7 @@ class ExperimentJob(Task, route="experiments", kind="experiment", plays=True, ke
         from haptix.lab.experiment.recipe import ExperimentRecipe
         from haptix.play.devices import open_device
 
-        plan = ExperimentRecipe(**with_numbers("recipe", recipe))
+        plan, given = ExperimentRecipe(**with_numbers("recipe", recipe)), self.model_fields_set
         assert context.folder is not None
         context.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         with closing(open_device(self.device)) as device:
@@ -318,6 +319,7 @@ class ExperimentJob(Task, route="experiments", kind="experiment", plays=True, ke
                 context.folder / f"{self.log}.csv",
                 self.participant,
                 seed_of(plan.seed, str(self.participant), "01"),
+                participant=str(self.participant) if "participant" in given else None,
                 source="page",
                 rest=partial(_rest, context),
                 tell=lambda is_right: context.tell(step="right" if is_right else "wrong"),

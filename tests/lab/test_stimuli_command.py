@@ -233,6 +233,18 @@ def test_one_participant_has_one_spelling_in_a_study(haptix_stimuli):
     assert names == ["sub-07", "sub-17", "sub-70", "sub-p7"]
 
 
+def test_a_log_goes_into_a_study_as_the_participant_who_ran_it(haptix_stimuli):
+    run = ("run", "experiment.toml", "--simulate-db", "-22", "--log")
+    assert haptix_stimuli(*run, "elsewhere.tsv", "--participant", "03").code == 0
+    assert haptix_stimuli(*run, "nobody.tsv").code == 0
+    bids = partial(haptix_stimuli, "bids", "--study", "s", "--participant")
+    done = bids("04", "elsewhere.tsv")
+    assert done.code == 2 and "elsewhere.tsv was run as participant '03', got '04'" in done.err
+    assert not Path("s").exists()
+    assert bids("3", "elsewhere.tsv").code == bids("04", "nobody.tsv").code == 0
+    assert sorted(one.name for one in Path("s").glob("sub-*")) == ["sub-04", "sub-3"]
+
+
 def test_a_rejected_set_has_a_line_for_each_stimulus(haptix_stimuli):
     path = Path("set.toml")
     path.write_text(path.read_text().replace("value = 0.272", "value = 9.0"))

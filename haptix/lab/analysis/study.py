@@ -263,7 +263,8 @@ def export(
     Files of other participants and sessions stay as they are, as does its description
     and of its participants. A session that is exported again is written anew, where its log goes on
     and nobody has changed its files; otherwise they stay, and it is refused. Raises `InputError` if
-    a label is none, or the session is there with other trials or changed files; `FileFormatError`
+    a label is none, the log was run as another participant, or the session is there with other
+    trials or changed files; `FileFormatError`
     if the log is none, was changed, or has other trials than its plan, or a file cannot be written.
 
     Parameters
@@ -280,6 +281,12 @@ def export(
     log, study = Path(log), Path(study)
     copy = session_log(study, participant, session, task)
     logged = read_log(log)
+    ran = str(logged.settings.get("participant", participant))
+    if _spelling(ran) != _spelling(participant):
+        raise InputError(
+            f"participant: {log} was run as participant {ran!r}, got {participant!r}; give that "
+            "one, or the log that you mean"
+        )
     replayed(logged)
     rows = logged.rows
     touches = TouchLog(log)

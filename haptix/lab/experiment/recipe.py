@@ -198,16 +198,16 @@ class ExperimentRecipe(Document):
         device: Device,
         answer: AnswerTo,
         log_file: str | Path,
-        participant: int = 1,
+        number: int = 1,
         seed: int | None = None,
         **around: Any,
     ) -> Experiment:
         """Return the experiment on a device; `around` are other parameters of `Experiment`.
 
-        `participant` and `seed` are those of `make_method`.
+        `number` (the participant's) and `seed` are those of `make_method`.
         """
         return Experiment(
-            self.make_method(participant, seed),
+            self.make_method(number, seed),
             self.presentations(device.capabilities.sample_rate_hz),
             device,
             answer,

@@ -263,6 +263,8 @@ class Experiment:
         Streams that get each interval's mark, drive and touches once it was played.
     another_program : bool
         Continue a log that another version of haptix began; its rows say which wrote them.
+    participant : str, optional
+        Pseudonym, which the log keeps.
 
     Raises
     ------
@@ -296,6 +298,7 @@ class Experiment:
     show: Callable[[str], None] | None = None
     source: Source | None = None
     outlets: LabOutlets | None = None
+    participant: str | None = None
 
     def __post_init__(self) -> None:
         self._task = task_named(self.task)
@@ -339,6 +342,8 @@ class Experiment:
             "hashes": self._hashes(),
             "source": self.source,
         }
+        if self.participant is not None:
+            settings["participant"] = self.participant
         if self.plan != SessionPlan():
             settings["plan"] = self.plan.model_dump(mode="json", exclude_defaults=True)
         self._sequence = TrialSequence(self.method, self._task, self.plan, self.seed)
