@@ -252,6 +252,7 @@ class RunExperiment(Task, command="stimuli run"):
                 around["outlets"] = outlets
             around |= {"another_program": self.another_program, "participant": self.participant}
             experiment = plan.experiment(device, answer, table, _number_of(who), seed, **around)
+            was_over = experiment.is_over
             if self.simulate_db is None:
                 ask_to_go_on(context, experiment, self.ask_after_h)
             try:
@@ -268,6 +269,8 @@ class RunExperiment(Task, command="stimuli run"):
             warnings += [f"{name}: {line}" if name else line for line in estimate.warnings]
             rows.append(row)
         title = f"{plan.name}: trials in {table}"
+        if was_over:
+            title = f"{plan.name}: this session was finished before; its trials stay in {table}"
         title = "; warning: ".join((title, *warnings))
         shown = [{k: value for k, value in row.items() if k != "warnings"} for row in rows]
         return Result(rows, [(title, shown)])

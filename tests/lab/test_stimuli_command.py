@@ -245,6 +245,16 @@ def test_a_log_goes_into_a_study_as_the_participant_who_ran_it(haptix_stimuli):
     assert sorted(one.name for one in Path("s").glob("sub-*")) == ["sub-04", "sub-3"]
 
 
+def test_a_finished_session_is_said_to_be(haptix_stimuli):
+    run = ("run", "experiment.toml", "--study", "s", "--participant", "1", "--simulate-db", "-22")
+    first = haptix_stimuli(*run)
+    log = next(Path("s").rglob("*_log.tsv"))
+    before = log.read_bytes()
+    again = haptix_stimuli(*run)
+    assert first.code == again.code == 0 and log.read_bytes() == before
+    assert "was finished before" in again.out and "was finished before" not in first.out
+
+
 def test_a_rejected_set_has_a_line_for_each_stimulus(haptix_stimuli):
     path = Path("set.toml")
     path.write_text(path.read_text().replace("value = 0.272", "value = 9.0"))
