@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Self
@@ -18,14 +18,14 @@ from calibration.measure.segmentation import position_at_speed
 from calibration.plan.parameters import Array
 from haptix.base.documents import Document, Part
 from haptix.base.errors import FileFormatError, InputError
-from haptix.base.tables import FEWEST_SAMPLES, LabTable, read_table, split_unit
+from haptix.base.tables import FEWEST_SAMPLES, TIMES_S, LabTable, read_table, split_unit
 
 SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".lvm", ".tdms")
 """Ends of the names of files that are looked for."""
 
 _FORCE = {"N": 1.0, "mN": 1e-3, "gf": 9.80665e-3, "kgf": 9.80665, "lbf": 4.4482216}
 _UNITS = {
-    "t_s": {"s": 1.0, "ms": 1e-3, "us": 1e-6},
+    "t_s": TIMES_S,
     "normal_force_n": _FORCE,
     "tangential_force_n": _FORCE,
     "x_mm": {"mm": 1.0, "m": 1e3, "cm": 10.0, "inch": 25.4, "um": 1e-3},
@@ -40,9 +40,9 @@ class CsvColumn(Part):
     column: str | None = None
     """Heading of the column, without blanks at its ends; None where there is no column."""
     unit: str | None = None
-    """Unit of the column: s, ms, us, or samples of a known rate; N, mN, gf, kgf or lbf; mm, m, cm,
-    inch or um; V, mV or kV. "raw" keeps the numbers of a signal without a unit. By default that of
-    the file."""
+    """Unit of the column: s, ms, us, ns, min, h, or samples of a known rate; N, mN, gf, kgf or lbf;
+    mm, m, cm, inch or um; V, mV or kV. "raw" keeps the numbers of a signal without a unit. By
+    default that of the file."""
     scale: float = 1.0
     """Further factor: the gain of a divider, or -1 for a sign."""
     speed_mm_per_s: float | None = None
@@ -53,7 +53,9 @@ class CsvColumn(Part):
     file: str | None = None
     """Rest of the name of another file, such as "-position.csv" beside ``stroke-001.csv``."""
     time: str | None = None
-    """Its column of times [s]; times of day are compared with those of the first file."""
+    """Its column of times; times of day are compared with those of the first file."""
+    time_unit: str | None = None
+    """Unit of its times, as of ``t_s``. By default that of the file."""
     rate_hz: PositiveFloat | None = None
     """Its samples per second, where it has no times: both files begin together."""
 
@@ -61,6 +63,9 @@ class CsvColumn(Part):
     def _comes_from_somewhere(self) -> Self:
         if sum(x is not None for x in (self.column, self.speed_mm_per_s, self.value)) != 1:
             raise ValueError("expected one of column, speed_mm_per_s and value")
+        if self.time_unit is not None and self.time_unit not in TIMES_S:
+            expected = ", ".join(TIMES_S)
+            raise ValueError(f"time_unit: expected {expected}, got {self.time_unit!r}")
         if self.file is not None and ("/" in self.file or "\\" in self.file):
             raise ValueError(f"file: expected the rest of a name, got {self.file!r}")
         return self
@@ -291,13 +296,17 @@ class ColumnMap(Document):
         if unit == "samples" and name == "t_s":
             factor = None if rate is None else 1 / rate
         if factor is None and name in _UNITS:
-            stated = f"got {unit!r}" if unit else "and the file states none"
-            rather = "rate_hz with samples" if unit == "samples" else ", ".join(_UNITS[name])
-            raise FileFormatError(
-                f'{path}: expected the unit of column "{column.column}" for {name}: one of '
-                f"{rather}, {stated}; give it in the column map"
-            )
+            rather = ("rate_hz with samples",) if unit == "samples" else _UNITS[name]
+            raise _no_unit(path, f'"{column.column}" for {name}', unit, rather, "it")
         return np.asarray(table.columns[heading] * (factor or 1.0) * column.scale)
+
+
+def _no_unit(path: Path, what: str, unit: str, known: Iterable[str], key: str) -> FileFormatError:
+    stated = f"got {unit!r}" if unit else "and the file states none"
+    return FileFormatError(
+        f"{path}: expected the unit of column {what}: one of {', '.join(known)}, {stated}; give "
+        f"{key} in the column map"
+    )
 
 
 def _own_times(
@@ -306,8 +315,10 @@ def _own_times(
     """Times of a column in a file of its own."""
     if column.time is not None:
         heading = table.named(column.time) or column.time
-        unit = table.units.get(heading, "s")
-        return np.asarray(table.columns[heading] * _UNITS["t_s"].get(unit, 1.0))
+        unit = column.time_unit or table.units.get(heading, "")
+        if unit not in TIMES_S:
+            raise _no_unit(path, f'"{column.time}"', unit, TIMES_S, "time_unit")
+        return np.asarray(table.columns[heading] * TIMES_S[unit])
     rate = column.rate_hz or table.rate_hz
     if own is None and rate is None:
         raise FileFormatError(

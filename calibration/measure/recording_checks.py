@@ -73,6 +73,8 @@ def check_recording(
     findings += _clipping(recording, idle_s)
     if length := list(_sliding(recording)):
         return findings + length
+    if short := list(_lasts(recording, idle_s)):
+        return findings + short
     stroke = recording.stroke
     segments = full_slip(
         recording.t_s,
@@ -305,6 +307,18 @@ def _sliding(recording: StrokeRecording) -> Iterator[Finding]:
         )
     else:
         yield _too_short(recording, length)
+
+
+def _lasts(recording: StrokeRecording, idle_s: float) -> Iterator[Finding]:
+    """Find a slide of full length for which there was no time between the idle parts."""
+    lasted = float(recording.t_s[-1] - recording.t_s[0])
+    if lasted < 2 * idle_s:
+        yield Finding(
+            "wrong times",
+            f"expected a slide of some {recording.stroke.sliding_s:.2g} s between {idle_s:g} s "
+            f"without touch on either side, got {lasted:.3g} s in all: are the times in another "
+            "unit? Say so in the column map",
+        )
 
 
 def _wrong_unit(expected: str, got: float, unit: str) -> Finding:

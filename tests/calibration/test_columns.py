@@ -393,6 +393,28 @@ def test_two_files_of_two_rates_are_one_recording(made, tmp_path):
     assert point.outlier == "" and point.mu == pytest.approx(0.3, rel=0.02)
 
 
+@pytest.mark.parametrize(
+    ("head", "scale", "stated"),
+    [("Time (min)", 1 / 60, {}), ("Time (ns)", 1e9, {}), ("Time", 1e3, {"time_unit": "ms"})],
+)
+def test_times_of_a_second_file_have_units_as_those_of_the_first(
+    made, tmp_path, head, scale, stated
+):
+    rows = zip(((made.t_s + 100.0) * scale).tolist(), made.x_mm.tolist(), strict=True)
+    stage = f"{head},pos\n" + "".join(f"{t!r},{x!r}\n" for t, x in rows)
+    columns = two_files(made, tmp_path, "Time (s)", stage, time=head, **stated)
+    found = columns.signals(tmp_path / "stroke-001.csv")
+    np.testing.assert_allclose(found["x_mm"], made.x_mm, atol=1e-3)
+
+
+@pytest.mark.parametrize("head", ["Time", "Time (turns)"])
+def test_times_of_a_second_file_without_a_unit_are_asked_for(made, tmp_path, head):
+    stage = f"{head},pos\n" + text_of([made.t_s * 1e3, made.x_mm])
+    columns = two_files(made, tmp_path, "Time (s)", stage, time=head)
+    with pytest.raises(haptix.HaptixError, match=r"-stage\.csv: expected the unit.*time_unit"):
+        columns.signals(tmp_path / "stroke-001.csv")
+
+
 def test_two_files_by_two_clocks_are_refused(made, tmp_path):
     stage = "time (s),pos\n" + text_of([made.t_s, made.x_mm])
     columns = two_files(made, tmp_path, "Time (s)", stage, time="time (s)")

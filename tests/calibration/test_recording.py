@@ -202,7 +202,7 @@ def test_wrong_files_are_named(tmp_path, stroke, head, rows, said):
     [
         (
             '[columns]\nt_s = {column = "t", unit = "N"}',
-            "t_s: expected unit s, ms, us, samples",
+            "t_s: expected unit s, ms, us, ns, min, h, samples",
         ),
         ('[columns]\nt_s = {column = "t", file = "-b.csv"}', "times of the first file"),
         ('[columns]\nx_mm = {column = "t", file = "../b.csv"}', "rest of a name"),

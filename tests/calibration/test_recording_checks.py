@@ -141,6 +141,7 @@ FAULTS = {
     "dead tangential force": constant("tangential_force_n", 0.2),
     "tangential noise alone": times(tangential_force_n=1e-3),
     "times in ms": times(t_s=1e3),
+    "times in min": times(t_s=1 / 60),
     "clipped": clipped,
     "stops half-way": cut(0.4),
     "samples dropped": without_some,
@@ -164,6 +165,7 @@ NAMES = {
     "no numbers": "no numbers",
     "touched before the prompt": "never zeroed",
     "times that go back": "wrong times",
+    "times in min": "wrong times",
     "half the voltage": "drive off",
 }
 
