@@ -266,6 +266,16 @@ def test_a_rejected_set_has_a_line_for_each_stimulus(haptix_stimuli):
     assert "\\" not in done.err
 
 
+def test_a_folder_that_is_no_set_is_named_for_what_it_is(haptix_stimuli):
+    assert haptix_stimuli("new", "study").code == 0
+    done = haptix_stimuli("show", "study")
+    assert done.code == 2 and "study: is a study" in done.err
+    assert "haptix stimuli analyse study" in done.err
+    Path("other").mkdir()
+    done = haptix_stimuli("show", "other")
+    assert done.code == 2 and "haptix stimuli make" in done.err
+
+
 def test_who_cannot_be_a_participant(haptix_stimuli):
     for who in ("../x", "../07", "Jane Doe 1", "anna", "0", "-1", "", "7/1", "1" * 80, "n\u00e41"):
         done = haptix_stimuli(

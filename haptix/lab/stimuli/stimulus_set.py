@@ -505,6 +505,16 @@ def check_manifest(folder: str | Path) -> list[str]:
 
 def read_manifest(folder: Path) -> dict[str, Any]:
     """Read the manifest of a finished folder, or raise `FileFormatError`."""
+    if (folder / "dataset_description.json").exists():
+        raise FileFormatError(
+            f"{folder}: is a study, and not a set of stimuli; haptix stimuli analyse {folder} "
+            "shows its sessions"
+        )
+    if not (folder / "manifest.json").exists():
+        raise FileFormatError(
+            f"{folder}: is not a set of stimuli, it has no manifest.json; name the folder that "
+            "haptix stimuli make wrote"
+        )
     return read_json(folder / "manifest.json", _MANIFEST_BYTES, _MANIFEST_VALUES)
 
 
