@@ -33,6 +33,7 @@ SHORTEST_PER_M = 1e7
 """Wavenumber [1/m] up to which a finger's roughness must be measured: waves of 0.6 um. Shorter ones
 leave the gaps of the insulator's thickness, and tau_f takes up their part of the slope."""
 
+_AREA_MEASURED_N = (0.1, 0.9)  # of the default law, see `Finger`
 _LONGEST_WAVES = 2.0  # q0 times the side of the apparent area over 2 pi: longer waves carry height
 _ROUGHNESS = "roughness spectrum of the finger"
 
@@ -270,6 +271,24 @@ class Finger(Document):
             self.bulk_modulus_pa,
             self.bulk_poisson_ratio,
         )
+
+    def area_warnings(self, normal_force_n: float) -> list[str]:
+        """Name a force at which the contact area of the presets is extrapolated.
+
+        Examples
+        --------
+        >>> Finger().area_warnings(0.5)
+        []
+        """
+        low_n, high_n = _AREA_MEASURED_N
+        names = ("apparent_area_at_1n_m2", "apparent_area_exponent")
+        is_own = any(getattr(self, name) != type(self).model_fields[name].default for name in names)
+        if is_own or low_n <= normal_force_n <= high_n:
+            return []
+        return [
+            f"a normal force of {normal_force_n:g} N: the contact area was measured from {low_n:g} "
+            f"to {high_n:g} N"
+        ]
 
     def apparent_area_m2(self, normal_force_n: Tensor) -> Tensor:
         """A0 [m^2] at normal forces [N] of any shape.

@@ -106,7 +106,7 @@ class MakeSet(Task, command="stimuli make"):
                 result = stimuli.make(folder, 1, update, executor)
         again = f", {result.reused} of them from an earlier run" if result.reused else ""
         title = f"{len(result.sidecars)} stimuli in {result.folder}{again}"
-        title += _placeholders(result.sidecars)
+        title += _placeholders(result.sidecars) + _warnings(result.sidecars)
         return Result([*result.sidecars], [(title, [*map(_row, result.sidecars)])])
 
 
@@ -166,7 +166,7 @@ class ShowStimulus(Task, command="stimuli show"):
             tables = [read_json(path) for path in sidecars]
             past = max((float(table["pull_past_breakdown"]) for table in tables), default=0.0)
             title += _current([table["current"] for table in tables])
-            title += _placeholders(tables) + breakdown_note(past)
+            title += _placeholders(tables) + breakdown_note(past) + _warnings(tables)
             return Result(tables, [(title, [*map(_row, tables)])])
 
 
@@ -617,6 +617,12 @@ def _current(currents: Sequence[Mapping[str, float]]) -> str:
         for kind in ("peak", "rms")
     )
     return f"; current at most {peak}, {rms} rms"
+
+
+def _warnings(sidecars: Sequence[Mapping[str, Any]]) -> str:
+    """Return what of the contacts is beyond what was measured, in words."""
+    named = dict.fromkeys(line for sidecar in sidecars for line in sidecar.get("warnings", ()))
+    return "".join(f"; warning: {line}" for line in named)
 
 
 def _placeholders(sidecars: Sequence[Mapping[str, Any]]) -> str:

@@ -276,6 +276,28 @@ def test_a_folder_that_is_no_set_is_named_for_what_it_is(haptix_stimuli):
     assert done.code == 2 and "haptix stimuli make" in done.err
 
 
+@pytest.mark.parametrize(
+    ("forces", "warned"),
+    [
+        ("0.5, 0.6", ""),
+        # The contact area of the presets is from forces of 0.1 to 0.9 N (`Finger`), ...
+        ("40.0, 50.0", "a normal force of 50 N: the contact area was measured from 0.1 to 0.9 N"),
+        # ... and the theory was compared with boundary elements from x = 5e-5 on.
+        ("0.02, 0.03", "validated from 5e-05"),
+    ],
+)
+def test_a_force_beyond_what_was_measured_is_warned_of(haptix_stimuli, forces, warned):
+    path = Path("set.toml")
+    text = path.read_text().replace("0.5, 0.6", forces).replace(', "thick.toml"', "")
+    text = text.replace('"equal-friction"', '"factorial"').replace('"mu"', '"contrast"')
+    path.write_text(text.replace("0.272", "0.01"))
+    made, seen = haptix_stimuli("make", "set.toml"), haptix_stimuli("show", "mine")
+    for done in (made, seen):
+        assert done.code == 0, done.err
+        assert ("warning" in done.out) == bool(warned)
+        assert warned in " ".join(done.out.split())
+
+
 def test_who_cannot_be_a_participant(haptix_stimuli):
     for who in ("../x", "../07", "Jane Doe 1", "anna", "0", "-1", "", "7/1", "1" * 80, "n\u00e41"):
         done = haptix_stimuli(

@@ -23,7 +23,8 @@ from haptix.model.finger import Finger, FingerResponse
 from haptix.model.friction import ContactModel
 from haptix.model.perception.sensation import SensationInTime
 from haptix.model.screen import Screen
-from haptix.model.status import Status
+from haptix.model.states import ContactState
+from haptix.model.status import Status, limits_passed
 from haptix.model.surface import Column, FrictionSurface, cached_surface
 from haptix.model.waves import sine
 from haptix.play.devices import BODY_CAPACITANCE_F, Current, DriveLimits
@@ -120,6 +121,8 @@ class ContactTable:
     pull_past_breakdown: Array
     x: float
     """``p0/(E* slope)``, see `haptix.model.ContactState`."""
+    warnings: tuple[str, ...]
+    """How it lies beyond what the theory and the finger's contact area were compared with."""
 
     def at(self, name: str, amplitude_v: float) -> float:
         """Return one of the tables at an amplitude; that of the last node above it."""
@@ -270,6 +273,7 @@ class Apparatus:
                 np.asarray(state.conductance_s),
                 np.asarray(state.pull_past_breakdown),
                 float(state.x.max()),
+                (*_beyond(state), *self.models[0].finger.area_warnings(touch[0])),
             )
         table: ContactTable = self._known[key]
         return table
@@ -305,6 +309,12 @@ class Apparatus:
     def surface_keys(self) -> list[str]:
         """Hashes of everything that decides the surfaces' numbers."""
         return [str(surface.info["key"]) for surface in self.surfaces]
+
+
+def _beyond(state: ContactState) -> list[str]:
+    """Warnings of a contact but for limits of the drive, at which its surface ends."""
+    ends = limits_passed(state.status)
+    return [warning for warning in state.warnings() if warning not in ends]
 
 
 def _ripple(stimulus: Stimulus, response_hz_per_mm_per_s: float) -> Array | None:

@@ -201,6 +201,7 @@ def sidecar(
         "theory": model.theory,
         "terms": sorted(model.terms),
         "x": contact.x,
+        "warnings": list(contact.warnings),
         "pull_past_breakdown": contact.at("pull_past_breakdown", highest_v),
         "current": current,
         "dose": {
