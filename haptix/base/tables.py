@@ -55,6 +55,17 @@ _GROUPED = re.compile(
     r"|(?:[.' \u00a0\u2019\u202f]\d{3})+(?:,\d*)?)\s*"
 )
 _OF_DIGITS = re.compile(r"[+-]?\d[\d.,' \u00a0\u2019\u202f]*(?:[eE][+-]?\d+)?")
+_AS_CSV = "save its sheet as CSV"
+_OTHERS = {  # first bytes, kind and remedy of files that are no tables here
+    b"MATLAB": ("a MATLAB file", 'write its columns by writetable(table(t, Fz), "name.csv")'),
+    b"\x89HDF\r\n": ("an HDF5 file", "write its columns by numpy.savetxt, with a heading for each"),
+    b"\x93NUMPY": (
+        "an array of numpy",
+        "write it by numpy.savetxt, with a heading for each column",
+    ),
+    b"PK\x03\x04": ("a workbook (.xlsx, .ods) or another zip file", _AS_CSV),
+    b"\xd0\xcf\x11\xe0": ("a workbook of an older Excel (.xls)", _AS_CSV),
+}
 _DAY_S = 86_400.0
 _PREFIXES = {"": 1.0, "k": 1e3, "K": 1e3, "M": 1e6, "G": 1e9}
 _OF_SIGNALS = frozenset(
@@ -149,6 +160,9 @@ def read_table(
     data = read_bytes(path, LARGEST_TABLE_BYTES)
     if data[:4] == b"TDSm":
         return _needed(_of_tdms(path, data), path, names)
+    for first, (kind, remedy) in _OTHERS.items():
+        if data.startswith(first):
+            raise FileFormatError(f"{path}: expected text, LVM or TDMS, got {kind}; {remedy}")
     text = _decoded(data)
     if text.startswith("LabVIEW Measurement"):
         return _needed(_of_lvm(path, text), path, names)

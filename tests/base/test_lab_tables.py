@@ -1,7 +1,11 @@
 """Tables of instruments: no number gets a unit, a time or a rate that its file does not state."""
 
+import zipfile
+
+import h5py
 import numpy as np
 import pytest
+import scipy.io
 
 import haptix
 from haptix.base.tables import read_table
@@ -243,3 +247,36 @@ def test_segments_of_lvm_in_two_units_are_refused(tmp_path):
     path.write_text(f"{path.read_text()}\n{segment}")
     with pytest.raises(haptix.HaptixError, match=r"a\.lvm: .*Fz in 'mN' and later in 'N'"):
         read_table(path)
+
+
+def mat_7_3(path):
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file["Fz"] = np.ones(20)
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
+
+
+def hdf5(path):
+    with h5py.File(path, "w") as file:
+        file["log/Fz"] = np.ones(20)
+
+
+def workbook(path):
+    with zipfile.ZipFile(path, "w") as file:
+        file.writestr("xl/worksheets/sheet1.xml", "<worksheet/>")
+
+
+@pytest.mark.parametrize(
+    ("write", "name", "said"),
+    [
+        (lambda path: scipy.io.savemat(path, {"Fz": np.ones(20)}), "a.mat", "a MATLAB.*writetable"),
+        (mat_7_3, "a.mat", "a MATLAB.*writetable"),
+        (hdf5, "a.h5", "an HDF5 file.*savetxt"),
+        (lambda path: np.save(path, np.ones((20, 3))), "a.npy", "numpy.*savetxt"),
+        (workbook, "a.xlsx", "a workbook.*as CSV"),
+    ],
+)
+def test_other_formats_are_named_with_a_way_out(tmp_path, write, name, said):
+    write(tmp_path / name)
+    with pytest.raises(haptix.HaptixError, match=rf"{name}: expected text.*{said}"):
+        read_table(tmp_path / name)
