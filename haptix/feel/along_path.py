@@ -207,13 +207,16 @@ def _texture_table(texture: FrictionField) -> dict[str, Any]:
 
 def _periods(felt: Any, turn_deg: float = 0.0, scale: float = 1.0) -> Iterator[tuple[str, float]]:
     """Yield fields of periodic materials within a material, and their periods along x [mm]."""
-    if isinstance(felt, Grating):
-        across = abs(cos(radians(felt.orientation_deg + turn_deg)))
-        yield "period_mm", scale * felt.period_mm / max(across, 1e-9)
-    elif isinstance(felt, Noise) and felt.spectrum is None:
-        yield "longest_mm", scale * felt.longest_mm
-    elif isinstance(felt, Spectral):
-        yield from (("waves", scale * period_mm) for period_mm, _ in felt.waves)
+    if isinstance(felt, Grating | Noise | Spectral):
+        is_of_one_direction = getattr(felt, "grain", "ribbed") == "ribbed"
+        angle = radians(felt.orientation_deg + turn_deg) if is_of_one_direction else 0.0
+        scale /= max(abs(cos(angle)), 1e-9)
+        if isinstance(felt, Grating):
+            yield "period_mm", scale * felt.period_mm
+        elif isinstance(felt, Spectral):
+            yield from (("waves", scale * period_mm) for period_mm, _ in felt.waves)
+        elif felt.spectrum is None:
+            yield "longest_mm", scale * felt.longest_mm
     elif isinstance(felt, tuple):
         for part in felt:
             yield from _periods(part, turn_deg, scale)

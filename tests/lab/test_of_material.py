@@ -140,10 +140,18 @@ def test_a_period_that_the_rate_cannot_carry_is_refused(place):
     assert np.ptp(signal.values(0, 600, 48_000.0)) > 0
 
 
+def test_a_wave_of_a_spectrum_is_a_period():
+    """A wave of 0.2 mm at 1300 mm/s is 6.5 kHz."""
+    signal = MaterialSignal({"kind": "spectral", "waves": [[0.2, 0.1]]}, 1300.0)
+    with pytest.raises(InputError, match=r"waves: .* is 6500 Hz, expected less than 6000 Hz"):
+        signal.values(0, 600, RATE)
+
+
 def test_ribs_along_the_path_are_no_period_of_it():
     along = {**FINE, "orientation_deg": 90.0}
+    noise = {**PASSED_TOO_OFTEN["noise"], "grain": "ribbed", "orientation_deg": 90.0}
     turned = {"material": FINE, "width_mm": 9, "height_mm": 9, "rotation_deg": 90}
-    for material in (along, {"kind": "layout", "regions": [turned]}):
+    for material in (along, noise, {"kind": "layout", "regions": [turned]}):
         MaterialSignal(material, 100.0).values(0, 600, RATE)
 
 
