@@ -148,15 +148,21 @@ class Columns(Task, command="calibrate columns"):
                 "column": name,
                 "unit": table.units.get(name),
                 "samples": len(values),
-                "first": float(values[0]),
-                "lowest": float(np.nanmin(values)),
-                "highest": float(np.nanmax(values)),
+                "first": float(values[0]) if np.isfinite(values[0]) else None,
+                "lowest": float(known.min()) if len(known) else None,
+                "highest": float(known.max()) if len(known) else None,
                 "taken as": means.get(name),
             }
             for name, values in table.columns.items()
             if len(values)
+            for known in [values[np.isfinite(values)]]
         ]
-        lines = [*table.understood, *assumed, *(f"open: {note}" for note in missing)]
+        gaps = [
+            f"{name}: {count} cells are no finite numbers"
+            for name, values in table.columns.items()
+            if (count := int((~np.isfinite(values)).sum()))
+        ]
+        lines = [*table.understood, *gaps, *assumed, *(f"open: {note}" for note in missing)]
         if self.out is not None:
             columns.save(self.out)
             lines.append(f"column map: {self.out}")

@@ -347,10 +347,12 @@ def _onto(path: Path, name: str, t_s: Array, own_s: Array, values: Array) -> Arr
 
 
 _MEANT = {
-    "t_s": r"t|(abs )?time\b.*|zeit|temps|timestamp|elapsed.*|x_value|seconds",
-    "normal_force_n": r"f_?z|fn|f_?n|.*normal.*|.*load.*|.*press.*|force ?z|kraft ?z|.*vertical.*",
+    "t_s": r"t|%time|(abs )?time\b.*|zeit|temps|timestamp|elapsed.*|x_value|seconds",
+    "normal_force_n": (
+        r"f_?z|fn|f_?n|.*normal.*|.*load.*|.*press.*|.*force[ ._]?z|kraft ?z|.*vertical.*"
+    ),
     "tangential_force_n": (
-        r"f_?x|ft|f_?t|.*tangential.*|.*friction.*|.*shear.*|.*lateral.*|force ?x|kraft ?x|"
+        r"f_?x|ft|f_?t|.*tangential.*|.*friction.*|.*shear.*|.*lateral.*|.*force[ ._]?x|kraft ?x|"
         r".*reib.*"
     ),
     "x_mm": r"x|pos.*|.*position.*|.*displacement.*|.*stage.*|.*encoder.*|weg|.*distance.*",

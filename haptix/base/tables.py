@@ -41,6 +41,7 @@ _NAMED = re.compile(r"#\s*NAME(\d+)\s*=\s*(.+?)\s*")  # of a column, as PIPython
 _OF_SAMPLING = r"(?:(?:rdt|daq|data) )?(?:sampl(?:e|ing)|scan|acquisition|abtast)[ _-]?"
 _STATED_UNIT = r"(?:[ _]*[(\[](?P<unit>[^()\[\]]*)[)\]]|[ _](?P<after>[mu]?s|[kM]?Hz))?"
 _RATE = re.compile(rf"(?:{_OF_SAMPLING}(?:rate|frequency|frequenz)|fs){_STATED_UNIT}", re.I)
+_COMMENT = re.compile(r"#+\s*|%+(?:\s+|$)")
 _STEP = re.compile(
     rf"(?:{_OF_SAMPLING}(?:time|interval|intervall|period)|interval|delta.?[tx]|dt){_STATED_UNIT}",
     re.I,
@@ -367,7 +368,7 @@ def _of_text(
     skip_rows: int,
     delimiter: str | None,
 ) -> LabTable:
-    lines = text.splitlines()[skip_rows:]
+    lines = text.replace("\N{MINUS SIGN}", "-").splitlines()[skip_rows:]
     at = [number for number, line in enumerate(lines, skip_rows + 1) if line.strip()]
     lines = [line for line in lines if line.strip()]
     layout = _layout(lines, delimiter)
@@ -484,7 +485,10 @@ def _layout(lines: Sequence[str], delimiter: str | None) -> _Layout | None:
             if not widths:
                 continue
             width = widths.most_common(1)[0][0]
-            fits = [f and len(row) == width for f, row in zip(full, rows, strict=True)]
+            fits = [
+                f and len(row) == width and not row[0].rstrip().endswith("=")
+                for f, row in zip(full, rows, strict=True)
+            ]
             fitting = [each for each, fit in zip(counts, fits, strict=True) if fit]
             cells = sum(n for n, fit in zip(filled, fits, strict=True) if fit)
             certain = sum(n for n, fit in zip(plain, fits, strict=True) if fit)
@@ -503,6 +507,11 @@ def _layout_of(
     rows: Sequence[list[str]], first: int, width: int, delimiter: str, has_commas: bool
 ) -> _Layout:
     above = [[cell.strip().strip('"') for cell in row] for row in rows[:first]]
+    for k in range(max(first - 2, 0), first):  # headings behind a sign of comments
+        if above[k] and (sign := _COMMENT.match(above[k][0])):
+            row = [*filter(None, [above[k][0][sign.end() :]]), *above[k][1:]]
+            if len(row) == width and "=" not in row:
+                above[k] = row
     head = [k for k, row in enumerate(above) if len(row) == width and row[0] != "#"][-2:]
     units: dict[str, str] = {}
     names = [str(k + 1) for k in range(width)]
@@ -518,6 +527,13 @@ def _layout_of(
         names = _distinct([name or str(k + 1) for k, name in enumerate(names)])
         if is_units:
             units = {n: known_unit(u) for n, u in zip(names, row, strict=True) if known_unit(u)}
+    labelled = {row[0]: row[1:] for row in above if len(row) == width and row[0].endswith("=")}
+    if titles := labelled.get("ChannelTitle="):  # of LabChart
+        names = _distinct(["Time", *titles])
+        cells = map(known_unit, labelled.get("UnitName=", []))
+        units = {name: unit for name, unit in zip(names[1:], cells, strict=False) if unit}
+    if names[0] == "%time":  # of rostopic
+        units["%time"] = "ns"
     lines = [delimiter.join(row) for row in above]
     named = {match[1]: match[2] for line in lines if (match := _NAMED.fullmatch(line))}
     names = [named.get(str(k), name) for k, name in enumerate(names)]

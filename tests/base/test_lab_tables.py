@@ -280,3 +280,41 @@ def test_other_formats_are_named_with_a_way_out(tmp_path, write, name, said):
     write(tmp_path / name)
     with pytest.raises(haptix.HaptixError, match=rf"{name}: expected text.*{said}"):
         read_table(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("head", "sign", "units"),
+    [
+        ("# t (s),Fz (N)", ",", {"t (s)": "s", "Fz (N)": "N"}),
+        ("#t (s);Fz (N)", ";", {"t (s)": "s", "Fz (N)": "N"}),
+        ("# t Fz\n# s N", " ", {"t": "s", "Fz": "N"}),
+        ("% t Fz\n% s N", " ", {"t": "s", "Fz": "N"}),
+        ("%time,field.wrench.force.z", ",", {"%time": "ns"}),
+    ],
+)
+def test_headings_behind_a_sign_of_comments(tmp_path, head, sign, units):
+    (tmp_path / "a.txt").write_text(head + "\n" + "".join(f"{k}{sign}{2 * k}\n" for k in range(20)))
+    table = read_table(tmp_path / "a.txt")
+    assert table.units == units
+    assert [values[1] for values in table.columns.values()] == [1.0, 2.0]
+
+
+def test_a_long_minus_is_a_minus(tmp_path):
+    rows = "".join(f"{k},\N{MINUS SIGN}{k}.5\n" for k in range(20))
+    (tmp_path / "a.csv").write_text("t (s),Fz (N)\n" + rows, encoding="utf-8")
+    assert read_table(tmp_path / "a.csv").columns["Fz (N)"][3] == -3.5
+
+
+def test_rows_with_labels_are_no_samples(tmp_path):
+    """A text of LabChart; rows of its scale are numbers."""
+    head = (
+        "Interval=\t0.2 ms\nTimeFormat=\tStartOfBlock\nChannelTitle=\tFz\tFx\n"
+        "Range=\t2.000 N\t2.000 N\nUnitName=\tN\tmN\n"
+        "TopValue=\t2.0\t2.0\nBottomValue=\t-2.0\t-2.0\n"
+    )
+    rows = "".join(f"{k / 5e3:.4f}\t{k}\t{2 * k}\n" for k in range(20))
+    (tmp_path / "a.txt").write_text(head + rows)
+    table = read_table(tmp_path / "a.txt")
+    assert table.units == {"Fz": "N", "Fx": "mN"}
+    assert table.rate_hz == pytest.approx(5000)
+    assert table.columns["Fx"].tolist() == [2.0 * k for k in range(20)]

@@ -557,6 +557,12 @@ def test_the_command_shows_what_it_understood(made, tmp_path):
     for said in ("semicolons between 5 columns, decimal commas", "Fz [mN]", "normal_force_n"):
         assert said in done.out
     assert set(ColumnMap.load(tmp_path / "map.toml").signals(tmp_path / "a.csv")) == set(SIGNALS)
+    path = tmp_path / "a.csv"
+    lines = path.read_text(encoding="cp1252").splitlines(keepends=True)
+    lines[4] = lines[4].replace(lines[4].split(";")[1], "Infinity")
+    path.write_text("".join(lines), encoding="cp1252")
+    done = run_haptix("calibrate", "columns", path)
+    assert "Fz [mN]: 1 cells are no finite numbers" in done.out and " inf " not in done.out
     (tmp_path / "b.csv").write_text("t,Fz\n" + text_of(columns_of(made)[:2]))
     done = run_haptix("calibrate", "columns", tmp_path / "b.csv")
     assert done.code == 1 and "open: tangential_force_n: not found" in done.out
