@@ -41,9 +41,9 @@ from haptix.base.errors import InputError
 _TERMS = 40
 # Spread over hardness: above it the sine series converges within _TERMS, below it the images do.
 _SPREAD_AT_SWITCH = 0.08
-# Newton's steps to double precision, the last recorded by autograd, down to a share g of `slowing`;
-# the worst y are in the middle of the range, at both ends the start is exact.
-_NEWTON_STEPS = {0.4: 3, 1e-3: 5, 0.0: 8}
+# Newton's steps by the smallest g of `slowing` for which they suffice: the gradient is the slope
+# before the last step, which autograd records. The worst y are in the middle.
+_NEWTON_STEPS = {0.4: 4, 1e-3: 6, 0.0: 8}
 
 
 @dataclass(frozen=True)
