@@ -252,6 +252,8 @@ class RunExperiment(Task, command="stimuli run"):
                 around["outlets"] = outlets
             around |= {"another_program": self.another_program, "participant": self.participant}
             experiment = plan.experiment(device, answer, table, _number_of(who), seed, **around)
+            for warning in experiment.contact_warnings:
+                context.tell(step=f"warning: {warning}")
             was_over = experiment.is_over
             if self.simulate_db is None:
                 ask_to_go_on(context, experiment, self.ask_after_h)

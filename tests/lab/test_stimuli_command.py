@@ -296,6 +296,11 @@ def test_a_force_beyond_what_was_measured_is_warned_of(haptix_stimuli, forces, w
         assert done.code == 0, done.err
         assert ("warning" in done.out) == bool(warned)
         assert warned in " ".join(done.out.split())
+    experiment = Path("experiment.toml")
+    touch = f"[stimulus]\nnormal_force_n = {forces.split()[-1]}\n"
+    experiment.write_text(EXPERIMENT.replace("[stimulus]\n", touch))
+    run = haptix_stimuli("run", experiment, "--log", "t.tsv", "--simulate-db", "-22")
+    assert run.code == 0 and warned in run.err and ("warning" in run.err) == bool(warned)
 
 
 def test_who_cannot_be_a_participant(haptix_stimuli):

@@ -286,7 +286,7 @@ class ExperimentRecipe(Document):
         finger, screen = self._touched()
         apparatus = Apparatus.build(finger, screen, stimuli, self.ceiling_v)
         made = presentation_of_items(stimuli, apparatus, sample_rate_hz)
-        return self._identified(made, finger, screen)
+        return self._identified(made, apparatus, stimuli, finger, screen)
 
     def _touched(self) -> tuple[Finger, Screen]:
         return Finger.named(self.finger, self.folder), Screen.named(self.screen, self.folder)
@@ -300,9 +300,16 @@ class ExperimentRecipe(Document):
         apparatus = Apparatus.build(finger, screen, [stimulus], self.ceiling_v)
         response, _ = apparatus.responses(stimulus)
         made = presentation_of(stimulus, response, sample_rate_hz, pedestal)
-        return self._identified(made, finger, screen)
+        return self._identified(made, apparatus, [stimulus], finger, screen)
 
-    def _identified(self, made: Presentation, finger: Finger, screen: Screen) -> Presentation:
+    def _identified(
+        self,
+        made: Presentation,
+        apparatus: Apparatus,
+        stimuli: Sequence[Stimulus],
+        finger: Finger,
+        screen: Screen,
+    ) -> Presentation:
         hashes = {
             "finger": finger.content_hash(),
             "screen": screen.content_hash(),
@@ -311,6 +318,7 @@ class ExperimentRecipe(Document):
         return replace(
             made,
             identity={**made.identity, **hashes},
+            warnings=[line for each in stimuli for line in apparatus.contact(each).warnings],
             profile=f"{finger.name} on {screen.name} {digest(hashes)[:12]}",
         )
 

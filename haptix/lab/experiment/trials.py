@@ -161,6 +161,8 @@ class Presentation:
     profile: str = ""
     items: Sequence[str] = ()
     """Names of the items of a set, if the levels are their numbers."""
+    warnings: Sequence[str] = ()
+    """How its contacts lie beyond what was measured."""
 
     def allowed(self, level: float, ceiling_v: float) -> float:
         """Return the level, lowered to the highest whose voltage is within a ceiling.
@@ -376,6 +378,13 @@ class Experiment:
                     "or ask for another_program (--another-program)"
                 )
             self.log.go_on()
+
+    @property
+    def contact_warnings(self) -> list[str]:
+        """How contacts of its stimuli lie beyond what was measured; each way once."""
+        made = self.presentation
+        several = [made] if isinstance(made, Presentation) else made.values()
+        return [*dict.fromkeys(line for each in several for line in each.warnings)]
 
     @property
     def trials(self) -> int:
