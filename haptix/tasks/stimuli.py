@@ -106,7 +106,9 @@ class MakeSet(Task, command="stimuli make"):
                 result = stimuli.make(folder, 1, update, executor)
         again = f", {result.reused} of them from an earlier run" if result.reused else ""
         title = f"{len(result.sidecars)} stimuli in {result.folder}{again}"
-        title += _placeholders(result.sidecars) + _warnings(result.sidecars)
+        past = max((table["pull_past_breakdown"] for table in result.sidecars), default=0.0)
+        title += _placeholders(result.sidecars) + breakdown_note(past)
+        title += _warnings(result.sidecars)
         return Result([*result.sidecars], [(title, [*map(_row, result.sidecars)])])
 
 

@@ -303,6 +303,14 @@ def test_a_force_beyond_what_was_measured_is_warned_of(haptix_stimuli, forces, w
     assert run.code == 0 and warned in run.err and ("warning" in run.err) == bool(warned)
 
 
+def test_a_drive_past_breakdown_is_warned_of_when_its_set_is_made(haptix_stimuli):
+    path = Path("set.toml")
+    path.write_text(path.read_text().replace("value = 0.272", "value = 0.3"))
+    made, seen = haptix_stimuli("make", "set.toml"), haptix_stimuli("show", "mine")
+    for done in (made, seen):
+        assert done.code == 0 and "gaps whose field is past" in " ".join(done.out.split()), done.err
+
+
 def test_who_cannot_be_a_participant(haptix_stimuli):
     for who in ("../x", "../07", "Jane Doe 1", "anna", "0", "-1", "", "7/1", "1" * 80, "n\u00e41"):
         done = haptix_stimuli(
