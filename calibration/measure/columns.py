@@ -31,6 +31,7 @@ _UNITS = {
     "x_mm": {"mm": 1.0, "m": 1e3, "cm": 10.0, "inch": 25.4, "um": 1e-3},
     "drive_v": {"V": 1.0, "mV": 1e-3, "kV": 1e3},
 }
+_LEAST_SHARE = 0.9  # of the samples: a channel with fewer has a rate of its own
 _GROUPS = ("group", "segment")  # columns of a file of several parts, see `haptix.base.tables`
 
 
@@ -231,7 +232,8 @@ class ColumnMap(Document):
             if column.file is not None:
                 own = _own_times(of, source, column, own, len(values))
             if column.file is not None or len(values) != len(t) or own is not None:
-                own = t[: len(values)] if own is None else own
+                if own is None:
+                    own = self._shared_times(path, column, t, len(values))
                 values = _onto(of, name, t, own, values)
                 moved.add(name)
             signals[name] = values
@@ -285,6 +287,16 @@ class ColumnMap(Document):
                 "second"
             )
         return np.arange(len(table.columns[first])) / rate
+
+    def _shared_times(self, path: Path, column: CsvColumn, t_s: Array, count: int) -> Array:
+        """Times of a column that ends a little earlier, where a recording broke off."""
+        if not _LEAST_SHARE * len(t_s) <= count <= len(t_s):
+            raise FileFormatError(
+                f'{path}: column "{column.column}" has {count} samples, and the times {len(t_s)}; '
+                "expected its own times (the increment of a waveform), or a file of its own with "
+                "rate_hz"
+            )
+        return t_s[:count]
 
     def _values(self, path: Path, table: LabTable, name: str, rate: float | None = None) -> Array:
         column = self.columns[name]

@@ -628,15 +628,14 @@ def _check_one_sign(path: str | Path, body: list[str], at: Sequence[int], layout
     """Raise `FileFormatError` where points stand beside decimal commas."""
     first: FileFormatError | None = None
     for j, line in enumerate(body):
-        if "." not in line:
+        cells = _cells(line, layout.delimiter) if "." in line else []
+        if not any("." in cell and _is_number(cell) for cell in cells):  # a date may have points
             continue
-        cells = zip(layout.names, _cells(line, layout.delimiter), strict=False)
-        row = {name: cell for name, cell in cells if _is_number(cell)}
+        row = {n: c for n, c in zip(layout.names, cells, strict=False) if _is_number(c)}
         signs = {sign: name for name, cell in row.items() for sign in ",." if sign in cell}
-        if "." in signs:
-            first = first or _of_two_signs(path, at[j], {signs["."]: row[signs["."]]})
-            if "," in signs:
-                raise _of_two_signs(path, at[j], {name: row[name] for name in signs.values()})
+        if "," in signs:
+            raise _of_two_signs(path, at[j], {name: row[name] for name in signs.values()})
+        first = first or _of_two_signs(path, at[j], {signs["."]: row[signs["."]]})
     if first is not None:
         raise first
 

@@ -438,6 +438,27 @@ def test_a_drive_slower_than_the_forces_is_refused(made, tmp_path):
 GAUGES = [f"SG{k}" for k in range(6)]
 
 
+@pytest.mark.parametrize("stage", [slice(None, None, 10), slice(None)])
+def test_a_channel_of_another_length_without_times_is_refused(made, tmp_path, stage):
+    """Its samples are not those of the first times, one after the other."""
+    from nptdms import ChannelObject, TdmsWriter
+
+    t, fz, fx, x, _ = columns_of(made)
+    force = slice(None, None, 2) if stage == slice(None) else slice(None)
+    with TdmsWriter(tmp_path / "a.tdms") as file:
+        file.write_segment([
+            ChannelObject(group, name, values, {"unit_string": unit})
+            for group, name, unit, values in (
+                ("Force", "Time", "s", t[force]), ("Force", "Fz", "N", fz[force]),
+                ("Force", "Fx", "N", fx[force]), ("Stage", "Position", "mm", x[stage]),
+            )
+        ])  # fmt: skip
+    columns, missing, _ = proposed(read_table(tmp_path / "a.tdms"))
+    assert missing == ()
+    with pytest.raises(haptix.HaptixError, match=r'a\.tdms: column "Stage/Position" has .*rate_hz'):
+        columns.signals(tmp_path / "a.tdms")
+
+
 def test_gauge_voltages_and_their_matrix_are_forces(made, tmp_path):
     matrix = np.random.default_rng(0).normal(0, 5, (6, 6))
     t, fz, fx, x, v = columns_of(made)
