@@ -397,13 +397,11 @@ def proposed(table: LabTable) -> tuple[ColumnMap, tuple[str, ...], tuple[str, ..
         if len(fits) > 1:
             assumed.append(f"{name}: {' or '.join(fits)}; the first is taken")
         unit = table.units.get(fits[0])
-        if name == "stroke":
-            unit = "raw"
-        elif unit not in _UNITS[name]:
+        if name != "stroke" and unit not in _UNITS[name]:
             stated = f"; the file states {unit!r}" if unit else ""
             missing.append(f"{name}: add unit = one of {', '.join(_UNITS[name])}{stated}")
-            unit = None
-        columns[name] = CsvColumn(column=fits[0], unit=unit)
+        # Each file states its own: an instrument changes it with its range.
+        columns[name] = CsvColumn(column=fits[0], unit="raw" if name == "stroke" else None)
     counters = [name for name in table.columns if re.fullmatch(_COUNTER, name, re.I)]
     if table.rate_hz and counters:  # of the instrument, and not of the computer
         columns["t_s"] = CsvColumn(column=counters[0], unit="samples")

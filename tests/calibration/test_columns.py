@@ -338,6 +338,18 @@ def test_what_an_instrument_wrote_is_read_by_the_map_that_is_proposed(made, tmp_
         np.testing.assert_allclose(found[signal], getattr(made, signal)[:count], atol=atol)
 
 
+def test_a_proposed_map_takes_the_unit_of_each_file(made, tmp_path):
+    """An instrument's unit changes with its range."""
+    for number, (unit, scale) in enumerate((("mN", 1e3), ("N", 1.0))):
+        scales = {"normal_force_n": scale, "tangential_force_n": scale}
+        head = f"t,Fz,Fx,Position,Monitor\ns,{unit},{unit},mm,V\n"
+        (tmp_path / f"{number}.csv").write_text(head + text_of(columns_of(made, **scales)))
+    columns, _, _ = proposed(read_table(tmp_path / "0.csv"))
+    for number in range(2):
+        found = columns.signals(tmp_path / f"{number}.csv")
+        np.testing.assert_allclose(found["normal_force_n"], made.normal_force_n, atol=1e-6)
+
+
 def test_a_unit_that_nobody_states_is_asked_for(made, tmp_path):
     (tmp_path / "a.csv").write_text("t,Fz,Fx,pos,volts\n" + text_of(columns_of(made)))
     columns, missing, _ = proposed(read_table(tmp_path / "a.csv"))
