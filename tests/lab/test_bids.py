@@ -187,8 +187,12 @@ def test_participants_are_added_and_nothing_else_is_touched(log, tmp_path):
     mine = '{"Name": "mine", "BIDSVersion": "1.10.0"}'
     (study / "dataset_description.json").write_text(mine)
     (study / "participants.tsv").write_text("participant_id\tage\nsub-07\t31\n")
-    export(path, study, "08", "1", "detection")
+    session(second := tmp_path / "second.tsv")
+    export(second, study, "08", "1", "detection")
     export(path, study, "07", "1", "detection")
+    for labels in (("09", "1", "detection"), ("07", "2", "detection"), ("07", "1", "other")):
+        with pytest.raises(InputError, match="has it as sub-07_ses-1_task-detection_log"):
+            export(path, study, *labels)
     assert (study / "dataset_description.json").read_text() == mine
     rows = table(study / "participants.tsv")
     assert rows == [{"participant_id": "sub-07", "age": "31"},
@@ -278,18 +282,19 @@ def test_a_study_begins_with_an_experiment_that_runs(tmp_path):
 
 def test_the_recipe_of_a_log_from_elsewhere_comes_with_it(log, tmp_path):
     path, _ = log
-    beside, study = path.with_name(f"{path.stem}_experiment.toml"), tmp_path / "study"
+    beside = path.with_name(f"{path.stem}_experiment.toml")
     own = tmp_path / "own.toml"
     own.write_text('name = "own"\n')
     copies = []
     for participant, recipe in (("01", None), ("02", own)):
+        study = tmp_path / participant
         export(path, study, participant, "1", "detection", recipe)
-        copies += [*(study / "sourcedata" / f"sub-{participant}").rglob("*_experiment.toml")]
+        copies += [*study.rglob("*_experiment.toml")]
     assert [one.read_bytes() for one in copies] == [own.read_bytes()]  # the log has none beside
     try:
         beside.write_text('name = "beside"\n')
-        export(path, study, "03", "1", "detection")
-        (copy,) = (study / "sourcedata" / "sub-03").rglob("*_experiment.toml")
+        export(path, tmp_path / "03", "03", "1", "detection")
+        (copy,) = (tmp_path / "03" / "sourcedata").rglob("*_experiment.toml")
         assert copy.read_bytes() == beside.read_bytes()
     finally:
         beside.unlink()

@@ -242,6 +242,10 @@ def test_a_log_goes_into_a_study_as_the_participant_who_ran_it(haptix_stimuli):
     assert done.code == 2 and "elsewhere.tsv was run as participant '03', got '04'" in done.err
     assert not Path("s").exists()
     assert bids("3", "elsewhere.tsv").code == bids("04", "nobody.tsv").code == 0
+    for who, log in (("05", "nobody.tsv"), ("04", "nobody.tsv")):  # again, as the same one
+        done = bids(who, log)
+        assert done.code == (0 if who == "04" else 2)
+        assert who == "04" or "the study has it as sub-04_ses-01_task-detection_log" in done.err
     assert sorted(one.name for one in Path("s").glob("sub-*")) == ["sub-04", "sub-3"]
 
 

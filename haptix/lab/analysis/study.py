@@ -25,6 +25,7 @@ from haptix.base.files import (
     read_bytes,
     read_json,
     read_text,
+    reading,
     write_whole,
 )
 from haptix.base.version import __version__
@@ -263,9 +264,9 @@ def export(
     Files of other participants and sessions stay as they are, as does its description
     and of its participants. A session that is exported again is written anew, where its log goes on
     and nobody has changed its files; otherwise they stay, and it is refused. Raises `InputError` if
-    a label is none, the log was run as another participant, or the session is there with other
-    trials or changed files; `FileFormatError`
-    if the log is none, was changed, or has other trials than its plan, or a file cannot be written.
+    a label is none, the log was run as another participant or is in the study under other labels,
+    or the session is there with other trials or changed files; `FileFormatError` if the log is
+    none, was changed, or has other trials than its plan, or a file cannot be written.
 
     Parameters
     ----------
@@ -287,6 +288,13 @@ def export(
             f"participant: {log} was run as participant {ran!r}, got {participant!r}; give that "
             "one, or the log that you mean"
         )
+    begin = _begin(log)
+    for other in sorted(study.glob("sourcedata/sub-*/**/*_log.tsv")):
+        if logged.rows and other.name != copy.name and _begin(other) == begin:
+            raise InputError(
+                f"{log}: the study has it as {other.name}; give those labels, or move that session "
+                "away"
+            )
     replayed(logged)
     rows = logged.rows
     touches = TouchLog(log)
@@ -312,6 +320,12 @@ def export(
     if copy in files and end.exists():
         files[End.place(copy)] = read_bytes(end)
     return write_session(files, study, participant, task, copy.with_name(f"{base}_files.json"))
+
+
+def _begin(log: Path) -> list[bytes]:
+    """Return the head of a log and its first row, whose date no other has."""
+    with reading(log, "a log"), log.open("rb") as file:
+        return [file.readline() for _ in range(3)]
 
 
 def _grown(path: Path, copy: Path) -> bytes:
