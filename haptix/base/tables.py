@@ -319,7 +319,10 @@ def _of_lvm(path: str | Path, text: str) -> LabTable:
             names = _distinct(names)
             for channel, at in zip(above, places, strict=True):
                 values = rows[:, at]
-                values = values[: int(np.flatnonzero(np.isfinite(values))[-1]) + 1]
+                filled = np.flatnonzero(np.isfinite(values))
+                if not filled.size:  # a channel that recorded nothing
+                    continue
+                values = values[: int(filled[-1]) + 1]
                 columns.setdefault(names[at], []).append(values)
                 labels = segment.get("Y_Unit_Label", [])
                 unit = known_unit(labels[channel]) if channel < len(labels) else ""

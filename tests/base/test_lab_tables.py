@@ -65,6 +65,18 @@ def test_two_channels_of_one_name_are_two(tmp_path):
     np.testing.assert_allclose(table.columns["F 2"], 2.0 * k)
 
 
+def test_a_channel_that_recorded_nothing_is_left_out(tmp_path):
+    """As in ``with_empty_fields.lvm`` of lvm_read."""
+    path, k = tmp_path / "a.lvm", np.arange(20)
+    lvm_of_several_x_columns(
+        path, ("Fy", "N", "10:11:12.5", np.nan + k), ("Fx", "mN", "10:11:12.5", 1.0 * k)
+    )
+    path.write_text(path.read_text().replace("nan", ""))
+    table = read_table(path)
+    assert [*table.columns] == ["Fx"]
+    assert table.units["Fx"] == "mN"
+
+
 def test_fewer_headings_than_channels_are_refused(tmp_path):
     """Without the blanks behind their number, lvm_read takes so many columns, not channels."""
     path, k = tmp_path / "a.lvm", np.arange(20)
