@@ -102,14 +102,14 @@ def test_a_slower_driver_is_played_at_its_own_pace(page, driver, kind):
     began, began_s = driver.output_v.size, time.perf_counter()
     wait_for(lambda: driver.output_v.size - began > 0.1 * RATE_HZ)  # 2 s of the page
     assert time.perf_counter() - began_s > 0.09 / PACE
+    assert page.evaluate("told") == []
+    assert (driver.faults, driver.status.underruns) == (0, 0)
     page.evaluate("window.up = true")
     lifted = driver.output_v.size
     wait_for(lambda: not driver.output_v[-200:].any())
     # What was ahead of it, a fade-out and some turns of the worker, which a busy machine keeps
     # waiting; and not the 1.9 s that the page's clock was ahead.
     assert np.flatnonzero(driver.output_v)[-1] - lifted < 0.5 * RATE_HZ
-    assert page.evaluate("told") == []
-    assert (driver.faults, driver.status.underruns) == (0, 0)
     page.evaluate("driver.stop()")
     wait_for(lambda: is_at_0_v(driver))
 
