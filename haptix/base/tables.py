@@ -56,9 +56,11 @@ _GROUPED = re.compile(
     r"|(?:[.' \u00a0\u2019\u202f]\d{3})+(?:,\d*)?)\s*"
 )
 _OF_DIGITS = re.compile(r"[+-]?\d[\d.,' \u00a0\u2019\u202f]*(?:[eE][+-]?\d+)?")
+_BY_WRITETABLE = 'write its columns by writetable(table(t, Fz), "name.csv")'
 _AS_CSV = "save its sheet as CSV"
 _OTHERS = {  # first bytes, kind and remedy of files that are no tables here
-    b"MATLAB": ("a MATLAB file", 'write its columns by writetable(table(t, Fz), "name.csv")'),
+    b"MATLAB 5.0 MAT-file": ("a MATLAB file", _BY_WRITETABLE),
+    b"MATLAB 7.3 MAT-file": ("a MATLAB file", _BY_WRITETABLE),
     b"\x89HDF\r\n": ("an HDF5 file", "write its columns by numpy.savetxt, with a heading for each"),
     b"\x93NUMPY": (
         "an array of numpy",

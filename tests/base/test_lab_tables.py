@@ -330,3 +330,9 @@ def test_rows_with_labels_are_no_samples(tmp_path):
     assert table.units == {"Fz": "N", "Fx": "mN"}
     assert table.rate_hz == pytest.approx(5000)
     assert table.columns["Fx"].tolist() == [2.0 * k for k in range(20)]
+
+
+def test_a_text_that_names_matlab_is_a_text(tmp_path):
+    rows = "".join(f"{k},{k}\n" for k in range(20))
+    (tmp_path / "a.csv").write_text("MATLAB export of 27 November\nt (s),Fz (N)\n" + rows)
+    assert read_table(tmp_path / "a.csv").units == {"t (s)": "s", "Fz (N)": "N"}
