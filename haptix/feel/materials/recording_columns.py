@@ -10,8 +10,10 @@ from pydantic import PositiveFloat, model_validator
 
 from haptix.base.checks import Array
 from haptix.base.documents import Document, Part
+from haptix.base.errors import FileFormatError
 from haptix.base.fields import LIFTED_BELOW_N
-from haptix.base.tables import read_table
+from haptix.base.tables import read_table, split_unit
+from haptix.base.units import factor_to, unit_of
 
 _Signal = Literal[
     "t_s",
@@ -33,17 +35,18 @@ class RecordedColumn(Part):
         Heading of its column.
     value : float or None
         A constant instead.
-    scale : float
-        Factor to the signal's unit, such as 9.80665 for an acceleration in g.
+    scale : float, optional
+        Factor to the signal's unit, such as 9.80665 for an acceleration in g. Without it, the unit
+        that the file states counts, or else the signal's own.
     file : str or None
         Another file, from the folder of the first one; ``{stem}`` is the first one's name.
     time : str
-        Times [s] in that file.
+        Times in that file, in seconds or the unit that it states.
     """
 
     column: str | None = None
     value: float | None = None
-    scale: float = 1.0
+    scale: float | None = None
     file: str | None = None
     time: str = "time"
 
@@ -102,24 +105,35 @@ class RecordingColumns(Document):
             If a file cannot be read or a column is missing.
         """
         path = Path(path)
-        t_s = self._column(path, self.columns["t_s"])
+        t_s = self._column(path, "t_s", self.columns["t_s"])
         at: dict[str, Array] = {}
         for name, column in self.columns.items():
             if column.value is not None:
-                at[name] = np.full(len(t_s), column.value * column.scale)
+                at[name] = np.full(
+                    len(t_s), column.value * (1.0 if column.scale is None else column.scale)
+                )
             elif column.file is None:
-                at[name] = self._column(path, column)
+                at[name] = self._column(path, name, column)
             else:
                 other = path.parent / column.file.replace("{stem}", path.stem)
-                own_s = self._column(other, RecordedColumn(column=column.time))
-                at[name] = np.interp(t_s, own_s, self._column(other, column))
+                own_s = self._column(other, "t_s", RecordedColumn(column=column.time))
+                at[name] = np.interp(t_s, own_s, self._column(other, name, column))
         if self.mass_kg is not None and "acceleration_m_per_s2" in at:
             shaken = at.pop("acceleration_m_per_s2")
             force = np.maximum(at["normal_force_n"], LIFTED_BELOW_N)
             at["mu"] = at["mu"] + self.mass_kg * (shaken - shaken.mean()) / force
         return at
 
-    def _column(self, path: Path, column: RecordedColumn) -> Array:
+    def _column(self, path: Path, name: str, column: RecordedColumn) -> Array:
         assert column.column is not None
         table = read_table(path, [column.column])
-        return np.asarray(table.columns[table.named(column.column) or ""] * column.scale)
+        heading = table.named(column.column) or ""
+        scale, unit = column.scale, split_unit(heading)[1] or table.units.get(heading, "")
+        if scale is None:
+            scale = factor_to(unit, unit_of(name)) if unit and unit_of(name) else 1.0
+        if scale is None:
+            raise FileFormatError(
+                f"{path}: {name}: expected a column in {unit_of(name)}, got {heading!r:.80} in "
+                f"{unit}; state its factor as scale"
+            )
+        return np.asarray(table.columns[heading] * scale)

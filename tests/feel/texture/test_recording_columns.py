@@ -58,3 +58,26 @@ def test_maps_that_lack_something_say_what(slide):
     columns = RecordingColumns.load(slide / "map.toml")
     with pytest.raises(FileFormatError, match=r"accel.*missing columns 'Q'"):
         stretches(slide / "force" / "0_135_40_500_0.csv", columns)
+
+
+def test_units_that_a_file_states_count_unless_the_map_has_a_factor(tmp_path):
+    path = tmp_path / "slide.csv"
+    t_ms = np.arange(100.0)
+    rows = np.c_[t_ms, 250.0 + t_ms, 0.01 * t_ms]
+    np.savetxt(path, rows, "%.9g", ",", header="time (ms),Fz (mN),x (cm)", comments="")
+    columns = {
+        "t_s": {"column": "time"},
+        "normal_force_n": {"column": "Fz"},
+        "position_mm": {"column": "x"},
+        "mu": {"value": 0.5},
+    }
+    read = RecordingColumns.model_validate({"columns": columns}).read(path)
+    np.testing.assert_allclose(read["t_s"], t_ms / 1e3)
+    np.testing.assert_allclose(read["normal_force_n"], (250.0 + t_ms) / 1e3)
+    np.testing.assert_allclose(read["position_mm"], 0.1 * t_ms)
+    columns["normal_force_n"]["scale"] = 1.0
+    read = RecordingColumns.model_validate({"columns": columns}).read(path)
+    np.testing.assert_allclose(read["normal_force_n"], 250.0 + t_ms)
+    columns["normal_force_n"] = {"column": "x"}
+    with pytest.raises(FileFormatError, match="in cm; state its factor"):
+        RecordingColumns.model_validate({"columns": columns}).read(path)
