@@ -324,8 +324,9 @@ def test_the_validator_finds_nothing_that_haptix_knows(log, tmp_path):
     path, _ = log
     study = tmp_path / "study"
     begin(study, "study")
-    for participant in ("01", "02"):
-        export(path, study, participant, "1", "detection")
+    session(second := tmp_path / "second.tsv")
+    for participant, ran in (("01", path), ("02", second)):
+        export(ran, study, participant, "1", "detection")
     found = shutil.which("bids-validator-deno", path=Path(sys.executable).parent)
     assert found is not None, "install the dev extra"
     done = subprocess.run(
