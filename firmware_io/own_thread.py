@@ -7,7 +7,7 @@ leads there: whoever has its end, another process too, reports fingers. POSIX on
 from __future__ import annotations
 
 import os
-import socket
+import select
 import struct
 import sys
 from collections.abc import Callable
@@ -15,7 +15,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from select import select
 from threading import Event, RLock, Thread
 from typing import Any
 
@@ -36,9 +35,9 @@ QUIET_S = 1.0
 
 _ALIVE_S = 0.1
 _REPORT = struct.Struct("=iiiiddddd")
-_TIME = struct.Struct("=d")
+_TOLD = struct.Struct("=dq")
 _ALIVE, _FINGER, _CHANGED, _QUIT, _MARK_NEXT = range(5)
-_TOLD_BYTES = 4096
+_TOLD_BYTES = 65536
 
 
 @cache
@@ -134,6 +133,8 @@ class OwnThread(Writer):
         self._returned = Event()
         self._pipe = RLock()  # a number of a closed end may be another file's
         self.reports = self._read_end = self._reports_of_hid = -1
+        self._told = self._tells = -1  # a pipe by which the driver's frames come
+        self._part = b""  # of them, whose rest has not come
         self._reader: BulkReader | None = None
 
     @staticmethod
@@ -165,12 +166,9 @@ class OwnThread(Writer):
         ffi, lib = compiled()
         sizes = Sizes.of(device, source.grid, self.stats.horizon_s)
         self._read_end, self.reports = os.pipe()
-        for end in (self._read_end, self.reports):
+        self._told, self._tells = os.pipe()
+        for end in (self._read_end, self.reports, self._told, self._tells):
             os.set_blocking(end, False)
-        # Each frame comes whole, so that one for which there is no room leaves the others whole.
-        self._told, self._tells = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
-        self._told.setblocking(False)
-        self._tells.setblocking(False)
         lent = stream.lend()
         for name in ("window", "limits"):
             lent[name] = ffi.cast("void *", _address(lent[name]))
@@ -181,7 +179,7 @@ class OwnThread(Writer):
         elif (bulk := stream.link.bulk) is not None:
             self._reader = BulkReader(bulk)
             setup.link, setup.bulk = self._reader.came, self._reader.bulk[0]
-        setup.told = self._tells.fileno()
+        setup.told = self._tells
         setup.reports, setup.grid, setup.revised = self._read_end, source.grid, sizes.window
         setup.piece, setup.least, setup.horizon = sizes.piece, sizes.least, sizes.horizon
         setup.reaction_s, setup.guard_s = self.stats.reaction_s, device.capabilities.guard_s
@@ -258,9 +256,10 @@ class OwnThread(Writer):
 
     def _say_alive(self) -> None:
         """Tell the thread ten times a second that the interpreter goes on; take its frames."""
-        due_s = HOST_CLOCK()
+        due_s, come = HOST_CLOCK(), select.poll()
+        come.register(self._told, select.POLLIN)
         while not self._returned.is_set():
-            select([self._told], [], [], max(0.0, due_s - HOST_CLOCK()))
+            come.poll(1e3 * max(0.0, due_s - HOST_CLOCK()))
             self._take_frames()
             if HOST_CLOCK() >= due_s:
                 due_s = HOST_CLOCK() + _ALIVE_S
@@ -269,10 +268,17 @@ class OwnThread(Writer):
 
     def _take_frames(self) -> None:
         with suppress(BlockingIOError):
-            while True:
-                if not (told := self._told.recv(_TOLD_BYTES)):
-                    return
-                self._stream.client.take(told[_TIME.size :], *_TIME.unpack_from(told))
+            while came := os.read(self._told, _TOLD_BYTES):
+                self._part += came
+        told, at = self._part, 0
+        while len(told) - at >= _TOLD.size:
+            at_s, count = _TOLD.unpack_from(told, at)
+            begin, end = at + _TOLD.size, at + _TOLD.size + count
+            if end > len(told):
+                break
+            self._stream.client.take(told[begin:end], at_s)
+            at = end
+        self._part = told[at:]
 
     def _run(self) -> None:
         raise_priority()
@@ -282,7 +288,8 @@ class OwnThread(Writer):
         # The call lets the interpreter go, and does not need it until it returns.
         compiled()[1].hx_player_run(self._player)
         self._returned.set()
-        self._tells.send(b"")  # wakes the other thread
+        os.close(self._tells)  # which wakes the other thread
+        self._tells = -1
         if self._reader is not None:
             self._reader.end()
         if self._reports_of_hid >= 0:
@@ -353,11 +360,10 @@ class OwnThread(Writer):
 
     def _forget_pipe(self) -> None:
         with self._pipe:
-            for end in (self.reports, self._read_end):
-                os.close(end)
-            self.reports = self._read_end = -1
-        self._told.close()
-        self._tells.close()
+            for end in (self.reports, self._read_end, self._told, self._tells):
+                if end >= 0:
+                    os.close(end)
+            self.reports = self._read_end = self._told = self._tells = -1
         if self._reader is not None:
             self._reader.close()
         if self._reports_of_hid >= 0:

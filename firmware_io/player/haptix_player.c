@@ -93,7 +93,7 @@ struct hx_player {
 
     /* The STATUS that the owner has not been told of, that which shows the driver furthest ahead:
      * it needs no others for the driver's clock. */
-    uint8_t status[8 + HX_FRAME_OVERHEAD_BYTES + HX_STATUS_BYTES];
+    uint8_t status[sizeof(hx_told) + HX_FRAME_OVERHEAD_BYTES + HX_STATUS_BYTES];
     uint32_t status_bytes;
     double status_origin, told_s;
 
@@ -426,19 +426,21 @@ static void tell_status(hx_player *p) {
 }
 
 static void tell(hx_player *p, const uint8_t *frame, uint32_t length, double at_s) {
-    uint8_t told[8 + sizeof p->received];
-    memcpy(told, &at_s, 8);
-    memcpy(told + 8, frame, length);
+    uint8_t told[sizeof(hx_told) + sizeof p->received]; /* less than a pipe takes whole */
+    hx_told head = {at_s, length};
+    uint32_t bytes = (uint32_t)sizeof head + length;
+    memcpy(told, &head, sizeof head);
+    memcpy(told + sizeof head, frame, length);
     if (frame[3] != HX_STATUS) {
         tell_status(p); /* by which the owner knows the clock */
-        if (write(p->set.told, told, 8 + length) < 0) return;
-    } else if (8 + length <= sizeof p->status) {
+        if (write(p->set.told, told, bytes) < 0) return;
+    } else if (bytes <= sizeof p->status) {
         const uint8_t *clock = frame + HX_HEADER_BYTES + STATUS_CLOCK;
         double ticks = hx_get_u32(clock) + 4294967296.0 * hx_get_u32(clock + 4);
         double origin = ticks - at_s * p->set.output_rate_hz;
         if (p->status_bytes == 0 || origin >= p->status_origin) {
-            memcpy(p->status, told, 8 + length);
-            p->status_bytes = 8 + length;
+            memcpy(p->status, told, bytes);
+            p->status_bytes = bytes;
             p->status_origin = origin;
         }
         if (at_s - p->told_s < told_within_s) return;

@@ -26,6 +26,12 @@ typedef struct {
     double force_n;                    /* 0: not measured */
 } hx_report;
 
+/* Before a frame of the driver: when it came, and how many bytes it has. */
+typedef struct {
+    double at_s;
+    int64_t bytes;
+} hx_told;
+
 /* Makes the samples of any stretch of a stream, as firmware_io.Source. */
 typedef struct {
     void *of;
@@ -49,7 +55,7 @@ typedef struct {
 /* What the owner has agreed with the driver. Counts are in samples, times in seconds. */
 typedef struct {
     int32_t link, reports; /* file descriptors; both are read without waiting */
-    int32_t told; /* each frame of the driver is written there at once, behind the time when it came */
+    int32_t told; /* each frame of the driver is written there at once, as hx_told and its bytes */
     int64_t report_bytes; /* of HID; 0: the descriptor carries a stream of bytes */
     hx_bulk bulk; /* takes what is sent; hx_bulk_read brings what comes to `link` */
     int64_t grid, frame, revised, piece, least, horizon, most_ahead;

@@ -124,12 +124,13 @@ static void continue_after(uint32_t whole) {
 
 /* What the owner is told: a whole frame behind a time that has been. It has no room at times. */
 static void hear(const uint8_t *told, size_t size) {
-    double at_s;
-    memcpy(&at_s, told, 8);
-    if (!(at_s <= clock_s)) fail("a frame comes before its time");
-    const uint8_t *f = told + 8;
-    if (size < 8 + HX_FRAME_OVERHEAD_BYTES || size - 8 != HX_FRAME_OVERHEAD_BYTES + hx_get_u16(f + 6) ||
-        hx_get_u32(f + size - 12) != hx_crc32(f, (uint32_t)size - 12))
+    hx_told head;
+    memcpy(&head, told, sizeof head);
+    if (!(head.at_s <= clock_s)) fail("a frame comes before its time");
+    const uint8_t *f = told + sizeof head;
+    uint32_t length = HX_FRAME_OVERHEAD_BYTES + hx_get_u16(f + 6);
+    if (head.bytes != length || size != sizeof head + length || size > 4096 ||
+        hx_get_u32(f + length - HX_CRC_BYTES) != hx_crc32(f, length - HX_CRC_BYTES))
         fail("the owner is told no whole frame");
     statuses_told += f[3] == HX_STATUS;
 }

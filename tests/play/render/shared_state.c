@@ -115,12 +115,12 @@ int main(int argc, char **argv) {
                         hx_live_is_live};
     int told_ends[2];
     if (socketpair(AF_UNIX, SOCK_STREAM, 0, link_ends) != 0 || pipe(report_ends) != 0 ||
-        socketpair(AF_UNIX, SOCK_DGRAM, 0, told_ends) != 0)
+        pipe(told_ends) != 0)
         return 2;
-    fcntl(told_ends[0], F_SETFL, O_NONBLOCK);
+    fcntl(told_ends[1], F_SETFL, O_NONBLOCK);
     fcntl(link_ends[0], F_SETFL, O_NONBLOCK);
     fcntl(report_ends[0], F_SETFL, O_NONBLOCK);
-    hx_player_setup setup = {link_ends[0], report_ends[0], told_ends[0], 0, {NULL, NULL, 0, 0}, 4, 1024, 960, 1920, 96,
+    hx_player_setup setup = {link_ends[0], report_ends[0], told_ends[1], 0, {NULL, NULL, 0, 0}, 4, 1024, 960, 1920, 96,
                              10320, 9000, RATE, RATE, 0.0, 0.003, 3.3e-4, 2.5e-3, 2.0, 2.0, 200.0,
                              97.2, 250.0, 26213, 4, 7, 0, 12288, 0, &limits, window};
     if (!hx_player_init(player, &setup, &source)) return 3;
