@@ -57,8 +57,6 @@ _COMPARES = {"pairs": "pairs", "triads": "triads", "magnitude": "magnitudes", "s
 _SEEDED = [name for name, method in METHODS.items() if "seed" in {at.name for at in fields(method)}]
 
 _WITHOUT_TARGET = 0.05  # share of answers that find a target where there is none
-
-
 _LONGEST_NAME = 256  # of a file; a longer text names none
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -71,6 +71,8 @@ class EngineSource:
         The program, and how its regions glide.
     reaction_s : float
         Time from a report to the first sample that can know of it.
+    compile_effect : callable
+        Returns the program of an effect.
 
     Raises
     ------
@@ -78,7 +80,13 @@ class EngineSource:
         If the engine refuses the program.
     """
 
-    def __init__(self, compiled: Compiled, reaction_s: float) -> None:
+    def __init__(
+        self,
+        compiled: Compiled,
+        reaction_s: float,
+        compile_effect: Callable[[PlayingEffect], Compiled],
+    ) -> None:
+        self._compile_effect = compile_effect
         self._engines = [_Engine(compiled)]
         # Of each mix that may still be read, the engines and the records of its effects.
         self._mixes: list[tuple[dict[PlayingEffect, _Engine], Any]] = [({}, None)]
@@ -103,14 +111,14 @@ class EngineSource:
         self,
         compiled: Compiled,
         mix: tuple[float, ...],
-        effects: Sequence[tuple[PlayingEffect, Compiled]] = (),
+        effects: Sequence[PlayingEffect] = (),
     ) -> None:
         """Play another program from the next window on, with a mix; the fingers stay.
 
         Raises
         ------
         InputError
-            If the engine refuses a program.
+            If the engine refuses a program, or an effect cannot be compiled.
         """
         engine, numbers = _Engine(compiled, self._engines[-1]), self._mix(mix, effects)
         library.hx_live_adopt(self.at, engine.at, numbers)
@@ -122,27 +130,28 @@ class EngineSource:
         """Materials with maps of the last program, and their numbers; see `compile_core`."""
         return self._engines[-1].maps
 
-    def mix(
-        self,
-        numbers: tuple[float, ...],
-        effects: Sequence[tuple[PlayingEffect, Compiled]] = (),
-    ) -> None:
-        """Take the intensity and the clock of the scene, and effects with their programs.
+    def mix(self, numbers: tuple[float, ...], effects: Sequence[PlayingEffect] = ()) -> None:
+        """Take the intensity and the clock of the scene, and effects.
 
         Parameters
         ----------
         numbers : tuple of float
             See `Master.compiled`.
-        effects : sequence of (PlayingEffect, Compiled)
+        effects : sequence of PlayingEffect
+
+        Raises
+        ------
+        InputError
+            If an effect cannot be compiled, or the engine refuses its program.
         """
         library.hx_live_mix(self.at, self._mix(numbers, effects))
 
-    def _mix(
-        self, numbers: tuple[float, ...], effects: Sequence[tuple[PlayingEffect, Compiled]]
-    ) -> Any:
+    def _mix(self, numbers: tuple[float, ...], effects: Sequence[PlayingEffect]) -> Any:
         """Return an ``hx_mix``; keep what the engine may still read of it."""
         known, _ = self._mixes[-1]
-        engines = {effect: known.get(effect) or _Engine(program) for effect, program in effects}
+        engines = {
+            effect: known.get(effect) or _Engine(self._compile_effect(effect)) for effect in effects
+        }
         records = ffi.new("hx_effect[]", [
             (
                 engine.at, effect.start_s, effect.end_s, *effect.fades_s,

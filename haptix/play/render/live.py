@@ -283,7 +283,11 @@ class LiveRenderer(RenderStream):
         if not why:
             try:
                 compiled = compile_core(self, self.settings, moving=True)
-                source = EngineSource(compiled, self.settings.reaction_s)
+                source = EngineSource(
+                    compiled,
+                    self.settings.reaction_s,
+                    lambda effect: compile_core(self, self.settings, felt=effect.evaluator),
+                )
             except InputError as error:
                 why = str(error)
         if why:
@@ -334,10 +338,7 @@ class LiveRenderer(RenderStream):
             if engine is None:
                 return False
             try:
-                effects = [
-                    (effect, compile_core(self, self.settings, felt=effect.evaluator))
-                    for effect in self._master.effects
-                ]
+                effects = self._master.effects
                 if all(now is then for now, then in zip(felt, self._compiled_felt, strict=True)):
                     engine.mix(mix, effects)
                     return True
@@ -387,6 +388,8 @@ class LiveRenderer(RenderStream):
         ------
         InputError
             If the driver takes no marks.
+        DeviceError
+            If a thousand wait for room in a driver that the engine plays.
         """
         if not self.device.capabilities.takes_marks:
             raise InputError("mark: expected a driver that takes marks; update its firmware")

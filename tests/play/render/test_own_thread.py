@@ -94,6 +94,11 @@ def effect(random):
     return Transient(curve={**curve, "length_s": length_s}, begins=begins)
 
 
+def no_effects(effect):
+    """Compile none: none is played."""
+    raise AssertionError(effect)
+
+
 def turn(master, random, now_s):
     """Turn a knob."""
     if master.is_muted:
@@ -142,7 +147,10 @@ def test_the_source_in_c_makes_the_windows_of_the_one_in_python(surface, make, s
     settings = LiveSettings(strict=False)
     with haptix.open_device("mock:") as device:
         core = RenderCore(surface, make(), device, settings=settings)
-    compiled = EngineSource(compile_core(core, settings, moving=True), settings.reaction_s)
+    compiled = EngineSource(
+        compile_core(core, settings, moving=True), settings.reaction_s,
+        lambda effect: compile_core(core, settings, felt=effect.evaluator),
+    )  # fmt: skip
     fingers = PredictedFingers(settings)
     react = core.texture.evaluator.react
     master = Master(lambda: None)
@@ -156,16 +164,10 @@ def test_the_source_in_c_makes_the_windows_of_the_one_in_python(surface, make, s
     assert isinstance(layout, Layout)
     layout.attach(lambda: master.scene_s(played / rate + settings.reaction_s))
     sent, pending, is_down = 0, 0, [False, False]
-    programs, ends = {}, []
+    ends = []
 
     def scene_s():
         return master.scene_s(played / rate + settings.reaction_s)
-
-    def effects():
-        for playing in master.effects:
-            if playing not in programs:
-                programs[playing] = compile_core(core, settings, felt=playing.evaluator)
-        return [(playing, programs[playing]) for playing in master.effects]
 
     places = random.uniform(5, 15, (2, 2))
 
@@ -206,16 +208,16 @@ def test_the_source_in_c_makes_the_windows_of_the_one_in_python(surface, make, s
         )
         if random.random() < 0.3:
             turn(master, random, played / rate + settings.reaction_s)
-            compiled.mix(master.compiled, effects())
+            compiled.mix(master.compiled, master.effects)
         if random.random() < 0.3:
             alter(layout, random)
             program = compile_core(core, settings, moving=True, kept=compiled.maps)
-            compiled.adopt(program, master.compiled, effects())
+            compiled.adopt(program, master.compiled, master.effects)
         if random.random() < 0.3:
             began = master.play(effect(random), scene_s, int(random.integers(3)), ends.append)
             if random.random() < 0.3:
                 began.stop()
-            compiled.mix(master.compiled, effects())
+            compiled.mix(master.compiled, master.effects)
         first = (played // step + 40) * step
         largest = max(largest, window(first, 240 * step, True))
         rendered += 240 * step
@@ -242,7 +244,7 @@ def test_maps_are_taken_over_from_the_program_before_and_from_no_other(surface):
     with haptix.open_device("mock:") as device:
         core = RenderCore(surface, layout, device, settings=settings)
     whole = compile_core(core, settings, moving=True)
-    engine = EngineSource(whole, settings.reaction_s)
+    engine = EngineSource(whole, settings.reaction_s, no_effects)
     after = compile_core(core, settings, moving=True, kept=engine.maps)
     assert len(after.program) < len(whole.program) - 4 * 256**2  # the map is not in it
     engine.adopt(after, Master(lambda: None).compiled)
@@ -254,9 +256,8 @@ def test_maps_are_taken_over_from_the_program_before_and_from_no_other(surface):
     wrong_number = -4
     assert library.hx_engine_size(after.program, len(after.program)) == wrong_number
     assert refusal(after.program, ffi.NULL) == wrong_number
-    without_maps = EngineSource(
-        compile_core(core, settings, felt=WebEffect(name="tick").evaluator), 0.003
-    )
+    tick = compile_core(core, settings, felt=WebEffect(name="tick").evaluator)
+    without_maps = EngineSource(tick, 0.003, no_effects)
     assert refusal(after.program, without_maps._engines[0].at) == wrong_number
     (first, _), *others = engine.maps
     beyond = compile_core(core, settings, moving=True, kept=[(first, 99), *others])
@@ -383,7 +384,7 @@ def test_samples_over_a_limit_are_not_sent(surface, served):
         program = compile_core(RenderCore(surface, ribs(), strong, settings=LIVE), LIVE)
     device = Device(link, DriveLimits(ceiling_v=20.0))
     stats = PlaybackStats()
-    own = OwnThread(device, EngineSource(program, 0.003).compiled(4), stats)
+    own = OwnThread(device, EngineSource(program, 0.003, no_effects).compiled(4), stats)
     with (
         pytest.raises(haptix.LimitError, match="ceiling of 20 V"),
         Playback(device, None, stats=stats, writer=lambda: own) as playback,
@@ -483,6 +484,20 @@ def test_marks_come_back_with_their_times(surface, served):
         assert renderer.plays_by == "engine"
         assert device.marks_waiting == 0
     assert not device.stop_is_owed
+    device.close()
+
+
+def test_frames_that_come_while_the_interpreter_stands_still_are_kept(surface, served):
+    link, _ = served
+    device = Device(link)
+    with haptix.LiveRenderer(surface, ribs(), device, settings=LIVE) as renderer:
+        stroke(renderer, 0.3)
+        for code in range(30):
+            renderer.mark(code)
+        hold_the_interpreter(0.8)  # in which a driver plays most of them, eight at a time
+        wait_for(lambda: device.marks_waiting == 0)
+        assert [mark.code for mark in device.marked()] == list(range(30))
+    assert not device.is_armed and not device.stop_is_owed
     device.close()
 
 
