@@ -556,7 +556,8 @@ def test_make_never_replaces_a_trial_table_that_was_added_to(finger, screen, tmp
 def test_the_program_of_a_log_is_all_that_its_trials_import():
     code = (
         "import sys, haptix.lab.experiment.recipe, haptix.lab.experiment.observer\n"
-        "print(*{m.split('.')[1] for m in sys.modules if m.startswith('haptix.')})"
+        "print(*{'/'.join(m.split('.')[:2]) for m in sys.modules if m.startswith('haptix.')})\n"
+        "print(*{'firmware_io', 'calibration'} & {*sys.modules})"
     )
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
     assert set(loaded.stdout.decode().split()) == set(trial_log._TRIALS_DEPEND_ON)

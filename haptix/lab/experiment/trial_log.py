@@ -13,7 +13,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import astuple, dataclass, replace
 from datetime import UTC, datetime
-from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -35,7 +34,7 @@ from haptix.base.files import (
     write_failure,
     write_whole,
 )
-from haptix.base.version import __version__
+from haptix.base.version import __version__, code_digest
 from haptix.play.render.intervals import TouchSample
 
 COLUMNS = (
@@ -49,18 +48,15 @@ COLUMNS = (
 _FORMAT = 3
 _RESTED_MIN = 10.0  # after a stop; a person who goes on does so sooner
 
-_TRIALS_DEPEND_ON = ("base", "model", "feel", "play", "lab")
-"""Folders of haptix that make, present and count a trial. All others may change during a study."""
+_TRIALS_DEPEND_ON = (
+    "firmware_io", "haptix/base", "haptix/model", "haptix/feel", "haptix/play", "haptix/lab",
+)  # fmt: skip
+"""Folders that make, present and count a trial. All others may change during a study."""
 
 
-@cache
 def program() -> str:
     """Version of haptix, and a hash of the code that makes and counts trials."""
-    package, code = Path(__file__).parents[2], hashlib.sha256()
-    for folder in _TRIALS_DEPEND_ON:
-        for file in sorted((package / folder).rglob("*.py")):
-            code.update(file.read_bytes())
-    return f"{__version__}+{code.hexdigest()[:12]}"
+    return f"{__version__}+{code_digest(*_TRIALS_DEPEND_ON)[:12]}"
 
 
 class End(BaseModel):

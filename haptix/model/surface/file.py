@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import zlib
 from collections.abc import Mapping
-from functools import cache
 from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,7 +18,7 @@ from torch import Tensor
 
 from haptix.base.errors import FileFormatError, from_extra
 from haptix.base.files import digest, parse_json, reading, write_whole
-from haptix.base.version import __version__
+from haptix.base.version import __version__, code_digest
 from haptix.model.friction import ContactModel
 from haptix.model.perception.thresholds import WEBER_FRACTION
 from haptix.model.status import Status
@@ -344,7 +342,7 @@ def surface_key(
     return digest(
         {
             "haptix": __version__,
-            "code": _code_digest(),
+            "code": code_digest("haptix/base", "haptix/model"),
             "model": model.describe(),
             "response_hz_per_mm_per_s": model.finger.response_hz_per_mm_per_s,
             "ranges": read_ranges(model, scene),
@@ -354,16 +352,3 @@ def surface_key(
             **({"past_limits": True} if past_limits else {}),
         }
     )
-
-
-@cache
-def _code_digest() -> str:
-    """Hash of the source code, so that the cache never returns a surface of an earlier solver."""
-    code = hashlib.sha256()
-    package = Path(__file__).parent.parent.parent
-    files = list(package.glob("*.py"))
-    for folder in ("contact", "electro", "fidelity", "friction", "surface"):
-        files += (package / folder).rglob("*.py")
-    for file in sorted(files):
-        code.update(file.read_bytes())
-    return code.hexdigest()

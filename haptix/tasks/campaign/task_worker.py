@@ -17,7 +17,7 @@ import socket
 import time
 from collections.abc import Mapping
 from contextlib import suppress
-from functools import cache, lru_cache
+from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -26,14 +26,15 @@ from typing import Any
 from haptix.base.errors import HaptixError
 from haptix.base.results import ResultStore
 from haptix.base.task import Context, Result, task_at
-from haptix.base.version import __version__
+from haptix.base.version import __version__, code_digest
 
 MOST_DEATHS = 3
 """Number of workers that a task may kill before it is set aside."""
 
-_PACKAGES = ("calibration", "firmware_io", "haptix")
-# Packages that no result depends on.
-_NO_RESULT = {"cli", "service", "studio", "client"}
+_RESULTS_DEPEND_ON = (
+    "calibration", "firmware_io", "haptix/base", "haptix/model", "haptix/feel", "haptix/play",
+    "haptix/plan", "haptix/lab", "haptix/tasks",
+)  # fmt: skip
 
 _store = lru_cache(maxsize=4)(ResultStore)
 _begun: list[tuple[ResultStore, str, dict[str, Any]]] = []  # tasks that this process is doing
@@ -149,7 +150,7 @@ def identity(kind: str) -> dict[str, str]:
 
     versions = {
         "haptix": __version__,
-        "code": code_digest(),
+        "code": code_digest(*_RESULTS_DEPEND_ON)[:16],
         "torch": str(torch.__version__).partition("+")[0],
         "numpy": numpy.__version__,
         "processor": torch.backends.cpu.get_cpu_capability(),
@@ -176,15 +177,3 @@ def as_seen_here(where: str, kind: str = "") -> dict[str, str]:
 def differences(seen: Mapping[str, Any], here: Mapping[str, str]) -> list[str]:
     """Describe which values of `here` differ in `seen`."""
     return [f"{k} {seen.get(k)} (here {v})" for k, v in here.items() if seen.get(k) != v]
-
-
-@cache
-def code_digest() -> str:
-    """Hash of the source code of everything that results may depend on."""
-    code, root = hashlib.sha256(), Path(__file__).parents[3]
-    for package in _PACKAGES:
-        for file in sorted((root / package).rglob("*.*")):
-            inside = file.relative_to(root).parts[1] not in _NO_RESULT
-            if inside and file.suffix in (".py", ".c", ".h"):
-                code.update(file.read_bytes())
-    return code.hexdigest()[:16]

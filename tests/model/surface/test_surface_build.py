@@ -1,6 +1,7 @@
 """What a surface is built for, and what is refused before the work begins."""
 
 import math
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import pytest
 import torch
 
 from haptix import ContactModel, Finger, FrictionSurface, InputError, LimitError, Screen, Status
+from haptix.base import version
 from haptix.base.errors import ToleranceError
 from haptix.model.finger import Roughness
 from haptix.model.surface import Tolerance, build, cached_surface, surface_key
@@ -308,6 +310,29 @@ def test_the_key_tells_apart_all_that_decides_the_numbers(model: ContactModel) -
     ]
     assert len(set(keys)) == len(keys)
     assert surface_key(ContactModel(finger, screen), dict(reversed(SMALL.items())), 1e-3) == keys[0]
+
+
+def test_the_key_tells_apart_the_code_of_the_model(
+    model: ContactModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    unread = shutil.ignore_patterns("__pycache__", "gallery")
+    shutil.copytree(version._ROOT / "haptix", tmp_path / "haptix", ignore=unread)
+    monkeypatch.setattr(version, "_ROOT", tmp_path)
+
+    def key_after(changed: str) -> str:
+        with (tmp_path / "haptix" / changed).open("a") as file:
+            file.write("\n")
+        version.code_digest.cache_clear()
+        return surface_key(model, SMALL, 1e-3)
+
+    decides = (
+        "model/contact/persson.py", "model/electro/attraction.py", "model/friction/solver.py",
+        "model/terms.py", "model/perception/thresholds.toml", "base/native/haptix_contact.c",
+    )  # fmt: skip
+    keys = [key_after(file) for file in decides]
+    assert len(set(keys)) == len(keys)
+    assert key_after("studio/static/app.js") == key_after("service/front/rest.py") == keys[-1]
+    version.code_digest.cache_clear()
 
 
 def test_the_cache_finds_mends_and_survives(

@@ -342,7 +342,7 @@ def test_a_place_of_fsspec_that_breaks_half_way_never_has_a_half_result(
 
 def test_another_version_does_not_mix_its_results(tmp_path, monkeypatch):
     run_campaign(plan(numbers=1), tmp_path)
-    monkeypatch.setattr("haptix.tasks.campaign.task_worker.code_digest", lambda: "other")
+    monkeypatch.setattr("haptix.tasks.campaign.task_worker.code_digest", lambda *folders: "other")
     with pytest.raises(InputError, match=r"code .*--out"):
         run_campaign(plan(numbers=2), tmp_path)
 
