@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -111,6 +112,7 @@ def make() -> None:
             options = ["--no-additionalProperties", "--unknownAny"]
             options += ["--bannerComment", f"/* {BANNER} */"]
             run_tool("json2ts", "--input", str(source), "--output", str(types), *options)
+            types.write_text(re.sub(r"/\*\*\n +\* (.*)\n +\*/", r"/** \1 */", types.read_text()))
 
             source.write_text(json.dumps(for_csharp(definitions[name])))
             options = ["--namespace", f"Haptix.{name.title()}", "--csharp-version", "6"]
@@ -121,6 +123,10 @@ def make() -> None:
         # Else Unity's stripping removes what Newtonsoft.Json finds by reflection alone.
         text = text.replace("public partial class", "[Preserve] public partial class")
         text = text.replace("[JsonProperty(", "[Preserve, JsonProperty(")
+        # A line for each property.
+        text = re.sub(r"<summary>\n +/// (.*)\n +/// </summary>", r"<summary>\1</summary>", text)
+        text = re.sub(r"(\[Preserve, JsonProperty\(.*\)\])\n +", r"\1 ", text)
+        text = text.replace("set; }\n\n", "set; }\n")
         if name == "materials":
             text += bases(definitions[name])
         csharp.write_text(f"// {BANNER}\n{text}")
@@ -188,6 +194,8 @@ def prepared_kinds() -> dict[str, Any]:
     for part in parts(definitions):
         for key in [key for key in part if key.startswith("x-") or key == "default"]:
             del part[key]
+        if part.get("$ref") == "#/$defs/material":  # else all materials would stand at each place
+            part["tsType"] = "Material"
     text = json.dumps(definitions)
     for family in ("material", "signal"):
         text = text.replace(f'"#/$defs/{family}"', f'"#/$defs/{family.title()}"')

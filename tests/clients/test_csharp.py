@@ -54,7 +54,7 @@ def test_unity_s_package_compiles_as_unity_would(tmp_path):
 def test_il2cpp_sees_each_collection_of_numbers_and_keeps_each_field():
     make_clients()
     made = "".join((CSHARP / f"{name}.cs").read_text() for name in ("Messages", "Materials"))
-    fields = re.findall(r"\n( +\[.*\]\n +)?public (\S+(?: \S+)?) \w+ \{ get; set; \}", made)
+    fields = re.findall(r"\n +(\[.*\] )?public (\S+(?: \S+)?) \w+ \{ get; set; \}", made)
     assert len(fields) > 200
     assert all("Preserve" in attribute for attribute, _ in fields)
     collections = {

@@ -33,9 +33,7 @@ export type ServerMessage =
   | Error
   | Bye;
 
-/**
- * First message: who comes, in which version.
- */
+/** First message: who comes, in which version. */
 export interface Hello {
   type: "hello";
   id: number;
@@ -45,24 +43,18 @@ export interface Hello {
   resume?: string;
   app?: string;
 }
-/**
- * Ask for the lease on the output; with `takeover` also from who holds it.
- */
+/** Ask for the lease on the output; with `takeover` also from who holds it. */
 export interface Acquire {
   type: "acquire";
   id: number;
   takeover?: boolean;
 }
-/**
- * A message without fields.
- */
+/** A message without fields. */
 export interface Plain {
   type: "release" | "arm" | "stop" | "inventory" | "bye";
   id: number;
 }
-/**
- * Map pixels to mm: ``origin_mm + turn(rotation_deg) (px / px_per_mm)``.
- */
+/** Map pixels to mm: ``origin_mm + turn(rotation_deg) (px / px_per_mm)``. */
 export interface Geometry {
   px_per_mm: number;
   origin_mm?: number[];
@@ -70,17 +62,13 @@ export interface Geometry {
   type: "geometry";
   id: number;
 }
-/**
- * Touches as JSON; many are better sent as a batch of bytes.
- */
+/** Touches as JSON; many are better sent as a batch of bytes. */
 export interface Touches {
   type: "touch";
   id?: number | null;
   touches: Touch[];
 }
-/**
- * One report of one finger; its place is in millimetres or in pixels.
- */
+/** One report of one finger; its place is in millimetres or in pixels. */
 export interface Touch {
   t_s: number;
   touch_id?: number;
@@ -92,23 +80,17 @@ export interface Touch {
   normal_force_n?: number | null;
   contact_area_m2?: number | null;
 }
-/**
- * Replace the layout of this session by a document.
- */
+/** Replace the layout of this session by a document. */
 export interface LayoutSet {
   type: "layout_set";
   id: number;
   document: LayoutDocument;
 }
-/**
- * All regions; beside them nothing is felt.
- */
+/** All regions; beside them nothing is felt. */
 export interface LayoutDocument {
   regions: RegionDocument[];
 }
-/**
- * A region: its name, its material's document, and where it lies.
- */
+/** A region: its name, its material's document, and where it lies. */
 export interface RegionDocument {
   x_mm?: number | null;
   y_mm?: number | null;
@@ -125,17 +107,13 @@ export interface RegionDocument {
   name: string;
   material: import("./materials.js").Material;
 }
-/**
- * Change the layout of this session: all of `ops`, or nothing.
- */
+/** Change the layout of this session: all of `ops`, or nothing. */
 export interface LayoutChange {
   type: "layout_change";
   id: number;
   ops: (AddRegion | ChangeRegion | MoveRegion | RemoveRegion | SetValue)[];
 }
-/**
- * Add a region.
- */
+/** Add a region. */
 export interface AddRegion {
   x_mm?: number | null;
   y_mm?: number | null;
@@ -153,9 +131,7 @@ export interface AddRegion {
   material: import("./materials.js").Material;
   op: "add";
 }
-/**
- * Change the given fields of a region, in a cross-fade.
- */
+/** Change the given fields of a region, in a cross-fade. */
 export interface ChangeRegion {
   x_mm?: number | null;
   y_mm?: number | null;
@@ -173,9 +149,7 @@ export interface ChangeRegion {
   name: string;
   material?: import("./materials.js").Material | null;
 }
-/**
- * Move a region within `over_s`; fields that are left out stay.
- */
+/** Move a region within `over_s`; fields that are left out stay. */
 export interface MoveRegion {
   x_mm?: number | null;
   y_mm?: number | null;
@@ -184,56 +158,42 @@ export interface MoveRegion {
   name: string;
   over_s?: number;
 }
-/**
- * Remove a region; it fades out.
- */
+/** Remove a region; it fades out. */
 export interface RemoveRegion {
   op: "remove";
   name: string;
 }
-/**
- * Set the value of a control, such as a slider; it comes after all other changes.
- */
+/** Set the value of a control, such as a slider; it comes after all other changes. */
 export interface SetValue {
   op: "value";
   name: string;
   value: number;
 }
-/**
- * Play an effect that ends, such as a transient; `effect_ended` reports its end.
- */
+/** Play an effect that ends, such as a transient; `effect_ended` reports its end. */
 export interface Play {
   type: "play";
   id: number;
   effect: import("./materials.js").Material;
 }
-/**
- * End an effect by the number that `playing` gave.
- */
+/** End an effect by the number that `playing` gave. */
 export interface Cancel {
   type: "cancel";
   id: number;
   effect_id: number;
 }
-/**
- * Set the share of friction that is asked for, 0 to 1.
- */
+/** Set the share of friction that is asked for, 0 to 1. */
 export interface Intensity {
   type: "intensity";
   id: number;
   value: number;
 }
-/**
- * Mute: 0 V while time runs. Pause: 0 V and time stands. Sense: by the current, once armed.
- */
+/** Mute: 0 V while time runs. Pause: 0 V and time stands. Sense: by the current, once armed. */
 export interface Switch {
   type: "mute" | "pause" | "sense";
   id: number;
   on?: boolean;
 }
-/**
- * Ask for streams, each with its highest rate in hertz; 0 ends one.
- */
+/** Ask for streams, each with its highest rate in hertz; 0 ends one. */
 export interface Subscribe {
   type: "subscribe";
   id: number;
@@ -241,25 +201,19 @@ export interface Subscribe {
     [k: string]: number;
   };
 }
-/**
- * Request the progress of a job, and its changes until it ends.
- */
+/** Request the progress of a job, and its changes until it ends. */
 export interface Watch {
   type: "watch";
   id: number;
   job: string;
 }
-/**
- * Answer to `ping`: its number, and the client's own clock.
- */
+/** Answer to `ping`: its number, and the client's own clock. */
 export interface Pong {
   type: "pong";
   n: number;
   clock_s: number;
 }
-/**
- * Answer to `hello`.
- */
+/** Answer to `hello`. */
 export interface Welcome {
   type: "welcome";
   id: number;
@@ -274,9 +228,7 @@ export interface Welcome {
   output: Output;
   lease: Lease;
 }
-/**
- * Limits of a session.
- */
+/** Limits of a session. */
 export interface Limits {
   text_bytes: number;
   depth: number;
@@ -291,9 +243,7 @@ export interface Limits {
   assets_bytes: number;
   image_pixels: number;
 }
-/**
- * How often the server pings [s], and what becomes of a client that does not answer.
- */
+/** How often the server pings [s], and what becomes of a client that does not answer. */
 export interface KeepAlive {
   armed_s: number;
   idle_s: number;
@@ -301,9 +251,7 @@ export interface KeepAlive {
   free_s: number;
   close_s: number;
 }
-/**
- * All there is, whole each time.
- */
+/** All there is, whole each time. */
 export interface Inventory {
   type: "inventory";
   id: number;
@@ -313,9 +261,7 @@ export interface Inventory {
   screen_mm: number[];
   kinds: string[];
 }
-/**
- * A driver: its address, its description, and its profile.
- */
+/** A driver: its address, its description, and its profile. */
 export interface Device {
   address: string;
   name: string;
@@ -344,9 +290,7 @@ export interface Output {
   lent_to: string;
   reason: string;
 }
-/**
- * Who holds the output.
- */
+/** Who holds the output. */
 export interface Lease {
   type: "lease";
   id: number;
@@ -354,33 +298,25 @@ export interface Lease {
   is_mine: boolean;
   reason: string;
 }
-/**
- * The request was carried out.
- */
+/** The request was carried out. */
 export interface Done {
   type: "done";
   id: number;
 }
-/**
- * The layout's revision, and the sample from which it is played, where one plays.
- */
+/** The layout's revision, and the sample from which it is played, where one plays. */
 export interface LayoutReply {
   type: "layout";
   id: number;
   revision: number;
   sample: number | null;
 }
-/**
- * An effect has begun; `effect_ended` follows with the same number.
- */
+/** An effect has begun; `effect_ended` follows with the same number. */
 export interface Playing {
   type: "playing";
   id: number;
   effect_id: number;
 }
-/**
- * An effect has ended: played whole, cut, or dropped.
- */
+/** An effect has ended: played whole, cut, or dropped. */
 export interface EffectEnded {
   type: "effect_ended";
   id: number;
@@ -389,9 +325,7 @@ export interface EffectEnded {
   sample: number;
   felt_share: number;
 }
-/**
- * A finger entered, left, pressed or released a region, or crossed a detent.
- */
+/** A finger entered, left, pressed or released a region, or crossed a detent. */
 export interface Contact {
   type: "contact";
   id: number;
@@ -401,9 +335,7 @@ export interface Contact {
   t_s: number;
   value: number | null;
 }
-/**
- * The columns of each stream that is sent.
- */
+/** The columns of each stream that is sent. */
 export interface Subscribed {
   type: "subscribed";
   id: number;
@@ -411,9 +343,7 @@ export interface Subscribed {
     [k: string]: string[];
   };
 }
-/**
- * A job: its progress, its question, its error or its result.
- */
+/** A job: its progress, its question, its error or its result. */
 export interface Job {
   type: "job";
   id: number;
@@ -430,9 +360,7 @@ export interface Job {
     [k: string]: unknown;
   } | null;
 }
-/**
- * Readings of a calibration's instruments in a stroke since the last such message.
- */
+/** Readings of a calibration's instruments in a stroke since the last such message. */
 export interface StrokeTrace {
   stroke: number;
   tries: number;
@@ -443,26 +371,20 @@ export interface StrokeTrace {
   tangential_force_n: number[];
   speed_mm_per_s: number[];
 }
-/**
- * Asks for a `pong` at once.
- */
+/** Asks for a `pong` at once. */
 export interface Ping {
   type: "ping";
   id: number;
   n: number;
   clock_s: number;
 }
-/**
- * Something that needs no answer but a look.
- */
+/** Something that needs no answer but a look. */
 export interface Warning {
   type: "warning";
   id: number;
   sentence: string;
 }
-/**
- * A message was refused, and nothing changed by it.
- */
+/** A message was refused, and nothing changed by it. */
 export interface Error {
   type: "error";
   id: number;
@@ -482,9 +404,7 @@ export interface Error {
   sentence: string;
   path: string;
 }
-/**
- * The server ends the session, with the reason.
- */
+/** The server ends the session, with the reason. */
 export interface Bye {
   type: "bye";
   id: number;
