@@ -108,7 +108,7 @@ Read = Callable[[str], Any]
 
 
 def number(text: str) -> float:
-    """Return a finite number."""
+    """Return a number that is not NaN; an infinite one is for the caller to refuse."""
     value = float(text)
     if math.isnan(value):
         raise ValueError("not a number")

@@ -184,7 +184,8 @@ class RenderCore:
     texture : FrictionField, Material or Layout
         What to feel.
     device : Device
-        Gives the sample rate, and states whether the driver makes the carrier itself.
+        Gives the sample rate, and states whether the driver makes the carrier itself. Its limits
+        are lowered where the screen has more capacitance to a body than they allow for.
     drive : Drive, optional
         The default is a sine carrier at the surface's own frequency, or where the surface spans
         several or leaves frequency out, at the one nearest to `DEFAULT_CARRIER_HZ`.

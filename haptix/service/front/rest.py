@@ -1,7 +1,7 @@
 """Routes over REST that do work: documents of materials and layouts, kept layouts, and jobs.
 
 Each route's body and answer is a model, so that the description of the service names all fields.
-Routes of tasks are made from their declarations at the desk; what takes long goes to the pool of
+Routes of tasks are made from their declarations; what takes long goes to the pool of
 workers or becomes a job.
 
 A kept layout is a folder of its versions, `NAME/REVISION.json`: a write adds one and replaces none;

@@ -181,7 +181,7 @@ class JobWork:
         self._context, self._say, self._answers = context, say, answers
 
     def __getattr__(self, kind: str) -> Callable[..., dict[str, Any]]:
-        """Jobs that are tasks of the desk, by their kinds."""
+        """Jobs that are tasks of `haptix/base/task_list.py`, by their kinds."""
         task = next((task for task in all_tasks() if task.route and task.kind == kind), None)
         if task is None:
             raise AttributeError(kind)

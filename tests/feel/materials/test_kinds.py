@@ -203,7 +203,7 @@ def test_a_kind_is_felt_there_back_at_rest_and_turning_as_its_closed_form(
 def test_every_kind_is_felt_here_or_is_one_of_these_fields():
     """Heights, noise, recordings, spectra and models of the Penn toolkit answer as their fields."""
     felt = {table["kind"] for table, _ in CASES.values()}
-    # tests/feel/materials/test_documents.py, tests/feel/texture/test_spectral_models.py
+    # test_documents.py, test_spectral_models.py
     as_fields = {"heights", "noise", "recording", "penn", "spectral"}
     own = {kind for kind, of in KINDS.items() if of.__module__.startswith("haptix.")}
     assert felt | as_fields == own
