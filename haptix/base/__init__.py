@@ -1,1 +1,1 @@
-"""What every room stands on: checks, documents, errors, files, tasks, inner loops in C; no physics in Python."""
+"""What every room stands on: checks, documents, errors, files, tasks, loops in C; no physics."""
