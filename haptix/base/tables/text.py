@@ -1,30 +1,28 @@
-"""Tables of laboratory instruments: text of any layout, LabVIEW's LVM, National Instruments' TDMS.
-
-Nothing is guessed that a file does not state: columns without a unit have none. Its layout, as it
-was understood, stands in `LabTable.understood`.
-"""
+"""Text of any layout: headings above numbers, in columns that one sign parts."""
 
 from __future__ import annotations
 
 import csv
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, field
-from datetime import datetime
-from io import BytesIO
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from math import nan
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from haptix.base.checks import Array
-from haptix.base.errors import FileFormatError, from_extra
-from haptix.base.files import LARGEST_TABLE_BYTES, read_bytes, reading
-
-FEWEST_SAMPLES = 8
+from haptix.base.errors import FileFormatError
+from haptix.base.tables.table import (
+    FEWEST_SAMPLES,
+    OF_SIGNALS,
+    TIMES_S,
+    LabTable,
+    distinct,
+    known_unit,
+    split_unit,
+)
 
 _LOOKED_AT = 200  # lines, from which a layout is found
 _DELIMITERS = {"\t": "tabs", ";": "semicolons", ",": "commas", "|": "bars", " ": "spaces"}
@@ -35,8 +33,6 @@ _CLOCK = re.compile(
     r"\s*(?:Z|[+-]\d{2}:?\d{2})?\s*",
     re.I,
 )
-_UNIT = re.compile(r"(?P<name>.*?)\s*(?:[(\[](?P<unit>[^()\[\]]*)[)\]]|/\s*(?P<after>\w+))\s*")
-_START = re.compile(r"(\d+)/(\d+)/(\d+) (\d+):(\d+):(\d+)[.,]?(\d*)")
 _NAMED = re.compile(r"#\s*NAME(\d+)\s*=\s*(.+?)\s*")  # of a column, as PIPython writes
 _OF_SAMPLING = r"(?:(?:rdt|daq|data) )?(?:sampl(?:e|ing)|scan|acquisition|abtast)[ _-]?"
 _STATED_UNIT = r"(?:[ _]*[(\[](?P<unit>[^()\[\]]*)[)\]]|[ _](?P<after>[mu]?s|[kM]?Hz))?"
@@ -56,300 +52,8 @@ _GROUPED = re.compile(
     r"|(?:[.' \u00a0\u2019\u202f]\d{3})+(?:,\d*)?)\s*"
 )
 _OF_DIGITS = re.compile(r"[+-]?\d[\d.,' \u00a0\u2019\u202f]*(?:[eE][+-]?\d+)?")
-_BY_WRITETABLE = 'write its columns by writetable(table(t, Fz), "name.csv")'
-_AS_CSV = "save its sheet as CSV"
-_OTHERS = {  # first bytes, kind and remedy of files that are no tables here
-    b"MATLAB 5.0 MAT-file": ("a MATLAB file", _BY_WRITETABLE),
-    b"MATLAB 7.3 MAT-file": ("a MATLAB file", _BY_WRITETABLE),
-    b"\x89HDF\r\n": ("an HDF5 file", "write its columns by numpy.savetxt, with a heading for each"),
-    b"\x93NUMPY": (
-        "an array of numpy",
-        "write it by numpy.savetxt, with a heading for each column",
-    ),
-    b"PK\x03\x04": ("a workbook (.xlsx, .ods) or another zip file", _AS_CSV),
-    b"\xd0\xcf\x11\xe0": ("a workbook of an older Excel (.xls)", _AS_CSV),
-}
 _DAY_S = 86_400.0
 _PREFIXES = {"": 1.0, "k": 1e3, "K": 1e3, "M": 1e6, "G": 1e9}
-_OF_SIGNALS = frozenset(
-    ["s", "ms", "us", "N", "mN", "gf", "kgf", "lbf", "m", "cm", "mm", "um", "inch", "V", "mV", "kV"]
-)
-
-ALIASES = {
-    "sec": "s", "secs": "s", "second": "s", "seconds": "s", "msec": "ms", "milliseconds": "ms",
-    "microseconds": "us", "newton": "N", "newtons": "N", "millinewton": "mN", "grams": "gf",
-    "g": "gf", "kg": "kgf", "lbs": "lbf", "lb": "lbf", "millimeter": "mm", "millimeters": "mm",
-    "meter": "m", "in": "inch", "micron": "um", "microns": "um", "volt": "V", "volts": "V",
-    "v": "V", "n": "N", "[s]": "s", "mv": "mV", "kv": "kV", "mn": "mN", "nsec": "ns",
-    "nanoseconds": "ns", "minute": "min", "minutes": "min", "hours": "h",
-}  # fmt: skip
-"""Spellings of units in files."""
-
-TIMES_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
-"""Seconds of the units of time."""
-
-
-@dataclass(frozen=True)
-class LabTable:
-    """Columns of a file."""
-
-    columns: Mapping[str, Array]
-    """Numbers by the names of their columns; clock times are seconds since the first midnight."""
-    units: Mapping[str, str] = field(default_factory=dict)
-    """Units that the file states."""
-    times_s: Mapping[str, Array] = field(default_factory=dict)
-    """Times of a column's samples, where the file states them beside the columns."""
-    rate_hz: float | None = None
-    """Samples per second that a text file states above its columns."""
-    understood: tuple[str, ...] = ()
-    """Format of the layout, as it was understood."""
-
-    def named(self, name: str) -> str | None:
-        """Return the column of a name, with or without its unit; None where there is none."""
-        wanted = name.strip()
-        if wanted in self.columns:
-            return wanted
-        short = [column for column in self.columns if split_unit(column)[0] == wanted]
-        return short[0] if len(short) == 1 else None
-
-
-def split_unit(heading: str) -> tuple[str, str]:
-    """Return name and unit of a heading such as "Fz (mN)", "Fz [mN]" or "Fz/mN".
-
-    Examples
-    --------
-    >>> split_unit("Force Z [mN]"), split_unit("x")
-    (('Force Z', 'mN'), ('x', ''))
-    """
-    match = _UNIT.fullmatch(heading)
-    unit = known_unit(match["unit"] or match["after"] or "") if match else ""
-    # Behind a bar it may be a channel of a group.
-    if match is None or not match["name"] or (match["after"] and unit not in _OF_SIGNALS):
-        return heading.strip(), ""
-    return match["name"].strip(), unit
-
-
-def known_unit(text: str) -> str:
-    """Return a unit in the spelling of column maps."""
-    plain = text.strip().strip("()[]").strip().replace("\N{MICRO SIGN}", "u")
-    plain = plain.replace("\N{GREEK SMALL LETTER MU}", "u")
-    return ALIASES.get(plain.lower(), plain)
-
-
-def read_table(
-    path: str | Path,
-    names: Sequence[str] | None = None,
-    skip_rows: int = 0,
-    delimiter: str | None = None,
-) -> LabTable:
-    """Read a table of measured values.
-
-    Raises `FileFormatError` if the file cannot be read, has more than 64 MB or no table of 8
-    samples, or a needed column is missing or has a cell that is no number; `MissingExtraError`
-    without the extra ``calibration``, for LVM and TDMS.
-
-    Parameters
-    ----------
-    path : path-like
-        ``.tdms``, ``.lvm`` (with its header), or text of any name: headings above numbers, with or
-        without a row of units, decimal points or commas, clock times.
-    names : sequence of str, optional
-        Columns that are needed; of text, all that are numbers or times if not given.
-    skip_rows : int
-        Lines to leave out above the headings.
-    delimiter : str, optional
-        Between two columns; found where it is not given.
-    """
-    data = read_bytes(path, LARGEST_TABLE_BYTES)
-    if data[:4] == b"TDSm":
-        return _needed(_of_tdms(path, data), path, names)
-    for first, (kind, remedy) in _OTHERS.items():
-        if data.startswith(first):
-            raise FileFormatError(f"{path}: expected text, LVM or TDMS, got {kind}; {remedy}")
-    text = _decoded(data)
-    if text.startswith("LabVIEW Measurement"):
-        return _needed(_of_lvm(path, text), path, names)
-    return _of_text(path, text, names, skip_rows, delimiter)
-
-
-def _decoded(data: bytes) -> str:
-    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        return data.decode("utf-16", errors="replace")
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError:  # an instrument's program on Windows
-        return data.decode("cp1252", errors="replace")
-
-
-def _needed(table: LabTable, path: str | Path, names: Sequence[str] | None) -> LabTable:
-    if not any(len(values) >= FEWEST_SAMPLES for values in table.columns.values()):
-        raise FileFormatError(f"{path}: expected {FEWEST_SAMPLES} samples or more")
-    if missing := [name for name in names or () if table.named(name) is None]:
-        raise FileFormatError(
-            f"{path}: missing columns {', '.join(map(repr, missing))}; the file has "
-            f"{', '.join(map(repr, table.columns))}"
-        )
-    return table
-
-
-#: LabVIEW's time 0 is the day before, and stands in a waveform whose start was not set.
-_UNSET = np.datetime64("1904-01-02", "us")
-
-
-def _begun(channel: Any) -> np.datetime64 | None:
-    start = channel.properties.get("wf_start_time")
-    return start if isinstance(start, np.datetime64) and start > _UNSET else None
-
-
-def _of_tdms(path: str | Path, data: bytes) -> LabTable:
-    with from_extra("calibration"):
-        from nptdms import TdmsFile
-    with reading(path, "a TDMS file"):
-        groups = TdmsFile.read(BytesIO(data)).groups()
-        parts = [
-            {channel.name: channel for channel in group.channels() if len(channel)}
-            for group in groups
-        ]
-        filled = [(group.name, part) for group, part in zip(groups, parts, strict=True) if part]
-        alike = len(filled) > 1 and _follow_each_other([part for _, part in filled])
-        columns, units, times = dict[str, Array](), dict[str, str](), dict[str, Array]()
-        no_times = dict[str, None]()
-        first = _first(_begun(channel) for _, part in filled for channel in part.values())
-        for number, (group, part) in enumerate(filled, 1):
-            if alike:
-                first = _first(map(_begun, part.values()))
-            for channel in part.values():
-                # Groups of the same channels follow one another, such as one for each stroke.
-                name = channel.name if alike or len(filled) == 1 else f"{group}/{channel.name}"
-                values = channel[:]
-                if np.issubdtype(values.dtype, np.datetime64):
-                    values = (values - values[0].astype("M8[D]")) / np.timedelta64(1, "s")
-                    units[name] = "s"
-                elif not np.issubdtype(values.dtype, np.number):
-                    continue
-                properties = channel.properties
-                columns[name] = np.append(columns.get(name, []), np.asarray(values, dtype=float))
-                if unit := _unit_of(channel):
-                    units[name] = unit
-                axis = [str(properties.get(key, "")) for key in ("wf_xname", "wf_xunit_string")]
-                unit_s = _axis_unit_s(*axis)
-                step = float(properties.get("wf_increment", 0.0))
-                if step > 0 and unit_s is None:
-                    no_times.setdefault(f"{name} stands over {axis[0]} [{axis[1]}], no time")
-                elif step > 0 and unit_s is not None:
-                    offset = float(properties.get("wf_start_offset", 0.0))
-                    own = unit_s * (offset + step * np.arange(len(values)))
-                    own += _late_s(_begun(channel), first)
-                    times[name] = np.append(times.get(name, []), own)
-            if alike:
-                longest = max(len(channel) for channel in part.values())
-                numbers = columns.get("group", np.empty(0))
-                columns["group"] = np.append(numbers, np.full(longest, float(number)))
-    what = f"TDMS: {', '.join(f'{group} ({len(part)} channels)' for group, part in filled)}"
-    return LabTable(columns, units, times, None, (what, *no_times))
-
-
-def _unit_of(channel: Any) -> str:
-    return known_unit(str(channel.properties.get("unit_string", "")))
-
-
-def _follow_each_other(groups: Sequence[Mapping[str, Any]]) -> bool:
-    """Whether groups of TDMS are the same channels at different times, such as strokes.
-
-    Channels of one name in different units, or groups that began at once, are those of several
-    instruments: a force's X and a position's.
-    """
-    units = {tuple((name, _unit_of(group[name])) for name in group) for group in groups}
-    starts = [start for group in groups if (start := min(_starts(group), default=None)) is not None]
-    return len(units) == 1 and len(set(starts)) == len(starts)
-
-
-def _starts(group: Mapping[str, Any]) -> list[np.datetime64]:
-    return [start for start in map(_begun, group.values()) if start is not None]
-
-
-def _axis_unit_s(name: str, unit: str) -> float | None:
-    """Seconds of the unit of an axis; None where it is none of time."""
-    if unit.strip():
-        return TIMES_S.get(known_unit(unit))
-    return 1.0 if name.strip().lower() in ("", "time", "t", "zeit", "temps") else None
-
-
-def _first(starts: Iterable[np.datetime64 | None]) -> np.datetime64:
-    return min((start for start in starts if start is not None), default=_UNSET)
-
-
-def _late_s(start: np.datetime64 | None, first: np.datetime64) -> float:
-    """Seconds by which a channel began after the first one; 0 where its start is not stated."""
-    return 0.0 if start is None else float((start - first) / np.timedelta64(1, "us")) / 1e6
-
-
-def _started(date: str, time: str) -> np.datetime64 | None:
-    """Return the start of a channel of LVM; None where it is not stated."""
-    at = _START.fullmatch(f"{date.strip()} {time.strip()}")
-    if at is None:
-        return None
-    year, month, day, hour, minute, second = map(int, at.groups()[:6])
-    with suppress(ValueError):
-        start = datetime(year, month, day, hour, minute, second)
-        return np.datetime64(start, "us") + np.timedelta64(round(float(f"0.{at[7]}0") * 1e6), "us")
-    return None
-
-
-def _of_lvm(path: str | Path, text: str) -> LabTable:
-    with from_extra("calibration"):
-        import lvm_read
-    columns, units, times = dict[str, list[Any]](), dict[str, str](), dict[str, list[Any]]()
-    no_times = dict[str, None]()
-    with reading(path, "a LabVIEW measurement file"):
-        # `read` would keep a pickle beside the file.
-        table = lvm_read.read_str(text)
-        x_columns, count = table.get("X_Columns", "One"), int(table["Segments"])
-        for number in range(count):
-            segment = table[number]
-            rows = np.atleast_2d(segment["data"])
-            names = segment["Channel names"]
-            places = [k for k, name in enumerate(names) if name not in ("X_Value", "Comment")]
-            if len(places) != segment["Channels"]:
-                raise ValueError(f"{segment['Channels']} channels, got headings of {len(places)}")
-            # A value above stands in its channel's column, whose first has the name of the row.
-            above = places if x_columns == "No" else [at - 1 for at in places]
-            dates, clocks = (segment.get(key, []) for key in ("Date", "Time"))
-            starts = [_started(*each) for each in zip(dates, clocks, strict=False)]
-            starts += [None] * len(names)
-            first = _first(starts)
-            names = _distinct(names)
-            for channel, at in zip(above, places, strict=True):
-                values = rows[:, at]
-                filled = np.flatnonzero(np.isfinite(values))
-                if not filled.size:  # a channel that recorded nothing
-                    continue
-                values = values[: int(filled[-1]) + 1]
-                columns.setdefault(names[at], []).append(values)
-                labels = segment.get("Y_Unit_Label", [])
-                unit = known_unit(labels[channel]) if channel < len(labels) else ""
-                if units.setdefault(names[at], unit) != unit:
-                    raise ValueError(f"{names[at]} in {units[names[at]]!r} and later in {unit!r}")
-                axis = [*segment.get("X_Dimension", ["Time"]), *[""] * len(names)][channel]
-                if _axis_unit_s(axis, "") is None:
-                    no_times.setdefault(f"{names[at]} stands over {axis}, no time")
-                    continue
-                if x_columns == "No":
-                    start, step = (float(segment[key][channel]) for key in ("X0", "Delta_X"))
-                    own = start + step * np.arange(len(values))
-                else:
-                    own = rows[: len(values), at - 1 if x_columns == "Multi" else 0]
-                if x_columns != "One":  # else all have the same times
-                    own = own + _late_s(starts[channel], first)
-                times.setdefault(names[at], []).append(own)
-            if count > 1:
-                columns.setdefault("segment", []).append(np.full(len(rows), float(number + 1)))
-    what = f"LabVIEW measurement file of {count} segment{'s' * (count > 1)}, {x_columns} X column"
-    joined, stamps = (
-        {name: np.concatenate(parts) for name, parts in found.items()} for found in (columns, times)
-    )
-    units = {name: unit for name, unit in units.items() if unit}
-    return LabTable(joined, units, stamps, None, (what, *no_times))
 
 
 @dataclass(frozen=True)
@@ -366,13 +70,14 @@ class _Layout:
     has_headings: bool
 
 
-def _of_text(
+def of_text(
     path: str | Path,
     text: str,
     names: Sequence[str] | None,
     skip_rows: int,
     delimiter: str | None,
 ) -> LabTable:
+    """Read a text that has been decoded; the parameters are those of `read_table`."""
     lines = text.replace("\N{MINUS SIGN}", "-").splitlines()[skip_rows:]
     at = [number for number, line in enumerate(lines, skip_rows + 1) if line.strip()]
     lines = [line for line in lines if line.strip()]
@@ -391,13 +96,9 @@ def _of_text(
             f"{path}: expected a line of headings and {FEWEST_SAMPLES} samples or more, got "
             f"{len(lines)} lines"
         )
-    empty = LabTable({name: np.empty(0) for name in layout.names})
-    if missing := [name for name in names or () if empty.named(name) is None]:
-        raise FileFormatError(
-            f"{path}: missing columns {', '.join(map(repr, missing))}; the file has "
-            f"{', '.join(map(repr, layout.names))}"
-        )
-    wanted = layout.names if names is None else [empty.named(name) or name for name in names]
+    wanted = layout.names
+    if names is not None:
+        wanted = LabTable(dict.fromkeys(wanted, np.empty(0))).all_named(names, path)
     waveforms = _waveforms(path, layout)
     columns, units = _values(
         path, body, at[layout.first :], layout, wanted, names is not None, is_ragged=bool(waveforms)
@@ -526,15 +227,15 @@ def _layout_of(
             len(head) == 2
             and head[1] == head[0] + 1
             and all(map(_is_unit, row))
-            and any(known_unit(cell) in _OF_SIGNALS for cell in row)
+            and any(known_unit(cell) in OF_SIGNALS for cell in row)
         )
         names = above[head[0]] if is_units else row
-        names = _distinct([name or str(k + 1) for k, name in enumerate(names)])
+        names = distinct([name or str(k + 1) for k, name in enumerate(names)])
         if is_units:
             units = {n: known_unit(u) for n, u in zip(names, row, strict=True) if known_unit(u)}
     labelled = {row[0]: row[1:] for row in above if len(row) == width and row[0].endswith("=")}
     if titles := labelled.get("ChannelTitle="):  # of LabChart
-        names = _distinct(["Time", *titles])
+        names = distinct(["Time", *titles])
         cells = map(known_unit, labelled.get("UnitName=", []))
         units = {name: unit for name, unit in zip(names[1:], cells, strict=False) if unit}
     if names[0] == "%time":  # of rostopic
@@ -546,19 +247,10 @@ def _layout_of(
     return _Layout(delimiter, has_commas, names, first, width, units, lines, bool(head or named))
 
 
-def _distinct(names: Iterable[str]) -> list[str]:
-    """Names with a number behind those that came before: two channels of one name are two."""
-    seen, distinct = Counter[str](), []
-    for name in names:
-        seen[name] += 1
-        distinct.append(name if seen[name] == 1 else f"{name} {seen[name]}")
-    return distinct
-
-
 def _is_unit(cell: str) -> bool:
     """Whether a cell below a heading is a unit: empty, in brackets, or short without a digit."""
     is_short = bool(re.fullmatch(r"[^\W\d]{1,3}|-|%", cell))
-    return not cell or cell[0] in "([" or is_short or known_unit(cell) in _OF_SIGNALS
+    return not cell or cell[0] in "([" or is_short or known_unit(cell) in OF_SIGNALS
 
 
 def _values(
