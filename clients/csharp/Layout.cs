@@ -71,7 +71,7 @@ namespace Haptix
     {
         const string Felt = "felt"; // name of the region that `Feel` makes
         Layout _layout;
-        Material _felt;
+        Material _felt; // null once the app has set a layout of its own
 
         /// <summary>Open a session and fill the screen with a material; what is returned has the `Session`.</summary>
         public static async Task<Region> Feel(string name, Material material, bool personAsked = false)
@@ -87,10 +87,20 @@ namespace Haptix
 
         /// <summary>
         /// Fill the screen with a material and arm: all that it takes to feel one. What was felt before is replaced.
-        /// After a lost connection it is felt again, on a virtual driver by itself; a real one is armed only where
-        /// a person asked.
+        /// After a lost connection it is felt again, where it was felt until then: the layout as it was changed since, or
+        /// on a service that was begun anew this material, with intensity, mute and pause as they were. A virtual driver is
+        /// armed by itself, a real one only where a person asked; after `Stop`, `Release` or a layout of the app's own
+        /// nothing is.
         /// </summary>
         public async Task<Region> Feel(Material material, bool personAsked = false)
+        {
+            await Show(material).ConfigureAwait(false);
+            if (personAsked) await Arm().ConfigureAwait(false);
+            else await ArmVirtual().ConfigureAwait(false);
+            return Layout.Of(Felt);
+        }
+
+        async Task Show(Material material)
         {
             await Acquire().ConfigureAwait(false);
             double[] sizeMm = Welcome.Inventory.ScreenMm;
@@ -98,9 +108,25 @@ namespace Haptix
                 { "width_mm", sizeMm[0] }, { "height_mm", sizeMm[1] } };
             await Ask<LayoutReply>("layout_set", new JObject { { "document", new JObject { { "regions", new JArray(region) } } } }).ConfigureAwait(false);
             _felt = material;
-            if (personAsked || !Array.Exists(Welcome.Inventory.Devices, device => device.IsReal)) await Arm().ConfigureAwait(false);
+        }
+
+        async Task ArmVirtual()
+        {
+            if (!Array.Exists(Welcome.Inventory.Devices, device => device.IsReal)) await Arm().ConfigureAwait(false);
             else Tell(new Warning { Type = "warning", Sentence = "the driver is real: call Arm once a person asks for its voltage" });
-            return Layout.Of(Felt);
+        }
+
+        /// <summary>Arm again what was felt before the connection was lost.</summary>
+        async Task FeelAgain(Output before)
+        {
+            if (!Lease.IsMine) // a service that was begun anew: it has no layout
+            {
+                await Show(_felt).ConfigureAwait(false);
+                await Intensity(before.Intensity).ConfigureAwait(false);
+                await Mute(before.Muted).ConfigureAwait(false);
+                await Pause(before.Paused).ConfigureAwait(false);
+            }
+            await ArmVirtual().ConfigureAwait(false);
         }
 
         /// <summary>What is felt where. The service keeps it for who connects again.</summary>

@@ -177,6 +177,7 @@ namespace Haptix
             lock (_gate)
             {
                 if (type == "geometry") _geometry = fields;
+                if (type == "layout_set") _felt = null;
                 if (type == "watch") _watched.Add((string)fields["job"]);
                 if (type != "subscribe") return;
                 foreach (JProperty stream in ((JObject)fields["streams"]).Properties()) _streams[stream.Name] = stream.Value;

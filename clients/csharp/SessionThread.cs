@@ -73,16 +73,17 @@ namespace Haptix
         void Greet(Welcome welcome)
         {
             bool again = Welcome != null;
+            Output before = again && _felt != null && Lease.IsMine && Output.State != "off" ? Output : null;
             Welcome = welcome;
             Lease = welcome.Lease;
             Output = welcome.Output;
             _silentS = 3 * welcome.KeepAlive.IdleS;
             lock (_gate) if (_link != null) _link.Limit(welcome.Limits);
-            Restore(again).ContinueWith(done => done.Exception, TaskContinuationOptions.OnlyOnFaulted);
+            Restore(again, before).ContinueWith(done => done.Exception, TaskContinuationOptions.OnlyOnFaulted);
         }
 
         /// <summary>The service keeps lease and layout for who resumes; these are of the session.</summary>
-        async Task Restore(bool again)
+        async Task Restore(bool again, Output before)
         {
             JObject geometry, streams;
             lock (_gate)
@@ -100,9 +101,9 @@ namespace Haptix
                 catch (Refused) { lock (_gate) _watched.Remove(job); } // another service knows none
             }
             _isWelcome = true;
-            if (again && _felt != null)
+            if (before != null)
             {
-                try { await Feel(_felt).ConfigureAwait(false); }
+                try { await FeelAgain(before).ConfigureAwait(false); }
                 catch (Refused refused) { Tell(new Warning { Type = "warning", Sentence = "nothing is felt: " + refused.Message }); }
             }
             if (again) Tell(new Resumed { Welcome = Welcome });

@@ -226,12 +226,12 @@ def test_a_material_is_felt_in_one_call_and_again_after_a_lost_connection(
     service.engine.told.clear()
     with haptix.service.feel(ribs, "kiosk").session as h:
         assert h.output.state == "armed"
-        resumed = []
-        h.on("resumed", resumed.append)
-        service.hub.control.release("as after a new start")
-        service.hub.sessions[h.welcome.session].close(1012, "cut")
-        wait_for(lambda: resumed)
+        h.intensity(0.5)
+        h.mute()
+        monkeypatch.setattr(service.hub.control, "keep", lambda until_s: new_start(service))
+        cut(service, h)
         assert h.lease.is_mine and h.output.state == "armed"
+        assert h.output.intensity == 0.5 and h.output.muted
         shown = [fields for do, fields, _ in service.engine.told if do == "layout_set"]
         assert len(shown) == 2 and shown[0]["document"] == shown[1]["document"]
         (region,) = shown[0]["document"]["regions"]
@@ -240,6 +240,53 @@ def test_a_material_is_felt_in_one_call_and_again_after_a_lost_connection(
     with connect("asked") as h:
         assert h.feel({"kind": "noise"}, person_asked=True).name == "felt"
         assert h.output.state == "armed"
+
+
+def new_start(service):
+    """Forget the holder and its layout, as a service that is begun anew."""
+    service.hub.control.holder = None
+    service.hub.control.disarm("a new start")
+
+
+def cut(service, h):
+    """Cut the connection, and wait until the client has another."""
+    resumed = []
+    ends = h.on("resumed", resumed.append)
+    service.hub.sessions[h.welcome.session].close(1012, "cut")
+    wait_for(lambda: resumed)
+    ends()
+
+
+def test_a_lost_connection_changes_nothing_that_is_felt_and_arms_nothing_that_was_not(
+    service, connect, monkeypatch
+):
+    virtual = service.hub.inventory.model_copy(update={"devices": ()})
+    monkeypatch.setattr(service.hub, "inventory", virtual)
+
+    with connect("test") as h:
+        region = h.feel({"kind": "grating", "period_mm": 2.0})
+        region.change(material={"kind": "grating", "period_mm": 7.0})
+        h.layout.add({"kind": "button"}, name="ok")
+        cut(service, h)
+        assert h.output.state == "armed"
+        service.engine.told.clear()
+        h.layout.add({"kind": "button"}, name="cancel")  # "ok" is still there
+        h.ask("layout_change", ops=[{"op": "remove", "name": "ok"}])
+        assert not [do for do, *_ in service.engine.told if do == "layout_set"]
+
+        h.stop()
+        cut(service, h)
+        assert h.output.state == "off" and h.lease.is_mine
+        h.arm()
+        h.release()
+        cut(service, h)
+        assert h.output.state == "off" and not h.lease.is_mine
+
+        h.feel({"kind": "noise"})
+        h.layout_set({"regions": []})
+        monkeypatch.setattr(service.hub.control, "keep", lambda until_s: new_start(service))
+        cut(service, h)
+        assert h.output.state == "off"
 
 
 def test_streams_that_were_asked_for_one_by_one_are_all_asked_for_again(service, connect):

@@ -178,6 +178,7 @@ static class Program
             Task cut = h.Play(Material.Parse("{\"kind\": \"cut\"}")); // the engine of the tests closes the socket
             Check.Next<Resumed>(h, () => { });
             Check.That(cut.IsFaulted && h.Lease.IsMine && h.Output.State == "off", "a real driver is never armed again by itself");
+            await again.Change(opacity: 0.5); // the service has kept the layout
         }
     }
 

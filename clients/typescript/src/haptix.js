@@ -84,18 +84,26 @@ export class Session extends Connection {
   /** @type {Map<number, string>} where fingers are */
   #places = new Map();
   #slid_s = -Infinity;
-  /** @type {(() => void) | undefined} */
+  /** @type {{material: object, options: FeelOptions} | undefined} what `feel` shows */
   #felt;
+  /** @type {m.Output | undefined} where it was felt when the connection was lost */
+  #before;
   /** @type {(() => void) | undefined} */
   #unfollow;
-  /** @type {() => Promise<any>} what `feel` shows */
-  #feelAgain = async () => {};
+  #isAgain = false; // whether it is felt again after a lost connection
 
   /** Send again what the service does not keep for who resumes. @protected @override */
   async restore() {
     this.#pointers.fingers = this.welcome.limits.fingers;
     this.#pointers.clear();
     await super.restore();
+  }
+
+  /** @override @param {string} type @param {object} [fields] */
+  async ask(type, fields) {
+    const answer = await super.ask(type, fields);
+    if (type === "layout_set") this.#felt = undefined; // a layout of the app's own
+    return answer;
   }
 
   /** Whether a finger slides: where none does, friction is not felt. */
@@ -206,13 +214,34 @@ export class Session extends Connection {
 
   /**
    * Fill an element, or the screen, with a material and arm: all that it takes to feel one. What was felt
-   * before is replaced. After a lost connection it is felt again, on a virtual driver by itself.
+   * before is replaced. After a lost connection it is felt again, where it was felt until then: the layout as it
+   * was changed since, or on a service that was begun anew this material, with intensity, mute and pause as they
+   * were. A virtual driver is armed by itself; after `stop`, `release` or a layout of the app's own nothing is.
    * @param {object} material
    * @param {FeelOptions} [options]
    * @returns {Promise<Region<Session>>}
    */
   async feel(material, options = {}) {
-    const { element, px_per_mm = 96 / 25.4, scroll, person_asked = false } = options;
+    const { element, scroll, person_asked = false } = options;
+    await this.#show(material, options);
+    this.#unfollow?.();
+    this.#unfollow = element && this.follow(element, { scroll });
+    if (!this.#isAgain) {
+      this.#isAgain = true;
+      this.on("lost", () => {
+        const was_felt = this.#felt && this.lease.is_mine && this.output.state !== "off";
+        this.#before = was_felt ? this.output : undefined;
+      });
+      this.on("resumed", () => void this.#feelAgain().catch((error) => console.warn(error)));
+    }
+    if (person_asked) await this.arm();
+    else await this.#armVirtual();
+    return new Region(this, FELT);
+  }
+
+  /** @param {object} material @param {FeelOptions} options */
+  async #show(material, options) {
+    const { element, px_per_mm = 96 / 25.4 } = options;
     const [width_mm, height_mm] = element
       ? [element.offsetWidth / px_per_mm, element.offsetHeight / px_per_mm]
       : this.welcome.inventory.screen_mm;
@@ -220,13 +249,25 @@ export class Session extends Connection {
     await this.acquire();
     const place = { x_mm: 0, y_mm: 0, width_mm, height_mm };
     await this.layoutSet({ regions: [{ name: FELT, material: /** @type {any} */ (material), ...place }] });
-    this.#unfollow?.();
-    this.#unfollow = element && this.follow(element, { scroll });
-    this.#felt ??= this.on("resumed", () => void this.#feelAgain().catch((error) => console.warn(error)));
-    this.#feelAgain = () => this.feel(material, { ...options, person_asked: false });
-    if (person_asked || !this.welcome.inventory.devices.some((device) => device.is_real)) await this.arm();
+    this.#felt = { material, options };
+  }
+
+  async #armVirtual() {
+    if (!this.welcome.inventory.devices.some((device) => device.is_real)) await this.arm();
     else console.warn("the driver is real: call `arm` once a person asks for its voltage");
-    return new Region(this, FELT);
+  }
+
+  /** Arm again what was felt before the connection was lost. */
+  async #feelAgain() {
+    const { intensity, muted, paused } = this.#before ?? {};
+    if (!this.#felt || intensity === undefined) return;
+    if (!this.lease.is_mine) { // a service that was begun anew: it has no layout
+      await this.#show(this.#felt.material, this.#felt.options);
+      await this.intensity(intensity);
+      await this.mute(muted);
+      await this.pause(paused);
+    }
+    await this.#armVirtual();
   }
 
   /** @param {Touch} touch */

@@ -316,13 +316,34 @@ test("a material is felt in one call, and again after a lost connection", async 
   assert.equal(again.name, "felt");
   assert.equal(element.style.touchAction, "pan-y pinch-zoom");
   assert.equal((await again.change({ opacity: 0.5 })).type, "layout");
-  let shown = 0;
-  const { layoutSet } = h;
-  h.layoutSet = (document) => (shown++, layoutSet.call(h, document));
-  const resumed = next(h, "resumed");
-  sockets.at(-1).terminate();
-  await resumed;
-  while (!shown) await sleep(10);
-  assert.equal(h.output.state, "off"); // real: never by itself
+  const asked = [];
+  const { ask, restore } = h;
+  h.ask = (type, fields) => (asked.push(type), ask.call(h, type, fields));
+  const cut = async () => {
+    asked.length = 0;
+    const resumed = next(h, "resumed");
+    sockets.at(-1).terminate();
+    await resumed;
+    await sleep(50); // what follows an event is asked at once
+    return asked.filter((type) => !["hello", "geometry"].includes(type));
+  };
+  assert.deepEqual(await cut(), []); // real: never by itself, and the service has kept the layout
+  assert.equal(h.output.state, "off");
+  await h.arm();
+  h.restore = async () => {
+    await restore.call(h);
+    h.welcome.inventory.devices = []; // a virtual driver
+  };
+  assert.deepEqual(await cut(), ["arm"]);
+  assert.equal(h.output.state, "armed");
+  await h.stop();
+  assert.deepEqual(await cut(), []);
+  await h.arm();
+  await h.layoutSet({ regions: [] });
+  assert.deepEqual(await cut(), []); // an app's own layout
+  await h.feel({ kind: "noise" });
+  await h.mute();
+  await h.release();
+  assert.deepEqual(await cut(), []);
   await h.close();
 });

@@ -72,6 +72,8 @@ export declare class Session extends Connection {
     #private;
     /** Send again what the service does not keep for who resumes. @protected @override */
     protected restore(): Promise<void>;
+    /** @override @param {string} type @param {object} [fields] */
+    ask(type: string, fields?: object): Promise<any>;
     /** Whether a finger slides: where none does, friction is not felt. */
     get slides(): boolean;
     /** Points of pointers that were left out so far; the first is told as `warning`, too. */
@@ -123,7 +125,9 @@ export declare class Session extends Connection {
     }): () => void;
     /**
      * Fill an element, or the screen, with a material and arm: all that it takes to feel one. What was felt
-     * before is replaced. After a lost connection it is felt again, on a virtual driver by itself.
+     * before is replaced. After a lost connection it is felt again, where it was felt until then: the layout as it
+     * was changed since, or on a service that was begun anew this material, with intensity, mute and pause as they
+     * were. A virtual driver is armed by itself; after `stop`, `release` or a layout of the app's own nothing is.
      * @param {object} material
      * @param {FeelOptions} [options]
      * @returns {Promise<Region<Session>>}

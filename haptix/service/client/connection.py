@@ -311,6 +311,8 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
             }
         if kind in _REPLAYED:
             self._replayed[kind] = fields
+        if kind == "layout_set":
+            self._felt = None  # a layout of the app's own
         if kind == "watch":
             self._watched.add(fields["job"])
         return reply
@@ -318,8 +320,10 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
     async def feel(self, material: Document, *, person_asked: bool = False) -> ClientRegion:
         """Fill the screen with a material and arm: all that it takes to feel one.
 
-        The layout before is replaced. After a lost connection it is felt again, on a virtual
-        driver by itself.
+        The layout before is replaced. After a lost connection it is felt again, where it was felt
+        until then: the layout as it was changed since, or on a service that was begun anew this
+        material, with intensity, mute and pause as they were. A virtual driver is armed by itself;
+        after `stop`, `release` or a layout of the app's own nothing is.
 
         Parameters
         ----------
@@ -339,17 +343,40 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
         Refused
             If the material is none, or another app holds the output.
         """
+        await self._feel(material, None)
+        if person_asked:
+            await self.arm()
+        else:
+            await self._arm_virtual()
+        return ClientRegion(self, _FELT)
+
+    async def _feel(self, material: Document, before: m.OutputMessage | None) -> None:
         await self.acquire()
         width_mm, height_mm = self.welcome.inventory.screen_mm
         place = {"x_mm": 0.0, "y_mm": 0.0, "width_mm": width_mm, "height_mm": height_mm}
         region = {"name": _FELT, "material": material, **place}
         await self.layout_set({"regions": [region]})
         self._felt = material
-        if person_asked or not any(one.is_real for one in self.welcome.inventory.devices):
-            await self.arm()
-        else:
+        if before is not None:
+            await self.intensity(before.intensity)
+            await self.mute(before.muted)
+            await self.pause(before.paused)
+
+    async def _arm_virtual(self) -> None:
+        if any(one.is_real for one in self.welcome.inventory.devices):
             _LOG.warning("the driver is real: call `arm` once a person asks for its voltage")
-        return ClientRegion(self, _FELT)
+        else:
+            await self.arm()
+
+    async def _feel_again(self, before: m.OutputMessage) -> None:
+        """Arm again what was felt before the connection was lost."""
+        assert self._felt is not None
+        try:
+            if not self.welcome.lease.is_mine:  # a service that was begun anew: it has no layout
+                await self._feel(self._felt, before)
+            await self._arm_virtual()
+        except HaptixError as error:
+            _LOG.warning("nothing is felt after the lost connection: %s", error)
 
     async def asset(self, path: str | Path) -> str:
         """Send a file that materials read; return ``sha256:...``, as a document calls it.
@@ -445,6 +472,8 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
             if self._is_closing:
                 break
             _LOG.info("the connection is lost: %s", self._ended)
+            was_felt = self._felt is not None and self.lease.is_mine and self.output.state != "off"
+            before = self.output
             self._emit("lost", LostConnection(self._ended, False))
             wait_s = _FIRST_S
             while not self._is_closing:
@@ -459,11 +488,8 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
                     wait_s = min(2 * wait_s, _LAST_S)
                 else:
                     _LOG.info("connected again as session %d", self.welcome.session)
-                    if self._felt is not None:
-                        try:
-                            await self.feel(self._felt)
-                        except HaptixError as error:
-                            _LOG.warning("nothing is felt after the lost connection: %s", error)
+                    if was_felt:
+                        await self._feel_again(before)
                     self._emit("resumed", self.welcome)
                     break
         self._emit("closed", LostConnection(self._ended or "closed", True))
