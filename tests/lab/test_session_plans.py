@@ -35,7 +35,7 @@ from haptix.lab.experiment import (
 )
 from haptix.lab.experiment.orders import latin_square, order_for, williams_square
 from haptix.lab.experiment.recipe import ExperimentRecipe
-from haptix.lab.experiment.session_plan import detection, method_of
+from haptix.lab.experiment.session_plan import TrialSequence, detection, method_of
 from tests.lab.presented import at_level
 
 WAVE = np.sin(2 * np.pi * 120 * np.arange(240) / 48_000)
@@ -286,6 +286,33 @@ def test_each_condition_has_an_order_of_its_own():
         assert slow._order != plain._order
         assert again._order == slow._order
         assert method_of(slow.describe())._order == slow._order  # type: ignore[attr-defined]
+
+
+def sides(methods: MethodsByCondition) -> list[tuple[str, str]]:
+    """Condition and right answer of each trial, with the default seed."""
+    sequence, found = TrialSequence(methods, TASKS["2ifc"], SessionPlan(), 0), []
+    while not methods.is_done:
+        trial = sequence.next()
+        found.append((trial.condition, trial.right))
+        row = {"accepted": "true", "kind": "trial", "is_right": "true", "level": str(trial.level)}
+        sequence.hear(row | {"condition": trial.condition})
+    return found
+
+
+def test_the_interval_of_the_target_does_not_follow_the_condition():
+    levels, repeats = [20.0, 25.0], 100
+
+    def methods(**more):
+        return MethodsByCondition({at: ConstantStimuli(levels, repeats) for at in "ab"}, **more)
+
+    counts = Counter(sides(methods()))
+    for condition in "ab":
+        # Four standard deviations of a fair coin.
+        assert abs(counts[condition, "1"] - repeats) < 4 * (2 * repeats) ** 0.5 / 2
+    # A log that was written before has these trials, and they are still regenerated.
+    old = method_of({k: v for k, v in methods().describe().items() if k != "stream"})
+    assert isinstance(old, MethodsByCondition)
+    assert {*sides(old)[: 2 * repeats]} == {("a", "1"), ("b", "2")}
 
 
 def test_the_power_of_a_plan_is_that_of_theory(monkeypatch):

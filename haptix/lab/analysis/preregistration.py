@@ -11,6 +11,7 @@ from pydantic import Field, PositiveInt
 from haptix.base.documents import Document
 from haptix.base.files import digest
 from haptix.base.version import __version__
+from haptix.lab.experiment.methods import DRAWN
 from haptix.lab.experiment.session_plan import Exclude
 from haptix.lab.experiment.trial_log import LoggedSession
 
@@ -25,8 +26,6 @@ TEST = (
     "those beyond the levels included; differences of conditions two-sided at 0.05, p corrected by "
     "Holm; fast guesses by the mixture of reaction times of haptix.lab.experiment.fast_guesses"
 )
-
-_DRAWN = ("seed", "order", "first_row")  # differ between sessions
 
 
 class Preregistration(Document):
@@ -138,7 +137,7 @@ def _hashes(settings: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 
 def _undrawn(method: Mapping[str, Any]) -> dict[str, Any]:
     """Description of a method without seeds and orders, those of its conditions included."""
-    kept = {name: value for name, value in method.items() if name not in _DRAWN}
+    kept = {name: value for name, value in method.items() if name not in DRAWN}
     if "methods" in kept:
         parts = sorted(kept["methods"].items())
         kept["methods"] = {name: _undrawn(part) for name, part in parts}

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 from haptix.base.files import digest, reading
 from haptix.lab.experiment import Estimate, Method, MethodsByCondition
+from haptix.lab.experiment.methods import DRAWN
 from haptix.lab.experiment.session_plan import SessionPlan, estimate_of, replayed, summary
 from haptix.lab.experiment.trial_log import LoggedSession
 
@@ -18,7 +19,6 @@ LEAST_PARTICIPANTS = 2
 OF_GROUP = ("task", "condition", "experiment")
 """Columns by which runs belong together."""
 
-_OF_PARTICIPANT = ("seed", "order", "first_row")  # fields of a method that differ between them
 _OF_APPARATUS = ("finger", "screen", "recipe", "drive")  # the drive is that of the first level
 _INTERVAL = 0.95
 
@@ -115,7 +115,7 @@ def _hash(session: LoggedSession, condition: str, method: Mapping[str, Any]) -> 
     hashes = settings.get("hashes", {})
     hashes = hashes.get(condition, hashes) if condition else hashes
     of_stimulus = {name: value for name, value in hashes.items() if name not in _OF_APPARATUS}
-    shared = {name: value for name, value in method.items() if name not in _OF_PARTICIPANT}
+    shared = {name: value for name, value in method.items() if name not in DRAWN}
     experiment = {"task": settings["task"], "hashes": of_stimulus, "method": shared}
     if session.source == "simulated":  # simulated sessions are not pooled with those of people
         experiment["source"] = session.source

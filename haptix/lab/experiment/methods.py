@@ -14,6 +14,9 @@ from haptix.base.errors import InputError
 from haptix.lab.experiment.orders import shuffled
 from haptix.lab.experiment.psychometric import Answers, Estimate, fit, function_named
 
+DRAWN = ("seed", "stream", "order", "first_row")
+"""Settings of a method that differ between the sessions of one experiment."""
+
 
 @dataclass(eq=False)
 class Method:
@@ -118,6 +121,9 @@ class FixedOrder(Method):
         self._order.append(self._order.pop(len(self.answers)))
 
 
+_CONDITION = 0x636F6E  # any number but 0, as which numpy's generators take one that is missing
+
+
 @dataclass(eq=False)
 class MethodsByCondition(Method):
     """A method for each condition.
@@ -130,11 +136,15 @@ class MethodsByCondition(Method):
         Each trial's condition is drawn from those that are not done; otherwise one follows another.
     seed : int
         Seed of the draws.
+    stream : int
+        Keeps these draws apart from those of the intervals, which have the same seed; 0 where a log
+        states none, whose draws were not apart.
     """
 
     methods: Mapping[str, Method]
     interleaved: bool = True
     seed: int = 0
+    stream: int = _CONDITION
 
     kind = "conditions"
 
@@ -150,7 +160,7 @@ class MethodsByCondition(Method):
         if self._drawn is None:
             left = [name for name, method in self.methods.items() if not method.is_done]
             left = left or list(self.methods)[-1:]
-            draw = np.random.default_rng([self.seed, self._taken])
+            draw = np.random.default_rng([self.seed, self._taken, self.stream])
             self._drawn = left[int(draw.integers(len(left)))] if self.interleaved else left[0]
         return self._drawn
 

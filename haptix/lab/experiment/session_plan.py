@@ -401,7 +401,8 @@ def method_of(table: Mapping[str, Any]) -> Method:
     """Make a method from the table of `Method.describe`."""
     if table["method"] == MethodsByCondition.kind:
         methods = {name: method_of(table["methods"][name]) for name in table["order"]}
-        return MethodsByCondition(methods, table["interleaved"], table["seed"])
+        stream = table.get("stream", 0)
+        return MethodsByCondition(methods, table["interleaved"], table["seed"], stream)
     kind = METHODS[table["method"]]
     names = [field.name for field in fields(kind) if field.init]
     # No limit is None there, and the default here.
