@@ -30,13 +30,13 @@ NEVER_STILL = Sliding(is_needed=False)
 ALWAYS = LiveSettings(sliding=NEVER_STILL)
 
 
-FREEZE_COUNT = gc.get_freeze_count  # before tests/conftest.py puts a constant in its place
-
-
 @pytest.fixture(autouse=True)
 def interpreter_is_left_as_it_was(monkeypatch):
-    monkeypatch.setattr(gc, "get_freeze_count", FREEZE_COUNT)
-    gc.unfreeze()  # as in a program that has frozen nothing; the tests' own process has
+    """Whether objects are frozen is only noted: the tests have a million, which stay frozen."""
+    frozen = [0]
+    monkeypatch.setattr(gc, "get_freeze_count", lambda: frozen[-1])
+    monkeypatch.setattr(gc, "freeze", lambda: frozen.append(1))
+    monkeypatch.setattr(gc, "unfreeze", lambda: frozen.append(0))
     before = set(threading.enumerate())
     switch_s, collects = sys.getswitchinterval(), gc.isenabled()
     yield
@@ -44,7 +44,6 @@ def interpreter_is_left_as_it_was(monkeypatch):
     assert sys.getswitchinterval() == switch_s
     assert gc.get_freeze_count() == 0
     assert gc.isenabled() == collects
-    gc.freeze()  # or each rendering of the tests to come collects and freezes all
 
 
 def test_what_a_program_froze_stays_frozen():
