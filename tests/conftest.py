@@ -3,7 +3,7 @@
 import gc
 import os
 import signal
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from pathlib import Path
 
 # Torch's threads wait for each other by spinning: on a busy machine the small arrays of these tests
@@ -24,12 +24,11 @@ from tests.steady_clock import steady_driver
 torch.set_num_threads(1)
 
 # Some million objects live from the collection of the tests to their end: to look at them again and
-# again takes a third of the time of the collection.
+# again takes a third of the time of the collection. What else it leaves is not looked for.
 gc.disable()
 
 
 def pytest_collection_finish() -> None:
-    gc.collect()
     gc.freeze()
     gc.enable()
 
@@ -91,35 +90,59 @@ LONG_FIRST = (
 ONE_PROCESS = ("calibration", "lab", "model/surface", "plan/planning", "play/simulation")
 
 
-def begins(item: pytest.Item) -> int:
-    """When a test begins: long files, then whole folders, then the others."""
-    if item.path.stem in LONG_FIRST:
-        return 0
-    return 1 if item.nodeid.startswith(tuple(f"tests/{one}/" for one in ONE_PROCESS)) else 2
+#: Of whose time the most is waiting, for browsers, services, links and the clocks of these.
+WAITING = (
+    "clients",
+    "firmware_io/test_audio_link",
+    "firmware_io/test_serial_link",
+    "firmware_io/test_stalls",
+    "play/render/test_lab_streams",
+    "play/render/test_own_thread",
+    "service",
+    "studio",
+)
+
+
+def unit(nodeid: str) -> str:
+    """What one process runs as a whole: a file, or one of some folders."""
+    file = nodeid.split("::")[0]
+    folders = (one for one in ONE_PROCESS if file.startswith(f"tests/{one}/"))
+    return next(folders, file)
+
+
+def order(units: Iterable[str]) -> list[str]:
+    """Long ones first, and those that wait among those that compute, so that no core is idle."""
+    by_length = sorted(
+        units, key=lambda one: one not in ONE_PROCESS and Path(one).stem not in LONG_FIRST
+    )
+    prefixes = tuple(f"tests/{one}" for one in WAITING)
+    places = {}
+    for waits in (True, False):
+        alike = [one for one in by_length if one.startswith(prefixes) is waits]
+        places |= {one: (place + 0.5) / len(alike) for place, one in enumerate(alike)}
+    return sorted(places, key=places.__getitem__)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    items.sort(key=begins)
+    places = {one: place for place, one in enumerate(order({unit(i.nodeid): 0 for i in items}))}
+    items.sort(key=lambda item: places[unit(item.nodeid)])
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_xdist_auto_num_workers() -> Generator[None, int, int]:
-    """Three processes for two cores: of these tests' time a third is spent waiting.
+    """Four processes for two cores: of these tests' time four tenths are spent waiting.
 
-    They wait for browsers, services, links and the clocks of these. In CI other steps run beside
-    them, and take that time.
+    In CI other steps run beside them, and take that time.
     """
     cores = yield
-    return cores if os.environ.get("HAPTIX_NO_SKIPS") else cores + cores // 2
+    return cores if os.environ.get("HAPTIX_NO_SKIPS") else 2 * cores
 
 
 class ByFileOrFolder(LoadFileScheduling):  # type: ignore[misc]  # xdist has no types
     """A process runs whole files, and of some folders all files."""
 
     def _split_scope(self, nodeid: str) -> str:
-        file: str = super()._split_scope(nodeid)
-        folders = (one for one in ONE_PROCESS if file.startswith(f"tests/{one}/"))
-        return next(folders, file)
+        return unit(nodeid)
 
 
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> ByFileOrFolder | None:
