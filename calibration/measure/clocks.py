@@ -86,7 +86,7 @@ def sine_near(t_s: Array, values: Array, frequency_hz: float) -> tuple[float, fl
         for _ in range(_STEPS):
             basis, (a, b, _) = _sine(t, values, found)
             slope = 2 * np.pi * t * (b * basis[:, 0] - a * basis[:, 1])
-            step = np.linalg.lstsq(np.column_stack([basis, slope]), values, rcond=None)[0][3]
+            step = _least_squares(np.column_stack([basis, slope]), values)[3]
             # Noise alone has no slope to go by.
             found = float(np.clip(found + step, peak - 0.5 / lasts, peak + 0.5 / lasts))
     _, (a, b, _) = _sine(t, values, found)
@@ -97,7 +97,12 @@ def _sine(t: Array, values: Array, frequency_hz: float) -> tuple[Array, Array]:
     """Cosine, sine and a constant, and what of each is in the values, by least squares."""
     angle = 2 * np.pi * frequency_hz * t
     basis = np.stack([np.cos(angle), np.sin(angle), np.ones_like(t)], axis=-1)
-    return basis, np.linalg.lstsq(basis, values, rcond=None)[0]
+    return basis, _least_squares(basis, values)
+
+
+def _least_squares(basis: Array, values: Array) -> Array:
+    """Solve by the normal equations of a few columns, which are near orthogonal."""
+    return np.asarray(np.linalg.lstsq(basis.T @ basis, basis.T @ values, rcond=None)[0])
 
 
 def sine_amplitude(t_s: Array, values: Array, frequency_hz: float) -> float:

@@ -186,6 +186,22 @@ class SpatialPeriod:
         return sentence
 
 
+def _power(x_mm: Array, signals: Array, lowest: float, step: float, count: int) -> Array:
+    """Power of all signals at `count` waves [1/mm] that are `step` apart, from `lowest`.
+
+    A wave is one of few coarse ones and a rest, and its turn at a place the product of both: all
+    sums over the places are a product of two matrices, each of the root of `count` waves.
+    """
+    fine = np.arange(int(np.ceil(np.sqrt(count))))
+    coarse = lowest + step * len(fine) * np.arange(-(-count // len(fine)))
+    by_fine = np.exp(-2j * np.pi * x_mm[:, None] * (step * fine))
+    by_coarse = np.exp(-2j * np.pi * coarse[:, None] * x_mm)
+    found = np.zeros(count)
+    for signal in signals.T:
+        found += np.abs((by_coarse * signal) @ by_fine).ravel()[:count] ** 2
+    return found
+
+
 def spatial_period(
     t_s: Array,
     x_mm: Array,
@@ -235,8 +251,7 @@ def spatial_period(
         spread = y.std(0)
         y = y[:, spread > 0] / spread[spread > 0]
         window = 0.5 * (1 + np.cos(np.pi * scaled))
-        turn = np.exp(-2j * np.pi * waves[:, None] * x)
-        power += (np.abs(turn @ (y * window[:, None])) ** 2).sum(-1)
+        power += _power(x, y * window[:, None], lowest, step, len(waves))
     # Bins of half a resolution are enough for the background.
     coarse = slice(None, None, _FINE // 2)
     width = 2 * round(2 * _BACKGROUND) + 1
