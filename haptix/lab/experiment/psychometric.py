@@ -260,7 +260,6 @@ def _posterior(
     guessed: Array,
 ) -> tuple[Estimate, float]:
     """Median, interval, means of the other parameters; and the likelihood ratio to guessing."""
-    from scipy.special import betaln
     from scipy.stats import beta
 
     shape, in_db = function_named(function), function == "weibull"
@@ -323,15 +322,11 @@ def _posterior(
     )
     drifts = _DRIFTS * typical
     p = shares(*axes, drifts)
-    steps = np.rint(p * _FINE).astype(np.int16)
-    share = np.clip(np.arange(_FINE + 1) / _FINE, 0.25 / _FINE, 1 - 0.25 / _FINE)[:, None]
-    likelihood = np.zeros((len(_OVERDISPERSION), *p.shape[:-1]))
-    for k, scatter in enumerate(_OVERDISPERSION):
-        spread = 1 / scatter**2 - 1
-        a, b = share * spread, (1 - share) * spread
-        table = betaln(right + a, total - right + b) - betaln(a, b)
-        for cell in range(len(level)):
-            likelihood[k] += table[:, cell][steps[..., cell]]
+    steps = np.rint(np.moveaxis(p, -1, 0) * _FINE).astype(np.intp)
+    likelihood = np.zeros((*p.shape[:-1], len(_OVERDISPERSION)))
+    for table, steps_at in zip(_beta_binomial(right, total), steps, strict=True):
+        likelihood += table.take(steps_at, 0)
+    likelihood = np.moveaxis(likelihood, -1, 0)
     of_drift = (_DRIFTS != 0) / (1 + _DRIFTS**2)
     of_drift = (1 - _NO_DRIFT) * of_drift / of_drift.sum() + _NO_DRIFT * (_DRIFTS == 0)
     edges = np.array([0.0, *(_OVERDISPERSION[1:] + _OVERDISPERSION[:-1]) / 2, 0.53])
@@ -367,6 +362,26 @@ def _posterior(
     warnings = tuple(_said(others, lapsing, marginal(0)))
     found = Estimate(float(middle), float(low), float(high), others, warnings, (axes[0], log_mass))
     return found, over_chance
+
+
+def _beta_binomial(right: Array, total: Array) -> Iterator[Array]:
+    """Logarithm of the likelihood of each cell, shape (shares of ``_FINE``, overdispersion).
+
+    ``B(r + a, n - r + b) / B(a, b)`` for counts r of n is the product of the first r of a, a + 1,
+    ..., and of the first n - r of b, b + 1, ..., over that of the first n of a + b, a + b + 1, ....
+    """
+    share = np.clip(np.arange(_FINE + 1) / _FINE, 0.25 / _FINE, 1 - 0.25 / _FINE)[:, None]
+    spread = 1 / _OVERDISPERSION**2 - 1
+
+    def log_products(first: Array) -> Array:
+        """Of the first 0, 1, 2, ... factors from `first`."""
+        factors = first + np.arange(total.max()).reshape(-1, *[1] * first.ndim)
+        return np.concatenate([np.zeros((1, *first.shape)), np.log(factors).cumsum(0)])
+
+    # The shares are even about a half: what b = (1 - share) spread gives is what a gives, turned.
+    of_right, of_all = log_products(share * spread), log_products(spread)
+    for r, n in zip(right.astype(int), total.astype(int), strict=True):
+        yield of_right[r] + of_right[n - r, ::-1] - of_all[n]
 
 
 def _over_chance(
