@@ -11,11 +11,13 @@ from pathlib import Path
 
 import pytest
 
-import haptix.service.client.connection
+from haptix.service.client.connection import Refused, connect
 from tests.clients.compiled import compiled, compiled_for_unity
 from tests.clients.golden import GOLDEN, SESSIONS, Run
 from tests.made_clients import CSHARP, ROOT, TYPESCRIPT, node_tools
 from tests.waiting import PATIENCE_S, wait_for
+
+CONTRACT = [json.loads(line) for line in (ROOT / "clients/contract.jsonl").read_text().splitlines()]
 
 pytestmark = pytest.mark.slow  # the same sessions run against the front alone
 
@@ -35,6 +37,28 @@ def environment(tmp_path_factory):
 def test_python(environment, name):
     found = json.loads((Path(environment["HAPTIX_SERVICE"]) / "service.json").read_text())
     Run(found["port"], found["token"]).play(name)
+
+
+def test_the_contract_s_answers_are_those_of_the_engine(environment):
+    found = json.loads((Path(environment["HAPTIX_SERVICE"]) / "service.json").read_text())
+    address = f"ws://127.0.0.1:{found['port']}/v1/session"
+    with connect("contract", address, found["token"]) as h:
+        answer = None
+        for line in CONTRACT:
+            if "sends" not in line or line["do"] in ("watch", "touch", "lift"):
+                continue  # the job and the fingers are of the front's own tests
+            fields = {key: value for key, value in line["sends"].items() if key != "type"}
+            if line["do"] == "cancel" and "answers" in line:
+                fields["effect_id"] = answer.effect_id
+            if "refuses" in line:
+                with pytest.raises(Refused) as refused:
+                    h.ask(line["sends"]["type"], **fields)
+                answer, expected = refused.value, line["refuses"]
+            else:
+                answer = h.ask(line["sends"]["type"], **fields)
+                expected = line.get("answers", {})
+            for key in expected.keys() - {"effect_id", "revision"}:  # counted by other sessions too
+                assert getattr(answer, key) == expected[key], line
 
 
 def test_typescript(environment):
@@ -58,7 +82,7 @@ def test_csharp(environment, tmp_path):
 def test_a_slider_tells_the_numbers_of_its_detents(environment):
     found = json.loads((Path(environment["HAPTIX_SERVICE"]) / "service.json").read_text())
     address = f"ws://127.0.0.1:{found['port']}/v1/session"
-    with haptix.service.client.connection.connect("slider", address, found["token"]) as h:
+    with connect("slider", address, found["token"]) as h:
         contacts = []
         h.on("contact", contacts.append)
         slider = {"kind": "slider", "travel_mm": 40, "detents": 5, "start_mm": 3}
