@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from itertools import count
 from math import exp, expm1, inf, log, sqrt
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
@@ -39,7 +40,8 @@ class TouchEvent(NamedTuple):
     t_s : float
         Time stamp [s] on the renderer's clock.
     touch_id : int
-        Number of the finger's touch, the same from "down" to "up".
+        Number of the finger's touch, the same from "down" to "up"; then another may have it. Panels
+        and TUIO get the smallest that is free, since the service takes 0 to 255.
     x_mm, y_mm : float
         Place on the screen. That of an "up" is not used: it often repeats an old place.
     kind : {"down", "move", "up"}
@@ -141,6 +143,12 @@ class TouchCounts:
     """Dropped: farther than a finger moves; it counts only if the next report is near it."""
     crowded: int = 0
     """Dropped: more touches at once than allowed."""
+
+
+def free_id(taken: Iterable[int]) -> int:
+    """Return the smallest number of a touch, from 1, that is not taken."""
+    used = {*taken}
+    return next(number for number in count(1) if number not in used)
 
 
 def events_of(path: Trajectory, touch_id: int = 0) -> list[TouchEvent]:

@@ -17,7 +17,7 @@ from typing import Any, Literal, Self
 
 from haptix.base.checks import Positive, checked, positive
 from haptix.base.errors import DeviceError, InputError, from_extra
-from haptix.play.touch.events import TouchEvent
+from haptix.play.touch.events import TouchEvent, free_id
 from haptix.play.touch.orientation import (
     ORIENTATIONS,
     Matrix,
@@ -269,8 +269,9 @@ class _Slot:
     """Last values of a slot. They stay after a touch, since the device sends only changes."""
 
     values: dict[int, int] = field(default_factory=dict)
-    touch_id: int | None = None
-    """Id of the touch that was last reported as down."""
+    tracking_id: int | None = None
+    """The kernel's id of the touch that was last reported as down; it rises with each touch."""
+    touch_id: int = 0
 
 
 class PanelClock:
@@ -506,14 +507,17 @@ class SlotDecoder:
             now = values.get(ABS_MT_TRACKING_ID, -1)
             self._pressed.update(code for code in _ZERO_LIFTS if values.get(code, 0) > 0)
             is_down = now >= 0 and self._touches(slot)
-            before = slot.touch_id
+            before = slot.tracking_id
             if before is not None and not (is_down and before == now):
-                ups.append(self._event(t_s, before, values)._replace(kind="up"))
-                slot.touch_id = None
+                ups.append(self._event(t_s, slot.touch_id, values)._replace(kind="up"))
+                slot.tracking_id = None
+            if is_down and slot.tracking_id is None:
+                down = (one.touch_id for one in self._slots.values() if one.tracking_id is not None)
+                slot.touch_id = free_id([*down, *(one.touch_id for one in ups)])
             if is_down:
-                event = self._event(t_s, now, values)
+                event = self._event(t_s, slot.touch_id, values)
                 others.append(event if before == now else event._replace(kind="down"))
-                slot.touch_id = now
+                slot.tracking_id = now
         if self._protocol == "A":
             self._slots = {
                 number: slot

@@ -12,7 +12,7 @@ from typing import Any, Self
 
 from haptix.base.checks import positive, whole
 from haptix.base.errors import DeviceError, InputError
-from haptix.play.touch.events import TouchEvent
+from haptix.play.touch.events import TouchEvent, free_id
 from haptix.play.touch.orientation import Matrix, checked_matrix
 from haptix.play.touch.touchscreen import PanelClock
 
@@ -29,7 +29,7 @@ class TuioDecoder:
     """Turns packets of TUIO into touches: cursors (2Dcur, 25Dcur) of 1.1, and pointers of 2.0.
 
     A cursor above the surface is no touch: its height is above 0 (25Dcur), or its pressure below 0
-    (2.0).
+    (2.0). Sources that name themselves, or have other addresses, have fingers of their own.
 
     Parameters
     ----------
@@ -47,44 +47,62 @@ class TuioDecoder:
         self._clock = PanelClock()
         self._ids: dict[tuple[str, int], int] = {}  # touches that are down
         self._frames: dict[str, int] = {}
-        self._count = 0
+        self._names: dict[str, str] = {}  # of sources, by their addresses
+        self._heard_s: dict[str, float] = {}  # each source's last message
 
-    def feed(self, packet: bytes, arrival_s: float) -> list[TouchEvent]:
-        """Take a packet of OSC; return its touches.
+    def feed(self, packet: bytes, arrival_s: float, sender: str = "") -> list[TouchEvent]:
+        """Take a packet of OSC; return its touches, and the lifts of sources that fell silent.
 
         Parameters
         ----------
         packet : bytes
         arrival_s : float
             When it came [s]. TUIO 2.0 states times, which count where they agree, see `PanelClock`.
+        sender : str
+            Address that it came from: a source that names itself in no message is known by it.
         """
         try:
             messages = [*_messages(packet)]
             return [
-                *self._profile("/tuio/2Dcur", messages, arrival_s),
-                *self._profile("/tuio/25Dcur", messages, arrival_s),
-                *self._pointers(messages, arrival_s),
+                *self._profile("/tuio/2Dcur", messages, arrival_s, sender),
+                *self._profile("/tuio/25Dcur", messages, arrival_s, sender),
+                *self._pointers(messages, arrival_s, sender),
+                *self.end(arrival_s, _ENDS_S),
             ]
         except (struct.error, ValueError, IndexError, TypeError, KeyError, RecursionError):
             self.dropped += 1
             return []
 
-    def end(self, t_s: float) -> list[TouchEvent]:
-        """Return the lifts of all that is down."""
-        ids, self._ids = self._ids, {}
-        self._frames = {}
-        return [TouchEvent(t_s, touch_id, 0.0, 0.0, "up") for touch_id in ids.values()]
+    def end(self, t_s: float, silent_s: float = 0.0) -> list[TouchEvent]:
+        """Return the lifts of all that is down, of sources that have been silent for so long."""
+        ended = [one for one, heard_s in self._heard_s.items() if t_s - heard_s >= silent_s]
+        for source in ended:
+            del self._heard_s[source]
+            self._frames.pop(source, None)
+        if ended:
+            heard = {key.partition(" ")[2] for key in self._heard_s}
+            self._names = {at: name for at, name in self._names.items() if name in heard}
+        gone = [key for key in self._ids if key[0] in ended]
+        return [TouchEvent(t_s, self._ids.pop(key), 0.0, 0.0, "up") for key in gone]
+
+    def _source(self, profile: str, name: str, sender: str, t_s: float) -> str:
+        """Return the key of a source; one that names itself does so in some bundles or in all."""
+        name = self._names[sender] = name or self._names.get(sender, sender)
+        self._heard_s[key := f"{profile} {name}"] = t_s
+        return key
 
     def _profile(
-        self, address: str, messages: Sequence[tuple[str, list[Any]]], t_s: float
+        self, address: str, messages: Sequence[tuple[str, list[Any]]], t_s: float, sender: str
     ) -> list[TouchEvent]:
         """Touches of one profile of TUIO 1.1."""
         found = [arguments for name, arguments in messages if name == address]
         alive = next(([*map(int, a[1:])] for a in found if a[0] == "alive"), None)
         if alive is None:
             return []
+        name = next((str(a[1]) for a in found if a[0] == "source"), "")
+        source = self._source(address, name, sender, t_s)
         frame = next((int(a[1]) for a in found if a[0] == "fseq"), -1)
-        if frame >= 0 and self._is_late(address, frame):
+        if frame >= 0 and self._is_late(source, frame):
             return []
         height = 4 if address == "/tuio/25Dcur" else None
         touching = {
@@ -93,23 +111,25 @@ class TuioDecoder:
             if a[0] == "set" and (height is None or float(a[height]) <= 0)
         }
         above = {int(a[1]) for a in found if a[0] == "set"} - touching.keys()
-        return self._touches(address, [i for i in alive if i not in above], touching, t_s)
+        return self._touches(source, [i for i in alive if i not in above], touching, t_s)
 
     def _pointers(
-        self, messages: Sequence[tuple[str, list[Any]]], arrival_s: float
+        self, messages: Sequence[tuple[str, list[Any]]], arrival_s: float, sender: str
     ) -> list[TouchEvent]:
         """Touches of TUIO 2.0."""
         alive = next(([*map(int, a)] for name, a in messages if name == "/tuio2/alv"), None)
         if alive is None:
             return []
         t_s = arrival_s
-        for name, a in messages:
-            if name == "/tuio2/frm":
-                if self._is_late(name, int(a[0])):
-                    return []
-                # Seconds since 1900 and their fraction; 1 stands for "now".
-                told_us = (int(a[1]) * 1_000_000) >> 32
-                t_s = self._clock.stamp(arrival_s, told_us if int(a[1]) > 1 else None)
+        frames = [a for name, a in messages if name == "/tuio2/frm"]
+        named = next((str(a[3]) for a in frames if len(a) > 3), "")
+        source = self._source("/tuio2/ptr", named, sender, arrival_s)
+        for a in frames:
+            if self._is_late(source, int(a[0])):
+                return []
+            # Seconds since 1900 and their fraction; 1 stands for "now".
+            told_us = (int(a[1]) * 1_000_000) >> 32
+            t_s = self._clock.stamp(arrival_s, told_us if int(a[1]) > 1 else None)
         found = {int(a[0]): a for name, a in messages if name == "/tuio2/ptr"}
         touching = {
             number: (float(a[3]), float(a[4]))
@@ -117,24 +137,24 @@ class TuioDecoder:
             if len(a) < 9 or float(a[8]) >= 0
         }
         above = found.keys() - touching.keys()
-        return self._touches("/tuio2/ptr", [i for i in alive if i not in above], touching, t_s)
+        return self._touches(source, [i for i in alive if i not in above], touching, t_s)
 
-    def _is_late(self, address: str, frame: int) -> bool:
-        last = self._frames.get(address, -1)
+    def _is_late(self, source: str, frame: int) -> bool:
+        last = self._frames.get(source, -1)
         if 0 < last - frame < _LATE_FRAMES:
             self.dropped += 1
             return True
-        self._frames[address] = frame
+        self._frames[source] = frame
         return False
 
     def _touches(
         self,
-        address: str,
+        source: str,
         alive: Sequence[int],
         places: dict[int, tuple[float, float]],
         t_s: float,
     ) -> list[TouchEvent]:
-        gone = [key for key in self._ids if key[0] == address and key[1] not in alive]
+        gone = [key for key in self._ids if key[0] == source and key[1] not in alive]
         touches = [TouchEvent(t_s, self._ids.pop(key), 0.0, 0.0, "up") for key in gone]
         a, b, c, d, e, f = self._matrix
         for number, (x, y) in places.items():
@@ -142,14 +162,14 @@ class TuioDecoder:
                 continue
             if not (isfinite(x) and isfinite(y)):
                 raise ValueError("no place")
-            is_new = (address, number) not in self._ids
+            is_new = (source, number) not in self._ids
             if is_new:
-                self._count += 1
-                self._ids[address, number] = self._count
+                lifted = [touch.touch_id for touch in touches if touch.kind == "up"]
+                self._ids[source, number] = free_id([*self._ids.values(), *lifted])
             width_mm, height_mm = self._sides
             touches.append(
                 TouchEvent(
-                    t_s, self._ids[address, number], width_mm * (a * x + b * y + c),
+                    t_s, self._ids[source, number], width_mm * (a * x + b * y + c),
                     height_mm * (d * x + e * y + f), "down" if is_new else "move",
                 )
             )  # fmt: skip
@@ -183,7 +203,6 @@ class TuioSource:
         host: str = "127.0.0.1",
     ) -> None:
         self._decoder = TuioDecoder(width_mm, height_mm, matrix)
-        self._heard_s = time.monotonic()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         try:
@@ -210,19 +229,17 @@ class TuioSource:
     def read(self, timeout_s: float = 0.0) -> list[TouchEvent]:
         """Return the touches so far; if there are none, wait for up to `timeout_s`.
 
-        All touches end when nothing has come for 1.5 s: sources repeat themselves each second.
+        Touches of a source end when it was silent for 1.5 s: sources repeat themselves each second.
         """
         touches: list[TouchEvent] = []
         ready = select.select([self._socket], [], [], timeout_s)[0]
         while ready:
             try:
-                packet = self._socket.recv(1 << 16)
+                packet, sender = self._socket.recvfrom(1 << 16)
             except BlockingIOError:
                 break
-            self._heard_s = time.monotonic()
-            touches += self._decoder.feed(packet, self._heard_s)
-        now_s = time.monotonic()
-        return touches if now_s - self._heard_s < _ENDS_S else touches + self._decoder.end(now_s)
+            touches += self._decoder.feed(packet, time.monotonic(), f"{sender[0]}:{sender[1]}")
+        return touches + self._decoder.end(time.monotonic(), _ENDS_S)
 
     def close(self) -> None:
         """Close the port."""

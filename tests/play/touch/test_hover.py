@@ -16,7 +16,7 @@ def places(decoder):
     return Counter(
         decoder.axes.place_mm(slot.values[X], slot.values[Y])
         for slot in decoder._slots.values()
-        if slot.touch_id is not None
+        if slot.tracking_id is not None
     )
 
 
@@ -48,9 +48,9 @@ def test_distance_that_becomes_0_is_down_and_one_that_leaves_0_is_up():
     decoder = SlotDecoder(AXES)
     assert fed(decoder, (3, TID, 7), (3, X, 400), (3, Y, 800), (3, DISTANCE, 1)) == []
     assert fed(decoder, (3, X, 440)) == []
-    assert fed(decoder, (3, X, 480), (3, DISTANCE, 0), (1, codes.BTN_TOUCH, 1)) == [(7, "down")]
-    assert fed(decoder, (3, X, 520)) == [(7, "move")]
-    assert fed(decoder, (3, X, 560), (3, DISTANCE, 1), (1, codes.BTN_TOUCH, 0)) == [(7, "up")]
+    assert fed(decoder, (3, X, 480), (3, DISTANCE, 0), (1, codes.BTN_TOUCH, 1)) == [(1, "down")]
+    assert fed(decoder, (3, X, 520)) == [(1, "move")]
+    assert fed(decoder, (3, X, 560), (3, DISTANCE, 1), (1, codes.BTN_TOUCH, 0)) == [(1, "up")]
     assert fed(decoder, (3, X, 400)) == []
     assert fed(decoder, (3, TID, -1)) == []
 
@@ -58,8 +58,8 @@ def test_distance_that_becomes_0_is_down_and_one_that_leaves_0_is_up():
 def test_a_panel_that_tells_hovering_by_its_key_alone():
     decoder = SlotDecoder(AXES, ask_key=lambda: False)
     assert fed(decoder, (3, TID, 7), (3, X, 400), (3, Y, 800)) == []
-    assert fed(decoder, (1, codes.BTN_TOUCH, 1)) == [(7, "down")]
-    assert fed(decoder, (1, codes.BTN_TOUCH, 0)) == [(7, "up")]
+    assert fed(decoder, (1, codes.BTN_TOUCH, 1)) == [(1, "down")]
+    assert fed(decoder, (1, codes.BTN_TOUCH, 0)) == [(1, "up")]
 
 
 def test_a_panel_that_tells_hovering_by_its_pressure_alone():
@@ -67,13 +67,13 @@ def test_a_panel_that_tells_hovering_by_its_pressure_alone():
     pressure = codes.ABS_MT_PRESSURE
     decoder = SlotDecoder(AXES)
     begins = (3, TID, 7), (3, X, 400), (3, Y, 800)
-    assert fed(decoder, *begins, (3, pressure, 40), (1, codes.BTN_TOUCH, 1)) == [(7, "down")]
-    assert fed(decoder, (3, X, 440), (3, pressure, 0)) == [(7, "up")]
+    assert fed(decoder, *begins, (3, pressure, 40), (1, codes.BTN_TOUCH, 1)) == [(1, "down")]
+    assert fed(decoder, (3, X, 440), (3, pressure, 0)) == [(1, "up")]
     assert fed(decoder, (3, X, 480)) == []
-    assert fed(decoder, (3, pressure, 30)) == [(7, "down")]
-    assert fed(decoder, (3, TID, -1), (1, codes.BTN_TOUCH, 0)) == [(7, "up")]
+    assert fed(decoder, (3, pressure, 30)) == [(1, "down")]
+    assert fed(decoder, (3, TID, -1), (1, codes.BTN_TOUCH, 0)) == [(1, "up")]
     assert fed(decoder, (3, TID, 8), (3, X, 440), (3, pressure, 0), (1, codes.BTN_TOUCH, 1)) == []
-    assert fed(decoder, (3, pressure, 20)) == [(8, "down")]
+    assert fed(decoder, (3, pressure, 20)) == [(1, "down")]
 
 
 def test_fingers_of_protocol_a_keep_their_numbers_when_they_change_places_in_the_report():
@@ -86,7 +86,7 @@ def test_fingers_of_protocol_a_keep_their_numbers_when_they_change_places_in_the
     assert report((100, 100), (2000, 1000)) == [(1, "down"), (2, "down")]
     assert report((2010, 1000), (110, 100)) == [(1, "move"), (2, "move")]
     assert decoder.axes.place_mm(110, 100) in places(decoder)
-    # The first leaves; the other is not taken for it, and a new one has a new number.
+    # The first leaves; the other is not taken for it, and a new one has the number that is free.
     assert report((2020, 1000)) == [(1, "up"), (2, "move")]
-    assert report((110, 100), (2030, 1000)) == [(2, "move"), (3, "down")]
-    assert fed(decoder, (0, codes.SYN_MT_REPORT, 0)) == [(2, "up"), (3, "up")]
+    assert report((110, 100), (2030, 1000)) == [(2, "move"), (1, "down")]
+    assert fed(decoder, (0, codes.SYN_MT_REPORT, 0)) == [(2, "up"), (1, "up")]

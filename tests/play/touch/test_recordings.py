@@ -22,12 +22,12 @@ STEPS = [
     (0.51, [(3, 0x36, 840), (0, 0, 0)]),
 ]
 FOUND = [
-    (0.00, 12, 20.0, 40.0, "down"),
-    (0.01, 12, 21.0, 40.0, "move"),
-    (0.02, 12, 21.0, 40.0, "up"),
-    (0.50, 13, 45.0, 40.0, "down"),
-    (0.51, 13, 45.0, 42.0, "move"),
-    (0.51, 13, 45.0, 42.0, "up"),  # it was recorded no longer
+    (0.00, 1, 20.0, 40.0, "down"),
+    (0.01, 1, 21.0, 40.0, "move"),
+    (0.02, 1, 21.0, 40.0, "up"),
+    (0.50, 1, 45.0, 40.0, "down"),
+    (0.51, 1, 45.0, 42.0, "move"),
+    (0.51, 1, 45.0, 42.0, "up"),  # it was recorded no longer
 ]
 AXES = {0x2F: (9, 0), 0x35: (4095, 20), 0x36: (2303, 20), 0x39: (65535, 0)}
 NAMES = {
@@ -152,7 +152,7 @@ PLACED = f"{FINGER} {TIP} {CONTACT} {PLACE} {END}"
 
 
 def of_hid(tmp_path, descriptor_hex, reports):
-    """Return (kind, id, x) of what is read from reports: fingers (tip, id, x), and a count."""
+    """Return (kind, number from 0, x) of what is read from reports: (tip, id, x), and a count."""
     told = bytes.fromhex(f"050d 0904 a101 8501 {descriptor_hex} c0")
     lines = ["D: 0", f"R: {len(told)} {told.hex(' ')}", "I: 3 1209 7777"]
     for number, (fingers, count) in enumerate(reports):
@@ -162,7 +162,7 @@ def of_hid(tmp_path, descriptor_hex, reports):
         data += [] if count is None else [count]
         lines.append(f"E: {number / 100:.6f} {len(data)} " + " ".join(f"{b:02x}" for b in data))
     found = read_recording(write(tmp_path, "\n".join(lines)), 999.0, 999.0)
-    return [(each.kind, each.touch_id, each.x_mm) for each in found]
+    return [(each.kind, each.touch_id - 1, each.x_mm) for each in found]
 
 
 # Reports as those of panels in github.com/bentiss/hid-devices, which Linux reads so.

@@ -66,15 +66,15 @@ def test_a_recording():
     area = math.pi / 4 * (160 / 20e3) * (120 / 20e3)
     wanted = [
         # x = (900 - 100) / 20, y = 500 / 25; 50 units of pressure of 0.01 N.
-        (12.00, 45, 40.0, 20.0, "down", 0.5, area),
-        (12.01, 45, 41.0, 20.0, "move", 0.5, area),
-        (12.02, 45, 42.0, 20.0, "move", 0.5, area),
-        (12.02, 46, 100.0, 40.0, "down", 0.3, None),
-        (12.03, 45, 42.0, 20.0, "up", 0.5, area),
-        (12.03, 46, 100.0, 41.0, "move", 0.3, None),
+        (12.00, 1, 40.0, 20.0, "down", 0.5, area),
+        (12.01, 1, 41.0, 20.0, "move", 0.5, area),
+        (12.02, 1, 42.0, 20.0, "move", 0.5, area),
+        (12.02, 2, 100.0, 40.0, "down", 0.3, None),
+        (12.03, 1, 42.0, 20.0, "up", 0.5, area),
+        (12.03, 2, 100.0, 41.0, "move", 0.3, None),
         # What slot 0 did not say again is as it was.
-        (12.04, 47, 30.0, 20.0, "down", 0.5, area),
-        (12.04, 46, 100.0, 41.0, "move", 0.3, None),
+        (12.04, 1, 30.0, 20.0, "down", 0.5, area),
+        (12.04, 2, 100.0, 41.0, "move", 0.3, None),
     ]
     assert [event[1:5] for event in found] == [row[1:5] for row in wanted]
     for event_, row in zip(found, wanted, strict=True):
@@ -94,7 +94,7 @@ def test_touches_take_it_whole():
     touches = Touches(strict=True)
     for touch in SlotDecoder(AXES).feed_bytes(recorded()):
         touches.push(touch)
-    assert {touch_id for touch_id, _ in touches.active} == {46, 47}
+    assert {touch_id for touch_id, _ in touches.active} == {1, 2}
     assert touches.counts.without_down == touches.counts.without_up == 0
 
 
@@ -132,6 +132,19 @@ def test_one_finger_for_another_in_one_slot_without_a_lift_between():
     assert kinds(decoder.feed_bytes(down(0.01, 0, 2))) == [(1, "up"), (2, "down")]
 
 
+def test_the_kernel_s_ids_without_end_become_numbers_that_the_service_takes():
+    """The kernel counts touches from the start of the machine, up to 65535."""
+    decoder, found = SlotDecoder(AXES), []
+    for i in range(600):
+        found += decoder.feed_bytes(down(i, i % 2, 64_000 + i))  # two fingers, in turns
+    assert {touch.touch_id for touch in found} == {1, 2, 3}
+    active = set()
+    for touch in found:
+        assert (touch.touch_id in active) == (touch.kind != "down")
+        (active.discard if touch.kind == "up" else active.add)(touch.touch_id)
+    assert len(active) == 2
+
+
 def test_a_palm_is_no_touch():
     decoder = SlotDecoder(AXES)
     decoder.feed_bytes(down(0, 0, 1))
@@ -157,7 +170,7 @@ def test_dropped_events_lift_everything():
     found = decoder.feed_bytes(DROPPED + frame(0.01, (codes.ABS_MT_POSITION_X, 3000)))
     assert kinds(found) == [(1, "up"), (2, "up")]
     assert decoder.dropped == 1
-    assert kinds(decoder.feed_bytes(down(0.02, 0, 3))) == [(3, "down")]
+    assert kinds(decoder.feed_bytes(down(0.02, 0, 3))) == [(1, "down")]
 
 
 def test_dropped_events_are_asked_for():
@@ -177,7 +190,7 @@ def test_fingers_that_were_down_at_the_start():
     x, y, tracking = codes.ABS_MT_POSITION_X, codes.ABS_MT_POSITION_Y, codes.ABS_MT_TRACKING_ID
     decoder = SlotDecoder(AXES, lambda: (1, {0: {tracking: -1}, 1: {tracking: 8, x: 900, y: 500}}))
     found = decoder.feed_bytes(frame(0, (x, 940)))
-    assert [touch[1:5] for touch in found] == [(8, 42.0, 20.0, "down")]
+    assert [touch[1:5] for touch in found] == [(1, 42.0, 20.0, "down")]
 
 
 def test_pressure_and_area_without_calibration():

@@ -2,6 +2,7 @@
 
 import random
 import socket
+from functools import partial
 from itertools import pairwise
 
 import pytest
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 from haptix import InputError
 from haptix.base.errors import DeviceError
 from haptix.play.touch import Touches, TuioDecoder, TuioSource
-from tests.play.touch.tuio_frames import cursors, frames, pointers
+from tests.play.touch.tuio_frames import bundle, cursors, frames, message, pointers, text
 
 
 def told(touches):
@@ -82,6 +83,50 @@ def test_no_finger_above_the_surface_is_down():
                 touches.push(touch)
             assert {key[1] for key in decoder._ids} == touching, seed
             assert len(touches) == len(touching), seed
+
+
+def test_two_sources_have_fingers_of_their_own():
+    """Each counts its cursors from 0, and two trackers at one port are usual."""
+
+    def frame_of(source, number, x):
+        return named(source, number, {1: (x, 0.5)})
+
+    left, right = partial(frame_of, "a@1"), partial(frame_of, "b@2")
+    decoder = TuioDecoder(400.0, 200.0)
+    found = []
+    for frame in range(20):
+        found += decoder.feed(left(frame, 0.125), frame / 100)
+        found += decoder.feed(right(frame, 0.875), frame / 100)
+    assert [(one.touch_id, one.x_mm, one.kind) for one in found[:2]] == [
+        *((1, 50.0, "down"), (2, 350.0, "down"))
+    ]
+    assert {(one.touch_id, one.x_mm) for one in found} == {(1, 50.0), (2, 350.0)}
+    assert {one.kind for one in found[2:]} == {"move"} and decoder.dropped == 0
+    # One falls silent: its finger goes up, the other's stays.
+    silent = [one for i in range(200) for one in decoder.feed(right(20 + i, 0.875), 0.2 + i / 100)]
+    assert [one.touch_id for one in silent if one.kind == "up"] == [1]
+
+
+def named(source, frame, places):
+    """A frame of a source that says its name, or with "" does not."""
+    return cursors(frame, places).replace(text("table@10.0.0.2"), text(source.ljust(14, "_")))
+
+
+def test_sources_without_a_name_are_known_by_their_addresses():
+    decoder = TuioDecoder(400.0, 200.0)
+    packet = bundle(
+        *(message("/tuio/2Dcur", *row) for row in (("alive", 1), ("set", 1, 0.5, 0.5), ("fseq", 1)))
+    )
+    found = [one for port in (5001, 5002) for one in decoder.feed(packet, 0.0, f"10.0.0.2:{port}")]
+    assert [one.touch_id for one in found] == [1, 2]
+
+
+def test_touches_without_end_have_numbers_that_the_service_takes():
+    decoder, numbers = TuioDecoder(400.0, 200.0), set()
+    for touch in range(600):
+        for one in decoder.feed(cursors(touch, {touch: (0.5, 0.5)}), touch / 100):
+            numbers.add(one.touch_id)
+    assert numbers == {1, 2}  # the next comes down in the frame in which the last goes up
 
 
 def test_a_source_over_udp_that_falls_silent_lifts_its_fingers(monkeypatch):
