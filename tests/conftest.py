@@ -174,6 +174,14 @@ def no_waiting_for_the_disk() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session", autouse=True)
+def no_certificates(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Each request of httpx, also without TLS, reads all certificates of the web for 20 ms."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SSL_CERT_DIR", str(tmp_path_factory.mktemp("certificates")))
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
 def frozen_objects_are_not_counted() -> Iterator[None]:
     """Each live rendering asks whether something is frozen, and to count millions takes 20 ms."""
     with pytest.MonkeyPatch.context() as patch:

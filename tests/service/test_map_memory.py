@@ -31,6 +31,12 @@ def noises(count, seed=0):
     return {"regions": [noise(f"n{number}", seed + number) for number in range(count)]}
 
 
+@pytest.fixture(autouse=True)
+def only_what_is_new_is_collected():
+    """Collections do not look through what other tests have left, half a second each time."""
+    gc.freeze()
+
+
 @pytest.fixture
 def small(monkeypatch):
     """Budgets of ten noises for a session, and of fifteen for all."""
