@@ -227,8 +227,10 @@ class RunExperiment(Task, command="stimuli run"):
         plan = ExperimentRecipe.load(self.recipe)
         labels = who, self.session, self.task or re.sub("[^A-Za-z0-9]", "", plan.name)
         table = self.log
-        # Without a participant, trials are in the order of the recipe.
-        seed = None if self.participant is None else seed_of(plan.seed, who, self.session)
+        seed = square_seed = None  # without a participant, trials are in the order of the recipe
+        if self.participant is not None:
+            seed = seed_of(plan.seed, who, self.session)
+            square_seed = seed_of(plan.seed, who.rstrip("0123456789"), self.session)
         from haptix.lab.analysis.study import keep_recipe, session_log
 
         if self.study is not None:
@@ -253,7 +255,8 @@ class RunExperiment(Task, command="stimuli run"):
                 outlets.wait_for_recorders()
                 around["outlets"] = outlets
             around |= {"another_program": self.another_program, "participant": self.participant}
-            experiment = plan.experiment(device, answer, table, _number_of(who), seed, **around)
+            seeds = _number_of(who), seed, square_seed
+            experiment = plan.experiment(device, answer, table, *seeds, **around)
             for warning in experiment.contact_warnings:
                 context.tell(step=f"warning: {warning}")
             was_over = experiment.is_over
@@ -294,7 +297,8 @@ class ExperimentJob(Task, route="experiments", kind="experiment", plays=True, ke
     participant: Annotated[int, Field(ge=1, le=10_000)] = Field(
         1,
         title="Number of the participant",
-        description="It seeds the random draws and decides the order of a recipe's blocks.",
+        description="It decides the order of a recipe's blocks, and with the table's name seeds "
+        "the random draws.",
     )
     finger: Annotated[FingerName | None, Local()] = None
     screen: Annotated[ScreenName | None, Local()] = None
@@ -325,7 +329,7 @@ class ExperimentJob(Task, route="experiments", kind="experiment", plays=True, ke
                 lambda question: judgement(context, question),
                 context.folder / f"{self.log}.csv",
                 self.participant,
-                seed_of(plan.seed, str(self.participant), "01"),
+                seed_of(plan.seed, str(self.participant), self.log),
                 participant=str(self.participant) if "participant" in given else None,
                 source="page",
                 rest=partial(_rest, context),

@@ -3,6 +3,7 @@
 import io
 from collections import Counter
 from itertools import combinations, pairwise
+from math import gcd
 
 import numpy as np
 import pytest
@@ -31,7 +32,9 @@ from haptix.lab.experiment import (
     Touch,
     Triads,
 )
+from haptix.lab.experiment.orders import williams_square
 from haptix.lab.experiment.recipe import ExperimentRecipe
+from haptix.lab.experiment.session_plan import method_of
 from tests.lab.ran import run_of
 
 NAMES = ("denim", "silk", "sand", "glass", "wool")
@@ -79,6 +82,43 @@ def test_every_item_follows_every_other_one_equally_often_over_participants():
     assert all(sorted(row) == LEVELS for row in rows)
     follows = Counter(pair for row in rows for pair in pairwise(row))
     assert set(follows.values()) == {2} and len(follows) == 20
+
+
+def items_by_magnitude(count, repeats):
+    """A recipe whose items are known by their numbers."""
+    return ExperimentRecipe(
+        name="many", task="magnitude", method={"kind": "magnitudes", "repeats": repeats},
+        stimulus={"quantity": "volts", "drive_hz": 120, "length_s": 0.01,
+                  "signal": {"kind": "sine", "amplitude": 1.0, "frequency_hz": 120}},
+        items=[{"name": f"item{k}"} for k in range(count)],
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 5, 8])
+@pytest.mark.parametrize("repeats", [1, 2, 3, 4, 8, 10])
+def test_orders_are_balanced_over_participants_and_differ_between_sessions(count, repeats):
+    recipe = items_by_magnitude(count, repeats)
+    rows = count * (1 + count % 2)  # of a square
+    people = rows // gcd(rows, repeats)  # who use whole squares
+    kept = set()
+    for session in (1, 2):
+        follows = Counter()
+        for who in range(1, people + 1):
+            order = [int(at) for (at,) in recipe.make_method(who, 5 * who, session)._order]
+            parts = [order[k * count :][:count] for k in range(repeats)]
+            assert all(sorted(part) == [*range(count)] for part in parts)
+            follows.update(pair for part in parts for pair in pairwise(part))
+            kept.add(tuple(order))
+        assert len(follows) == count * (count - 1) and len(set(follows.values())) == 1
+    if count * repeats >= 16:  # of fewer, orders that are drawn may be the same by chance
+        assert len(kept) == 2 * people
+
+
+def test_a_log_without_a_seed_of_squares_has_their_own_rows():
+    before = {"method": "magnitudes", "levels": LEVELS, "repeats": 3, "first_row": 8}
+    method, square = method_of(before), williams_square(len(LEVELS))
+    assert isinstance(method, Magnitudes)
+    assert method._order == [(at,) for k in (8, 9, 0) for at in square[k]]
 
 
 def test_each_of_a_pair_is_first_equally_often():

@@ -183,6 +183,29 @@ def test_the_order_of_a_log_is_the_participants(haptix_stimuli):
     assert len({tuple(order[:6]) for order in orders.values()}) == 4
 
 
+MAGNITUDES = """
+name = "mine"
+task = "magnitude"
+method = { kind = "magnitudes" }
+items = [{ name = "a" }, { name = "b" }, { name = "c" }, { name = "d" }, { name = "e" }]
+[stimulus]
+quantity = "volts"
+drive_hz = 120.0
+signal = { kind = "sine", amplitude = 1.0, frequency_hz = 120.0, length_s = 0.05 }
+"""
+
+
+def test_each_session_has_an_order_of_items_of_its_own(haptix_stimuli):
+    Path("m.toml").write_text(MAGNITUDES)
+    orders = []
+    for who, session in (("a11", "01"), ("a12", "01"), ("a11", "02"), ("a21", "01"), ("b11", "01")):
+        more = "--participant", who, "--session", session, "--simulate-db", "0"
+        done = haptix_stimuli("run", "m.toml", "--log", f"{who}-{session}.tsv", *more)
+        assert done.code == 0, done.err
+        orders.append([row["level"] for row in rows_of(Path(f"{who}-{session}.tsv"))])
+    assert len({*map(tuple, orders)}) == 5
+
+
 def test_a_session_of_days_ago_goes_on_only_when_asked_to(haptix_stimuli):
     run = ("run", "experiment.toml", "--log", "t.tsv")
     haptix_stimuli(*run, stdin="llr")

@@ -82,12 +82,16 @@ class Magnitudes(Comparison):
     levels, repeats, seed, items
         As for `Comparison`.
     first_row : int, optional
-        Row of the Williams square that orders the first repetition; later ones take the rows after
-        it. Over all rows each level follows each other one equally often. By default the orders are
-        random.
+        Row that orders the first repetition, of Williams squares one after another; later ones take
+        the rows after it. Over the rows of a square each level follows each other one equally
+        often. By default the orders are random.
+    square_seed : int, optional
+        Seed by which each square's levels and the order of its rows are drawn; those who share
+        squares have the same. By default each square is that of `williams_square`.
     """
 
     first_row: int | None = None
+    square_seed: int | None = None
 
     kind = "magnitudes"
 
@@ -97,9 +101,15 @@ class Magnitudes(Comparison):
     def _ordered(self, draw: np.random.Generator) -> list[tuple[float, ...]]:
         if self.first_row is None:
             return shuffled(self.levels, self.repeats, self.seed)
-        square = williams_square(len(self.levels))
-        rows = (square[(self.first_row + k) % len(square)] for k in range(self.repeats))
-        return [(float(self.levels[at]),) for row in rows for at in row]
+        order = list[tuple[float, ...]]()
+        for number in range(self.first_row, self.first_row + self.repeats):
+            square = np.array(williams_square(len(self.levels)))
+            which, at = divmod(number, len(square))
+            if self.square_seed is not None:
+                draw = np.random.default_rng([self.square_seed, which])
+                square = draw.permutation(draw.permutation(len(self.levels))[square])
+            order += [(self.levels[k],) for k in square[at]]
+        return order
 
     def update(self, is_right: float, level: float | None = None) -> None:
         """Take the number that was given."""

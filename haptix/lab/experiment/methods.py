@@ -14,7 +14,7 @@ from haptix.base.errors import InputError
 from haptix.lab.experiment.orders import shuffled
 from haptix.lab.experiment.psychometric import Answers, Estimate, fit, function_named
 
-DRAWN = ("seed", "stream", "order", "first_row")
+DRAWN = ("seed", "stream", "order", "first_row", "square_seed")
 """Settings of a method that differ between the sessions of one experiment."""
 
 

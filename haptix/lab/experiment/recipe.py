@@ -105,7 +105,7 @@ class ExperimentRecipe(Document):
     """Each has a `name`, and `set`: values at dotted places of stimulus, pedestal and method."""
     order: Literal["interleaved"] | BlockOrder = "interleaved"
     """"interleaved": each trial's condition is drawn; or the order of blocks, by the number of the
-    participant: "williams", "latin-square", "random", or "as-listed"."""
+    participant: "williams", "latin-square", "as-listed"; or "random", drawn for each session."""
     touch: StrokeRanges = StrokeRanges()
     """Ranges of the stroke that counts, as `haptix.lab.StrokeRanges` has them."""
     practice: Practice | None = None
@@ -169,7 +169,9 @@ class ExperimentRecipe(Document):
         """Return what surrounds the trials."""
         return SessionPlan(**{name: getattr(self, name) for name in SessionPlan.model_fields})
 
-    def make_method(self, participant: int = 1, seed: int | None = None) -> Method:
+    def make_method(
+        self, participant: int = 1, seed: int | None = None, square_seed: int | None = None
+    ) -> Method:
         """Make the method that the table `method` describes, or that of several conditions.
 
         Parameters
@@ -179,16 +181,21 @@ class ExperimentRecipe(Document):
         seed : int, optional
             Of what is drawn in a session, in place of the recipe's; a method that states its own
             keeps it.
+        square_seed : int, optional
+            Of what participants share in a session, in place of the recipe's: the squares by which
+            magnitudes of items are balanced over them.
         """
         if not self.conditions:
-            return self._method(self._tables(None), seed, participant=participant)
+            squares = participant, self.seed if square_seed is None else square_seed
+            return self._method(self._tables(None), seed, squares=squares)
         methods = {
             condition.name: self._method(self._tables(condition), seed, condition.name)
             for condition in self.conditions
         }
+        drawn_by = self.seed if seed is None else seed
         if self.order == "interleaved":
-            return MethodsByCondition(methods, seed=self.seed if seed is None else seed)
-        names = order_for(list(methods), participant, self.order, self.seed)
+            return MethodsByCondition(methods, seed=drawn_by)
+        names = order_for(list(methods), participant, self.order, drawn_by)
         return MethodsByCondition({name: methods[name] for name in names}, interleaved=False)
 
     def experiment(
@@ -198,14 +205,15 @@ class ExperimentRecipe(Document):
         log_file: str | Path,
         number: int = 1,
         seed: int | None = None,
+        square_seed: int | None = None,
         **around: Any,
     ) -> Experiment:
         """Return the experiment on a device; `around` are other parameters of `Experiment`.
 
-        `number` (the participant's) and `seed` are those of `make_method`.
+        `number` (the participant's), `seed` and `square_seed` are those of `make_method`.
         """
         return Experiment(
-            self.make_method(number, seed),
+            self.make_method(number, seed, square_seed),
             self.presentations(device.capabilities.sample_rate_hz),
             device,
             answer,
@@ -249,7 +257,7 @@ class ExperimentRecipe(Document):
         tables: Mapping[str, Any],
         seed: int | None,
         condition: str = "",
-        participant: int = 1,
+        squares: tuple[int, int] = (1, 0),
     ) -> Method:
         table, task = dict(tables["method"]), task_named(self.task)
         if (kind := _COMPARES.get(self.task)) != table.get("kind") and (
@@ -263,8 +271,9 @@ class ExperimentRecipe(Document):
             names = [stimulus.name for stimulus in self._item_stimuli]
             table |= {"levels": [*range(len(names))], "items": names}
             if kind == "magnitudes":
+                participant, square_seed = squares
                 first = (participant - 1) * table.get("repeats", Magnitudes.repeats)
-                table.setdefault("first_row", first)
+                table = {"first_row": first, "square_seed": square_seed} | table
         if kind is None and task.guess != 0.5 and table.get("function") != "symmetric-normal":
             table.setdefault("guess", task.guess or _WITHOUT_TARGET)
         if table.get("kind") in _SEEDED:
