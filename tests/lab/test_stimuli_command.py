@@ -2,12 +2,14 @@
 
 import json
 import re
+import tomllib
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
 
 import pytest
 
+from haptix.tasks.stimuli import ExperimentJob
 from tests.lab.chained import rows_of, write_rows
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "stimuli"
@@ -204,6 +206,29 @@ def test_each_session_has_an_order_of_items_of_its_own(haptix_stimuli):
         assert done.code == 0, done.err
         orders.append([row["level"] for row in rows_of(Path(f"{who}-{session}.tsv"))])
     assert len({*map(tuple, orders)}) == 5
+
+
+class Answers:
+    """What a job has around it; the participant always answers the first choice."""
+
+    def __init__(self, folder):
+        self.folder = folder
+
+    def ask(self, question, choices):
+        return choices[0]
+
+    def tell(self, **what):
+        pass
+
+
+def test_each_log_of_a_page_has_an_order_of_its_own(tmp_path):
+    """Also that of the practice, which the page begins with the same number."""
+    orders = set()
+    for log in ("a", "a-practice", "b"):
+        job = ExperimentJob(recipe=tomllib.loads(EXPERIMENT), log=log)
+        job.run(Answers(tmp_path))
+        orders.add(tuple(row["right"] for row in rows_of(tmp_path / f"{log}.csv"))[:8])
+    assert len(orders) == 3
 
 
 def test_a_session_of_days_ago_goes_on_only_when_asked_to(haptix_stimuli):
