@@ -459,9 +459,7 @@ class Stream:
             chunk = codes[start : start + count]
             frames = [
                 StreamSamples(
-                    (self._sent + at) % INDEX_MODULUS,
-                    chunk[at : at + frame],
-                    self.setup.mode,
+                    (self._sent + at) % INDEX_MODULUS, chunk[at : at + frame], self.setup.mode
                 )
                 for at in range(0, count, frame)
             ]

@@ -130,12 +130,7 @@ class _Session:
         return about
 
     def provoke(
-        self,
-        about: CapabilitiesReport,
-        samples: np.ndarray,
-        skipped: int,
-        gap: int,
-        damage: bytes,
+        self, about: CapabilitiesReport, samples: np.ndarray, skipped: int, gap: int, damage: bytes
     ) -> str:
         """Arm, send samples, and return the driver's answer in words."""
         self.begin()

@@ -13,13 +13,7 @@ from typing import Annotated, Any, ParamSpec, TypeVar, dataclass_transform
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import (
-    ConfigDict,
-    Field,
-    ValidationError,
-    ValidatorFunctionWrapHandler,
-    WrapValidator,
-)
+from pydantic import ConfigDict, Field, ValidationError, ValidatorFunctionWrapHandler, WrapValidator
 from pydantic.dataclasses import dataclass
 
 from haptix.base.errors import InputError

@@ -409,9 +409,7 @@ def _too_deep() -> ValueError:
 
 
 def read_json(
-    path: str | Path,
-    largest_bytes: int = LARGEST_DOCUMENT_BYTES,
-    most_values: int = _MOST_VALUES,
+    path: str | Path, largest_bytes: int = LARGEST_DOCUMENT_BYTES, most_values: int = _MOST_VALUES
 ) -> dict[str, Any]:
     """Read a JSON file that holds one object, or raise `FileFormatError`."""
     text = read_text(path, largest_bytes)
@@ -482,9 +480,7 @@ class CsvRow:
 
 
 def read_csv(
-    path: str | Path,
-    required: Sequence[str] = (),
-    optional: Sequence[str] = (),
+    path: str | Path, required: Sequence[str] = (), optional: Sequence[str] = ()
 ) -> Iterator[CsvRow]:
     """Yield the rows of a CSV file with a line of column names; empty rows are skipped.
 

@@ -139,11 +139,7 @@ class Plan:
             **{name: getattr(self, name) for name in same},
             "warnings": list(self.warnings),
             "rows": [
-                {
-                    **row.decision,
-                    "effect_mu": row.effect.mu_max,
-                    "effect_jnd": row.effect.jnd_max,
-                }
+                {**row.decision, "effect_mu": row.effect.mu_max, "effect_jnd": row.effect.jnd_max}
                 for row in self.rows
                 if row.kind != "material"
             ],

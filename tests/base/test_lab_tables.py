@@ -200,8 +200,7 @@ def tdms(path, channels):
 
 
 @pytest.mark.parametrize(
-    ("units", "starts"),
-    [(("N", "mm"), None), (("N", ""), None), (("", ""), (BEGAN, BEGAN))],
+    ("units", "starts"), [(("N", "mm"), None), (("N", ""), None), (("", ""), (BEGAN, BEGAN))]
 )
 def test_two_instruments_with_channels_of_one_name_are_two(tmp_path, units, starts):
     k = np.arange(20.0)

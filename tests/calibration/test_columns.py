@@ -199,11 +199,7 @@ def tdms_of_two_tasks(made, path, began=BEGAN):
 
 @pytest.mark.parametrize(
     ("write", "name"),
-    [
-        (lvm_of_two_tasks, "a.lvm"),
-        (tdms_of_two_tasks, "a.tdms"),
-        (waveforms_of_two_tasks, "a.txt"),
-    ],
+    [(lvm_of_two_tasks, "a.lvm"), (tdms_of_two_tasks, "a.tdms"), (waveforms_of_two_tasks, "a.txt")],
 )
 def test_channels_that_began_at_different_times_are_put_in_line(made, tmp_path, write, name):
     write(made, tmp_path / name)

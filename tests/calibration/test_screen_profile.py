@@ -38,14 +38,7 @@ def test_a_name_that_could_not_be_read_back_is_not_written(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "custom",
-        "",
-        "  ",
-    ],
-)
+@pytest.mark.parametrize("name", ["custom", "", "  "])
 def test_a_screen_needs_a_name(name):
     with pytest.raises(InputError, match=r'name.*screen\.replace\(name="\.\.\."\)'):
         check_name(SCREEN.replace(name=name))

@@ -25,8 +25,7 @@ def test_creep_in_contact_is_found_beside_crosstalk(recorded, stroke, there_and_
     lasted = np.maximum(made.t_s - made.t_s[touching.argmax()], 1e-3)
     friction = made.tangential_force_n - 0.05 * made.normal_force_n
     crept = replace(
-        made,
-        tangential_force_n=made.tangential_force_n + friction * CREEP * np.log(lasted),
+        made, tangential_force_n=made.tangential_force_n + friction * CREEP * np.log(lasted)
     )
     # One way, cross-talk of a sixth of the friction counts as friction that does not creep.
     share = 1.0 if there_and_back else 0.3 / (0.3 + 0.05)

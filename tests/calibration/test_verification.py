@@ -446,11 +446,7 @@ def with_defect(strokes, defect):
     power = 0.15 if defect == "speed" else 0.0
     return Reduced(
         tuple(
-            replace(
-                p,
-                mu=p.mu * (p.speed_mm_per_s / 50.0) ** power,
-                rise=p.rise + np.log1p(rise),
-            )
+            replace(p, mu=p.mu * (p.speed_mm_per_s / 50.0) ** power, rise=p.rise + np.log1p(rise))
             for p in strokes.points
         )
     )

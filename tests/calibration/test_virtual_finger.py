@@ -10,11 +10,7 @@ from calibration.plan.predict import StrokeConditions
 
 STROKES = tuple(
     Stroke(
-        number=number + 1,
-        normal_force_n=force,
-        voltage_v=volts,
-        frequency_hz=hertz,
-        length_mm=20.0,
+        number=number + 1, normal_force_n=force, voltage_v=volts, frequency_hz=hertz, length_mm=20.0
     )
     for number, (force, volts, hertz) in enumerate(
         [(0.1, 0.0, 125.0), (0.9, 190.0, 125.0), (0.3, 160.0, 40.0), (0.5, 180.0, 1000.0)]

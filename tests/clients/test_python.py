@@ -222,9 +222,7 @@ def test_a_material_is_felt_in_one_call_and_again_after_a_lost_connection(
     monkeypatch.setattr(
         service.hub,
         "inventory",
-        service.hub.inventory.model_copy(
-            update={"screen_mm": (300.0, 200.0), "devices": ()},
-        ),
+        service.hub.inventory.model_copy(update={"screen_mm": (300.0, 200.0), "devices": ()}),
     )
     service.engine.told.clear()
     with haptix.service.feel(ribs, "kiosk").session as h:

@@ -100,8 +100,7 @@ def test_a_slider_tells_the_numbers_of_its_detents(environment):
 
 
 @pytest.mark.parametrize(
-    ("inputs", "pointer"),
-    [("legacy", "legacy"), ("new", "new"), ("new", "mouse"), ("both", "new")],
+    ("inputs", "pointer"), [("legacy", "legacy"), ("new", "new"), ("new", "mouse"), ("both", "new")]
 )
 def test_unity_s_component_is_felt(environment, tmp_path, inputs, pointer):
     """With regions of the inspector, a layout, time that stands, and second scenes."""

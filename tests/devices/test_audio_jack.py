@@ -42,10 +42,7 @@ def _play(folder):
     address = f"audio:device=cap,full_scale_v={FULL_SCALE_V},trigger=yes"
     with jack_session(folder) as hearing:
         player = subprocess.run(
-            [
-                *(sys.executable, str(HERE / "audio_player.py"), address),
-                *(str(SECONDS), str(wave)),
-            ],
+            [*(sys.executable, str(HERE / "audio_player.py"), address), *(str(SECONDS), str(wave))],
             env=hearing.environment,
             capture_output=True,
             text=True,

@@ -461,10 +461,7 @@ def test_memory_that_goes_bad_ends_with_the_amplifier_off(image, board, tmp_path
         rows = proofs(other)
         assert all(row.holds for row in rows), [row for row in rows if not row.holds]
         symbols = subprocess.run(
-            ["arm-none-eabi-nm", program],
-            capture_output=True,
-            text=True,
-            check=True,
+            ["arm-none-eabi-nm", program], capture_output=True, text=True, check=True
         ).stdout
         at = int(re.search(r"(\w+) \w board_device", symbols)[1], 16) - 0x20000000
         other.do("flip", address=at, bit=3)

@@ -127,10 +127,7 @@ def ask(run: Run, path: Path, kind: str, columns: list[Tensor | None]) -> tuple[
 
 
 def check_status(
-    found: Tensor,
-    status: Callable[..., Tensor],
-    query: list[Tensor | None],
-    close: float,
+    found: Tensor, status: Callable[..., Tensor], query: list[Tensor | None], close: float
 ) -> None:
     """Python's status, or one that it has within rounding of the point."""
     agrees = found == status(*query)
@@ -146,11 +143,7 @@ def check_status(
 @pytest.mark.parametrize("leave_out", [True, False])
 @pytest.mark.parametrize("name", NAMES)
 def test_friction_and_voltage_are_those_of_python(
-    name: str,
-    leave_out: bool,
-    surfaces: dict[str, FrictionSurface],
-    run: Run,
-    tmp_path: Path,
+    name: str, leave_out: bool, surfaces: dict[str, FrictionSurface], run: Run, tmp_path: Path
 ) -> None:
     surface, path = surfaces[name], tmp_path / "a.surface"
     surface.save(path)

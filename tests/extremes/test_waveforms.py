@@ -47,8 +47,7 @@ def lossy(frequency: Tensor) -> Tensor:
 
 def stress(wave: Waveform, gaps: GapHistogram, thickness: object) -> tuple[Tensor, Tensor]:
     pull = Pull.of_field(
-        gaps.edges_m,
-        lambda gap_m: field_in_time(wave, gap_m, VOLTAGE, FREQUENCY, thickness, PHASE),
+        gaps.edges_m, lambda gap_m: field_in_time(wave, gap_m, VOLTAGE, FREQUENCY, thickness, PHASE)
     )
     return gaps.mass @ pull.kernel[:, 0].T, 0.01 * pull.spot[:, 0]
 
@@ -103,9 +102,7 @@ def test_samples_of_a_sine_are_the_sine(gaps: GapHistogram) -> None:
     assert np.abs(series[2:]).max() < 1e-15
     for thickness in (lossless, lossy):
         for one, other in zip(
-            stress(sampled, gaps, thickness),
-            stress(COSINE, gaps, thickness),
-            strict=True,
+            stress(sampled, gaps, thickness), stress(COSINE, gaps, thickness), strict=True
         ):
             torch.testing.assert_close(one, other, rtol=1e-10, atol=1e-10)
 

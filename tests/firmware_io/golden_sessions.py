@@ -366,8 +366,7 @@ def edges():
     session.play([0] * LEAD + [top] * ticks + ramp(top) + [0] * 5)
     clock += LEAD + ticks
     session.transmit(
-        fault(18, 0, 10_000, 0, clock),
-        status(0, 18, 16, 7, 0, ticks + 1, 1, 5, clock + RAMP + 5),
+        fault(18, 0, 10_000, 0, clock), status(0, 18, 16, 7, 0, ticks + 1, 1, 5, clock + RAMP + 5)
     )
     return session.text(
         "What a board of this description plays and answers where a reader of the page may doubt: "
@@ -405,8 +404,7 @@ def revise():
     session.revise(230, 3, [1500, 1000])
     session.play([*ramp(8000), 0])
     session.transmit(
-        fault(13, 11, 400_000, 2, 218),
-        status(0, 13, 11, 9, 0, 210, 0, 1, 218 + RAMP + 1, 3, 2, 20),
+        fault(13, 11, 400_000, 2, 218), status(0, 13, 11, 9, 0, 210, 0, 1, 218 + RAMP + 1, 3, 2, 20)
     )
     # Beyond the end, though late as well: the host has lost count.
     session.receive(ARM)
@@ -647,12 +645,7 @@ def frames():
         (kind, number, fields, told, 0),
         row(STATUS, 1, "<BBHIIIIIIQHHi", named((*state, "margin_samples"), *played)),
         row(FAULT, 2, "<BBHIIQ", named(cause, 12, 0, 7, 180_000, 180_007, 123_456_789)),
-        row(
-            MARKED,
-            4,
-            "<QIH",
-            {"clock_ticks": 1099511627781, "sample_index": 480, "code": 258},
-        ),
+        row(MARKED, 4, "<QIH", {"clock_ticks": 1099511627781, "sample_index": 480, "code": 258}),
         (
             0x86,
             5,

@@ -23,11 +23,7 @@ from nidaqmx.task._in_stream import InStream
 from nidaqmx.task._out_stream import OutStream
 from nidaqmx.task._timing import Timing
 from nidaqmx.task.channels import AOChannel
-from nidaqmx.task.collections import (
-    AIChannelCollection,
-    AOChannelCollection,
-    DOChannelCollection,
-)
+from nidaqmx.task.collections import AIChannelCollection, AOChannelCollection, DOChannelCollection
 
 __all__ = ["Card", "Level", "WatchdogAOExpirState", "pretend"]
 PERIOD = 64  # samples that the card plays between two questions

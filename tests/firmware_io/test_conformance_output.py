@@ -7,12 +7,7 @@ import numpy as np
 import pytest
 
 from firmware_io.firmware.core import Output
-from firmware_io.protocol import (
-    Arm,
-    Ping,
-    Stop,
-    StreamSamples,
-)
+from firmware_io.protocol import Arm, Ping, Stop, StreamSamples
 from tests.firmware_io.core_rig import CARRIED, CODE, ENVELOPE, PLAIN, RAMP, STATE, TOP, WAVEFORM
 
 # What is played

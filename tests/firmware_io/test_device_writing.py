@@ -23,15 +23,7 @@ from firmware_io import (
     codes_to_volts,
     volts_to_codes,
 )
-from firmware_io.protocol import (
-    Arm,
-    Frame,
-    FrameKind,
-    Setup,
-    StreamMode,
-    StreamSamples,
-    encode,
-)
+from firmware_io.protocol import Arm, Frame, FrameKind, Setup, StreamMode, StreamSamples, encode
 
 HALF_STEP_V = 250.0 / 32767 / 2  # the mock's full scale is 250 V
 
@@ -186,9 +178,7 @@ def test_must_be_armed_to_write():
 
 
 @pytest.mark.parametrize(
-    "volts",
-    [5.0, [[1.0]], [1j], ["1"], [True], [None], [[1.0], [1.0, 2.0]]],
-    ids=str,
+    "volts", [5.0, [[1.0]], [1j], ["1"], [True], [None], [[1.0], [1.0, 2.0]]], ids=str
 )
 def test_input_that_is_no_row_of_real_numbers(volts):
     device = mock_device()

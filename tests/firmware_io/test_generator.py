@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 
 from firmware_io import DeviceDisconnectedError, DeviceError, LimitError, open_device
-from firmware_io.generator import (
-    OUTPUT_HZ,
-    FunctionGenerator,
-    GeneratorProfile,
-    check_trace,
-)
+from firmware_io.generator import OUTPUT_HZ, FunctionGenerator, GeneratorProfile, check_trace
 
 pytest.importorskip("pyvisa_sim")
 ResourceManager = pytest.importorskip("pyvisa").ResourceManager

@@ -85,10 +85,7 @@ class Host(Attacker):
         before = (self.most_step[-1][-1], self.ceiling[-1][-1]) if self.most_step else (0, 0)
         rested = np.cumsum((what & 0x7F) == Output.IDLE) > 0
         loosest = max(before[0], self.step), max(before[1], self.top)
-        return (
-            np.where(rested, self.step, loosest[0]),
-            np.where(rested, self.top, loosest[1]),
-        )
+        return (np.where(rested, self.step, loosest[0]), np.where(rested, self.top, loosest[1]))
 
     def judge(self):
         codes = np.concatenate(self.played).astype(np.int64)

@@ -203,10 +203,7 @@ def test_a_peak_is_at_0_v_a_millisecond_behind_its_first_sample(carrier_hz, rate
 @AT_EACH_CARRIER
 @pytest.mark.parametrize(
     ("changes", "code"),
-    [
-        ({"failure": "noise"}, FaultCode.NO_CURRENT),
-        ({"farads": -1e-8j}, FaultCode.OVERLOAD),
-    ],
+    [({"failure": "noise"}, FaultCode.NO_CURRENT), ({"farads": -1e-8j}, FaultCode.OVERLOAD)],
     ids=["broken", "short"],
 )
 def test_what_is_missing_or_too_much_is_at_0_v_within_a_period_and_a_millisecond(

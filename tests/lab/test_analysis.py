@@ -57,10 +57,7 @@ def run(path, method, answer, task="2ifc", stop_after=None, made=None, **more):
 
 def two_conditions(seed):
     return MethodsByCondition(
-        {
-            "low": UpDown(32.0, stop_after=6, most_trials=50),
-            "high": Quest(GRID, GRID, trials=24),
-        },
+        {"low": UpDown(32.0, stop_after=6, most_trials=50), "high": Quest(GRID, GRID, trials=24)},
         seed=seed,
     )
 

@@ -16,12 +16,7 @@ from firmware_io import Device, MockDriver, MockLink
 from haptix.base.errors import FileFormatError, InputError
 from haptix.base.files import write_whole
 from haptix.lab.analysis.study import begin, export
-from haptix.lab.experiment import (
-    ConstantStimuli,
-    Experiment,
-    Practice,
-    SessionPlan,
-)
+from haptix.lab.experiment import ConstantStimuli, Experiment, Practice, SessionPlan
 from haptix.lab.experiment.recipe import ExperimentRecipe
 from tests.hand_clock import HandClock
 from tests.lab.chained import rows_of, stopped_after, write_rows

@@ -19,8 +19,7 @@ RATE = 48_000.0
 
 
 @pytest.mark.parametrize(
-    ("drive_hz", "threshold_db"),
-    [(80, 25.8), (120, 24.5), (180, 18.8), (270, 18.5), (400, 25.3)],
+    ("drive_hz", "threshold_db"), [(80, 25.8), (120, 24.5), (180, 18.8), (270, 18.5), (400, 25.3)]
 )
 def test_the_thresholds_of_bau_2010(drive_hz, threshold_db):
     """Physics page, section 7; a drive is felt at twice its frequency."""

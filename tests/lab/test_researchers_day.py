@@ -63,8 +63,7 @@ def run_with_kills(line, log, record):
         rows = len(before) + PLACES.randint(1, 60)
         is_last = record is not None and number == KILLS - 1
         kills += killed(
-            line,
-            record.exists if is_last else (lambda rows=rows: len(lines_of(log)) >= rows),
+            line, record.exists if is_last else (lambda rows=rows: len(lines_of(log)) >= rows)
         )
         assert lines_of(log)[: len(before)] == before, "acknowledged trials were lost"
     before = lines_of(log)

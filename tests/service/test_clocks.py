@@ -17,11 +17,7 @@ def exchanges(clock, offset_s, drift, times, rng, start=1000.0):
 
 
 @settings(max_examples=30)
-@given(
-    st.floats(-1e9, 1e9),
-    st.floats(-150e-6, 150e-6),
-    st.integers(0, 1000),
-)
+@given(st.floats(-1e9, 1e9), st.floats(-150e-6, 150e-6), st.integers(0, 1000))
 def test_offset_and_drift_are_found(offset_s, drift, seed):
     clock, rng = ClientClock(), np.random.default_rng(seed)
     exchanges(clock, offset_s, drift, 1000.0 + np.arange(100) * 0.5, rng)

@@ -151,8 +151,7 @@ def test_who_may_not_come_in_is_told_why(service, hello, code, path, closes):
 
 
 @pytest.mark.parametrize(
-    "headers",
-    [{"origin": PAGE}, {"origin": "null"}, {"headers": {"Host": "rebound.example"}}],
+    "headers", [{"origin": PAGE}, {"origin": "null"}, {"headers": {"Host": "rebound.example"}}]
 )
 def test_foreign_pages_and_names_get_no_socket(service, headers):
     origin = headers.get("origin")
@@ -717,10 +716,7 @@ def test_the_person_s_own_strength_and_mute_stay(service):
 
 @pytest.mark.parametrize(
     ("wrong", "why"),
-    [
-        ({"x_mm": 1e6}, "got 1e+06, 0 mm"),
-        ({"touch_id": 10}, "at most 10 fingers at once"),
-    ],
+    [({"x_mm": 1e6}, "got 1e+06, 0 mm"), ({"touch_id": 10}, "at most 10 fingers at once")],
 )
 def test_a_touch_that_no_finger_makes_is_refused_and_the_others_count(service, wrong, why):
     with Client(service).holds() as client:

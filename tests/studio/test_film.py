@@ -105,10 +105,7 @@ def test_a_designer_works_through_the_list(tmp_path, browser):
     Image.fromarray(data.brick()[::4, ::4]).save(files["brick"])
     Image.fromarray(data.gravel()[::4, ::4]).save(files["gravel"])
     Image.fromarray(data.astronaut()).save(files["app"])
-    with (
-        a_studio(os.environ | {"HAPTIX_SERVICE": str(folder)}) as address,
-        a_page(browser) as page,
-    ):
+    with a_studio(os.environ | {"HAPTIX_SERVICE": str(folder)}) as address, a_page(browser) as page:
 
         def shot(name):
             page.wait_for_timeout(500 if SCREENSHOTS else 0)  # for the pictures

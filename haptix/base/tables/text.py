@@ -71,11 +71,7 @@ class _Layout:
 
 
 def of_text(
-    path: str | Path,
-    text: str,
-    names: Sequence[str] | None,
-    skip_rows: int,
-    delimiter: str | None,
+    path: str | Path, text: str, names: Sequence[str] | None, skip_rows: int, delimiter: str | None
 ) -> LabTable:
     """Read a text that has been decoded; the parameters are those of `read_table`."""
     lines = text.replace("\N{MINUS SIGN}", "-").splitlines()[skip_rows:]

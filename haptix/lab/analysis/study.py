@@ -40,11 +40,7 @@ _HED = {
     "catch": "Sensory-event, Tactile-presentation, Experimental-stimulus, (Label/Catch)",
     "trial": "Sensory-event, Tactile-presentation, Experimental-stimulus, Target",
 }
-_KINDS = {
-    "practice": "Not counted, with feedback",
-    "catch": "Without a target",
-    "trial": "Counted",
-}
+_KINDS = {"practice": "Not counted, with feedback", "catch": "Without a target", "trial": "Counted"}
 _ASKS = {
     "2ifc": "Two intervals, one with the target: which one?",
     "2afc": "One stroke, the target on its left or right half: on which one?",

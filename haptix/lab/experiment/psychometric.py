@@ -253,11 +253,7 @@ def fast_guesses(answers: Answers, reaction_s: Sequence[float], guess: float = 0
 
 
 def _posterior(
-    answers: Answers,
-    function: str,
-    guess: float,
-    empty: tuple[int, int],
-    guessed: Array,
+    answers: Answers, function: str, guess: float, empty: tuple[int, int], guessed: Array
 ) -> tuple[Estimate, float]:
     """Median, interval, means of the other parameters; and the likelihood ratio to guessing."""
     from scipy.stats import beta

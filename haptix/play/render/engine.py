@@ -108,10 +108,7 @@ class EngineSource:
         return CompiledSource(grid, int(ffi.cast("uintptr_t", self.at)), tuple(addresses), self)
 
     def adopt(
-        self,
-        compiled: Compiled,
-        mix: tuple[float, ...],
-        effects: Sequence[PlayingEffect] = (),
+        self, compiled: Compiled, mix: tuple[float, ...], effects: Sequence[PlayingEffect] = ()
     ) -> None:
         """Play another program from the next window on, with a mix; the fingers stay.
 

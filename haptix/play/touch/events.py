@@ -16,13 +16,7 @@ from pydantic import Field
 from haptix.base import checks
 from haptix.base.checks import NotNegative, Number, Positive, checked, instance, number, positive
 from haptix.base.errors import InputError
-from haptix.base.fields import (
-    HARDEST_N,
-    LARGEST_AREA_M2,
-    LARGEST_MM,
-    LEAST_AREA_M2,
-    LIFTED_BELOW_N,
-)
+from haptix.base.fields import HARDEST_N, LARGEST_AREA_M2, LARGEST_MM, LEAST_AREA_M2, LIFTED_BELOW_N
 from haptix.feel.motion import Trajectory
 
 TouchKind = Literal["down", "move", "up"]

@@ -30,12 +30,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Literal
 import numpy as np
 
 from haptix.base.checks import Array
-from haptix.base.errors import (
-    DeviceDisconnectedError,
-    DeviceFaultError,
-    HaptixError,
-    InputError,
-)
+from haptix.base.errors import DeviceDisconnectedError, DeviceFaultError, HaptixError, InputError
 from haptix.base.files import parse_json
 from haptix.feel.materials.memory import MapMemory
 from haptix.play.touch.events import ForceModel, TouchEvent
@@ -440,10 +435,7 @@ class EngineServer:
         from haptix.model.screen import Screen
         from haptix.play.devices import open_device, profiles_for
         from haptix.play.render.samples import carrier_hz
-        from haptix.service.worker.document_work import (
-            profiles_of,
-            surface_of,
-        )
+        from haptix.service.worker.document_work import profiles_of, surface_of
 
         self._assets = Path(assets)
         keep_in(self._assets.parent / FOLDER, makes=False)

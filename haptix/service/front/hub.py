@@ -350,9 +350,7 @@ class Hub:
                     session.requests.append(message)
 
     def touch(
-        self,
-        session: ServiceSession,
-        *batches: Sequence[m.TouchMessage | Problem | None],
+        self, session: ServiceSession, *batches: Sequence[m.TouchMessage | Problem | None]
     ) -> tuple[int, Problem | None]:
         """Pass the holder's touches on; return how many are left out, and why the first is."""
         if self.control.holder is not session:

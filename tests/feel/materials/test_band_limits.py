@@ -12,14 +12,7 @@ import pytest
 from skimage.data import brick, gravel
 
 from haptix import Layout
-from haptix.feel.materials import (
-    FrictionField,
-    Grating,
-    Noise,
-    RecordedProfile,
-    Texture,
-    power_law,
-)
+from haptix.feel.materials import FrictionField, Grating, Noise, RecordedProfile, Texture, power_law
 from haptix.feel.motion import Motion
 
 DENSE = 32

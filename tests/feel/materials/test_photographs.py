@@ -169,15 +169,7 @@ def test_unknown_polarity(polarity):
 
 
 @pytest.mark.parametrize(
-    ("low", "high"),
-    [
-        (0.5, 0.2),
-        (0.3, 0.3),
-        (-0.1, 0.5),
-        (np.nan, 1),
-        (0, np.nan),
-        (0.1, np.inf),
-    ],
+    ("low", "high"), [(0.5, 0.2), (0.3, 0.3), (-0.1, 0.5), (np.nan, 1), (0, np.nan), (0.1, np.inf)]
 )
 def test_bad_ends(low, high):
     with pytest.raises(InputError, match=r"low|high") as caught:

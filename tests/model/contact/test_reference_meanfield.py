@@ -37,10 +37,7 @@ def solved(reference_cases: dict[str, dict[str, Any]]) -> Callable[[str], Solver
             spectrum = RoughnessSpectrum.self_affine(
                 rough["h_rms"], rough["H"], rough["q0"], rough["qr"], rough["q1"]
             )
-            made[name] = (
-                MeanField(spectrum, skin, case["gamma"], case["gap_distribution"]),
-                case,
-            )
+            made[name] = (MeanField(spectrum, skin, case["gamma"], case["gap_distribution"]), case)
         return made[name]
 
     return solver

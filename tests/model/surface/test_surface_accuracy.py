@@ -213,11 +213,7 @@ def test_the_tolerance_holds_where_contacts_come_near_pull_in() -> None:
     """The last cells before pull-in: thin insulators, slow drives, high voltages."""
     points = 4000
     model = ContactModel(Finger.preset("semi-wet"), Screen())
-    ranges = {
-        "normal_force_n": (0.1, 1.0),
-        "frequency_hz": (60.0, 1e4),
-        "h0_m": (5e-8, 5e-7),
-    }
+    ranges = {"normal_force_n": (0.1, 1.0), "frequency_hz": (60.0, 1e4), "h0_m": (5e-8, 5e-7)}
     surface = FrictionSurface.build(model, ranges, "0.2%")
     force, frequency = spread(0.1, 1.0, 21, points), spread(60.0, 100.0, 22, points)
     h0, share = spread(5e-8, 6e-8, 23, points), spread(0.9, 1.0, 24, points)

@@ -9,15 +9,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from haptix import (
-    ContactModel,
-    ContactState,
-    Finger,
-    FrictionSurface,
-    InputError,
-    Screen,
-    Status,
-)
+from haptix import ContactModel, ContactState, Finger, FrictionSurface, InputError, Screen, Status
 from haptix.base.errors import RangeError
 from haptix.model.surface.axes import Cells
 

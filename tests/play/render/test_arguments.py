@@ -89,10 +89,7 @@ RENDERERS = {
         lambda g: g.entered("play", Trajectory.of([0, 1, 72], 1, 1, 0.5)),
         "within 60 s of .* 71 s later",
     ),
-    "50 gram": (
-        lambda g: g.entered("touch", 0.1, 1, 1, 500.0),
-        "normal_force_n: .*100",
-    ),
+    "50 gram": (lambda g: g.entered("touch", 0.1, 1, 1, 500.0), "normal_force_n: .*100"),
     "a feather": (lambda g: g.entered("touch", 0.1, 1, 1, 1e-6), "normal_force_n: .*0.001"),
     "a metre of skin": (lambda g: g.entered("touch", 0.1, 1, 1, 0.5, 0, 1.0), "contact_area_m2"),
     "words to reach": (lambda g: g.renderer().reachable("a", 50), "reachable"),

@@ -277,11 +277,7 @@ def test_maps_are_the_same_to_single_precision(surface, device, felt, footprint_
     compare(core, engine, np.random.default_rng(1), 3, [footprint_mm] * 3, SINGLE)
 
 
-@pytest.mark.parametrize(
-    "preset",
-    presets(),
-    ids=lambda preset: preset.name,
-)
+@pytest.mark.parametrize("preset", presets(), ids=lambda preset: preset.name)
 def test_the_gallery_is_the_same(surface, device, preset):
     carrier = SineCarrier(CARRIER_HZ)
     program = compile_touch(surface, preset.material, device, carrier)

@@ -7,12 +7,7 @@ import threading
 import numpy as np
 import pytest
 
-from firmware_io import (
-    Device,
-    DeviceDisconnectedError,
-    DeviceFaultError,
-    open_device,
-)
+from firmware_io import Device, DeviceDisconnectedError, DeviceFaultError, open_device
 from firmware_io.clock import ready_interpreter
 from firmware_io.limits import WATCHDOG_S
 from haptix import InputError, LiveRenderer, Texture

@@ -41,8 +41,7 @@ def stiffer():
     """A finger of six times the moduli: it is attracted a quarter as much."""
     return haptix.ContactModel(
         KNOWN.replace(
-            youngs_modulus_pa=6 * KNOWN.youngs_modulus_pa,
-            bulk_modulus_pa=6 * KNOWN.bulk_modulus_pa,
+            youngs_modulus_pa=6 * KNOWN.youngs_modulus_pa, bulk_modulus_pa=6 * KNOWN.bulk_modulus_pa
         ),
         SCREEN,
     )

@@ -342,9 +342,7 @@ def test_covariances_stay_covariances(place_filter, steps):
 
 @pytest.mark.parametrize("name", FILTERS)
 @settings(deadline=None, max_examples=40)
-@given(
-    speeds=st.lists(st.floats(0, 300), min_size=2, max_size=30),
-)
+@given(speeds=st.lists(st.floats(0, 300), min_size=2, max_size=30))
 def test_between_reports_one_euro_does_not_overshoot(name, speeds):
     # A finger that only goes right: One-Euro, a weighted mean, never goes left. (Kalman filters
     # may: they know momentum.) All of them stay on the line.

@@ -69,10 +69,7 @@ def test_a_lifted_finger_feels_nothing(model):
     ("change", "message"),
     [
         ({"drive_v": []}, "drive_v: expected a row of at least 4 numbers, got shape"),
-        (
-            {"drive_v": [0.0, np.nan, 0.0, 0.0]},
-            "drive_v: expected finite numbers, but number 2",
-        ),
+        ({"drive_v": [0.0, np.nan, 0.0, 0.0]}, "drive_v: expected finite numbers, but number 2"),
         ({"drive_v": "loud"}, "drive_v: expected numbers"),
         ({"drive_v": np.zeros((2, 8))}, "drive_v: expected a row of at least 4 numbers, got shape"),
         ({"sample_rate_hz": 0.0}, "sample_rate_hz: expected 100 to 1e"),

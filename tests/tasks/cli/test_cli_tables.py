@@ -343,16 +343,7 @@ def test_doctor_fails_a_wrong_solver(haptix_cli, monkeypatch):
 WIDE = ("--frequency-hz", "1234,4000", "--h0-m", "1.25e-8,1e-7")
 
 
-@pytest.mark.parametrize(
-    "more",
-    [
-        pytest.param((), id="narrow"),
-        pytest.param(
-            WIDE,
-            id="wide",
-        ),
-    ],
-)
+@pytest.mark.parametrize("more", [pytest.param((), id="narrow"), pytest.param(WIDE, id="wide")])
 def test_a_table_fits_its_terminal_whole(haptix_cli, more):
     arguments = ("query", "--normal-force-n", "0.25,0.5", "--voltage-v", "0,199.5", *more)
     rows = json.loads(haptix_cli(*arguments, "--json").out)
