@@ -23,15 +23,8 @@ import numpy as np
 import soundfile
 
 from haptix import ContactModel, Finger, Screen
-from haptix.lab.stimuli import (
-    Apparatus,
-    Rendering,
-    Sine,
-    Stimulus,
-    StimulusSet,
-    TimeNoise,
-    grating,
-)
+from haptix.feel import Sine, TimeNoise, grating
+from haptix.lab.stimuli import Apparatus, Rendering, Stimulus, StimulusSet
 from haptix.model.perception.thresholds import WEBER_FRACTION
 from haptix.play.virtual_finger import VirtualFinger
 

@@ -178,8 +178,7 @@ def _python_face(description: dict[str, Any]) -> str:
     async def {call.name}(self{parameters}) -> m.LayoutReply:
         \"""{call.about}\"""
         change = given(op="{call.kind}", name=self.name{passed})
-        reply: m.LayoutReply = await self.session.layout_change([change])
-        return reply
+        return await self.session.layout_change([change])
 """
     return text
 

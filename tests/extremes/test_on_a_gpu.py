@@ -11,8 +11,9 @@ import pytest
 import torch
 
 from haptix import ContactModel, Finger, FrictionSurface, Screen
+from haptix.feel import Constant
 from haptix.feel.materials import Grating, headroom
-from haptix.lab.stimuli import Constant, Rendering, Stimulus
+from haptix.lab.stimuli import Rendering, Stimulus
 from haptix.model.fidelity import BoundaryElementBox
 from haptix.play.simulation.run import exact_amplitude
 from haptix.play.virtual_finger import VirtualFinger

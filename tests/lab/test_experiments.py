@@ -11,6 +11,7 @@ import pytest
 
 from firmware_io import open_device
 from haptix.base.errors import HaptixError, InputError, LimitError
+from haptix.feel import Constant, Sine
 from haptix.lab.experiment import (
     ConstantStimuli,
     Experiment,
@@ -23,7 +24,7 @@ from haptix.lab.experiment import (
     UpDown,
 )
 from haptix.lab.experiment.recipe import presentation_of
-from haptix.lab.stimuli import Constant, Rendering, Sine, Stimulus
+from haptix.lab.stimuli import Rendering, Stimulus
 from tests.hand_clock import HandClock
 from tests.lab.chained import stopped_after
 from tests.lab.presented import at_level

@@ -9,8 +9,8 @@ import pytest
 from skimage.io import imsave
 
 from haptix.base.errors import HaptixError, InputError
+from haptix.feel import AlongPath, Chirp, Constant, Ramp, Sine, Step
 from haptix.feel.materials import RecordedProfile
-from haptix.lab.stimuli import AlongPath, Chirp, Constant, Ramp, Sine, Step
 from haptix.lab.stimuli.interchange import FrictionMap, read_ahap, read_hjif, write_ahap, write_hjif
 
 RATE = 48_000.0

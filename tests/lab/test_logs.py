@@ -17,6 +17,7 @@ import pytest
 from firmware_io import open_device
 from haptix.base.errors import FileFormatError, InputError
 from haptix.base.files import read_bytes
+from haptix.feel import Constant
 from haptix.lab.analysis.results import analyse
 from haptix.lab.analysis.study import export
 from haptix.lab.experiment import (
@@ -30,7 +31,7 @@ from haptix.lab.experiment import (
     trial_log,
 )
 from haptix.lab.experiment.recipe import ExperimentRecipe
-from haptix.lab.stimuli import Constant, Stimulus, StimulusSet
+from haptix.lab.stimuli import Stimulus, StimulusSet
 from tests.lab.chained import rows_of, write_rows
 from tests.lab.presented import at_level
 

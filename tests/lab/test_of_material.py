@@ -9,10 +9,11 @@ import pytest
 
 import haptix
 from haptix.base.errors import InputError
+from haptix.feel import MaterialSignal, SteadySpeed, Strokes
 from haptix.feel.materials import KINDS, Slider, Transient, load
 from haptix.feel.materials.timeline import Timeline
 from haptix.feel.signals.shapes import Pulse
-from haptix.lab.stimuli import MaterialSignal, Rendering, SteadySpeed, Strokes
+from haptix.lab.stimuli import Rendering
 from haptix.lab.stimuli.recipe import Recipe
 from haptix.lab.stimuli.stimulus import stimulus_from
 

@@ -5,7 +5,9 @@ import pytest
 from skimage.io import imread
 
 from haptix.base.errors import FileFormatError
-from haptix.lab.stimuli import Population, Sine, Stimulus, StimulusSet, TimeNoise
+from haptix.feel import Sine, TimeNoise
+from haptix.lab import Population
+from haptix.lab.stimuli import Stimulus, StimulusSet
 from haptix.lab.stimuli.drawing import contact_sheet, draw_stimulus, read_for_drawing
 
 pytestmark = pytest.mark.usefixtures("own_cache")

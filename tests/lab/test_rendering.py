@@ -9,18 +9,9 @@ import torch
 
 from haptix import ContactModel, FrictionSurface, Screen
 from haptix.base.errors import InputError, RangeError
-from haptix.lab.stimuli import (
-    Apparatus,
-    Constant,
-    Points,
-    Population,
-    Rendering,
-    Sine,
-    SteadySpeed,
-    Stimulus,
-    TimeNoise,
-    grating,
-)
+from haptix.feel import Constant, Points, Sine, SteadySpeed, TimeNoise, grating
+from haptix.lab import Population
+from haptix.lab.stimuli import Apparatus, Rendering, Stimulus
 from haptix.model.perception.thresholds import WEBER_FRACTION
 from haptix.model.status import Status
 from haptix.model.surface import Column

@@ -18,20 +18,10 @@ from firmware_io import LimitError
 from haptix import ContactModel, Screen
 from haptix.base.errors import FileFormatError, HaptixError, InputError, RangeError
 from haptix.base.files import json_table
+from haptix.feel import Constant, Excerpt, Recorded, Sine, TimeNoise, grating
 from haptix.feel.signals.audio_files import AudioWriter, read_drive
-from haptix.lab.stimuli import (
-    Constant,
-    Excerpt,
-    Population,
-    Recorded,
-    Sine,
-    Stimulus,
-    StimulusSet,
-    TimeNoise,
-    TrialPlan,
-    check_manifest,
-    grating,
-)
+from haptix.lab import Population
+from haptix.lab.stimuli import Stimulus, StimulusSet, TrialPlan, check_manifest
 from haptix.lab.stimuli.designs import constant_stimuli, equal_friction, full_factorial
 from haptix.lab.stimuli.set_plan import Trigger
 from haptix.lab.stimuli.stimulus import stimulus_from

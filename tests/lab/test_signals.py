@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy import signal as scipy_signal
 
 from haptix.base.errors import HaptixError, InputError
-from haptix.lab.stimuli import (
+from haptix.feel import (
     Chirp,
     Constant,
     Path,

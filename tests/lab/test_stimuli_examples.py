@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from firmware_io import open_device
-from haptix.lab.stimuli import Constant, Stimulus, StimulusSet, TrialPlan
+from haptix.feel import Constant
+from haptix.lab.stimuli import Stimulus, StimulusSet, TrialPlan
 from tests.programs import load
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -11,9 +11,10 @@ import pytest
 
 from firmware_io import DriveLimits
 from haptix.base.errors import HaptixError, InputError
+from haptix.feel import Morph, Sine, TimeNoise, grating
 from haptix.feel.along_path import speed_from
 from haptix.feel.signals.signal import signal_from
-from haptix.lab.stimuli import Morph, Sine, Stimulus, StimulusSet, TimeNoise, TrialPlan, grating
+from haptix.lab.stimuli import Stimulus, StimulusSet, TrialPlan
 from haptix.lab.stimuli.designs import equal_mean, highest_level, matched_intensity, variants_of
 from haptix.lab.stimuli.recipe import Recipe
 from haptix.lab.stimuli.set_plan import CODES, Trigger, events, pulses

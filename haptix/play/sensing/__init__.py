@@ -3,30 +3,6 @@
 Experimental: no driver has a sensor yet, and all fingers that it learned were simulated.
 """
 
-from haptix.play.sensing.contact import (
-    LATENT,
-    ContactChange,
-    ContactCurrent,
-    EnrolledFinger,
-    PopulationSpread,
-    contact_change,
-)
-from haptix.play.sensing.finger_observer import (
-    FingerEstimate,
-    FingerObserver,
-    Knowledge,
-    SensingSettings,
-)
+import lazy_loader
 
-__all__ = [
-    "LATENT",
-    "ContactChange",
-    "ContactCurrent",
-    "EnrolledFinger",
-    "FingerEstimate",
-    "FingerObserver",
-    "Knowledge",
-    "PopulationSpread",
-    "SensingSettings",
-    "contact_change",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

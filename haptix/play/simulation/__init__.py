@@ -1,26 +1,5 @@
 """Rendering without hardware: a virtual finger feels the output of a mock device."""
 
-from haptix.play.simulation.folder import FILES, errors_of, summary_of, write
-from haptix.play.simulation.run import (
-    FINGER_PATH,
-    PARTS,
-    Played,
-    Setting,
-    Simulation,
-    evaluate_live,
-    simulate,
-)
+import lazy_loader
 
-__all__ = [
-    "FILES",
-    "FINGER_PATH",
-    "PARTS",
-    "Played",
-    "Setting",
-    "Simulation",
-    "errors_of",
-    "evaluate_live",
-    "simulate",
-    "summary_of",
-    "write",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

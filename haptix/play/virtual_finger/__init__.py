@@ -1,30 +1,5 @@
 """The virtual finger, which feels a played voltage by the contact model itself."""
 
-from haptix.play.virtual_finger.current import Converter, LiveCurrent, PanelCircuit, VirtualCurrent
-from haptix.play.virtual_finger.felt import (
-    FELT_WITHIN_S,
-    Evaluation,
-    Felt,
-    SensedForce,
-    SensedTouch,
-    SensorModel,
-    TouchPanel,
-    evaluate,
-)
-from haptix.play.virtual_finger.finger import VirtualFinger
+import lazy_loader
 
-__all__ = [
-    "FELT_WITHIN_S",
-    "Converter",
-    "Evaluation",
-    "Felt",
-    "LiveCurrent",
-    "PanelCircuit",
-    "SensedForce",
-    "SensedTouch",
-    "SensorModel",
-    "TouchPanel",
-    "VirtualCurrent",
-    "VirtualFinger",
-    "evaluate",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -212,26 +212,22 @@ class ClientRegion:
     async def change(self, **fields: Unpack[ChangeRegionFields]) -> m.LayoutReply:
         """Change the given fields of a region, in a cross-fade."""
         change = given(op="change", name=self.name, **fields)
-        reply: m.LayoutReply = await self.session.layout_change([change])
-        return reply
+        return await self.session.layout_change([change])
 
     async def move(self, **fields: Unpack[MoveRegionFields]) -> m.LayoutReply:
         """Move a region within `over_s`; fields that are left out stay."""
         change = given(op="move", name=self.name, **fields)
-        reply: m.LayoutReply = await self.session.layout_change([change])
-        return reply
+        return await self.session.layout_change([change])
 
     async def remove(self) -> m.LayoutReply:
         """Remove a region; it fades out."""
         change = given(op="remove", name=self.name)
-        reply: m.LayoutReply = await self.session.layout_change([change])
-        return reply
+        return await self.session.layout_change([change])
 
     async def set_value(self, value: float) -> m.LayoutReply:
         """Set the value of a control, such as a slider; it comes after all other changes."""
         change = given(op="value", name=self.name, value=value)
-        reply: m.LayoutReply = await self.session.layout_change([change])
-        return reply
+        return await self.session.layout_change([change])
 
 
 class PlainCalls(ABC):
@@ -390,23 +386,19 @@ class PlainRegion:
     def change(self, **fields: Unpack[ChangeRegionFields]) -> m.LayoutReply:
         """Change the given fields of a region, in a cross-fade."""
         change = given(op="change", name=self.name, **fields)
-        reply: m.LayoutReply = self.session.layout_change([change])
-        return reply
+        return self.session.layout_change([change])
 
     def move(self, **fields: Unpack[MoveRegionFields]) -> m.LayoutReply:
         """Move a region within `over_s`; fields that are left out stay."""
         change = given(op="move", name=self.name, **fields)
-        reply: m.LayoutReply = self.session.layout_change([change])
-        return reply
+        return self.session.layout_change([change])
 
     def remove(self) -> m.LayoutReply:
         """Remove a region; it fades out."""
         change = given(op="remove", name=self.name)
-        reply: m.LayoutReply = self.session.layout_change([change])
-        return reply
+        return self.session.layout_change([change])
 
     def set_value(self, value: float) -> m.LayoutReply:
         """Set the value of a control, such as a slider; it comes after all other changes."""
         change = given(op="value", name=self.name, value=value)
-        reply: m.LayoutReply = self.session.layout_change([change])
-        return reply
+        return self.session.layout_change([change])

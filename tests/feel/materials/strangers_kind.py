@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import PositiveFloat
 
 from haptix.feel.materials import Scaled
-from haptix.lab.stimuli import Signal
+from haptix.feel import Signal
 
 
 class Wool(Scaled):

@@ -62,7 +62,7 @@ for kind in ("button", "plain-button"):
 def test_a_signal_of_another_package_is_found_in_materials_and_recipes(environment):
     program = """
 from haptix.feel.materials import material_of
-from haptix.lab.stimuli import signal_from
+from haptix.feel import signal_from
 one = signal_from({"kind": "fall", "value": 8, "half_s": 0.1}) + 1
 print(type(one.parts[0]).__module__, one.values(0, 3, 10.0).tolist())
 print(signal_from(one.describe()) == one, one.parts[0] == type(one.parts[0])(8, 0.1))

@@ -1,0 +1,10 @@
+from .contact import LATENT as LATENT
+from .contact import ContactChange as ContactChange
+from .contact import ContactCurrent as ContactCurrent
+from .contact import EnrolledFinger as EnrolledFinger
+from .contact import PopulationSpread as PopulationSpread
+from .contact import contact_change as contact_change
+from .finger_observer import FingerEstimate as FingerEstimate
+from .finger_observer import FingerObserver as FingerObserver
+from .finger_observer import Knowledge as Knowledge
+from .finger_observer import SensingSettings as SensingSettings

@@ -1,0 +1,11 @@
+from .folder import FILES as FILES
+from .folder import errors_of as errors_of
+from .folder import summary_of as summary_of
+from .folder import write as write
+from .run import FINGER_PATH as FINGER_PATH
+from .run import PARTS as PARTS
+from .run import Played as Played
+from .run import Setting as Setting
+from .run import Simulation as Simulation
+from .run import evaluate_live as evaluate_live
+from .run import simulate as simulate

@@ -1,0 +1,13 @@
+from .current import Converter as Converter
+from .current import LiveCurrent as LiveCurrent
+from .current import PanelCircuit as PanelCircuit
+from .current import VirtualCurrent as VirtualCurrent
+from .felt import FELT_WITHIN_S as FELT_WITHIN_S
+from .felt import Evaluation as Evaluation
+from .felt import Felt as Felt
+from .felt import SensedForce as SensedForce
+from .felt import SensedTouch as SensedTouch
+from .felt import SensorModel as SensorModel
+from .felt import TouchPanel as TouchPanel
+from .felt import evaluate as evaluate
+from .finger import VirtualFinger as VirtualFinger
