@@ -3,6 +3,7 @@
 import struct
 import time
 from binascii import crc_hqx
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,6 @@ from firmware_io import Device, DeviceError, MockDriver, MockLink
 from firmware_io.firmware.core import Core, Output
 from firmware_io.protocol import (
     VERSION,
-    CapabilitiesReport,
     Frame,
     FrameParser,
     Hello,
@@ -22,22 +22,15 @@ from firmware_io.protocol import (
     TouchReport,
     encode,
 )
+from tests.firmware_io import core_rig
 
-BOARD = CapabilitiesReport(
-    oldest_version=4,
-    newest_version=4,
-    report_bytes=64,
-    output_rate_hz=48_000,
+BOARD = replace(
+    core_rig.BOARD,
     full_scale_mv=250_000,
     ceiling_mv=200_000,
     max_slew_v_per_s=4_666_666,
     queue_samples=65_536,
     max_frame_samples=32_765,
-    max_watchdog_ms=160,
-    name="board",
-    serial="",
-    calibration_id="",
-    reports_touch=True,
     rates=(Rate(48_000, frozenset(StreamMode)),),
 )
 LONGEST = 4 + 2 * 32_765
@@ -155,8 +148,7 @@ def test_a_device_that_states_the_impossible_is_refused(absurd):
     class Boaster(MockLink):
         def receive(self, timeout_s=0.0):
             super().receive(timeout_s)
-            fields = {**vars(BOARD), **absurd}
-            return encode(Frame(CapabilitiesReport(**fields), 0))
+            return encode(Frame(replace(BOARD, **absurd), 0))
 
     with pytest.raises(DeviceError, match=r"possible|must be"):
         Device(Boaster(MockDriver()))

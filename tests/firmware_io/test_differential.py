@@ -28,17 +28,16 @@ from firmware_io.protocol import (
     SenseReport,
     SensorProblem,
     Stop,
-    StreamMode,
     StreamSamples,
     TouchPhase,
     TouchReport,
     encode,
 )
+from tests.firmware_io.core_rig import BOTH, ENVELOPE, WAVEFORM
 from tests.firmware_io.oracle.device import Oracle
-from tests.firmware_io.test_output_window import BOARD, BOTH, SETUP, Attacker
+from tests.firmware_io.test_output_window import BOARD, SETUP, Attacker
 
 TOP = 26213
-ENVELOPE, WAVEFORM = StreamMode.ENVELOPE, StreamMode.WAVEFORM
 
 
 class Pair:

@@ -16,13 +16,12 @@ from firmware_io.protocol import (
     Revise,
     Setup,
     Stop,
-    StreamMode,
     StreamSamples,
     encode,
 )
-from tests.firmware_io.test_output_window import BOARD, BOTH, Attacker
+from tests.firmware_io.core_rig import BOTH, ENVELOPE, WAVEFORM
+from tests.firmware_io.test_output_window import BOARD, Attacker
 
-WAVEFORM, ENVELOPE = StreamMode.WAVEFORM, StreamMode.ENVELOPE
 RATE_HZ = 8000
 RAMP = 40
 HOSTILE = replace(

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from firmware_io import Device, DeviceFaultError, DriveLimits, LimitError, MockDriver, MockLink
-from firmware_io.protocol import FaultCode, Rate, Setup, Stop, StreamMode
-from tests.firmware_io.test_output_window import BOARD, BOTH, Attacker
+from firmware_io.protocol import FaultCode, Rate, Setup, Stop
+from tests.firmware_io.core_rig import BOTH, ENVELOPE, WAVEFORM
+from tests.firmware_io.test_output_window import BOARD, Attacker
 
-WAVEFORM, ENVELOPE = StreamMode.WAVEFORM, StreamMode.ENVELOPE
 CAPACITANCES_NF = [0.15, 0.5, 1.0, 2.0, 5.0, 10.0, 15.0]
 MOST_MA = 0.7
 TOP = 26_213

@@ -9,28 +9,25 @@ import pytest
 from firmware_io.firmware.core import Core, Output
 from firmware_io.protocol import (
     Arm,
-    CapabilitiesReport,
     FaultCode,
     Frame,
     Hello,
     Rate,
     Setup,
     Stop,
-    StreamMode,
     StreamSamples,
     encode,
 )
+from tests.firmware_io import core_rig
+from tests.firmware_io.core_rig import BOTH, ENVELOPE, WAVEFORM
 
-WAVEFORM, ENVELOPE = StreamMode.WAVEFORM, StreamMode.ENVELOPE
-BOTH = frozenset(StreamMode)
 RATE_HZ = 8000
 TOP_V = 200.0
 #: The limits over a second and 1 %: 1.01 times the rms of a sine at 200 V, 5 % of 200 V.
 MOST_RMS_V = 1.01 * 1.01 * TOP_V / np.sqrt(2)
 MOST_MEAN_V = 1.01 * 0.05 * TOP_V
-BOARD = CapabilitiesReport(
-    oldest_version=4,
-    newest_version=4,
+BOARD = replace(
+    core_rig.BOARD,
     report_bytes=0,
     output_rate_hz=RATE_HZ,
     full_scale_mv=250_000,
@@ -38,10 +35,6 @@ BOARD = CapabilitiesReport(
     max_slew_v_per_s=4_666_666,
     queue_samples=20_000,
     max_frame_samples=10_000,
-    max_watchdog_ms=160,
-    name="board",
-    serial="",
-    calibration_id="",
     reports_touch=False,
     rates=(Rate(RATE_HZ, BOTH),),
 )

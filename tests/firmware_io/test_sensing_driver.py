@@ -23,7 +23,6 @@ from firmware_io.protocol import FaultCode, TouchPhase
 RATE_HZ, CARRIER_HZ, PANEL_F = 48_000, 4000.0, 2e-9
 HALF_TICKS = RATE_HZ / CARRIER_HZ / 2
 MS = RATE_HZ // 1000
-PIECE = 12  # 0.25 ms: what the mock hands over at once
 CUT = 12  # the ramp of 0.25 ms
 
 

@@ -16,6 +16,7 @@ import json
 import shutil
 import threading
 from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Self, get_type_hints
 
@@ -27,7 +28,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from haptix.base.fields import FOLDER_NAME, JsonObject
 from haptix.base.files import parse_json, write_whole
 from haptix.base.task import Task, all_tasks, task_at
-from haptix.feel.gallery import FOLDER, presets
+from haptix.feel.gallery import FOLDER, Preset, presets
 from haptix.service.front.jobs import JobBoard
 from haptix.service.front.pool import Pool
 from haptix.service.protocol.messages import Error, JobMessage, LayoutDocument, Problem
@@ -38,17 +39,10 @@ Size = Annotated[float, Field(gt=0, le=1e4, allow_inf_nan=False)]
 Force = Annotated[float, Field(gt=0, le=100, allow_inf_nan=False)]
 
 
-class PresetMessage(BaseModel):
+@dataclass(frozen=True)
+class PresetMessage(Preset):
     """A preset of the gallery; see `haptix.feel.gallery.Preset`."""
 
-    name: str
-    title: str
-    family: str
-    help: str
-    width_mm: float
-    height_mm: float
-    reachable: float
-    document: dict[str, Any]
     thumbnail: str
     """A picture of it, as a data URL."""
 

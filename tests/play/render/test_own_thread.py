@@ -278,6 +278,13 @@ def served():
     process.stdout.close()
 
 
+@pytest.fixture
+def device(served):
+    device = Device(served[0])
+    yield device
+    device.close()
+
+
 def stroke(renderer, seconds=0.3, report_s=0.01):
     """Stroke the screen, and return what the output did."""
     began_s = time.monotonic()
@@ -295,9 +302,7 @@ def hold_the_interpreter(seconds):
 LIVE = LiveSettings(strict=False)
 
 
-def test_it_plays_through_stalls_of_the_interpreter_longer_than_the_queue(surface, served):
-    link, _ = served
-    device = Device(link)
+def test_it_plays_through_stalls_of_the_interpreter_longer_than_the_queue(surface, device):
     with haptix.LiveRenderer(surface, ribs(), device, settings=LIVE) as renderer:
         assert renderer.plays_by == "engine"
         stroke(renderer)
@@ -311,12 +316,9 @@ def test_it_plays_through_stalls_of_the_interpreter_longer_than_the_queue(surfac
     assert renderer.stats.p50_block_s > 0.0
     assert len(renderer.stats.reactions_s) > 10
     assert renderer.stats.samples_played > 0.9 * 48_000
-    device.close()
 
 
-def test_another_process_reports_fingers_while_the_interpreter_stands_still(surface, served):
-    link, _ = served
-    device = Device(link)
+def test_another_process_reports_fingers_while_the_interpreter_stands_still(surface, device):
     with haptix.LiveRenderer(surface, ribs(), device, settings=LIVE) as renderer:
         assert renderer.reports is not None
         script = (
@@ -336,12 +338,9 @@ def test_another_process_reports_fingers_while_the_interpreter_stands_still(surf
         wait_for(lambda: child.poll() is not None)
         child.stdout.close()
         wait_for(lambda: len(renderer.stats.reactions_s) > 20)
-    device.close()
 
 
-def test_it_ends_at_0_v_when_the_interpreter_stands_still_for_long(surface, served):
-    link, _ = served
-    device = Device(link)
+def test_it_ends_at_0_v_when_the_interpreter_stands_still_for_long(surface, device):
     with haptix.LiveRenderer(surface, ribs(), device, settings=LIVE) as renderer:
         stroke(renderer, 0.1)
         hold_the_interpreter(QUIET_S + 0.4)
@@ -349,7 +348,6 @@ def test_it_ends_at_0_v_when_the_interpreter_stands_still_for_long(surface, serv
         with pytest.raises(haptix.DeviceError, match="stood still"):
             stroke(renderer)
     assert device.last_v == 0.0 and not device.stop_is_owed
-    device.close()
 
 
 def test_a_lost_link_ends_it(surface, served):
@@ -365,9 +363,8 @@ def test_a_lost_link_ends_it(surface, served):
             stroke(renderer, 0.1)
 
 
-def test_a_fault_of_the_driver_ends_it(surface, served):
+def test_a_fault_of_the_driver_ends_it(surface, served, device):
     link, _ = served
-    device = Device(link)
     with haptix.LiveRenderer(surface, ribs(), device, settings=LIVE) as renderer:
         stroke(renderer, 0.1)
         os.write(link.descriptor, b"not a frame, and long enough to be looked at as one" * 4)
@@ -375,7 +372,6 @@ def test_a_fault_of_the_driver_ends_it(surface, served):
         with pytest.raises(haptix.DeviceError, match="fault"):
             stroke(renderer)
     assert device.last_v == 0.0 and not device.stop_is_owed
-    device.close()
 
 
 def test_samples_over_a_limit_are_not_sent(surface, served):
@@ -416,9 +412,7 @@ class Hum(FrictionField):
         lambda r: setattr(r, "record", PlayedRecord(r)),
     ],
 )
-def test_a_change_lets_the_interpreter_go_on(surface, served, change):
-    link, _ = served
-    device = Device(link)
+def test_a_change_lets_the_interpreter_go_on(surface, device, change):
     with haptix.LiveRenderer(surface, ribs(), device, settings=LIVE) as renderer:
         stroke(renderer, 0.2)
         before_s = renderer.scene_s
@@ -429,12 +423,9 @@ def test_a_change_lets_the_interpreter_go_on(surface, served, change):
         assert device.is_armed
         assert renderer._source.amplitudes.values.any()  # the interpreter's
     assert not device.stop_is_owed
-    device.close()
 
 
-def test_effects_play_and_their_ends_are_told(surface, served):
-    link, _ = served
-    device = Device(link)
+def test_effects_play_and_their_ends_are_told(surface, device):
     ends = []
     with haptix.LiveRenderer(surface, ribs(), device, settings=LIVE) as renderer:
         stroke(renderer, 0.3)
@@ -460,12 +451,9 @@ def test_effects_play_and_their_ends_are_told(surface, served):
             engines for engines, _ in renderer._engine._mixes
         )  # no memory of them is kept
     assert not device.stop_is_owed
-    device.close()
 
 
-def test_marks_come_back_with_their_times(surface, served):
-    link, _ = served
-    device = Device(link)
+def test_marks_come_back_with_their_times(surface, device):
     with haptix.LiveRenderer(surface, ribs(), device, settings=LIVE) as renderer:
         stroke(renderer, 0.3)
         asked_s = []
@@ -484,12 +472,9 @@ def test_marks_come_back_with_their_times(surface, served):
         assert renderer.plays_by == "engine"
         assert device.marks_waiting == 0
     assert not device.stop_is_owed
-    device.close()
 
 
-def test_frames_that_come_while_the_interpreter_stands_still_are_kept(surface, served):
-    link, _ = served
-    device = Device(link)
+def test_frames_that_come_while_the_interpreter_stands_still_are_kept(surface, device):
     with haptix.LiveRenderer(surface, ribs(), device, settings=LIVE) as renderer:
         stroke(renderer, 0.3)
         for code in range(30):
@@ -498,7 +483,6 @@ def test_frames_that_come_while_the_interpreter_stands_still_are_kept(surface, s
         wait_for(lambda: device.marks_waiting == 0)
         assert [mark.code for mark in device.marked()] == list(range(30))
     assert not device.is_armed and not device.stop_is_owed
-    device.close()
 
 
 def has_touches(device, touches):
@@ -523,9 +507,7 @@ def test_touches_of_the_drivers_panel_come_while_the_thread_plays(surface):
                 ]
 
 
-def test_the_engine_follows_a_layout_that_changes(surface, served):
-    link, _ = served
-    device = Device(link)
+def test_the_engine_follows_a_layout_that_changes(surface, device):
     with haptix.LiveRenderer(surface, ribs(), device, settings=LIVE) as renderer:
         layout = renderer.texture
         assert isinstance(layout, Layout)
@@ -549,12 +531,9 @@ def test_the_engine_follows_a_layout_that_changes(surface, served):
         assert renderer.stats.underruns == 0
         assert len(renderer._engine._engines) <= 2  # no memory of the others is kept
     assert not device.stop_is_owed
-    device.close()
 
 
-def test_the_engine_follows_intensity_mute_and_pause(surface, served):
-    link, _ = served
-    device = Device(link)
+def test_the_engine_follows_intensity_mute_and_pause(surface, device):
     with haptix.LiveRenderer(surface, ribs(), device, settings=LIVE) as renderer:
         stroke(renderer, 0.1)
         renderer.intensity(0.5)
@@ -567,19 +546,15 @@ def test_the_engine_follows_intensity_mute_and_pause(surface, served):
         assert renderer.scene_s == at_s
         renderer.pause(on=False)
         assert renderer.plays_by == "engine"
-    device.close()
 
 
-def test_what_cannot_be_compiled_is_played_by_the_interpreter(surface, served, caplog):
-    link, _ = served
-    device = Device(link)
+def test_what_cannot_be_compiled_is_played_by_the_interpreter(surface, device, caplog):
     settings = LiveSettings(touch=TouchSettings(filter=OneEuroFilter()))
     caplog.set_level("INFO", "haptix.play.render")
     with haptix.LiveRenderer(surface, ribs(), device, settings=settings) as renderer:
         stroke(renderer, 0.1)
         assert renderer.plays_by == "interpreter"
     assert "plays by the interpreter" in caplog.text
-    device.close()
 
 
 def test_a_mock_in_the_process_is_played_by_the_interpreter(surface):
