@@ -74,7 +74,15 @@ class TuioDecoder:
             return []
 
     def end(self, t_s: float, silent_s: float = 0.0) -> list[TouchEvent]:
-        """Return the lifts of all that is down, of sources that have been silent for so long."""
+        """Return the lifts of all that is down.
+
+        Parameters
+        ----------
+        t_s : float
+            Time of the lifts [s].
+        silent_s : float
+            Of sources alone that have sent nothing for so long [s].
+        """
         ended = [one for one, heard_s in self._heard_s.items() if t_s - heard_s >= silent_s]
         for source in ended:
             del self._heard_s[source]
