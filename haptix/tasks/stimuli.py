@@ -270,11 +270,9 @@ class RunExperiment(Task, command="stimuli run"):
 
                     export(table, self.study, *labels)
         rows, warnings = [], []
-        for name, estimate in experiment.estimates().items():
-            row: dict[str, Any] = {"condition": name} if name else {}
-            row |= {"trials": experiment.trials, **estimate.record(), **experiment.summary()}
-            warnings += [f"{name}: {line}" if name else line for line in estimate.warnings]
-            rows.append(row)
+        for name, record in experiment.records().items():
+            warnings += [f"{name}: {line}" if name else line for line in record["warnings"]]
+            rows.append({"condition": name, **record} if name else record)
         title = f"{plan.name}: trials in {table}"
         if was_over:
             title = f"{plan.name}: this session was finished before; its trials stay in {table}"
@@ -337,9 +335,9 @@ class ExperimentJob(Task, route="experiments", kind="experiment", plays=True, ke
             )
             ask_to_go_on(context, experiment)
             experiment.run()
-        records = {name: estimate.record() for name, estimate in experiment.estimates().items()}
+        records = experiment.records()
         conditions = records if len(records) > 1 else next(iter(records.values()))
-        return Result({"trials": experiment.trials, **experiment.summary(), **conditions})
+        return Result({"trials": experiment.trials, **conditions})
 
 
 class Simulate(Task, command="stimuli simulate"):

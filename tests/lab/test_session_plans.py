@@ -14,6 +14,7 @@ from scipy.stats import nct, t
 
 from haptix.base.errors import InputError
 from haptix.lab.analysis.power import Observer, accuracy, paired_power
+from haptix.lab.analysis.results import analyse
 from haptix.lab.experiment import (
     TASKS,
     Catch,
@@ -165,6 +166,35 @@ def test_the_right_answer_is_what_was_played(device, tmp_path, task):
             assert row["right"] == ("d" if felt[0] != felt[1] else "s")
     assert len({row["right"] for row in rows}) == len(TASKS[task].choices)
     assert run.counted == 18
+
+
+def test_each_condition_has_its_own_hits_and_false_alarms(device, tmp_path):
+    """In one everything is found, also where there is nothing; in the other only what is there."""
+    levels = [14.0, 20.0, 26.0, 32.0]
+    methods = {name: ConstantStimuli(levels, 10, guess=0.05) for name in ("lax", "strict")}
+    made = {name: at_level(WAVE, scale) for name, scale in (("lax", 1.0), ("strict", 0.9))}
+    sequence = MethodsByCondition(methods)
+
+    def answer(question):
+        is_felt = question.level > 23 and not question.is_empty
+        return "y" if sequence.condition == "lax" or is_felt else "n"
+
+    run = experiment(
+        device, tmp_path / "a.tsv", sequence, "yes-no", ABSENT, answer, made, source="program"
+    )
+    empty = Counter(row["condition"] for row in run if row["kind"] == "catch")
+    of_run = run.records()
+    of_table = {row["condition"]: row for row in analyse(tmp_path / "a.tsv").tables["thresholds"]}
+    for name, hits, false_alarms in (("lax", 40, empty["lax"]), ("strict", 20, 0)):
+        for found in (of_run[name], of_table[name]):
+            assert found["catch_trials"] == empty[name] > 0
+            assert found["catch_right"] == 1 - false_alarms / empty[name]
+            assert found["hits"] == pytest.approx((hits + 0.5) / 41)
+            assert found["false_alarms"] == pytest.approx((false_alarms + 0.5) / (empty[name] + 1))
+            # The fitted function has the false alarms of its own condition.
+            assert (found["threshold_db"] is None) == (name == "lax")
+        assert of_run[name]["trials"] == empty[name] + 40 and of_table[name]["trials"] == 40
+    assert run.summary()["catch_trials"] == empty.total()
 
 
 def test_one_who_always_says_yes_has_no_threshold(device, tmp_path):

@@ -10,7 +10,13 @@ from typing import Any, TypeVar
 from haptix.base.files import digest, reading
 from haptix.lab.experiment import Estimate, Method, MethodsByCondition
 from haptix.lab.experiment.methods import DRAWN
-from haptix.lab.experiment.session_plan import SessionPlan, estimate_of, replayed, summary
+from haptix.lab.experiment.session_plan import (
+    SessionPlan,
+    accepted,
+    estimate_of,
+    replayed,
+    summary,
+)
 from haptix.lab.experiment.trial_log import LoggedSession
 
 ALL = "all"
@@ -86,15 +92,14 @@ def runs_of(session: LoggedSession) -> Iterator[RunOfMethod]:
         }
         unfinished = _unfinished(plan, methods.values(), estimates.values())
         first = (unfinished,) if unfinished and not session.finished else ()
-        whole = summary(session.rows, task, plan.exclude)
-        of_trials = (row for row in session.rows if row["kind"] == "trial")
-        accepted = [row for row in of_trials if row["accepted"] == "true"]
         for name, part in methods.items():
             experiment = _hash(session, name, part.describe())
-            rows = tuple(row for row in accepted if row["condition"].replace("n/a", "") == name)
+            mine = accepted(session.rows, name)
+            rows = tuple(row for row in mine if row["kind"] == "trial")
             estimate = estimates[name]
             estimate = replace(estimate, warnings=(*first, *estimate.warnings))
-            yield RunOfMethod(session, name, experiment, part, estimate, rows, whole, remarks)
+            about = summary(session.rows, task, plan.exclude, name)
+            yield RunOfMethod(session, name, experiment, part, estimate, rows, about, remarks)
 
 
 def _unfinished(

@@ -187,39 +187,51 @@ def check_plan(plan: SessionPlan, task: TrialTask, name: str) -> None:
 _NORMAL = NormalDist()
 
 
+def accepted(rows: Sequence[Mapping[str, str]], condition: str = "") -> list[Mapping[str, str]]:
+    """Return the rows of accepted trials, of a condition or all."""
+    of_condition = (row for row in rows if not condition or row["condition"] == condition)
+    return [row for row in of_condition if row["accepted"] == "true"]
+
+
 def summary(
-    rows: Sequence[Mapping[str, str]], task: str, exclude: Exclude | None = None
+    rows: Sequence[Mapping[str, str]],
+    task: str,
+    exclude: Exclude | None = None,
+    condition: str = "",
 ) -> dict[str, Any]:
     """Return the catch trials' results and exclusions of a log's rows, as plain values.
 
     Trials that count though their touch was out of range; catch trials right; of tasks that detect
-    also the shares of hits and false alarms, d' and the criterion; and by which rules the session
-    is excluded.
+    also the shares of hits and false alarms, d' and the criterion: all of a condition, or if none
+    is named of the session. The rules by which it is excluded are those of the session.
     """
-    rules, values = exclude or Exclude(), dict[str, Any]()
-    why = []
-    counted = [row for row in rows if row["accepted"] == "true"]
-    caught = [row for row in counted if row["kind"] == "catch"]
+    values = dict[str, Any]()
+    counted = accepted(rows, condition)
     if out := sum(row.get("why", "n/a") != "n/a" for row in counted):
         values["out_of_range"] = out
-    if caught:
+    if caught := [row for row in counted if row["kind"] == "catch"]:
         right = sum(row["is_right"] == "true" for row in caught)
         values["catch_trials"], values["catch_right"] = len(caught), right / len(caught)
-        if rules.catch_right is not None and right / len(caught) < rules.catch_right:
-            why.append(f"{right} of {len(caught)} catch trials were right")
+        if task_named(task).detects:
+            shown = [row for row in counted if row["kind"] == "trial"]
+            hits = sum(row["is_right"] == "true" for row in shown)
+            values |= detection(hits, len(shown), len(caught) - right, len(caught), task)
+    if why := _why_excluded(rows, exclude or Exclude()):
+        values["excluded"] = why
+    return values
+
+
+def _why_excluded(rows: Sequence[Mapping[str, str]], rules: Exclude) -> str:
+    """Return by which rules a session is excluded; empty if it is not."""
+    why, counted = [], accepted(rows)
+    caught = [row["is_right"] == "true" for row in counted if row["kind"] == "catch"]
+    if caught and rules.catch_right is not None and sum(caught) / len(caught) < rules.catch_right:
+        why.append(f"{sum(caught)} of {len(caught)} catch trials were right")
     if rows and rules.off_touch is not None:
         off = 1 - sum(row.get("why", "n/a") == "n/a" for row in counted) / len(rows)
         if off > rules.off_touch:
             why.append(f"the touch was off in {off:.0%} of the attempts")
-    if task_named(task).detects and caught:
-        shown = [row for row in counted if row["kind"] == "trial"]
-        values |= detection(
-            sum(row["is_right"] == "true" for row in shown), len(shown),
-            sum(row["is_right"] != "true" for row in caught), len(caught), task,
-        )  # fmt: skip
-    if why:
-        values["excluded"] = "; ".join(why)
-    return values
+    return "; ".join(why)
 
 
 def estimate_of(
@@ -229,14 +241,13 @@ def estimate_of(
 
     Reaction times of simulated observers say nothing. Of imported answers they may not be known.
     """
-    counted = [row for row in rows if row["accepted"] == "true"]
-    mine = [row for row in counted if not condition or row["condition"] == condition]
+    mine = accepted(rows, condition)
     trials = [row for row in mine if row["kind"] in ("trial", "n/a")]
     times = [row["reaction_s"] for row in trials if row["source"] != "simulated"]
     reaction_s = None if "n/a" in times else [float(time) for time in times]
     if not task_named(task).detects:
         return method.estimate(reaction_s=reaction_s)
-    empty = [row for row in counted if row["kind"] == "catch"]
+    empty = [row for row in mine if row["kind"] == "catch"]
     # An empty trial that is wrong is one in which a target was found.
     found = sum(row["is_right"] != "true" for row in empty)
     return method.estimate((found, len(empty)), reaction_s)

@@ -26,6 +26,7 @@ from haptix.lab.experiment.psychometric import Estimate
 from haptix.lab.experiment.session_plan import (
     SessionPlan,
     TrialSequence,
+    accepted,
     check_plan,
     estimate_of,
     replay,
@@ -445,9 +446,23 @@ class Experiment:
             for name, method in several.items()
         }
 
-    def summary(self) -> dict[str, Any]:
-        """Return catch trials, hits, false alarms, d' and exclusion, as plain values."""
-        return summary(self.log.rows, self.task, self.plan.exclude)
+    def summary(self, condition: str = "") -> dict[str, Any]:
+        """Return catch trials, hits, false alarms, d' and exclusion, as plain values.
+
+        Those of a condition, by default of the session; see `session_plan.summary`.
+        """
+        return summary(self.log.rows, self.task, self.plan.exclude, condition)
+
+    def records(self) -> dict[str, dict[str, Any]]:
+        """Return accepted trials, estimate and summary of each condition, as plain values."""
+        return {
+            name: {
+                "trials": len(accepted(self.log.rows, name)),
+                **estimate.record(),
+                **self.summary(name),
+            }
+            for name, estimate in self.estimates().items()
+        }
 
     def _made(self, condition: str) -> Presentation:
         if isinstance(self.presentation, Presentation):
