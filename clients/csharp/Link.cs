@@ -90,6 +90,11 @@ namespace Haptix
                     Timeout.InfiniteTimeSpan, false, WebSocket.CreateClientBuffer(BufferBytes, BufferBytes));
                 return new Link(socket, tcp);
             }
+            catch (Lost)
+            {
+                tcp.Close();
+                throw;
+            }
             catch (Exception error)
             {
                 tcp.Close();
@@ -119,6 +124,7 @@ namespace Haptix
             using (SHA1 sha = SHA1.Create()) accept = Convert.ToBase64String(sha.ComputeHash(salted));
             bool agrees = Array.Exists(lines, line =>
                 line.StartsWith("Sec-WebSocket-Accept:", StringComparison.OrdinalIgnoreCase) && line.EndsWith(" " + accept));
+            if (lines[0].StartsWith("HTTP/1.1 4")) throw new Lost("the service at " + uri + " refuses the connection: " + lines[0]);
             if (!lines[0].StartsWith("HTTP/1.1 101") || !agrees) throw new IOException(lines[0]);
         }
 

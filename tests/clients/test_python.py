@@ -1,15 +1,18 @@
 """The Python client, with and without await, against the real front."""
 
 import asyncio
+import gc
 import logging
 import threading
 
+import numpy as np
 import pytest
 
 import haptix.service.client.connection
-from haptix.base.errors import DeviceError, InputError
+from haptix.base.errors import DeviceError, HaptixError, InputError
 from haptix.service.front import client_touches
 from haptix.service.front.jobs import Job
+from haptix.service.protocol import messages as m
 from haptix.service.protocol.limiter import Limiter
 from haptix.service.protocol.messages import JobMessage
 from tests.waiting import PATIENCE_S, wait_for
@@ -318,6 +321,57 @@ def test_a_flood_of_touches_does_not_bury_the_client_s_own_stop(service, connect
 
     assert asyncio.run(floods()) <= 66  # 64 at once, and one for each second that a stop takes
     assert service.engine.when("stop")
+
+
+def test_more_touches_than_a_batch_takes_are_sent_in_several(service, connect):
+    with connect("test") as h:
+        h.acquire()
+        h.arm()
+        now_s, most = h.now_s(), h.welcome.limits.batch_touches
+        touches = [
+            m.TouchMessage(t_s=now_s + i * 1e-6, touch_id=i % 2, kind="move", x_mm=i, y_mm=0.0)
+            for i in range(most + 10)
+        ]
+        batches, send = [], h._client._send
+        h._client._send = lambda data: (batches.append(data), send(data))[1]
+        h.touches(touches)
+        wait_for(lambda: len(batches) == 2)
+        assert len(batches[0]) > 50 * len(batches[1])
+
+
+def test_touches_that_wait_are_left_out_by_close(service, connect, caplog):
+    h = connect("test")
+    h.acquire()
+    h.arm()
+    h._client._batches = Limiter(0.1, h.now_s, 1)
+    for i in range(50):
+        h.touch(float(i), 2.0)
+    h.close()
+    del h
+    gc.collect()
+    assert "Task was destroyed" not in caplog.text
+
+
+def test_who_is_refused_hears_why_and_is_not_sent_to_start_another_service(service, connect):
+    others = [connect(f"app {i}") for i in range(16)]
+    with pytest.raises(HaptixError, match="expected at most 16 sessions"):
+        connect("one more")
+    for one in others:
+        one.close()
+    where = f"://127.0.0.1:{service.port}/v1/session"
+    with pytest.raises(HaptixError, match=r"address: expected ws://HOST:PORT"):
+        haptix.service.connect("test", "http" + where, "token")
+    with pytest.raises(HaptixError, match=r"refuses the connection: .*403"):
+        haptix.service.connect("test", f"ws://127.0.0.1:{service.port}/v2", "token")
+
+
+def test_numbers_of_numpy_are_numbers(service, connect):
+    with connect("test") as h:
+        h.layout.add({"kind": "noise"}, x_mm=np.int64(3), y_mm=np.float32(0.5))
+        with pytest.raises(InputError, match=r"^layout_set: expected a material or .* got set"):
+            h.layout_set({1, 2})
+    (op,) = [told["ops"] for do, told, _ in service.engine.told if do == "layout_change"][-1]
+    assert (op["x_mm"], op["y_mm"]) == (3.0, 0.5)
 
 
 def test_what_no_json_can_say_is_refused_before_it_is_sent(service, connect):

@@ -93,6 +93,8 @@ def test_all_processes_of_a_service_log(tmp_path):
         finally:
             process.send_signal(signal.SIGINT)
             process.communicate(timeout=PATIENCE_S)
+    for file in tmp_path.glob("a*.log"):  # each process has a file of its own
+        assert len({line.split()[1] for line in file.read_text().splitlines()}) == 1, file
     text = logged()
     assert found["token"] not in text
     for line in (

@@ -118,6 +118,10 @@ def test_any_text_is_refused(text):
         reading.read_client(text)
 
 
+CHANGE = '{"type": "layout_change", "id": 1, "ops": [%s]}'
+MATERIAL = "/ops/0/add/material"
+
+
 @pytest.mark.parametrize(
     ("text", "path", "words"),
     [
@@ -132,6 +136,12 @@ def test_any_text_is_refused(text):
         ('{"id": 1}', "/type", "key type"),
         ('["arm"]', "/type", "an object"),
         ("{", "", "JSON"),
+        (CHANGE % '{"op": "fly"}', "/ops/0/op", "unknown op: expected one of 'add'"),
+        (CHANGE % '{"name": "a"}', "/ops/0/op", "the key op"),
+        (CHANGE % '"add"', "/ops/0", "should be a.* object"),
+        (CHANGE % '{"op": "add", "name": "a", "material": "noise"}', MATERIAL, "object"),
+        ('{"type": "play", "id": 1, "effect": "tick"}', "/effect", 'object, got "tick"'),
+        ('{"type": "subscribe", "id": 1, "streams": ["friction"]}', "/streams", "object"),
     ],
 )
 def test_the_field_is_named(text, path, words):

@@ -27,6 +27,7 @@ from collections.abc import Awaitable, Callable, Coroutine
 from concurrent.futures import Future
 from contextlib import suppress
 from hashlib import sha256
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Annotated, Any, Generic, Literal, NamedTuple, Self, TypeVar
 from urllib.error import HTTPError
@@ -54,7 +55,7 @@ from haptix.service.protocol.messages import reading
 with from_extra("serve"):
     from websockets.asyncio.client import ClientConnection
     from websockets.asyncio.client import connect as _connect
-    from websockets.exceptions import WebSocketException
+    from websockets.exceptions import InvalidStatus, InvalidURI, WebSocketException
     from websockets.typing import Subprotocol
 
 _LOG = logging.getLogger("haptix.service.client.connection")
@@ -141,15 +142,21 @@ class ReportsTouches(ABC, Generic[Sent]):
         return time.monotonic()
 
 
-def _document(value: object) -> dict[str, Any]:
+def _document(value: object) -> Any:
     if isinstance(value, BaseModel):
         return value.model_dump(mode="json", exclude_none=True)
+    if isinstance(value, Integral):  # one of numpy
+        return int(value)
+    if isinstance(value, Real):
+        return float(value)
     raise InputError(f"expected a material or a document of JSON, got {type(value).__name__}")
 
 
 def _text(kind: str, message: dict[str, Any]) -> str:
     try:
         return json.dumps(message, default=_document, allow_nan=False)
+    except HaptixError as error:  # of `_document`
+        raise InputError(f"{kind}: {error}") from None
     except ValueError as error:
         raise InputError(
             f"{kind}: expected finite numbers, got one that is none: {error}"
@@ -418,12 +425,15 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
         Touches that come faster than the service takes them wait; other messages overtake them.
         """
         self.check()
+        most = self.welcome.limits.batch_touches
         async with self._in_order:
-            wait_s = max(self._batches.wait_s(), self._touches.wait_s(len(touches)))
-            if wait_s > 0:
-                await asyncio.sleep(wait_s)
-            self._batch += 1
-            await self._send(write_touches(touches, self._batch))
+            for at in range(0, len(touches), most):
+                some = touches[at : at + most]
+                wait_s = max(self._batches.wait_s(), self._touches.wait_s(len(some)))
+                if wait_s > 0:
+                    await asyncio.sleep(wait_s)
+                self._batch += 1
+                await self._send(write_touches(some, self._batch))
 
     async def _open(self) -> None:
         address, token = self._find()
@@ -436,6 +446,12 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
                 ping_interval=None,
                 close_timeout=_CLOSE_S,
             )
+        except InvalidURI:
+            raise InputError(
+                f"address: expected ws://HOST:PORT/v1/session, got {address!r}"
+            ) from None
+        except InvalidStatus as error:
+            raise Lost(f"the service at {address} refuses the connection: {error}") from None
         except (OSError, WebSocketException) as error:
             raise Lost(f"no service answers at {address}: {error}; start haptix serve") from None
         self._socket, self._ended = socket, ""
@@ -507,7 +523,8 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
         try:
             await self._socket.send(data)
         except WebSocketException:
-            raise Lost("the connection to the service is gone: it broke off") from None
+            why = self._socket.close_reason or "it broke off"
+            raise Lost(f"the connection to the service is gone: {why}") from None
 
     async def _read(self, socket: ClientConnection) -> None:
         silent_s = _WAIT_S
@@ -739,6 +756,13 @@ class Client(ReportsTouches[None], PlainCalls):
         return future.result()
 
     def _end(self) -> None:
+        async def leave_out() -> None:  # touches that still wait
+            others = asyncio.all_tasks() - {asyncio.current_task()}
+            for task in others:
+                task.cancel()
+            await asyncio.gather(*others, return_exceptions=True)
+
+        asyncio.run_coroutine_threadsafe(leave_out(), self._loop).result()
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join()
         self._loop.close()

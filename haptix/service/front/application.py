@@ -393,6 +393,7 @@ def application(
         try:
             client = hub.open(socket.headers.get("origin"))
         except Problem as problem:
+            await socket.accept(SUBPROTOCOL)  # a socket that is not accepted gives no reason
             await socket.close(4429, problem.sentence)
             return
         socket.scope["state"]["session"] = client  # for `Connection.rank`

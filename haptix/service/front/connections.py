@@ -201,6 +201,7 @@ class HttpServer(uvicorn.Server):
                 partial(self.crowd.serve, app),
                 interface="asgi3",
                 http="h11",
+                log_config=None,  # its own would close the handlers of the log that runs
                 log_level="critical",  # the client gets its own error
                 backlog=_AT_ONCE,
                 limit_concurrency=MOST_CONNECTIONS if sys.platform == "win32" else None,

@@ -101,14 +101,16 @@ def problem_of(error: ValidationError, *where: Any) -> Problem:
     kind, place = first["type"], list(first["loc"])
     if kind == "json_invalid":
         return Problem("message", f"expected a JSON text: {first['ctx']['error']}")
-    if kind in ("union_tag_not_found", "model_attributes_type", "dict_type"):
-        return Problem("message", "expected an object with the key type", "/type")
-    if kind == "union_tag_invalid":
-        return Problem(
-            "message", f"unknown type: expected one of {first['ctx']['expected_tags']}", "/type"
-        )
     # The first of a whole message is the type.
     path = "".join(f"/{_pointer(part)}" for part in ([*where, *place] if where else place[1:]))
+    if kind.startswith("union_tag"):
+        tag = first["ctx"]["discriminator"].strip("'")
+        what = f"unknown {tag}: expected one of {first['ctx'].get('expected_tags')}"
+        if kind == "union_tag_not_found":
+            what = f"expected an object with the key {tag}"
+        return Problem("message", what, f"{path}/{tag}")
+    if not (place or where):
+        return Problem("message", "expected an object with the key type", "/type")
     if kind == "extra_forbidden":
         return Problem("message", f"unknown key {place[-1]!r}", path)
     got = json.dumps(first["input"], default=str) if kind != "missing" else "nothing"
