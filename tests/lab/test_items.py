@@ -229,6 +229,10 @@ def test_a_recipe_of_items_refuses_what_has_no_sense_with_them(tmp_path):
         (tmp_path / "a.toml").write_text(text)
         with pytest.raises(InputError, match=words):
             ExperimentRecipe.load(tmp_path / "a.toml")
+    for place in ("amplitude", "method.repeats"):  # which nothing would read
+        (tmp_path / "a.toml").write_text(good.replace("stimulus.signal.frequency_hz", place))
+        with pytest.raises(InputError, match=rf"items\.fast\.set\.{place}: .*with stimulus,"):
+            ExperimentRecipe.load(tmp_path / "a.toml").make_method()
     with pytest.raises(InputError, match="numbers of the items"):
         Pairs([1.0, 2.0], items=("a", "b"))
 

@@ -299,6 +299,10 @@ def test_a_recipe_has_conditions_in_an_order_by_participant():
     wrong = [{"name": "a", "set": {"stimulus.signal.of.frequency_hz": 1}}]
     with pytest.raises(InputError, match=r"conditions\.a\.set\.stimulus"):
         ExperimentRecipe(**{**RECIPE, "conditions": wrong}).make_method()
+    for place in ("drive_hz", "finger", "seed"):  # which nothing would read
+        beside = [{"name": "a"}, {"name": "b", "set": {place: 3}}]
+        with pytest.raises(InputError, match=rf"conditions\.b\.set\.{place}: .*stimulus"):
+            make(conditions=beside)
     with pytest.raises(InputError, match="differ"):
         ExperimentRecipe(**{**RECIPE, "conditions": [{"name": "a"}, {"name": "a"}]})
     assert make(conditions=[], task="3afc").guess == pytest.approx(1 / 3)

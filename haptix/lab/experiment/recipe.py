@@ -248,8 +248,17 @@ class ExperimentRecipe(Document):
     ) -> dict[str, Any]:
         names = ("stimulus", "pedestal", "method")
         tables = deepcopy({name: getattr(self, name) for name in names})
-        for dotted, value in condition.set.items() if condition else ():
-            put(tables, dotted, value, f"{among}.{condition.name}.set" if condition else "")
+        if condition is None:
+            return tables
+        place = f"{among}.{condition.name}.set"
+        for dotted, value in condition.set.items():
+            known = names if among == "conditions" else ("stimulus",)
+            if dotted.split(".")[0] not in known:
+                raise InputError(
+                    f"{place}.{dotted}: expected a place that begins with {' or '.join(known)}, "
+                    "such as stimulus.signal.frequency_hz"
+                )
+            put(tables, dotted, value, place)
         return tables
 
     def _method(
