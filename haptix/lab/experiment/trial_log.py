@@ -516,7 +516,9 @@ def read_sessions(source: str | Path) -> list[LoggedSession]:
             by_labels[session.participant, session.session, session.task] = session
         sessions = [by_labels[key] for key in sorted(by_labels)]
     else:
-        logs = (path for path in sorted(source.rglob("*.tsv")) if is_log(path))
+        # A log may have any name; those of the service's page end in .csv.
+        files = sorted(path for path in source.rglob("*") if path.is_file())
+        logs = (path for path in files if is_log(path))
         sessions = [read_log(path) for path in logs]
     if not sessions:
         raise InputError(f"{source}: has no log of trials; name a log, or the folder of a study")

@@ -16,7 +16,6 @@ import torch
 from torch import Tensor
 
 from haptix.base.errors import InputError
-from haptix.base.native import Struct, doubles, library, room
 from haptix.model.contact.area import AreaLaw
 
 # J falls as exp(-y^2). Beyond this y it is below 1e-15 of its values at y ~ 1, and is set to zero:
@@ -264,12 +263,9 @@ class SeparationIntegral:
         pressure, variance, low = (
             one.expand(shape).reshape(-1) for one in (pressure, variance, low)
         )
-        recorded = (pressure, variance, low, waves.intercept, waves.slope)
-        if not any(part.requires_grad or part.is_cuda for part in recorded):
-            return self._plainly(*recorded[:3], waves, panels).reshape(shape)
         total = torch.zeros_like(low)
-        # Looping over panels and points, and not over the batch, keeps every array within the CPU's
-        # cache.
+        # This is the inner loop of every solve. Looping over panels and points, and not over the
+        # batch, keeps every array within the CPU's cache.
         for end, rule in panels:
             # The others start behind this panel.
             at = (low.detach() < end).nonzero()[:, 0]
@@ -285,41 +281,3 @@ class SeparationIntegral:
             total = total.index_add(0, at, part)
             low = low.clamp(min=end)
         return total.reshape(shape)
-
-    def _plainly(
-        self,
-        pressure: Tensor,
-        variance: Tensor,
-        low: Tensor,
-        waves: PiecewiseLinear,
-        panels: Sequence[tuple[float, Tensor]],
-    ) -> Tensor:
-        """`over_waves` of plain numbers, by the library in C: the inner loop of every solve."""
-        nodes, table = waves.nodes.numpy(), self._log_j
-        cells, span = len(nodes) - 1, float(nodes[-1] - nodes[0])
-        even = nodes[0] + span / cells * np.arange(cells)
-        hints = np.searchsorted(nodes[1:-1], even, side="right").astype(np.int32)
-        lines = torch.stack([waves.intercept, waves.slope], -1).reshape(cells, 4)
-        given = Struct(
-            "hx_waves",
-            cells=cells,
-            nodes=nodes,
-            lines=lines.numpy(),
-            hints=np.maximum(hints - 1, 0),  # one earlier, for rounding
-            per_hint=cells / span,
-            panels=len(panels),
-            ends=np.array([end for end, _ in panels]),
-            points=np.array([len(rule) for _, rule in panels], dtype=np.int32),
-            rules=torch.cat([rule for _, rule in panels]).numpy(),
-            j_nodes=_NODES,
-            cubics=table._cubics.T.contiguous().numpy(),
-            start=log(_Y_MIN),
-            end=log(Y_MAX),
-            per_step=1 / table.step,
-            growth=self._growth,
-            least=1 / Y_MAX,
-        )
-        total, room_of_total = room(len(low))
-        numbers = (doubles(one.numpy()) for one in (pressure, variance, low))
-        library.hx_over_waves(given.at, len(low), *numbers, room_of_total)
-        return torch.from_numpy(total)
