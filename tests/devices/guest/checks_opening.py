@@ -89,8 +89,7 @@ def another_device_with_the_same_numbers(way):
 @check(*WAYS)
 def in_use_by_another_process_or_object(way):
     """The second is disconnected, the first plays on, and it may be opened when that has closed."""
-    elsewhere = Elsewhere(lambda: error_of(way.open))
-    with PluggedBoard() as board:
+    with Elsewhere(lambda: error_of(way.open)) as elsewhere, PluggedBoard() as board:
         device = way.open(mode="waveform", sample_rate_hz=48000)
         there, here = elsewhere.run(), error_of(way.open)
         _plays(device, board)
@@ -111,14 +110,13 @@ def _load_all():
 @check(*WAYS)
 def a_user_without_permission(way):
     """The error names the udev rule; with the access that the rule gives, it opens."""
-    shut_out = Elsewhere(lambda: error_of(way.open), _NOBODY, _load_all)
-    let_in = Elsewhere(lambda: error_of(lambda: way.open().close()), _NOBODY, _load_all)
-    with PluggedBoard() as board:
+    opens = Elsewhere(lambda: error_of(lambda: way.open().close()), _NOBODY, _load_all)
+    with opens as nobody, PluggedBoard() as board:
         usb, hidraw = nodes_of(board.serial)
-        denied = shut_out.run()
+        denied = nobody.run()
         for node in usb + hidraw:
             node.chmod(0o666)
-        allowed = let_in.run()
+        allowed = nobody.run()
     require(type(denied) is DevicePermissionError, repr(denied))
     require("haptix doctor --install-udev" in str(denied), denied)
     require(allowed is None, repr(allowed))

@@ -259,8 +259,9 @@ def a_touchscreen_that_one_may_not_read() -> dict[str, float]:
             (found,) = [info for info in find_touchscreens() if info.path == path]
             return " ".join(found.odd), str(error_of(lambda: Touchscreen(path)))
 
-        for text in Elsewhere(told, user_id=65534).run():
-            require("usermod -aG input" in text, text)
+        with Elsewhere(told, user_id=65534) as nobody:
+            for text in nobody.run():
+                require("usermod -aG input" in text, text)
     return {}
 
 

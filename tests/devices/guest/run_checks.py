@@ -1,5 +1,6 @@
 """Runs in the guest: every check in a process of its own; a line of JSON for each to /dev/ttyS1."""
 
+import gc
 import json
 import os
 import signal
@@ -38,9 +39,10 @@ def start_udev():
 
 def load_once():
     """Load what each check needs, but no library of USB: each takes a guest seconds."""
-    for module in ("usb.core", "usb.util", "usb.backend.libusb1"):
+    for module in ("usb.core", "usb.util", "usb.backend.libusb1", "serial", "nidaqmx.system"):
         import_module(module)
     open_device("mock:").close()  # with the declarations of the core and the entry points of links
+    gc.freeze()  # else each check would copy the pages of all objects, to count them
 
 
 def run(name):

@@ -1,7 +1,7 @@
 """The ways to a board, the registry of checks, and what every check needs."""
 
+import multiprocessing
 import os
-import pickle
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,7 +54,7 @@ class Elsewhere:
     Parameters
     ----------
     function : callable
-        Its answer, or the exception that it raised, comes back from `run`.
+        Its answer, or the exception that it raised, comes back from each `run`.
     user_id : int, optional
         Of whom to become first.
     before : callable, optional
@@ -62,35 +62,43 @@ class Elsewhere:
     """
 
     def __init__(self, function, user_id=None, before=None):
-        here, there = os.pipe(), os.pipe()
+        self._commands, theirs = multiprocessing.Pipe()
         self._process = os.fork()
         if self._process == 0:
-            os.close(here[1])
-            os.read(here[0], 1)
+            self._commands.close()
             try:
+                theirs.recv()
                 if before is not None:
                     before()
                 if user_id is not None:
                     os.setgroups([])
                     os.setgid(user_id)
                     os.setuid(user_id)
-                answer = function()
-            except BaseException as error:
-                answer = error
-            os.write(there[1], pickle.dumps(answer))
-            os._exit(0)
-        os.close(here[0])
-        os.close(there[1])
-        self._go, self._answer = here[1], there[0]
+                while True:
+                    theirs.send(_answer_of(function))
+                    theirs.recv()
+            finally:
+                os._exit(0)  # whoever waits for an answer finds the end of the pipe
+        theirs.close()
 
     def run(self):
         """Let it run, and return its answer."""
-        os.write(self._go, b"!")
-        with os.fdopen(self._answer, "rb") as pipe:
-            answer = pickle.load(pipe)
+        self._commands.send(None)
+        return self._commands.recv()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        self._commands.close()
         os.waitpid(self._process, 0)
-        os.close(self._go)
-        return answer
+
+
+def _answer_of(function):
+    try:
+        return function()
+    except BaseException as error:
+        return error
 
 
 def error_of(function):
