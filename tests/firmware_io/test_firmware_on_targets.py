@@ -128,10 +128,11 @@ def objects_of(tmp_path_factory):
         if (processor, *sizes) not in made:
             compiler = PROCESSORS[processor][1]
             folder = tmp_path_factory.mktemp(processor)
-            # What is for the linker is not used here.
+            # What is for the linker is not used here, and zig takes one file at a time.
             command = [*compiler, "-Wno-unused-command-line-argument", *sizes]
-            command += [f"-I{ROOM / 'firmware'}", "-c", *SOURCES]
-            subprocess.run(command, check=True, cwd=folder)
+            command += [f"-I{ROOM / 'firmware'}", "-c"]
+            for path in SOURCES:
+                subprocess.run([*command, path], check=True, cwd=folder)
             made[processor, *sizes] = [folder / f"{path.stem}.o" for path in SOURCES]
         return made[processor, *sizes]
 
