@@ -134,7 +134,7 @@ const commands = {
   },
   /** The processor, and no other part, stands still for a while. */
   stall: ({ us }) => (chip.stallsUntil = chip.clock.nanos + us * 1000),
-  time: () => say({ time: chip.clock.micros }),
+  time: () => say({ time: chip.clock.micros, at: playedBefore + codes.length }),
   wire: ({ isWrong = false, offset = 0 }) => ([isWiredWrong, offsetCode] = [isWrong, offset]),
   /** Amid a call of the core nothing would notice it: docs/safety.md. */
   flip: (where) => (flipDue = where),
