@@ -94,7 +94,10 @@ class Cells:
 
     @property
     def compiled(self) -> Struct:
-        """The same for the library in C."""
+        """The same for the library in C.
+
+        The arrays are its own: to send a tensor to another process, torch moves its memory.
+        """
         return Struct(
             "hx_cells",
             start=self.start,
@@ -102,10 +105,10 @@ class Cells:
             places=len(self.guide),
             cells=len(self.scale),
             steps=self.steps,
-            guide=self.guide.numpy(),
-            upper=self.upper.numpy(),
-            scale=self.scale.numpy(),
-            offset=self.offset.numpy(),
+            guide=self.guide.numpy().copy(),
+            upper=self.upper.numpy().copy(),
+            scale=self.scale.numpy().copy(),
+            offset=self.offset.numpy().copy(),
         )
 
 

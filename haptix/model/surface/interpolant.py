@@ -294,8 +294,8 @@ class Interpolant(Displayed):
 
     @cached_property
     def _compiled(self) -> Struct:
-        """The same for the library in C."""
-        columns = self.columns.contiguous()
+        """The same for the library in C, with arrays of its own as in `Cells.compiled`."""
+        columns = np.array(self.columns.numpy(), order="C")
         axes = [axis.cells.compiled for axis in self.axes if axis.varies]
         return Struct(
             "hx_surface",
@@ -305,8 +305,8 @@ class Interpolant(Displayed):
             highest=[log(axis.high * (1 + SLACK)) for axis in self.axes if axis.varies],
             drive=self._drive_cells.compiled,
             width=columns.shape[-1],
-            columns=columns.numpy(),
-            ends=columns[..., -_EXTRA:].contiguous().numpy(),
+            columns=columns,
+            ends=np.ascontiguousarray(columns[..., -_EXTRA:]),
             unit_v=self.unit_v,
             limit_v=self.voltage_limit_v,
             last_drive=self._last_drive,
@@ -460,10 +460,11 @@ class Slice:
         force, *others = table.axes
         if any(axis.varies for axis in others):
             raise InputError("surface: expected one frequency and h0; slice it with surface.at()")
-        return cls(
-            force.nodes.double().cpu().numpy(),
-            table.drive.double().cpu().numpy(),
-            table.columns.reshape(len(force.nodes), -1).double().cpu().contiguous().numpy(),
+        columns = table.columns.reshape(len(force.nodes), -1)
+        return cls(  # with arrays of its own, as in `Cells.compiled`
+            np.array(force.nodes.double().cpu().numpy()),
+            np.array(table.drive.double().cpu().numpy()),
+            np.array(columns.double().cpu().numpy(), order="C"),
             table.unit_v,
             table.voltage_limit_v if limit_v is None else limit_v,
             table.limited_by,
