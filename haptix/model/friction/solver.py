@@ -104,7 +104,9 @@ class FrictionSolver:
             pull = pull_of(voltage_v[at], circuit.part(at))
             attraction = pull.strength[:, None] * pull.kernel[pull.own_column][:, 0]
             broken = torch.where(attraction > most_pa, attraction, 0.0)
-            past.append(at[torch.linalg.vecdot(broken, mass) > allowed[at]])
+            # A share, since a theory may lift the gaps beside spots: they attract less than here.
+            share = torch.linalg.vecdot(broken, mass) / torch.linalg.vecdot(attraction, mass)
+            past.append(at[share * gaps[at] > allowed[at]])
         return torch.cat(past)
 
     def load(self, normal_force_n: Tensor, pull: Pull) -> Load:
