@@ -225,6 +225,16 @@ def test_text_that_a_page_sends(tmp_path: Path) -> None:
     assert not {"measurements", "dielectric", "out"} & fields.keys()
 
 
+def test_heights_before_positions_are_the_same_scan() -> None:
+    in_um = X_M * 1e6, RIDGES_M[0] * 1e6
+    scan, same = (
+        read_surface(MeasuredTable.of(text, "text"))
+        for text in (text_of("x (um),z (um)", *in_um), text_of("z (um),x (um)", *in_um[::-1]))
+    )
+    assert same.heights_m[0] == pytest.approx(scan.heights_m[0])
+    assert same.pixel_m == pytest.approx(scan.pixel_m)
+
+
 def test_a_spectrum_of_text_and_a_scan_without_units() -> None:
     columns = MeasuredTable.of(text_of("", X_M * 1e6, RIDGES_M[0] * 1e6), "text")
     surface = read_surface(columns, unit="um")

@@ -210,7 +210,16 @@ def _of_columns(
             f"{path}: this is a spectrum; name its convention: C of Persson, or C_iso or C_1D of "
             "Jacobs et al. (2017), as SurfaceTopography writes them (--convention)"
         )
-    return MeasuredSurface.of_line(table.column(0, "m", unit), table.column(1, "m", unit))
+    first, second = table.column(0, "m", unit), table.column(1, "m", unit)
+    if _rises_or_falls(second) and not _rises_or_falls(first):  # z before x
+        first, second = second, first
+    return MeasuredSurface.of_line(first, second)
+
+
+def _rises_or_falls(values: npt.NDArray[np.float64]) -> bool:
+    """Whether values can be the places of a scan, each beyond the one before."""
+    steps = np.diff(values)
+    return bool((steps > 0).all() or (steps < 0).all())
 
 
 def _metres(unit: str, path: Path | str) -> float:
