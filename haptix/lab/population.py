@@ -176,7 +176,7 @@ class Population:
     def draw(
         finger: Finger, size: int, spread: Mapping[str, float], seed: int
     ) -> Iterator[tuple[Finger, dict[str, float]]]:
-        """Yield the fingers of `around` one by one, with the ratio of each field to its median.
+        """Yield the fingers of `around` one by one, with the value of each field that varies.
 
         Parameters
         ----------
@@ -198,11 +198,10 @@ class Population:
             _get(finger, name)
         generator = np.random.default_rng(seed)
         for _ in range(size):
-            drawn, ratios = finger, {}
+            drawn = finger
             for name, width in spread.items():
-                ratios[name] = float(np.exp(width * generator.standard_normal()))
-                drawn = _scaled(drawn, name, ratios[name])
-            yield drawn, ratios
+                drawn = _scaled(drawn, name, float(np.exp(width * generator.standard_normal())))
+            yield drawn, {name: _get(drawn, name) for name in spread}
 
 
 def _get(finger: Finger, name: str) -> float:

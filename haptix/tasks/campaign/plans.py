@@ -128,8 +128,8 @@ def people_of(
         yield finger, {"finger": name}
         return
     people = Population.draw(finger, drawn.size, drawn.spread, drawn.seed)
-    for number, (person, ratios) in enumerate(people):
-        yield person, {"finger": name, "person": number, **ratios}
+    for number, (person, drawn_fields) in enumerate(people):
+        yield person, {"finger": name, "person": number, **drawn_fields}
 
 
 def places_of(patterns: tuple[str, ...], folder: Path) -> Iterator[Path]:
