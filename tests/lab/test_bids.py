@@ -16,7 +16,14 @@ from firmware_io import Device, MockDriver, MockLink
 from haptix.base.errors import FileFormatError, InputError
 from haptix.base.files import write_whole
 from haptix.lab.analysis.study import begin, export
-from haptix.lab.experiment import ConstantStimuli, Experiment, Practice, SessionPlan
+from haptix.lab.experiment import (
+    Catch,
+    ConstantStimuli,
+    Experiment,
+    Pairs,
+    Practice,
+    SessionPlan,
+)
 from haptix.lab.experiment.recipe import ExperimentRecipe
 from tests.hand_clock import HandClock
 from tests.lab.chained import rows_of, stopped_after, write_rows
@@ -26,7 +33,10 @@ WAVE = np.sin(2 * np.pi * 120 * np.arange(4800) / 48_000)
 FORCE_N, STEP_MM = 0.5, 2.0
 
 
-def session(path):
+PRACTISED = SessionPlan(practice=Practice(trials=1, level=36.0))
+
+
+def session(path, method=None, task="2ifc", plan=PRACTISED):
     """A session whose panel reports a stroke in each trial; returns the path of each stroke.
 
     Time passes only where this says so.
@@ -60,14 +70,15 @@ def session(path):
         return question.right
 
     Experiment(
-        ConstantStimuli([30.0, 34.0], 2),
+        method or ConstantStimuli([30.0, 34.0], 2),
         at_level(WAVE),
         Sliding(),
         answer,
         path,
+        task,
         clock=clock,
         wait=lambda seconds: None,
-        plan=SessionPlan(practice=Practice(trials=1, level=36.0)),
+        plan=plan,
     ).run()
     device.close()
     return strokes
@@ -133,6 +144,31 @@ def at_other_times(path, time_of):
         row["reaction_s"] = f"{time_of(answered_s) - time_of(answered_s - reaction_s):.4f}"
     write_rows(path, rows)
     return rows
+
+
+def presented(log, study):
+    """What the stimulus of a session says of itself, its steps, and the levels of the log."""
+    export(log, study, "07", "1", "detection")
+    about, level = continuous(study, "stim")
+    steps = level[np.diff(level, prepend=np.nan) != 0]
+    levels = [float(row["level"]) for row in rows_of(log) if row["kind"] == "trial"]
+    return about["level"], steps[~np.isnan(steps)].tolist(), levels
+
+
+def test_no_stimulus_is_stated_where_there_was_no_target(tmp_path):
+    plan = SessionPlan(catch=Catch(share=0.5))
+    session(tmp_path / "log.tsv", ConstantStimuli([30.0, 34.0], 5), "yes-no", plan)
+    about, steps, levels = presented(tmp_path / "log.tsv", tmp_path / "study")
+    assert steps == levels and len(levels) < len(rows_of(tmp_path / "log.tsv"))
+    assert about["Units"] == "dB"
+
+
+def test_numbers_of_items_are_no_levels_in_db(tmp_path):
+    method = Pairs([0, 1, 2], 1, items=("denim", "silk", "wool"))
+    session(tmp_path / "log.tsv", method, "pairs", SessionPlan())
+    about, steps, levels = presented(tmp_path / "log.tsv", tmp_path / "study")
+    assert steps == levels
+    assert "Units" not in about and "denim, silk, wool" in about["Description"]
 
 
 @pytest.mark.parametrize("scale", [0.001, 0.01, 0.1, 1.0, 10.0])

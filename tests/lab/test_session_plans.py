@@ -73,6 +73,17 @@ def test_practice_catch_trials_breaks_and_feedback(device, tmp_path):
     assert run.summary() == {"catch_trials": kinds.count("catch"), "catch_right": 1.0}
 
 
+def test_conditions_that_are_interleaved_are_all_practised(device, tmp_path):
+    plan = SessionPlan(practice=Practice(trials=6, level=40.0))
+    methods = {name: ConstantStimuli([20.0, 25.0], 2) for name in "abc"}
+    made = {name: at_level(WAVE, 1 - 0.1 * k) for k, name in enumerate(methods)}
+    rows = list(
+        experiment(device, tmp_path / "a.tsv", MethodsByCondition(methods), plan=plan, made=made)
+    )
+    assert Counter(row["condition"] for row in rows[:6]) == {"a": 2, "b": 2, "c": 2}
+    assert Counter(row["condition"] for row in rows[6:]) == {"a": 4, "b": 4, "c": 4}
+
+
 def test_a_resumed_session_has_the_same_trials(device, tmp_path):
     plan = SessionPlan(practice=Practice(trials=2, level=40.0), catch=Catch(share=0.3, level=38.0))
 

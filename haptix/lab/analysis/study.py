@@ -29,7 +29,7 @@ from haptix.base.files import (
     write_whole,
 )
 from haptix.base.version import __version__
-from haptix.lab.experiment.session_plan import replayed
+from haptix.lab.experiment.session_plan import replayed, task_named
 from haptix.lab.experiment.trial_log import COLUMNS, SETTINGS, End, TouchLog, read_log
 
 BIDS_VERSION = "1.10.0"
@@ -220,7 +220,7 @@ _TEXTS = {
     "attempt": "Earlier attempts at this trial",
     "time_s": "Time of the answer since the session began [s]",
     "level_asked": "Level that the method asked for",
-    "level": "Level that was presented; of items their number, from 0",
+    "level": "Level that was presented, if there was a target; of items their number, from 0",
     "lowered_to_ceiling": "Whether the ceiling of the voltage lowered the level",
     "correct": "Answer that was right",
     "answer": "Answer that was given",
@@ -359,7 +359,7 @@ def _beh(
         base.with_name(f"{base.name}_beh.json"): json_text(about).encode(),
     }
     timed = [row for row in rows if row["onset_s"] != "n/a"]
-    return files | (_stimulus(base, timed, task) if timed else {})
+    return files | (_stimulus(base, timed, task, settings) if timed else {})
 
 
 def _described(settings: Mapping[str, Any]) -> dict[str, str]:
@@ -367,7 +367,9 @@ def _described(settings: Mapping[str, Any]) -> dict[str, str]:
     return {} if asks is None else {"TaskDescription": _ABOUT, "Instructions": asks}
 
 
-def _stimulus(base: Path, rows: Sequence[Mapping[str, str]], task: str) -> dict[Path, bytes]:
+def _stimulus(
+    base: Path, rows: Sequence[Mapping[str, str]], task: str, settings: Mapping[str, Any]
+) -> dict[Path, bytes]:
     """Return the level at regular times, close enough that no trial falls between two."""
     onset_s = np.array([float(row["onset_s"]) for row in rows])
     start, end = onset_s.min(), max(float(row["time_s"]) for row in rows)
@@ -378,15 +380,24 @@ def _stimulus(base: Path, rows: Sequence[Mapping[str, str]], task: str) -> dict[
     # Half up: Python's `round` takes 1.5 and 2.5 to the same sample.
     first = np.floor((onset_s - start) * rate_hz + 0.5).astype(int)
     level = np.full(max(round((end - start) * rate_hz), first.max()) + 1, np.nan)
+    asked = task_named(settings["task"])
     for at, row in zip(first, rows, strict=True):
-        level[at : at + max(1, round(float(_duration(row)) * rate_hz))] = float(row["level"])
-    text = "Level of the target while a trial is presented, its pauses included"
+        if not (asked.detects and row["kind"] == "catch"):
+            level[at : at + max(1, round(float(_duration(row)) * rate_hz))] = float(row["level"])
+    items = settings["method"].get("items")
+    what = f"Number, from 0, of the item ({', '.join(items)})" if items else "Level of the target"
+    if asked.is_ordered:
+        what = f"{what.replace('target', 'stimulus')} that is presented first"
+    text = f"{what} while a trial is presented, its pauses included"
+    if asked.detects:
+        text += "; n/a in trials without one"
     if lost := len(rows) - len(np.unique(first)):
         text += (
             f"; without {lost} trials that began less than a sample before another: "
             "*_beh.tsv has the onset and level of every trial"
         )
-    return _continuous(base, task, "stim", level, start, "level", text, "dB", rate_hz)
+    unit = "" if items else "dB"
+    return _continuous(base, task, "stim", level, start, "level", text, unit, rate_hz)
 
 
 def _duration(row: Mapping[str, str]) -> str:
@@ -497,7 +508,7 @@ def _continuous(
         "SamplingFrequency": float(rate_hz),
         "StartTime": round(start_s, 5),
         "Columns": [column],
-        column: {"Description": text, "Units": unit},
+        column: {"Description": text, **({"Units": unit} if unit else {})},
         **({"PhysioType": "generic"} if suffix == "physio" else {}),
     }
     data = gzip.compress(("\n".join(cells) + "\n").encode(), mtime=0)

@@ -137,8 +137,8 @@ class MethodsByCondition(Method):
     seed : int
         Seed of the draws.
     stream : int
-        Keeps these draws apart from those of the intervals, which have the same seed; 0 where a log
-        states none, whose draws were not apart.
+        Keeps these draws apart from those of the intervals, which have the same seed. 0 where a log
+        states none: its draws were not apart, and its practice was of one condition.
     """
 
     methods: Mapping[str, Method]
@@ -163,6 +163,11 @@ class MethodsByCondition(Method):
             draw = np.random.default_rng([self.seed, self._taken, self.stream])
             self._drawn = left[int(draw.integers(len(left)))] if self.interleaved else left[0]
         return self._drawn
+
+    def practised(self, trial: int) -> str:
+        """Return the condition of a practice trial: in turn those that are interleaved."""
+        names = list(self.methods)
+        return names[trial % len(names)] if self.interleaved and self.stream else self.condition
 
     @property
     def level(self) -> float:

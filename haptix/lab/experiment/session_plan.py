@@ -332,7 +332,10 @@ class TrialSequence:
             level = plan.catch.level
         draw = np.random.default_rng([self.seed, self.trials, self.attempt])
         has_target, right = self.task.arrange(draw, kind == "catch")
-        condition = self.method.condition if isinstance(self.method, MethodsByCondition) else ""
+        condition, several = "", self.method
+        if isinstance(several, MethodsByCondition):
+            is_practice = kind == "practice"
+            condition = several.practised(self.trials) if is_practice else several.condition
         return NextTrial(kind, condition, level, self.method.other_levels, has_target, right)
 
     def hear(self, row: Mapping[str, str]) -> None:
