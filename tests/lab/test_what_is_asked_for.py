@@ -117,6 +117,19 @@ def test_a_level_that_is_not_possible_is_answered_by_one_that_is():
     assert 95 < max(peaks) <= 100
 
 
+@pytest.mark.parametrize("samples", [4800, 1000])
+@pytest.mark.parametrize("number", [1, 2, 256, 511])  # codes 1 1, 1 2, 2 2 and 3 3
+def test_a_recorder_gets_both_pulses_of_an_onset(number, samples):
+    """It takes each change to a code but 0 as an event."""
+    trigger = Trigger(number, samples, RATE, 2)
+    level = np.rint(trigger.values(0, samples) * 256).astype(int)
+    begins = np.flatnonzero(np.diff(level, prepend=0))
+    *onset, end = [int(level[at]) for at in begins if level[at]]
+    assert (onset[0] - 1) * 254 + onset[1] == number and len(onset) == 2 and end == 255
+    lengths = np.diff([*begins, samples])[level[begins] > 0]
+    assert trigger.describe()["pulse_s"] == pytest.approx(lengths / RATE)
+
+
 def test_triggers_tell_more_than_254_apart():
     assert [pulses(count) for count in (1, CODES, CODES + 1, CODES**2)] == [1, 1, 2, 2]
     with pytest.raises(InputError, match="several sets"):
@@ -124,8 +137,8 @@ def test_triggers_tell_more_than_254_apart():
     codes = {Trigger(n, 4800, RATE, 2).onset_codes for n in range(1, 1000)}
     assert len(codes) == 999
     levels = Trigger(300, 4800, RATE, 2).values(0, 4800) * 256
-    a, b = levels[10], levels[490]
-    assert (a - 1) * 254 + b == 300 and not levels[960:-480].any() and levels[-1] == 255
+    a, b = levels[10], levels[970]
+    assert (a - 1) * 254 + b == 300 and not levels[1440:-480].any() and levels[-1] == 255
     cut = np.concatenate([Trigger(300, 4800, RATE, 2).values(k, 96) for k in range(0, 4800, 96)])
     np.testing.assert_array_equal(cut * 256, levels)
     many = [Stimulus(f"s{n}", Sine(0.1, 20.0).lasting(0.1)) for n in range(300)]

@@ -29,6 +29,7 @@ CODES = END_CODE - 1
 """Codes of a pulse at the onset: 1 to 254."""
 
 PULSE_S = 0.01
+"""Length of a pulse, and of the pause between two; shorter where a file has no room for it."""
 
 LEVELS = 256
 
@@ -98,7 +99,7 @@ def events(
 TRIGGERS = {
     1: "Code of the onset's pulse on the file's second channel",
     2: "Number of the stimulus: (a - 1) 254 + b, with the codes a and b of the two pulses of its "
-    "onset, one after the other on the file's second channel",
+    "onset on the file's second channel, with a pause of their length between them",
 }
 """Meaning of the codes of a set, by the pulses of an onset."""
 
@@ -130,8 +131,8 @@ class Trigger:
     drives the screen.
 
     The onset has a code of 1 to 254, at the first sample; or two pulses, whose codes a and b make
-    the number ``(a - 1) 254 + b``. `END_CODE` marks the end: its pulse ends with the file, which
-    has a length of `samples`.
+    the number ``(a - 1) 254 + b``, and a pause between them, since the codes may be equal.
+    `END_CODE` marks the end: its pulse ends with the file, which has a length of `samples`.
     """
 
     onset_code: int
@@ -151,12 +152,16 @@ class Trigger:
         high, low = divmod(self.onset_code - 1, CODES)
         return (low + 1,) if self.pulses == 1 else (high + 1, low + 1)
 
+    @property
+    def _width(self) -> int:
+        """Samples of a pulse."""
+        return min(round(PULSE_S * self.sample_rate_hz), self.samples // (2 * self.pulses))
+
     def values(self, first: int, count: int) -> npt.NDArray[np.float32]:
         """Levels at samples, shape (count,)."""
-        width = min(round(PULSE_S * self.sample_rate_hz), self.samples // (2 * self.pulses))
-        level = np.zeros(count, np.float32)
+        width, level = self._width, np.zeros(count, np.float32)
         for place, code in enumerate(self.onset_codes):
-            begin = place * width - first
+            begin = 2 * place * width - first
             level[max(0, begin) : max(0, begin + width)] = code / LEVELS
         level[max(0, self.samples - width - first) : max(0, self.samples - first)] = (
             END_CODE / LEVELS
@@ -168,7 +173,7 @@ class Trigger:
         return {
             "channel": 2,
             "level": "code / 256 of full scale",
-            "pulse_s": PULSE_S,
+            "pulse_s": self._width / self.sample_rate_hz,
             "onset_code": self.onset_code,
             **({"onset_codes": list(self.onset_codes)} if self.pulses > 1 else {}),
             "end_code": END_CODE,
