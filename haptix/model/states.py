@@ -234,6 +234,19 @@ class PeriodState(Table):
         return ax
 
 
+def plain_array(value: Any) -> Any:
+    """Return an array, or a series of pandas, as torch takes it; anything else as it is.
+
+    torch takes no negative strides, no other order of bytes, no array that cannot be written, and
+    looks a series up by its labels.
+    """
+    if not isinstance(value, np.ndarray) and hasattr(value, "to_numpy"):
+        value = value.to_numpy()
+    if isinstance(value, np.ndarray):
+        value = np.require(value, value.dtype.newbyteorder("="), ["C", "W"])
+    return value
+
+
 def checked(
     name: str, value: Any, expected: str, device: torch.device, zero: bool = False
 ) -> Tensor:
@@ -241,9 +254,10 @@ def checked(
 
     Raises `InputError` naming the quantity, what was `expected` and the first wrong value.
     """
+    value = plain_array(value)
     try:
         tensor = torch.as_tensor(value, dtype=torch.float64, device=device)
-    except (TypeError, ValueError, RuntimeError):
+    except (TypeError, ValueError, RuntimeError, OverflowError):
         raise InputError(f"{name}: expected numbers {expected}, got {value!r}") from None
     good = tensor.isfinite() & ((tensor >= 0) if zero else (tensor > 0))
     if tensor.numel() == 0 or not bool(good.all()):

@@ -18,6 +18,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from haptix.base.checks import boolean
 from haptix.base.errors import InputError
 from haptix.model.contact import ElasticSolid, HalfSpace, Layered, MeanField
 from haptix.model.electro import VACUUM_PERMITTIVITY, FieldLimit
@@ -452,7 +453,8 @@ def chosen_terms(
             f"{', '.join(TERMS)}"
         )
     if isinstance(terms, Mapping):
-        on = {name for name in TERMS if terms.get(name, name in usual)}
+        switched = {name: boolean(f"terms: {name}", on) for name, on in terms.items()}
+        on = {name for name in TERMS if switched.get(name, name in usual)}
     else:
         on = set(terms)
     for name in sorted(on - possible):

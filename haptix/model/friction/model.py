@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from haptix.base.checks import choice, eager, instance
+from haptix.base.checks import choice, eager, instance, whole
 from haptix.base.display import Displayed
 from haptix.base.errors import InputError, LimitError
 from haptix.base.threads import backward_on_one_thread, one_thread
@@ -504,12 +504,14 @@ class ContactModel(Displayed):
         """
         waveform = _COSINE if waveform is None else waveform
         self.require(Ability.INSTANTS, "over_period")
-        if samples < 8:
-            raise InputError(f"samples: expected 8 or more in a period, got {samples}")
-        force = self._checked("normal_force_n", normal_force_n, "above 0 N").expand(samples)
+        samples = whole("samples", samples, least=8)
+        force = self._checked("normal_force_n", normal_force_n, "above 0 N")
         voltage = self._voltage(voltage_v)
         frequency = self._checked("frequency_hz", frequency_hz, "above 0 Hz")
         h0 = self._checked("h0_m", self.screen.h0_m if h0_m is None else h0_m, "above 0 m")
+        if many := [tuple(one.shape) for one in (force, voltage, frequency, h0) if one.ndim]:
+            raise InputError(f"over_period: expected one state, got arrays of shape {many[0]}")
+        force = force.expand(samples)
         turns = np.arange(samples) / samples
         phase = 2 * torch.pi * torch.from_numpy(turns).to(self.contact.device)
 

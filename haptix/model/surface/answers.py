@@ -17,7 +17,7 @@ from haptix.model.contact import Accuracy
 from haptix.model.perception.thresholds import WEBER_FRACTION
 from haptix.model.states import broadcast_shape
 from haptix.model.status import Status
-from haptix.model.surface.axes import AXIS_NAMES, Axes, numbers
+from haptix.model.surface.axes import AXIS_NAMES, SLACK, Axes, numbers
 from haptix.model.surface.interpolant import Interpolant
 
 _DIGITS = 4  # decimals of a JND: far finer than any interval is known
@@ -50,16 +50,29 @@ def check_ok(status: Tensor, table: Interpolant, method: str) -> None:
     bad = status[status != int(Status.OK)]
     if len(bad) == 0:
         return
-    spans = ", ".join(
-        f"{axis.name} {axis.low:g} to {axis.high:g}" for axis in table.axes if not axis.is_absent
-    )
     counts = ", ".join(
         f"{int((bad == code).sum())} {Status(code).name}" for code in bad.unique().tolist()
     )
     raise RangeError(
         f"{len(bad)} of {status.numel()} points lie outside the surface ({counts}): expected "
-        f"{spans}, voltage_v 0 to {table.voltage_limit_v:g} and short of pull-in; build it for "
-        f"a wider range, or take `{method}` without `strict`: it gives a status per point"
+        f"{_spans(table)}, voltage_v 0 to {table.voltage_limit_v:g} and short of pull-in; build it "
+        f"for a wider range, or take `{method}` without `strict`: it gives a status per point"
+    )
+
+
+def check_inside(status: Tensor, table: Interpolant) -> None:
+    """Raise `RangeError` if a place of a query lies outside the axes of the surface."""
+    outside = int((status == int(Status.OUT_OF_RANGE)).sum())
+    if outside:
+        raise RangeError(
+            f"{outside} of {status.numel()} places lie outside the surface: expected "
+            f"{_spans(table)}; build it for a wider range"
+        )
+
+
+def _spans(table: Interpolant) -> str:
+    return ", ".join(
+        f"{axis.name} {axis.low:g} to {axis.high:g}" for axis in table.axes if not axis.is_absent
     )
 
 
@@ -68,8 +81,8 @@ class Intervals(Displayed):
     """Half-widths of 90 % intervals of the theory, the widest in each cell.
 
     They are taken where columns end; at lower voltages they are narrower. An axis has eight cells
-    at most. Tensors have the broadcast shape of the places. They are infinite where the theory was
-    not compared with boundary elements.
+    at most. Tensors have the broadcast shape of the places. They are infinite outside the surface,
+    and where the theory was not compared with boundary elements.
     """
 
     mu_jnd: Tensor
@@ -110,13 +123,14 @@ def record_of(axes: Axes, accuracy: Accuracy) -> dict[str, Any]:
 
 
 def intervals_at(info: Mapping[str, Any], places: Mapping[str, Any]) -> Intervals:
-    """Read the intervals of the cells in which places lie; outside, those of the nearest cell.
+    """Read the intervals of the cells in which places lie; they are infinite outside.
 
     Raises `InputError` if a place on one of its axes is missing.
     """
     known, like = info["intervals"], torch.zeros((), dtype=torch.float64)
     values = {name: numbers(name, at, like) for name, at in places.items() if at is not None}
     cell = torch.zeros(broadcast_shape(*values.values()), dtype=torch.long)
+    is_inside = torch.ones_like(cell, dtype=torch.bool)
     for name in AXIS_NAMES:
         if name not in known:
             continue
@@ -125,9 +139,13 @@ def intervals_at(info: Mapping[str, Any], places: Mapping[str, Any]) -> Interval
         inner = torch.tensor(known[name][1:-1], dtype=torch.float64)
         at = torch.bucketize(values[name].contiguous(), inner, right=True)
         cell = cell * (len(inner) + 1) + at
+        low, high = known[name][0], known[name][-1]
+        is_inside &= values[name] >= low * (1 - SLACK)
+        is_inside &= values[name] <= high * (1 + SLACK)
     mu, contrast = (
         torch.tensor([inf if jnd is None else jnd for jnd in known[name]], dtype=torch.float64)
         for name in ("mu_jnd", "contrast_jnd")
     )
     error = float(info["error_max"]) / (WEBER_FRACTION * float(info["mu_low"]))
-    return Intervals(mu[cell], contrast[cell], error)
+    mu, contrast = (jnd[cell].where(is_inside, inf) for jnd in (mu, contrast))
+    return Intervals(mu, contrast, error)

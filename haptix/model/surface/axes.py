@@ -16,6 +16,7 @@ from haptix.base.display import Displayed
 from haptix.base.errors import InputError, LimitError, RangeError
 from haptix.base.native import Struct
 from haptix.model.screen import Screen
+from haptix.model.states import plain_array
 
 if TYPE_CHECKING:
     from haptix.model.friction import ContactModel
@@ -220,13 +221,12 @@ def between(low: float, high: float, share: Tensor) -> Tensor:
 
 def numbers(name: str, value: Any, like: Tensor) -> Tensor:
     """Return `value` as a tensor of the precision and device of `like`."""
+    value = plain_array(value)
     try:
-        if isinstance(value, np.ndarray):
-            value = np.ascontiguousarray(value)  # torch takes no negative strides
         if isinstance(value, Tensor | np.ndarray) and value.dtype in _COMPLEX:
             raise TypeError
         return torch.as_tensor(value, dtype=like.dtype, device=like.device)
-    except (TypeError, ValueError, RuntimeError):
+    except (TypeError, ValueError, RuntimeError, OverflowError):
         raise InputError(f"{name}: expected real numbers, got {value!r}") from None
 
 
@@ -343,7 +343,7 @@ class Corners:
         weight = torch.ones_like(self.parts[0])[:, None]
         for part in self.parts:
             high = weight * part[:, None]
-            weight = torch.stack([weight - high, high], -1).reshape(len(part), -1)
+            weight = torch.stack([weight - high, high], -1).flatten(1)
         rows = self.row[:, None] + self.row.new_tensor(self.offsets)
         first = torch.arange(0, rows.numel(), rows.shape[1], device=rows.device)
         column: Tensor = torch.nn.functional.embedding_bag(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import zlib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,6 +21,7 @@ from haptix.base.files import digest, parse_json, reading, write_whole
 from haptix.base.version import __version__, code_digest
 from haptix.model.friction import ContactModel
 from haptix.model.perception.thresholds import WEBER_FRACTION
+from haptix.model.states import plain_array
 from haptix.model.status import Status
 from haptix.model.surface.axes import AXES, AXIS_NAMES, Axes, read_ranges
 from haptix.model.surface.interpolant import Interpolant
@@ -169,10 +170,16 @@ def _assemble(path: Path, header: Info, tensors: dict[str, Tensor]) -> tuple[Int
         )
     for name in _NUMBERS:
         float(info[name])
+    _check_table(path, table, tensors.values())
+    return table, info
+
+
+def _check_table(source: object, table: Interpolant, tensors: Collection[Tensor]) -> None:
+    """Raise `FileFormatError` if a table is none that a build makes."""
     shape = (*table.axes.shape, len(table.drive) + 2)
     sound = {
         "columns have the shape of the axes": tuple(table.columns.shape) == shape,
-        "all numbers are of one precision": len({t.dtype for t in tensors.values()}) == 1
+        "all numbers are of one precision": len({t.dtype for t in tensors}) == 1
         and table.columns.dtype in (torch.float32, torch.float64),
         "nodes increase": all(map(_increases, (*(axis.nodes for axis in table.axes), table.drive))),
         "axes are above 0": not any(bool((axis.nodes <= 0).any()) for axis in table.axes),
@@ -183,8 +190,7 @@ def _assemble(path: Path, header: Info, tensors: dict[str, Tensor]) -> tuple[Int
     }
     wrong = [rule for rule, holds in sound.items() if not holds]
     if wrong:
-        raise FileFormatError(f"{path}: expected that {'; '.join(wrong)}; build it again")
-    return table, info
+        raise FileFormatError(f"{source}: expected that {'; '.join(wrong)}; build it again")
 
 
 def _is_friction(columns: Tensor) -> bool:
@@ -308,12 +314,15 @@ def of_dataset(dataset: xarray.Dataset) -> tuple[Interpolant, Info]:
             name: value.decode() if isinstance(value, bytes) else value
             for name, value in dataset.attrs.items()
         }
-        values = {str(name): torch.tensor(dataset[name].values) for name in dataset.variables}
+        values = {
+            str(name): torch.tensor(plain_array(dataset[name].values)) for name in dataset.variables
+        }
         unit_v, limit_v = float(about["unit_v"]), float(about["voltage_limit_v"])
         ends_v = [values[name] for name in ("pull_in_voltage_v", "breakdown_voltage_v")]
         columns = torch.cat([-1 / values["mu"], (torch.stack(ends_v, -1) / unit_v).log()], -1)
         limited_by = Status[about["limited_by"]]
         table = Interpolant(Axes.of(values), values["drive"], columns, unit_v, limit_v, limited_by)
+        _check_table("dataset", table, [values["mu"], values["drive"]])
         return table, json.loads(about["haptix_info"])
 
 

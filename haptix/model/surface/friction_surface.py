@@ -12,14 +12,21 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torch import Tensor
 
-from haptix.base.checks import Array, eager, instance
+from haptix.base.checks import Array, eager, instance, positive
 from haptix.base.display import Displayed, axes_or_new
 from haptix.base.errors import FileFormatError, InputError, RangeError, ToleranceError
 from haptix.base.files import cache_folder, file_at
 from haptix.base.results import ResultStore, folder_of
 from haptix.model.finger import Finger
 from haptix.model.friction import ContactModel
-from haptix.model.surface.answers import Intervals, Inversion, SurfaceSample, check_ok, intervals_at
+from haptix.model.surface.answers import (
+    Intervals,
+    Inversion,
+    SurfaceSample,
+    check_inside,
+    check_ok,
+    intervals_at,
+)
 from haptix.model.surface.axes import AXIS_NAMES, Axis, numbers, within
 from haptix.model.surface.boundary_elements import MeasuringJob, measured_table
 from haptix.model.surface.build import build_table
@@ -423,6 +430,11 @@ class FrictionSurface(Displayed):
         normal_force_n, frequency_hz, h0_m : float or array
             As in `mu`.
 
+        Raises
+        ------
+        RangeError
+            If a place lies outside the surface.
+
         Examples
         --------
         >>> import haptix
@@ -434,7 +446,8 @@ class FrictionSurface(Displayed):
         """
         places = _places(normal_force_n, frequency_hz, h0_m)
         no_voltage = torch.zeros_like(self.table.drive[0])
-        low, _ = self.table.evaluate(no_voltage, places)
+        low, status = self.table.evaluate(no_voltage, places)
+        check_inside(status, self.table)
         high, _ = self.table.evaluate(no_voltage + inf, places)
         return low, high
 
@@ -474,8 +487,16 @@ class FrictionSurface(Displayed):
         ----------
         normal_force_n, frequency_hz, h0_m : float or array
             As in `mu`.
+
+        Raises
+        ------
+        RangeError
+            If a place lies outside the surface.
         """
-        return self.table.end(_places(normal_force_n, frequency_hz, h0_m))
+        places = _places(normal_force_n, frequency_hz, h0_m)
+        _, status = self.table.evaluate(torch.zeros_like(self.table.drive[0]), places)
+        check_inside(status, self.table)
+        return self.table.end(places)
 
     def at(self, frequency_hz: float | None = None, h0_m: float | None = None) -> FrictionSurface:
         """Slice at one frequency or thickness, for queries that do not vary them.
@@ -543,14 +564,13 @@ class FrictionSurface(Displayed):
         >>> abs(float(column.mu([60.0])[0]) - float(surface.mu(0.5, 60.0))) < 1e-6
         True
         """
+        force_n = positive("normal_force_n", normal_force_n)
         columns = Slice.of(self.driven_at(frequency_hz, h0_m).table)
-        column = (columns if attraction is None else columns.averaged(attraction)).column(
-            normal_force_n
-        )
+        column = (columns if attraction is None else columns.averaged(attraction)).column(force_n)
         if not column.is_inside:
             axis = self.normal_force_n
             raise RangeError(
-                f"normal_force_n: {normal_force_n:g} N is outside the surface's "
+                f"normal_force_n: {force_n:g} N is outside the surface's "
                 f"{axis.low:g} to {axis.high:g} N; build one for it"
             )
         return column
@@ -563,6 +583,11 @@ class FrictionSurface(Displayed):
         voltage_v : float
             Such as the ceiling of a device.
 
+        Raises
+        ------
+        InputError
+            If it is not above 0.
+
         Examples
         --------
         >>> import haptix
@@ -571,9 +596,10 @@ class FrictionSurface(Displayed):
         >>> surface.limited(150.0).voltage_limit_v
         150.0
         """
-        if voltage_v >= self.voltage_limit_v:
+        limit_v = positive("voltage_v", voltage_v)
+        if limit_v >= self.voltage_limit_v:
             return self
-        return FrictionSurface(replace(self.table, voltage_limit_v=float(voltage_v)), self.info)
+        return FrictionSurface(replace(self.table, voltage_limit_v=limit_v), self.info)
 
     def to(self, dtype: torch.dtype, device: torch.device | str = "cpu") -> FrictionSurface:
         """Return a copy in another precision or on another device.

@@ -72,6 +72,20 @@ def test_arrays_of_others_are_no_surface(xarray) -> None:
         FrictionSurface.from_xarray(xarray.Dataset({"mu": ("x", [1.0, 2.0])}))
 
 
+def test_a_dataset_that_no_build_makes_is_refused(plain: FrictionSurface, xarray) -> None:
+    good = plain.to_xarray()
+    changed = {
+        "friction is finite and above 0": good.assign(mu=-good["mu"]),
+        "nodes increase": good.isel(normal_force_n=slice(None, None, -1)),
+        "voltages are above 0": good.assign_attrs(voltage_limit_v=-5.0),
+    }
+    for why, dataset in changed.items():
+        with pytest.raises(FileFormatError, match=why):
+            FrictionSurface.from_xarray(dataset)
+    with pytest.raises(FileFormatError, match="dataset"):
+        FrictionSurface.from_xarray(good.isel(h0_m=0))
+
+
 def test_a_number_that_is_read_is_the_friction_there(
     full: FrictionSurface, xarray, tmp_path: Path
 ) -> None:

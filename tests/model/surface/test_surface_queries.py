@@ -1,9 +1,11 @@
 """Evaluating and inverting: statuses, slices, and what a query must name."""
 
 import math
+import warnings
 from typing import Any
 
 import numpy as np
+import pandas
 import pytest
 import torch
 from hypothesis import given, settings
@@ -293,3 +295,56 @@ def test_cells_are_those_of_bisection(low: float, shift: float, dtype: torch.dty
     # Single precision rounds x and a node near 17 by 1e-6: of the narrowest cell, 0.012, 2e-4.
     close = 1e-9 if dtype == torch.float64 else 5e-4
     np.testing.assert_allclose(cell + part, exact, rtol=0, atol=close)
+
+
+@pytest.mark.parametrize("force_n", [0.05, 5.0, [0.5, 5.0]])
+def test_what_returns_no_status_refuses_places_outside(
+    plain: FrictionSurface, force_n: float | list[float]
+) -> None:
+    for ask in (plain.reachable, plain.highest_voltage):
+        with pytest.raises(RangeError, match=r"1 of [12] places.*normal_force_n"):
+            ask(force_n)
+    assert float(plain.intervals(force_n).mu_jnd.max()) == math.inf
+
+
+@pytest.mark.parametrize("voltage_v", [math.nan, -5.0, 0.0, "50"])
+def test_a_limit_that_is_no_amplitude_is_refused(plain: FrictionSurface, voltage_v: Any) -> None:
+    with pytest.raises(InputError, match="voltage_v"):
+        plain.limited(voltage_v)
+
+
+@pytest.mark.parametrize("force_n", [0.0, -1.0, "0.5", [0.5, 0.6]])
+def test_a_column_is_at_one_force(plain: FrictionSurface, force_n: Any) -> None:
+    with pytest.raises(InputError, match="normal_force_n"):
+        plain.column(force_n, None)
+
+
+def test_arrays_of_any_layout_are_numbers(plain: FrictionSurface, model: ContactModel) -> None:
+    volts = np.array([0.0, 50.0, 100.0])
+    table = pandas.DataFrame({"v": [0.0, 50.0, 100.0, -1.0]})
+    layouts = {
+        "negative strides": volts[::-1].copy()[::-1],
+        "another order of bytes": volts.astype(">f8"),
+        "not writable": np.broadcast_to(volts, (2, 3))[0],
+        "labels of pandas": table["v"][::-1][table["v"] >= 0][::-1],
+    }
+    truth = plain.mu(0.5, volts), model.solve(0.5, volts).mu
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for layout, values in layouts.items():
+            for ours, expected in zip(
+                (plain.mu(0.5, values), model.solve(0.5, values).mu), truth, strict=True
+            ):
+                assert torch.equal(ours, expected), layout
+
+
+def test_no_point_at_all_has_no_voltage(full: FrictionSurface) -> None:
+    place = {axis.name: float(axis.nodes[0]) for axis in full.table.axes if not axis.is_absent}
+    found = full.voltage(torch.empty(0, dtype=torch.float64), **place)
+    assert found.voltage_v.shape == found.status.shape == (0,)
+
+
+def test_a_number_beyond_any_float_is_refused(plain: FrictionSurface, model: ContactModel) -> None:
+    for ask in (plain.mu, model.solve):
+        with pytest.raises(InputError, match="voltage_v"):
+            ask(0.5, 10**400)
