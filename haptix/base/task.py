@@ -19,7 +19,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field
-from functools import cache
 from importlib import import_module
 from pathlib import Path
 from types import UnionType
@@ -175,7 +174,6 @@ class Task(BaseModel, ABC):
         return f"{cls.__module__}:{cls.__qualname__}"
 
     @classmethod
-    @cache
     def body(cls) -> type[BaseModel]:
         """Return the model of the fields that a client of the network may send."""
         fields: dict[str, Any] = {}
