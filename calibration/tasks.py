@@ -21,7 +21,6 @@ from haptix.base.fields import (
     FolderThere,
     Local,
     NewDocument,
-    NotNegative,
     Positive,
     Seed,
     Text,
@@ -448,8 +447,10 @@ class CheckRig(Task, command="calibrate rig"):
     monitor_v: tuple[Positive, ...] = Field(
         (), description="Amplitude that the recordings show or the driver plays; may be repeated."
     )
-    voltmeter_v: tuple[NotNegative, ...] = Field(
-        (), description="Amplitude on the screen by another instrument, for each --monitor-v."
+    voltmeter_rms_v: tuple[Positive, ...] = Field(
+        (),
+        description="On the screen by another instrument, V rms as a multimeter shows, for each "
+        "--monitor-v.",
     )
     monitor_hz: tuple[Positive, ...] = Field(
         (), description="Frequency of each --monitor-v. [default: one gain for all]"
@@ -477,21 +478,21 @@ class CheckRig(Task, command="calibrate rig"):
 
     def stated(self) -> RigCheck:
         """Check a rig by readings that a person has written down."""
-        from calibration.measure.rig import RigCheck, VoltsRead, tap_response, today
+        from calibration.measure.rig import RigCheck, VoltsRead, amplitude_gain, tap_response, today
         from haptix.base.files import read_csv
 
-        names = "normal_reading_n", "tangential_reading_n", "monitor_v", "voltmeter_v"
+        names = "normal_reading_n", "tangential_reading_n", "monitor_v", "voltmeter_rms_v"
         readings = {name: getattr(self, name) for name in names}
         if missing := [name for name, reading in readings.items() if reading in (None, ())]:
             options = ", ".join(f"--{name.replace('_', '-')}" for name in missing)
             raise InputError(f"expected --inputs, or {options} as well")
-        pairs = self.monitor_v, self.voltmeter_v, self.monitor_hz or self.monitor_v
+        pairs = self.monitor_v, self.voltmeter_rms_v, self.monitor_hz or self.monitor_v
         if len({len(pair) for pair in pairs}) > 1 or (
             len(self.monitor_v) > 1 > len(self.monitor_hz)
         ):
             raise InputError(
-                "--monitor-v, --voltmeter-v, --monitor-hz: expected as many of each, got "
-                f"{len(self.monitor_v)}, {len(self.voltmeter_v)} and {len(self.monitor_hz)}"
+                "--monitor-v, --voltmeter-rms-v, --monitor-hz: expected as many of each, got "
+                f"{len(self.monitor_v)}, {len(self.voltmeter_rms_v)} and {len(self.monitor_hz)}"
             )
         twice = self.second_tangential_reading_n, self.second_weight_n
         if (twice[0] is None) != (twice[1] is None):
@@ -499,7 +500,7 @@ class CheckRig(Task, command="calibrate rig"):
         second = None if twice[0] is None or twice[1] is None else twice[0] / twice[1]
         normal, tangential = self.normal_reading_n, self.tangential_reading_n
         assert normal is not None and tangential is not None  # none is missing
-        gains = [read / shown for shown, read in zip(*pairs[:2], strict=True)]
+        gains = [amplitude_gain(read, shown) for shown, read in zip(*pairs[:2], strict=True)]
         volts = [
             VoltsRead(frequency_hz=hertz, monitor_v=shown, gain=gain)
             for hertz, shown, gain in zip(self.monitor_hz, self.monitor_v, gains, strict=False)

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from datetime import UTC, date, datetime
 from itertools import pairwise
-from math import hypot, inf, isfinite, log, pi, sqrt
+from math import hypot, inf, isfinite, log, log2, pi, sqrt
 from typing import Annotated, NamedTuple, Self
 
 import numpy as np
@@ -48,6 +48,10 @@ RIG = "rig.toml"
 # seen little.
 _TAP_SPREADS = (0.2, 0.05, 0.3)
 _STRAIGHT = 0.05  # by which two gains of one axis may differ
+_BEYOND_SCALE = (0.5, 2.0)  # a reading over the known value: outside it is in another unit
+# Amplitude, V rms and V peak to peak are powers of sqrt(2) apart; both instruments and the
+# amplifier are within this of such a power, where one is taken for another.
+_NEAR_POWER = 0.05
 _TESTED_SHARES = (0.25, 0.6, 1.0)  # of the highest amplitude: an amplifier may be weak there alone
 
 
@@ -167,7 +171,7 @@ class RigCheck(Document):
             gain = getattr(self, f"{name}_gain")
             if gain < 0:
                 faults.append(f"the {name} force has the wrong sign: give its channel scale x -1")
-            elif not 0.5 < gain < 2:
+            elif not _BEYOND_SCALE[0] < gain < _BEYOND_SCALE[1]:
                 unit = force_unit(gain)
                 hint = f"is it in {unit}? Say so in the column map" if unit else "check its unit"
                 faults.append(f"the {name} force reads {gain:.3g} times a known weight: {hint}")
@@ -177,9 +181,27 @@ class RigCheck(Document):
                 f"{self._second:.3g} times another, expected the same within {_STRAIGHT:.0%}: let "
                 "the thread run free and level, and zero the sensor"
             )
-        if self._volts < 0:
-            faults.append("voltage_gain: expected a ratio of amplitudes, above 0")
-        return faults
+        return [*faults, *self._faults_of_volts()]
+
+    def _faults_of_volts(self) -> list[str]:
+        gains = np.array([one.gain for one in self.volts] or [self._volts])
+        if gains.min() < 0:
+            return ["voltage_gain: expected a ratio of amplitudes, above 0"]
+        power = 2 * log2(float(np.median(gains)))
+        usual = sqrt(2) ** round(power)
+        if round(power) and np.abs(gains / usual - 1).max() < _NEAR_POWER:
+            return [
+                f"the screen's volts are {usual:.3g} times those of the recordings at every "
+                "reading, as where V rms, an amplitude or V peak to peak is taken for another: "
+                "give the voltmeter's readings in V rms, and let the recordings (--monitor-v) "
+                "show the amplitude"
+            ]
+        low, high = _BEYOND_SCALE
+        return [
+            f"the screen's volts are {gain:.3g} times those of the recordings, expected {low:g} to "
+            f"{high:g}: check the scale of the drive's channel, the amplifier and the voltmeter"
+            for gain in gains[(gains < low) | (gains > high)][:1]
+        ]
 
     def days_from(self, day: date | None) -> int:
         """Days between the check and `day`; 0 where either is not known."""
@@ -280,7 +302,7 @@ def measure_rig(
 ) -> RigCheck:
     """Check a rig by its own instruments, a weight and a voltmeter.
 
-    Raises `InputError` if a weight does not show, or the typed text is no number.
+    Raises `InputError` if a weight or the tap does not show.
 
     Parameters
     ----------
@@ -289,7 +311,8 @@ def measure_rig(
     weight_n : float
         Force of the known weight [N].
     ask : callable
-        Shows a prompt, returns when the person is ready, with the typed text.
+        Shows a prompt, returns when the person is ready, with the typed text; where that has to be
+        a number and is none, it is asked again.
     device : Device, optional
         Plays three amplitudes at 125 Hz and at 4 kHz for the voltmeter; without it the volts are
         not checked.
@@ -330,11 +353,8 @@ def measure_rig(
         at = f"{played.voltage_v:g} V at {played.frequency_hz:g} Hz"
         ask(f"Put a voltmeter on the screen: {at} play, then Enter ")
         monitor = _amplitude(take(played), played)
-        typed = ask(f"What did it read [V rms] of {at}? ")
-        try:
-            gain = positive("voltmeter", float(typed)) * sqrt(2) / monitor
-        except ValueError:
-            raise InputError(f"voltmeter: expected a number of volts, got {typed!r}") from None
+        rms_v = _number(ask, f"What did it read [V rms] of {at}? ")
+        gain = amplitude_gain(rms_v, monitor)
         read.append(VoltsRead(frequency_hz=played.frequency_hz, monitor_v=monitor, gain=gain))
     known += ["voltmeter"] * bool(read)
     return RigCheck(
@@ -346,6 +366,22 @@ def measure_rig(
         instruments=tuple(known),
         measured_on=today(),
     )
+
+
+def amplitude_gain(voltmeter_rms_v: float, monitor_v: float) -> float:
+    """Amplitude of a sine that a voltmeter reads in V rms, over that of the recordings."""
+    return voltmeter_rms_v * sqrt(2) / monitor_v
+
+
+def _number(ask: Callable[[str], str], prompt: str) -> float:
+    """Ask until the answer is a number above 0: the readings before it stand."""
+    said = ""
+    while True:
+        typed = ask(said + prompt)
+        try:
+            return positive("voltmeter", float(typed))
+        except (ValueError, InputError):
+            said = f"Expected a number above 0, such as 35.3, got {typed!r}. "
 
 
 def _played(still: Stroke, device: Device, highest_v: float) -> list[Stroke]:

@@ -9,7 +9,7 @@ from scipy.signal import lti
 from typer.testing import CliRunner
 
 import haptix
-from calibration.measure.rig import RigCheck, measure_rig, tap_response
+from calibration.measure.rig import RigCheck, VoltsRead, measure_rig, tap_response
 from haptix.tasks.cli.application import group_of
 
 app = group_of("calibrate", "Calibrate a screen.")
@@ -49,13 +49,16 @@ def test_no_tap_is_refused():
 class Bench:
     """A rig of known gains, as its instruments record each step."""
 
-    def __init__(self, normal=1.0, tangential=1.0, volts=1.0):
+    def __init__(self, normal=1.0, tangential=1.0, volts=1.0, slips=False):
         self.normal, self.tangential, self.volts = normal, tangential, volts
+        self.slips, self.prompts = slips, []
         self.step, self.level_v = "", 0.0
 
     def ask(self, prompt):
         self.step = prompt.split()[0]
-        return f"{self.volts * self.level_v / np.sqrt(2):.6f}"
+        self.prompts.append(prompt)
+        typed = f"{self.volts * self.level_v / np.sqrt(2):.6f}"
+        return typed.replace(".", ",") if self.slips and "got" not in prompt else typed
 
     def record(self, stroke):
         self.level_v = stroke.voltage_v
@@ -79,8 +82,23 @@ class Bench:
         ({"tangential": 0.2248}, ["is it in lbf?"]),
         ({"tangential": 3.597}, ["is it in ozf?"]),
         ({"tangential": 10.0}, ["check its unit"]),
+        ({"volts": np.sqrt(2)}, ["in V rms"]),
+        ({"volts": 2 * np.sqrt(2)}, ["in V rms"]),
+        ({"volts": 10.0}, ["the scale of the drive's channel"]),
+        ({"volts": 0.2}, ["the scale of the drive's channel"]),
     ],
-    ids=["right", "scales", "sign", "pounds", "ounces", "unit"],
+    ids=[
+        "right",
+        "scales",
+        "sign",
+        "pounds",
+        "ounces",
+        "unit",
+        "amplitude",
+        "peak-to-peak",
+        "probe",
+        "weak",
+    ],
 )
 def test_gains_are_those_of_the_rig(gains, faults):
     bench = Bench(**gains)
@@ -99,6 +117,37 @@ def test_gains_are_those_of_the_rig(gains, faults):
     assert all(said in found.faults()[0] for said in faults)
 
 
+@pytest.mark.parametrize(
+    ("gains", "is_refused"),
+    [
+        # sqrt(1/2): peak to peak recorded, an amplitude typed; 2: the other way round.
+        ((0.71, 0.7, 0.715), True),
+        ((2.04, 1.97, 2.0), True),
+        # An amplifier that is weak at its highest frequency, or weaker with level, is no mistake.
+        ((1.0, 0.98, 0.7), False),
+        ((0.9, 0.8, 0.7), False),
+        ((1.0, 1.01, 0.99), False),
+    ],
+)
+def test_volts_in_another_measure_are_refused_and_a_weak_amplifier_is_not(gains, is_refused):
+    volts = tuple(
+        VoltsRead(frequency_hz=125.0, monitor_v=50.0 * (number + 1), gain=gain)
+        for number, gain in enumerate(gains)
+    )
+    check = RigCheck(normal_gain=1.0, tangential_gain=1.0, volts=volts)
+    assert bool(check.faults()) is is_refused
+
+
+def test_a_slip_in_a_reading_is_asked_again_and_the_readings_before_it_stand():
+    bench = Bench(slips=True)
+    with haptix.open_device("mock:") as device:
+        found = measure_rig(None, 2.0, bench.ask, device, bench.record)
+    assert [one.gain for one in found.volts] == pytest.approx([1.0] * 6, rel=1e-3)
+    again = [prompt for prompt in bench.prompts if "got '" in prompt]
+    assert len(again) == 6
+    assert "V rms" in again[0]
+
+
 def test_volts_that_nothing_read_are_not_checked():
     bench = Bench(volts=0.9)
     found = measure_rig(None, 2.0, bench.ask, None, bench.record)
@@ -115,13 +164,17 @@ def test_readings_that_were_written_down(tmp_path):
     made = CliRunner().invoke(app, command)
     assert made.exit_code == 2 or isinstance(made.exception, haptix.InputError)
     command += ["--normal-reading-n", "1.962", "--tangential-reading-n", "2.158"]
-    command += ["--monitor-v", "100", "--voltmeter-v", "90", "--tap", str(tmp_path / "tap.csv")]
+    command += ["--monitor-v", "100", "--voltmeter-rms-v", "63.63961"]  # 90 V of amplitude
+    command += ["--tap", str(tmp_path / "tap.csv")]
     made = CliRunner().invoke(app, command)
     assert made.exit_code == 0, made.output
     (row,) = json.loads(made.stdout)
     uneven = CliRunner().invoke(app, [*command, "--monitor-v", "180"])
     assert "expected as many of each, got 2, 1 and 0" in str(uneven.exception)
     found = RigCheck.load(tmp_path / "s" / "rig.toml")
-    assert (row["tangential_gain"], row["voltage_gain"]) == (found.tangential_gain, 0.9)
+    assert (row["tangential_gain"], row["voltage_gain"]) == (
+        found.tangential_gain,
+        pytest.approx(0.9, rel=1e-6),
+    )
     assert found.tangential_gain == pytest.approx(2.158 / 1.962)
     assert set(found.sensor()) == {"sensor_pole_hz", "sensor_resonance_hz", "sensor_quality"}

@@ -58,7 +58,7 @@ KINDS = {
     ),
     "numbers": (
         "--normal-force-n --voltage-v --frequency-hz --h0-m --mu --mu-range --tolerance "
-        "--monitor-v --monitor-hz --voltmeter-v --threshold-db --slope --lapse --participants",
+        "--monitor-v --monitor-hz --voltmeter-rms-v --threshold-db --slope --lapse --participants",
         ("", ",", "nan", "inf", "1e309", "ten", "1,,2", "1;2", "1 K", "\u00bd", "[1]"),
     ),
     "whole number": (
