@@ -130,6 +130,20 @@ def test_stop_rules(device, tmp_path):
     assert 2 < slow.trials < 12
 
 
+def test_a_session_ends_by_the_interval_that_it_states(device, tmp_path):
+    """Not by that of its trials without the false alarms, which raise what a guess finds."""
+    method = ConstantStimuli([14.0, 18.0, 22.0, 26.0, 30.0], 60, guess=0.05)
+    plan = SessionPlan(catch=Catch(share=0.3), stop=StopRules(spread=1.8))
+    run = experiment(
+        device, tmp_path / "a.tsv", method, "yes-no", plan,
+        SimulatedObserver(22.0, guess=0.3, seed=3), source="simulated",
+    )  # fmt: skip
+    widths = [run.estimates()[""].width / 4 for _ in run if run.counted >= 20]
+    assert not method.is_done
+    assert widths[-1] <= 1.8
+    assert all(width > 1.8 for width in widths[:-1])
+
+
 def test_exclusion_says_why_and_keeps_the_data(device, tmp_path):
     plan = SessionPlan(catch=Catch(share=0.5, level=40.0), exclude=Exclude(catch_right=0.9))
 

@@ -427,12 +427,7 @@ class Experiment:
             return True
         if stop.spread is None or self.counted < stop.least_trials:
             return False
-        several = (
-            self.method.methods.values() if isinstance(self.method, MethodsByCondition) else ()
-        )
-        return all(
-            method.estimate().width / 4 <= stop.spread for method in several or (self.method,)
-        )
+        return all(part.width / 4 <= stop.spread for part in self.estimates().values())
 
     def estimates(self) -> dict[str, Estimate]:
         """Return what each condition's method states, by its name; one alone has an empty name."""
