@@ -120,6 +120,11 @@ class Device:
         return self._stream.link.name
 
     @property
+    def is_closed(self) -> bool:
+        """Whether `close` was called."""
+        return self._is_closed
+
+    @property
     def mode(self) -> Mode:
         """Meaning of the samples: the drive ("waveform") or a carrier's amplitude ("envelope")."""
         return "envelope" if self._stream.setup.mode is StreamMode.ENVELOPE else "waveform"

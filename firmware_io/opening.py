@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import threading
 import time
+import weakref
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Self
 
 from firmware_io.device import Device
-from firmware_io.device_errors import DeviceError
+from firmware_io.device_errors import DeviceBusyError, DeviceError
 from firmware_io.link import (
     SETTING_KEYS,
     DeviceInfo,
@@ -21,9 +22,11 @@ from firmware_io.link import (
     split_address,
 )
 
+_OPENED: weakref.WeakSet[Device] = weakref.WeakSet()
+
 
 def open_device(address: str) -> Device:
-    """Open the device at an address.
+    """Open the device at an address; it stays open until its `close`, also after a with statement.
 
     Parameters
     ----------
@@ -60,12 +63,22 @@ def open_device(address: str) -> Device:
     names = ["mode", "carrier_hz"] if link.makes_rate else ["mode", "carrier_hz", "sample_rate_hz"]
     settings = {key: values.pop(key) for key in names if key in values}
     later = {key: values.pop(key) for key in ("lead_s", "watchdog_s") if key in values}
-    device = Device(link.open(**values), **settings)
     try:
-        device.set_up(**later)
-    except BaseException:
-        device.close()
+        device = Device(link.open(**values), **settings)
+        try:
+            device.set_up(**later)
+        except BaseException:
+            device.close()
+            raise
+    except DeviceBusyError as error:
+        for own in _OPENED:
+            if not own.is_closed and own.name in str(error):
+                raise DeviceBusyError(
+                    f"{error} This program has it open: a with statement ends the output and "
+                    "keeps the device; call its close()."
+                ) from error
         raise
+    _OPENED.add(device)
     return device
 
 

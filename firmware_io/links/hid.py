@@ -50,8 +50,7 @@ class Claim:
             if error.errno != errno.EADDRINUSE:
                 raise
             raise DeviceBusyError(
-                f"{what} is in use, by another program or another device object of this one; "
-                "close it there first."
+                f"{what} is in use, by another program or this one; close it there first."
             ) from None
         self._socket = holder
 

@@ -158,7 +158,9 @@ def _refusal(name: str, error: OSError) -> DeviceError:
         )
     # pyserial reports a port that is locked with EAGAIN or EWOULDBLOCK.
     if error.errno in (errno.EBUSY, errno.EAGAIN):
-        return DeviceBusyError(f"{name} is in use by another program; close it there first.")
+        return DeviceBusyError(
+            f"{name} is in use, by another program or this one; close it there first."
+        )
     return DeviceNotFoundError(f"{name} cannot be opened: {error}; look with `haptix devices`.")
 
 

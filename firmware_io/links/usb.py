@@ -249,7 +249,7 @@ class UsbLink(Link):
             ) from error
         if error.errno == errno.EBUSY:
             raise DeviceBusyError(
-                f"{self.name} is in use by another program; close it there first."
+                f"{self.name} is in use, by another program or this one; close it there first."
             ) from error
         if error.errno == errno.EPIPE and endpoint is not None:
             with suppress(OSError):

@@ -158,6 +158,18 @@ def test_usb_that_cannot_be_opened(usb, where, number, error, says):
         open_device("usb:")
 
 
+def test_a_device_that_this_program_has_open_is_said_to_be(usb):
+    with open_device("usb:") as device:
+        device.write(np.zeros(10))
+    usb[0].fails["claim"] = errno.EBUSY  # as libusb refuses a second claim
+    with pytest.raises(DeviceBusyError, match=r"This program.*close\(\)"):
+        open_device("usb:")
+    device.close()
+    with pytest.raises(DeviceBusyError) as refused:
+        open_device("usb:")
+    assert "This program" not in str(refused.value)
+
+
 def test_usb_serial_that_may_not_be_read(usb):
     class Locked(UsbDevice):
         @property
