@@ -225,6 +225,18 @@ def test_text_that_a_page_sends(tmp_path: Path) -> None:
     assert not {"measurements", "dielectric", "out"} & fields.keys()
 
 
+@pytest.mark.parametrize("suffix", [".txt", ".npy"])
+def test_a_void_of_a_map_is_no_height(tmp_path: Path, suffix: str) -> None:
+    heights = RIDGES_M * 1e6
+    heights[3:6, 40:44] = -9999
+    path = tmp_path / f"map{suffix}"
+    np.save(path, heights) if suffix == ".npy" else path.write_text(text_of("", *heights.T))
+    surface = read_surface(path, "um", PIXEL_M)
+    assert np.isnan(surface.heights_m[0]).sum() == 12
+    # The holes are filled from their neighbours.
+    assert float(RoughnessSpectrum.of_surface(surface).h_rms_m) == pytest.approx(RMS_M, rel=0.02)
+
+
 def test_heights_before_positions_are_the_same_scan() -> None:
     in_um = X_M * 1e6, RIDGES_M[0] * 1e6
     scan, same = (

@@ -20,6 +20,9 @@ _TEXTS = (".csv", ".tsv", ".txt", ".dat")
 _UNIT = re.compile(r"^(.*?)(?:[\s_]*[\[(]([^\])]*)[\])]|\s*[/,]\s*([^\s/,]+)|_([A-Za-z]+))?$")
 _OWN = ("m", "/m", "m4", "m3", "Hz", "F", "Ohm", "S", "S/m", "Ohm m", "deg")
 _WIDEST = 7  # columns of a table; one of more is a map
+_VOID = (
+    -9999.0
+)  # what stands for a missing point of a map where its file states none (ESRI's grids)
 
 
 @dataclass(frozen=True)
@@ -151,7 +154,7 @@ def read_surface(
     if path.suffix == ".npy":
         in_metres = _metres(unit, path)
         with reading(path, "heights as numpy.save writes them"):
-            heights = np.load(path, allow_pickle=False) * in_metres
+            heights = _without_voids(np.load(path, allow_pickle=False)) * in_metres
         return MeasuredSurface.of(heights, pixel_m, is_periodic)
     table, wrong = None, None
     if path.suffix.lower() in _TEXTS:
@@ -197,7 +200,8 @@ def _of_columns(
     is_periodic: bool | None,
 ) -> MeasuredSurface:
     if table.values.shape[1] > _WIDEST:
-        return MeasuredSurface.of(table.values * _metres(unit, path), pixel_m, is_periodic)
+        heights = _without_voids(table.values) * _metres(unit, path)
+        return MeasuredSurface.of(heights, pixel_m, is_periodic)
     if table.values.shape[1] == 1:
         return MeasuredSurface.of(table.column(0, "m", unit), pixel_m, is_periodic)
     if table.values.shape[1] > 2:
@@ -214,6 +218,11 @@ def _of_columns(
     if _rises_or_falls(second) and not _rises_or_falls(first):  # z before x
         first, second = second, first
     return MeasuredSurface.of_line(first, second)
+
+
+def _without_voids(heights: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Return a map in its own unit, with NaN where a number stands for a missing point."""
+    return np.where(heights == _VOID, np.nan, heights)
 
 
 def _rises_or_falls(values: npt.NDArray[np.float64]) -> bool:
