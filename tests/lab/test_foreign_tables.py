@@ -115,6 +115,8 @@ def test_any_table_with_conditions_and_linear_levels(tmp_path):
         ("a,b\n1,2\n", r"missing columns 'staircase\.intensity', 'key_resp\.corr'; .*a, b"),
         ("staircase.intensity,key_resp.corr\n10,maybe\n", "line 2: key_resp.corr: expected 1 or 0"),
         ("staircase.intensity,key_resp.corr\nhigh,1\n", "expected a level in dB, got 'high'"),
+        ("staircase.intensity,key_resp.corr\n10,1\ninf,1\n", "line 3: .*in dB, got 'inf'"),
+        ("staircase.intensity,key_resp.corr\n1e300,1\n", "line 2: .*in dB, got '1e300'"),
         ("staircase.intensity,key_resp.corr\n,\n", "expected trials"),
     ],
 )
@@ -122,6 +124,13 @@ def test_wrong_tables_are_named(tmp_path, text, said):
     (tmp_path / "x.csv").write_text(text)
     with pytest.raises(FileFormatError, match=said):
         analyse(tmp_path / "x.csv", columns=COLUMNS)
+
+
+def test_a_reaction_time_without_an_end_is_named(tmp_path):
+    (tmp_path / "x.csv").write_text("staircase.intensity,key_resp.corr,rt\n10,1,inf\n")
+    columns = COLUMNS.replace(reaction_s="rt")
+    with pytest.raises(FileFormatError, match="line 2: rt: expected seconds, got 'inf'"):
+        analyse(tmp_path / "x.csv", columns=columns)
 
 
 def test_the_command_says_what_a_foreign_table_needs(folder):

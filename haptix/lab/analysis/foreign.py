@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterator
+from contextlib import suppress
 from itertools import groupby
-from math import log10
+from math import isfinite, log10
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -24,6 +25,7 @@ _SUFFIXES = (".csv", ".tsv", ".txt")
 _RIGHT = {"1", "1.0", "true", "yes", "right", "correct", "hit"}
 _WRONG = {"0", "0.0", "false", "no", "wrong", "incorrect", "miss"}
 _RESULTS = ("thresholds.tsv", "group.tsv", "differences.tsv")
+_HIGHEST_DB = 1000.0  # a ratio of 10^50, which no stimulus has
 _NOTHING = {"", "none", "n/a", "nan", "na"}
 
 
@@ -179,22 +181,23 @@ class TrialColumns(Document):
         cell = cells.get(self.reaction_s or "", "").replace(",", ".")
         if cell.lower() in _NOTHING:
             return "n/a"
-        try:
-            return repr(float(cell))
-        except ValueError:
-            raise FileFormatError(
-                f"{file}, line {number}: {self.reaction_s}: expected seconds, got {cell!r}"
-            ) from None
+        with suppress(ValueError):
+            if isfinite(seconds := float(cell)):
+                return repr(seconds)
+        raise FileFormatError(
+            f"{file}, line {number}: {self.reaction_s}: expected seconds, got {cell!r}"
+        )
 
     def _level_db(self, file: Path, number: int, cell: str) -> float:
-        try:
+        with suppress(ValueError):
             value = float(cell.replace(",", "."))
-            return value if self.level_unit == "dB" else 20 * log10(value)
-        except ValueError:
-            wanted = "a level in dB" if self.level_unit == "dB" else "a level above 0"
-            raise FileFormatError(
-                f"{file}, line {number}: {self.level}: expected {wanted}, got {cell!r}"
-            ) from None
+            level_db = value if self.level_unit == "dB" else 20 * log10(value)
+            if abs(level_db) <= _HIGHEST_DB:
+                return level_db
+        wanted = "a level in dB" if self.level_unit == "dB" else "a level above 0"
+        raise FileFormatError(
+            f"{file}, line {number}: {self.level}: expected {wanted}, got {cell!r}"
+        )
 
 
 def _is_written_by_analysis(file: Path) -> bool:
