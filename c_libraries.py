@@ -73,6 +73,7 @@ LIBRARIES = {
             "haptix_pyramid.c",
             "haptix_surface.c",
             "haptix_touch.c",
+            "haptix_waves.c",
         ),
         # The same results on all machines: no product is added without being rounded.
         ("-ffp-contract=off", "-lm"),

@@ -59,6 +59,29 @@ void hx_widening_branches(const hx_widening *widening, int64_t n, const int64_t 
                           int64_t of_end, double *row, double *pressure_pa, double *strength_at_end,
                           uint8_t *is_stable, double *gaps, double *lift);
 
+/* Waves against w = ln(q/q0 - 1), and the panels of an integral over them; see WavesIntegral of
+ * haptix.model.contact.tables. */
+typedef struct {
+    int64_t cells;
+    const double *nodes;  /* [cells + 1] of w */
+    const double *lines;  /* [cells][4]: intercept and slope of ln T and of ln(dT/dw / (2 q E*)) */
+    const int32_t *hints; /* [cells]: a cell at or before each of as many even parts of the nodes */
+    double per_hint;
+    int64_t panels;
+    const double *ends;    /* [panels] in w */
+    const int32_t *points; /* [panels] */
+    const double *rules;   /* [sum of points][2]: points and weights */
+    int64_t j_nodes;
+    const double *cubics; /* [j_nodes - 1][4]: ln J in each cell of ln y */
+    double start, end, per_step; /* of ln y; from the end on J is 0 */
+    double growth;               /* of J per 1/y before the start */
+    double least;                /* tau over pressure at which J is 0 */
+} hx_waves;
+
+/* Integrals of n contacts at pressures and variances, each from a w = low on. */
+void hx_over_waves(const hx_waves *waves, int64_t n, const double *pressure, const double *variance,
+                   const double *low, double *total);
+
 /* A surface at one frequency and thickness; see haptix.model.surface.interpolant.Slice. */
 typedef struct {
     int64_t forces, drives;

@@ -34,7 +34,13 @@ from haptix.model.contact.finite_size import (
     touching_log_pressure,
 )
 from haptix.model.contact.roughness import RoughnessSpectrum
-from haptix.model.contact.tables import Y_MAX, PiecewiseLinear, SeparationIntegral, UniformCubic
+from haptix.model.contact.tables import (
+    Y_MAX,
+    PiecewiseLinear,
+    SeparationIntegral,
+    UniformCubic,
+    WavesIntegral,
+)
 
 LATTICE_STEP = log(10) / 24
 """Step of ln p. All tables of a contact use one lattice, so that no result depends on which other
@@ -296,7 +302,7 @@ class MeanField:
         if self.reach > 1:
             shorter = torch.log(self.reach * (1 + torch.exp(excess)) - 1).clamp(max=top)
             log_below = PiecewiseLinear.through(excess, log_below)(shorter)
-        self._log_waves = PiecewiseLinear.through(excess, torch.stack([log_below, log_opening], -1))
+        log_waves = PiecewiseLinear.through(excess, torch.stack([log_below, log_opening], -1))
         # Panels of the separation integral: the first ends where q is twice q0, the others at the
         # bends of the spectrum.
         last = float(excess[-1])
@@ -309,10 +315,11 @@ class MeanField:
         spans = [_FIRST_SPAN, *np.diff(ends)]
         counts = [min(_SEPARATION_POINTS, least + ceil(_PER_SPAN * span)) for span in spans]
         rules = (np.stack(np.polynomial.legendre.leggauss(count), -1) for count in counts)
-        self._panels = [
+        panels = [
             (end, torch.from_numpy(rule).to(self.device))
             for end, rule in zip(ends, rules, strict=True)
         ]
+        self._over_waves = WavesIntegral(self._separation_integral, log_waves, panels)
 
     def _tabulate_spots(self, variance: Tensor, q: Tensor) -> None:
         """Tabulate ``ln T_s / T1`` against ``ln (q_s/q_c)^2``, given the waves' variances."""
@@ -532,6 +539,7 @@ class MeanField:
         return (weight * peaks / torch.sqrt(2 * pi * variance)).sum(-1)
 
     @one_thread()
+    @eager
     def gap_histogram(self, pressure_pa: Any) -> GapHistogram:
         """Gap distribution binned over `gap_edges_m`, for pressures [Pa] of any shape."""
         pressure = self._pressures(pressure_pa)
@@ -601,9 +609,7 @@ class MeanField:
             low = torch.log(((1 + torch.exp(low)) / self.reach - 1).clamp(min=_LEAST_EXCESS))
             whole = torch.where(open_, rest, torch.ones_like(rest))
             low = torch.maximum(low, self._log_excess_at(variance.clamp(min=_TINY), whole))
-        total = self._separation_integral.over_waves(
-            pressure, variance, low, self._log_waves, self._panels
-        )
+        total = self._over_waves(pressure, variance, low)
         return torch.where(open_, total / sqrt(pi), torch.zeros_like(total))
 
     def _log_excess_at(self, variance: Tensor, rest: Tensor) -> Tensor:

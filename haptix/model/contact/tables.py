@@ -10,12 +10,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import log
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import torch
 from torch import Tensor
 
 from haptix.base.errors import InputError
+from haptix.base.native import Struct, doubles, library, room
 from haptix.model.contact.area import AreaLaw
 
 # J falls as exp(-y^2). Beyond this y it is below 1e-15 of its values at y ~ 1, and is set to zero:
@@ -92,6 +95,10 @@ class UniformCubic:
         rise, slopes = values.diff(dim=0), self.slopes.reshape(values.shape) * self.step
         cubics = _cubic(values[:-1], rise, slopes[:-1], slopes[1:])
         return torch.stack([cubic.transpose(0, 1) for cubic in cubics]).flatten(2).flatten(0, 1)
+
+    def in_cells(self) -> npt.NDArray[np.float64]:
+        """Coefficients of 1, t, t^2 and t^3 of a table of one part, shape (cells * columns, 4)."""
+        return np.ascontiguousarray(self._cubics.T)
 
     @property
     def _parts(self) -> int:
@@ -240,33 +247,52 @@ class SeparationIntegral:
         small = self._growth * torch.clamp(log(_Y_MIN) - log_y, min=0.0)
         return torch.where(y < Y_MAX, inside + small, torch.zeros_like(y))
 
-    def over_waves(
-        self,
-        pressure: Tensor,
-        variance: Tensor,
-        low: Tensor,
-        waves: PiecewiseLinear,
-        panels: Sequence[tuple[float, Tensor]],
-    ) -> Tensor:
-        """Return ``2 int J(p/tau) dtau/(q E*)`` over the waves from ``w = ln(q/q0 - 1) = low`` on.
+    def in_c(self) -> dict[str, Any]:
+        """Return its fields of `hx_waves` of the library in C."""
+        return {
+            "j_nodes": _NODES,
+            "cubics": self._log_j.in_cells(),
+            "start": log(_Y_MIN),
+            "end": log(Y_MAX),
+            "per_step": 1 / self._log_j.step,
+            "growth": self._growth,
+            "least": 1 / Y_MAX,
+        }
+
+
+@dataclass(frozen=True)
+class WavesIntegral:
+    """``2 int J(p/tau) dtau/(q E*)`` over waves: the inner loop of every solve of a contact."""
+
+    separation: SeparationIntegral
+    """J."""
+    waves: PiecewiseLinear
+    """ln T and ``ln(dT/dw / (2 q E*))`` against ``w = ln(q/q0 - 1)``."""
+    panels: Sequence[tuple[float, Tensor]]
+    """Ends of the panels in w, with the points and weights of each, shape (points, 2)."""
+
+    def __call__(self, pressure: Tensor, variance: Tensor, low: Tensor) -> Tensor:
+        """Return the integral over the waves from w = `low` on.
 
         Parameters
         ----------
         pressure, variance, low : Tensor
             Pressure [Pa], the T up to which tau is 0, and the w at which to start; they broadcast.
-        waves : PiecewiseLinear
-            ln T and ``ln(dT/dw / (2 q E*))`` against w.
-        panels : sequence of (float, Tensor)
-            Ends of the panels in w, with the points and weights of each, shape (points, 2).
         """
         shape = np.broadcast_shapes(pressure.shape, variance.shape, low.shape)
         pressure, variance, low = (
             one.expand(shape).reshape(-1) for one in (pressure, variance, low)
         )
+        recorded = (pressure, variance, low, self.waves.intercept, self.waves.slope)
+        if not any(part.requires_grad or part.is_cuda for part in recorded):
+            found, place = room(len(low))
+            numbers = (doubles(one.numpy()) for one in (pressure, variance, low))
+            library.hx_over_waves(self._in_c.at, len(low), *numbers, place)
+            return torch.from_numpy(found).reshape(shape)
         total = torch.zeros_like(low)
-        # This is the inner loop of every solve. Looping over panels and points, and not over the
-        # batch, keeps every array within the CPU's cache.
-        for end, rule in panels:
+        # Looping over panels and points, and not over the batch, keeps every array within the CPU's
+        # cache.
+        for end, rule in self.panels:
             # The others start behind this panel.
             at = (low.detach() < end).nonzero()[:, 0]
             start, load, below = low[at], pressure[at], variance[at]
@@ -274,10 +300,31 @@ class SeparationIntegral:
             least = 0.5 * (load / Y_MAX) ** 2
             part = torch.zeros_like(start)
             for point, weight in rule:
-                wave = waves(start + (end - start) * ((1 + point) / 2))
+                wave = self.waves(start + (end - start) * ((1 + point) / 2))
                 tau = torch.maximum(torch.exp(wave[..., 0]) - below, least).sqrt()
                 opening = (end - start) * torch.exp(wave[..., 1]) / tau
-                part = part + weight * opening * self(load / tau)
+                part = part + weight * opening * self.separation(load / tau)
             total = total.index_add(0, at, part)
             low = low.clamp(min=end)
         return total.reshape(shape)
+
+    @cached_property
+    def _in_c(self) -> Struct:
+        nodes = self.waves.nodes.numpy()
+        cells, span = len(nodes) - 1, float(nodes[-1] - nodes[0])
+        even = nodes[0] + span / cells * np.arange(cells)
+        hints = np.searchsorted(nodes[1:-1], even, side="right").astype(np.int32)
+        lines = torch.stack([self.waves.intercept, self.waves.slope], -1).reshape(cells, 4)
+        return Struct(
+            "hx_waves",
+            cells=cells,
+            nodes=nodes,
+            lines=lines.numpy(),
+            hints=np.maximum(hints - 1, 0),  # one earlier, for rounding
+            per_hint=cells / span,
+            panels=len(self.panels),
+            ends=np.array([end for end, _ in self.panels]),
+            points=np.array([len(rule) for _, rule in self.panels], dtype=np.int32),
+            rules=torch.cat([rule for _, rule in self.panels]).numpy(),
+            **self.separation.in_c(),
+        )

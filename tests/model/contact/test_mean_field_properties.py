@@ -23,6 +23,7 @@ from haptix.model.contact import (
     MeanField,
     RoughnessSpectrum,
 )
+from haptix.model.contact.elasticity import ElasticSolid
 from haptix.model.contact.persson import folded_shares
 from haptix.model.contact.tables import SeparationIntegral
 
@@ -265,6 +266,23 @@ def test_separation_integral_by_quadrature(gamma: float) -> None:
 def test_separation_integral_vanishes_in_complete_contact() -> None:
     far = SeparationIntegral(0.45)(torch.tensor([5.6, 6.0, 100.0, 1e300], dtype=torch.float64))
     assert far.tolist() == [0.0] * 4
+
+
+@pytest.mark.parametrize("theory", THEORIES)
+@pytest.mark.parametrize("modulus", [HalfSpace(1e6), Layered(4e7, 0.5, 2e-4, 1e4, 0.5)])
+def test_plain_numbers_have_the_gaps_that_carry_gradients(
+    theory: str, modulus: ElasticSolid
+) -> None:
+    rough = RoughnessSpectrum.self_affine(1e-6, 0.8, 1e4, 3e4, 1e7)
+    contact = THEORIES[theory].mean_field(rough, modulus)
+    # From where J is the logarithm of 1/y to a contact that is nearly complete.
+    pressure = torch.logspace(-9, 0.4, 40, dtype=torch.float64) * contact.stress_rms_pa
+    recorded = pressure.clone().requires_grad_()
+    gap, mass = contact.mean_gap(pressure), contact.gap_histogram(pressure).mass
+    torch.testing.assert_close(gap, contact.mean_gap(recorded).detach(), rtol=1e-11, atol=0.0)
+    # Differences of sums of order 1.
+    of_torch = contact.gap_histogram(recorded).mass.detach()
+    torch.testing.assert_close(mass, of_torch, rtol=0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("bad", [0.0, -0.1, 1.01, math.nan, math.inf])
