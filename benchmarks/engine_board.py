@@ -35,7 +35,7 @@ def built(core: str, folder: Path) -> Path:
     """Return the board's program."""
     script = (BOARD / "board.ld").read_text().replace("256K", "4M").replace(": 64K", ": 4M")
     (folder / "board.ld").write_text(script)
-    of_hosts = ("haptix_contact", "haptix_surface", "haptix_live")
+    of_hosts = ("haptix_contact", "haptix_surface", "haptix_live", "haptix_waves")
     sources = (path for path in NATIVE.glob("*.c") if path.stem not in of_hosts)
     program = folder / "engine.elf"
     flags = ("-target", "thumb-linux-musleabihf", f"-mcpu={core}", "-static", "-nostartfiles")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 from math import inf, pi
 from typing import Annotated, NamedTuple, Self
 
@@ -82,6 +83,25 @@ class PanelCircuit(Displayed):
     sweat_per_min: Number = 0.0
 
 
+def _volts(model: ContactModel) -> Array:
+    return np.linspace(0.0, model.screen.max_voltage_v, _VOLTAGES)
+
+
+@lru_cache(16)
+def _table(model: ContactModel, frequency_hz: float, scale: float) -> Array:
+    """Complex capacitance by force and voltage."""
+    finger = model.finger
+    skin = finger.dielectric.model_copy(update={"scale": finger.dielectric.scale * scale})
+    skin_model = ContactModel(finger.replace(dielectric=skin), model.screen, terms=model.terms)
+    state = skin_model.solve(
+        torch.from_numpy(_FORCES_N)[:, None], torch.from_numpy(_volts(model)), frequency_hz
+    )
+    loss = state.conductance_s.numpy() / (2 * pi * frequency_hz)
+    table = np.asarray(state.capacitance_f.numpy() - 1j * loss)
+    table.setflags(write=False)
+    return table
+
+
 class VirtualCurrent(Displayed):
     """Readings of the current that a finger on a screen draws, in time.
 
@@ -116,19 +136,8 @@ class VirtualCurrent(Displayed):
         self.converter = Converter() if converter is None else converter
         self.circuit = PanelCircuit() if circuit is None else circuit
         self._random = np.random.default_rng(seed)
-        self._volts = np.linspace(0.0, model.screen.max_voltage_v, _VOLTAGES)
-        self._tables = [self._table(model, scale) for scale in (1.0, _DRIER)]
-
-    def _table(self, model: ContactModel, scale: float) -> Array:
-        """Complex capacitance by force and voltage."""
-        finger = model.finger
-        skin = finger.dielectric.model_copy(update={"scale": finger.dielectric.scale * scale})
-        skin_model = ContactModel(finger.replace(dielectric=skin), model.screen, terms=model.terms)
-        state = skin_model.solve(
-            torch.from_numpy(_FORCES_N)[:, None], torch.from_numpy(self._volts), self.frequency_hz
-        )
-        loss = state.conductance_s.numpy() / (2 * pi * self.frequency_hz)
-        return np.asarray(state.capacitance_f.numpy() - 1j * loss)
+        self._volts = _volts(model)
+        self._tables = [_table(model, self.frequency_hz, scale) for scale in (1.0, _DRIER)]
 
     def farads(
         self, normal_force_n: float, voltage_v: float, is_sliding: bool = True, t_s: float = 0.0
