@@ -20,9 +20,7 @@ _TEXTS = (".csv", ".tsv", ".txt", ".dat")
 _UNIT = re.compile(r"^(.*?)(?:[\s_]*[\[(]([^\])]*)[\])]|\s*[/,]\s*([^\s/,]+)|_([A-Za-z]+))?$")
 _OWN = ("m", "/m", "m4", "m3", "Hz", "F", "Ohm", "S", "S/m", "Ohm m", "deg")
 _WIDEST = 7  # columns of a table; one of more is a map
-_VOID = (
-    -9999.0
-)  # what stands for a missing point of a map where its file states none (ESRI's grids)
+_VOID = -9999.0  # a missing point of a map, as in ESRI's grids
 
 
 @dataclass(frozen=True)
