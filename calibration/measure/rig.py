@@ -35,17 +35,21 @@ from haptix.base.errors import InputError
 from haptix.model.perception.thresholds import WEBER_FRACTION
 
 _BEFORE_S, _AFTER_S = 0.005, 0.2  # of the highest force: a resonance has died away by then
-_LOWEST_HZ, _HIGHEST_SHARE = 40.0, 0.4  # of the sampling rate
-_LEAST_PEAK = 12.0  # of the noise before it
+# Of the sampling rate: above it a card without a filter shows frequencies beyond half its rate.
+_LOWEST_HZ, _HIGHEST_SHARE = 40.0, 0.3
+_LEAST_PEAK = 100.0  # of the noise before it: a pole of a weaker tap may be off by 40 %
 _FLOOR_LEFT = 0.3  # of the noise's own spectrum, below which a difference to it means nothing
+_AVERAGED, _LEAST_POWER = 21, 10.0  # of the noise's: a spectrum ends where its mean power is lower
 # Pole, resonance and quality to start from.
 _STARTS = ((700.0, 6000.0, 8.0), (3000.0, 700.0, 8.0), (3000.0, 1500.0, 8.0), (3000.0, 6000.0, 8.0))
 _LOG_BOUNDS = np.log([[100.0, 150.0, 0.6], [1e5, 1e5, 200.0]])
+_BLOW_S, _BLOW_BOUNDS_S = 8e-5, (2e-5, 2.5e-4)  # length of a hard tip's blow
+_LEAST_BLOW = 0.03  # of its spectrum: real blows have no true zeros
 RIG = "rig.toml"
 """Name of the check in a session's folder."""
 
-# Of pole, resonance and quality: a tip's blow is not quite white, and a pole above a resonance is
-# seen little.
+# Of pole, resonance and quality: the blow's form is not known, and a pole above a resonance is seen
+# little.
 _TAP_SPREADS = (0.2, 0.05, 0.3)
 _STRAIGHT = 0.05  # by which two gains of one axis may differ
 _BEYOND_SCALE = (0.5, 2.0)  # a reading over the known value: outside it is in another unit
@@ -69,6 +73,7 @@ class TapResponse(NamedTuple):
 def tap_response(t_s: Array, force_n: Array) -> TapResponse:
     """Fit the spectrum of a tap, shape (samples,) each; a hard tip's blow is shorter than 0.2 ms.
 
+    The blow is taken as half a sine, whose length is fitted, too: a pole looks like a longer blow.
     Raises `InputError` if no tap stands out of the noise.
     """
     step = float(np.median(np.diff(t_s)))
@@ -87,23 +92,39 @@ def tap_response(t_s: Array, force_n: Array) -> TapResponse:
     floor = noise * step * np.sqrt(len(part))
     size = np.sqrt(np.maximum(size**2 - floor**2, (_FLOOR_LEFT * floor) ** 2))
     used = (hertz > _LOWEST_HZ) & (hertz < _HIGHEST_SHARE / step)
+    power = np.convolve(size**2, np.full(_AVERAGED, 1 / _AVERAGED), "same")
+    shown = used & (power > _LEAST_POWER * floor**2)
+    if shown.sum() < _AVERAGED:
+        raise InputError("tap: its spectrum is below the noise; tap harder, with a metal tip")
+    used &= hertz <= hertz[shown].max()
     column, wanted = torch.as_tensor(hertz[used]), np.log(np.maximum(size[used], 1e-30))
     # Of the logarithm, whose error is the noise's share; a floor for errors beside the sensor's.
     error = np.hypot(floor / np.maximum(size[used], 1e-30), 0.05)
 
     def residual(values: Array) -> Array:
-        sensor = dict(zip(PER_RIG, torch.as_tensor(np.exp(values[1:])), strict=True))
-        gain = np.log(sensor_gain(sensor, column).numpy())
+        sensor = dict(zip(PER_RIG, torch.as_tensor(np.exp(values[1:4])), strict=True))
+        gain = np.log(sensor_gain(sensor, column).numpy()) + _blow(
+            column.numpy(), values[4] * _BLOW_S
+        )
         return np.asarray((values[0] + gain - wanted) / error)
 
     level = float(wanted[: max(len(wanted) // 20, 3)].mean())
-    bounds = np.vstack([[level - 3, level + 3], _LOG_BOUNDS.T]).T
+    length = np.divide(_BLOW_BOUNDS_S, _BLOW_S)
+    bounds = np.vstack([[level - 3, level + 3], _LOG_BOUNDS.T, length]).T
     fits = [
-        least_squares(residual, [level, *np.log(start)], bounds=bounds, loss="soft_l1")
+        least_squares(residual, [level, *np.log(start), 1.0], bounds=bounds, loss="soft_l1")
         for start in _STARTS
     ]
     best = min(fits, key=lambda fit: float(fit.cost))
-    return TapResponse(*np.exp(best.x[1:]).tolist())
+    return TapResponse(*np.exp(best.x[1:4]).tolist())
+
+
+def _blow(hertz: Array, length_s: float) -> Array:
+    """Logarithm of the spectrum of half a sine, 1 at 0 Hz: cos(pi x / 2) / (1 - x^2), x = 2 f T."""
+    x = 2 * hertz * length_s
+    # The same without its removable pole at x = 1; np.sinc(x) is sin(pi x) / (pi x).
+    spectrum = np.pi / 4 * (np.sinc((x - 1) / 2) + np.sinc((x + 1) / 2))
+    return np.log(np.hypot(spectrum, _LEAST_BLOW))
 
 
 class VoltsRead(Part):

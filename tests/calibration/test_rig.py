@@ -40,8 +40,45 @@ def test_a_tap_gives_pole_and_resonance(pole_hz, resonance_hz, quality):
     assert found.resonance_hz == pytest.approx(resonance_hz, rel=0.1)
 
 
+# Exponents of half a sine: a blow by Hertz' law has 1.5, a raised cosine 2.
+@pytest.mark.parametrize(
+    ("blow_s", "form"), [(5e-5, 1.0), (1e-4, 1.5), (1.9e-4, 1.0), (1.9e-4, 2.0)]
+)
+@pytest.mark.parametrize(
+    ("pole_hz", "resonance_hz", "quality", "rate_hz"),
+    [
+        (1000.0, 2500.0, 20.0, 50_000),
+        (800.0, 6000.0, 8.0, 50_000),
+        (1500.0, 4000.0, 10.0, 20_000),
+        (1500.0, 2500.0, 8.0, 10_000),
+        (2500.0, 900.0, 6.0, 50_000),
+    ],
+)
+def test_a_blow_as_long_as_allowed_does_not_look_like_a_pole(
+    pole_hz, resonance_hz, quality, rate_hz, blow_s, form
+):
+    """The spectrum of the blow, times the sensor's response, back in time."""
+    fine_hz = 20 * rate_hz
+    count = round(blow_s * fine_hz)
+    blow = np.zeros(fine_hz)
+    blow[round(0.3 * fine_hz) :][:count] = np.sin(np.pi * (np.arange(count) + 0.5) / count) ** form
+    hertz = np.fft.rfftfreq(fine_hz, 1 / fine_hz)
+    ratio = hertz / resonance_hz
+    response = 1 / (1 + 1j * hertz / pole_hz) / (1 - ratio**2 + 1j * ratio / quality)
+    force = np.fft.irfft(np.fft.rfft(blow) * response, fine_hz)[::20]
+    force *= 8.0 / np.abs(force).max()
+    force += np.random.default_rng(0).normal(0, 2e-3, rate_hz)
+    found = tap_response(np.arange(rate_hz) / rate_hz, force)
+    # The spreads that a fit takes from a tap.
+    assert found.pole_hz == pytest.approx(pole_hz, rel=0.2)
+    assert found.resonance_hz == pytest.approx(resonance_hz, rel=0.05)
+    assert found.quality == pytest.approx(quality, rel=0.3)
+
+
 def test_no_tap_is_refused():
     t = np.arange(0.0, 1.0, 1e-4)
+    with pytest.raises(haptix.InputError, match="tap harder"):  # 28 N
+        tap_response(*tap(1000.0, 1500.0, 20.0, noise_n=0.5))
     with pytest.raises(haptix.InputError, match="tap harder"):
         tap_response(t, np.random.default_rng(1).normal(size=len(t)))
 
