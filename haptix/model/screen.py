@@ -93,10 +93,15 @@ class VerifiedRange(Part):
     ) -> list[str]:
         """Describe which of these values, one or several of each, lie outside by over 10 %.
 
-        A person cannot hold force and speed more exactly. Without a frequency, the bound is the
-        highest amplitude at any frequency.
+        A person cannot hold force and speed more exactly. Without a frequency the skin conducts,
+        which no stroke verified; the bound then is the highest amplitude at any frequency.
         """
         notes = []
+        if frequency_hz is None and np.asarray(voltage_v).any():
+            low, high = self.frequency_hz
+            notes.append(
+                f"no frequency, so that the skin conducts: verified {low:.3g} to {high:.3g} Hz"
+            )
         for name, unit, values, (low, high) in (
             ("force", "N", normal_force_n, self.normal_force_n),
             ("frequency", "Hz", frequency_hz, self.frequency_hz),

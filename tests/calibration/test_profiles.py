@@ -145,11 +145,13 @@ def test_query_and_render_say_where_they_leave_the_verified_range(tmp_path, scre
     assert "beyond the validated range" in out and all(said in out for said in words)
     json_out = CliRunner().invoke(whole, [*query, "--normal-force-n", "0.5", "--json"]).stdout
     assert json.loads(json_out)[0]["beyond_verified"] == "; ".join(words)
-    inside = CliRunner().invoke(
-        whole, ["query", "--voltage-v", "70", "--normal-force-n", "0.25", *panel]
-    )
+    query = ["query", "--voltage-v", "70", "--normal-force-n", "0.25", *panel]
+    inside = CliRunner().invoke(whole, [*query, "--frequency-hz", "4000"])
     said = " ".join(inside.stdout.split())
     assert "verified for 0.2 to 0.3 N" in said and "beyond the validated range" not in said
+    # The skin conducts then: another friction than that which strokes verified.
+    said = " ".join(CliRunner().invoke(whole, query).stdout.split())
+    assert "no frequency, so that the skin conducts: verified 125 to 4e+03 Hz" in said
     rows = "".join(f"{0.05 * k:g},{10 + 5 * k},20,0.5\n" for k in range(9))
     (tmp_path / "path.csv").write_text(f"t_s,x_mm,y_mm,normal_force_n\n{rows}")
     render = ["render", "--trajectory", str(tmp_path / "path.csv"), *panel]

@@ -429,7 +429,8 @@ BOX = VerifiedRange(
         (([0.5, 0.9, 1.2], 80.0, 4000.0), ["force 0.9 to 1.2 N: verified 0.2 to 0.8"]),
         ((0.5, 120.0, 4000.0), ["amplitude 120 V: verified to 80"]),
         ((0.5, 120.0, 125.0), []),
-        ((0.5, 150.0), []),  # without a frequency
+        ((0.5, 150.0), ["no frequency, so that the skin conducts: verified 125 to 4e+03 Hz"]),
+        ((0.5, 0.0), []),
         # Halfway in ln f: 130 V.
         ((0.5, [120.0, 150.0], 707.1), ["amplitude 150 V: verified to 130"]),
         ((0.5, 10.0, 50.0, 120.0), ["frequency 50 Hz: verified 125 to 4e+03",
