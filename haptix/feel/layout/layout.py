@@ -360,7 +360,12 @@ class Layout(Mapped):
         first_s = float(start_s.min()) if isinstance(start_s, np.ndarray) else start_s
         layers: list[tuple[RegionState, Motion, float | Array]] = []
         hidden = False
-        for region in shown.near(left - near, right + near, top - near, bottom + near):
+        regions = (
+            shown.near_any(x.reshape(-1, motion.points), y.reshape(-1, motion.points), near)
+            if motion.fingers > 1
+            else shown.near(left - near, right + near, top - near, bottom + near)
+        )
+        for region in regions:
             is_still = first_s >= region.place.end_s
             at_left, at_right, at_top, at_bottom = region.box if is_still else region.way
             if (

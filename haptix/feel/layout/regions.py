@@ -87,6 +87,26 @@ class Shown:
         apart = (ways[0] > right) | (ways[1] < left) | (ways[2] > bottom) | (ways[3] < top)
         return [self.regions[at] for at in np.flatnonzero(~apart).tolist()]
 
+    def near_any(self, x_mm: Array, y_mm: Array, near_mm: float) -> Sequence[RegionState]:
+        """Return the regions near one of several paths, as `near`.
+
+        Fingers far apart have a box around all of them that meets most regions.
+
+        Parameters
+        ----------
+        x_mm, y_mm : ndarray, shape (fingers, points)
+            Paths [mm].
+        near_mm : float
+            How far a region may be from a path's box.
+        """
+        if self.ways is None:
+            return self.regions
+        left, right, top, bottom = self.ways
+        x, y = x_mm[..., None], y_mm[..., None]
+        meets = (x.min(1) - near_mm <= right) & (x.max(1) + near_mm >= left)
+        meets &= (y.min(1) - near_mm <= bottom) & (y.max(1) + near_mm >= top)
+        return [self.regions[at] for at in np.flatnonzero(meets.any(0)).tolist()]
+
     @property
     def drives_at_rest(self) -> bool:
         """Whether any region drives fingers at rest."""

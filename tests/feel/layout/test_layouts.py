@@ -293,6 +293,31 @@ def test_many_regions_answer_as_if_each_were_asked(monkeypatch, seed):
             np.testing.assert_equal(a, b)
 
 
+def test_fingers_far_apart_ask_no_regions_between_them(monkeypatch):
+    """A box around all fingers meets most of a board, and each region asked costs time."""
+    layout, asked = Layout(), []
+    for i in range(256):
+        place = {"x_mm": i % 16 * 12.0, "y_mm": i // 16 * 8.0}
+        layout.add(Grating(period_mm=2.0), width_mm=11.0, height_mm=7.0, **place)
+    cover = regions.RegionState.cover
+
+    def counted(region, *arguments):
+        asked.append(region)
+        return cover(region, *arguments)
+
+    monkeypatch.setattr(regions.RegionState, "cover", counted)
+    path = np.linspace(0.0, 0.5, 8)
+    places = [(5.0, 10.0), (180.0, 120.0), (90.0, 3.0), (20.0, 100.0)]
+    x, y = (np.concatenate([one[axis] + path * (axis == 0) for one in places]) for axis in (0, 1))
+    together = layout.wanted(Motion(4, 8, x, y, np.ones(32), 0.1, 1e-3))
+    assert len(asked) == 4
+    alone = [
+        layout.wanted(Motion(1, 8, x[at : at + 8], y[at : at + 8], np.ones(8), 0.1, 1e-3))
+        for at in range(0, 32, 8)
+    ]
+    np.testing.assert_array_equal(together, np.concatenate(alone))
+
+
 def test_facts_are_those_of_the_region():
     layout = Layout()
     pad, field = Level(0.5), Level(0.4)
