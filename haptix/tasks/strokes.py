@@ -436,6 +436,9 @@ class Headroom(OnScreen, route="headroom", kind="headroom"):
     height_mm: Annotated[float, Field(gt=0, le=1e4)]
     normal_force_n: Force = 0.5
     columns: Annotated[int, Field(ge=1, le=1000)] = 300
+    highest_v: Annotated[Positive, Local()] | None = Field(
+        None, description="Highest amplitude of the drive. [default: what the screen may carry]"
+    )
 
     def run(self, context: Context) -> Result:
         """Shares of a material's places that are out of reach, and the range."""
@@ -449,6 +452,7 @@ class Headroom(OnScreen, route="headroom", kind="headroom"):
         surface, _ = cached_surface(self.model(), scene, "0.05 JND", update)
         material = material_of(self.material)
         column = surface.driven_at(DEFAULT_CARRIER_HZ).column(self.normal_force_n, None)
+        column = column.limited(self.highest_v or surface.voltage_limit_v)
         low, high = float(column.lowest_mu), float(column.highest_mu)
         wanted = picture(material, self.width_mm, self.height_mm, self.columns, 0.0)
         target = as_mu(material.evaluator.target, wanted, low, high)

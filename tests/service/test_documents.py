@@ -23,7 +23,7 @@ from haptix.service.front.pool import Pool
 from haptix.service.front.rest import KeptTexts, documents_router
 from haptix.service.front.startup import inventory_of
 from haptix.service.protocol.messages import Problem
-from haptix.service.worker.document_work import DocumentWork, reachable_mu, surface_of
+from haptix.service.worker.document_work import DocumentWork, surface_of
 from tests.service.service_under_test import Service, is_reached
 from tests.service.test_drive import is_a_program
 from tests.waiting import PATIENCE_S
@@ -39,7 +39,7 @@ LAYOUT = {"regions": [
 @pytest.fixture(scope="module")
 def reach():
     """Lowest and highest friction at half a newton."""
-    return reachable_mu(surface_of(OPENING), 0.5)
+    return tuple(float(end) for end in surface_of(OPENING).at(4000.0).reachable(0.5))
 
 
 @pytest.fixture(scope="module")

@@ -205,10 +205,20 @@ class Watched:
 def test_a_device_below_the_screen_is_armed_up_to_its_ceiling(tmp_path, flat):
     engine = Watched("mock:pace=real,ceiling_v=150", tmp_path)
     assert engine.opened["ceiling_v"] == 150.0
-    low, high = engine.server._do_reach(0.5)["reachable_mu"]
-    assert 0 < low <= high
     assert engine.server._do_arm(1)["full_drive"]["highest_v"] == 150.0
     engine.end()
+
+
+@pytest.mark.parametrize("options", ["", ",mode=envelope", ",ceiling_v=150"])
+def test_the_reach_is_that_of_the_highest_amplitude_which_is_sent(tmp_path, flat, options):
+    engine = Watched(f"mock:pace=real{options}", tmp_path)
+    low, high = engine.server._do_reach(0.5)["reachable_mu"]
+    highest_v = engine.server._do_arm(1)["full_drive"]["highest_v"]
+    engine.end()
+    assert highest_v < engine.server._surface.voltage_limit_v or highest_v == 150.0
+    assert engine.opened["highest_v"] == highest_v
+    expected = [float(engine.server._surface.mu(0.5, amplitude)) for amplitude in (0.0, highest_v)]
+    assert [low, high] == pytest.approx(expected)  # the same lines between the same nodes
 
 
 @pytest.mark.parametrize("is_armed", [True, False])

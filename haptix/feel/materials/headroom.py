@@ -153,7 +153,9 @@ def headroom(
     field : FrictionField, Material or Layout
         Gives the target friction, of a finger at rest at 0 s.
     surface : FrictionSurface
-        Sliced to one frequency and thickness: ``surface.at(frequency, h0)``.
+        Sliced to one frequency and thickness: ``surface.at(frequency, h0)``. A drive may end below
+        its highest voltage, at 185 V of 200 V for a carrier of 4 kHz: ``surface.limited(highest)``
+        counts to there, where `highest` is `Renderer.highest_v`.
     normal_force_n : float
         The finger's force [N].
     width_mm, height_mm : float, optional

@@ -226,14 +226,7 @@ class RenderCore:
         """Time from one control point to the next."""
         self.points = max(1, round(settings.block_s * rate / self.step))
         peak, ripple = drive.peak_per_sine, drive.attraction
-        # The limit of the current through the person limits the slew: to 186 V at 4 kHz.
-        screen = surface.info.get("model", {}).get("screen", {})
-        if (capacitance_f := screen.get("body_capacitance_f")) is not None:
-            device.raise_capacitance(max(capacitance_f, device.limits.capacitance_f))
-        slew = device.limits.max_slew_v_per_s
-        change_v_per_s = min(settings.slew_v_per_s, slew / 2)
-        highest_v = drive.highest_v(slew, change_v_per_s, rate)
-        highest_v = min(surface.voltage_limit_v / max(peak, 1.0), highest_v)
+        highest_v, change_v_per_s = _highest_v(surface, device, drive, settings)
         self.slice = Slice.of(surface.table, highest_v)
         self._compiled = self.slice.compiled.at
         self._averaged = (
@@ -467,6 +460,30 @@ def carrier_hz(surface: FrictionSurface) -> float:
     if frequency.is_absent:
         return DEFAULT_CARRIER_HZ
     return min(max(DEFAULT_CARRIER_HZ, frequency.low), frequency.high)
+
+
+def driven_surface(surface: FrictionSurface, device: Device) -> FrictionSurface:
+    """Return the surface at its default carrier, up to the amplitude that a renderer sends.
+
+    The limits of the device are lowered to those of the screen, as a renderer does.
+    """
+    drive = _on_device(SineCarrier(carrier_hz(surface)), device)
+    sliced = surface.driven_at(drive.frequency_hz)
+    return sliced.limited(_highest_v(sliced, device, drive, RenderSettings())[0])
+
+
+def _highest_v(
+    surface: FrictionSurface, device: Device, drive: Drive, settings: RenderSettings
+) -> tuple[float, float]:
+    """Highest amplitude [V] of a drive, and how fast it changes at most [V/s]."""
+    # The limit of the current through the person limits the slew: to 186 V at 4 kHz.
+    screen = surface.info.get("model", {}).get("screen", {})
+    if (capacitance_f := screen.get("body_capacitance_f")) is not None:
+        device.raise_capacitance(max(capacitance_f, device.limits.capacitance_f))
+    slew = device.limits.max_slew_v_per_s
+    change_v_per_s = min(settings.slew_v_per_s, slew / 2)
+    highest_v = drive.highest_v(slew, change_v_per_s, device.capabilities.sample_rate_hz)
+    return min(surface.voltage_limit_v / max(drive.peak_per_sine, 1.0), highest_v), change_v_per_s
 
 
 def _on_device(drive: Drive, device: Device) -> Drive:

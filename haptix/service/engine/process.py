@@ -183,6 +183,7 @@ class EngineServer:
         self._told = 0  # reports of the output's state
         self._unloaded = ""  # why nothing can be rendered
         self._surface: Any = None
+        self._driven: Any = None
         self._layouts: dict[int, Any] = {}  # by session
         self._maps = MapMemory(MOST_MAP_BYTES, "all sessions' materials")
         self._ended = threading.Event()
@@ -434,7 +435,7 @@ class EngineServer:
         from haptix.model.finger import Finger
         from haptix.model.screen import Screen
         from haptix.play.devices import open_device, profiles_for
-        from haptix.play.render.samples import carrier_hz
+        from haptix.play.render.samples import carrier_hz, driven_surface
         from haptix.service.worker.document_work import profiles_of, surface_of
 
         self._assets = Path(assets)
@@ -446,6 +447,7 @@ class EngineServer:
         used = Finger.named(finger), Screen.named(screen)
         used_by = {"finger": finger, "screen": screen, "ceiling_v": self._device.limits.ceiling_v}
         self._surface = surface_of({"surface": surface, **used_by})
+        self._driven = driven_surface(self._surface, self._device)
         self._load_sensing(used[0] if touched_by is None else Finger.named(touched_by), used[1])
         return_freed_memory()
         return {
@@ -456,15 +458,15 @@ class EngineServer:
             "screen_mm": (used[1].width_mm or SCREEN_MM, used[1].height_mm or SCREEN_MM),
             "profiles": profiles_of(*used, {"finger": finger, "screen": screen}),
             "carrier_hz": carrier_hz(self._surface),
+            "highest_v": self._driven.voltage_limit_v,
             "kinds": sorted(KINDS),
             "schema": schema(),
         }
 
     def _do_reach(self, normal_force_n: float) -> dict[str, Any]:
-        """Return the friction that the screen can give at a force."""
-        from haptix.service.worker.document_work import reachable_mu
-
-        return {"reachable_mu": reachable_mu(self._surface, normal_force_n)}
+        """Return the lowest and the highest friction coefficient that are played at a force."""
+        column = self._driven.column(normal_force_n, None)
+        return {"reachable_mu": (float(column.lowest_mu), float(column.highest_mu))}
 
     def _do_layout_set(self, session: int, document: dict[str, Any]) -> dict[str, Any]:
         return self._changed(session, "set", document)

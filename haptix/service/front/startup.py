@@ -146,6 +146,7 @@ def serve(
             pool.opening = {**used, "assets": opening["assets"], "draws": feels}
             pool.opening["surface"] = opening["surface"]
             hub.jobs.context = {**used, "device": device, "assets": opening["assets"]}
+            hub.jobs.context["highest_v"] = opened["highest_v"]
             hub.jobs.context["logs"] = str(folder / "experiments")
             hub.jobs.context["calibrations"] = str(folder / "calibrations")
             hub.jobs.results = folder / "results"

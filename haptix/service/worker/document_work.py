@@ -177,12 +177,6 @@ class DocumentWork:
         return {"normal_force_n": list(_FORCES_N), "current_a": state.current_a.tolist()}
 
 
-def reachable_mu(surface: FrictionSurface, normal_force_n: float) -> tuple[float, float]:
-    """Return the lowest and the highest friction coefficient that the screen can give."""
-    column = surface.driven_at(DEFAULT_CARRIER_HZ).column(normal_force_n, None)
-    return float(column.lowest_mu), float(column.highest_mu)
-
-
 def surface_of(opening: dict[str, Any]) -> FrictionSurface:
     """Load the surface that was given, or load or build one for finger, screen and device."""
     from haptix.model.finger import Finger

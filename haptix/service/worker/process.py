@@ -168,7 +168,8 @@ class JobWork:
     Parameters
     ----------
     context : dict
-        Folder of assets and of logs, address of the device, finger and screen in use.
+        Folder of assets and of logs, address of the device, finger and screen in use, highest
+        amplitude of the drive.
     say : callable
         Takes fields of a message to the service.
     answers : iterator of str
@@ -193,6 +194,8 @@ class JobWork:
         for name in ("finger", "screen"):
             if name in task.model_fields and (used := self._name(name, fields.get(name))):
                 fields[name] = used
+        if "highest_v" in task.model_fields:
+            fields["highest_v"] = self._context.get("highest_v")
         if task.plays:
             fields["device"] = self._context["device"]
         context = _JobContext(self._say, self._answers, task)
