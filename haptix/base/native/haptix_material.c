@@ -511,8 +511,8 @@ static void react_button(const hx_material *m, hx_facts *facts, const hx_touched
     } else if (now->force_n >= m->press_n) {
         if (!before)
             *press_s = now->t_s;
-        else if (!isnan(at_s) && is_on_face(m, before))
-            *press_s = at_s;
+        else if (is_on_face(m, before) && (isnan(before->force_n) || !isnan(at_s)))
+            *press_s = isnan(before->force_n) ? now->t_s : at_s;
     }
 }
 

@@ -413,7 +413,10 @@ class Button(Scaled):
         return self.scaled(level)
 
     def react(self, facts: Facts, before: Report | None, now: Report) -> Facts:
-        """Press where the force rises through `press_n` on the face, release below `release_n`."""
+        """Press where the force rises through `press_n` on the face, release below `release_n`.
+
+        Where the report before has no force, the first that has enough of it presses.
+        """
         is_pressed = not isnan(facts.press_s) and not facts.release_s >= facts.press_s
         force = now.normal_force_n
         if force is None or not now.is_down or not self._on_face(now):
@@ -425,7 +428,8 @@ class Button(Scaled):
             return facts
         if before is None:
             return facts._replace(press_s=now.t_s)
-        at = _crossing(before, now, self.press_n)
+        known = before.normal_force_n is not None
+        at = _crossing(before, now, self.press_n) if known else now.t_s
         return facts._replace(press_s=at) if at is not None and self._on_face(before) else facts
 
     def _depth_mm(self, x_mm: Array, y_mm: Array) -> Array:

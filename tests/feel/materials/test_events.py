@@ -70,6 +70,16 @@ def test_nothing_else_presses_a_button(why):
     assert np.isnan(reactions.history[-1][1].press_s)
 
 
+@pytest.mark.parametrize("forces", [(None, 2.5, 2.5), (0.3, None, 2.5), (None, 0.3, None, 2.5)])
+def test_a_force_that_was_not_known_before_presses_from_its_report_on(forces):
+    reactions = Reactions()
+    for number, force in enumerate(forces):
+        reactions.report(Report(number / 100, 8.0, 6.0, force), Button().react)
+    first = next(number for number, force in enumerate(forces) if force == 2.5)
+    assert reactions.history[-1][1].press_s == first / 100
+    assert np.isnan(reactions.history[-1][1].release_s)
+
+
 def test_leaving_or_lifting_releases():
     for last in (Report(0.2, 40.0, 6.0, 1.0), Report(0.2, 8.0, 6.0, None, is_down=False)):
         reactions = Reactions()
