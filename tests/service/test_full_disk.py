@@ -51,7 +51,7 @@ def doors(service, code, token):
         ("delete", "/v1/layouts/{name}"): ("/layouts/desk", None, MADE_FROM),
         ("put", "/v1/drafts/{name}"): ("/drafts/new", {"name": "a", "document": LAYOUT}, {}),
         ("delete", "/v1/drafts/{name}"): ("/drafts/one", None, MADE_FROM),
-        ("put", "/v1/person"): ("/person", {"person_intensity": 0.5}, {}),
+        ("put", "/v1/person"): ("/person", {"person_intensity": 0.5, "person_muted": False}, {}),
         ("post", "/v1/pair"): ("/pair", {"code": code, "name": "page"}, PAGE),
         ("delete", "/v1/pair"): ("/pair", None, paired),
         ("put", "/v1/assets/{digest}"): (f"/assets/{DIGEST}?suffix=.png", CONTENT, {}),

@@ -706,6 +706,8 @@ def test_the_person_s_own_strength_and_mute_stay(service):
         assert client.ask("mute", on=False)["person_muted"]
         assert settings(service)["mute"] is True  # no app takes the person's mute away
     wait_for(lambda: settings(service) == {"mute": True, "intensity": 0.5})
+    for half in ({"person_intensity": 1.0}, {"person_muted": False}, {}, wanted | {"muted": False}):
+        assert httpx.put(base, json=half, headers=headers).status_code == 422
     assert httpx.get(base, headers=headers).json() == wanted
     again = Service(service.folder)  # the next start of the service
     assert again.hub.control.output.person_muted

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from fastapi import APIRouter, Depends, Request
 from pydantic import BaseModel, Field, ValidationError
 
-from haptix.base.errors import FileFormatError, HaptixError
+from haptix.base.errors import HaptixError
 from haptix.base.files import read_json, set_aside, write_whole
 from haptix.service.protocol.messages import Error, Problem
 from haptix.service.worker.document_work import Profile
@@ -38,8 +38,6 @@ def profiles_router(hub: Hub, token: Callable[..., Awaitable[None]]) -> APIRoute
     if path.exists():
         try:
             of_person = PersonSettings.model_validate(read_json(path))
-            if of_person.model_fields_set != PersonSettings.model_fields.keys():
-                raise FileFormatError(f"expected {', '.join(PersonSettings.model_fields)}")
         except (HaptixError, ValidationError) as error:
             set_aside(path, error)
         else:
@@ -59,12 +57,12 @@ def profiles_router(hub: Hub, token: Callable[..., Awaitable[None]]) -> APIRoute
     return router
 
 
-class PersonSettings(BaseModel):
+class PersonSettings(BaseModel, extra="forbid"):
     """The person's settings for all apps, applied on top of an app's own."""
 
-    person_intensity: Annotated[float, Field(ge=0, le=1)] = 1.0
+    person_intensity: Annotated[float, Field(ge=0, le=1)]
     """Share of what apps ask for."""
-    person_muted: bool = False
+    person_muted: bool
 
 
 class FullDrive(BaseModel):
