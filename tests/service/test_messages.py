@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from haptix.base.files import parse_json
-from haptix.service.protocol.messages import Problem, reading
+from haptix.play.render.master import MOST_EFFECTS
+from haptix.service.protocol.messages import Limits, Problem, reading
 from haptix.service.protocol.messages.reading import REPLIES
 from tests.clients.golden import GOLDEN
 
@@ -262,3 +263,7 @@ def test_discriminators_of_asyncapi_are_names():
 
     look(reading.asyncapi())
     assert set(found) == {"op"}
+
+
+def test_the_limit_of_effects_is_that_of_the_renderer():
+    assert Limits().effects == MOST_EFFECTS

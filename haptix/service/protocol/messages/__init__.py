@@ -309,7 +309,7 @@ class Limits(Message):
     batches_per_s: int = 1200
     touches_per_s: int = 12000
     regions: int = 256
-    effects: int = 16
+    effects: int = 8
     asset_bytes: int = 32 * 2**20
     assets_bytes: int = 2**30
     image_pixels: int = 24_000_000  # those kept of a picture, which may have up to 200 000 000
