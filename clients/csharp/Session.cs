@@ -35,6 +35,7 @@ namespace Haptix
         // The service gives up what takes more than 20 s, and says so.
         const double WaitS = 25.0, CloseS = 1.0;
         const double FirstS = 0.1, LastS = 5.0; // between two attempts to connect again
+        const int MostRefusals = 4; // of the token: a service that begins opens its port before it writes the new one
         const int MostEvents = 1000; // that wait for `Pump`; then frames of telemetry are dropped
         static readonly JsonSerializer Given = new JsonSerializer { NullValueHandling = NullValueHandling.Ignore };
         static readonly Dictionary<string, Type> Types = new Dictionary<string, Type>

@@ -14,6 +14,7 @@ namespace Haptix
             // Types are made ready by their first use; that must not delay the first answers to pings.
             JObject.Parse(Empty).ToObject<Welcome>();
             double waitS = FirstS;
+            int refusals = 0;
             string reason = "closed";
             while (!_closing.IsSet)
             {
@@ -21,11 +22,13 @@ namespace Haptix
                 {
                     reason = Serve();
                     waitS = FirstS;
+                    refusals = 0;
                 }
                 catch (Exception error)
                 {
                     reason = error.Message;
-                    if (error is Refused || !_opened.Task.IsCompleted)
+                    var refused = error as Refused;
+                    if (refused != null && (refused.Code != "access" || ++refusals == MostRefusals) || !_opened.Task.IsCompleted)
                     {
                         _opened.TrySetException(error);
                         break;

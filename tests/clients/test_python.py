@@ -167,6 +167,22 @@ def test_a_wrong_token_is_no_reason_to_try_again(service, connect):
         connect("test", "ws://127.0.0.1:1/", "x")
 
 
+@pytest.mark.parametrize("wrong", [2, 100])
+def test_a_token_that_is_old_on_connecting_again_is_read_anew_for_a_while(service, connect, wrong):
+    """A service that begins opens its port before it writes the new token."""
+    h = connect("test")
+    find, ended, resumed = h._client._find, [], []
+    tokens = iter(["old"] * wrong)
+    h._client._find = lambda: (find()[0], next(tokens, find()[1]))
+    h.on("closed", ended.append)
+    h.on("resumed", resumed.append)
+    service.hub.sessions[h.welcome.session].close(1012, "cut")
+    wait_for(lambda: ended or resumed)
+    assert len(resumed) == (wrong == 2)
+    h.close()
+    assert wrong == 2 or (ended[0].is_final and "token" in ended[0].reason)
+
+
 def test_with_await(service, connect):
     async def plays():
         async with await haptix.service.client.connection.connect_async("test") as h:

@@ -62,6 +62,7 @@ static class Program
             add("feel", Feel);
             add("telemetry", Telemetry);
             add("reconnecting", Reconnecting);
+            add("old tokens", OldTokens);
             add("flood", () => Task.Run(() => Flood()));
         }
         int failed = 0;
@@ -179,6 +180,23 @@ static class Program
             Check.Next<Resumed>(h, () => { });
             Check.That(cut.IsFaulted && h.Lease.IsMine && h.Output.State == "off", "a real driver is never armed again by itself");
             await again.Change(opacity: 0.5); // the service has kept the layout
+        }
+    }
+
+    // A service that begins opens its port before it writes the new token.
+    static async Task OldTokens()
+    {
+        Service service = Service.Find();
+        int old = 0;
+        Func<Service> find = () => new Service(service.Url, old-- > 0 ? "old" : service.Token);
+        using (Session h = await Session.Connect("test", find))
+        {
+            await h.Acquire();
+            old = 2;
+            Check.Next<Resumed>(h, () => h.Play(Material.Parse("{\"kind\": \"cut\"}")));
+            old = 100;
+            Closed closed = Check.Next<Closed>(h, () => h.Play(Material.Parse("{\"kind\": \"cut\"}")));
+            Check.That(closed.Reason.Contains("token") && old == 96, "given up after four");
         }
     }
 

@@ -34,6 +34,7 @@ export const URL_HERE = "ws://127.0.0.1:7421/v1/session";
 const WAIT_S = 25; // the service refuses what takes it more than 20 s
 const [CLOSE_S, STOP_S] = [1, 1];
 const [FIRST_S, LAST_S] = [0.1, 5]; // between two attempts to connect again
+const MOST_REFUSALS = 4; // of the token: a service that begins opens its port before it writes the new one
 const CLOSED = "this client is closed; connect again";
 const OFFSETS = 64;
 const [MOST_AT_ONCE, MOST_WAITING] = [64, 1000]; // batches of touches
@@ -382,6 +383,7 @@ export class Connection extends Calls {
   }
 
   async #reconnect() {
+    let refusals = 0;
     for (let wait_s = FIRST_S; !this.#is_closing; wait_s = Math.min(2 * wait_s, LAST_S)) {
       await sleep(wait_s);
       if (this.#is_closing) break;
@@ -390,7 +392,7 @@ export class Connection extends Calls {
         this.emit("resumed", this.welcome);
         return;
       } catch (error) {
-        if (error instanceof Refused) {
+        if (error instanceof Refused && (error.code !== "access" || ++refusals === MOST_REFUSALS)) {
           this.emit("closed", { code: 4403, reason: error.message });
           return;
         }

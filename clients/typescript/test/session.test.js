@@ -179,6 +179,20 @@ test("a wrong token is no reason to try again", async () => {
   await assert.rejects(connect({ ...options, url: "ws://127.0.0.1:1/" }), { name: "Lost" });
 });
 
+for (const wrong of [2, 100])
+  test(`of ${wrong} old tokens on connecting again those of a while are borne`, async () => {
+    const { url, token } = await find();
+    let given = -1;
+    const finds = async () => ({ url, token: given >= 0 && given++ < wrong ? "old" : token });
+    const h = await connect({ name: "x", find: finds, WebSocket: Kept });
+    given = 0;
+    const ends = Promise.race([next(h, "resumed").then(() => "resumed"), next(h, "closed").then(() => "closed")]);
+    sockets.at(-1).terminate();
+    assert.equal(await ends, wrong === 2 ? "resumed" : "closed");
+    assert.equal(given, wrong === 2 ? 3 : 4);
+    await h.close();
+  });
+
 test("touches in a loop bury no question, and beyond 1000 batches they are refused", async () => {
   class Slow {
     readyState = 1;

@@ -65,6 +65,9 @@ _SUBPROTOCOL = Subprotocol("haptix.v1")
 _WAIT_S, _CLOSE_S, _FILE_S = 25.0, 1.0, 60.0
 _STOP_S = 1.0  # for STOP on its own path
 _FIRST_S, _LAST_S = 0.1, 5.0  # between two attempts to connect again
+_MOST_REFUSALS = (
+    4  # of the token: a service that begins opens its port before it writes the new one
+)
 _REPLAYED = ("geometry", "subscribe")  # sent again on resuming: the service does not keep them
 _CLOSED = "this client is closed; connect again"
 _FELT = "felt"  # name of the region that `feel` makes
@@ -491,16 +494,19 @@ class AsyncClient(ReportsTouches[Awaitable[None]], AsyncCalls):
             was_felt = self._felt is not None and self.lease.is_mine and self.output.state != "off"
             before = self.output
             self._emit("lost", LostConnection(self._ended, False))
-            wait_s = _FIRST_S
+            wait_s, refusals = _FIRST_S, 0
             while not self._is_closing:
                 _LOG.info("connects again in %g s", wait_s)
                 await asyncio.sleep(wait_s)
                 try:
                     await self._open()
-                except Refused as error:
-                    self._emit("closed", LostConnection(str(error), True))
-                    return
-                except HaptixError:
+                except HaptixError as error:
+                    refusals += isinstance(error, Refused)
+                    if isinstance(error, Refused) and (
+                        error.code != "access" or refusals == _MOST_REFUSALS
+                    ):
+                        self._emit("closed", LostConnection(str(error), True))
+                        return
                     wait_s = min(2 * wait_s, _LAST_S)
                 else:
                     _LOG.info("connected again as session %d", self.welcome.session)
