@@ -3,6 +3,8 @@
 import asyncio
 import gc
 import logging
+import subprocess
+import sys
 import threading
 
 import numpy as np
@@ -181,6 +183,18 @@ def test_a_token_that_is_old_on_connecting_again_is_read_anew_for_a_while(servic
     assert len(resumed) == (wrong == 2)
     h.close()
     assert wrong == 2 or (ended[0].is_final and "token" in ended[0].reason)
+
+
+def test_a_program_that_ends_without_close_leaves(service, connect):
+    program = """
+import haptix
+haptix.service.feel({"kind": "grating", "period_mm": 2.0}, "short")
+"""
+    before = len(service.engine.when("layout_set"))
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=PATIENCE_S)
+    assert len(service.engine.when("layout_set")) == before + 1
+    with connect("next") as h:
+        h.acquire()  # else it is refused for 30 s
 
 
 def test_with_await(service, connect):

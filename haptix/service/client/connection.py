@@ -15,6 +15,7 @@ Needs the extra ``serve``. `connect_async` gives the same with ``await``.
 from __future__ import annotations
 
 import asyncio
+import atexit
 import json
 import logging
 import re
@@ -685,6 +686,7 @@ class Client(ReportsTouches[None], PlainCalls):
         self.on = self._client.on
         self.layout = PlainLayout(self)
         self._sending: deque[Future[None]] = deque()
+        atexit.register(self.close)  # else the lease stays with a program that ends without it
 
     def __enter__(self) -> Self:
         return self
@@ -746,7 +748,8 @@ class Client(ReportsTouches[None], PlainCalls):
             self._sending.popleft().result()
 
     def close(self) -> None:
-        """Leave; an armed output goes to 0 V."""
+        """Leave; an armed output goes to 0 V. A program that ends leaves, too."""
+        atexit.unregister(self.close)
         if self._thread.is_alive():
             self._run(self._client.close())
             self._end()
