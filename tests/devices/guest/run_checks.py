@@ -1,5 +1,7 @@
 """Runs in the guest: every check in a process of its own; a line of JSON for each to /dev/ttyS1."""
 
+import ctypes.util
+import functools
 import gc
 import json
 import os
@@ -20,6 +22,7 @@ import tests.devices.guest.checks_pages
 import tests.devices.guest.checks_revisions
 import tests.devices.guest.checks_touchscreens  # noqa: F401
 from firmware_io import open_device
+from firmware_io.links import audio
 from firmware_io.links.usb import udev_rule
 from tests.devices.guest.plugged import wait_for
 from tests.devices.guest.ways import CHECKS as CHECKS
@@ -38,7 +41,12 @@ def start_udev():
 
 
 def load_once():
-    """Load what each check needs, but no library of USB: each takes a guest seconds."""
+    """Do once what each check needs, but load no library of USB: each takes a guest seconds."""
+    # To look for a library takes ldconfig or a compiler, and for sound another Python.
+    ctypes.util.find_library = functools.cache(ctypes.util.find_library)
+    for library in ("usb-1.0", "nidaqmx"):
+        ctypes.util.find_library(library)
+    vars(audio)["ask_in_own_process"] = lambda *_: ("no sound in the guest", [])
     for module in ("usb.core", "usb.util", "usb.backend.libusb1", "serial", "nidaqmx.system"):
         import_module(module)
     open_device("mock:").close()  # with the declarations of the core and the entry points of links
