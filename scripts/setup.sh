@@ -109,8 +109,10 @@ fi
 
 # --- Python packages ------------------------------------------------------------------------------
 
+# Without --no-compile, half a minute would go to 16,000 modules of which most are never loaded.
 pip_install() {
-    .venv/bin/python -m pip install -q --disable-pip-version-check --no-input -c constraints.txt "$@"
+    .venv/bin/python -m pip install -q --no-compile --disable-pip-version-check --no-input \
+        -c constraints.txt "$@"
 }
 say "installing torch (the first time takes minutes)"
 pip_install torch # first and pinned, see constraints.txt

@@ -5,6 +5,7 @@ The checks themselves run in a Linux guest, see guest/README.md; here is one tes
 
 import json
 import os
+import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from importlib.util import find_spec
@@ -22,6 +23,13 @@ HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 #: Guests side by side; each takes one processor.
 GUESTS = 2
+MODULES = """
+import tests.chromium
+from firmware_io import list_devices
+from tests.devices.guest.run_checks import load_once
+load_once()
+list_devices()
+"""
 #: Of one check, by the guest's own clock, which stands while this machine keeps the guest waiting.
 CHECK_LIMIT_S = 60.0 * max(1, int(os.environ.get("HAPTIX_UNPLUGS", "2")) // 2)
 #: Of a guest with all its checks: some minutes on a quiet machine. It only ends what hangs.
@@ -30,7 +38,7 @@ LIMIT_S = 2400.0
 
 def names_of_checks():
     """All checks; a skip where a library that they import is missing."""
-    needed = ("usb", "hidraw", "hid", "cffi", "evdev")
+    needed = ("usb", "hidraw", "hid", "cffi", "evdev", "serial", "nidaqmx")
     missing = [name for name in needed if find_spec(name) is None]
     if missing:
         return [pytest.param("", marks=pytest.mark.skip(f"missing modules: {missing}"))]
@@ -47,8 +55,10 @@ def results(request, tmp_path_factory):
         for item in request.session.items
         if item.path == Path(__file__) and hasattr(item, "callspec")
     ]
-    compiled()  # the guest can read the libraries, but not keep one
+    # The guest reads compiled libraries and modules, but can keep none.
+    compiled()
     own_thread.compiled()
+    subprocess.run([sys.executable, "-c", MODULES], check=True, cwd=ROOT)
     shares = [share for n in range(GUESTS) if (share := wanted[n::GUESTS])]
     folders = [tmp_path_factory.mktemp("guest") for _ in shares]
     try:
