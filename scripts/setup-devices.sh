@@ -68,8 +68,10 @@ apt install -y --no-install-recommends "${packages[@]}" || fail "apt-get failed 
 # As the user who will run the tests: it lies in the user's cache.
 printf 'setup-devices: the guest lies in %s\n' "$(python3 tests/devices/guest/debian.py)"
 
-# The emulator of the RP2040, on which the firmware of the Pico runs.
-npm ci --silent --no-audit --no-fund --prefix tests/firmware_io/pico || fail "npm ci of the emulator failed (its reason is above)."
+# The emulator of the RP2040, on which the firmware of the Pico runs, and what makes the clients.
+for folder in tests/firmware_io/pico clients/typescript; do
+    npm ci --silent --no-audit --no-fund --prefix "$folder" || fail "npm ci of $folder failed (its reason is above)."
+done
 
 # Then: make clients
 node -e 'process.exit(parseInt(process.versions.node) < 20 ? 1 : 0)' || fail "the clients need Node 20 or newer, from nodejs.org."
