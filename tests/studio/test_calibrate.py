@@ -25,6 +25,8 @@ def test_from_the_page_by_every_stroke_to_an_installed_profile(
 ):
     monkeypatch.setenv("HAPTIX_PROFILES", str(tmp_path / "profiles"))
     monkeypatch.setenv("HAPTIX_CACHE", str(tmp_path / "cache"))
+    # Beside other tests a job that gives way to everything takes minutes, and seems to hang.
+    monkeypatch.setattr("haptix.service.front.jobs.NICE", 0)
     folder = tmp_path / "calibrations" / "panel-7"
     # A screen that is known to the test; the page continues what was planned under this name.
     # In the theory that is fitted 20 times as fast as the default, which the start page fits.
