@@ -230,7 +230,8 @@ class RunExperiment(Task, command="stimuli run"):
         seed = square_seed = None  # without a participant, trials are in the order of the recipe
         if self.participant is not None:
             seed = seed_of(plan.seed, who, self.session)
-            square_seed = seed_of(plan.seed, who.rstrip("0123456789"), self.session)
+            group = who.rstrip("0123456789").casefold()  # shares squares, as its numbers do
+            square_seed = seed_of(plan.seed, group, self.session)
         from haptix.lab.analysis.study import keep_recipe, session_log
 
         if self.study is not None:
