@@ -92,7 +92,10 @@ def used(tmp_path_factory):
         access = service.access
         access.pair(access.code(), PAGE, "page")
         access.write_entrance("http://127.0.0.1")
-        assert rest.put("/person", json={"person_intensity": 0.5}).status_code == 204
+        assert (
+            rest.put("/person", json={"person_intensity": 0.5, "person_muted": False}).status_code
+            == 204
+        )
         first = rest.put("/layouts/desk", json={"regions": []}).headers["etag"]
         rest.put("/layouts/desk", json=LAYOUT, headers={"if-match": first})
         gone = rest.put("/layouts/gone", json=LAYOUT).headers["etag"]
