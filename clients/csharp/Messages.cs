@@ -180,12 +180,11 @@ namespace Haptix.Messages
         [Preserve, JsonProperty("type")] public string Type { get; set; }
     }
 
-    /// <summary>The layout's revision, and the sample from which it is played, where one plays.</summary>
+    /// <summary>The layout's revision.</summary>
     [Preserve] public partial class LayoutReply
     {
         [Preserve, JsonProperty("id")] public long Id { get; set; }
         [Preserve, JsonProperty("revision")] public long Revision { get; set; }
-        [Preserve, JsonProperty("sample")] public long? Sample { get; set; }
         [Preserve, JsonProperty("type")] public string Type { get; set; }
     }
 

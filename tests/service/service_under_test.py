@@ -32,7 +32,7 @@ class WrittenEngine:
         self.told.append((do, fields, time.monotonic()))
         if do in self.refuses:
             raise Problem("device", self.refuses[do])
-        return {"revision": 1, "sample": None, "effect_id": 1, "reachable_mu": [0.25, 0.5]}
+        return {"revision": 1, "effect_id": 1, "reachable_mu": [0.25, 0.5]}
 
     def tell(self, do, **fields):
         if do != "tick":

@@ -303,12 +303,11 @@ export interface Done {
   type: "done";
   id: number;
 }
-/** The layout's revision, and the sample from which it is played, where one plays. */
+/** The layout's revision. */
 export interface LayoutReply {
   type: "layout";
   id: number;
   revision: number;
-  sample: number | null;
 }
 /** An effect has begun; `effect_ended` follows with the same number. */
 export interface Playing {

@@ -194,7 +194,7 @@ async def _answer(hub: Hub, session: ServiceSession, message: Any) -> m.Message 
         if hub.decode is not None:
             await hub.decode(f"session {session.number}", fields)
         answer = await _ask(hub, message.type, session=session.layout, **fields)
-        return m.LayoutReply(id=number, revision=answer["revision"], sample=answer.get("sample"))
+        return m.LayoutReply(id=number, revision=answer["revision"])
     if control.holder is not session:
         raise Problem("lease", f"{message.type}: expected the lease; send acquire first")
     if isinstance(message, m.TouchesMessage):

@@ -404,12 +404,11 @@ class Done(Message):
 
 
 class LayoutReply(Message):
-    """The layout's revision, and the sample from which it is played, where one plays."""
+    """The layout's revision."""
 
     type: Literal["layout"] = "layout"
     id: int
     revision: int
-    sample: int | None
 
 
 class PlayingMessage(Message):
