@@ -106,11 +106,12 @@ def test_a_layout_is_kept_and_two_writers_do_not_lose_each_other_s_work(rest):
 
 def test_versions_of_a_layout_are_kept_and_follow_its_name(rest):
     """An earlier version is read again, also of a layout that was renamed or removed."""
-    header = {}
+    header, etags = {}, []
     for count in (0, 1, 2):
         document = {"regions": LAYOUT["regions"][:count]}
         done = rest.put("/layouts/first", json=document, headers=header)
         header = {"if-match": done.headers["etag"]}
+        etags.append(done.headers["etag"])
     assert rest.put("/layouts/second", json=LAYOUT).status_code == 204
     taken = rest.post("/layouts/first/rename", json={"to": "second"}, headers=header)
     assert taken.status_code == 409
@@ -122,15 +123,33 @@ def test_versions_of_a_layout_are_kept_and_follow_its_name(rest):
     assert rest.delete("/layouts/third", headers=header).status_code == 204
     assert "third" in rest.get("/layouts?removed=true").json()
     found = rest.get("/layouts/third/versions").json()
-    assert [one["revision"] for one in found] == [3, 2, 1]
-    oldest = rest.get("/layouts/third/versions/2").json()
-    assert [one["name"] for one in oldest["regions"]] == ["a"]
+    assert [f'"{one["revision"]}"' for one in found] == etags[::-1]
+    middle = rest.get(f"/layouts/third/versions/{found[1]['revision']}").json()
+    assert [one["name"] for one in middle["regions"]] == ["a"]
     # Another one takes the name of a removed one, whose versions stay.
     second = {"if-match": rest.get("/layouts/second").headers["etag"]}
     moved = rest.post("/layouts/second/rename", json={"to": "third"}, headers=second)
     assert moved.status_code == 204
     assert "third" not in rest.get("/layouts?removed=true").json()
     assert len(rest.get("/layouts/third 2/versions").json()) == 3
+
+
+def test_a_name_that_a_rename_has_left_gives_no_revision_twice(rest):
+    old = {"if-match": rest.put("/layouts/left", json={"regions": []}).headers["etag"]}
+    moved = rest.post("/layouts/left/rename", json={"to": "elsewhere"}, headers=old)
+    assert moved.status_code == 204
+    other = rest.put("/layouts/left", json=LAYOUT)  # of another app
+    assert other.status_code == 204
+    assert rest.put("/layouts/left", json={"regions": []}, headers=old).status_code == 412
+    assert rest.get("/layouts/left").headers["etag"] == other.headers["etag"]
+
+
+@pytest.mark.parametrize("kind", ["application/x-www-form-urlencoded", None])
+def test_a_body_without_its_content_type_is_refused_with_what_to_send(rest, kind):
+    headers = {"content-type": kind} if kind else {}
+    refused = rest.put("/layouts/curl", content=b'{"regions": []}', headers=headers)
+    assert refused.status_code == 422
+    assert "content-type: application/json" in refused.json()["sentence"]
 
 
 def test_clients_are_not_told_where_the_token_of_a_driver_lies():
@@ -189,10 +208,9 @@ def test_only_the_newest_versions_and_drafts_are_kept(tmp_path, monkeypatch):
     assert [store.read("a", one.revision)[0] for one in store.versions("a")] == ["6", "5", "4"]
     monkeypatch.setattr("haptix.service.front.rest.MOST_REMOVED", 2)
     for number in range(4):
-        path = tmp_path / f"b{number}" / "1.json"
-        store.write(f"b{number}", "x", None)
-        store.remove(f"b{number}", '"1"')
-        os.utime(path.with_name("2.json"), (number, number))
+        kept = store.write(f"b{number}", "x", None)
+        store.remove(f"b{number}", f'"{kept}"')
+        os.utime(tmp_path / f"b{number}" / f"{kept + 1}.json", (number, number))
     assert store.names(are_removed=True) == ["b2", "b3"]
 
 

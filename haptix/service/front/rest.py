@@ -438,8 +438,12 @@ class KeptTexts:
         return newest[0] if newest and not _is_removed(newest[0]) else None
 
     def _next(self, name: str) -> Path:
-        newest = self._all(name)[-1:]
-        return self._folder / name / f"{newest[0].revision + 1 if newest else 1}.json"
+        # A new name may be that of a layout until its rename, whose revisions apps still hold.
+        known = self._all(name) or [
+            one for of in self._folder.iterdir() for one in self._all(of.name)
+        ]
+        revision = 1 + max((version.revision for version in known), default=0)
+        return self._folder / name / f"{revision}.json"
 
 
 def layouts_router(folder: Path) -> APIRouter:
