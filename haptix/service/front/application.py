@@ -291,7 +291,10 @@ def application(
         first = error.errors()[0]
         path = "".join(f"/{part}" for part in first["loc"][1:])
         why = first["msg"].removeprefix("Value error, ")
-        content = m.Error(id=0, code="message", sentence=f"{path[1:]}: {why}", path=path)
+        sentence = f"{path[1:]}: {why}"
+        if not path:  # the body was not read as JSON, or is no object
+            sentence = "expected an object of JSON, with the header content-type: application/json"
+        content = m.Error(id=0, code="message", sentence=sentence, path=path)
         return JSONResponse(content.model_dump(), 422)
 
     @app.exception_handler(Exception)
