@@ -151,8 +151,10 @@ class RoughnessSpectrum(PowerLaws):
         Parameters
         ----------
         height_m : array_like, SurfaceTopography.Topography, or a list of line scans
-            Heights [m]; a topography brings its own unit, pixels and period. Masked points, and
-            those that are not finite, are missing: up to 5 % of them are filled.
+            Heights [m]; a list of arrays of one dimension are line scans, each at a place of its
+            own, and a map is one array or a list of lists. A topography brings its own unit, pixels
+            and period. Masked points, and those that are not finite, are missing: up to 5 % of them
+            are filled.
         pixel_m : float or (float, float)
             Distance between pixels [m], or between rows and between columns; left out for a
             topography.

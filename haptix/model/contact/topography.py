@@ -71,8 +71,12 @@ class MeasuredSurface:
             If unit or pixels are not known, or the heights are none of a surface.
         """
         several = isinstance(height_m, list | tuple) and len(height_m) > 0
+        kinds = (np.ndarray, torch.Tensor)
+        scans = several and all(isinstance(one, kinds) and one.ndim == 1 for one in height_m)
         parts = list(height_m) if several and hasattr(height_m[0], "unit") else [height_m]
-        if not hasattr(parts[0], "unit"):
+        if scans:
+            surface = cls.together([_of_array(scan, pixel_m) for scan in height_m])
+        elif not hasattr(parts[0], "unit"):
             surface = _of_array(height_m, pixel_m)
         elif pixel_m is not None:
             raise InputError(f"pixel_m: a topography brings its own pixels, got {pixel_m} too")
@@ -151,7 +155,8 @@ class MeasuredSurface:
         if not self.is_map:
             # Each wave of a scan stands for those from half a wave a side below to half above it.
             first = np.ceil(edges / low - 1e-6) - 0.5
-            height2 = _of_all_directions(edges, height2, first * low)
+            rings = _of_all_directions(edges, height2, first * low)
+            height2 = rings * (height2.sum() / rings.sum())  # a scan's mean square is the surface's
             slope2 = height2 * edges[1:] * edges[:-1]
         notes = [*self.notes, *dict.fromkeys(note for part in flat for note in part.notes)]
         notes.append("no window, since it is periodic" if self.is_periodic else "Hann window")
@@ -329,7 +334,8 @@ def _of_all_directions(edges: Array, along: Array, ends: Array) -> Array:
 
     A ring of waves q in all directions has the waves ``q cos(angle)`` along a line, most of them
     near q. Their shares are inverted by the iteration of Richardson (J. Opt. Soc. Am. 62, 55, 1972)
-    and Lucy, which keeps the total and stays positive.
+    and Lucy, which stays positive. The rings hold more than `along`: what they have along a line
+    below its first end is in none of its waves.
     """
     # Shares of ring j that a line shows in ring i, averaged over the ring.
     inside = edges[:-1, None] ** (1 - _WITHIN) * edges[1:, None] ** _WITHIN
@@ -339,7 +345,7 @@ def _of_all_directions(edges: Array, along: Array, ends: Array) -> Array:
     wanted = rings
     for _ in range(_LUCY_ROUNDS):
         rings = rings * (shown.T @ (wanted / np.maximum(shown @ rings, 1e-300))) / shown.sum(0)
-    return np.asarray(rings * (along.sum() / rings.sum()))
+    return np.asarray(rings)
 
 
 _LUCY_ROUNDS = 30  # more would turn the scatter of few scans into single waves

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptix import InputError, Layout, Screen, Texture
-from haptix.feel.layout import ScreenGeometry, regions
+from haptix.feel.layout import ScreenGeometry, region_state, regions
 from haptix.feel.layout.regions import FADE_S, GLIDE_S
 from haptix.feel.materials import Grating, load, material_of
 from haptix.feel.materials.field import Evaluator
@@ -299,13 +299,13 @@ def test_fingers_far_apart_ask_no_regions_between_them(monkeypatch):
     for i in range(256):
         place = {"x_mm": i % 16 * 12.0, "y_mm": i // 16 * 8.0}
         layout.add(Grating(period_mm=2.0), width_mm=11.0, height_mm=7.0, **place)
-    cover = regions.RegionState.cover
+    cover = region_state.RegionState.cover
 
     def counted(region, *arguments):
         asked.append(region)
         return cover(region, *arguments)
 
-    monkeypatch.setattr(regions.RegionState, "cover", counted)
+    monkeypatch.setattr(region_state.RegionState, "cover", counted)
     path = np.linspace(0.0, 0.5, 8)
     places = [(5.0, 10.0), (180.0, 120.0), (90.0, 3.0), (20.0, 100.0)]
     x, y = (np.concatenate([one[axis] + path * (axis == 0) for one in places]) for axis in (0, 1))

@@ -232,3 +232,37 @@ def test_waves_that_were_not_seen_are_added_by_a_stated_law() -> None:
     for hurst in (0.0, 1.1, math.nan):
         with pytest.raises(InputError, match="hurst"):
             seen.extended(hurst)
+
+
+@pytest.mark.parametrize("hurst", [0.5, 0.8, 1.0])
+def test_a_line_s_spectrum_of_a_power_law_gives_it_back(hurst: float) -> None:
+    """``C_1D(k) = 2 math.pi int C dq_y``, of which a line that begins at q0 shows no waves below."""
+    q = np.geomspace(1e4, 1e7, 200)
+    density = 1e-6 * q ** (-2 * (1 + hurst))
+    along = (
+        2
+        * math.pi
+        * density
+        * q
+        * math.sqrt(math.pi)
+        * math.gamma(hurst + 0.5)
+        / math.gamma(hurst + 1)
+    )
+    found = RoughnessSpectrum.from_table(q, along, "C_1D")
+    at = np.log([2e4, 1e5, 1e6])
+    log_density = np.interp(at, found.wavenumber.log(), found.density.log())
+    # Rings of a tenth of a decade, and waves beyond 1e7 that the closed form has and no ring.
+    np.testing.assert_allclose(log_density, np.interp(at, np.log(q), np.log(density)), atol=0.05)
+
+
+@pytest.mark.parametrize("kind", [np.asarray, torch.from_numpy])
+def test_a_list_of_arrays_is_line_scans_and_no_map(kind: Any) -> None:
+    x, phases = np.arange(1024) * 2e-6, np.random.default_rng(0).uniform(0, 2 * math.pi, 32)
+    scans = [1e-6 * np.sin(2 * math.pi * x / 1e-4 + phase) for phase in phases]
+    found = RoughnessSpectrum.from_topography([kind(scan) for scan in scans], 2e-6)
+    one = RoughnessSpectrum.from_topography(scans[0], 2e-6)
+    # All show the same wave, at places of their own: as rows of a map they would be steep.
+    assert float(found.slope_rms) == pytest.approx(float(one.slope_rms), rel=0.02)
+    assert "32 line scans, taken as those of an isotropic surface" in found.notes
+    with pytest.raises(InputError, match="8 points"):
+        RoughnessSpectrum.from_topography([kind(scan[:5]) for scan in scans], 2e-6)
