@@ -18,7 +18,7 @@ from torch import Tensor
 
 from haptix import ContactModel, Finger, FrictionSurface, InputError, Screen, Status
 from haptix.model.surface import Interpolant
-from haptix.model.surface.axes import Axes
+from haptix.model.surface.axes import AXIS_NAMES, Axes
 
 SOURCE = Path(__file__).parents[2] / "examples" / "read_surface.c"
 POINTS = 1000
@@ -153,7 +153,9 @@ def test_friction_and_voltage_are_those_of_python(
 
     volts = (1.2 * surface.voltage_limit_v * share).to(dtype)
     volts[:50], volts[50:100] = 0.0, surface.voltage_limit_v
-    volts[100:300] = surface.highest_voltage(force, frequency, h0)[100:300]
+    at = dict(zip(AXIS_NAMES, (force, frequency, h0), strict=True))
+    end = surface.table.end(at)  # outside, that of the nearest place
+    volts[100:300] = end[100:300]
     sample = surface.evaluate(force, volts, frequency, h0)
     mu, status = ask(run, path, "mu", [force, volts, frequency, h0])
     torch.testing.assert_close(mu, sample.mu.double(), rtol=CLOSE[dtype], atol=0)
@@ -161,12 +163,12 @@ def test_friction_and_voltage_are_those_of_python(
     query = [force, volts, frequency, h0]
     check_status(status, lambda *q: surface.evaluate(*q).status, query, CLOSE[dtype])
 
-    low, high = surface.reachable(force, frequency, h0)
+    low, high = (surface.table.evaluate(torch.full_like(volts, v), at)[0] for v in (0.0, math.inf))
     wanted = low + (1.6 * share - 0.3).to(dtype) * (high - low)
     wanted[:50], wanted[50:100], wanted[100:110] = low[:50], high[50:100], 0.0
     found = surface.voltage(wanted, force, frequency, h0)
     voltage, status = ask(run, path, "voltage", [wanted, force, frequency, h0])
-    end = surface.highest_voltage(force, frequency, h0).double()
+    end = end.double()
     off = (voltage / end) ** 2 - (found.voltage_v.double() / end) ** 2
     assert float(off.abs().max()) <= CLOSE[dtype]
     assert float(voltage.max()) <= surface.voltage_limit_v

@@ -236,18 +236,11 @@ def test_waves_that_were_not_seen_are_added_by_a_stated_law() -> None:
 
 @pytest.mark.parametrize("hurst", [0.5, 0.8, 1.0])
 def test_a_line_s_spectrum_of_a_power_law_gives_it_back(hurst: float) -> None:
-    """``C_1D(k) = 2 math.pi int C dq_y``, of which a line that begins at q0 shows no waves below."""
+    """``C_1D(k) = 2 pi int C dq_y``, of which a line that begins at q0 shows no waves below."""
     q = np.geomspace(1e4, 1e7, 200)
     density = 1e-6 * q ** (-2 * (1 + hurst))
-    along = (
-        2
-        * math.pi
-        * density
-        * q
-        * math.sqrt(math.pi)
-        * math.gamma(hurst + 0.5)
-        / math.gamma(hurst + 1)
-    )
+    of_all_y = math.sqrt(math.pi) * math.gamma(hurst + 0.5) / math.gamma(hurst + 1)
+    along = 2 * math.pi * density * q * of_all_y
     found = RoughnessSpectrum.from_table(q, along, "C_1D")
     at = np.log([2e4, 1e5, 1e6])
     log_density = np.interp(at, found.wavenumber.log(), found.density.log())
